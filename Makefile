@@ -1,0 +1,143 @@
+# cl-nascent: plain GNU make. Only build/ is written.
+#   make                    build/cl-nascent
+#   make demo               install what is missing, generate, train two minutes, evaluate, render
+#   make test               install what is missing, run the whole suite
+#   make lint | fmt         check, or apply, the house style
+#   make bench              install what is missing, build and run the benches
+#   make install            PREFIX=/usr/local DESTDIR=
+#   make deps | clean       install what the build needs; remove build/
+# Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
+
+PREFIX ?= /usr/local
+B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
+
+PKGS := OpenCL jansson zlib
+CC ?= gcc
+CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
+OPT := $(if $(DEBUG),-O0,-O2) -g
+WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(WERROR),-Werror)
+CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fvisibility=hidden -Iinclude -Ihost -isystem /usr/include/stb \
+             $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
+             $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
+LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
+             $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
+
+LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
+CLI_SRC := $(wildcard host/cli/*.c)
+DATA_SRC := $(wildcard data/*.c)
+# json_query.c is a program of its own, for cli.sh
+TEST_SRC := $(filter-out tests/json_query.c,$(wildcard tests/*.c))
+BENCH_SRC := $(wildcard bench/*.c)
+LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
+CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
+DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
+# the tests also see the option table and the ray tracer of the generator
+TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
+            $(filter-out %/make_scene.o,$(DATA_OBJ))
+BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o)
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) tests/json_query.c
+KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
+
+SAY = $(if $V,,@echo "  $1";)
+
+all: $B/cl-nascent
+
+$B/cl-nascent: $(CLI_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/libcl-nascent.a: $(LIB_OBJ)
+	@rm -f $@
+	$(call SAY,AR $@)ar rcs $@ $^
+
+$B/tests: $(TEST_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -lcmocka -o $@
+
+$B/json-query: $B/obj/tests/json_query.o
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench: $(BENCH_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/obj/%.o: %.c
+	@mkdir -p $(@D)
+	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -MMD -MP -c $< -o $@
+
+# Each kernel file becomes one C string literal per line, so that -pedantic's limit on literal length
+# does not matter and build logs can name file and line.
+$B/kernels_embed.c: $(KERNELS) Makefile
+	@mkdir -p $(@D)
+	@{ echo '/* Generated from kernels/ and include/device_abi.h by make. */'; \
+	   echo '#include "device/kernel_source.h"'; \
+	   for f in $(KERNELS); do \
+	     n=$$(basename $$f | tr . _); \
+	     echo "static const char *const $${n}[] = {"; \
+	     sed -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/.*/"&\\n",/' $$f; \
+	     echo '0};'; \
+	   done; \
+	   echo 'const cln_kernel_source cln_kernel_sources[] = {'; \
+	   for f in $(KERNELS); do \
+	     n=$$(basename $$f); echo "{\"$$n\", $$(echo $$n | tr . _)},"; \
+	   done; \
+	   echo '{0, 0}};'; } > $@
+
+$B/obj/kernels_embed.o: $B/kernels_embed.c
+	@mkdir -p $(@D)
+	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
+
+# The table of test groups, from the test files: a new file needs no entry anywhere but its prototype.
+GROUP := s/^int test_group_\([a-z0-9_]*\)(void)$$
+$B/test_groups.c: FORCE
+	@mkdir -p $(@D)
+	@{ echo '/* Generated from tests/test_*.c by make. */'; \
+	   echo '#include <stddef.h>'; \
+	   echo '#include "tests.h"'; \
+	   echo 'const test_group test_groups[] = {'; \
+	   sed -n '$(GROUP)/    {"\1", test_group_\1},/p' $(TEST_SRC); \
+	   echo '    {NULL, NULL}};'; } > $@.new
+	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+
+$B/obj/test_groups.o: $B/test_groups.c
+	@mkdir -p $(@D)
+	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -Itests -c $< -o $@
+
+deps:
+	@tests/deps.sh build
+
+demo:
+	@tests/deps.sh build
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene
+	@tests/demo.sh
+
+test:
+	@tests/deps.sh build test lint
+	@MAKE="$(MAKE)" tests/all.sh
+
+lint:
+	@tests/deps.sh build test lint
+	@tests/lint.sh
+
+fmt:
+	@tests/deps.sh lint
+	$(CLANG_FORMAT) -i $(ALL_SRC) $(wildcard host/*/*.h include/*.h tests/*.h bench/*.h data/*.h)
+
+bench:
+	@tests/deps.sh build
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/bench
+	build/bench $(BENCH)
+
+install: all
+	install -d $(DESTDIR)$(PREFIX)/bin
+	install -m 755 $B/cl-nascent $(DESTDIR)$(PREFIX)/bin/cl-nascent
+	$(if $(wildcard docs/cl-nascent.1),install -d $(DESTDIR)$(PREFIX)/share/man/man1)
+	$(if $(wildcard docs/cl-nascent.1),install -m 644 docs/cl-nascent.1 $(DESTDIR)$(PREFIX)/share/man/man1/)
+
+clean:
+	rm -rf build
+
+-include $(ALL_SRC:%.c=$B/obj/%.d)
+.DELETE_ON_ERROR:
+FORCE:
+.PHONY: all FORCE deps demo test lint fmt bench install clean

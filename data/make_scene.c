@@ -1,0 +1,472 @@
+/* build/make-scene: renders a small scene with exactly known geometry, colour and depth in a format
+ * that the dataset readers read. Here: options, camera positions, files. The shapes are in
+ * scene_object.c and scene_room.c, the ray tracer in trace.c and shade.c. The same options give the
+ * same bytes on every run, for any number of threads. */
+#include <errno.h>
+#include <dirent.h>
+#include <getopt.h>
+#include <jansson.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include "base/config.h"
+#include "base/files.h"
+#include "base/memory.h"
+#include "base/rng.h"
+#include "io/image.h"
+#include "io/npy.h"
+#include "picture.h"
+
+static const char usage[] =
+    "usage: make-scene OUT [options]\n"
+    "Renders a generated scene with known geometry, colour and depth.\n"
+    "  --kind object|room            seen from around, or from inside (default object)\n"
+    "  --format blender|nerfstudio|ngp\n"
+    "                                blender (default): transforms_SPLIT.json, RGBA images;\n"
+    "                                nerfstudio: one transforms.json that names the splits, RGB "
+    "images\n"
+    "                                over white; ngp: the same with aabb_scale, and without "
+    "splits\n"
+    "  --size N                      width and height in pixels, 8 to 4096 (default 200)\n"
+    "  --train N --val N --test N    views per split (default 60, 0, 8)\n"
+    "  --distortion k1,k2,p1,p2      lens distortion of the images (not for blender)\n"
+    "  --depth                       also NAME.depth.npy: distance along the ray, 0 = nothing "
+    "there\n"
+    "  --seed N                      camera positions and noise textures (default 1)\n";
+
+static const double pi = 3.14159265358979323846;
+
+enum { OBJECT, ROOM };
+static const char *const kinds[] = {"object", "room", NULL};
+
+enum { BLENDER, NERFSTUDIO, NGP };
+static const char *const formats[] = {"blender", "nerfstudio", "ngp", NULL};
+
+typedef struct settings {
+    const char *out;
+    int kind, format;
+    bool depth;
+    int size, seed;
+    int views[CLN_SPLITS];
+    double distortion[4];
+} settings;
+
+typedef struct job {
+    const settings *set;
+    world world;
+    int view_count;
+    cln_camera *cameras; /* [view]: train, val, test */
+    char **names;        /* [view] relative to the folder, without extension */
+    pthread_mutex_t lock;
+    int next; /* view to render */
+    cln_status st;
+    char error[1024];
+} job;
+
+/* ---- cameras ---- */
+
+static void look(cln_camera *camera, vec from, vec forward)
+{
+    vec z = unit(forward), x = unit(cross(z, vec3(0, 0, 1))), y = cross(z, x);
+    const vec columns[4] = {x, y, z, from};
+
+    for (int c = 0; c < 4; c++) {
+        camera->c2w[c] = columns[c].x;
+        camera->c2w[4 + c] = columns[c].y;
+        camera->c2w[8 + c] = columns[c].z;
+    }
+}
+
+/* Object: evenly over the sphere from a little below the horizon to nearly above, by the golden angle.
+ * Room: anywhere in its middle, looking all round. Each split starts its own sequence. */
+static void place_camera(const settings *set, int split, int i, cln_camera *camera)
+{
+    const double golden = pi * (3 - sqrt(5));
+    double fov = set->kind == ROOM ? 1.25 : 0.76;
+    float start[4], u[4];
+
+    *camera = (cln_camera){.width = set->size, .height = set->size};
+    camera->fx = camera->fy = 0.5 * set->size / tan(0.5 * fov);
+    camera->cx = camera->cy = 0.5 * set->size;
+    camera->k1 = set->distortion[0];
+    camera->k2 = set->distortion[1];
+    camera->p1 = set->distortion[2];
+    camera->p2 = set->distortion[3];
+
+    cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 1, (uint32_t)split, 0, start);
+    cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 2 + (uint32_t)split, (uint32_t)i, 0, u);
+    double yaw = 2 * pi * start[0] + golden * i;
+    if (set->kind == ROOM) {
+        double pitch = 0.8 * (u[0] - 0.55);
+        look(camera, vec3(1.1 * (u[1] - 0.5), 1.1 * (u[2] - 0.5), 0.7 * (u[3] - 0.4)),
+             vec3(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch)));
+    } else {
+        double part = (i + 0.2 + 0.6 * u[0]) / set->views[split];
+        double z = -0.12 + 1.07 * part, r = sqrt(1 - z * z);
+        vec from = scale(vec3(r * cos(yaw), r * sin(yaw), z), 4.03);
+        look(camera, from, scale(from, -1));
+    }
+}
+
+/* ---- JSON ---- */
+
+static json_t *matrix_json(const cln_camera *camera)
+{
+    /* OpenCV camera axes (ours) to OpenGL's (the formats'): y and z turn round */
+    static const double flip[4] = {1, -1, -1, 1};
+    json_t *rows = json_array();
+
+    for (int r = 0; r < 4; r++) {
+        json_t *row = json_array();
+        for (int c = 0; c < 4; c++)
+            json_array_append_new(row, json_real(r < 3    ? flip[c] * camera->c2w[4 * r + c]
+                                                 : c == 3 ? 1
+                                                          : 0));
+        json_array_append_new(rows, row);
+    }
+    return rows;
+}
+
+static cln_status write_json(const char *folder, const char *name, json_t *document)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *text = NULL;
+
+    CLN_TRY(cln_path_join(&path, folder, name));
+    text = json_dumps(document, JSON_INDENT(1));
+    if (!text) {
+        st = cln_fail(CLN_MEMORY, "%s: no memory for its text", path);
+        goto done;
+    }
+    CLN_TRY(cln_write_file(path, text, strlen(text)));
+done:
+    free(path);
+    free(text);
+    return st;
+}
+
+static cln_status write_blender(const job *j)
+{
+    cln_status st = CLN_OK;
+    char name[64], path[80];
+
+    for (int split = 0, view = 0; split < CLN_SPLITS && st == CLN_OK; split++) {
+        if (!j->set->views[split])
+            continue;
+        const cln_camera *camera = &j->cameras[view];
+        json_t *frames = json_array();
+        for (int i = 0; i < j->set->views[split]; i++, view++) {
+            snprintf(path, sizeof path, "./%s", j->names[view]);
+            json_array_append_new(frames,
+                                  json_pack("{s:s, s:o}", "file_path", path, "transform_matrix",
+                                            matrix_json(&j->cameras[view])));
+        }
+        json_t *document = json_pack("{s:f, s:o}", "camera_angle_x",
+                                     2 * atan(0.5 * camera->width / camera->fx), "frames", frames);
+        snprintf(name, sizeof name, "transforms_%s.json", cln_split_names[split]);
+        st = write_json(j->set->out, name, document);
+        json_decref(document);
+    }
+    return st;
+}
+
+/* nerfstudio and ngp: one file. */
+static cln_status write_single(const job *j)
+{
+    const cln_camera *c = &j->cameras[0];
+    json_t *frames = json_array();
+    json_t *document =
+        json_pack("{s:s, s:f, s:f, s:f, s:f, s:i, s:i, s:f, s:f, s:f, s:f}", "camera_model",
+                  "OPENCV", "fl_x", c->fx, "fl_y", c->fy, "cx", c->cx, "cy", c->cy, "w", c->width,
+                  "h", c->height, "k1", c->k1, "k2", c->k2, "p1", c->p1, "p2", c->p2);
+
+    for (int split = 0, view = 0; split < CLN_SPLITS; split++) {
+        char key[32], path[80];
+        json_t *names = json_array();
+        for (int i = 0; i < j->set->views[split]; i++, view++) {
+            snprintf(path, sizeof path, "%s.png", j->names[view]);
+            json_array_append_new(names, json_string(path));
+            json_array_append_new(frames,
+                                  json_pack("{s:s, s:o}", "file_path", path, "transform_matrix",
+                                            matrix_json(&j->cameras[view])));
+        }
+        snprintf(key, sizeof key, "%s_filenames", cln_split_names[split]);
+        if (j->set->format == NERFSTUDIO)
+            json_object_set(document, key, names);
+        json_decref(names);
+    }
+    if (j->set->format == NGP) /* the cube of side 1 / 0.33 around the origin */
+        json_object_set_new(document, "aabb_scale", json_integer(1));
+    json_object_set_new(document, "frames", frames);
+    cln_status st = write_json(j->set->out, "transforms.json", document);
+    json_decref(document);
+    return st;
+}
+
+/* generator.json says how the folder was made, and that it is ours to write to again. */
+static cln_status write_marker(const settings *set)
+{
+    json_t *document = json_pack(
+        "{s:s, s:s, s:s, s:i, s:[i,i,i], s:[f,f,f,f], s:b, s:i}", "generator", "make-scene", "kind",
+        kinds[set->kind], "format", formats[set->format], "size", set->size, "views", set->views[0],
+        set->views[1], set->views[2], "distortion", set->distortion[0], set->distortion[1],
+        set->distortion[2], set->distortion[3], "depth", set->depth, "seed", set->seed);
+    cln_status st = write_json(set->out, "generator.json", document);
+    json_decref(document);
+    return st;
+}
+
+/* ---- rendering ---- */
+
+static cln_status render_view(const job *j, int view)
+{
+    cln_status st = CLN_OK;
+    const cln_camera *camera = &j->cameras[view];
+    int size = j->set->size, sides[2] = {size, size};
+    size_t pixels = (size_t)size * (size_t)size;
+    uint8_t *rgba = NULL;
+    float *depth = NULL;
+    char *stem = NULL, *path = NULL, *depth_path = NULL;
+
+    CLN_TRY(cln_alloc(&rgba, pixels, 4, "an image"));
+    CLN_TRY(cln_alloc(&depth, pixels, sizeof *depth, "a depth image"));
+    CLN_TRY(cln_path_join(&stem, j->set->out, j->names[view]));
+    CLN_TRY(cln_asprintf(&path, "%s.png", stem));
+    CLN_TRY(cln_asprintf(&depth_path, "%s.depth.npy", stem));
+    picture_render(&j->world, camera, rgba, depth);
+    if (j->set->format != BLENDER)
+        picture_over_white((int)pixels, rgba);
+    CLN_TRY(cln_image_write_png(path, size, size, j->set->format == BLENDER ? 4 : 3, rgba));
+    if (j->set->depth)
+        CLN_TRY(cln_npy_write_f32(depth_path, 2, sides, depth));
+done:
+    free(rgba);
+    free(depth);
+    free(stem);
+    free(path);
+    free(depth_path);
+    return st;
+}
+
+static void *render_views(void *user)
+{
+    job *j = user;
+
+    for (;;) {
+        pthread_mutex_lock(&j->lock);
+        int view = j->st == CLN_OK && j->next < j->view_count ? j->next++ : -1;
+        pthread_mutex_unlock(&j->lock);
+        if (view < 0)
+            return NULL;
+        cln_status st = render_view(j, view);
+        pthread_mutex_lock(&j->lock);
+        if (st != CLN_OK && j->st == CLN_OK) {
+            j->st = st;
+            snprintf(j->error, sizeof j->error, "%s", cln_error_text());
+        }
+        pthread_mutex_unlock(&j->lock);
+    }
+}
+
+static cln_status render_all(job *j)
+{
+    enum { MAX_THREADS = 64 };
+    pthread_t threads[MAX_THREADS];
+    long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    int wanted = cores < 1 ? 1 : cores > MAX_THREADS ? MAX_THREADS : (int)cores, started = 0;
+
+    while (started < wanted && !pthread_create(&threads[started], NULL, render_views, j))
+        started++;
+    if (!started) /* no thread to be had: this one does it */
+        render_views(j);
+    for (int i = 0; i < started; i++)
+        pthread_join(threads[i], NULL);
+    return j->st == CLN_OK ? CLN_OK : cln_fail(j->st, "%s", j->error);
+}
+
+/* A folder that holds something and is not one of ours stays as it is. */
+static cln_status check_folder(const char *folder)
+{
+    cln_status st = CLN_OK;
+    char *marker = NULL;
+    DIR *dir = opendir(folder);
+
+    if (!dir)
+        return errno == ENOENT ? CLN_OK : cln_fail(CLN_OUTPUT, "%s: %s", folder, strerror(errno));
+    CLN_TRY(cln_path_join(&marker, folder, "generator.json"));
+    if (!cln_is_file(marker))
+        for (struct dirent *entry; (entry = readdir(dir)) && st == CLN_OK;)
+            if (strcmp(entry->d_name, ".") && strcmp(entry->d_name, ".."))
+                st = cln_fail(CLN_OUTPUT,
+                              "%s: holds files that are not a generated scene (no generator.json); "
+                              "name another folder",
+                              folder);
+done:
+    free(marker);
+    closedir(dir);
+    return st;
+}
+
+static cln_status make_folders(const settings *set)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+
+    for (int split = 0; split < CLN_SPLITS; split++) {
+        if (!set->views[split])
+            continue;
+        CLN_TRY(cln_path_join(&path, set->out,
+                              set->format == BLENDER ? cln_split_names[split] : "images"));
+        CLN_TRY(cln_make_dirs(path));
+        free(path);
+        path = NULL;
+    }
+done:
+    free(path);
+    return st;
+}
+
+static cln_status make_scene(const settings *set)
+{
+    cln_status st = CLN_OK;
+    job *j = NULL;
+    int total = set->views[0] + set->views[1] + set->views[2];
+
+    CLN_TRY(cln_alloc(&j, 1, sizeof *j, "the scene"));
+    j->set = set;
+    pthread_mutex_init(&j->lock, NULL);
+    CLN_TRY(cln_alloc(&j->cameras, (size_t)total, sizeof *j->cameras, "cameras"));
+    CLN_TRY(cln_alloc(&j->names, (size_t)total, sizeof *j->names, "view names"));
+    for (int split = 0; split < CLN_SPLITS; split++)
+        for (int i = 0; i < set->views[split]; i++) {
+            int view = j->view_count++;
+            place_camera(set, split, i, &j->cameras[view]);
+            if (set->format == BLENDER)
+                CLN_TRY(cln_asprintf(&j->names[view], "%s/r_%03d", cln_split_names[split], i));
+            else
+                CLN_TRY(cln_asprintf(&j->names[view], "images/frame_%05d", view + 1));
+        }
+    world_noise(&j->world, (uint64_t)set->seed);
+    CLN_TRY(set->kind == ROOM ? scene_room(&j->world) : scene_object(&j->world));
+    CLN_TRY(check_folder(set->out));
+    CLN_TRY(make_folders(set));
+    CLN_TRY(write_marker(set));
+    CLN_TRY(render_all(j));
+    /* last: a folder that the reader accepts is complete */
+    CLN_TRY(set->format == BLENDER ? write_blender(j) : write_single(j));
+done:
+    if (j) {
+        for (int i = 0; i < j->view_count; i++)
+            free(j->names[i]);
+        free(j->names);
+        free(j->cameras);
+        shapes_free(&j->world.shapes);
+        pthread_mutex_destroy(&j->lock);
+    }
+    free(j);
+    return st;
+}
+
+/* ---- options ---- */
+
+static cln_status parse_int(const char *option, const char *text, int min, int max, int *out)
+{
+    char *end;
+    errno = 0;
+    long value = strtol(text, &end, 10);
+
+    if (errno || end == text || *end || value < min || value > max)
+        return cln_fail(CLN_USAGE, "--%s %s: a whole number from %d to %d is wanted", option, text,
+                        min, max);
+    *out = (int)value;
+    return CLN_OK;
+}
+
+static cln_status parse_word(const char *option, const char *text, const char *const *words,
+                             int *out)
+{
+    for (int i = 0; words[i]; i++)
+        if (!strcmp(text, words[i])) {
+            *out = i;
+            return CLN_OK;
+        }
+    return cln_fail(CLN_USAGE, "--%s %s: no such word; try --help", option, text);
+}
+
+static cln_status parse(int argc, char **argv, settings *set)
+{
+    static const struct option options[] = {
+        {"kind", required_argument, NULL, 'k'},       {"format", required_argument, NULL, 'f'},
+        {"size", required_argument, NULL, 's'},       {"train", required_argument, NULL, 't'},
+        {"val", required_argument, NULL, 'v'},        {"test", required_argument, NULL, 'e'},
+        {"distortion", required_argument, NULL, 'd'}, {"depth", no_argument, NULL, 'z'},
+        {"seed", required_argument, NULL, 'r'},       {NULL, 0, NULL, 0}};
+    cln_status st = CLN_OK;
+
+    for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;)
+        switch (c) {
+        case 'k':
+            CLN_TRY(parse_word("kind", optarg, kinds, &set->kind));
+            break;
+        case 'f':
+            CLN_TRY(parse_word("format", optarg, formats, &set->format));
+            break;
+        case 's':
+            CLN_TRY(parse_int("size", optarg, 8, 4096, &set->size));
+            break;
+        case 't':
+            CLN_TRY(parse_int("train", optarg, 1, 10000, &set->views[CLN_SPLIT_TRAIN]));
+            break;
+        case 'v':
+            CLN_TRY(parse_int("val", optarg, 0, 10000, &set->views[CLN_SPLIT_VAL]));
+            break;
+        case 'e':
+            CLN_TRY(parse_int("test", optarg, 0, 10000, &set->views[CLN_SPLIT_TEST]));
+            break;
+        case 'd':
+            CLN_TRY(cln_parse_reals(optarg, 4, set->distortion));
+            break;
+        case 'z':
+            set->depth = true;
+            break;
+        case 'r':
+            CLN_TRY(parse_int("seed", optarg, 0, 2147483647, &set->seed));
+            break;
+        default: /* getopt has said what is wrong */
+            return cln_fail(CLN_USAGE, "try make-scene without arguments for its options");
+        }
+    if (optind + 1 != argc)
+        return cln_fail(CLN_USAGE, "exactly one output folder is wanted, %d given", argc - optind);
+    set->out = argv[optind];
+    for (int i = 0; i < 4; i++)
+        if (set->distortion[i] != 0 && set->format == BLENDER)
+            return cln_fail(CLN_USAGE,
+                            "--distortion: the blender format cannot hold it; add --format "
+                            "nerfstudio");
+done:
+    return st;
+}
+
+int main(int argc, char **argv)
+{
+    settings set = {.size = 200, .seed = 1, .views = {60, 0, 8}};
+    cln_status st;
+
+    if (argc < 2 || !strcmp(argv[1], "--help")) {
+        fputs(usage, argc < 2 ? stderr : stdout);
+        return argc < 2 ? 2 : 0;
+    }
+    st = parse(argc, argv, &set);
+    if (st == CLN_OK)
+        st = make_scene(&set);
+    if (st != CLN_OK) {
+        fprintf(stderr, "make-scene: %s\n", cln_error_text());
+        return cln_status_exit_code(st);
+    }
+    printf("%s: %s, %s format, %d x %d, views: %d train, %d val, %d test\n", set.out,
+           kinds[set.kind], formats[set.format], set.size, set.size, set.views[CLN_SPLIT_TRAIN],
+           set.views[CLN_SPLIT_VAL], set.views[CLN_SPLIT_TEST]);
+    return 0;
+}

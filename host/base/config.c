@@ -1,0 +1,430 @@
+/* The option table as data. See config.h. The rows are expanded once into descriptions and once per
+ * preset into values; everything else walks the descriptions. What several rows mean together, and the
+ * small languages inside TEXT rows, are in config_check.c. */
+#include "base/config.h"
+
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/number.h"
+
+#define ROW_INT(field, option, paper, fast, min, max, help) \
+    {CLN_ROW_INT, #field, option, help, NULL, min, max, offsetof(cln_config, field), GROUP},
+#define ROW_REAL(field, option, paper, fast, min, max, help) \
+    {CLN_ROW_REAL, #field, option, help, NULL, min, max, offsetof(cln_config, field), GROUP},
+#define ROW_BOOL(field, option, paper, fast, help) \
+    {CLN_ROW_BOOL, #field, option, help, NULL, 0, 1, offsetof(cln_config, field), GROUP},
+#define ROW_ENUM(field, option, paper, fast, words, help) \
+    {CLN_ROW_ENUM, #field, option, help, words, 0, 0, offsetof(cln_config, field), GROUP},
+#define ROW_TEXT(field, option, paper, fast, help) \
+    {CLN_ROW_TEXT, #field, option, help, NULL, 0, 0, offsetof(cln_config, field), GROUP},
+
+/* clang-format off */
+const cln_config_row cln_config_rows[] = {
+#define GROUP "network"
+    CLN_CONFIG_NETWORK(ROW_INT, ROW_REAL, ROW_BOOL, ROW_ENUM, ROW_TEXT)
+#undef GROUP
+#define GROUP "tree"
+    CLN_CONFIG_TREE(ROW_INT, ROW_REAL, ROW_BOOL, ROW_ENUM, ROW_TEXT)
+#undef GROUP
+#define GROUP "sampling"
+    CLN_CONFIG_SAMPLING(ROW_INT, ROW_REAL, ROW_BOOL, ROW_ENUM, ROW_TEXT)
+#undef GROUP
+#define GROUP "optim"
+    CLN_CONFIG_OPTIM(ROW_INT, ROW_REAL, ROW_BOOL, ROW_ENUM, ROW_TEXT)
+#undef GROUP
+#define GROUP "run"
+    CLN_CONFIG_RUN(ROW_INT, ROW_REAL, ROW_BOOL, ROW_ENUM, ROW_TEXT)
+#undef GROUP
+};
+/* clang-format on */
+
+const int cln_config_row_count = sizeof cln_config_rows / sizeof cln_config_rows[0];
+
+#define PAPER_NUMBER(field, option, paper, fast, min, max, help) .field = paper,
+#define PAPER_BOOL(field, option, paper, fast, help)             .field = paper,
+#define PAPER_ENUM(field, option, paper, fast, words, help)      .field = paper,
+#define PAPER_TEXT(field, option, paper, fast, help)             .field = paper,
+#define FAST_NUMBER(field, option, paper, fast, min, max, help)  .field = fast,
+#define FAST_BOOL(field, option, paper, fast, help)              .field = fast,
+#define FAST_ENUM(field, option, paper, fast, words, help)       .field = fast,
+#define FAST_TEXT(field, option, paper, fast, help)              .field = fast,
+
+static const cln_config preset_paper = {
+    CLN_CONFIG_LIST(PAPER_NUMBER, PAPER_NUMBER, PAPER_BOOL, PAPER_ENUM, PAPER_TEXT)};
+static const cln_config preset_fast = {
+    CLN_CONFIG_LIST(FAST_NUMBER, FAST_NUMBER, FAST_BOOL, FAST_ENUM, FAST_TEXT)};
+
+/* ---- rows ---- */
+
+static void *field_of(cln_config *config, const cln_config_row *row)
+{
+    return (char *)config + row->offset;
+}
+
+static const void *const_field_of(const cln_config *config, const cln_config_row *row)
+{
+    return (const char *)config + row->offset;
+}
+
+/* Index of `text` among "a|b|c", or -1. */
+static int word_index(const char *words, const char *text)
+{
+    size_t wanted = strlen(text);
+
+    for (int i = 0; *words; i++) {
+        size_t length = strcspn(words, "|");
+        if (length == wanted && memcmp(words, text, length) == 0)
+            return i;
+        words += length + (words[length] == '|');
+    }
+    return -1;
+}
+
+/* Copies word number `index` of "a|b|c". */
+static void word_copy(const char *words, int index, char out[CLN_TEXT_BYTES])
+{
+    for (; index > 0; index--)
+        words += strcspn(words, "|") + 1;
+    snprintf(out, CLN_TEXT_BYTES, "%.*s", (int)strcspn(words, "|"), words);
+}
+
+static bool row_is(const cln_config_row *row, const char *option)
+{
+    return strcmp(row->option, option) == 0;
+}
+
+static bool row_is_seconds(const cln_config_row *row)
+{
+    return row_is(row, "time-limit") || row_is(row, "save-every");
+}
+
+static bool row_is_bytes(const cln_config_row *row)
+{
+    return row_is(row, "device-mem");
+}
+
+/* Records "--rays: 'x' is not a whole number from 16 to 1048576" and returns st. */
+static cln_status fail_value(cln_status st, const cln_config_row *row, const char *text)
+{
+    char min[CLN_NUMBER_BYTES], max[CLN_NUMBER_BYTES];
+    const char *form = "";
+
+    cln_number_write(row->min, min);
+    cln_number_write(row->max, max);
+    if (row_is_seconds(row))
+        form = " seconds (or 90s, 10m, 2h)";
+    else if (row_is_bytes(row))
+        form = " bytes (or 512M, 4G)";
+    switch (row->type) {
+    case CLN_ROW_INT:
+        snprintf(min, sizeof min, "%lld", (long long)row->min);
+        snprintf(max, sizeof max, "%lld", (long long)row->max);
+        return cln_fail(st, "--%s: '%s' is not a whole number from %s to %s", row->option, text,
+                        min, max);
+    case CLN_ROW_REAL:
+        return cln_fail(st, "--%s: '%s' is not a number from %s to %s%s", row->option, text, min,
+                        max, form);
+    case CLN_ROW_BOOL:
+        return cln_fail(st, "--%s: '%s' is not yes, no, true, false, 1 or 0", row->option, text);
+    case CLN_ROW_ENUM:
+        return cln_fail(st, "--%s: '%s' is not one of %s", row->option, text, row->words);
+    case CLN_ROW_TEXT:
+        return cln_fail(st, "--%s: '%.40s...' is longer than %d characters", row->option, text,
+                        CLN_TEXT_BYTES - 1);
+    }
+    return st;
+}
+
+static bool in_range(const cln_config_row *row, double value)
+{
+    return value >= row->min && value <= row->max;
+}
+
+const cln_config_row *cln_config_find(const char *option)
+{
+    for (int i = 0; i < cln_config_row_count; i++) {
+        if (row_is(&cln_config_rows[i], option))
+            return &cln_config_rows[i];
+    }
+    return NULL;
+}
+
+/* Edits (insert, delete, replace, swap of neighbours) between two names of at most 63 characters. */
+static int edit_distance(const char *a, const char *b)
+{
+    enum { MAX = 63 };
+    int cost[MAX + 1][MAX + 1];
+    int na = (int)strnlen(a, MAX), nb = (int)strnlen(b, MAX);
+
+    for (int i = 0; i <= na; i++) {
+        for (int j = 0; j <= nb; j++) {
+            int best = i + j; /* right for the first row and column */
+
+            if (i > 0 && j > 0) {
+                best = cost[i - 1][j - 1] + (a[i - 1] != b[j - 1]);
+                if (cost[i - 1][j] + 1 < best)
+                    best = cost[i - 1][j] + 1;
+                if (cost[i][j - 1] + 1 < best)
+                    best = cost[i][j - 1] + 1;
+                if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] &&
+                    cost[i - 2][j - 2] + 1 < best)
+                    best = cost[i - 2][j - 2] + 1;
+            }
+            cost[i][j] = best;
+        }
+    }
+    return cost[na][nb];
+}
+
+const char *cln_config_nearest(const char *option)
+{
+    const char *nearest = cln_config_rows[0].option;
+    int best = INT_MAX;
+
+    option += strspn(option, "-");
+    if (strncmp(option, "no-", 3) == 0)
+        option += 3;
+    for (int i = 0; i < cln_config_row_count; i++) {
+        int distance = edit_distance(option, cln_config_rows[i].option);
+        if (distance < best) {
+            best = distance;
+            nearest = cln_config_rows[i].option;
+        }
+    }
+    return nearest;
+}
+
+cln_status cln_config_preset(const char *name, cln_config *out)
+{
+    if (strcmp(name, "paper") == 0)
+        *out = preset_paper;
+    else if (strcmp(name, "fast") == 0)
+        *out = preset_fast;
+    else
+        return cln_fail(CLN_USAGE, "--preset: '%s' is not one of fast|paper", name);
+    return CLN_OK;
+}
+
+/* ---- values from and to text ---- */
+
+static bool read_bool(const char *text, bool *value)
+{
+    int index = word_index("no|yes|false|true|0|1", text);
+
+    *value = index % 2 == 1;
+    return index >= 0;
+}
+
+static bool read_real(const cln_config_row *row, const char *text, double *value)
+{
+    const char *end = NULL;
+
+    if (row_is_seconds(row))
+        return cln_seconds_read(text, value, NULL);
+    if (row_is_bytes(row))
+        return cln_bytes_read(text, value);
+    return cln_number_read(text, value, &end) && *end == 0;
+}
+
+cln_status cln_config_set(cln_config *config, const cln_config_row *row, const char *text)
+{
+    void *field = field_of(config, row);
+    long long integer = 0;
+    double real = 0;
+    bool flag = false;
+    int index = 0;
+
+    switch (row->type) {
+    case CLN_ROW_INT:
+        if (!cln_integer_read(text, &integer) || !in_range(row, (double)integer))
+            return fail_value(CLN_USAGE, row, text);
+        *(int *)field = (int)integer;
+        break;
+    case CLN_ROW_REAL:
+        if (!read_real(row, text, &real) || !in_range(row, real))
+            return fail_value(CLN_USAGE, row, text);
+        *(double *)field = real;
+        break;
+    case CLN_ROW_BOOL:
+        if (!read_bool(text, &flag))
+            return fail_value(CLN_USAGE, row, text);
+        *(bool *)field = flag;
+        break;
+    case CLN_ROW_ENUM:
+        index = word_index(row->words, text);
+        if (index < 0)
+            return fail_value(CLN_USAGE, row, text);
+        *(int *)field = index;
+        break;
+    case CLN_ROW_TEXT:
+        if (strlen(text) >= CLN_TEXT_BYTES)
+            return fail_value(CLN_USAGE, row, text);
+        memset(field, 0, CLN_TEXT_BYTES);
+        memcpy(field, text, strlen(text));
+        break;
+    }
+    return CLN_OK;
+}
+
+cln_status cln_parse_seconds(const char *text, double *seconds)
+{
+    double value = 0;
+
+    if (!cln_seconds_read(text, &value, NULL))
+        return cln_fail(CLN_USAGE, "'%s' is not a time of 0 or more: give seconds, or 90s, 10m, 2h",
+                        text);
+    *seconds = value;
+    return CLN_OK;
+}
+
+cln_status cln_parse_bytes(const char *text, double *bytes)
+{
+    double value = 0;
+
+    if (!cln_bytes_read(text, &value))
+        return cln_fail(CLN_USAGE, "'%s' is not a size of 0 or more: give bytes, or 512M, 4G",
+                        text);
+    *bytes = value;
+    return CLN_OK;
+}
+
+cln_status cln_parse_reals(const char *text, int count, double *out)
+{
+    if (!cln_reals_read(text, count, out))
+        return cln_fail(CLN_USAGE, "'%s' is not %d numbers separated by commas", text, count);
+    return CLN_OK;
+}
+
+void cln_config_text(const cln_config *config, const cln_config_row *row, char out[CLN_TEXT_BYTES])
+{
+    const void *field = const_field_of(config, row);
+
+    switch (row->type) {
+    case CLN_ROW_INT:
+        snprintf(out, CLN_TEXT_BYTES, "%d", *(const int *)field);
+        break;
+    case CLN_ROW_REAL:
+        cln_number_write(*(const double *)field, out);
+        break;
+    case CLN_ROW_BOOL:
+        snprintf(out, CLN_TEXT_BYTES, "%s", *(const bool *)field ? "yes" : "no");
+        break;
+    case CLN_ROW_ENUM:
+        word_copy(row->words, *(const int *)field, out);
+        break;
+    case CLN_ROW_TEXT:
+        snprintf(out, CLN_TEXT_BYTES, "%s", (const char *)field);
+        break;
+    }
+}
+
+/* ---- JSON ---- */
+
+cln_status cln_config_to_json(const cln_config *config, json_t **out)
+{
+    json_t *object = json_object();
+    int failed = object == NULL;
+
+    *out = NULL;
+    for (int i = 0; i < cln_config_row_count && !failed; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+        const void *field = const_field_of(config, row);
+        char text[CLN_TEXT_BYTES];
+        json_t *value = NULL;
+
+        cln_config_text(config, row, text);
+        if (row->type == CLN_ROW_INT)
+            value = json_integer(*(const int *)field);
+        else if (row->type == CLN_ROW_REAL)
+            value = json_real(*(const double *)field);
+        else if (row->type == CLN_ROW_BOOL)
+            value = json_boolean(*(const bool *)field);
+        else
+            value = json_string(text);
+        failed = json_object_set_new(object, row->field, value);
+    }
+    if (failed) {
+        json_decref(object);
+        return cln_fail(CLN_MEMORY,
+                        "settings: cannot be put into JSON (out of memory or not UTF-8)");
+    }
+    *out = object;
+    return CLN_OK;
+}
+
+static cln_status set_from_json(cln_config *config, const cln_config_row *row, const json_t *value)
+{
+    void *field = field_of(config, row);
+    bool right = false;
+
+    switch (row->type) {
+    case CLN_ROW_INT:
+        right = json_is_integer(value) && in_range(row, (double)json_integer_value(value));
+        if (right)
+            *(int *)field = (int)json_integer_value(value);
+        break;
+    case CLN_ROW_REAL:
+        right = json_is_number(value) && in_range(row, json_number_value(value));
+        if (right)
+            *(double *)field = json_number_value(value);
+        break;
+    case CLN_ROW_BOOL:
+        right = json_is_boolean(value);
+        if (right)
+            *(bool *)field = json_is_true(value);
+        break;
+    case CLN_ROW_ENUM:
+        right = json_is_string(value) && word_index(row->words, json_string_value(value)) >= 0;
+        if (right)
+            *(int *)field = word_index(row->words, json_string_value(value));
+        break;
+    case CLN_ROW_TEXT:
+        right = json_is_string(value) && json_string_length(value) < CLN_TEXT_BYTES;
+        if (right) {
+            memset(field, 0, CLN_TEXT_BYTES);
+            memcpy(field, json_string_value(value), json_string_length(value));
+        }
+        break;
+    }
+    if (!right) {
+        char *text = json_dumps(value, JSON_ENCODE_ANY);
+        fail_value(CLN_INPUT, row, text ? text : "?");
+        free(text);
+        return CLN_INPUT;
+    }
+    return CLN_OK;
+}
+
+cln_status cln_config_from_json(const json_t *object, cln_config *out)
+{
+    cln_status st = CLN_OK;
+    cln_config config = preset_fast; /* every row is overwritten below */
+
+    if (!json_is_object(object))
+        return cln_fail(CLN_INPUT, "settings: a JSON object is expected");
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const json_t *value = json_object_get(object, cln_config_rows[i].field);
+        if (!value)
+            return cln_fail(CLN_INPUT, "settings: '%s' is missing; written by another version?",
+                            cln_config_rows[i].field);
+        CLN_TRY(set_from_json(&config, &cln_config_rows[i], value));
+    }
+    if (json_object_size(object) != (size_t)cln_config_row_count) {
+        const char *key = NULL;
+        json_t *value = NULL;
+        json_object_foreach((json_t *)object, key, value)
+        {
+            bool known = false;
+            for (int i = 0; i < cln_config_row_count; i++)
+                known = known || strcmp(cln_config_rows[i].field, key) == 0;
+            if (!known)
+                return cln_fail(CLN_INPUT, "settings: '%s' is unknown; written by another version?",
+                                key);
+        }
+    }
+    *out = config;
+done:
+    return st;
+}

@@ -1,0 +1,63 @@
+/* The rows of include/cln_config.h as data: presets, set by text, to and from JSON, compare. Used by the
+ * CLI's parser and help, by run.json and by checkpoints. Interprets nothing. */
+#ifndef CLN_BASE_CONFIG_H
+#define CLN_BASE_CONFIG_H
+
+#include <jansson.h>
+#include <stddef.h>
+#include "base/status.h"
+#include "cln_config.h"
+
+typedef enum { CLN_ROW_INT, CLN_ROW_REAL, CLN_ROW_BOOL, CLN_ROW_ENUM, CLN_ROW_TEXT } cln_row_type;
+
+typedef struct cln_config_row {
+    cln_row_type type;
+    const char *field, *option, *help;
+    const char *words; /* ENUM: "a|b|c" */
+    double min, max;   /* INT, REAL */
+    size_t offset;     /* into cln_config */
+    const char *group; /* "network", "tree", "sampling", "optim", "run" */
+} cln_config_row;
+
+extern const cln_config_row cln_config_rows[];
+extern const int cln_config_row_count;
+
+/* The row of an option name ("rays", without dashes); NULL if there is none. For misspelt names:
+ * the nearest one (never NULL). */
+const cln_config_row *cln_config_find(const char *option);
+const char *cln_config_nearest(const char *option);
+
+/* *out = preset "paper" or "fast"; CLN_USAGE for another name. */
+cln_status cln_config_preset(const char *name, cln_config *out);
+
+/* Sets one value from text, range-checked, independent of LC_NUMERIC. REAL rows "time-limit" and
+ * "save-every" take 90s 10m 2h, "device-mem" takes 512M 4G; BOOL takes yes|no|true|false|1|0.
+ * CLN_USAGE names the option, the text and the legal range; *config is then untouched. */
+cln_status cln_config_set(cln_config *config, const cln_config_row *row, const char *text);
+
+/* Parsers behind it, for options outside the table. */
+cln_status cln_parse_seconds(const char *text, double *seconds);
+cln_status cln_parse_bytes(const char *text, double *bytes);
+cln_status cln_parse_reals(const char *text, int count, double *out); /* "a,b,c" */
+
+/* The value as text that cln_config_set reads back exactly. */
+void cln_config_text(const cln_config *config, const cln_config_row *row, char out[CLN_TEXT_BYTES]);
+
+/* JSON object field -> value (ENUM as its word), and back; unknown or missing keys are CLN_INPUT. */
+cln_status cln_config_to_json(const cln_config *config, json_t **out);
+cln_status cln_config_from_json(const json_t *object, cln_config *out);
+
+/* Checks between values that no single row can make (widths, level_at syntax and order). CLN_USAGE. */
+cln_status cln_config_check(const cln_config *config);
+
+/* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */
+cln_status cln_config_levels(const cln_config *config, double fraction[6]);
+
+/* "60s,2m,5000" -> up to max points, ascending as given; seconds[i] > 0 or steps[i] > 0. */
+cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
+                                  int *count);
+
+/* "white", "black" or "r,g,b". */
+cln_status cln_config_background(const cln_config *config, float rgb[3]);
+
+#endif

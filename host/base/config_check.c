@@ -1,0 +1,185 @@
+/* The small languages inside TEXT rows (level-at, eval-at, background, bbox) and the rules that bind
+ * several rows. See config.h. Single values are checked where they are set, in config.c. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/config.h"
+#include "base/number.h"
+
+enum { LEVELS = 6 }; /* 0 .. CLN_MAX_LEVEL, which base may not include */
+
+/* Copies the part of *text up to the next comma and steps over it. False at the end of the text, or
+ * when a part is empty (then *text is not at its end). */
+static bool next_part(const char **text, char part[CLN_TEXT_BYTES])
+{
+    size_t length = strcspn(*text, ",");
+
+    if (length == 0)
+        return false;
+    snprintf(part, CLN_TEXT_BYTES, "%.*s", (int)length, *text);
+    if ((*text)[length] == ',' && (*text)[length + 1])
+        length++; /* a comma at the very end is left, as an empty part */
+    *text += length;
+    return true;
+}
+
+/* "3:0.08" -> level, fraction. */
+static bool read_level(const char *part, long long *level, double *fraction)
+{
+    const char *colon = strchr(part, ':');
+    const char *end = NULL;
+    char number[CLN_TEXT_BYTES];
+
+    if (!colon)
+        return false;
+    snprintf(number, sizeof number, "%.*s", (int)(colon - part), part);
+    return cln_integer_read(number, level) && cln_number_read(colon + 1, fraction, &end) &&
+           *end == 0;
+}
+
+cln_status cln_config_levels(const cln_config *config, double fraction[LEVELS])
+{
+    const char *at = config->level_at;
+    char part[CLN_TEXT_BYTES];
+    long long last_level = config->start_level;
+    double found[LEVELS], last_fraction = 0;
+
+    for (int i = 0; i < LEVELS; i++)
+        found[i] = 2;
+    while (next_part(&at, part)) {
+        long long level = 0;
+        double value = 0;
+
+        if (!read_level(part, &level, &value))
+            return cln_fail(CLN_USAGE,
+                            "--level-at: '%s' in '%s' is not LEVEL:FRACTION, as in 3:0.1", part,
+                            config->level_at);
+        if (level <= last_level || level >= LEVELS)
+            return cln_fail(CLN_USAGE,
+                            "--level-at: level %lld in '%s' is not in %lld..%d: levels ascend from "
+                            "above --start-level %d to 5",
+                            level, config->level_at, last_level + 1, LEVELS - 1,
+                            config->start_level);
+        if (!(value >= last_fraction && value <= 1))
+            return cln_fail(CLN_USAGE,
+                            "--level-at: the fraction in '%s' of '%s' is not in 0..1 or below the "
+                            "one before it",
+                            part, config->level_at);
+        found[level] = value;
+        last_level = level;
+        last_fraction = value;
+    }
+    if (*at)
+        return cln_fail(CLN_USAGE, "--level-at: '%s' has an empty part; write LEVEL:FRACTION,...",
+                        config->level_at);
+    memcpy(fraction, found, sizeof found);
+    return CLN_OK;
+}
+
+cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
+                                  int *count)
+{
+    const char *at = config->eval_at;
+    char part[CLN_TEXT_BYTES];
+    double last_seconds = 0;
+    int last_step = 0, used = 0;
+
+    *count = 0;
+    while (next_part(&at, part)) {
+        long long step = 0;
+        double time = 0;
+        bool has_unit = false;
+        bool right = cln_seconds_read(part, &time, &has_unit);
+
+        if (right && has_unit)
+            right = time > last_seconds;
+        else
+            right = cln_integer_read(part, &step) && step > last_step && step <= 2000000000;
+        if (!right)
+            return cln_fail(CLN_USAGE,
+                            "--eval-at: '%s' in '%s' is not a time (60s, 2m, 1h) or a step above "
+                            "0, later than the one before it",
+                            part, config->eval_at);
+        if (used == max)
+            return cln_fail(CLN_USAGE, "--eval-at: '%s' has more than %d points; give fewer",
+                            config->eval_at, max);
+        seconds[used] = has_unit ? time : 0;
+        steps[used] = has_unit ? 0 : (int)step;
+        if (has_unit)
+            last_seconds = time;
+        else
+            last_step = (int)step;
+        used++;
+    }
+    if (*at)
+        return cln_fail(CLN_USAGE, "--eval-at: '%s' has an empty part; write 60s,2m,5000",
+                        config->eval_at);
+    *count = used;
+    return CLN_OK;
+}
+
+cln_status cln_config_background(const cln_config *config, float rgb[3])
+{
+    double value[3] = {1, 1, 1};
+
+    if (strcmp(config->background, "black") == 0)
+        value[0] = value[1] = value[2] = 0;
+    else if (strcmp(config->background, "white") != 0 &&
+             !cln_reals_read(config->background, 3, value))
+        return cln_fail(CLN_USAGE, "--background: '%s' is not white, black or r,g,b in 0..1",
+                        config->background);
+    for (int c = 0; c < 3; c++) {
+        if (!(value[c] >= 0 && value[c] <= 1))
+            return cln_fail(CLN_USAGE, "--background: '%s' has a value outside 0..1",
+                            config->background);
+    }
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (float)value[c];
+    return CLN_OK;
+}
+
+static cln_status check_bbox(const char *text)
+{
+    double box[6];
+
+    if (text[0] == 0)
+        return CLN_OK;
+    if (!cln_reals_read(text, 6, box))
+        return cln_fail(CLN_USAGE, "--bbox: '%s' is not minx,miny,minz,maxx,maxy,maxz", text);
+    for (int a = 0; a < 3; a++) {
+        if (!(box[a] < box[a + 3]))
+            return cln_fail(CLN_USAGE,
+                            "--bbox: '%s' is empty along %c: its minimum must be below "
+                            "its maximum",
+                            text, 'x' + a);
+    }
+    return CLN_OK;
+}
+
+cln_status cln_config_check(const cln_config *config)
+{
+    cln_status st = CLN_OK;
+    enum { MAX_POINTS = CLN_TEXT_BYTES };
+    double fraction[LEVELS], seconds[MAX_POINTS];
+    int steps[MAX_POINTS], count = 0;
+    float rgb[3];
+
+    if (config->width & (config->width - 1))
+        return cln_fail(CLN_USAGE, "--width: %d is not 16, 32, 64, 128 or 256", config->width);
+    if (config->view_dependence && config->view_width % 16)
+        return cln_fail(CLN_USAGE, "--view-width: %d is not a multiple of 16 from 16 to 256",
+                        config->view_width);
+    if (config->rrelu_lower > config->rrelu_upper)
+        return cln_fail(CLN_USAGE, "--rrelu-lower: %g is above --rrelu-upper %g; swap them",
+                        config->rrelu_lower, config->rrelu_upper);
+    if (config->lr_final > config->lr)
+        return cln_fail(CLN_USAGE, "--lr-final: %g is above --lr %g; give both", config->lr_final,
+                        config->lr);
+    CLN_TRY(cln_config_levels(config, fraction));
+    CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
+    CLN_TRY(cln_config_background(config, rgb));
+    CLN_TRY(check_bbox(config->bbox));
+done:
+    return st;
+}

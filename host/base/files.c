@@ -1,0 +1,271 @@
+/* Files, folders, paths and content digests. See files.h for the contracts.
+ *
+ * An atomic write goes to "PATH.tmp.PID.N" beside PATH (the same file system, so that rename is one
+ * step), is flushed to the disk, and only then takes PATH's name:
+ *   open temp -> write -> fflush, fsync -> rename -> fsync the folder
+ * Whatever fails before the rename leaves PATH as it was. Not for appending; metrics rows do that
+ * themselves. */
+#include "base/files.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include "base/memory.h"
+
+struct cln_atomic_file {
+    char *path, *temp;
+    FILE *stream;
+};
+
+bool cln_is_file(const char *path)
+{
+    struct stat info;
+
+    return path && stat(path, &info) == 0 && S_ISREG(info.st_mode);
+}
+
+bool cln_is_dir(const char *path)
+{
+    struct stat info;
+
+    return path && stat(path, &info) == 0 && S_ISDIR(info.st_mode);
+}
+
+cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes)
+{
+    cln_status st = CLN_OK;
+    int fd = -1;
+    char *data = NULL;
+    size_t size = 0, used = 0;
+    struct stat info;
+
+    *out = NULL;
+    *bytes = 0;
+    /* O_NONBLOCK: a FIFO of that name must not hang the program before fstat can refuse it. */
+    fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0 || fstat(fd, &info) != 0)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path, strerror(errno)));
+    if (!S_ISREG(info.st_mode))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path,
+                         S_ISDIR(info.st_mode) ? "is a folder, not a file" : "not a regular file"));
+    if ((uintmax_t)info.st_size > max_bytes)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %jd bytes, more than the %zu that are accepted here", path,
+                         (intmax_t)info.st_size, max_bytes));
+    size = (size_t)info.st_size;
+    CLN_TRY(cln_alloc(&data, size + 1, 1, path));
+    while (used < size) {
+        ssize_t got = read(fd, data + used, size - used);
+
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path, strerror(errno)));
+        if (got == 0) /* shrunk since fstat */
+            break;
+        used += (size_t)got;
+    }
+    data[used] = 0;
+    *out = data;
+    *bytes = used;
+    data = NULL;
+done:
+    free(data);
+    if (fd >= 0)
+        close(fd);
+    return st;
+}
+
+static void free_atomic(cln_atomic_file *file)
+{
+    if (file->stream)
+        fclose(file->stream);
+    free(file->path);
+    free(file->temp);
+    free(file);
+}
+
+cln_status cln_atomic_open(const char *path, cln_atomic_file **out)
+{
+    static atomic_uint counter;
+    cln_status st = CLN_OK;
+    cln_atomic_file *file = NULL;
+    int fd = -1;
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&file, 1, sizeof *file, path));
+    CLN_TRY(cln_strdup(&file->path, path));
+    /* A few tries: a killed process with our id may have left its temp file behind. */
+    for (int attempt = 0; attempt < 100 && fd < 0; attempt++) {
+        free(file->temp);
+        file->temp = NULL;
+        CLN_TRY(cln_asprintf(&file->temp, "%s.tmp.%ld.%u", path, (long)getpid(),
+                             atomic_fetch_add(&counter, 1)));
+        fd = open(file->temp, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        if (fd < 0 && errno != EEXIST)
+            break;
+    }
+    if (fd < 0 || !(file->stream = fdopen(fd, "wb"))) {
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot create a file there: %s", path, strerror(errno)));
+    }
+    *out = file;
+    file = NULL;
+done:
+    if (file) {
+        if (fd >= 0 && !file->stream)
+            close(fd);
+        if (fd >= 0)
+            unlink(file->temp);
+        free_atomic(file);
+    }
+    return st;
+}
+
+FILE *cln_atomic_stream(cln_atomic_file *file)
+{
+    return file->stream;
+}
+
+cln_status cln_atomic_write(cln_atomic_file *file, const void *data, size_t bytes)
+{
+    if (bytes && fwrite(data, 1, bytes, file->stream) != bytes)
+        return cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
+                        file->path, strerror(errno));
+    return CLN_OK;
+}
+
+/* The rename itself survives a power cut only when the folder is on disk too. Folders that cannot
+ * be opened or synced (some network file systems) are let pass: the file is complete either way. */
+static void sync_folder_of(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    size_t length = slash ? (size_t)(slash - path) : 0;
+    char *folder = slash ? strndup(path, length ? length : 1) : strdup(".");
+    int fd = folder ? open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
+
+    if (fd >= 0) {
+        (void)!fsync(fd);
+        close(fd);
+    }
+    free(folder);
+}
+
+cln_status cln_atomic_commit(cln_atomic_file *file)
+{
+    cln_status st = CLN_OK;
+    bool renamed = false;
+    int failed = 0;
+
+    if (ferror(file->stream))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: a write failed; make room or choose another folder",
+                         file->path));
+    if (fflush(file->stream) != 0 || fsync(fileno(file->stream)) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
+                         file->path, strerror(errno)));
+    failed = fclose(file->stream);
+    file->stream = NULL;
+    if (failed || rename(file->temp, file->path) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s", file->path, strerror(errno)));
+    renamed = true;
+    sync_folder_of(file->path);
+done:
+    if (!renamed)
+        unlink(file->temp);
+    free_atomic(file);
+    return st;
+}
+
+void cln_atomic_abandon(cln_atomic_file *file)
+{
+    if (!file)
+        return;
+    unlink(file->temp);
+    free_atomic(file);
+}
+
+cln_status cln_write_file(const char *path, const void *data, size_t bytes)
+{
+    cln_status st = CLN_OK;
+    cln_atomic_file *file = NULL;
+    cln_atomic_file *finished = NULL;
+
+    CLN_TRY(cln_atomic_open(path, &file));
+    CLN_TRY(cln_atomic_write(file, data, bytes));
+    finished = file;
+    file = NULL;
+    CLN_TRY(cln_atomic_commit(finished));
+done:
+    cln_atomic_abandon(file);
+    return st;
+}
+
+cln_status cln_make_dirs(const char *path)
+{
+    cln_status st = CLN_OK;
+    char *part = NULL;
+
+    if (!*path)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "cannot create a folder without a name"));
+    CLN_TRY(cln_strdup(&part, path));
+    for (char *p = part + 1;; p++) {
+        char kept = *p;
+
+        if (kept != '/' && kept)
+            continue;
+        *p = 0;
+        if (mkdir(part, 0777) != 0) {
+            int reason = errno;
+
+            if (!cln_is_dir(part))
+                CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot create this folder: %s", part,
+                                 strerror(reason)));
+        }
+        *p = kept;
+        if (!kept)
+            break;
+    }
+done:
+    free(part);
+    return st;
+}
+
+cln_status cln_path_join(char **out, const char *dir, const char *name)
+{
+    size_t length = strlen(dir);
+
+    if (!length || name[0] == '/')
+        return cln_strdup(out, name);
+    return cln_asprintf(out, "%s%s%s", dir, dir[length - 1] == '/' ? "" : "/", name);
+}
+
+uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes)
+{
+    const uint64_t prime = 0x100000001b3ull;
+    const unsigned char *p = data;
+
+    size_t i = 0;
+    uint64_t word = 0;
+
+    for (; i + 8 <= bytes; i += 8) {
+        word = 0;
+        for (size_t k = 0; k < 8; k++) /* little endian on any host; compiles to one load */
+            word |= (uint64_t)p[i + k] << 8 * k;
+        digest = (digest ^ word) * prime;
+        digest ^= digest >> 32; /* FNV over words mixes upwards only */
+    }
+    word = 0;
+    for (size_t k = 0; i + k < bytes; k++)
+        word |= (uint64_t)p[i + k] << 8 * k;
+    digest = (digest ^ word) * prime;
+    /* The length keeps "ab" + "" apart from "a" + "b", and zero bytes apart from none. */
+    digest = (digest ^ bytes) * prime;
+    digest ^= digest >> 33;
+    digest *= 0xff51afd7ed558ccdull;
+    digest ^= digest >> 33;
+    digest *= 0xc4ceb9fe1a85ec53ull;
+    digest ^= digest >> 33;
+    return digest;
+}

@@ -1,0 +1,39 @@
+/* Formats log lines and hands them to the sink. Thread-safe as far as stderr is. */
+#include "base/log.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+static cln_log_level max_level = CLN_LOG_INFO;
+static cln_log_sink *sink_fn;
+static void *sink_user;
+
+void cln_log_set_level(cln_log_level level)
+{
+    max_level = level;
+}
+
+void cln_log_set_sink(cln_log_sink *sink, void *user)
+{
+    sink_fn = sink;
+    sink_user = user;
+}
+
+void cln_log(cln_log_level level, const char *fmt, ...)
+{
+    static const char *const prefix[] = {"error: ", "warning: ", "", ""};
+    char line[8192];
+    int used = 0;
+    va_list args;
+
+    if (level > max_level)
+        return;
+    used = snprintf(line, sizeof line, "%s", prefix[level]);
+    va_start(args, fmt);
+    vsnprintf(line + used, sizeof line - (size_t)used, fmt, args);
+    va_end(args);
+    if (sink_fn)
+        sink_fn(level, line, sink_user);
+    else
+        fprintf(stderr, "%s\n", line);
+}

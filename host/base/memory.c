@@ -1,0 +1,43 @@
+/* Checked allocation. See memory.h. */
+#include "base/memory.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *what)
+{
+    void *p = NULL;
+
+    if (size == 0 || count <= SIZE_MAX / size)
+        p = calloc(count ? count : 1, size ? size : 1);
+    memcpy(out_pointer, &p, sizeof p);
+    if (!p)
+        return cln_fail(CLN_MEMORY, "%s: cannot allocate %zu x %zu bytes of host memory", what,
+                        count, size);
+    return CLN_OK;
+}
+
+cln_status cln_strdup(char **out, const char *text)
+{
+    *out = NULL;
+    return text ? cln_asprintf(out, "%s", text) : CLN_OK;
+}
+
+cln_status cln_asprintf(char **out, const char *fmt, ...)
+{
+    cln_status st = CLN_OK;
+    int length = 0;
+    va_list args;
+
+    va_start(args, fmt);
+    length = vsnprintf(NULL, 0, fmt, args);
+    va_end(args);
+    CLN_TRY(cln_alloc(out, (size_t)length + 1, 1, "text"));
+    va_start(args, fmt);
+    vsnprintf(*out, (size_t)length + 1, fmt, args);
+    va_end(args);
+done:
+    return st;
+}

@@ -1,0 +1,103 @@
+/* Numbers as text, independent of the locale. See number.h. */
+#include "base/number.h"
+
+#include <errno.h>
+#include <locale.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+void cln_number_write(double value, char out[CLN_NUMBER_BYTES])
+{
+    locale_t c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    locale_t before = uselocale(c_locale);
+
+    for (int digits = 6; digits <= 17; digits++) {
+        snprintf(out, CLN_NUMBER_BYTES, "%.*g", digits, value);
+        if (strtod(out, NULL) == value)
+            break;
+    }
+    uselocale(before);
+    freelocale(c_locale);
+}
+
+bool cln_number_read(const char *text, double *value, const char **end)
+{
+    locale_t c_locale = (locale_t)0;
+    size_t length = strspn(text, "+-.0123456789eE");
+    char digits[64];
+    char *stop = NULL;
+
+    if (length == 0 || length >= sizeof digits)
+        return false;
+    memcpy(digits, text, length);
+    digits[length] = 0;
+    c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    *value = strtod_l(digits, &stop, c_locale);
+    freelocale(c_locale);
+    *end = text + (stop - digits);
+    return stop != digits && isfinite(*value);
+}
+
+bool cln_integer_read(const char *text, long long *value)
+{
+    char *end = NULL;
+
+    if (*text == 0 || !strchr("+-0123456789", *text))
+        return false;
+    errno = 0;
+    *value = strtoll(text, &end, 10);
+    return errno == 0 && *end == 0 && end != text;
+}
+
+/* A number with at most one unit letter out of `letters`, worth factors[i]. */
+static bool read_with_unit(const char *text, const char *letters, const double *factors,
+                           double *value, bool *has_unit)
+{
+    const char *end = NULL, *letter = NULL;
+
+    if (!cln_number_read(text, value, &end))
+        return false;
+    if (has_unit)
+        *has_unit = *end != 0;
+    if (*end == 0)
+        return *value >= 0;
+    letter = strchr(letters, *end);
+    if (!letter || end[1])
+        return false;
+    *value *= factors[letter - letters];
+    return *value >= 0 && isfinite(*value);
+}
+
+bool cln_seconds_read(const char *text, double *seconds, bool *has_unit)
+{
+    static const double factors[] = {1, 60, 3600};
+
+    return read_with_unit(text, "smh", factors, seconds, has_unit);
+}
+
+bool cln_bytes_read(const char *text, double *bytes)
+{
+    static const double factors[] = {0x1p10, 0x1p20, 0x1p30, 0x1p40};
+
+    return read_with_unit(text, "KMGT", factors, bytes, NULL);
+}
+
+bool cln_reals_read(const char *text, int count, double *out)
+{
+    for (int pass = 0; pass < 2; pass++) { /* the first only checks, so that *out stays whole */
+        const char *at = text;
+
+        for (int i = 0; i < count; i++) {
+            double value = 0;
+
+            if (!cln_number_read(at, &value, &at) || *at != (i + 1 < count ? ',' : 0))
+                return false;
+            if (pass)
+                out[i] = value;
+            at++;
+        }
+    }
+    return true;
+}

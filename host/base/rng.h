@@ -1,0 +1,31 @@
+/* Counter-based random numbers: Philox4x32-10 (Salmon et al., "Parallel Random Numbers: As Easy as
+ * 1, 2, 3", SC 2011). A number is a pure function of (seed, stream, step, index, draw), so nothing has
+ * to be stored to resume a run and no order of evaluation matters. kernels/rng.h holds the same
+ * generator for the device; tests compare both with the published known answers. */
+#ifndef CLN_RNG_H
+#define CLN_RNG_H
+
+#include <stdint.h>
+
+/* What a number is for; the second word of the counter is (stream << 24) | draw. */
+enum {
+    CLN_STREAM_PIXELS = 1, /* host: which pixel of which view a ray goes through */
+    CLN_STREAM_INIT = 2,   /* host: initial weights */
+    CLN_STREAM_GRID = 3,   /* device: jitter of stage-1 samples */
+    CLN_STREAM_SAMPLES = 4,/* device: jitter of stage-2 samples */
+    CLN_STREAM_BACKGROUND = 5, /* host: random background */
+    CLN_STREAM_POINTS = 6, /* device: random points of the regularisers */
+    CLN_STREAM_SCENE = 7   /* host: generated scenes */
+};
+
+/* out[4] = philox4x32-10(counter, key). */
+void cln_philox(const uint32_t counter[4], const uint32_t key[2], uint32_t out[4]);
+
+/* Four uniforms in [0,1), 24 bits each, for (seed, stream, step, index, draw). */
+void cln_uniform4(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index, uint32_t draw,
+                  float out[4]);
+
+/* An unbiased integer in [0, n), n > 0, from 32 random bits (multiply-shift; bias < n / 2^32). */
+uint32_t cln_bounded(uint32_t random, uint32_t n);
+
+#endif

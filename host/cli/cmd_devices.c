@@ -1,0 +1,55 @@
+/* `cl-nascent devices`: every OpenCL device, what it has, and the verdict of a quick self-test. */
+#include "cli/commands.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include "cli/console.h"
+#include "io/run_folder.h"
+
+static json_t *device_json(int index, const cln_device_info *d)
+{
+    return json_pack("{s:i s:s s:s s:s s:s s:s s:s s:o s:o s:i s:s*}", "index", index, "name",
+                     d->name, "type", d->type, "vendor", d->vendor, "platform", d->platform,
+                     "version", d->version, "driver", d->driver, "global_mem",
+                     cln_json_real(d->global_mem), "max_alloc", cln_json_real(d->max_alloc),
+                     "compute_units", d->compute_units, "verdict", *d->verdict ? d->verdict : NULL);
+}
+
+static void print_device(int index, const cln_device_info *d)
+{
+    char global[32], largest[32];
+
+    cln_format_bytes(d->global_mem, global);
+    cln_format_bytes(d->max_alloc, largest);
+    printf("%2d  %s\n", index, d->name);
+    printf("    type       %s, %d compute units\n", d->type, d->compute_units);
+    printf("    memory     %s, largest allocation %s\n", global, largest);
+    printf("    platform   %s (%s)\n", d->platform, d->vendor);
+    printf("    version    %s\n", d->version);
+    printf("    driver     %s\n", d->driver);
+    if (*d->verdict)
+        printf("    self-test  %s\n", d->verdict);
+}
+
+cln_status cln_cmd_devices(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    cln_device_info *devices = NULL;
+    json_t *list = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_devices_list(options->test, &devices, &count));
+    if (options->json) {
+        list = json_array();
+        for (int i = 0; i < count; i++)
+            json_array_append_new(list, device_json(i, &devices[i]));
+        CLN_TRY(cln_print_json(
+            json_pack("{s:s s:o}", "schema", "cl-nascent.devices/1", "devices", list)));
+    } else {
+        for (int i = 0; i < count; i++)
+            print_device(i, &devices[i]);
+    }
+done:
+    free(devices);
+    return st;
+}

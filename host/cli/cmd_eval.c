@@ -1,0 +1,101 @@
+/* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or one JSON document of the
+ * schema of RUN/eval/STEP-SPLIT.json. */
+#include "cli/commands.h"
+
+#include <stdio.h>
+#include <string.h>
+#include "cli/console.h"
+#include "io/run_folder.h"
+
+static json_t *image_json(const cln_eval_image *i)
+{
+    return json_pack("{s:s s:i s:i s:o s:o s:o s:o s:o}", "name", i->name, "width", i->width,
+                     "height", i->height, "psnr", cln_json_real(i->psnr), "psnr_u8",
+                     cln_json_real(i->psnr_u8), "ssim", cln_json_real(i->ssim), "mse",
+                     cln_json_real(i->mse), "seconds", cln_json_real(i->seconds));
+}
+
+static cln_status print_as_json(const char *run, const cln_eval_result *r)
+{
+    json_t *images = json_array();
+    char digest[32];
+    double seconds = 0;
+
+    cln_format_digest(r->digest, digest);
+    for (int i = 0; i < r->count; i++) {
+        json_array_append_new(images, image_json(&r->images[i]));
+        seconds += r->images[i].seconds;
+    }
+    return cln_print_json(json_pack(
+        "{s:s s:s s:s s:I s:o s:s s:[o,o,o] s:{s:o s:o s:o s:o s:o} s:o s:o s:o}", "schema",
+        "cl-nascent.eval/1", "run", run, "model_digest", digest, "step", (json_int_t)r->step,
+        "train_seconds", cln_json_real(r->train_seconds), "split", r->split, "background",
+        cln_json_real(r->background[0]), cln_json_real(r->background[1]),
+        cln_json_real(r->background[2]), "mean", "psnr", cln_json_real(r->psnr), "psnr_u8",
+        cln_json_real(r->psnr_u8), "ssim", cln_json_real(r->ssim), "mse", cln_json_real(r->mse),
+        "seconds", cln_json_real(r->seconds), "psnr_of_mean_mse",
+        cln_json_real(r->psnr_of_mean_mse), "seconds", cln_json_real(seconds), "images", images));
+}
+
+static void print_row(int width, const char *name, double psnr, double ssim, double seconds)
+{
+    char p[32], s[32];
+
+    cln_format_real(psnr, 2, p);
+    cln_format_real(ssim, 4, s);
+    printf("%-*s  %6s  %6s  %7.2f\n", width, name, p, s, seconds);
+}
+
+static void print_table(const cln_eval_result *r)
+{
+    char digest[32], step[32], duration[32];
+    int width = 5;
+
+    cln_format_digest(r->digest, digest);
+    cln_format_count((double)r->step, step);
+    cln_format_duration(r->train_seconds, duration);
+    for (int i = 0; i < r->count; i++) {
+        int length = (int)strlen(r->images[i].name);
+        if (length > width)
+            width = length;
+    }
+    printf("%-*s  %6s  %6s  %7s\n", width, "image", "PSNR", "SSIM", "seconds");
+    for (int i = 0; i < r->count; i++)
+        print_row(width, r->images[i].name, r->images[i].psnr, r->images[i].ssim,
+                  r->images[i].seconds);
+    print_row(width, "mean", r->psnr, r->ssim, r->seconds);
+    printf("\n%d %s images at step %s, after %s of training; background %g,%g,%g; model %s\n",
+           r->count, r->split, step, duration, r->background[0], r->background[1], r->background[2],
+           digest);
+}
+
+cln_status cln_cmd_eval(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    cln_console console = {0};
+    cln_eval_result result = {0};
+    cln_eval_desc desc = {.run = options->operand,
+                          .scene = options->scene,
+                          .split = options->split,
+                          .max_images = options->max_images,
+                          .save_images = options->save_images,
+                          .device = options->device};
+
+    CLN_TRY(cln_console_open(options, &console));
+    desc.callbacks = console.callbacks;
+    st = cln_eval(&desc, &result);
+    cln_console_close(&console);
+    if (st != CLN_OK)
+        goto done;
+    if (options->json)
+        CLN_TRY(print_as_json(options->operand, &result));
+    else
+        print_table(&result);
+    if (!(result.psnr >= options->min_psnr))
+        CLN_TRY(cln_fail(CLN_THRESHOLD, "%s: mean PSNR %.2f dB is below --min-psnr %g",
+                         options->operand, result.psnr, options->min_psnr));
+done:
+    cln_console_close(&console);
+    cln_eval_free(&result);
+    return st;
+}

@@ -1,0 +1,129 @@
+/* `cl-nascent info`: the library's JSON about a scene or a run, as it is or laid out for reading. */
+#include "cli/commands.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "cli/console.h"
+
+enum { LISTED = 8 };
+
+static void print_scalar(const json_t *value)
+{
+    char *text = NULL;
+
+    if (json_is_string(value)) {
+        printf("%s", json_string_value(value));
+        return;
+    }
+    text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(7));
+    printf("%s", json_is_null(value) ? "-" : text ? text : "?");
+    free(text);
+}
+
+static bool is_scalar(const json_t *value)
+{
+    return !json_is_object(value) && !json_is_array(value);
+}
+
+static bool is_flat(const json_t *array)
+{
+    for (size_t i = 0; i < json_array_size(array); i++) {
+        if (!is_scalar(json_array_get(array, i)))
+            return false;
+    }
+    return true;
+}
+
+/* Scalars in one line: "800, 600" or "name lego/r_0.png, width 800". */
+static void print_inline(const json_t *value)
+{
+    const char *key = NULL;
+    json_t *member = NULL;
+    const char *comma = "";
+
+    if (json_is_array(value)) {
+        for (size_t i = 0; i < json_array_size(value); i++) {
+            printf("%s", i ? ", " : "");
+            print_inline(json_array_get(value, i));
+        }
+    } else if (json_is_object(value)) {
+        json_object_foreach((json_t *)value, key, member)
+        {
+            printf("%s%s ", comma, key);
+            print_inline(member);
+            comma = ", ";
+        }
+    } else {
+        print_scalar(value);
+    }
+}
+
+/* A line for each member, of long lists only the first. */
+static void print_list(const json_t *array, int indent)
+{
+    size_t count = json_array_size(array);
+
+    for (size_t i = 0; i < count && i < LISTED; i++) {
+        printf("%*s", indent, "");
+        print_inline(json_array_get(array, i));
+        putchar('\n');
+    }
+    if (count > LISTED)
+        printf("%*s... %zu more, all with --json\n", indent, "", count - LISTED);
+}
+
+static void print_object(const json_t *object, int indent)
+{
+    const char *key = NULL;
+    json_t *value = NULL;
+    int width = 0;
+
+    json_object_foreach((json_t *)object, key, value)
+    {
+        if (!json_is_object(value) && (int)strlen(key) > width)
+            width = (int)strlen(key);
+    }
+    json_object_foreach((json_t *)object, key, value)
+    {
+        if (json_is_object(value)) {
+            printf("%*s%s\n", indent, "", key);
+            print_object(value, indent + 2);
+        } else if (json_is_array(value) && !is_flat(value)) {
+            printf("%*s%s\n", indent, "", key);
+            print_list(value, indent + 2);
+        } else {
+            printf("%*s%-*s  ", indent, "", width, key);
+            print_inline(value);
+            putchar('\n');
+        }
+    }
+}
+
+cln_status cln_cmd_info(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    char *manifest = NULL, *text = NULL;
+    json_t *document = NULL;
+
+    CLN_TRY(cln_path_join(&manifest, options->operand, "run.json"));
+    if (cln_is_file(manifest))
+        CLN_TRY(cln_info_run(options->operand, &text));
+    else
+        CLN_TRY(cln_info_scene(options->operand, &options->config, &text));
+    document = json_loads(text, 0, NULL);
+    if (!json_is_object(document))
+        CLN_TRY(
+            cln_fail(CLN_INTERNAL, "%s: what is known of it is no JSON object", options->operand));
+    if (options->json)
+        CLN_TRY(cln_print_json(json_incref(document)));
+    else
+        print_object(document, 0);
+done:
+    json_decref(document);
+    free(text);
+    free(manifest);
+    return st;
+}

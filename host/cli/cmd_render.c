@@ -1,0 +1,57 @@
+/* `cl-nascent render`: a split's poses or an orbit into a folder, by default one of the run's own. */
+#include "cli/commands.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include "base/memory.h"
+#include "cli/console.h"
+#include "io/run_folder.h"
+
+cln_status cln_cmd_render(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    cln_console console = {0};
+    cln_render_result result = {0};
+    char *standard_out = NULL;
+    char duration[32];
+    bool orbit = options->orbit_frames > 0;
+    cln_render_desc desc = {.run = options->operand,
+                            .out = options->output,
+                            .split = orbit ? NULL : options->split,
+                            .orbit_frames = options->orbit_frames,
+                            .orbit_elevation = options->elevation,
+                            .orbit_radius = options->radius,
+                            .width = options->image_width,
+                            .height = options->image_height,
+                            .fov = options->fov,
+                            .max_images = options->max_images,
+                            .overwrite = options->overwrite,
+                            .z_depth = options->z_depth,
+                            .device = options->device};
+
+    if (!desc.out) {
+        CLN_TRY(cln_asprintf(&standard_out, "%s/render/%s", options->operand,
+                             orbit ? "orbit" : options->split));
+        desc.out = standard_out;
+    }
+    CLN_TRY(cln_console_open(options, &console));
+    desc.callbacks = console.callbacks;
+    st = cln_render(&desc, &result);
+    cln_console_close(&console);
+    if (st != CLN_OK)
+        goto done;
+    if (options->json) {
+        CLN_TRY(cln_print_json(
+            json_pack("{s:s s:s s:s s:i s:i s:o}", "schema", "cl-nascent.render/1", "run",
+                      options->operand, "out", desc.out, "rendered", result.rendered, "skipped",
+                      result.skipped, "seconds", cln_json_real(result.seconds))));
+    } else {
+        cln_format_duration(result.seconds, duration);
+        printf("%s: %d rendered in %s, %d there already\n", desc.out, result.rendered, duration,
+               result.skipped);
+    }
+done:
+    cln_console_close(&console);
+    free(standard_out);
+    return st;
+}

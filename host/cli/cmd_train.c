@@ -1,0 +1,68 @@
+/* `cl-nascent train`: settings -> cln_train, and what came out of it, also when it was interrupted. */
+#include "cli/commands.h"
+
+#include <math.h>
+#include <stdio.h>
+#include "cli/console.h"
+#include "io/run_folder.h"
+
+static const char *state_of(cln_status st)
+{
+    return st == CLN_OK ? "done" : "interrupted";
+}
+
+static cln_status print_result(const cln_options *options, const char *run, cln_status trained,
+                               const cln_train_result *r)
+{
+    char digest[32], step[32], duration[32], train[32], test[32], leaves[32];
+
+    cln_format_digest(r->digest, digest);
+    if (options->json)
+        return cln_print_json(json_pack(
+            "{s:s s:s s:s s:I s:o s:o s:o s:i s:s}", "schema", "cl-nascent.train/1", "run", run,
+            "state", state_of(trained), "step", (json_int_t)r->step, "seconds",
+            cln_json_real(r->seconds), "psnr_train", cln_json_real(r->psnr_train), "psnr_test",
+            cln_json_real(r->psnr_test), "leaves", r->leaves, "model_digest", digest));
+    cln_format_count((double)r->step, step);
+    cln_format_duration(r->seconds, duration);
+    cln_format_real(r->psnr_train, 2, train);
+    cln_format_real(r->psnr_test, 2, test);
+    cln_format_count(r->leaves, leaves);
+    printf("run           %s (%s)\n", run, state_of(trained));
+    printf("steps         %s in %s\n", step, duration);
+    printf("PSNR          %s train%s%s%s\n", train, isfinite(r->psnr_test) ? ", " : "",
+           isfinite(r->psnr_test) ? test : "", isfinite(r->psnr_test) ? " test" : "");
+    printf("leaves        %s\n", leaves);
+    printf("model digest  %s\n", digest);
+    printf("report        %s/report.html\n", run);
+    return CLN_OK;
+}
+
+cln_status cln_cmd_train(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    cln_status trained = CLN_OK;
+    cln_console console = {0};
+    cln_train_result result = {.psnr_train = NAN, .psnr_test = NAN};
+    const char *run = options->resume ? options->resume : options->output;
+    cln_train_desc desc = {.scene = options->operand,
+                           .run = run,
+                           .preset = options->resume ? NULL : options->preset,
+                           .resume = options->resume != NULL,
+                           .skip_selftest = options->skip_selftest,
+                           .config = options->config,
+                           .device = options->device,
+                           .command = options->line};
+
+    CLN_TRY(cln_console_open(options, &console));
+    desc.callbacks = console.callbacks;
+    trained = cln_train(&desc, &result);
+    cln_console_close(&console);
+    if (trained != CLN_OK && trained != CLN_SIGINT && trained != CLN_SIGTERM)
+        return trained;
+    CLN_TRY(print_result(options, run, trained, &result));
+    st = trained;
+done:
+    cln_console_close(&console);
+    return st;
+}

@@ -1,0 +1,17 @@
+/* The commands, one per cmd_*.c: each turns options into calls of cl_nascent.h and prints what comes
+ * back. They return the status of the call; main.c alone prints errors and exits. */
+#ifndef CLN_COMMANDS_H
+#define CLN_COMMANDS_H
+
+#include "base/status.h"
+
+struct cln_options;
+
+cln_status cln_cmd_train(const struct cln_options *options);
+cln_status cln_cmd_eval(const struct cln_options *options);
+cln_status cln_cmd_render(const struct cln_options *options);
+cln_status cln_cmd_info(const struct cln_options *options);
+cln_status cln_cmd_devices(const struct cln_options *options);
+cln_status cln_cmd_selftest(const struct cln_options *options);
+
+#endif

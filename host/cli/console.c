@@ -1,0 +1,182 @@
+/* Signals, progress, results. See console.h. SIGPIPE is ignored while the program runs (main.c), so
+ * that a training whose log goes to a closed pipe still writes its checkpoint. */
+#include "cli/console.h"
+
+#include <errno.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/log.h"
+
+static const int stop_signals[] = {SIGINT, SIGTERM};
+
+/* Written by handlers, read by the poll. */
+static volatile sig_atomic_t stop_signal;
+static volatile sig_atomic_t checkpoint_wanted;
+
+static void on_stop(int number)
+{
+    if (stop_signal) {
+        signal(number, SIG_DFL);
+        raise(number); /* delivered when this handler returns */
+        return;
+    }
+    stop_signal = number;
+}
+
+static void on_checkpoint(int number)
+{
+    (void)number;
+    checkpoint_wanted = 1;
+}
+
+static void handle(int number, void (*handler)(int))
+{
+    struct sigaction action = {0};
+
+    action.sa_handler = handler;
+    action.sa_flags = SA_RESTART;
+    sigemptyset(&action.sa_mask);
+    sigaction(number, &action, NULL);
+}
+
+static int poll_signals(void *user)
+{
+    cln_console *console = user;
+
+    if (stop_signal) {
+        if (!console->announced)
+            cln_info("%s: stopping in an orderly way; once more leaves at once",
+                     stop_signal == SIGINT ? "interrupted" : "terminated");
+        console->announced = true;
+        return stop_signal;
+    }
+    if (checkpoint_wanted) {
+        checkpoint_wanted = 0;
+        return SIGUSR1;
+    }
+    return 0;
+}
+
+/* ---- progress ---- */
+
+void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
+{
+    char step[32], steps[32], elapsed[32], left[32], rays[32], train[32], test[32], leaves[32];
+    char params[32], memory[32], loss[32];
+    size_t used = 0;
+
+    cln_format_count((double)progress->step, step);
+    cln_format_count((double)progress->steps, steps);
+    cln_format_duration(progress->seconds, elapsed);
+    cln_format_duration(progress->eta, left);
+    cln_format_short(progress->rays_per_s, rays);
+    cln_format_real(progress->loss, 4, loss);
+    cln_format_real(progress->psnr_train, 1, train);
+    cln_format_real(progress->psnr_test, 1, test);
+    cln_format_count(progress->leaves, leaves);
+    cln_format_short(progress->params, params);
+    cln_format_bytes(progress->device_bytes, memory);
+    used = (size_t)snprintf(out, bytes, "train %s%s%s %.0f%% | %s elapsed, %s left | %s rays/s | ",
+                            step, progress->steps > 0 ? "/" : "", progress->steps > 0 ? steps : "",
+                            floor(100 * progress->fraction), elapsed, left, rays);
+    if (used < bytes)
+        used += (size_t)snprintf(out + used, bytes - used, "loss %.4f | PSNR %s train",
+                                 progress->loss, train);
+    if (used < bytes && isfinite(progress->psnr_test))
+        used += (size_t)snprintf(out + used, bytes - used, " %s test", test);
+    if (used < bytes)
+        snprintf(out + used, bytes - used, " | %s leaves %s params | %s dev", leaves, params,
+                 memory);
+}
+
+static void show_train(const cln_train_progress *progress, void *user)
+{
+    cln_console *console = user;
+    char line[512];
+
+    cln_train_line(progress, line, sizeof line);
+    cln_progress_show(console->progress, progress->fraction, line);
+}
+
+static void show_work(const char *what, int done, int total, void *user)
+{
+    cln_console *console = user;
+    double fraction = total > 0 ? (double)done / total : 0;
+    char line[512], count[32], of[32];
+
+    cln_format_count(done, count);
+    cln_format_count(total, of);
+    snprintf(line, sizeof line, "%s %s/%s %.0f%%", what, count, of, floor(100 * fraction));
+    cln_progress_show(console->progress, fraction, line);
+}
+
+cln_status cln_console_open(const cln_options *options, cln_console *console)
+{
+    cln_status st = CLN_OK;
+
+    *console = (cln_console){0};
+    CLN_TRY(cln_progress_open(options->progress, &console->progress));
+    console->callbacks = (cln_callbacks){
+        .train = show_train, .work = show_work, .interrupted = poll_signals, .user = console};
+    stop_signal = 0;
+    checkpoint_wanted = 0;
+    for (size_t i = 0; i < sizeof stop_signals / sizeof stop_signals[0]; i++)
+        handle(stop_signals[i], on_stop);
+    handle(SIGUSR1, on_checkpoint);
+done:
+    return st;
+}
+
+void cln_console_close(cln_console *console)
+{
+    if (!console->progress)
+        return;
+    cln_progress_close(console->progress);
+    console->progress = NULL;
+    for (size_t i = 0; i < sizeof stop_signals / sizeof stop_signals[0]; i++)
+        handle(stop_signals[i], SIG_DFL);
+    handle(SIGUSR1, SIG_DFL);
+}
+
+/* ---- results ---- */
+
+cln_status cln_print_json(json_t *document)
+{
+    char *text = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(15)) : NULL;
+
+    json_decref(document);
+    if (!text)
+        return cln_fail(CLN_MEMORY,
+                        "results: cannot be put into JSON (out of memory or not UTF-8)");
+    puts(text);
+    free(text);
+    return CLN_OK;
+}
+
+void cln_format_real(double value, int decimals, char out[32])
+{
+    if (isfinite(value) && fabs(value) < 1e15)
+        snprintf(out, 32, "%.*f", decimals, value);
+    else
+        snprintf(out, 32, "-");
+}
+
+void cln_format_digest(uint64_t digest, char out[32])
+{
+    snprintf(out, 32, "%016llx", (unsigned long long)digest);
+}
+
+cln_status cln_flush_stdout(void)
+{
+    errno = 0;
+    if (fflush(stdout) == 0 && !ferror(stdout))
+        return CLN_OK;
+    if (errno == EPIPE) {
+        signal(SIGPIPE, SIG_DFL);
+        raise(SIGPIPE);
+    }
+    return cln_fail(CLN_OUTPUT, "standard output: %s", errno ? strerror(errno) : "write error");
+}

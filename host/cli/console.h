@@ -1,0 +1,37 @@
+/* What the commands share towards the person at the terminal: signals and the progress line as the
+ * library's callbacks, and results on standard output. Knows no command. */
+#ifndef CLN_CONSOLE_H
+#define CLN_CONSOLE_H
+
+#include <jansson.h>
+#include <stdint.h>
+#include "cli/options.h"
+#include "io/progress.h"
+
+/* Callbacks of a long command: a progress line, and signals. SIGINT and SIGTERM are handed on through
+ * callbacks.interrupted, a second one leaves at once; SIGUSR1 asks for a checkpoint. */
+typedef struct cln_console {
+    cln_callbacks callbacks; /* for the library; valid until close */
+    cln_progress *progress;
+    bool announced; /* the log says that a signal came */
+} cln_console;
+
+cln_status cln_console_open(const cln_options *options, cln_console *console);
+void cln_console_close(cln_console *console); /* ends the line; signals are as before */
+
+/* The live line of a training, as the manual shows it. */
+void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes);
+
+/* One JSON document and a newline on standard output; takes the reference. */
+cln_status cln_print_json(json_t *document);
+
+/* "%.2f", or "-" when not finite. */
+void cln_format_real(double value, int decimals, char out[32]);
+/* 16 hexadecimal digits, as in JSON and tables. */
+void cln_format_digest(uint64_t digest, char out[32]);
+
+/* Flushes standard output; CLN_OUTPUT if not all of it could be written. A reader that went away
+ * (`cl-nascent ... | head`) ends the process quietly, as SIGPIPE would have. */
+cln_status cln_flush_stdout(void);
+
+#endif

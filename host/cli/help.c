@@ -1,0 +1,217 @@
+/* Prints the option tables for people: name and value on the left, on the right the sentence, then
+ * what is legal and the default of each preset, wrapped to 80 columns. */
+#include "cli/help.h"
+
+#include <jansson.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/number.h"
+#include "cl_nascent.h"
+
+enum { LEFT = 26, RIGHT = 80 };
+
+static const struct {
+    const char *group, *title;
+} groups[] = {{"run", "Data, budgets, what a run leaves behind"},
+              {"network", "Leaf networks"},
+              {"tree", "Octree"},
+              {"sampling", "Sampling"},
+              {"optim", "Loss and optimiser"}};
+
+/* ---- layout ---- */
+
+/* Words of text from column `column` on, wrapped, later lines indented. */
+static void put_wrapped(FILE *to, int column, int indent, const char *text)
+{
+    bool first = true;
+
+    for (text += strspn(text, " "); *text; text += strspn(text, " ")) {
+        int length = (int)strcspn(text, " ");
+
+        if (!first && column + 1 + length > RIGHT) {
+            fprintf(to, "\n%*s", indent, "");
+            column = indent;
+        } else if (!first) {
+            fputc(' ', to);
+            column++;
+        }
+        fprintf(to, "%.*s", length, text);
+        column += length;
+        text += length;
+        first = false;
+    }
+    fputc('\n', to);
+}
+
+static void put_entry(FILE *to, const char *left, const char *help)
+{
+    int length = (int)strlen(left);
+
+    fputs(left, to);
+    if (length > LEFT - 2) {
+        fputc('\n', to);
+        length = 0;
+    }
+    fprintf(to, "%*s", LEFT - length, "");
+    put_wrapped(to, LEFT, LEFT, help);
+}
+
+/* ---- entries ---- */
+
+static void put_arg(FILE *to, const cln_arg *arg)
+{
+    char left[96], help[512], letter[8] = "";
+    const char *value = arg->value ? arg->value : arg->words;
+    bool range =
+        arg->kind == CLN_ARG_INT || arg->kind == CLN_ARG_OPTINT || arg->kind == CLN_ARG_REAL;
+    int used = 0;
+
+    if (arg->letter)
+        snprintf(letter, sizeof letter, "-%c, ", arg->letter);
+    if (!value)
+        snprintf(left, sizeof left, "  %s--%s%s", letter, arg->negatable ? "[no-]" : "", arg->name);
+    else if (arg->kind == CLN_ARG_OPTINT)
+        snprintf(left, sizeof left, "  %s--%s [%s]", letter, arg->name, value);
+    else
+        snprintf(left, sizeof left, "  %s--%s %s", letter, arg->name, value);
+    used = snprintf(help, sizeof help, "%s", arg->help);
+    if (range || arg->standard || arg->env) {
+        const char *comma = "";
+
+        used += snprintf(help + used, sizeof help - (size_t)used, " (");
+        if (range) {
+            used += snprintf(help + used, sizeof help - (size_t)used, "%.10g to %.10g", arg->min,
+                             arg->max);
+            comma = "; ";
+        }
+        if (arg->standard) {
+            used += snprintf(help + used, sizeof help - (size_t)used, "%sdefault %s", comma,
+                             arg->standard);
+            comma = "; ";
+        }
+        if (arg->env)
+            used += snprintf(help + used, sizeof help - (size_t)used, "%senvironment: %s", comma,
+                             arg->env);
+        snprintf(help + used, sizeof help - (size_t)used, ")");
+    }
+    put_entry(to, left, help);
+}
+
+static void put_row(FILE *to, const cln_config_row *row, const cln_config *fast,
+                    const cln_config *paper)
+{
+    char left[96], help[768], range[2 * CLN_NUMBER_BYTES + 8] = "";
+    char in_fast[CLN_TEXT_BYTES], in_paper[CLN_TEXT_BYTES];
+    char min[CLN_NUMBER_BYTES], max[CLN_NUMBER_BYTES];
+
+    cln_config_text(fast, row, in_fast);
+    cln_config_text(paper, row, in_paper);
+    if (row->type == CLN_ROW_BOOL)
+        snprintf(left, sizeof left, "  --[no-]%s", row->option);
+    else
+        snprintf(left, sizeof left, "  --%s %s", row->option,
+                 row->type == CLN_ROW_ENUM   ? row->words
+                 : row->type == CLN_ROW_TEXT ? "TEXT"
+                                             : "N");
+    if (row->type == CLN_ROW_INT) {
+        snprintf(range, sizeof range, "%.0f to %.0f; ", row->min, row->max);
+    } else if (row->type == CLN_ROW_REAL) {
+        cln_number_write(row->min, min);
+        cln_number_write(row->max, max);
+        snprintf(range, sizeof range, "%s to %s; ", min, max);
+    }
+    if (strcmp(in_fast, in_paper) == 0)
+        snprintf(help, sizeof help, "%s (%sdefault %s)", row->help, range,
+                 *in_fast ? in_fast : "none");
+    else
+        snprintf(help, sizeof help, "%s (%sfast %s, paper %s)", row->help, range,
+                 *in_fast ? in_fast : "none", *in_paper ? in_paper : "none");
+    put_entry(to, left, help);
+}
+
+static void put_rows(FILE *to, const cln_command *command)
+{
+    cln_config fast, paper;
+
+    if (cln_config_preset("fast", &fast) != CLN_OK || cln_config_preset("paper", &paper) != CLN_OK)
+        return;
+    for (size_t g = 0; g < sizeof groups / sizeof groups[0]; g++) {
+        bool titled = false;
+
+        for (int i = 0; i < cln_config_row_count; i++) {
+            const cln_config_row *row = &cln_config_rows[i];
+
+            if (strcmp(row->group, groups[g].group) != 0 || !cln_command_takes_row(command, row))
+                continue;
+            if (!titled)
+                fprintf(to, "\n%s:\n", groups[g].title);
+            titled = true;
+            put_row(to, row, &fast, &paper);
+        }
+    }
+}
+
+static void put_command(FILE *to, const cln_command *command)
+{
+    fprintf(to, "Usage: cl-nascent %s\n\n%s.\n", command->usage, command->purpose);
+    put_wrapped(to, 0, 0, command->notes);
+    fprintf(to, "\nOptions:\n");
+    for (int i = 0; i < cln_arg_count; i++) {
+        if (cln_command_takes_arg(command, &cln_args[i]))
+            put_arg(to, &cln_args[i]);
+    }
+    put_rows(to, command);
+}
+
+static void put_program(FILE *to)
+{
+    fprintf(to, "Usage: cl-nascent COMMAND [OPTIONS]\n\n"
+                "Posed photos in, a scene to look at from anywhere out, on any OpenCL device.\n\n"
+                "Commands:\n");
+    for (int i = 0; i < cln_command_count; i++)
+        fprintf(to, "  %-10s%s\n", cln_commands[i].name, cln_commands[i].purpose);
+    fprintf(to, "  %-10s%s\n", "help",
+            "This, or the options of a command: `cl-nascent help train`");
+    fprintf(to, "\n"
+                "  -h, --help            this help; after a command, its options\n"
+                "  -V, --version         version; with -v also of what the program stands on\n"
+                "\n"
+                "For example:\n"
+                "  cl-nascent devices\n"
+                "  cl-nascent train photos/ -o run/ --time-limit 10m\n"
+                "  cl-nascent eval run/\n"
+                "  cl-nascent render run/ --orbit 60\n"
+                "\n"
+                "Sizes are given as 512M or 4G, times as 90s, 10m or 2h. Results go to standard\n"
+                "output, log and progress to standard error. Which OpenCL devices there are is up\n"
+                "to the system's loader and drivers (OCL_ICD_VENDORS, POCL_DEVICES,\n"
+                "CUDA_VISIBLE_DEVICES and the like are theirs).\n"
+                "The manual, with exit codes and files: man cl-nascent\n");
+}
+
+void cln_help_print(FILE *to, const cln_command *command)
+{
+    if (command)
+        put_command(to, command);
+    else
+        put_program(to);
+}
+
+void cln_version_print(FILE *to, bool verbose)
+{
+    cln_device_info *devices = NULL;
+    int count = 0;
+
+    fprintf(to, "cl-nascent " CLN_VERSION "\n");
+    if (!verbose)
+        return;
+    fprintf(to, "jansson %s\n", jansson_version_str());
+    if (cln_devices_list(false, &devices, &count) != CLN_OK) {
+        cln_clear_error();
+        fprintf(to, "OpenCL: no device\n");
+    }
+    for (int i = 0; i < count; i++)
+        fprintf(to, "OpenCL: %s, %s: %s, driver %s\n", devices[i].platform, devices[i].version,
+                devices[i].name, devices[i].driver);
+    free(devices);
+}

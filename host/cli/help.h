@@ -1,0 +1,14 @@
+/* Help and version texts, made from the tables of option_table.h and base/config.h. */
+#ifndef CLN_HELP_H
+#define CLN_HELP_H
+
+#include <stdio.h>
+#include "cli/option_table.h"
+
+/* Of one command, or with NULL the list of commands. */
+void cln_help_print(FILE *to, const cln_command *command);
+
+/* "cl-nascent 0.1.0"; verbose: also the libraries and OpenCL platforms it runs on. */
+void cln_version_print(FILE *to, bool verbose);
+
+#endif

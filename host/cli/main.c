@@ -1,0 +1,50 @@
+/* main() and nothing else: options -> command -> exit code. Prints the error, once; every other part of
+ * the program only reports one. Tests link all of cli/ but this file. */
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include "base/log.h"
+#include "cli/console.h"
+#include "cli/help.h"
+#include "cli/options.h"
+
+static void print_error(cln_status st, const cln_command *command)
+{
+    const char *text = cln_error_text();
+
+    fflush(stdout);
+    fprintf(stderr, "cl-nascent: %s\n", *text ? text : cln_status_phrase(st));
+    if (st == CLN_USAGE)
+        fprintf(stderr, "try `cl-nascent %s%s--help`\n", command ? command->name : "",
+                command ? " " : "");
+}
+
+int main(int argc, char **argv)
+{
+    cln_status st = CLN_OK;
+    cln_status flushed = CLN_OK;
+    cln_options options = {0};
+
+    signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other trouble */
+    CLN_TRY(cln_options_parse(argc, argv, &options));
+    cln_log_set_level(options.quiet         ? CLN_LOG_WARN
+                      : options.verbose > 0 ? CLN_LOG_DEBUG
+                                            : CLN_LOG_INFO);
+    if (options.version)
+        cln_version_print(stdout, options.verbose > 0);
+    else if (options.help)
+        cln_help_print(stdout, options.command);
+    else
+        CLN_TRY(options.command->run(&options));
+done:
+    if (st != CLN_OK)
+        print_error(st, options.command);
+    cln_clear_error();
+    flushed = cln_flush_stdout();
+    if (st == CLN_OK && flushed != CLN_OK) {
+        st = flushed;
+        print_error(st, options.command);
+    }
+    cln_options_free(&options);
+    return cln_status_exit_code(st);
+}

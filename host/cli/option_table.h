@@ -1,0 +1,77 @@
+/* The command line as data: the commands, and the options that are no hyperparameters; beside them
+ * stand the rows of base/config.h. Parser, help and error suggestions all walk these tables, so they
+ * cannot drift apart. Only data and look-ups: nothing here reads an argument. */
+#ifndef CLN_OPTION_TABLE_H
+#define CLN_OPTION_TABLE_H
+
+#include <stddef.h>
+#include "base/config.h"
+
+struct cln_options;
+
+enum {
+    CLN_DEVICES = 1,
+    CLN_TRAIN = 2,
+    CLN_EVAL = 4,
+    CLN_RENDER = 8,
+    CLN_INFO = 16,
+    CLN_SELFTEST = 32
+};
+
+typedef struct cln_command {
+    const char *name;
+    unsigned bit;          /* CLN_DEVICES ... */
+    const char *operand;   /* "SCENE", or NULL if it takes none */
+    bool operand_required; /* train: not with --resume */
+    const char *usage, *purpose, *notes;
+    cln_status (*run)(const struct cln_options *options);
+} cln_command;
+
+extern const cln_command cln_commands[];
+extern const int cln_command_count;
+
+typedef enum {
+    CLN_ARG_FLAG,   /* bool; --name, and --no-name if negatable */
+    CLN_ARG_COUNT,  /* int; one more each time */
+    CLN_ARG_TEXT,   /* const char * */
+    CLN_ARG_WORD,   /* const char *, one of words */
+    CLN_ARG_INT,    /* int in [min, max] */
+    CLN_ARG_OPTINT, /* the same; the value may be left out */
+    CLN_ARG_REAL    /* double in [min, max] */
+} cln_arg_kind;
+
+typedef struct cln_arg {
+    const char *name;
+    char letter; /* 0 = none */
+    cln_arg_kind kind;
+    const char *value; /* how help names the value: "DIR" */
+    const char *words;
+    double min, max;
+    bool negatable;
+    const char *env;      /* environment variable that gives it when the command line does not */
+    const char *standard; /* the default as help shows it; NULL = nothing to show */
+    unsigned commands;
+    size_t offset; /* into cln_options */
+    const char *help;
+} cln_arg;
+
+enum { CLN_ARGS_MAX = 64 };
+
+extern const cln_arg cln_args[];
+extern const int cln_arg_count;
+
+/* Does this row of the table belong to the command (NULL: none does)? */
+bool cln_command_takes_row(const cln_command *command, const cln_config_row *row);
+bool cln_command_takes_arg(const cln_command *command, const cln_arg *arg);
+
+/* By name ([length], need not end there) or letter, among what the command takes; NULL if not. */
+const cln_command *cln_command_find(const char *name);
+const cln_arg *cln_arg_find(const cln_command *command, const char *name, size_t length);
+const cln_arg *cln_arg_find_letter(const cln_command *command, char letter);
+const cln_config_row *cln_row_find(const cln_command *command, const char *name, size_t length);
+
+/* CLN_USAGE for a name that is in no table of the command: whose it is, or which one it resembles. */
+cln_status cln_fail_option(const cln_command *command, const char *name, size_t length);
+cln_status cln_fail_command(const char *name);
+
+#endif

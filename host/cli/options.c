@@ -1,0 +1,506 @@
+/* The parser over the tables of options.h. Two passes: first every argument is matched and what sets a
+ * hyperparameter is put aside, then the base settings (preset, or the run to resume) are fetched and
+ * the rest is applied in the order given; so an option's place on the line never matters.
+ *
+ *   precedence   command line > environment > preset (or the resumed run)
+ *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   --            */
+#include "cli/options.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "base/number.h"
+
+static const int orbit_frames_standard = 60;
+
+/* A row of the table to be set, in the order of the line. */
+typedef struct setting {
+    const cln_config_row *row;
+    const char *text;
+} setting;
+
+typedef struct parser {
+    int argc;
+    char **argv;
+    int at; /* next argument */
+    cln_options *out;
+    setting *settings; /* [argc] */
+    int setting_count;
+    bool given[CLN_ARGS_MAX]; /* by row of cln_args */
+} parser;
+
+/* ---- values ---- */
+
+static void *field_of(cln_options *options, const cln_arg *arg)
+{
+    return (char *)options + arg->offset;
+}
+
+static cln_status fail_range(const cln_arg *arg, const char *text)
+{
+    return cln_fail(CLN_USAGE, "--%s: '%s' is not a %snumber from %.10g to %.10g", arg->name, text,
+                    arg->kind == CLN_ARG_REAL ? "" : "whole ", arg->min, arg->max);
+}
+
+static bool is_word_of(const char *words, const char *text)
+{
+    size_t wanted = strlen(text);
+
+    for (; *words; words += words[0] == '|') {
+        size_t length = strcspn(words, "|");
+        if (length == wanted && memcmp(words, text, length) == 0)
+            return true;
+        words += length;
+    }
+    return false;
+}
+
+static cln_status number_in_range(const cln_arg *arg, const char *text, double *value)
+{
+    if (!cln_reals_read(text, 1, value) || !(*value >= arg->min && *value <= arg->max) ||
+        (arg->kind != CLN_ARG_REAL && *value != floor(*value)))
+        return fail_range(arg, text);
+    return CLN_OK;
+}
+
+static cln_status set_arg(cln_options *out, const cln_arg *arg, const char *text)
+{
+    cln_status st = CLN_OK;
+    void *field = field_of(out, arg);
+    double value = 0;
+
+    switch (arg->kind) {
+    case CLN_ARG_FLAG:
+        *(bool *)field = true;
+        break;
+    case CLN_ARG_COUNT:
+        ++*(int *)field;
+        break;
+    case CLN_ARG_WORD:
+        if (!is_word_of(arg->words, text))
+            return cln_fail(CLN_USAGE, "--%s: '%s' is not one of %s", arg->name, text, arg->words);
+        *(const char **)field = text;
+        break;
+    case CLN_ARG_TEXT:
+        if (!*text)
+            return cln_fail(CLN_USAGE, "--%s: the value is empty", arg->name);
+        *(const char **)field = text;
+        break;
+    case CLN_ARG_INT:
+    case CLN_ARG_OPTINT:
+        CLN_TRY(number_in_range(arg, text, &value));
+        *(int *)field = (int)value;
+        break;
+    case CLN_ARG_REAL:
+        CLN_TRY(number_in_range(arg, text, &value));
+        *(double *)field = value;
+        break;
+    }
+done:
+    return st;
+}
+
+/* The value of an option: after '=', or the next argument. Negative numbers are values; what starts
+ * with "--" is the next option. */
+static cln_status take_value(parser *p, const char *name, const char *form, const char *attached,
+                             const char **text)
+{
+    *text = attached;
+    if (attached)
+        return CLN_OK;
+    if (p->at >= p->argc || strncmp(p->argv[p->at], "--", 2) == 0)
+        return cln_fail(CLN_USAGE, "--%s needs a value: --%s %s", name, name, form);
+    *text = p->argv[p->at++];
+    return CLN_OK;
+}
+
+static const char *form_of_arg(const cln_arg *arg)
+{
+    return arg->value ? arg->value : arg->words;
+}
+
+static const char *form_of_row(const cln_config_row *row)
+{
+    if (row->type == CLN_ROW_ENUM)
+        return row->words;
+    return row->type == CLN_ROW_TEXT ? "TEXT" : "N";
+}
+
+static cln_status apply_arg(parser *p, const cln_arg *arg, const char *attached)
+{
+    cln_status st = CLN_OK;
+    const char *text = NULL;
+
+    p->given[arg - cln_args] = true;
+    if (arg->kind == CLN_ARG_FLAG || arg->kind == CLN_ARG_COUNT) {
+        if (attached)
+            return cln_fail(CLN_USAGE, "--%s takes no value", arg->name);
+    } else if (arg->kind == CLN_ARG_OPTINT && !attached) {
+        /* "--orbit RUN" as well as "--orbit 60 RUN": only digits are taken for its value. */
+        text = p->at < p->argc ? p->argv[p->at] : "";
+        if (*text && text[strspn(text, "0123456789")] == 0) {
+            p->at++;
+        } else {
+            *(int *)field_of(p->out, arg) = orbit_frames_standard;
+            return CLN_OK;
+        }
+    } else {
+        CLN_TRY(take_value(p, arg->name, form_of_arg(arg), attached, &text));
+    }
+    CLN_TRY(set_arg(p->out, arg, text));
+done:
+    return st;
+}
+
+static void put_aside(parser *p, const cln_config_row *row, const char *text)
+{
+    p->settings[p->setting_count++] = (setting){row, text};
+}
+
+/* ---- one argument ---- */
+
+static cln_status parse_long(parser *p, const char *argument)
+{
+    cln_status st = CLN_OK;
+    const cln_command *command = p->out->command;
+    const char *name = argument + 2;
+    size_t length = strcspn(name, "=");
+    const char *attached = name[length] ? name + length + 1 : NULL;
+    const cln_arg *arg = cln_arg_find(command, name, length);
+    const cln_config_row *row = arg ? NULL : cln_row_find(command, name, length);
+    const char *text = NULL;
+
+    if (arg) {
+        CLN_TRY(apply_arg(p, arg, attached));
+    } else if (row && row->type == CLN_ROW_BOOL) {
+        put_aside(p, row, attached ? attached : "yes");
+    } else if (row) {
+        CLN_TRY(take_value(p, row->option, form_of_row(row), attached, &text));
+        put_aside(p, row, text);
+    } else if (strncmp(name, "no-", 3) == 0 && !attached) {
+        arg = cln_arg_find(command, name + 3, length - 3);
+        row = cln_row_find(command, name + 3, length - 3);
+        if (arg && arg->negatable)
+            *(bool *)field_of(p->out, arg) = false;
+        else if (row && row->type == CLN_ROW_BOOL)
+            put_aside(p, row, "no");
+        else
+            st = cln_fail_option(command, name, length);
+    } else {
+        st = cln_fail_option(command, name, length);
+    }
+done:
+    return st;
+}
+
+/* "-q", "-qv", "-o DIR", "-oDIR". */
+static cln_status parse_letters(parser *p, const char *argument)
+{
+    cln_status st = CLN_OK;
+
+    for (const char *letter = argument + 1; *letter; letter++) {
+        const cln_arg *arg = cln_arg_find_letter(p->out->command, *letter);
+        bool valued = arg && arg->kind != CLN_ARG_FLAG && arg->kind != CLN_ARG_COUNT;
+
+        if (!arg)
+            return cln_fail(CLN_USAGE, "-%c: there is no such option", *letter);
+        CLN_TRY(apply_arg(p, arg, valued && letter[1] ? letter + 1 : NULL));
+        if (valued)
+            break;
+    }
+done:
+    return st;
+}
+
+static cln_status parse_operand(parser *p, const char *argument)
+{
+    const cln_command *command = p->out->command;
+
+    if (!command->operand)
+        return cln_fail(CLN_USAGE, "'%s': %s takes nothing but options", argument, command->name);
+    if (p->out->operand)
+        return cln_fail(CLN_USAGE, "'%s': %s takes one %s, and that is '%s' already", argument,
+                        command->name, command->operand, p->out->operand);
+    p->out->operand = argument;
+    return CLN_OK;
+}
+
+static cln_status parse_rest(parser *p)
+{
+    cln_status st = CLN_OK;
+    bool only_operands = false;
+
+    while (p->at < p->argc) {
+        const char *argument = p->argv[p->at++];
+        if (only_operands || argument[0] != '-' || !argument[1])
+            st = parse_operand(p, argument);
+        else if (strcmp(argument, "--") == 0)
+            only_operands = true;
+        else if (argument[1] == '-')
+            st = parse_long(p, argument);
+        else
+            st = parse_letters(p, argument);
+        CLN_TRY(st);
+    }
+done:
+    return st;
+}
+
+/* ---- the first word ---- */
+
+/* help [CMD], --help, --version [-v], or a command. */
+static cln_status parse_first(parser *p)
+{
+    cln_options *out = p->out;
+    const char *first = p->argc > 1 ? p->argv[1] : NULL;
+
+    if (!first)
+        return cln_fail(CLN_USAGE, "a command is missing");
+    p->at = 2;
+    if (strcmp(first, "help") == 0) {
+        out->help = true;
+        if (p->at < p->argc && p->argv[p->at][0] != '-') {
+            out->command = cln_command_find(p->argv[p->at]);
+            if (!out->command)
+                return cln_fail_command(p->argv[p->at]);
+            p->at++;
+        }
+        if (p->at < p->argc)
+            return cln_fail(CLN_USAGE, "'%s': help takes one command", p->argv[p->at]);
+        return CLN_OK;
+    }
+    if (first[0] == '-') {
+        p->at = 1;
+        for (; p->at < p->argc && p->argv[p->at][0] == '-'; p->at++) {
+            const char *argument = p->argv[p->at];
+            if (strcmp(argument, "--help") == 0 || strcmp(argument, "-h") == 0)
+                out->help = true;
+            else if (strcmp(argument, "--version") == 0 || strcmp(argument, "-V") == 0)
+                out->version = true;
+            else if (strcmp(argument, "--verbose") == 0 || strcmp(argument, "-v") == 0)
+                out->verbose++;
+            else
+                return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
+        }
+        if (!out->help && !out->version)
+            return cln_fail(CLN_USAGE, "%s: options come after the command", first);
+        return CLN_OK;
+    }
+    out->command = cln_command_find(first);
+    return out->command ? CLN_OK : cln_fail_command(first);
+}
+
+/* ---- what one argument alone cannot decide ---- */
+
+static void read_environment(parser *p)
+{
+    for (int i = 0; i < cln_arg_count; i++) {
+        const cln_arg *arg = &cln_args[i];
+        const char *text = arg->env ? getenv(arg->env) : NULL;
+
+        /* Only TEXT options have a variable, so nothing can be wrong with the value here. */
+        if (text && *text && cln_command_takes_arg(p->out->command, arg))
+            *(const char **)field_of(p->out, arg) = text;
+    }
+}
+
+static bool is_given(const parser *p, const char *name)
+{
+    const cln_arg *arg = cln_arg_find(p->out->command, name, strlen(name));
+
+    return arg && p->given[arg - cln_args];
+}
+
+/* "+N" of a budget: the run's own plus N. */
+static cln_status extend(cln_config *config, const cln_config_row *row, const char *more)
+{
+    cln_status st = CLN_OK;
+    cln_config added = *config;
+    char before[CLN_TEXT_BYTES], after[CLN_TEXT_BYTES];
+    double a = 0, b = 0;
+
+    cln_config_text(config, row, before);
+    CLN_TRY(cln_config_set(&added, row, more));
+    cln_config_text(&added, row, after);
+    if (!cln_reals_read(before, 1, &a) || !cln_reals_read(after, 1, &b) || a == 0)
+        return cln_fail(CLN_USAGE, "--%s +%s: the run has no such budget to extend; give --%s %s",
+                        row->option, more, row->option, "N for the whole");
+    snprintf(after, sizeof after, row->type == CLN_ROW_INT ? "%.0f" : "%.17g", a + b);
+    CLN_TRY(cln_config_set(config, row, after));
+done:
+    return st;
+}
+
+static bool is_budget(const cln_config_row *row)
+{
+    return strcmp(row->option, "steps") == 0 || strcmp(row->option, "epochs") == 0 ||
+           strcmp(row->option, "time-limit") == 0;
+}
+
+static cln_status apply_settings(parser *p)
+{
+    cln_status st = CLN_OK;
+    cln_options *out = p->out;
+    cln_config base = {0};
+
+    if (out->resume)
+        CLN_TRY(cln_run_config(out->resume, &out->config, NULL));
+    else
+        CLN_TRY(cln_config_preset(out->preset, &out->config));
+    base = out->config;
+    for (int i = 0; i < p->setting_count; i++) {
+        const cln_config_row *row = p->settings[i].row;
+        const char *text = p->settings[i].text;
+
+        if (is_budget(row) && text[0] == '+') {
+            cln_config extended = base; /* of two "+N" the last counts, like of any option */
+            char value[CLN_TEXT_BYTES];
+
+            if (!out->resume)
+                return cln_fail(CLN_USAGE, "--%s %s: only a run can be extended; give --resume RUN",
+                                row->option, text);
+            CLN_TRY(extend(&extended, row, text + 1));
+            cln_config_text(&extended, row, value);
+            CLN_TRY(cln_config_set(&out->config, row, value));
+        } else {
+            CLN_TRY(cln_config_set(&out->config, row, text));
+        }
+    }
+    CLN_TRY(cln_config_check(&out->config));
+done:
+    return st;
+}
+
+static cln_status check_train(const parser *p)
+{
+    const cln_options *out = p->out;
+
+    if (out->resume && out->output)
+        return cln_fail(CLN_USAGE, "--output '%s': --resume '%s' names the folder already",
+                        out->output, out->resume);
+    if (out->resume && is_given(p, "preset"))
+        return cln_fail(CLN_USAGE,
+                        "--preset: a resumed run keeps its settings; give single options");
+    if (!out->resume && !out->operand)
+        return cln_fail(CLN_USAGE, "train: a SCENE is missing (or --resume RUN)");
+    if (!out->resume && !out->output)
+        return cln_fail(CLN_USAGE, "train: name the folder to write with -o RUN");
+    return CLN_OK;
+}
+
+static cln_status check_render(const parser *p)
+{
+    static const char *const of_orbit[] = {"elevation", "radius", "width", "height", "fov"};
+    const cln_options *out = p->out;
+
+    if (out->orbit_frames && is_given(p, "split"))
+        return cln_fail(CLN_USAGE, "--orbit and --split exclude each other");
+    for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++) {
+        if (!out->orbit_frames && is_given(p, of_orbit[i]))
+            return cln_fail(CLN_USAGE, "--%s only means something with --orbit", of_orbit[i]);
+    }
+    if (out->orbit_frames && out->max_images)
+        return cln_fail(CLN_USAGE,
+                        "--max-images only means something with --split; give --orbit N");
+    return CLN_OK;
+}
+
+/* A terminal that cannot redraw a line, or a log that keeps every redraw: plain lines instead. */
+static void settle_progress(parser *p)
+{
+    const char *term = getenv("TERM");
+    const char *ci = getenv("CI");
+
+    if (p->out->quiet && !is_given(p, "progress"))
+        p->out->progress = "none";
+    else if (strcmp(p->out->progress, "auto") == 0 &&
+             ((term && strcmp(term, "dumb") == 0) || (ci && *ci)))
+        p->out->progress = "line";
+}
+
+static cln_status settle(parser *p)
+{
+    cln_status st = CLN_OK;
+    cln_options *out = p->out;
+    unsigned bit = out->command->bit;
+
+    settle_progress(p);
+    if (bit == CLN_TRAIN)
+        CLN_TRY(check_train(p));
+    else if (bit == CLN_RENDER)
+        CLN_TRY(check_render(p));
+    if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "%s: a %s is missing", out->command->name, out->command->operand));
+    if (bit & (CLN_TRAIN | CLN_INFO))
+        CLN_TRY(apply_settings(p));
+done:
+    return st;
+}
+
+/* The line as one could type it again; for run.json. */
+static cln_status quote_line(int argc, char **argv, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t bytes = 1;
+    char *to = NULL;
+
+    for (int i = 0; i < argc; i++)
+        bytes += 4 * strlen(argv[i]) + 3;
+    CLN_TRY(cln_alloc(out, bytes, 1, "command line"));
+    to = *out;
+    for (int i = 0; i < argc; i++) {
+        bool plain = *argv[i] && !strpbrk(argv[i], " \t\n'\"\\$`*?[]{}()<>|&;#~!");
+
+        if (i > 0)
+            *to++ = ' ';
+        if (!plain)
+            *to++ = '\'';
+        for (const char *from = argv[i]; *from; from++) {
+            if (*from == '\'')
+                to = stpcpy(to, "'\\''");
+            else
+                *to++ = *from;
+        }
+        if (!plain)
+            *to++ = '\'';
+    }
+    *to = 0;
+done:
+    return st;
+}
+
+cln_status cln_options_parse(int argc, char **argv, cln_options *out)
+{
+    cln_status st = CLN_OK;
+    parser p = {.argc = argc, .argv = argv, .out = out};
+
+    *out = (cln_options){.preset = "fast",
+                         .split = "test",
+                         .progress = "auto",
+                         .test = true,
+                         .save_images = true,
+                         .elevation = 25,
+                         .radius = 1};
+    CLN_TRY(cln_alloc(&p.settings, (size_t)argc + 1, sizeof *p.settings, "options"));
+    CLN_TRY(quote_line(argc, argv, &out->line));
+    CLN_TRY(parse_first(&p));
+    if (!out->command || out->help)
+        goto done;
+    read_environment(&p);
+    CLN_TRY(parse_rest(&p));
+    if (!out->help && !out->version)
+        CLN_TRY(settle(&p));
+done:
+    free(p.settings);
+    return st;
+}
+
+void cln_options_free(cln_options *options)
+{
+    free(options->line);
+    options->line = NULL;
+}

@@ -1,0 +1,204 @@
+/* Buffers with accounting, launches with timing, error names. */
+#include "device/device.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+typedef struct cln_pending {
+    cl_event event;
+    cln_stage stage;
+} pending_event;
+
+const char *cln_cl_name(cl_int code)
+{
+    static const struct {
+        cl_int code;
+        const char *name;
+    } names[] = {
+#define N(x) {x, #x}
+        N(CL_SUCCESS), N(CL_DEVICE_NOT_FOUND), N(CL_DEVICE_NOT_AVAILABLE),
+        N(CL_COMPILER_NOT_AVAILABLE), N(CL_MEM_OBJECT_ALLOCATION_FAILURE), N(CL_OUT_OF_RESOURCES),
+        N(CL_OUT_OF_HOST_MEMORY), N(CL_BUILD_PROGRAM_FAILURE), N(CL_INVALID_VALUE),
+        N(CL_INVALID_DEVICE), N(CL_INVALID_CONTEXT), N(CL_INVALID_QUEUE_PROPERTIES),
+        N(CL_INVALID_COMMAND_QUEUE), N(CL_INVALID_MEM_OBJECT), N(CL_INVALID_BINARY),
+        N(CL_INVALID_BUILD_OPTIONS), N(CL_INVALID_PROGRAM), N(CL_INVALID_PROGRAM_EXECUTABLE),
+        N(CL_INVALID_KERNEL_NAME), N(CL_INVALID_KERNEL_DEFINITION), N(CL_INVALID_KERNEL),
+        N(CL_INVALID_ARG_INDEX), N(CL_INVALID_ARG_VALUE), N(CL_INVALID_ARG_SIZE),
+        N(CL_INVALID_KERNEL_ARGS), N(CL_INVALID_WORK_DIMENSION), N(CL_INVALID_WORK_GROUP_SIZE),
+        N(CL_INVALID_WORK_ITEM_SIZE), N(CL_INVALID_GLOBAL_OFFSET), N(CL_INVALID_EVENT_WAIT_LIST),
+        N(CL_INVALID_OPERATION), N(CL_INVALID_BUFFER_SIZE), N(CL_INVALID_GLOBAL_WORK_SIZE),
+#undef N
+    };
+
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+        if (names[i].code == code)
+            return names[i].name;
+    return "unknown OpenCL error";
+}
+
+cln_status cln_cl_failed(const char *call, cl_int code)
+{
+    const bool memory = code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY;
+
+    return cln_fail(memory ? CLN_MEMORY : CLN_CL, "%.*s: %s (%d)", (int)strcspn(call, "("), call,
+                    cln_cl_name(code), (int)code);
+}
+
+cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what)
+{
+    cln_status st = CLN_OK;
+    cl_int code = CL_SUCCESS;
+
+    if (bytes < 16)
+        bytes = 16;
+    if (buffer->mem && buffer->bytes >= bytes)
+        return CLN_OK;
+    cln_buffer_free(device, buffer);
+    if (bytes > device->max_alloc)
+        return cln_fail(CLN_MEMORY,
+                        "%s: %.0f MiB in one buffer, but %s allows %.0f MiB; lower --batch-samples, "
+                        "--n1 or the network's size",
+                        what, (double)bytes / 1048576, device->info.name,
+                        (double)device->max_alloc / 1048576);
+    if (device->limit && device->allocated + bytes > device->limit)
+        return cln_fail(CLN_MEMORY,
+                        "%s: %.0f MiB more would pass the device memory limit of %.0f MiB; raise "
+                        "--device-mem or lower --batch-samples, --n1 or the network's size",
+                        what, (double)bytes / 1048576, (double)device->limit / 1048576);
+    buffer->mem = clCreateBuffer(device->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
+    if (code != CL_SUCCESS) {
+        buffer->mem = NULL;
+        st = cln_cl_failed("clCreateBuffer", code);
+        cln_note("allocating %.0f MiB for %s", (double)bytes / 1048576, what);
+        return st;
+    }
+    buffer->bytes = bytes;
+    device->allocated += bytes;
+    if (device->allocated > device->peak)
+        device->peak = device->allocated;
+    return CLN_OK;
+}
+
+void cln_buffer_free(cln_device *device, cln_buffer *buffer)
+{
+    if (buffer->mem) {
+        clReleaseMemObject(buffer->mem);
+        device->allocated -= buffer->bytes;
+    }
+    buffer->mem = NULL;
+    buffer->bytes = 0;
+}
+
+cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t offset,
+                            const void *data, size_t bytes)
+{
+    cln_status st = CLN_OK;
+
+    if (bytes == 0)
+        return CLN_OK;
+    CLN_ASSERT(offset + bytes <= buffer->bytes);
+    CLN_CL(clEnqueueWriteBuffer(device->queue, buffer->mem, CL_TRUE, offset, bytes, data, 0, NULL,
+                                NULL));
+done:
+    return st;
+}
+
+cln_status cln_buffer_read(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
+                           size_t bytes)
+{
+    cln_status st = CLN_OK;
+
+    if (bytes == 0)
+        return CLN_OK;
+    CLN_ASSERT(offset + bytes <= buffer->bytes);
+    CLN_CL(clEnqueueReadBuffer(device->queue, buffer->mem, CL_TRUE, offset, bytes, data, 0, NULL,
+                               NULL));
+done:
+    return st;
+}
+
+cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t bytes)
+{
+    cln_status st = CLN_OK;
+    const cl_uint zero = 0;
+
+    if (bytes == 0)
+        return CLN_OK;
+    CLN_ASSERT(bytes <= buffer->bytes && bytes % 4 == 0);
+    CLN_CL(clEnqueueFillBuffer(device->queue, buffer->mem, &zero, sizeof zero, 0, bytes, 0, NULL,
+                               NULL));
+done:
+    return st;
+}
+
+static cln_status settle(cln_device *device)
+{
+    for (int i = 0; i < device->pending_count; i++) {
+        cl_ulong start = 0, end = 0;
+        const cl_event event = device->pending[i].event;
+
+        if (clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_START, sizeof start, &start, NULL) ==
+                CL_SUCCESS &&
+            clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_END, sizeof end, &end, NULL) ==
+                CL_SUCCESS &&
+            end > start)
+            device->stage_seconds[device->pending[i].stage] += 1e-9 * (double)(end - start);
+        clReleaseEvent(event);
+    }
+    device->pending_count = 0;
+    return CLN_OK;
+}
+
+cln_status cln_device_finish(cln_device *device)
+{
+    cln_status st = CLN_OK;
+
+    CLN_CL(clFinish(device->queue));
+done:
+    settle(device);
+    return st;
+}
+
+cln_status cln_launch(cln_device *device, cl_kernel kernel, cln_stage stage, size_t groups,
+                      size_t local, const cln_arg *args, int count)
+{
+    cln_status st = CLN_OK;
+    const size_t global = groups * local;
+    cl_event event = NULL;
+    cl_int code = CL_SUCCESS;
+    char name[64] = "";
+
+    if (groups == 0)
+        return CLN_OK;
+    for (int i = 0; i < count && code == CL_SUCCESS; i++)
+        code = clSetKernelArg(kernel, (cl_uint)i, args[i].bytes, args[i].value);
+    if (code == CL_SUCCESS)
+        code = clEnqueueNDRangeKernel(device->queue, kernel, 1, NULL, &global, &local, 0, NULL,
+                                      &event);
+    if (code != CL_SUCCESS) {
+        clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, NULL);
+        st = cln_cl_failed("launch", code);
+        cln_note("launching kernel %s with %zu groups of %zu", name, groups, local);
+        goto done;
+    }
+    if (device->pending_count == device->pending_capacity) {
+        const int capacity = device->pending_capacity ? 2 * device->pending_capacity : 256;
+        pending_event *bigger = NULL;
+
+        CLN_TRY(cln_alloc(&bigger, (size_t)capacity, sizeof *bigger, "event list"));
+        if (device->pending_count)
+            memcpy(bigger, device->pending, (size_t)device->pending_count * sizeof *bigger);
+        free(device->pending);
+        device->pending = bigger;
+        device->pending_capacity = capacity;
+    }
+    device->pending[device->pending_count++] = (pending_event){event, stage};
+    event = NULL;
+done:
+    if (event)
+        clReleaseEvent(event);
+    return st;
+}

@@ -1,0 +1,276 @@
+/* Listing, picking and opening devices; tuning parameters. Programs are in program.c, buffers and
+ * launches in buffer.c. */
+#include "device/device.h"
+
+#include <ctype.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "device/device_list.h"
+
+const char *const cln_stage_names[CLN_STAGES] = {
+#define X(name, text) text,
+    CLN_STAGE_LIST(X)
+#undef X
+};
+
+static const struct {
+    const char *name;
+    size_t offset;
+    int cpu, gpu, min, max;
+} tune_rows[] = {
+#define X(field, name, cpu, gpu, min, max, meaning)                                                \
+    {name, offsetof(cln_tune, field), cpu, gpu, min, max},
+    CLN_TUNE_LIST(X)
+#undef X
+};
+enum { TUNE_ROWS = sizeof tune_rows / sizeof tune_rows[0] };
+
+static int *tune_field(cln_tune *tune, int row)
+{
+    return (int *)((char *)tune + tune_rows[row].offset);
+}
+
+void cln_tune_text(const cln_tune *tune, char out[256])
+{
+    int used = 0;
+
+    for (int i = 0; i < TUNE_ROWS; i++)
+        used += snprintf(out + used, 256 - (size_t)used, "%s%s=%d", i ? "," : "", tune_rows[i].name,
+                         *tune_field((cln_tune *)tune, i));
+}
+
+cln_status cln_tune_parse(const char *text, cln_tune *tune)
+{
+    while (*text) {
+        const size_t length = strcspn(text, "=,");
+        int row = 0;
+        char *end = NULL;
+        long value = 0;
+
+        while (row < TUNE_ROWS && (strlen(tune_rows[row].name) != length ||
+                                   strncmp(tune_rows[row].name, text, length) != 0))
+            row++;
+        if (row == TUNE_ROWS || text[length] != '=')
+            return cln_fail(CLN_USAGE,
+                            "--tune: '%.*s' is no tuning parameter; use VW, NV, LS, TS, NB, SL, WG "
+                            "or CHUNK with =NUMBER, comma separated",
+                            (int)length, text);
+        value = strtol(text + length + 1, &end, 10);
+        if (end == text + length + 1 || (*end && *end != ',') || value < tune_rows[row].min ||
+            value > tune_rows[row].max)
+            return cln_fail(CLN_USAGE, "--tune: %s takes a whole number from %d to %d",
+                            tune_rows[row].name, tune_rows[row].min, tune_rows[row].max);
+        *tune_field(tune, row) = (int)value;
+        text = *end ? end + 1 : end;
+    }
+    return CLN_OK;
+}
+
+static cln_tune default_tune(cl_device_id id, bool cpu)
+{
+    cln_tune tune;
+    cl_uint native = 0;
+
+    for (int i = 0; i < TUNE_ROWS; i++)
+        *tune_field(&tune, i) = cpu ? tune_rows[i].cpu : tune_rows[i].gpu;
+    if (tune.vw == 0) {
+        clGetDeviceInfo(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof native, &native, NULL);
+        tune.vw = native >= 16 ? 16 : native >= 8 ? 8 : 4;
+    }
+    return tune;
+}
+
+double cln_now(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void device_text(cl_device_id id, cl_device_info what, char *out, size_t bytes)
+{
+    memset(out, 0, bytes);
+    clGetDeviceInfo(id, what, bytes - 1, out, NULL);
+}
+
+void cln_device_describe(cl_device_id id, cln_device_info *info)
+{
+    cl_platform_id platform = NULL;
+    cl_device_type type = 0;
+    cl_ulong global = 0, alloc = 0;
+    cl_uint units = 0;
+
+    memset(info, 0, sizeof *info);
+    clGetDeviceInfo(id, CL_DEVICE_PLATFORM, sizeof platform, &platform, NULL);
+    clGetPlatformInfo(platform, CL_PLATFORM_NAME, sizeof info->platform - 1, info->platform, NULL);
+    device_text(id, CL_DEVICE_NAME, info->name, sizeof info->name);
+    device_text(id, CL_DEVICE_VENDOR, info->vendor, sizeof info->vendor);
+    device_text(id, CL_DRIVER_VERSION, info->driver, sizeof info->driver);
+    device_text(id, CL_DEVICE_VERSION, info->version, sizeof info->version);
+    clGetDeviceInfo(id, CL_DEVICE_TYPE, sizeof type, &type, NULL);
+    clGetDeviceInfo(id, CL_DEVICE_GLOBAL_MEM_SIZE, sizeof global, &global, NULL);
+    clGetDeviceInfo(id, CL_DEVICE_MAX_MEM_ALLOC_SIZE, sizeof alloc, &alloc, NULL);
+    clGetDeviceInfo(id, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof units, &units, NULL);
+    snprintf(info->type, sizeof info->type, "%s",
+             type & CL_DEVICE_TYPE_GPU   ? "gpu"
+             : type & CL_DEVICE_TYPE_CPU ? "cpu"
+                                         : "accelerator");
+    info->global_mem = (double)global;
+    info->max_alloc = (double)alloc;
+    info->compute_units = (int)units;
+}
+
+cln_status cln_device_ids(cl_device_id **out, int *count)
+{
+    cln_status st = CLN_OK;
+    cl_uint platforms = 0;
+    cl_platform_id ids[64];
+    int total = 0;
+
+    *out = NULL;
+    *count = 0;
+    CLN_TRY(cln_alloc(out, 64 * 16, sizeof **out, "device list"));
+    if (clGetPlatformIDs(64, ids, &platforms) != CL_SUCCESS)
+        platforms = 0;
+    for (cl_uint p = 0; p < platforms && p < 64; p++) {
+        cl_uint found = 0;
+
+        if (clGetDeviceIDs(ids[p], CL_DEVICE_TYPE_ALL, 16, *out + total, &found) == CL_SUCCESS)
+            total += found < 16 ? (int)found : 16;
+    }
+    *count = total;
+    if (total == 0)
+        st = cln_fail(CLN_NO_DEVICE,
+                      "no OpenCL device found%s; install a driver: pocl-opencl-icd runs on any CPU "
+                      "(apt-get install pocl-opencl-icd), GPUs need their vendor's (intel-opencl-icd, "
+                      "mesa-opencl-icd, nvidia-opencl-icd)",
+                      platforms ? "" : " (the loader knows no platform)");
+done:
+    if (st != CLN_OK) {
+        free(*out);
+        *out = NULL;
+    }
+    return st;
+}
+
+static bool contains(const char *text, const char *part)
+{
+    const size_t n = strlen(part);
+
+    for (; *text; text++) {
+        size_t i = 0;
+
+        while (i < n && text[i] && tolower((unsigned char)text[i]) == tolower((unsigned char)part[i]))
+            i++;
+        if (i == n)
+            return true;
+    }
+    return false;
+}
+
+/* Does device number `row` answer to spec? "auto" is resolved by the caller. */
+static bool matches(const char *spec, int row, const cln_device_info *info)
+{
+    char number[16];
+
+    snprintf(number, sizeof number, "%d", row);
+    if (strcmp(spec, number) == 0)
+        return true;
+    if (strcmp(spec, "gpu") == 0 || strcmp(spec, "cpu") == 0)
+        return strcmp(info->type, spec) == 0;
+    if (spec[strspn(spec, "0123456789")] == 0)
+        return false;
+    return contains(info->name, spec) || contains(info->vendor, spec) ||
+           contains(info->platform, spec);
+}
+
+static cln_status pick(const char *spec, const cl_device_id *ids, int count, int *out)
+{
+    static const char *const preference[] = {"gpu", "accelerator", "cpu"};
+
+    if (!spec || !*spec || strcmp(spec, "auto") == 0) {
+        for (int p = 0; p < 3; p++)
+            for (int i = 0; i < count; i++) {
+                cln_device_info info;
+
+                cln_device_describe(ids[i], &info);
+                if (strcmp(info.type, preference[p]) == 0) {
+                    *out = i;
+                    return CLN_OK;
+                }
+            }
+        *out = 0;
+        return CLN_OK;
+    }
+    for (int i = 0; i < count; i++) {
+        cln_device_info info;
+
+        cln_device_describe(ids[i], &info);
+        if (matches(spec, i, &info)) {
+            *out = i;
+            return CLN_OK;
+        }
+    }
+    return cln_fail(CLN_NO_DEVICE,
+                    "--device %s: none of the %d OpenCL device(s) matches; `cl-nascent devices` lists "
+                    "them, --device takes a row number, cpu, gpu or part of a name",
+                    spec, count);
+}
+
+cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
+{
+    cln_status st = CLN_OK;
+    cl_device_id *ids = NULL;
+    cln_device *device = NULL;
+    cl_ulong local = 0;
+    cl_int code = CL_SUCCESS;
+    int count = 0, index = 0;
+
+    *out = NULL;
+    CLN_TRY(cln_device_ids(&ids, &count));
+    CLN_TRY(pick(desc->spec, ids, count, &index));
+    CLN_TRY(cln_alloc(&device, 1, sizeof *device, "device"));
+    device->id = ids[index];
+    cln_device_describe(device->id, &device->info);
+    clGetDeviceInfo(device->id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof local, &local, NULL);
+    device->local_mem = (size_t)local;
+    device->max_alloc = (size_t)device->info.max_alloc;
+    device->tune = default_tune(device->id, strcmp(device->info.type, "cpu") == 0);
+    if (desc->tune)
+        CLN_TRY(cln_tune_parse(desc->tune, &device->tune));
+    CLN_TRY(cln_strdup(&device->kernel_dir, desc->kernel_dir));
+    device->context = clCreateContext(NULL, 1, &device->id, NULL, NULL, &code);
+    CLN_CL(code);
+    device->queue =
+        clCreateCommandQueue(device->context, device->id, CL_QUEUE_PROFILING_ENABLE, &code);
+    CLN_CL(code);
+    cln_debug("device %d: %s (%s, driver %s)", index, device->info.name, device->info.platform,
+              device->info.driver);
+    *out = device;
+    device = NULL;
+done:
+    free(ids);
+    cln_device_close(device);
+    return st;
+}
+
+void cln_device_close(cln_device *device)
+{
+    if (!device)
+        return;
+    if (device->queue) {
+        cln_device_finish(device);
+        clReleaseCommandQueue(device->queue);
+    }
+    if (device->context)
+        clReleaseContext(device->context);
+    free(device->pending);
+    free(device->kernel_dir);
+    free(device);
+}

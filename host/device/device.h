@@ -1,0 +1,152 @@
+/* OpenCL, wrapped once: pick a device, build programs, own buffers, launch kernels, account for time and
+ * memory. Every OpenCL call's failure comes out as a cln_status with the call's and the code's name.
+ * Devices differ by the parameters in cln_tune, not by code. One thread at a time per cln_device. */
+#ifndef CLN_DEVICE_H
+#define CLN_DEVICE_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include "cl.h"
+#include "cl_nascent.h"
+
+/* Tuning parameters: X(field, name, cpu, gpu, min, max, meaning). From this list: the struct, the
+ * defaults, the parser of "VW=8,TS=6" and its range check, the text form. */
+#define CLN_TUNE_LIST(X)                                                                           \
+    X(vw, "VW", 0, 1, 1, 16, "floats per vector; cpu 0 = the device's native width")               \
+    X(nv, "NV", 2, 1, 1, 8, "vectors per work-item in a tile")                                     \
+    X(ls, "LS", 1, 64, 1, 1024, "work-items of a network work-group")                              \
+    X(ts, "TS", 6, 8, 1, 32, "samples of a register tile")                                         \
+    X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")                    \
+    X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")                    \
+    X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")                    \
+    X(chunk, "CHUNK", 1024, 64, 16, 65536, "elements one work-item scans or sorts in turn")
+
+typedef struct cln_tune {
+#define X(field, name, cpu, gpu, min, max, meaning) int field;
+    CLN_TUNE_LIST(X)
+#undef X
+} cln_tune;
+
+/* Stages whose device time is accounted for, in the order of the pipeline. */
+#define CLN_STAGE_LIST(X)                                                                          \
+    X(UPLOAD, "upload")                                                                            \
+    X(RAYS, "rays")                                                                                \
+    X(PROJECT, "project")                                                                          \
+    X(SORT, "sort")                                                                                \
+    X(INTERVALS, "intervals")                                                                      \
+    X(SAMPLES, "samples")                                                                          \
+    X(GROUP, "group")                                                                              \
+    X(FORWARD, "networks forward")                                                                 \
+    X(COMPOSITE, "composite")                                                                      \
+    X(BACKWARD, "networks backward")                                                               \
+    X(ADAM, "adam")                                                                                \
+    X(REFRESH, "stage 1 refresh")                                                                  \
+    X(STRUCTURE, "structure")                                                                      \
+    X(OTHER, "other")
+
+typedef enum cln_stage {
+#define X(name, text) CLN_STAGE_##name,
+    CLN_STAGE_LIST(X)
+#undef X
+    CLN_STAGES
+} cln_stage;
+extern const char *const cln_stage_names[CLN_STAGES];
+
+typedef struct cln_device {
+    cl_device_id id;
+    cl_context context;
+    cl_command_queue queue;
+    cln_device_info info;
+    cln_tune tune;
+    char *kernel_dir;
+    size_t local_mem, max_alloc;
+    size_t allocated, peak; /* bytes of live buffers, and the most so far */
+    size_t limit;           /* allocations beyond this fail; 0 = only the device's own limits */
+    double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
+    struct cln_pending *pending; /* events not yet accounted for */
+    int pending_count, pending_capacity;
+} cln_device;
+
+/* Picks by desc->spec (cl_nascent.h) and opens. */
+cln_status cln_device_open(const cln_device_desc *desc, cln_device **out);
+void cln_device_close(cln_device *device); /* accepts NULL */
+
+/* Waits for all work and adds the events' times to stage_seconds. */
+cln_status cln_device_finish(cln_device *device);
+
+/* "VW=8,NV=2,..."; 128 bytes are enough. */
+void cln_tune_text(const cln_tune *tune, char out[256]);
+/* Applies "VW=8,TS=6"; CLN_USAGE names what is wrong and the range. */
+cln_status cln_tune_parse(const char *text, cln_tune *tune);
+
+/* ---- programs ---- */
+
+typedef struct cln_program {
+    cl_program program;
+    char name[32];
+} cln_program;
+
+/* Builds prelude (device_abi.h, lanes.h, rng.h, and camera.h where used) + NAME.cl, with `defines` as
+ * "#define A 1" lines in the source text itself (some drivers' caches ignore -D). CLN_BUILD has the
+ * first error line; the whole log goes to the log at warn level. */
+cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
+                             cln_program *out);
+void cln_program_free(cln_program *program);
+cln_status cln_kernel_create(const cln_program *program, const char *name, cl_kernel *out);
+void cln_kernel_free(cl_kernel *kernel);
+
+/* ---- buffers ---- */
+
+typedef struct cln_buffer {
+    cl_mem mem;
+    size_t bytes;
+} cln_buffer;
+
+/* Makes *buffer hold at least `bytes` (contents are lost when it grows; at least 16 bytes are there,
+ * so that a kernel always gets a valid buffer). `what` is for the CLN_MEMORY sentence. */
+cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what);
+void cln_buffer_free(cln_device *device, cln_buffer *buffer);
+cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t offset,
+                            const void *data, size_t bytes);
+cln_status cln_buffer_read(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
+                           size_t bytes);
+cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t bytes);
+
+/* ---- launches ---- */
+
+typedef struct cln_arg {
+    size_t bytes;
+    const void *value;
+} cln_arg;
+
+#define CLN_ARG(x) {sizeof(x), &(x)}
+
+/* One-dimensional: `groups` groups of `local` work-items; groups 0 launches nothing. */
+cln_status cln_launch(cln_device *device, cl_kernel kernel, cln_stage stage, size_t groups,
+                      size_t local, const cln_arg *args, int count);
+#define CLN_LAUNCH(device, kernel, stage, groups, local, ...)                                      \
+    cln_launch(device, kernel, stage, groups, local, (const cln_arg[]){__VA_ARGS__},               \
+               (int)(sizeof((const cln_arg[]){__VA_ARGS__}) / sizeof(cln_arg)))
+
+/* ceil(a / b). */
+static inline size_t cln_groups(size_t a, size_t b)
+{
+    return (a + b - 1) / b;
+}
+
+/* Name of an OpenCL error code, "CL_OUT_OF_RESOURCES". */
+const char *cln_cl_name(cl_int code);
+cln_status cln_cl_failed(const char *call, cl_int code);
+#define CLN_CL(call)                                                                               \
+    do {                                                                                           \
+        const cl_int code_ = (call);                                                               \
+        if (code_ != CL_SUCCESS) {                                                                 \
+            st = cln_cl_failed(#call, code_);                                                      \
+            goto done;                                                                             \
+        }                                                                                          \
+    } while (0)
+
+/* Monotonic seconds. */
+double cln_now(void);
+
+#endif

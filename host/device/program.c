@@ -1,0 +1,164 @@
+/* Programs from embedded or on-disk kernel files. A program's source is handed over as an array of
+ * lines with #line marks, so that build errors name the real file and line; nothing is included at
+ * device-compile time. */
+#include "device/device.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "device/kernel_source.h"
+
+/* Texts gathered for clCreateProgramWithSource; `owned` ones are freed. */
+typedef struct source {
+    const char **text;
+    char **owned;
+    int count, capacity, owned_count;
+} source;
+
+static cln_status append(source *s, const char *text)
+{
+    cln_status st = CLN_OK;
+
+    if (s->count == s->capacity) {
+        const int capacity = s->capacity ? 2 * s->capacity : 1024;
+        const char **bigger = NULL;
+
+        CLN_TRY(cln_alloc(&bigger, (size_t)capacity, sizeof *bigger, "kernel source"));
+        if (s->count)
+            memcpy(bigger, s->text, (size_t)s->count * sizeof *bigger);
+        free(s->text);
+        s->text = bigger;
+        s->capacity = capacity;
+    }
+    s->text[s->count++] = text;
+done:
+    return st;
+}
+
+static cln_status own(source *s, char *text)
+{
+    cln_status st = CLN_OK;
+
+    CLN_ASSERT(s->owned_count < 16);
+    s->owned[s->owned_count++] = text;
+    CLN_TRY(append(s, text));
+done:
+    return st;
+}
+
+static cln_status append_file(cln_device *device, source *s, const char *name)
+{
+    cln_status st = CLN_OK;
+    char *mark = NULL, *path = NULL, *text = NULL;
+    size_t bytes = 0;
+
+    CLN_TRY(cln_asprintf(&mark, "#line 1 \"%s\"\n", name));
+    CLN_TRY(own(s, mark));
+    if (device->kernel_dir) {
+        CLN_TRY(cln_path_join(&path, device->kernel_dir, name));
+        if (cln_is_file(path)) { /* files that are not there come from the binary */
+            CLN_TRY(cln_read_file(path, 1 << 20, &text, &bytes));
+            CLN_TRY(own(s, text));
+            goto done;
+        }
+    }
+    for (const cln_kernel_source *k = cln_kernel_sources; k->name; k++)
+        if (strcmp(k->name, name) == 0) {
+            for (const char *const *line = k->lines; *line; line++)
+                CLN_TRY(append(s, *line));
+            goto done;
+        }
+    st = cln_fail(CLN_INTERNAL, "kernel file %s is not embedded", name);
+done:
+    free(path);
+    return st;
+}
+
+static void log_build(cln_device *device, const cln_program *program)
+{
+    size_t bytes = 0;
+    char *log = NULL;
+
+    clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes);
+    if (bytes > 1 && cln_alloc(&log, bytes + 1, 1, "build log") == CLN_OK) {
+        clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, bytes, log, NULL);
+        for (char *line = strtok(log, "\n"); line; line = strtok(NULL, "\n"))
+            cln_warn("%s.cl: %s", program->name, line);
+    }
+    free(log);
+}
+
+cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
+                             cln_program *out)
+{
+    cln_status st = CLN_OK;
+    const bool uses_camera =
+        strcmp(name, "rays") == 0 || strcmp(name, "splat") == 0 || strcmp(name, "stats") == 0;
+    char *owned[16] = {0}, *copy = NULL, *file = NULL;
+    source s = {.owned = owned};
+    cl_int code = CL_SUCCESS;
+
+    memset(out, 0, sizeof *out);
+    snprintf(out->name, sizeof out->name, "%s", name);
+    CLN_TRY(cln_strdup(&copy, defines ? defines : ""));
+    CLN_TRY(own(&s, copy));
+    CLN_TRY(append_file(device, &s, "device_abi.h"));
+    CLN_TRY(append_file(device, &s, "lanes.h"));
+    CLN_TRY(append_file(device, &s, "rng.h"));
+    if (uses_camera)
+        CLN_TRY(append_file(device, &s, "camera.h"));
+    CLN_TRY(cln_asprintf(&file, "%s.cl", name));
+    CLN_TRY(append_file(device, &s, file));
+    out->program =
+        clCreateProgramWithSource(device->context, (cl_uint)s.count, s.text, NULL, &code);
+    CLN_CL(code);
+    code = clBuildProgram(out->program, 1, &device->id, "-cl-std=CL1.2", NULL, NULL);
+    if (code != CL_SUCCESS) {
+        log_build(device, out);
+        st = cln_fail(CLN_BUILD,
+                      "kernel program %s.cl does not build on %s (driver %s): %s; its log is above, "
+                      "%s",
+                      name, device->info.name, device->info.driver, cln_cl_name(code),
+                      device->kernel_dir ? "mend the file in --kernel-dir or leave the option out"
+                                         : "please report it with the output of `cl-nascent devices`");
+    }
+done:
+    for (int i = 0; i < s.owned_count; i++)
+        free(owned[i]);
+    free(s.text);
+    free(file);
+    if (st != CLN_OK)
+        cln_program_free(out);
+    return st;
+}
+
+void cln_program_free(cln_program *program)
+{
+    if (program->program)
+        clReleaseProgram(program->program);
+    program->program = NULL;
+}
+
+cln_status cln_kernel_create(const cln_program *program, const char *name, cl_kernel *out)
+{
+    cl_int code = CL_SUCCESS;
+
+    *out = clCreateKernel(program->program, name, &code);
+    if (code == CL_SUCCESS)
+        return CLN_OK;
+    *out = NULL;
+    cln_cl_failed("clCreateKernel", code);
+    cln_note("creating kernel %s of %s.cl", name, program->name);
+    return CLN_CL;
+}
+
+void cln_kernel_free(cl_kernel *kernel)
+{
+    if (*kernel)
+        clReleaseKernel(*kernel);
+    *kernel = NULL;
+}

@@ -1,0 +1,176 @@
+/* Stages from samples to updated weights: group, forward, composite, backward, Adam; the refresh of
+ * stage 1 and the statistics that structure decisions need. */
+#include "engine/stages.h"
+
+#include <string.h>
+
+cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const cl_uint n = sample_count, leaves = (cl_uint)p->leaves, slice = (cl_uint)p->tune.sl;
+    const size_t wg = (size_t)p->tune.wg, bytes = (size_t)n * sizeof(cl_uint);
+    int bits = 1;
+
+    *slice_count = 0;
+    while (bits < 32 && (leaves - 1) >> bits)
+        bits++;
+    for (int b = 0; b < 2; b++) {
+        CLN_TRY(cln_buffer_reserve(device, &p->keys[b], bytes, "group keys"));
+        CLN_TRY(cln_buffer_reserve(device, &p->values[b], bytes, "group order"));
+    }
+    CLN_TRY(cln_buffer_zero(device, &p->begin, leaves * sizeof(cl_uint)));
+    CLN_TRY(cln_buffer_zero(device, &p->end, leaves * sizeof(cl_uint)));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_keys, CLN_STAGE_GROUP, cln_groups(n, wg), wg,
+                       CLN_ARG(p->samples.mem), CLN_ARG(p->keys[0].mem), CLN_ARG(p->values[0].mem),
+                       CLN_ARG(n)));
+    CLN_TRY(cln_stage_sort(p, p->keys, p->values, n, bits, false, CLN_STAGE_GROUP));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_bounds, CLN_STAGE_GROUP, cln_groups(n, wg), wg,
+                       CLN_ARG(p->keys[0].mem), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+                       CLN_ARG(n)));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_slice_counts, CLN_STAGE_GROUP, cln_groups(leaves, wg), wg,
+                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_counts.mem),
+                       CLN_ARG(leaves), CLN_ARG(slice)));
+    CLN_TRY(cln_stage_scan(p, &p->slice_counts, &p->slice_starts, leaves, CLN_STAGE_GROUP,
+                           slice_count));
+    CLN_TRY(cln_buffer_reserve(device, &p->slices, *slice_count * sizeof(cln_slice), "slices"));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_slices, CLN_STAGE_GROUP, cln_groups(leaves, wg), wg,
+                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem),
+                       CLN_ARG(p->slices.mem), CLN_ARG(leaves), CLN_ARG(slice)));
+done:
+    return st;
+}
+
+cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                             bool training, uint32_t step_key)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const cl_uint slices = slice_count, key = step_key;
+    const size_t n = sample_count, acts = (size_t)cln_pipeline_acts(&p->net) * sizeof(float);
+
+    CLN_TRY(cln_buffer_reserve(device, &p->out, n * 4 * sizeof(float), "sample colours"));
+    CLN_TRY(cln_buffer_reserve(device, &p->acts, training ? n * acts : 0, "activations"));
+    CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
+                       CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_ARG(p->params.mem),
+                       CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
+                       CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
+                       CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key)));
+done:
+    return st;
+}
+
+cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth)
+{
+    const cl_uint rays = (cl_uint)n, axis = axis_depth;
+    const size_t wg = (size_t)p->tune.wg;
+
+    return CLN_LAUNCH(p->device, p->k.composite, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
+                      CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem),
+                      CLN_ARG(p->backgrounds.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->results.mem),
+                      CLN_ARG(rays), CLN_ARG(axis));
+}
+
+cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count)
+{
+    cln_status st = CLN_OK;
+    const cl_uint rays = (cl_uint)n;
+    const size_t wg = (size_t)p->tune.wg;
+    const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
+    const cl_float cauchy = (float)p->config.cauchy, opacity = (float)p->config.opacity_entropy;
+    const cl_float distort = (float)p->config.distortion_loss;
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->dout, (size_t)sample_count * 4 * sizeof(float),
+                               "sample gradients"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
+                       CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem),
+                       CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem), CLN_ARG(p->dout.mem),
+                       CLN_ARG(p->results.mem), CLN_ARG(rays), CLN_ARG(scale), CLN_ARG(huber),
+                       CLN_ARG(cauchy), CLN_ARG(opacity), CLN_ARG(distort)));
+done:
+    return st;
+}
+
+cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key)
+{
+    cln_status st = CLN_OK;
+    const cl_uint slices = slice_count, key = step_key;
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->grads,
+                               (size_t)slice_count * (size_t)p->net.params * sizeof(float),
+                               "weight gradients"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
+                       CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem), CLN_ARG(p->boxes.mem),
+                       CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem),
+                       CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
+                       CLN_ARG(p->dout.mem), CLN_ARG(p->acts.mem), CLN_ARG(p->grads.mem),
+                       CLN_ARG(slices), CLN_ARG(key)));
+done:
+    return st;
+}
+
+cln_status cln_stage_adam(cln_pipeline *p, double lr)
+{
+    cln_status st = CLN_OK;
+    const size_t wg = (size_t)p->tune.wg, leaves = (size_t)p->leaves;
+    const cl_uint count = (cl_uint)leaves, min_samples = (cl_uint)p->config.min_leaf_samples;
+    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, 1024);
+    const cl_float rate = (float)lr, beta1 = (float)p->config.beta1, beta2 = (float)p->config.beta2;
+    const cl_float epsilon = (float)p->config.epsilon, view_l2 = (float)p->config.view_l2;
+
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
+                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
+                       CLN_ARG(p->params.mem), CLN_ARG(p->norms.mem), CLN_ARG(count),
+                       CLN_ARG(min_samples)));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.adam, CLN_STAGE_ADAM, leaves * parts, (size_t)p->tune.ls,
+                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem),
+                       CLN_ARG(p->grads.mem), CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem),
+                       CLN_ARG(p->params.mem), CLN_ARG(p->adam_m.mem), CLN_ARG(p->adam_v.mem),
+                       CLN_ARG(p->transposed.mem), CLN_ARG(parts), CLN_ARG(min_samples),
+                       CLN_ARG(rate), CLN_ARG(beta1), CLN_ARG(beta2), CLN_ARG(epsilon),
+                       CLN_ARG(view_l2)));
+done:
+    return st;
+}
+
+cln_status cln_stage_refresh(cln_pipeline *p, bool jitter, uint64_t seed, uint32_t step)
+{
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, first = 0, key = step, shake = jitter;
+    const cl_uint per_leaf = (cl_uint)cln_groups((size_t)n1 * n1 * n1, cells);
+    const cl_uint2 words = {{(cl_uint)seed, (cl_uint)(seed >> 32)}};
+
+    return CLN_LAUNCH(p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)p->leaves * per_leaf,
+                      (size_t)p->tune.ls, CLN_ARG(p->params.mem), CLN_ARG(p->boxes.mem),
+                      CLN_ARG(p->density.mem), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
+                      CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(first));
+}
+
+cln_status cln_stage_seen(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    const cl_uint n1 = (cl_uint)p->config.n1, views = (cl_uint)p->training_views;
+    const cl_uint total = (cl_uint)p->leaves * n1 * n1 * n1;
+    const size_t wg = 64;
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->seen, total, "visibility of cells"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_seen, CLN_STAGE_STRUCTURE, cln_groups(total, wg), wg,
+                       CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_ARG(p->seen.mem),
+                       CLN_ARG(n1), CLN_ARG(views), CLN_ARG(total)));
+done:
+    return st;
+}
+
+cln_status cln_stage_stats(cln_pipeline *p, float *stats)
+{
+    cln_status st = CLN_OK;
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = n1 * n1 * n1, leaves = (cl_uint)p->leaves;
+    const size_t bytes = (size_t)leaves * 2 * sizeof(float);
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->leaf_stats, bytes, "leaf statistics"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, leaves, 1,
+                       CLN_ARG(p->density.mem), CLN_ARG(p->seen.mem), CLN_ARG(p->leaf_stats.mem),
+                       CLN_ARG(cells), CLN_ARG(leaves)));
+    CLN_TRY(cln_buffer_read(p->device, &p->leaf_stats, 0, stats, bytes));
+done:
+    return st;
+}

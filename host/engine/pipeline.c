@@ -1,0 +1,163 @@
+/* What goes into and comes out of the pipeline's buffers: tree and weights, cameras, batches. */
+#include "engine/stages.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+static cln_status put(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes,
+                      const char *what)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_buffer_reserve(device, buffer, bytes, what));
+    CLN_TRY(cln_buffer_write(device, buffer, 0, data, bytes));
+done:
+    return st;
+}
+
+static size_t cells(const cln_pipeline *p)
+{
+    return (size_t)p->config.n1 * (size_t)p->config.n1 * (size_t)p->config.n1;
+}
+
+static cln_status upload_training(cln_pipeline *p, const cln_model *model)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const size_t leaves = (size_t)p->leaves, weights = leaves * (size_t)p->net.params;
+    const size_t transposed = leaves * (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
+    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, 1024);
+
+    CLN_TRY(put(device, &p->adam_m, model->adam_m, weights * sizeof(float), "Adam's first moments"));
+    CLN_TRY(put(device, &p->adam_v, model->adam_v, weights * sizeof(float), "Adam's second moments"));
+    CLN_TRY(put(device, &p->adam_steps, model->adam_steps, leaves * sizeof(cl_int), "step counts"));
+    CLN_TRY(cln_buffer_reserve(device, &p->norms, leaves * sizeof(float), "norms"));
+    CLN_TRY(cln_buffer_reserve(device, &p->transposed, transposed, "transposed weights"));
+    CLN_TRY(CLN_LAUNCH(device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts, (size_t)p->tune.ls,
+                       CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem), CLN_ARG(parts)));
+done:
+    return st;
+}
+
+cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    float *boxes = NULL;
+    int32_t *map = NULL;
+    const size_t leaves = (size_t)model->tree.leaf_count;
+
+    p->leaves = (int)leaves;
+    p->depth = cln_octree_depth(&model->tree);
+    CLN_TRY(cln_octree_boxes(&model->tree, &boxes));
+    CLN_TRY(cln_octree_map(&model->tree, p->depth, &map));
+    CLN_TRY(put(device, &p->boxes, boxes, leaves * 4 * sizeof(float), "leaf boxes"));
+    CLN_TRY(put(device, &p->map, map, sizeof(int32_t) << (3 * p->depth), "leaf map"));
+    CLN_TRY(put(device, &p->params, model->params, leaves * (size_t)p->net.params * sizeof(float),
+                "network weights"));
+    CLN_TRY(cln_buffer_reserve(device, &p->density, leaves * cells(p) * sizeof(uint16_t),
+                               "stage-1 densities"));
+    if (model->density)
+        CLN_TRY(cln_buffer_write(device, &p->density, 0, model->density,
+                                 leaves * cells(p) * sizeof(uint16_t)));
+    CLN_TRY(cln_buffer_reserve(device, &p->begin, leaves * sizeof(cl_uint), "leaf runs"));
+    CLN_TRY(cln_buffer_reserve(device, &p->end, leaves * sizeof(cl_uint), "leaf runs"));
+    CLN_TRY(cln_buffer_reserve(device, &p->slice_counts, leaves * sizeof(cl_uint), "slice counts"));
+    CLN_TRY(cln_buffer_reserve(device, &p->slice_starts, (leaves + 1) * sizeof(cl_uint),
+                               "slice counts"));
+    if (training)
+        CLN_TRY(upload_training(p, model));
+done:
+    free(boxes);
+    free(map);
+    return st;
+}
+
+cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const size_t leaves = (size_t)p->leaves;
+    const size_t bytes = leaves * (size_t)p->net.params * sizeof(float);
+
+    CLN_ASSERT(model->tree.leaf_count == p->leaves);
+    CLN_TRY(cln_buffer_read(device, &p->params, 0, model->params, bytes));
+    if (training) {
+        CLN_TRY(cln_buffer_read(device, &p->adam_m, 0, model->adam_m, bytes));
+        CLN_TRY(cln_buffer_read(device, &p->adam_v, 0, model->adam_v, bytes));
+        CLN_TRY(cln_buffer_read(device, &p->adam_steps, 0, model->adam_steps,
+                                leaves * sizeof(int32_t)));
+        CLN_TRY(cln_buffer_read(device, &p->density, 0, model->density,
+                                leaves * cells(p) * sizeof(uint16_t)));
+    }
+done:
+    return st;
+}
+
+static cln_device_camera normalised(const cln_camera *c, const double centre[3], double half)
+{
+    cln_device_camera out = {.fx = (float)c->fx,
+                             .fy = (float)c->fy,
+                             .cx = (float)c->cx,
+                             .cy = (float)c->cy,
+                             .k1 = (float)c->k1,
+                             .k2 = (float)c->k2,
+                             .p1 = (float)c->p1,
+                             .p2 = (float)c->p2,
+                             .width = c->width,
+                             .height = c->height};
+
+    for (int row = 0; row < 3; row++) {
+        for (int column = 0; column < 3; column++)
+            out.c2w[4 * row + column] = (float)c->c2w[4 * row + column];
+        out.c2w[4 * row + 3] = (float)((c->c2w[4 * row + 3] - centre[row]) / half);
+    }
+    return out;
+}
+
+cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
+                                const double centre[3], double half)
+{
+    cln_status st = CLN_OK;
+
+    free(p->host_cameras);
+    p->view_count = 0;
+    CLN_TRY(cln_alloc(&p->host_cameras, (size_t)count, sizeof *p->host_cameras, "cameras"));
+    for (int i = 0; i < count; i++)
+        p->host_cameras[i] = normalised(cameras[i], centre, half);
+    CLN_TRY(put(p->device, &p->cameras, p->host_cameras, (size_t)count * sizeof *p->host_cameras,
+                "cameras"));
+    p->view_count = count;
+done:
+    return st;
+}
+
+cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
+                              const float *backgrounds)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const size_t rays = (size_t)n, vector = 4 * sizeof(float);
+    const size_t all = rays + (size_t)cln_pipeline_extra_rays(p);
+
+    CLN_TRY(put(device, &p->pixels, pixels, rays * sizeof *pixels, "pixels"));
+    CLN_TRY(cln_buffer_reserve(device, &p->ray_o, all * vector, "rays"));
+    CLN_TRY(cln_buffer_reserve(device, &p->ray_d, all * vector, "rays"));
+    CLN_TRY(cln_buffer_reserve(device, &p->results, rays * sizeof(cln_ray_result), "ray results"));
+    CLN_TRY(put(device, &p->backgrounds, backgrounds, (p->ray_background ? rays : 1) * vector,
+                "backgrounds"));
+    if (targets)
+        CLN_TRY(put(device, &p->targets, targets, rays * vector, "targets"));
+    if (p->config.stage1 == CLN_STAGE1_SPLAT) {
+        free(p->host_pixels);
+        p->host_rays = 0;
+        CLN_TRY(cln_alloc(&p->host_pixels, rays, sizeof *pixels, "pixels"));
+        if (rays)
+            memcpy(p->host_pixels, pixels, rays * sizeof *pixels);
+        p->host_rays = n;
+    }
+done:
+    return st;
+}

@@ -1,0 +1,233 @@
+/* Builds the pipeline's programs for one network and scene: everything that is constant for a run is a
+ * constant of the kernels, and what the scene does not need is not compiled in. */
+#include "engine/stages.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+int cln_pipeline_acts(const cln_network *net)
+{
+    return net->depth * net->width + (net->view_dependence ? net->view_width : 0);
+}
+
+int cln_pipeline_transposed(const cln_network *net)
+{
+    return (net->depth - 1) * net->width * net->width +
+           (net->view_dependence ? net->view_width * net->width : 0);
+}
+
+/* Local memory of one work-group of mlp_backward, the largest, per sample of NB. */
+static size_t bytes_per_sample(const cln_network *net)
+{
+    const int view = net->view_dependence ? net->view_width : 0;
+
+    return sizeof(float) *
+           (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 1);
+}
+
+/* Vectors, tiles and blocks that divide this network and fit the local memory. */
+static void fit_tune(const cln_device *device, const cln_network *net, cln_tune *tune)
+{
+    const int view = net->view_dependence ? net->view_width : net->width;
+    const int narrow = net->width < view ? net->width : view;
+    const size_t local = device->local_mem * 7 / 8;
+
+    *tune = device->tune;
+    while (tune->vw > narrow)
+        tune->vw /= 2;
+    while (tune->ls > 1 && (narrow % (tune->vw * tune->ls) || tune->vw * tune->ls > narrow))
+        tune->ls /= 2;
+    while (tune->nv > 1 && (net->width % (tune->vw * tune->nv * tune->ls) ||
+                            view % (tune->vw * tune->nv * tune->ls)))
+        tune->nv--;
+    tune->nb = tune->nb < tune->ts ? tune->ts : tune->nb / tune->ts * tune->ts;
+    while (tune->nb > tune->ts && (size_t)tune->nb * bytes_per_sample(net) > local)
+        tune->nb -= tune->ts;
+    while (tune->ts > 1 && (size_t)tune->ts * bytes_per_sample(net) > local)
+        tune->nb = --tune->ts;
+    tune->sl = tune->sl < tune->nb ? tune->nb : tune->sl / tune->nb * tune->nb;
+}
+
+/* Text that grows; a failed allocation shows up in `st`. */
+typedef struct text {
+    char *text;
+    size_t used, capacity;
+    cln_status st;
+} text;
+
+static void line(text *t, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+static void line(text *t, const char *fmt, ...)
+{
+    va_list args;
+
+    if (t->st != CLN_OK || t->used + 512 > t->capacity)
+        return;
+    va_start(args, fmt);
+    t->used += (size_t)vsnprintf(t->text + t->used, t->capacity - t->used, fmt, args);
+    va_end(args);
+    t->text[t->used++] = '\n';
+    t->text[t->used] = 0;
+}
+
+/* "#define NAME(i) ((i) == 0 ? a : (i) == 1 ? b : c)" */
+static void table(text *t, const char *name, const int *values, int count)
+{
+    char expression[512];
+    int used = snprintf(expression, sizeof expression, "(");
+
+    for (int i = 0; i < count - 1; i++)
+        used += snprintf(expression + used, sizeof expression - (size_t)used, "(i) == %d ? %d : ", i,
+                         values[i]);
+    line(t, "#define %s(i) %s%d)", name, expression, values[count - 1]);
+}
+
+/* A float literal that reads back exactly, with a sign that cannot fuse with what stands before. */
+static void real(text *t, const char *name, double value)
+{
+    line(t, "#define %s (%.9ef)", name, value);
+}
+
+cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
+{
+    const cln_config *c = &p->config;
+    const cln_network *net = &p->net;
+    const cln_tune *tune = &p->tune;
+    text t = {.capacity = 8192};
+
+    *out = NULL;
+    t.st = cln_alloc(&t.text, t.capacity, 1, "kernel defines");
+    line(&t, "#define VW %d\n#define NV %d\n#define LS %d\n#define TS %d\n#define NB %d", tune->vw,
+         tune->nv, tune->ls, tune->ts, tune->nb);
+    line(&t, "#define WIDTH %d\n#define DEPTH %d\n#define BANDS %d\n#define ENC_PAD %d", net->width,
+         net->depth, net->bands, net->enc_pad);
+    line(&t, "#define SKIP (%d)", net->skip_layer);
+    line(&t, "#define VIEW %d\n#define VIEW_BANDS %d\n#define DIR_PAD %d\n#define COLOUR %d",
+         net->view_dependence ? net->view_width : 0, net->view_bands, net->dir_pad,
+         net->colour_width);
+    line(&t, "#define VIEW_ROWS %d", net->width + net->dir_pad);
+    table(&t, "TRUNK_W", net->trunk_w, net->depth);
+    table(&t, "TRUNK_B", net->trunk_b, net->depth);
+    line(&t, "#define SIGMA_W %d\n#define SIGMA_B %d\n#define VIEW_W %d\n#define VIEW_B %d",
+         net->sigma_w, net->sigma_b, net->view_w, net->view_b);
+    line(&t, "#define COLOUR_W %d\n#define COLOUR_B %d\n#define PARAMS %d", net->colour_w,
+         net->colour_b, net->params);
+    line(&t, "#define DENSITY %d", c->density);
+    real(&t, "KAPPA", c->density_scale);
+    real(&t, "BIAS", cln_network_density_bias(c));
+    real(&t, "SLOPE_LOWER", c->rrelu_lower);
+    real(&t, "SLOPE_UPPER", c->rrelu_upper);
+    line(&t, "#define RRELU %d\n#define BANDS_BY_LEVEL %d", c->rrelu_scope, c->bands_by_level);
+    line(&t, "#define NOISE_ON %d", c->density_noise > 0);
+    real(&t, "NOISE", c->density_noise);
+    line(&t, "#define DISTORTION %d\n#define RAY_BACKGROUND %d", p->distortion, p->ray_background);
+    line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
+         c->allocate, c->cdf, c->lists);
+    line(&t, "#define LOSS %d\n#define CAUCHY %d\n#define OPACITY %d\n#define DISTORT %d", c->loss,
+         c->cauchy > 0, c->opacity_entropy > 0, c->distortion_loss > 0);
+    line(&t, "#define PART 1024\n#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
+    *out = t.text;
+    return t.st;
+}
+
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
+                               bool ray_background, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+    char *defines = NULL, *wide = NULL;
+
+    memset(out, 0, sizeof *out);
+    out->device = device;
+    out->config = *config;
+    out->distortion = distortion;
+    out->ray_background = ray_background;
+    CLN_TRY(cln_network_layout(config, &out->net));
+    fit_tune(device, &out->net, &out->tune);
+    if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
+        st = cln_fail(CLN_MEMORY,
+                      "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
+                      "%zu in all; lower --width or --view-width",
+                      out->net.width, out->net.view_width, bytes_per_sample(&out->net),
+                      device->info.name, device->local_mem);
+        goto done;
+    }
+    CLN_TRY(cln_pipeline_defines(out, &defines));
+    CLN_TRY(cln_asprintf(&wide, "%s#define KEY_BITS 64\n", defines));
+#define BUILD(program) CLN_TRY(cln_program_build(device, #program, defines, &out->program))
+    BUILD(scan);
+    BUILD(rays);
+    BUILD(sampling);
+    BUILD(group);
+    BUILD(mlp);
+    BUILD(composite);
+    BUILD(adam);
+    BUILD(stats);
+#define X(kernel, program) CLN_TRY(cln_kernel_create(&out->program, #kernel, &out->k.kernel));
+    CLN_KERNEL_LIST(X)
+    if (config->stage1 == CLN_STAGE1_SPLAT) {
+        BUILD(splat);
+        CLN_TRY(cln_program_build(device, "scan", wide, &out->sort64));
+        CLN_SPLAT_KERNEL_LIST(X)
+        CLN_TRY(cln_kernel_create(&out->sort64, "sort_count", &out->k.sort64_count));
+        CLN_TRY(cln_kernel_create(&out->sort64, "sort_scatter", &out->k.sort64_scatter));
+    }
+    if (config->sparsity > 0 || config->edge > 0) {
+        BUILD(regularise);
+        CLN_REGULARISE_KERNEL_LIST(X)
+    }
+#undef X
+#undef BUILD
+done:
+    free(defines);
+    free(wide);
+    if (st != CLN_OK)
+        cln_pipeline_free(out);
+    return st;
+}
+
+void cln_pipeline_free(cln_pipeline *p)
+{
+    cln_device *device = p->device;
+    cln_buffer *const buffers[] = {
+        &p->boxes,      &p->map,         &p->params,       &p->transposed,      &p->adam_m,
+        &p->adam_v,     &p->adam_steps,  &p->norms,        &p->density,         &p->seen,
+        &p->leaf_stats, &p->cameras,     &p->pixels,       &p->ray_o,           &p->ray_d,
+        &p->targets,    &p->backgrounds, &p->results,      &p->interval_counts, &p->interval_starts,
+        &p->intervals,  &p->used,        &p->sample_counts, &p->sample_starts,  &p->samples,
+        &p->order,      &p->begin,       &p->end,          &p->slice_counts,    &p->slice_starts,
+        &p->slices,     &p->out,         &p->dout,         &p->acts,            &p->grads,
+        &p->batch_views, &p->splat_counts, &p->splat_starts, &p->grids, &p->list_start,  &p->list_count,   &p->list_t,          &p->list_sigma,
+        &p->padded_t,   &p->padded_sigma, &p->keys64[0],   &p->keys64[1], &p->sums,
+        &p->digit_counts, &p->keys[0],   &p->keys[1],      &p->values[0],       &p->values[1]};
+
+    if (!device)
+        return;
+    clFinish(device->queue);
+    for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
+        cln_buffer_free(device, buffers[i]);
+#define X(kernel, program) cln_kernel_free(&p->k.kernel);
+    CLN_KERNEL_LIST(X)
+    CLN_SPLAT_KERNEL_LIST(X)
+    CLN_REGULARISE_KERNEL_LIST(X)
+#undef X
+    cln_kernel_free(&p->k.sort64_count);
+    cln_kernel_free(&p->k.sort64_scatter);
+    cln_program_free(&p->scan);
+    cln_program_free(&p->sort64);
+    cln_program_free(&p->rays);
+    cln_program_free(&p->sampling);
+    cln_program_free(&p->splat);
+    cln_program_free(&p->group);
+    cln_program_free(&p->mlp);
+    cln_program_free(&p->composite);
+    cln_program_free(&p->adam);
+    cln_program_free(&p->stats);
+    cln_program_free(&p->regularise);
+    free(p->host_pixels);
+    free(p->host_cameras);
+    memset(p, 0, sizeof *p);
+}

@@ -1,0 +1,23 @@
+/* What a training run writes down beside its checkpoints: run.json, rows of metrics.jsonl, evaluations,
+ * the report, and the sentences about what was left out. */
+#ifndef CLN_RECORD_H
+#define CLN_RECORD_H
+
+#include "engine/evaluate.h"
+#include "engine/trainer.h"
+
+/* run.json at the start (state "running"), and at the end with state and result. */
+cln_status cln_record_start(cln_trainer *t);
+cln_status cln_record_end(cln_trainer *t, const char *state);
+
+/* One row for the interval that ends now. */
+cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
+
+/* RUN/eval/STEP-SPLIT.json, and the folder beside it for pictures. */
+cln_status cln_record_eval(const char *run, const cln_eval_result *result);
+cln_status cln_record_folder(const cln_trainer *t, char **folder);
+
+/* "left out: lens distortion (pinhole cameras); ..." for the log, and as a JSON array. */
+cln_status cln_record_left_out(const cln_trainer *t, json_t **out);
+
+#endif

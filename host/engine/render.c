@@ -1,0 +1,105 @@
+/* Renders a view in batches of rays, top to bottom. See render.h. */
+#include "engine/render.h"
+
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+enum { BATCH_RAYS = 16384 };
+
+void cln_picture_free(cln_picture *picture)
+{
+    free(picture->rgb);
+    free(picture->depth);
+    free(picture->opacity);
+    memset(picture, 0, sizeof *picture);
+}
+
+cln_status cln_render_prepare(cln_pipeline *p)
+{
+    return cln_stage_refresh(p, false, 0, 0);
+}
+
+/* Rays [first, first + n) of the view in reading order; *done of them were rendered. */
+static cln_status render_batch(cln_pipeline *p, const cln_pixel *pixels, int n,
+                               const float *backgrounds, bool axis_depth, cln_ray_result *results,
+                               int *done_rays)
+{
+    cln_status st = CLN_OK;
+    const cln_sampling sampling = {.jitter = false,
+                                   .t_min = (float)p->config.render_t_min,
+                                   .uniform_share = 0,
+                                   .empty_weight = (float)p->config.empty_weight,
+                                   .empty_share = p->config.empty_weight > 0 ? 0 : 1,
+                                   .max_samples = (size_t)p->config.batch_samples};
+    uint32_t samples = 0, intervals = 0, slices = 0;
+
+    CLN_TRY(cln_pipeline_batch(p, pixels, n, NULL, backgrounds));
+    CLN_TRY(cln_stage_rays(p, n));
+    CLN_TRY(cln_stage_sample(p, n, &sampling, done_rays, &samples, &intervals));
+    CLN_TRY(cln_stage_group(p, samples, &slices));
+    CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
+    CLN_TRY(cln_stage_composite(p, *done_rays, axis_depth));
+    CLN_TRY(cln_buffer_read(p->device, &p->results, 0, results,
+                            (size_t)*done_rays * sizeof *results));
+    CLN_TRY(cln_device_finish(p->device));
+done:
+    return st;
+}
+
+cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
+                           const cln_callbacks *callbacks, cln_picture *out)
+{
+    cln_status st = CLN_OK;
+    const cln_device_camera *camera = &p->host_cameras[view];
+    const int width = camera->width, total = camera->width * camera->height;
+    cln_pixel *pixels = NULL;
+    cln_ray_result *results = NULL;
+    float(*backgrounds)[4] = NULL;
+
+    memset(out, 0, sizeof *out);
+    out->width = width;
+    out->height = camera->height;
+    CLN_TRY(cln_alloc(&out->rgb, (size_t)total * 3, sizeof *out->rgb, "picture"));
+    CLN_TRY(cln_alloc(&out->depth, (size_t)total, sizeof *out->depth, "picture"));
+    CLN_TRY(cln_alloc(&out->opacity, (size_t)total, sizeof *out->opacity, "picture"));
+    CLN_TRY(cln_alloc(&pixels, BATCH_RAYS, sizeof *pixels, "ray batch"));
+    CLN_TRY(cln_alloc(&results, BATCH_RAYS, sizeof *results, "ray batch"));
+    CLN_TRY(cln_alloc(&backgrounds, BATCH_RAYS, sizeof *backgrounds, "ray batch"));
+    for (int i = 0; i < BATCH_RAYS; i++)
+        memcpy(backgrounds[i], background, 3 * sizeof(float));
+    for (int first = 0, done_rays = 0; first < total; first += done_rays) {
+        const int n = total - first < BATCH_RAYS ? total - first : BATCH_RAYS;
+        const int signal = callbacks && callbacks->interrupted
+                               ? callbacks->interrupted(callbacks->user)
+                               : 0;
+
+        if (signal == SIGINT || signal == SIGTERM) {
+            st = cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
+            goto done;
+        }
+        for (int i = 0; i < n; i++)
+            pixels[i] = (cln_pixel){.view = (cln_u32)view,
+                                    .x = (cln_u32)((first + i) % width),
+                                    .y = (cln_u32)((first + i) / width)};
+        CLN_TRY(render_batch(p, pixels, n, backgrounds[0], axis_depth, results, &done_rays));
+        for (int i = 0; i < done_rays; i++) {
+            const cln_ray_result *r = &results[i];
+
+            out->rgb[3 * (first + i)] = r->r;
+            out->rgb[3 * (first + i) + 1] = r->g;
+            out->rgb[3 * (first + i) + 2] = r->b;
+            out->depth[first + i] = r->depth;
+            out->opacity[first + i] = r->opacity;
+        }
+    }
+done:
+    free(pixels);
+    free(results);
+    free(backgrounds);
+    if (st != CLN_OK)
+        cln_picture_free(out);
+    return st;
+}

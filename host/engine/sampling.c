@@ -1,0 +1,264 @@
+/* Stages from pixels to samples: rays, intervals, stage-2 samples; scan and sort under them. */
+#include "engine/stages.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/memory.h"
+
+cln_status cln_stage_scan(cln_pipeline *p, const cln_buffer *in, const cln_buffer *out, uint32_t n,
+                          cln_stage stage, uint32_t *total)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const cl_uint count = n, chunk = (cl_uint)p->tune.chunk;
+    const cl_uint chunks = (cl_uint)cln_groups(n, chunk);
+    const size_t wg = 1;
+
+    CLN_TRY(cln_buffer_reserve(device, &p->sums, (chunks + 1) * sizeof(cl_uint), "scan sums"));
+    if (n == 0)
+        CLN_TRY(cln_buffer_zero(device, out, sizeof(cl_uint)));
+    CLN_TRY(CLN_LAUNCH(device, p->k.scan_sums, stage, chunks, wg, CLN_ARG(in->mem),
+                       CLN_ARG(p->sums.mem), CLN_ARG(count), CLN_ARG(chunk)));
+    CLN_TRY(CLN_LAUNCH(device, p->k.scan_chunks, stage, n ? 1 : 0, 1, CLN_ARG(p->sums.mem),
+                       CLN_ARG(chunks)));
+    CLN_TRY(CLN_LAUNCH(device, p->k.scan_write, stage, chunks, wg, CLN_ARG(in->mem),
+                       CLN_ARG(p->sums.mem), CLN_ARG(out->mem), CLN_ARG(count), CLN_ARG(chunk)));
+    if (total)
+        CLN_TRY(cln_buffer_read(device, out, (size_t)n * sizeof(cl_uint), total, sizeof *total));
+done:
+    return st;
+}
+
+static void swap(cln_buffer pair[2])
+{
+    const cln_buffer first = pair[0];
+
+    pair[0] = pair[1];
+    pair[1] = first;
+}
+
+cln_status cln_stage_sort(cln_pipeline *p, cln_buffer keys[2], cln_buffer values[2], uint32_t n,
+                          int bits, bool wide, cln_stage stage)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const cl_uint count = n, chunk = (cl_uint)p->tune.chunk;
+    const cl_uint chunks = (cl_uint)cln_groups(n, chunk);
+    const size_t key_bytes = wide ? sizeof(cl_ulong) : sizeof(cl_uint);
+    cl_kernel count_kernel = wide ? p->k.sort64_count : p->k.sort_count;
+    cl_kernel scatter_kernel = wide ? p->k.sort64_scatter : p->k.sort_scatter;
+
+    if (n == 0)
+        return CLN_OK;
+    CLN_TRY(cln_buffer_reserve(device, &keys[1], n * key_bytes, "sort keys"));
+    CLN_TRY(cln_buffer_reserve(device, &values[1], n * sizeof(cl_uint), "sort values"));
+    CLN_TRY(cln_buffer_reserve(device, &p->digit_counts, (256 * (size_t)chunks + 1) * sizeof(cl_uint),
+                               "sort counts"));
+    for (cl_uint shift = 0; (int)shift < bits; shift += 8) {
+        CLN_TRY(CLN_LAUNCH(device, count_kernel, stage, chunks, 1, CLN_ARG(keys[0].mem),
+                           CLN_ARG(p->digit_counts.mem), CLN_ARG(count), CLN_ARG(chunk),
+                           CLN_ARG(chunks), CLN_ARG(shift)));
+        CLN_TRY(cln_stage_scan(p, &p->digit_counts, &p->digit_counts, 256 * chunks, stage, NULL));
+        CLN_TRY(CLN_LAUNCH(device, scatter_kernel, stage, chunks, 1, CLN_ARG(keys[0].mem),
+                           CLN_ARG(values[0].mem), CLN_ARG(p->digit_counts.mem),
+                           CLN_ARG(keys[1].mem), CLN_ARG(values[1].mem), CLN_ARG(count),
+                           CLN_ARG(chunk), CLN_ARG(chunks), CLN_ARG(shift)));
+        swap(keys);
+        swap(values);
+    }
+done:
+    return st;
+}
+
+cln_status cln_stage_rays(cln_pipeline *p, int n)
+{
+    const cl_uint count = (cl_uint)n;
+    const size_t wg = (size_t)p->tune.wg;
+
+    return CLN_LAUNCH(p->device, p->k.rays_make, CLN_STAGE_RAYS, cln_groups((size_t)n, wg), wg,
+                      CLN_ARG(p->cameras.mem), CLN_ARG(p->pixels.mem), CLN_ARG(p->ray_o.mem),
+                      CLN_ARG(p->ray_d.mem), CLN_ARG(count));
+}
+
+/* The kernels read stage 1 through the arguments at their front (gather: densities, boxes, n1; splat:
+ * list starts, t, sigma) and, for splat, at their end (pixels, grids, list lengths). */
+enum { MAX_ARGS = 32 };
+typedef struct arguments {
+    cln_arg args[MAX_ARGS];
+    int count;
+} arguments;
+
+static void add(arguments *a, size_t bytes, const void *value)
+{
+    CLN_ASSERT(a->count < MAX_ARGS);
+    a->args[a->count++] = (cln_arg){bytes, value};
+}
+#define ADD(a, x) add(a, sizeof(x), &(x))
+
+static void add_stage1_front(cln_pipeline *p, arguments *a, const cl_uint *n1)
+{
+    if (p->config.stage1 == CLN_STAGE1_GATHER) {
+        ADD(a, p->density.mem);
+        ADD(a, p->boxes.mem);
+        ADD(a, *n1);
+    } else {
+        const bool padded = p->config.lists == CLN_LISTS_PADDED;
+
+        ADD(a, p->list_start.mem);
+        add(a, sizeof(cl_mem), padded ? &p->padded_t.mem : &p->list_t.mem);
+        add(a, sizeof(cl_mem), padded ? &p->padded_sigma.mem : &p->list_sigma.mem);
+    }
+}
+
+static void add_stage1_back(cln_pipeline *p, arguments *a)
+{
+    if (p->config.stage1 == CLN_STAGE1_SPLAT) {
+        ADD(a, p->pixels.mem);
+        ADD(a, p->grids.mem);
+        ADD(a, p->list_count.mem);
+    }
+}
+
+static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g)
+{
+    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
+    const cl_int depth = p->depth;
+    const cl_float max_depth = s->t_min > 0 ? -logf(s->t_min) : 1e30f;
+    const cl_uint per_leaf = (cl_uint)p->config.samples_per_leaf;
+    const cl_uint per_ray = (cl_uint)p->config.samples_per_ray;
+    const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
+    const size_t wg = (size_t)p->tune.wg;
+    arguments a = {.count = 0};
+
+    add_stage1_front(p, &a, &n1);
+    ADD(&a, p->ray_o.mem);
+    ADD(&a, p->ray_d.mem);
+    ADD(&a, p->map.mem);
+    ADD(&a, p->interval_starts.mem);
+    ADD(&a, p->intervals.mem);
+    ADD(&a, p->used.mem);
+    ADD(&a, p->sample_counts.mem);
+    ADD(&a, first);
+    ADD(&a, n);
+    ADD(&a, depth);
+    ADD(&a, max_depth);
+    ADD(&a, per_leaf);
+    ADD(&a, per_ray);
+    ADD(&a, s->empty_weight);
+    ADD(&a, s->empty_share);
+    ADD(&a, seed);
+    ADD(&a, s->step);
+    add_stage1_back(p, &a);
+    return cln_launch(p->device, p->k.intervals_fill, CLN_STAGE_INTERVALS,
+                      cln_groups((size_t)g->rays, wg), wg, a.args, a.count);
+}
+
+static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int rays_used)
+{
+    const int last = g->first_ray + g->rays < rays_used ? g->first_ray + g->rays : rays_used;
+    const int rays = last > g->first_ray ? last - g->first_ray : 0;
+    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)rays;
+    const cl_uint jitter = s->jitter;
+    const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
+    const size_t wg = (size_t)p->tune.wg;
+    arguments a = {.count = 0};
+
+    add_stage1_front(p, &a, &n1);
+    ADD(&a, p->ray_o.mem);
+    ADD(&a, p->ray_d.mem);
+    ADD(&a, p->interval_starts.mem);
+    ADD(&a, p->intervals.mem);
+    ADD(&a, p->used.mem);
+    ADD(&a, p->sample_starts.mem);
+    ADD(&a, p->samples.mem);
+    ADD(&a, first);
+    ADD(&a, n);
+    ADD(&a, s->uniform_share);
+    ADD(&a, jitter);
+    ADD(&a, seed);
+    ADD(&a, s->step);
+    add_stage1_back(p, &a);
+    return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES, cln_groups((size_t)rays, wg),
+                      wg, a.args, a.count);
+}
+
+/* Largest number of rays, at least one, whose samples fit. */
+static cln_status cut(cln_pipeline *p, int n, size_t max_samples, int *rays_used, uint32_t *total)
+{
+    cln_status st = CLN_OK;
+    uint32_t *starts = NULL;
+    int low = 1, high = n;
+
+    CLN_TRY(cln_alloc(&starts, (size_t)n + 1, sizeof *starts, "sample counts"));
+    CLN_TRY(cln_buffer_read(p->device, &p->sample_starts, 0, starts,
+                            ((size_t)n + 1) * sizeof *starts));
+    while (low < high) {
+        const int middle = low + (high - low + 1) / 2;
+
+        if (starts[middle] <= max_samples)
+            low = middle;
+        else
+            high = middle - 1;
+    }
+    *rays_used = low;
+    *total = starts[low];
+done:
+    free(starts);
+    return st;
+}
+
+cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *rays_used,
+                            uint32_t *sample_count, uint32_t *interval_count)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const size_t rays = (size_t)n, wg = (size_t)p->tune.wg;
+    const cl_uint count = (cl_uint)n;
+    const cl_int depth = p->depth;
+    const bool splat = p->config.stage1 == CLN_STAGE1_SPLAT;
+    cln_splat_group all = {.first_ray = 0, .rays = n}, *groups = NULL;
+    int group_count = 0;
+
+    *rays_used = n;
+    *sample_count = *interval_count = 0;
+    CLN_TRY(cln_buffer_reserve(device, &p->interval_counts, rays * sizeof(cl_uint), "intervals"));
+    CLN_TRY(cln_buffer_reserve(device, &p->interval_starts, (rays + 1) * sizeof(cl_uint), "intervals"));
+    CLN_TRY(cln_buffer_reserve(device, &p->used, rays * sizeof(cl_uint), "intervals"));
+    CLN_TRY(cln_buffer_reserve(device, &p->sample_counts, rays * sizeof(cl_uint), "samples"));
+    CLN_TRY(cln_buffer_reserve(device, &p->sample_starts, (rays + 1) * sizeof(cl_uint), "samples"));
+    CLN_TRY(CLN_LAUNCH(device, p->k.intervals_count, CLN_STAGE_INTERVALS, cln_groups(rays, wg), wg,
+                       CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->map.mem),
+                       CLN_ARG(p->interval_counts.mem), CLN_ARG(count), CLN_ARG(depth)));
+    CLN_TRY(cln_stage_scan(p, &p->interval_counts, &p->interval_starts, count, CLN_STAGE_INTERVALS,
+                           interval_count));
+    CLN_TRY(cln_buffer_reserve(device, &p->intervals, *interval_count * sizeof(cln_interval),
+                               "intervals"));
+    if (splat) {
+        CLN_TRY(cln_stage_splat_plan(p, n, &groups, &group_count));
+    } else {
+        groups = &all;
+        group_count = 1;
+    }
+    for (int g = 0; g < group_count; g++) {
+        if (splat)
+            CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
+        CLN_TRY(fill(p, s, &groups[g]));
+    }
+    CLN_TRY(cln_stage_scan(p, &p->sample_counts, &p->sample_starts, count, CLN_STAGE_INTERVALS,
+                           sample_count));
+    if (n > 0 && *sample_count > s->max_samples)
+        CLN_TRY(cut(p, n, s->max_samples, rays_used, sample_count));
+    CLN_TRY(cln_buffer_reserve(
+        device, &p->samples,
+        (*sample_count + (size_t)cln_pipeline_extra_samples(p)) * sizeof(cln_sample), "samples"));
+    for (int g = 0; g < group_count; g++) {
+        if (splat && group_count > 1) /* a single group's lists are still there */
+            CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
+        CLN_TRY(emit(p, s, &groups[g], *rays_used));
+    }
+done:
+    if (splat)
+        free(groups);
+    return st;
+}

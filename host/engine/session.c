@@ -1,0 +1,221 @@
+/* cln_train: puts a run together (scene, device, programs, plan, model) and takes it apart again. The
+ * loop is train.c. Nothing is written before scene, options and memory plan are known to be good. */
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/config.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "engine/record.h"
+#include "engine/selftest.h"
+#include "engine/trainer.h"
+
+cln_status cln_run_config(const char *run, cln_config *config, char **scene)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const json_t *dataset = NULL;
+
+    if (scene)
+        *scene = NULL;
+    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_config_from_json(json_object_get(document, "config"), config));
+    dataset = json_object_get(document, "dataset");
+    if (scene)
+        CLN_TRY(cln_strdup(scene, json_string_value(json_object_get(dataset, "path"))));
+    if (scene && !*scene)
+        st = cln_fail(CLN_INPUT, "%s/run.json: dataset.path is missing", run);
+done:
+    json_decref(document);
+    return st;
+}
+
+/* What the checkpoint fixes: the network's shape and everything the kernels' layout depends on. */
+static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
+{
+    if (saved->width != wanted->width || saved->depth != wanted->depth ||
+        saved->view_width != wanted->view_width || saved->bands != wanted->bands ||
+        saved->view_bands != wanted->view_bands || saved->skip != wanted->skip ||
+        saved->view_dependence != wanted->view_dependence || saved->n1 != wanted->n1)
+        return cln_fail(CLN_USAGE,
+                        "--resume: width, depth, view-width, bands, view-bands, skip, "
+                        "view-dependence and n1 are fixed by the checkpoint; leave them out or start "
+                        "a new run");
+    return CLN_OK;
+}
+
+static cln_status load_model(cln_trainer *t, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+
+    if (t->desc->resume) {
+        CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
+        CLN_TRY(check_shape(&t->model.config, config));
+        t->model.config = *config;
+        cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
+                 t->model.train_seconds, t->model.tree.leaf_count);
+    } else {
+        CLN_TRY(cln_model_create(config, &t->model));
+        memcpy(t->model.centre, t->scene->centre, sizeof t->model.centre);
+        t->model.half = t->scene->half;
+        memcpy(t->model.background, t->scene->background, sizeof t->model.background);
+        t->model.has_alpha = t->scene->has_alpha;
+        t->model.has_distortion = t->scene->has_distortion;
+        t->model.rays = config->rays < config->batch_samples / 32 ? config->rays
+                                                                  : config->batch_samples / 32;
+        t->model.rays = t->model.rays < 16 ? 16 : t->model.rays;
+    }
+done:
+    return st;
+}
+
+static cln_status upload_cameras(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const cln_camera **cameras = NULL;
+
+    CLN_TRY(cln_alloc(&cameras, (size_t)t->scene->view_count, sizeof *cameras, "cameras"));
+    for (int i = 0; i < t->scene->view_count; i++)
+        cameras[i] = &t->scene->views[i].camera;
+    CLN_TRY(cln_pipeline_cameras(&t->pipeline, cameras, t->scene->view_count, t->model.centre,
+                                 t->model.half));
+    t->pipeline.training_views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN);
+done:
+    free(cameras);
+    return st;
+}
+
+/* A resumed run on changed images would silently be another run: warn. */
+static cln_status compare_scene(const cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const char *saved = NULL;
+    char digest[24];
+
+    CLN_TRY(cln_run_read(t->desc->run, &document));
+    saved = json_string_value(json_object_get(json_object_get(document, "dataset"), "digest"));
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)t->scene->digest);
+    if (!saved || strcmp(saved, digest) != 0)
+        cln_warn("%s: the scene is not the one this run began with (digest %s, was %s); the result "
+                 "will not equal an uninterrupted run's",
+                 t->scene->folder, digest, saved ? saved : "unknown");
+done:
+    json_decref(document);
+    return st;
+}
+
+static void say_what_runs(cln_trainer *t)
+{
+    char text[1024];
+    json_t *list = NULL;
+    size_t used = 0;
+
+    cln_info("scene: %s, read as %s because %s; %d train, %d test views (%s); cube: %s",
+             t->scene->folder, t->scene->dialect, t->scene->because,
+             cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN),
+             cln_scene_split_count(t->scene, CLN_SPLIT_TEST), t->scene->split_rule,
+             t->scene->bounds_rule);
+    cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
+             t->device->info.compute_units);
+    cln_plan_text(&t->plan, text, sizeof text);
+    cln_info("memory plan: %s", text);
+    if (cln_record_left_out(t, &list) == CLN_OK) {
+        text[0] = 0;
+        for (size_t i = 0; i < json_array_size(list) && used < sizeof text; i++)
+            used += (size_t)snprintf(text + used, sizeof text - used, "%s%s", i ? "; " : "",
+                                     json_string_value(json_array_get(list, i)));
+        cln_info("left out: %s", used ? text : "nothing");
+    }
+    json_decref(list);
+}
+
+static cln_status prepare(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    cln_config config = t->desc->config;
+    cln_scene_desc scene = {.path = t->desc->scene,
+                            .config = &config,
+                            .pixels = {[CLN_SPLIT_TRAIN] = true}};
+    char *saved_scene = NULL;
+    const bool evaluates = true;
+
+    if (!scene.path && t->desc->resume) {
+        cln_config ignored;
+
+        CLN_TRY(cln_run_config(t->desc->run, &ignored, &saved_scene));
+        scene.path = saved_scene;
+    }
+    CLN_TRY(cln_config_check(&config));
+    CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
+                                   &t->point_count));
+    scene.pixels[CLN_SPLIT_TEST] = evaluates;
+    CLN_TRY(cln_device_open(&t->desc->device, &t->device));
+    CLN_TRY(cln_scene_load(&scene, &t->scene));
+    if (!t->desc->skip_selftest)
+        CLN_TRY(cln_selftest_device(t->device, true, NULL, NULL));
+    CLN_TRY(load_model(t, &config));
+    if (t->desc->resume)
+        CLN_TRY(compare_scene(t));
+    t->steps = config.steps;
+    CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
+    CLN_TRY(cln_alloc(&t->results, (size_t)config.rays, sizeof *t->results, "ray results"));
+    CLN_TRY(cln_evaluate_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
+                                &t->eval_count));
+    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion,
+                                config.random_background && t->scene->has_alpha, &t->pipeline));
+    cln_plan_make(t->device, &config, &t->pipeline.net, &t->pipeline.tune, t->model.tree.leaf_count,
+                  t->scene->view_count, true, &t->plan);
+    CLN_TRY(cln_plan_check(t->device, &t->plan));
+    t->device->limit = (size_t)t->plan.limit;
+    t->pipeline.max_entries = t->plan.max_entries;
+    say_what_runs(t);
+    CLN_TRY(cln_run_open(t->desc->run, t->desc->resume));
+    CLN_TRY(upload_cameras(t));
+    CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
+    CLN_TRY(cln_stage_seen(&t->pipeline));
+    CLN_TRY(cln_record_start(t));
+    CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
+done:
+    free(saved_scene);
+    return st;
+}
+
+cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_trainer t = {.desc = desc, .began = cln_now(), .psnr_train = NAN, .psnr_test = NAN};
+    const char *state = "failed";
+
+    memset(result, 0, sizeof *result);
+    CLN_TRY(prepare(&t));
+    CLN_TRY(cln_trainer_run(&t));
+done:
+    result->step = t.model.step;
+    result->seconds = t.model.train_seconds;
+    result->psnr_train = t.psnr_train;
+    result->psnr_test = t.psnr_test;
+    result->leaves = t.model.tree.leaf_count;
+    if (t.model.params)
+        result->digest = cln_model_digest(&t.model);
+    state = st == CLN_OK ? "done" : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted" : "failed";
+    cln_metrics_close(t.metrics);
+    if (t.metrics) {
+        const cln_status written = cln_record_end(&t, state);
+
+        st = st == CLN_OK ? written : st;
+    }
+    json_decref(t.run);
+    free(t.eval_folder);
+    free(t.eval_views);
+    free(t.results);
+    cln_batch_free(&t.batch);
+    cln_pipeline_free(&t.pipeline);
+    cln_model_free(&t.model);
+    cln_scene_free(t.scene);
+    cln_device_close(t.device);
+    return st;
+}

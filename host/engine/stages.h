@@ -1,0 +1,212 @@
+/* The pipeline of a step: one struct owns the programs and device buffers, one function per stage.
+ * Training, rendering, self-test, tests and benches all call these; nothing else names a kernel.
+ *
+ *   rays       pixels -> ray_o, ray_d
+ *   sample     rays -> intervals -> samples          (stage 1 by gather or splat, stage 2)
+ *   group      samples -> order, slices              (runs of samples in one leaf)
+ *   forward    order, slices -> out (r, g, b, sigma)
+ *   composite  out -> results; training: -> dout
+ *   backward   dout -> grads per slice
+ *   adam       grads -> params of the leaves touched
+ *   refresh    params -> cached stage-1 densities
+ *
+ * Buffers grow as needed and are then kept. Shapes are in the struct. All functions return after
+ * enqueueing, except where they say that they read back. */
+#ifndef CLN_STAGES_H
+#define CLN_STAGES_H
+
+#include "device/device.h"
+#include "device_abi.h"
+#include "model/model.h"
+#include "scene/scene.h"
+
+/* X(kernel, program): every kernel of the pipeline. */
+#define CLN_KERNEL_LIST(X)                                                                         \
+    X(scan_sums, scan)                                                                             \
+    X(scan_chunks, scan)                                                                           \
+    X(scan_write, scan)                                                                            \
+    X(sort_count, scan)                                                                            \
+    X(sort_scatter, scan)                                                                          \
+    X(rays_make, rays)                                                                             \
+    X(intervals_count, sampling)                                                                   \
+    X(intervals_fill, sampling)                                                                    \
+    X(samples_emit, sampling)                                                                      \
+    X(group_keys, group)                                                                           \
+    X(group_bounds, group)                                                                         \
+    X(group_slice_counts, group)                                                                   \
+    X(group_slices, group)                                                                         \
+    X(mlp_density, mlp)                                                                            \
+    X(mlp_forward_train, mlp)                                                                      \
+    X(mlp_forward_eval, mlp)                                                                       \
+    X(mlp_backward, mlp)                                                                           \
+    X(composite, composite)                                                                        \
+    X(composite_train, composite)                                                                  \
+    X(adam_count, adam)                                                                            \
+    X(adam, adam)                                                                                  \
+    X(transpose, adam)                                                                             \
+    X(stats_seen, stats)                                                                           \
+    X(stats_leaf, stats)
+
+/* Built only when stage 1 splats. sort64 is scan.cl with 64-bit keys. */
+#define CLN_SPLAT_KERNEL_LIST(X)                                                                   \
+    X(splat_count, splat)                                                                          \
+    X(splat_emit, splat)                                                                           \
+    X(splat_bounds, splat)                                                                         \
+    X(splat_read, splat)                                                                           \
+    X(splat_lengths, splat)                                                                        \
+    X(splat_pad, splat)
+
+/* Built only with a regulariser that looks at points. */
+#define CLN_REGULARISE_KERNEL_LIST(X)                                                              \
+    X(regularise_points, regularise)                                                               \
+    X(regularise_gradient, regularise)
+
+typedef struct cln_pipeline {
+    cln_device *device;
+    cln_config config;
+    cln_network net;
+    cln_tune tune;      /* the device's, fitted to the network's shape and the local memory */
+    bool distortion;    /* built in */
+    bool ray_background;/* one background per ray (random_background with alpha) */
+
+    cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise;
+    struct {
+#define X(kernel, program) cl_kernel kernel;
+        CLN_KERNEL_LIST(X)
+        CLN_SPLAT_KERNEL_LIST(X)
+        CLN_REGULARISE_KERNEL_LIST(X)
+#undef X
+        cl_kernel sort64_count, sort64_scatter;
+    } k;
+
+    /* The tree and its networks. */
+    int leaves, depth;
+    cln_buffer boxes;      /* float4 [leaf] min x, y, z, side */
+    cln_buffer map;        /* int [8^depth] slot + 1 << 4 | level */
+    cln_buffer params;     /* float [leaf][net.params] */
+    cln_buffer transposed; /* float [leaf][wt] for the input gradients; training only */
+    cln_buffer adam_m, adam_v, adam_steps, norms; /* [leaf][params] x2, int [leaf], float [leaf] */
+    cln_buffer density;    /* bfloat16 [leaf][n1^3] */
+    cln_buffer seen;       /* uchar [leaf][n1^3] */
+    cln_buffer leaf_stats; /* float2 [leaf] */
+
+    /* A batch of rays. */
+    int view_count, training_views; /* the first ones are for training */
+    cln_buffer cameras;     /* cln_device_camera [view] */
+    cln_buffer pixels;      /* cln_pixel [ray] */
+    cln_buffer ray_o, ray_d;/* float4 [ray] */
+    cln_buffer targets, backgrounds; /* float4 [ray]; backgrounds [1] or [ray] */
+    cln_buffer results;     /* cln_ray_result [ray] */
+
+    /* Its samples. */
+    cln_buffer interval_counts, interval_starts, intervals, used; /* [ray], [ray+1], [interval], [ray] */
+    cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
+    cln_buffer order;       /* uint [sample]: grouped -> sample */
+    cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
+    cln_buffer out, dout;   /* float4 [sample] */
+    cln_buffer acts;        /* float [sample][net acts], grouped order; training only */
+    cln_buffer grads;       /* float [slice][net.params]; training only */
+
+    /* Splatting: lists of one view (or band of it). */
+    cln_buffer batch_views, grids, list_start, list_count, list_t, list_sigma, padded_t, padded_sigma;
+    cln_buffer splat_counts, splat_starts, keys64[2];
+    size_t max_entries;     /* projected samples held at a time (memory plan) */
+    int64_t splat_entries;  /* projected in the last batch, for reports */
+
+    /* Host copies that plan the splatting. */
+    cln_pixel *host_pixels; /* [ray] */
+    int host_rays, batch_view_count, list_total;
+    cln_device_camera *host_cameras; /* [view] */
+
+    /* Scratch of scan and sort. */
+    cln_buffer sums, digit_counts, keys[2], values[2];
+} cln_pipeline;
+
+/* Programs for this network and scene; no buffers yet. CLN_BUILD, CLN_MEMORY, CLN_CL. */
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
+                               bool ray_background, cln_pipeline *out);
+void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
+
+/* The "#define" lines of a program of this pipeline (programs.c); the caller frees *text. */
+cln_status cln_pipeline_defines(const cln_pipeline *p, char **text);
+
+/* Floats of kept pre-activations per sample, and of transposed weights per leaf. */
+int cln_pipeline_acts(const cln_network *net);
+int cln_pipeline_transposed(const cln_network *net);
+
+/* Uploads tree and weights, and the training state if `training`; densities if the model has them.
+ * Download: params, and the training state if `training`, into the model's arrays. Reads back. */
+cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training);
+cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
+
+/* Cameras of `count` views in normalised space. */
+cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
+                                const double centre[3], double half);
+
+/* A batch's pixels (pad = index of the view among the batch's views; for splatting, rays are in order of
+ * pad, then y), and in training its targets and backgrounds ([n][4], [1][4] or [n][4]). */
+cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
+                              const float *backgrounds);
+
+cln_status cln_stage_rays(cln_pipeline *p, int n);
+
+typedef struct cln_sampling {
+    bool jitter;         /* training: random positions, roulette; else midpoints */
+    float t_min;         /* leaves behind less transmittance are left out; 0 = none */
+    float uniform_share, empty_weight, empty_share;
+    uint64_t seed;
+    uint32_t step;
+    size_t max_samples;  /* most samples of a batch (memory plan) */
+} cln_sampling;
+
+/* Intervals and samples of rays 0 .. n-1. *rays_used: the batch is cut to a prefix of rays whose
+ * samples fit max_samples (at least one ray, whatever it needs). Reads back the totals. */
+cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *sampling, int *rays_used,
+                            uint32_t *sample_count, uint32_t *interval_count);
+
+/* Regularisers that look at points of the volume: extra samples (and rays that carry their positions)
+ * behind those of `rays` rays; *samples grows by them. Nothing without --sparsity and --edge. The
+ * gradient belongs after composite_train. */
+int cln_pipeline_extra_rays(const cln_pipeline *p);
+int cln_pipeline_extra_samples(const cln_pipeline *p);
+cln_status cln_stage_regularise(cln_pipeline *p, const cln_sampling *sampling, int rays,
+                                uint32_t *samples);
+cln_status cln_stage_regularise_gradient(cln_pipeline *p, const cln_sampling *sampling,
+                                         uint32_t samples);
+
+/* Reads back the number of slices. */
+cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count);
+
+/* step_key: any number that differs between steps (slopes of RReLU, density noise). */
+cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                             bool training, uint32_t step_key);
+cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth);
+cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
+cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key);
+cln_status cln_stage_adam(cln_pipeline *p, double lr);
+
+/* Cached densities of all leaves; jitter: random positions in the cells, else centres. */
+cln_status cln_stage_refresh(cln_pipeline *p, bool jitter, uint64_t seed, uint32_t step);
+
+/* Which cells some view sees (after a change of structure), and mean and peak per leaf: stats[leaf][2]
+ * (reads back). */
+cln_status cln_stage_seen(cln_pipeline *p);
+cln_status cln_stage_stats(cln_pipeline *p, float *stats);
+
+/* Stage 1 by splatting (splat.c): a batch's views are projected together if their entries fit
+ * max_entries, else in groups of views or bands of rows. plan counts and cuts; lists builds the lists
+ * of one group for rays [first_ray, first_ray + rays). Both read back totals. */
+typedef struct cln_splat_group {
+    int first_view, views, row_begin, row_end, first_ray, rays;
+} cln_splat_group;
+cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups, int *count);
+cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *group);
+
+/* Primitives (scan.cl). scan: out[0..n] of in[0..n-1]; *total (may be NULL) reads back out[n].
+ * sort: stable by the low `bits` bits of the keys; the result is again in keys[0], values[0]. */
+cln_status cln_stage_scan(cln_pipeline *p, const cln_buffer *in, const cln_buffer *out, uint32_t n,
+                          cln_stage stage, uint32_t *total);
+cln_status cln_stage_sort(cln_pipeline *p, cln_buffer keys[2], cln_buffer values[2], uint32_t n,
+                          int bits, bool wide, cln_stage stage);
+
+#endif

@@ -1,0 +1,373 @@
+/* Training: the step loop and what happens between steps (growth, culling, refresh, evaluation,
+ * checkpoints). The stages of a step are in sampling.c, splat.c and networks.c; what the run folder
+ * gets is in record.c. Every decision is a function of the seed, the step and the model, so that a run
+ * interrupted and resumed equals one that was not, bit for bit (budgets in time excepted). */
+#include <math.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "engine/batch.h"
+#include "engine/record.h"
+#include "engine/trainer.h"
+#include "io/report.h"
+#include "model/structure.h"
+
+/* ---- budgets and schedules ---- */
+
+double cln_trainer_fraction(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+    double fraction = 0;
+
+    if (t->steps > 0)
+        fraction = (double)t->model.step / (double)t->steps;
+    if (c->time_limit > 0)
+        fraction = fmax(fraction, t->model.train_seconds / c->time_limit);
+    return fmin(fraction, 1);
+}
+
+/* method.md 11: x0.1 at each third (the paper's every 10 of 30 epochs), or exponential. */
+static double learning_rate(const cln_config *c, double fraction)
+{
+    if (c->lr_schedule == CLN_SCHEDULE_STEP)
+        return c->lr * pow(0.1, floor(fmin(fraction, 0.999999) * 3));
+    return c->lr * pow(c->lr_final / c->lr, fraction);
+}
+
+/* An epoch draws a tenth of all training pixels (method.md 11). */
+static int64_t steps_of_epochs(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+    const double pixels = (double)t->batch.first[t->batch.train_views];
+
+    return (int64_t)fmax(1, ceil(c->epochs * pixels / 10 / c->rays));
+}
+
+/* ---- structure ---- */
+
+/* The model's tree has changed: carry weights over on the host, send all back. */
+static cln_status apply_change(cln_trainer *t, const cln_octree_change *change)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_model_apply(&t->model, change));
+    CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
+    CLN_TRY(cln_stage_seen(&t->pipeline));
+done:
+    return st;
+}
+
+static cln_status cull(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)t->pipeline.leaves;
+    float *pairs = NULL;
+    uint8_t *marks = NULL;
+    cln_leaf_stats stats = {0};
+    cln_octree_change change = {0};
+
+    CLN_TRY(cln_alloc(&pairs, leaves * 4, sizeof *pairs, "leaf statistics"));
+    CLN_TRY(cln_alloc(&marks, leaves, 1, "leaf marks"));
+    CLN_TRY(cln_stage_stats(&t->pipeline, pairs));
+    stats.mean = pairs + 2 * leaves;
+    stats.peak = pairs + 3 * leaves;
+    for (size_t i = 0; i < leaves; i++) {
+        stats.mean[i] = pairs[2 * i];
+        stats.peak[i] = pairs[2 * i + 1];
+    }
+    if (cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks) > 0) {
+        CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
+        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
+        CLN_TRY(apply_change(t, &change));
+        t->culled += (int)leaves - t->pipeline.leaves;
+        cln_debug("step %lld: culled %d of %zu leaves", (long long)t->model.step,
+                  (int)leaves - t->pipeline.leaves, leaves);
+    }
+done:
+    free(pairs);
+    free(marks);
+    cln_octree_change_free(&change);
+    return st;
+}
+
+/* One level finer, by the exact split; not if it would not fit the device. */
+static cln_status grow(cln_trainer *t, bool *grown)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = &t->pipeline;
+    cln_octree_change change = {0};
+    cln_plan plan;
+    char text[512];
+
+    *grown = false;
+    cln_plan_make(t->device, &t->model.config, &p->net, &p->tune, 8 * p->leaves, t->scene->view_count,
+                  true, &plan);
+    if (cln_plan_check(t->device, &plan) != CLN_OK) {
+        cln_plan_text(&plan, text, sizeof text);
+        cln_clear_error();
+        cln_warn("the tree stays at level %d: %d leaves would need %s; lower --width or --n1, raise "
+                 "--device-mem, or cull more",
+                 t->model.level, 8 * p->leaves, text);
+        t->model.level = CLN_MAX_LEVEL;
+        return CLN_OK;
+    }
+    CLN_TRY(cln_pipeline_download(p, &t->model, true));
+    CLN_TRY(cln_octree_split(&t->model.tree, NULL, &change));
+    t->model.level++;
+    t->plan = plan;
+    CLN_TRY(apply_change(t, &change));
+    cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level, p->leaves);
+    *grown = true;
+done:
+    cln_octree_change_free(&change);
+    return st;
+}
+
+/* Growth, refresh and culling that are due before the next step. Single leaves split or merged by the
+ * integer program (model/structure.h) will come in here, after the refresh. */
+static cln_status maintain(cln_trainer *t, double fraction)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    bool grown = false;
+
+    if (t->model.level < cln_structure_level(c, fraction))
+        CLN_TRY(grow(t, &grown));
+    if (grown || t->model.step == 0 || t->model.step - t->model.refresh_step >= c->refresh_every) {
+        CLN_TRY(cln_stage_refresh(&t->pipeline, true, (uint64_t)c->seed, (uint32_t)t->model.step));
+        t->model.refresh_step = t->model.step;
+        if (!grown && fraction >= c->cull_from && t->model.step > 0)
+            CLN_TRY(cull(t));
+    }
+done:
+    return st;
+}
+
+/* ---- one step ---- */
+
+static uint32_t mix(uint32_t x)
+{
+    x ^= x >> 16;
+    x *= 0x21F0AAADu;
+    x ^= x >> 15;
+    x *= 0xD35A2D97u;
+    return x ^ x >> 15;
+}
+
+/* Rays for the next step so that samples come near batch_samples: integers only, bounded change. */
+static int adapt_rays(const cln_config *c, int rays, uint32_t samples)
+{
+    int64_t next = samples ? (int64_t)rays * c->batch_samples / samples : 2 * (int64_t)rays;
+
+    if (next > rays + rays / 4)
+        next = rays + rays / 4 + 1;
+    if (next < rays / 2)
+        next = rays / 2;
+    return next < 16 ? 16 : next > c->rays ? c->rays : (int)next;
+}
+
+static cln_status step(cln_trainer *t, double fraction)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    cln_pipeline *p = &t->pipeline;
+    const uint32_t number = (uint32_t)t->model.step, key = mix(number + mix((uint32_t)c->seed));
+    const cln_sampling sampling = {
+        .jitter = true,
+        .t_min = fraction >= c->occlusion_from ? (float)c->t_min : 0.0f,
+        .uniform_share = (float)c->uniform_share,
+        .empty_weight = (float)c->empty_weight,
+        .empty_share = (float)c->empty_share,
+        .seed = (uint64_t)c->seed,
+        .step = number,
+        .max_samples = t->plan.max_samples};
+    uint32_t samples = 0, intervals = 0, slices = 0;
+    int rays = 0;
+    double loss = 0, square = 0;
+
+    cln_batch_draw(&t->batch, t->scene, c, p->ray_background, number, t->model.rays);
+    CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],
+                               t->batch.backgrounds[0]));
+    CLN_TRY(cln_stage_rays(p, t->model.rays));
+    CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples, &intervals));
+    CLN_TRY(cln_stage_regularise(p, &sampling, rays, &samples));
+    CLN_TRY(cln_stage_group(p, samples, &slices));
+    CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
+    CLN_TRY(cln_stage_composite_train(p, rays, samples));
+    CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
+    CLN_TRY(cln_stage_backward(p, slices, key));
+    CLN_TRY(cln_stage_adam(p, learning_rate(c, fraction)));
+    CLN_TRY(cln_buffer_read(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
+    CLN_TRY(cln_device_finish(t->device));
+    for (int i = 0; i < rays; i++) {
+        loss += t->results[i].loss;
+        square += t->results[i].square_error;
+    }
+    loss /= rays;
+    square /= rays;
+    if (!isfinite(loss)) {
+        st = cln_fail(CLN_DIVERGED,
+                      "training diverged: the loss of step %lld is not finite; the last checkpoint is "
+                      "kept, resume from it with a lower --lr",
+                      (long long)t->model.step);
+        goto done;
+    }
+    t->interval.steps++;
+    t->interval.loss += loss;
+    t->interval.square += square;
+    t->interval.rays += rays;
+    t->interval.samples += samples;
+    t->model.rays = adapt_rays(c, rays, samples);
+    t->model.step++;
+done:
+    return st;
+}
+
+/* ---- evaluation, checkpoints ---- */
+
+static cln_status evaluate(cln_trainer *t, const char *folder)
+{
+    cln_status st = CLN_OK;
+    cln_eval_result result = {0};
+    const size_t bytes = (size_t)t->pipeline.leaves * (size_t)t->model.config.n1 *
+                         (size_t)t->model.config.n1 * (size_t)t->model.config.n1 * sizeof(uint16_t);
+
+    if (t->eval_count == 0)
+        return CLN_OK;
+    /* the pictures' densities are not training's: put those back afterwards */
+    CLN_TRY(cln_buffer_read(t->device, &t->pipeline.density, 0, t->model.density, bytes));
+    CLN_TRY(cln_evaluate(&t->pipeline, t->scene, t->eval_views, t->eval_count, folder, NULL, &result));
+    CLN_TRY(cln_buffer_write(t->device, &t->pipeline.density, 0, t->model.density, bytes));
+    t->psnr_test = result.psnr;
+    if (folder) {
+        CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, false));
+        result.digest = cln_model_digest(&t->model);
+        result.step = t->model.step;
+        result.train_seconds = t->model.train_seconds;
+        CLN_TRY(cln_record_eval(t->desc->run, &result));
+    }
+done:
+    cln_eval_free(&result);
+    return st;
+}
+
+static cln_status checkpoint(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
+    CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
+    t->saved_at = cln_now();
+done:
+    return st;
+}
+
+/* Is a test PSNR due at this step? Points by seconds or steps, every N steps, and for a target. */
+static bool evaluation_due(cln_trainer *t, double before)
+{
+    const cln_config *c = &t->model.config;
+    const double now = t->model.train_seconds;
+    bool due = c->eval_every > 0 && t->model.step % c->eval_every == 0;
+
+    for (int i = 0; i < t->point_count; i++)
+        due |= t->point_steps[i] > 0 ? t->model.step == t->point_steps[i]
+                                     : before < t->point_seconds[i] && now >= t->point_seconds[i];
+    if (c->target_psnr > 0 && c->eval_every == 0 && t->point_count == 0)
+        due |= floor(before / 15) < floor(now / 15);
+    return due;
+}
+
+static void report_progress(const cln_trainer *t, double fraction)
+{
+    const cln_callbacks *callbacks = &t->desc->callbacks;
+    const double spent = t->model.train_seconds - t->interval.began_seconds;
+    cln_train_progress progress = {
+        .step = t->model.step,
+        .steps = t->steps,
+        .fraction = fraction,
+        .seconds = t->model.train_seconds,
+        .eta = fraction > 0.001 ? (t->model.train_seconds) * (1 - fraction) / fraction : NAN,
+        .rays_per_s = spent > 0 ? (double)t->interval.rays / spent : 0,
+        .samples_per_ray =
+            t->interval.rays ? (double)t->interval.samples / (double)t->interval.rays : 0,
+        .loss = t->interval.steps ? t->interval.loss / t->interval.steps : NAN,
+        .psnr_train =
+            t->interval.steps ? -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10)) : NAN,
+        .psnr_test = t->psnr_test,
+        .leaves = t->pipeline.leaves,
+        .params = (double)t->pipeline.leaves * t->pipeline.net.learned,
+        .device_bytes = (double)t->device->allocated};
+
+    if (callbacks->train)
+        callbacks->train(&progress, callbacks->user);
+}
+
+/* Rows of metrics.jsonl; afterwards a new interval begins. */
+static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
+{
+    cln_status st = CLN_OK;
+
+    t->psnr_train = -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10));
+    CLN_TRY(cln_record_row(t, learning_rate(&t->model.config, fraction), evaluated));
+    t->interval.steps = 0;
+    t->interval.rays = t->interval.samples = 0;
+    t->interval.loss = t->interval.square = 0;
+    t->interval.began_seconds = t->model.train_seconds;
+done:
+    return st;
+}
+
+cln_status cln_trainer_run(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    const cln_callbacks *callbacks = &t->desc->callbacks;
+    int signal = 0;
+
+    if (c->steps <= 0 && c->time_limit <= 0)
+        t->steps = steps_of_epochs(t);
+    t->interval.began_seconds = t->model.train_seconds;
+    t->saved_at = cln_now();
+    while (cln_trainer_fraction(t) < 1 && signal == 0) {
+        const double began = cln_now(), before = t->model.train_seconds;
+        const double fraction = cln_trainer_fraction(t);
+        bool evaluated = false;
+
+        CLN_TRY(maintain(t, fraction));
+        CLN_TRY(step(t, fraction));
+        t->model.train_seconds += cln_now() - began;
+        report_progress(t, fraction);
+        if (evaluation_due(t, before)) {
+            CLN_TRY(evaluate(t, NULL));
+            evaluated = true;
+        }
+        if (evaluated || t->model.step % c->log_every == 0 || cln_trainer_fraction(t) >= 1)
+            CLN_TRY(log_row(t, fraction, evaluated));
+        if (evaluated && c->target_psnr > 0 && t->psnr_test >= c->target_psnr) {
+            cln_info("target reached: %.2f dB test PSNR at %.0f s", t->psnr_test,
+                     t->model.train_seconds);
+            break;
+        }
+        signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+        if (signal == SIGUSR1 || cln_now() - t->saved_at >= c->save_every) {
+            CLN_TRY(checkpoint(t));
+            signal = signal == SIGUSR1 ? 0 : signal;
+        }
+    }
+    if (signal == SIGINT || signal == SIGTERM) {
+        CLN_TRY(checkpoint(t));
+        st = cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
+                      "stopped by a signal after a checkpoint at step %lld; go on with `cl-nascent "
+                      "train --resume %s`",
+                      (long long)t->model.step, t->desc->run);
+        goto done;
+    }
+    CLN_TRY(checkpoint(t));
+    CLN_TRY(cln_record_folder(t, &t->eval_folder));
+    CLN_TRY(evaluate(t, t->eval_folder));
+done:
+    return st;
+}

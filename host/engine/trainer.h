@@ -1,0 +1,51 @@
+/* A training run in memory: made by session.c (cln_train), stepped by train.c, written down by
+ * record.c. */
+#ifndef CLN_TRAINER_H
+#define CLN_TRAINER_H
+
+#include <jansson.h>
+#include "engine/batch.h"
+#include "engine/plan.h"
+#include "engine/stages.h"
+#include "io/run_folder.h"
+
+enum { CLN_EVAL_POINTS = 32 };
+
+typedef struct cln_trainer {
+    const cln_train_desc *desc;
+    cln_device *device;
+    cln_scene *scene;
+    cln_model model;
+    cln_pipeline pipeline;
+    cln_plan plan;
+    cln_batch batch;
+    cln_ray_result *results; /* [config.rays] */
+    int64_t steps;           /* budget in steps; 0 = time alone */
+    int culled;              /* leaves culled so far in this process */
+    double began, saved_at;  /* monotonic seconds */
+    double psnr_train, psnr_test; /* newest, NaN before */
+
+    int *eval_views, eval_count;  /* test views for evaluations during training */
+    char *eval_folder;            /* of the final one */
+    double point_seconds[CLN_EVAL_POINTS];
+    int point_steps[CLN_EVAL_POINTS], point_count;
+
+    json_t *run;             /* run.json */
+    cln_metrics *metrics;
+    struct {                 /* since the last row of metrics.jsonl */
+        int steps;
+        int64_t rays, samples;
+        double loss, square; /* sums of the steps' means */
+        double began_seconds;
+        double stage_seconds[CLN_STAGES]; /* the device's at the start of it */
+    } interval;
+} cln_trainer;
+
+/* Fraction 0..1 of the budget used so far. */
+double cln_trainer_fraction(const cln_trainer *t);
+
+/* Runs until a budget is used up, the target is reached or a signal comes; checkpoints and final
+ * evaluation included. */
+cln_status cln_trainer_run(cln_trainer *t);
+
+#endif

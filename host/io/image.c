@@ -1,0 +1,443 @@
+/* PNG and JPEG, in and out. The one translation unit with stb_image and stb_image_write in it; it
+ * is not a general image library (8-bit results only, no colour profiles, EXIF rotation ignored
+ * because poses belong to the pixels as stored).
+ *
+ * Files come from strangers, so before stb decodes anything:
+ *   1. the size is read from the header by code of ours and checked against the limits,
+ *   2. the container is walked to its end: PNG chunk lengths and CRCs up to IEND, JPEG segments and
+ *      entropy-coded data up to EOI. stb checks neither, and fills what is missing with grey,
+ *   3. the largest single allocation of the decoder is capped by that size, so that a small file
+ *      cannot inflate to gigabytes.
+ * stb_image 2.27 (Debian 12) needs that: without it damaged JPEGs write out of bounds. */
+#include "io/image.h"
+
+#include <errno.h>
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zlib.h>
+#include "base/files.h"
+#include "base/memory.h"
+
+enum {
+    FILE_MAX_BYTES = 1 << 30,
+    HEAD_BYTES = 4096,    /* enough for most headers; else the whole file is read */
+    PNG_CHUNK_BYTES = 12, /* length, type, CRC around the data of a chunk */
+    PNG_IHDR_END = 33
+};
+
+/* What stb may ask for at once: set per decode, per thread. */
+static _Thread_local size_t decoder_limit;
+
+/* Zeroed: the JPEG decoder trusts tables that a damaged file never defines. */
+static void *decoder_malloc(size_t bytes)
+{
+    return bytes <= decoder_limit ? calloc(bytes, 1) : NULL;
+}
+
+static void *decoder_realloc(void *p, size_t bytes)
+{
+    return bytes <= decoder_limit ? realloc(p, bytes) : NULL;
+}
+
+/* zlib compresses better and faster than the coder inside stb_image_write. */
+static unsigned char *compress_png(unsigned char *data, int length, int *out_length, int quality)
+{
+    uLongf bytes = compressBound((uLong)length);
+    unsigned char *out = malloc(bytes);
+
+    (void)quality;
+    if (out && (compress2(out, &bytes, data, (uLong)length, 6) != Z_OK || bytes > INT_MAX)) {
+        free(out);
+        out = NULL;
+    }
+    *out_length = out ? (int)bytes : 0;
+    return out;
+}
+
+#define STBI_MALLOC(bytes)     decoder_malloc(bytes)
+#define STBI_REALLOC(p, bytes) decoder_realloc(p, bytes)
+#define STBI_FREE(p)           free(p)
+#define STBI_ONLY_PNG
+#define STBI_ONLY_JPEG
+#define STBI_NO_STDIO
+#define STBI_MAX_DIMENSIONS CLN_IMAGE_MAX_SIDE
+#define STB_IMAGE_IMPLEMENTATION
+#include "stb_image.h"
+
+#define STBI_WRITE_NO_STDIO
+#define STBIW_ZLIB_COMPRESS compress_png
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include "stb_image_write.h"
+
+/* What the header says. problem: a reason to refuse the file, NULL if there is none. cut: the data
+ * ended before the header did (or, when walking, before the image did). */
+typedef struct header {
+    int64_t width, height;
+    int channels;
+    bool png, cut;
+    const char *problem;
+} header;
+
+static uint32_t big_endian(const uint8_t *p, int bytes)
+{
+    uint32_t value = 0;
+
+    for (int i = 0; i < bytes; i++)
+        value = value << 8 | p[i];
+    return value;
+}
+
+/* Walks PNG chunks. Without `whole`, only up to the first IDAT (tRNS, which adds alpha, comes
+ * before it); with it, to IEND, checking the CRC of every chunk that shapes the pixels. */
+static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head)
+{
+    size_t at = 8;
+    bool pixels = false;
+
+    head->png = true;
+    if (bytes < PNG_IHDR_END) {
+        head->cut = true;
+        return;
+    }
+    if (big_endian(data + 8, 4) != 13 || memcmp(data + 12, "IHDR", 4) != 0) {
+        head->problem = "damaged PNG (no IHDR chunk)";
+        return;
+    }
+    head->width = big_endian(data + 16, 4);
+    head->height = big_endian(data + 20, 4);
+    head->channels = data[25] & 4 ? 4 : 3;
+    for (;;) {
+        size_t length = 0;
+        const uint8_t *type = NULL;
+
+        if (bytes - at < PNG_CHUNK_BYTES) {
+            head->cut = true;
+            return;
+        }
+        length = big_endian(data + at, 4);
+        type = data + at + 4;
+        if (!memcmp(type, "IDAT", 4)) {
+            pixels = true;
+            if (!whole)
+                return;
+        }
+        if (!memcmp(type, "tRNS", 4) && !pixels)
+            head->channels = 4;
+        if (length > bytes - at - PNG_CHUNK_BYTES) {
+            head->cut = true;
+            return;
+        }
+        /* Capital first letter: critical chunk. A bad text chunk or profile harms no pixel. */
+        if (whole && (!(type[0] & 32) || !memcmp(type, "tRNS", 4)) &&
+            crc32(0, type, (uInt)length + 4) != big_endian(type + 4 + length, 4)) {
+            head->problem = "damaged PNG (checksum of a chunk is wrong)";
+            return;
+        }
+        if (!memcmp(type, "IEND", 4)) {
+            if (!pixels)
+                head->problem = "damaged PNG (no image data)";
+            return;
+        }
+        at += length + PNG_CHUNK_BYTES;
+    }
+}
+
+/* Position of the marker byte (after 0xFF and fill bytes) at or after `at`, or `bytes`. In entropy-
+ * coded data FF00 is a data byte and FFD0..FFD7 are restarts. */
+static size_t next_marker(const uint8_t *data, size_t bytes, size_t at, bool entropy)
+{
+    while (at < bytes) {
+        const uint8_t *ff = memchr(data + at, 0xFF, bytes - at);
+
+        if (!ff)
+            break;
+        at = (size_t)(ff - data) + 1;
+        while (at < bytes && data[at] == 0xFF)
+            at++;
+        if (at < bytes && data[at] != 0 && !(entropy && data[at] >= 0xD0 && data[at] <= 0xD7))
+            return at;
+    }
+    return bytes;
+}
+
+/* Huffman tables of a DHT segment (after its length): 16 counts, then as many symbols. The decoder
+ * writes beyond its own tables if the counts add up to more than 256. */
+static bool huffman_tables_fit(const uint8_t *p, size_t bytes)
+{
+    while (bytes >= 17) {
+        size_t symbols = 0;
+
+        for (int i = 1; i <= 16; i++)
+            symbols += p[i];
+        if (symbols > 256 || bytes < 17 + symbols)
+            return false;
+        p += 17 + symbols;
+        bytes -= 17 + symbols;
+    }
+    return bytes == 0;
+}
+
+/* Walks JPEG segments: to the frame header, or with `whole` to EOI. Thumbnails inside APP segments
+ * are jumped over with their segment, so their EOI does not count. */
+static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *head)
+{
+    size_t at = 2;
+    bool entropy = false;
+
+    head->channels = 3;
+    for (;;) {
+        size_t length = 0;
+        uint8_t marker = 0;
+
+        at = next_marker(data, bytes, at, entropy);
+        if (at < bytes && data[at] == 0xD9)
+            break;
+        if (bytes - at < 3) {
+            head->cut = true;
+            return;
+        }
+        marker = data[at];
+        at++;
+        if (marker == 0x01 || (marker >= 0xD0 && marker <= 0xD8))
+            continue;
+        length = big_endian(data + at, 2);
+        if (length < 2) {
+            head->problem = "damaged JPEG (segment length)";
+            return;
+        }
+        if (length > bytes - at) {
+            head->cut = true;
+            return;
+        }
+        if (marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 &&
+            marker != 0xCC) {
+            if (marker > 0xC2)
+                head->problem = "JPEG of a kind that is not read (lossless or arithmetic coding)";
+            else if (length < 11 || head->width)
+                head->problem = "damaged JPEG (frame header)";
+            if (head->problem)
+                return;
+            head->height = big_endian(data + at + 3, 2);
+            head->width = big_endian(data + at + 5, 2);
+            if (!whole)
+                return;
+        }
+        if (marker == 0xC4 && !huffman_tables_fit(data + at + 2, length - 2)) {
+            head->problem = "damaged JPEG (Huffman tables)";
+            return;
+        }
+        entropy = marker == 0xDA;
+        at += length;
+    }
+    if (!head->width)
+        head->problem = "damaged JPEG (no frame header)";
+}
+
+static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
+{
+    static const uint8_t png[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
+
+    memset(head, 0, sizeof *head);
+    if (bytes == 0)
+        head->problem = "empty file";
+    else if (bytes >= 8 && !memcmp(data, png, 8))
+        walk_png(data, bytes, whole, head);
+    else if (bytes >= 3 && data[0] == 0xFF && data[1] == 0xD8 && data[2] == 0xFF)
+        walk_jpeg(data, bytes, whole, head);
+    else
+        head->problem = "not a PNG or JPEG image";
+}
+
+/* Sizes first: they are what the user can act on even if the rest is cut. */
+static cln_status check_header(const char *path, const header *head)
+{
+    if (head->problem)
+        return cln_fail(CLN_INPUT, "%s: %s", path, head->problem);
+    if (head->width > CLN_IMAGE_MAX_SIDE || head->height > CLN_IMAGE_MAX_SIDE ||
+        head->width * head->height > CLN_IMAGE_MAX_PIXELS)
+        return cln_fail(CLN_INPUT,
+                        "%s: %lld x %lld pixels, more than the %d a side or %d in all that are "
+                        "accepted; make the image smaller",
+                        path, (long long)head->width, (long long)head->height, CLN_IMAGE_MAX_SIDE,
+                        CLN_IMAGE_MAX_PIXELS);
+    if (head->cut)
+        return cln_fail(CLN_INPUT, "%s: truncated %s, the file ends too early; copy it again", path,
+                        head->png ? "PNG" : "JPEG");
+    if (head->width < 1 || head->height < 1)
+        return cln_fail(CLN_INPUT, "%s: image without pixels (%lld x %lld)", path,
+                        (long long)head->width, (long long)head->height);
+    return CLN_OK;
+}
+
+cln_status cln_image_info(const char *path, int *width, int *height, int *channels)
+{
+    cln_status st = CLN_OK;
+    FILE *file = NULL;
+    uint8_t start[HEAD_BYTES];
+    char *all = NULL;
+    size_t bytes = 0;
+    header head;
+
+    errno = 0;
+    if (!cln_is_file(path) || !(file = fopen(path, "rb")))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path,
+                         errno              ? strerror(errno)
+                         : cln_is_dir(path) ? "is a folder, not an image"
+                                            : "not a regular file"));
+    bytes = fread(start, 1, sizeof start, file);
+    if (ferror(file))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path, strerror(errno)));
+    walk(start, bytes, false, &head);
+    if (head.cut && bytes == sizeof start) {
+        CLN_TRY(cln_read_file(path, FILE_MAX_BYTES, &all, &bytes));
+        walk((const uint8_t *)all, bytes, false, &head);
+    }
+    CLN_TRY(check_header(path, &head));
+    *width = (int)head.width;
+    *height = (int)head.height;
+    *channels = head.channels;
+done:
+    free(all);
+    if (file)
+        fclose(file);
+    return st;
+}
+
+cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
+                            int *height, int *channels, uint8_t **pixels)
+{
+    header head;
+    cln_status st = CLN_OK;
+    uint8_t *decoded = NULL;
+    int w = 0, h = 0, file_channels = 0;
+
+    *pixels = NULL;
+    walk(data, bytes, true, &head);
+    CLN_TRY(check_header(path, &head));
+    if (bytes > INT_MAX)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %zu bytes are too large for an image", path, bytes));
+    /* 16-bit RGBA twice over (inflate doubles its buffer), coefficients of a progressive JPEG
+     * padded to 32-pixel blocks, the file itself, and the decoder's own tables: all are below this.
+     */
+    decoder_limit = (size_t)(head.width + 64) * (size_t)(head.height + 64) * 32 + bytes + (1 << 20);
+    decoded = stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, head.channels);
+    if (!decoded)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: damaged or unsupported %s (decoder: %s)", path,
+                         head.png ? "PNG" : "JPEG", stbi_failure_reason()));
+    CLN_ASSERT(w == head.width && h == head.height);
+    *width = w;
+    *height = h;
+    *channels = head.channels;
+    *pixels = decoded;
+done:
+    return st;
+}
+
+cln_status cln_image_load(const char *path, int *width, int *height, int *channels,
+                          uint8_t **pixels)
+{
+    cln_status st = CLN_OK;
+    char *data = NULL;
+    size_t bytes = 0;
+
+    *pixels = NULL;
+    CLN_TRY(cln_read_file(path, FILE_MAX_BYTES, &data, &bytes));
+    CLN_TRY(cln_image_decode(path, data, bytes, width, height, channels, pixels));
+done:
+    free(data);
+    return st;
+}
+
+/* numerator / denominator to the nearest integer, halves up; 0 where there is nothing to average.
+ */
+static uint8_t rounded_ratio(uint64_t numerator, uint64_t denominator)
+{
+    return denominator ? (uint8_t)((2 * numerator + denominator) / (2 * denominator)) : 0;
+}
+
+cln_status cln_image_downscale(int n, int *width, int *height, int channels, uint8_t **pixels)
+{
+    const int w = n > 0 ? *width / n : 0, h = n > 0 ? *height / n : 0;
+    const uint64_t area = (uint64_t)n * (uint64_t)n;
+    const size_t row = (size_t)*width * (size_t)channels;
+    const uint8_t *in = *pixels;
+    uint8_t *out = *pixels, *shrunk = NULL;
+
+    CLN_ASSERT(channels == 3 || channels == 4);
+    if (w < 1 || h < 1)
+        return cln_fail(CLN_INPUT, "downscale %d leaves nothing of a %d x %d image; choose less", n,
+                        *width, *height);
+    if (n == 1)
+        return CLN_OK;
+    /* In place: a block is read at or after the place its mean goes to. */
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            uint64_t sum[4] = {0}, alpha = 0;
+
+            for (int j = 0; j < n; j++) {
+                const uint8_t *p = in + ((size_t)y * (size_t)n + (size_t)j) * row +
+                                   (size_t)x * (size_t)n * (size_t)channels;
+
+                for (int i = 0; i < n; i++, p += channels) {
+                    const uint64_t a = channels == 4 ? p[3] : 1;
+
+                    alpha += a;
+                    for (int c = 0; c < 3; c++)
+                        sum[c] += a * p[c];
+                }
+            }
+            for (int c = 0; c < 3; c++)
+                *out++ = rounded_ratio(sum[c], alpha);
+            if (channels == 4)
+                *out++ = rounded_ratio(alpha, area);
+        }
+    shrunk = realloc(*pixels, (size_t)w * (size_t)h * (size_t)channels);
+    if (shrunk)
+        *pixels = shrunk;
+    *width = w;
+    *height = h;
+    return CLN_OK;
+}
+
+cln_status cln_image_encode_png(int width, int height, int channels, const uint8_t *pixels,
+                                uint8_t **out, size_t *bytes)
+{
+    int length = 0;
+
+    *out = NULL;
+    *bytes = 0;
+    CLN_ASSERT(channels == 1 || channels == 3 || channels == 4);
+    if (width < 1 || height < 1 || width > CLN_IMAGE_MAX_SIDE || height > CLN_IMAGE_MAX_SIDE ||
+        ((int64_t)width * channels + 1) * height > INT_MAX / 2)
+        return cln_fail(CLN_OUTPUT, "cannot make a PNG of %d x %d pixels; the limit is %d a side",
+                        width, height, CLN_IMAGE_MAX_SIDE);
+    *out = stbi_write_png_to_mem(pixels, 0, width, height, channels, &length);
+    if (!*out)
+        return cln_fail(CLN_MEMORY, "no memory to encode a PNG of %d x %d pixels", width, height);
+    *bytes = (size_t)length;
+    return CLN_OK;
+}
+
+cln_status cln_image_write_png(const char *path, int width, int height, int channels,
+                               const uint8_t *pixels)
+{
+    cln_status st = CLN_OK;
+    uint8_t *png = NULL;
+    size_t bytes = 0;
+
+    CLN_TRY(cln_image_encode_png(width, height, channels, pixels, &png, &bytes));
+    CLN_TRY(cln_write_file(path, png, bytes));
+done:
+    if (st != CLN_OK)
+        cln_note("writing %s", path);
+    free(png);
+    return st;
+}
+
+uint8_t cln_to_u8(float value)
+{
+    if (!(value > 0)) /* NaN too */
+        return 0;
+    return value >= 1 ? 255 : (uint8_t)(value * 255 + 0.5f);
+}

@@ -1,0 +1,122 @@
+/* JSON in: jansson, plus the relaxed dialect that instant-ngp's files use (comments, trailing
+ * commas), and reals that may not be finite. The rest of run_folder.h is in run_folder.c.
+ *
+ * Relaxed text is cleaned before jansson sees it, byte for byte in place: a comment becomes blanks
+ * (newlines kept) and a trailing comma a blank, so jansson's line and column are the file's. */
+#include "io/run_folder.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+
+static const size_t MAX_BYTES = (size_t)512 << 20; /* 100,000 frames take about 100 MB */
+
+json_t *cln_json_real(double value)
+{
+    return isfinite(value) ? json_real(value) : json_null();
+}
+
+/* End of the string literal that opens at `at` (index after its closing quote, or bytes). */
+static size_t skip_string(const char *text, size_t bytes, size_t at)
+{
+    for (at++; at < bytes && text[at] != '"' && text[at] != '\n'; at++)
+        if (text[at] == '\\')
+            at++;
+    return at < bytes ? at + 1 : bytes;
+}
+
+static cln_status open_comment(const char *path, const char *text, size_t at)
+{
+    int line = 1, column = 1;
+
+    for (size_t i = 0; i < at; i++) {
+        column = text[i] == '\n' ? 1 : column + 1;
+        line += text[i] == '\n';
+    }
+    return cln_fail(CLN_INPUT, "%s: line %d column %d: comment is not closed; add */", path, line,
+                    column);
+}
+
+/* Blanks out comments. Bytes inside a UTF-8 character are dropped, since jansson's columns count
+ * characters; hence *bytes may shrink. */
+static cln_status blank_comments(const char *path, char *text, size_t *bytes)
+{
+    size_t out = 0, at = 0;
+    const size_t end = *bytes;
+
+    while (at < end) {
+        if (text[at] == '"') {
+            const size_t after = skip_string(text, end, at);
+
+            memmove(text + out, text + at, after - at);
+            out += after - at;
+            at = after;
+        } else if (text[at] == '/' && at + 1 < end &&
+                   (text[at + 1] == '/' || text[at + 1] == '*')) {
+            const bool block = text[at + 1] == '*';
+            const size_t start = at;
+
+            for (at += 2; at < end; at++)
+                if (block ? text[at] == '*' && at + 1 < end && text[at + 1] == '/'
+                          : text[at] == '\n')
+                    break;
+            if (block && at >= end)
+                return open_comment(path, text, start);
+            at += block ? 2 : 0;
+            for (size_t i = start; i < at; i++)
+                if (text[i] == '\n' || ((unsigned char)text[i] & 0xC0) != 0x80)
+                    text[out++] = text[i] == '\n' ? '\n' : ' ';
+        } else {
+            text[out++] = text[at++];
+        }
+    }
+    text[out] = 0;
+    *bytes = out;
+    return CLN_OK;
+}
+
+/* Blanks a comma between a value and the closing bracket; "[,]" stays the error it is. */
+static void blank_trailing_commas(char *text, size_t bytes)
+{
+    size_t last = 0;               /* index of the last significant byte */
+    char before = 0, previous = 0; /* the significant bytes: before, previous (at last), this */
+
+    for (size_t at = 0; at < bytes; at++) {
+        const char c = text[at];
+
+        if (c == ' ' || c == '\t' || c == '\n' || c == '\r')
+            continue;
+        if ((c == ']' || c == '}') && previous == ',' && before && !strchr("[{,:", before))
+            text[last] = ' ';
+        if (c == '"')
+            at = skip_string(text, bytes, at) - 1;
+        before = previous;
+        previous = c;
+        last = at;
+    }
+}
+
+cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
+{
+    cln_status st = CLN_OK;
+    char *text = NULL;
+    size_t bytes = 0;
+    json_error_t error;
+
+    *out = NULL;
+    CLN_TRY(cln_read_file(path, MAX_BYTES, &text, &bytes));
+    if (relaxed) {
+        if (bytes >= 3 && !memcmp(text, "\xEF\xBB\xBF", 3)) /* byte order mark of Windows editors */
+            memset(text, ' ', 3);
+        CLN_TRY(blank_comments(path, text, &bytes));
+        blank_trailing_commas(text, bytes);
+    }
+    *out = json_loadb(text, bytes, 0, &error);
+    if (!*out)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s", path, error.line, error.column,
+                         error.text));
+done:
+    free(text);
+    return st;
+}

@@ -1,0 +1,56 @@
+/* What the report is made of, read from a run folder: run.json, metrics.jsonl, eval/. Anything may be
+ * missing or damaged; what is there is used. Internal to the report. */
+#ifndef CLN_REPORT_DATA_H
+#define CLN_REPORT_DATA_H
+
+#include <jansson.h>
+#include <stdint.h>
+#include "base/status.h"
+
+enum { CLN_REPORT_STAGES = 32, CLN_REPORT_POINTS = 600 };
+
+/* Columns of metrics.jsonl; NaN where a row has none. */
+typedef struct cln_report_rows {
+    int count;
+    double *step, *seconds, *wall, *psnr_train, *psnr_test; /* [count] */
+    double *rays_per_s, *samples_per_ray, *leaves, *params;
+    double *smooth; /* psnr_train, lightly smoothed */
+    int stage_count;
+    struct {
+        char name[48];
+        double seconds; /* over all rows */
+    } stages[CLN_REPORT_STAGES];
+} cln_report_rows;
+
+/* One eval/NNNNNNNN-SPLIT.json. */
+typedef struct cln_report_eval {
+    char *stem; /* "00012300-test" */
+    json_t *document;
+    const char *split;                /* in document */
+    double step, seconds, psnr, ssim; /* seconds of training; means */
+    int images;
+} cln_report_eval;
+
+typedef struct cln_report_data {
+    json_t *run; /* an empty object if there is none */
+    cln_report_rows rows;
+    int eval_count;
+    cln_report_eval *evals; /* by step, then split */
+    int shown;              /* the eval whose views are shown: latest, test before val before train;
+                               -1 = none */
+} cln_report_data;
+
+cln_status cln_report_data_read(const char *run, cln_report_data *out);
+void cln_report_data_free(cln_report_data *data);
+
+/* A member's number (NaN) or text (""), also of NULL or another type. */
+double cln_json_number(const json_t *object, const char *key);
+const char *cln_json_text(const json_t *object, const char *key);
+
+/* At most CLN_REPORT_POINTS of count finite points, for a curve: of each run of neighbours the least
+ * and the greatest, in order, so that nothing that sticks out is lost. x, y: [CLN_REPORT_POINTS].
+ * Returns how many. */
+int cln_report_decimate(int count, const double *from_x, const double *from_y, double *x,
+                        double *y);
+
+#endif

@@ -1,0 +1,262 @@
+/* The run folder: who may write to it, run.json, other JSON documents, rows of metrics.jsonl.
+ * See run_folder.h; json.c has cln_json_real and cln_json_read; checkpoints are
+ * model/checkpoint.c's. */
+#include "io/run_folder.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+
+#define SCHEMA "cl-nascent.run/1"
+enum { TEXT_FLAGS = JSON_REAL_PRECISION(17), METRICS_MAX_GIB = 4 };
+
+struct cln_metrics {
+    char *path;
+    int fd;
+};
+
+/* Entries of a folder; a temp file of a first run.json that never came to be does not count. */
+static cln_status folder_is_empty(const char *path, bool *empty)
+{
+    DIR *dir = opendir(path);
+
+    if (!dir)
+        return cln_fail(CLN_OUTPUT, "%s: cannot look into this folder: %s", path, strerror(errno));
+    *empty = true;
+    for (struct dirent *e = readdir(dir); e; e = readdir(dir))
+        if (strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0 &&
+            strncmp(e->d_name, "run.json.tmp.", 13) != 0)
+            *empty = false;
+    closedir(dir);
+    return CLN_OK;
+}
+
+static cln_status check_writable(const char *run)
+{
+    if (access(run, W_OK | X_OK) != 0)
+        return cln_fail(CLN_OUTPUT, "%s: cannot write to this folder: %s; choose another with -o",
+                        run, strerror(errno));
+    return CLN_OK;
+}
+
+cln_status cln_run_open(const char *run, bool resume)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *reason = NULL;
+    json_t *document = NULL;
+    bool empty = true;
+    struct stat info;
+
+    if (lstat(run, &info) == 0 && !cln_is_dir(run))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: is not a folder; choose another with -o", run));
+    if (cln_is_dir(run))
+        CLN_TRY(folder_is_empty(run, &empty));
+    if (empty) {
+        if (resume)
+            CLN_TRY(
+                cln_fail(CLN_INPUT, "%s: no run there to resume; train one with -o %s", run, run));
+        CLN_TRY(cln_make_dirs(run));
+        CLN_TRY(check_writable(run));
+        goto done;
+    }
+    CLN_TRY(cln_path_join(&path, run, "run.json"));
+    if (!cln_is_file(path))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: holds files but no run.json, so it is no run folder and nothing is "
+                         "written to it; choose a new folder",
+                         run));
+    if (cln_run_read(run, &document) != CLN_OK) {
+        CLN_TRY(cln_strdup(&reason, cln_error_text()));
+        cln_clear_error();
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: nothing is written to it: %s; choose a new folder", run,
+                         reason));
+    }
+    if (!resume)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: already holds a run; continue it with --resume %s, or choose a new "
+                         "folder",
+                         run, run));
+    CLN_TRY(check_writable(run));
+done:
+    json_decref(document);
+    free(reason);
+    free(path);
+    return st;
+}
+
+cln_status cln_run_write_json(const char *run, const char *name, const json_t *document)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *folder = NULL, *text = NULL, *slash = NULL;
+    size_t length = 0;
+
+    CLN_TRY(cln_path_join(&path, run, name));
+    CLN_TRY(cln_strdup(&folder, path));
+    slash = strrchr(folder, '/');
+    if (slash && slash != folder) {
+        *slash = 0;
+        CLN_TRY(cln_make_dirs(folder));
+    }
+    text = json_dumps(document, JSON_INDENT(2) | TEXT_FLAGS);
+    if (!text)
+        CLN_TRY(cln_fail(CLN_INTERNAL, "%s: this document is not JSON", path));
+    length = strlen(text);
+    text[length] = '\n'; /* where the zero was; written by length */
+    CLN_TRY(cln_write_file(path, text, length + 1));
+done:
+    free(text);
+    free(folder);
+    free(path);
+    return st;
+}
+
+cln_status cln_run_write(const char *run, const json_t *document)
+{
+    return cln_run_write_json(run, "run.json", document);
+}
+
+cln_status cln_run_read(const char *run, json_t **document)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    json_t *read = NULL;
+    const char *schema = NULL;
+
+    *document = NULL;
+    CLN_TRY(cln_path_join(&path, run, "run.json"));
+    if (!cln_is_file(path))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: no run folder of cl-nascent (no run.json in it)", run));
+    CLN_TRY(cln_json_read(path, false, &read));
+    schema = json_string_value(json_object_get(read, "schema"));
+    if (!schema || strcmp(schema, SCHEMA) != 0)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: its schema is %s, not %s; it is not of this program", path,
+                         schema ? schema : "not named", SCHEMA));
+    *document = read;
+    read = NULL;
+done:
+    json_decref(read);
+    free(path);
+    return st;
+}
+
+/* Is this whole line a row of ours up to `step`? */
+static bool keep_row(const char *line, size_t length, int64_t step)
+{
+    json_t *row = json_loadb(line, length, 0, NULL);
+    const json_t *at = json_object_get(row, "step");
+    bool keep = json_is_integer(at) && json_integer_value(at) <= step;
+
+    json_decref(row);
+    return keep;
+}
+
+/* Drops rows beyond `step` and what a crash left unfinished, atomically. */
+static cln_status cut_rows(const char *path, int64_t step)
+{
+    cln_status st = CLN_OK;
+    char *text = NULL;
+    size_t bytes = 0, kept = 0;
+
+    CLN_TRY(cln_read_file(path, (size_t)METRICS_MAX_GIB << 30, &text, &bytes));
+    for (size_t at = 0; at < bytes;) {
+        char *end = memchr(text + at, '\n', bytes - at);
+        size_t length = end ? (size_t)(end - (text + at)) + 1 : bytes - at;
+        if (end && keep_row(text + at, length, step)) {
+            memmove(text + kept, text + at, length);
+            kept += length;
+        }
+        at += length;
+    }
+    if (kept != bytes)
+        CLN_TRY(cln_write_file(path, text, kept));
+done:
+    free(text);
+    return st;
+}
+
+cln_status cln_metrics_open(const char *run, int64_t step, cln_metrics **out)
+{
+    cln_status st = CLN_OK;
+    cln_metrics *metrics = NULL;
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&metrics, 1, sizeof *metrics, "metrics"));
+    metrics->fd = -1;
+    CLN_TRY(cln_path_join(&metrics->path, run, "metrics.jsonl"));
+    if (cln_is_file(metrics->path))
+        CLN_TRY(cut_rows(metrics->path, step));
+    metrics->fd = open(metrics->path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+    if (metrics->fd < 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", metrics->path, strerror(errno)));
+    *out = metrics;
+    metrics = NULL;
+done:
+    cln_metrics_close(metrics);
+    return st;
+}
+
+cln_status cln_metrics_add(cln_metrics *metrics, const json_t *row)
+{
+    cln_status st = CLN_OK;
+    char *text = json_dumps(row, JSON_COMPACT | TEXT_FLAGS);
+    size_t length = 0, written = 0;
+    off_t start = lseek(metrics->fd, 0, SEEK_END);
+
+    if (!text)
+        CLN_TRY(cln_fail(CLN_INTERNAL, "%s: this row is not JSON", metrics->path));
+    length = strlen(text);
+    text[length++] = '\n';
+    while (written < length) {
+        ssize_t n = write(metrics->fd, text + written, length - written);
+        if (n < 0 && errno == EINTR)
+            continue;
+        if (n < 0) {
+            int reason = errno;
+            /* Half a row would spoil the next one; a reader must see whole rows only. */
+            if (start >= 0 && written && ftruncate(metrics->fd, start) != 0)
+                cln_warn("%s: its last row is incomplete", metrics->path);
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s; make room or choose another folder",
+                             metrics->path, strerror(reason)));
+        }
+        written += (size_t)n;
+    }
+done:
+    free(text);
+    return st;
+}
+
+void cln_metrics_close(cln_metrics *metrics)
+{
+    if (!metrics)
+        return;
+    if (metrics->fd >= 0)
+        close(metrics->fd);
+    free(metrics->path);
+    free(metrics);
+}
+
+double cln_peak_rss(void)
+{
+    struct rusage usage;
+
+    return getrusage(RUSAGE_SELF, &usage) == 0 ? 1024.0 * (double)usage.ru_maxrss : 0;
+}
+
+void cln_utc_now(char out[32])
+{
+    time_t now = time(NULL);
+    struct tm utc;
+
+    gmtime_r(&now, &utc);
+    strftime(out, 32, "%Y-%m-%dT%H:%M:%SZ", &utc);
+}

@@ -1,0 +1,442 @@
+/* Checkpoints of a run: RUN/checkpoint/NNNNNNNN.safetensors (tree, weights, training state) with
+ * NNNNNNNN.json beside it (all the rest), and `latest`, a text file with the newest one's
+ * number. docs/formats.md has every key.
+ *
+ * A checkpoint exists when its .json does: it is written after its .safetensors, each by atomic
+ * rename, so a crash at any point leaves the earlier ones whole. The .json names the tensors'
+ * digest and carries one of its own, so no two halves of different checkpoints and no damaged
+ * one is ever used. Every size read is compared with what the settings and the tree ask for
+ * before it is used. Does not touch the rest of the run folder. */
+#include "model/model.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include "base/config.h"
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "cl_nascent.h"
+#include "io/run_folder.h"
+#include "io/safetensors.h"
+
+#define SCHEMA "cl-nascent.checkpoint/1"
+#define FOLDER "checkpoint"
+enum { KEEP = 2, MAX_TENSORS = 6, ROW = 8, NAME_BYTES = 64 };
+
+/* ---- the JSON half ---- */
+
+static void hex_of(uint64_t digest, char hex[17])
+{
+    snprintf(hex, 17, "%016" PRIx64, digest);
+}
+
+/* Of the document's text without its own "digest"; 17 digits bring back every double, so the
+ * text is the same when it has been read back. */
+static cln_status digest_document(json_t *document, char hex[17])
+{
+    char *text = NULL;
+
+    json_object_del(document, "digest");
+    text = json_dumps(document, JSON_COMPACT | JSON_SORT_KEYS | JSON_REAL_PRECISION(17));
+    if (!text)
+        return cln_fail(CLN_MEMORY, "checkpoint: out of host memory");
+    hex_of(cln_digest(CLN_DIGEST_START, text, strlen(text)), hex);
+    free(text);
+    return CLN_OK;
+}
+
+static cln_status make_document(const cln_model *model, const char *tensors, uint64_t data_digest,
+                                json_t **out)
+{
+    cln_status st = CLN_OK;
+    json_t *config = NULL, *document = NULL;
+    char data_hex[17], model_hex[17], hex[17];
+
+    CLN_TRY(cln_config_to_json(&model->config, &config));
+    hex_of(data_digest, data_hex);
+    hex_of(cln_model_digest(model), model_hex);
+    document = json_pack(
+        "{s:s, s:s, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
+        " s:b, s:b, s:s, s:s, s:s, s:O}",
+        "schema", SCHEMA, "version", CLN_VERSION, "step", (json_int_t)model->step, "refresh_step",
+        (json_int_t)model->refresh_step, "train_seconds", model->train_seconds, "rays", model->rays,
+        "level", model->level, "training", model->adam_m != NULL, "leaves", model->tree.leaf_count,
+        "params_per_leaf", model->net.params, "cube", "centre", model->centre[0], model->centre[1],
+        model->centre[2], "half", model->half, "background", (double)model->background[0],
+        (double)model->background[1], (double)model->background[2], "has_alpha", model->has_alpha,
+        "has_distortion", model->has_distortion, "tensors", tensors, "tensors_digest", data_hex,
+        "model_digest", model_hex, "config", config);
+    if (!document)
+        CLN_TRY(cln_fail(CLN_INTERNAL, "checkpoint of step %" PRId64 ": a setting is not finite",
+                         model->step));
+    CLN_TRY(digest_document(document, hex));
+    json_object_set_new(document, "digest", json_string(hex));
+    *out = document;
+    document = NULL;
+done:
+    json_decref(document);
+    json_decref(config);
+    return st;
+}
+
+/* A whole number in low..high, or CLN_CHECKPOINT. */
+static cln_status get_int(const json_t *object, const char *path, const char *key, int64_t low,
+                          int64_t high, int64_t *out)
+{
+    const json_t *value = json_object_get(object, key);
+
+    if (!json_is_integer(value) || json_integer_value(value) < low ||
+        json_integer_value(value) > high)
+        return cln_fail(CLN_CHECKPOINT, "%s: \"%s\" is no whole number from %" PRId64, path, key,
+                        low);
+    *out = json_integer_value(value);
+    return CLN_OK;
+}
+
+static cln_status get_real(const json_t *value, const char *path, const char *key, double *out)
+{
+    if (!json_is_number(value))
+        return cln_fail(CLN_CHECKPOINT, "%s: \"%s\" is no number", path, key);
+    *out = json_number_value(value);
+    return CLN_OK;
+}
+
+static cln_status read_scalars(const json_t *document, const char *path, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    const json_t *cube = json_object_get(document, "cube");
+    const json_t *alpha = json_object_get(document, "has_alpha");
+    const json_t *distortion = json_object_get(document, "has_distortion");
+    int64_t rays = 0, level = 0;
+    double channel = 0;
+
+    CLN_TRY(get_int(document, path, "step", 0, INT64_MAX, &out->step));
+    CLN_TRY(get_int(document, path, "refresh_step", INT64_MIN, INT64_MAX, &out->refresh_step));
+    CLN_TRY(get_int(document, path, "rays", 0, INT32_MAX, &rays));
+    CLN_TRY(get_int(document, path, "level", 0, CLN_MAX_LEVEL, &level));
+    CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
+                     &out->train_seconds));
+    CLN_TRY(get_real(json_object_get(cube, "half"), path, "half", &out->half));
+    for (size_t a = 0; a < 3; a++) {
+        CLN_TRY(get_real(json_array_get(json_object_get(cube, "centre"), a), path, "centre",
+                         &out->centre[a]));
+        CLN_TRY(get_real(json_array_get(json_object_get(document, "background"), a), path,
+                         "background", &channel));
+        out->background[a] = (float)channel;
+    }
+    if (!(out->half > 0))
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its cube has no size", path));
+    if (!json_is_boolean(alpha) || !json_is_boolean(distortion))
+        CLN_TRY(
+            cln_fail(CLN_CHECKPOINT, "%s: \"has_alpha\" or \"has_distortion\" is missing", path));
+    out->has_alpha = json_is_true(alpha);
+    out->has_distortion = json_is_true(distortion);
+    out->rays = (int)rays;
+    out->level = (int)level;
+    CLN_TRY(cln_config_from_json(json_object_get(document, "config"), &out->config));
+    CLN_TRY(cln_network_layout(&out->config, &out->net));
+done:
+    return st;
+}
+
+/* Checks schema and digest, then fills what is not in the tensors; *tensors_digest (17 bytes). */
+static cln_status read_document(const char *path, cln_model *out, char tensors_digest[17])
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const char *schema = NULL, *wanted = NULL, *digest = NULL;
+    char hex[17], stated[17];
+
+    CLN_TRY(cln_json_read(path, false, &document));
+    schema = json_string_value(json_object_get(document, "schema"));
+    if (!schema || strcmp(schema, SCHEMA) != 0)
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its schema is %s, not %s", path,
+                         schema ? schema : "not named", SCHEMA));
+    wanted = json_string_value(json_object_get(document, "digest"));
+    snprintf(stated, sizeof stated, "%s", wanted ? wanted : "");
+    CLN_TRY(digest_document(document, hex));
+    if (strcmp(stated, hex) != 0)
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: it was changed or damaged (digest %s, not %s)", path,
+                         hex, stated));
+    digest = json_string_value(json_object_get(document, "tensors_digest"));
+    if (!digest || strlen(digest) != 16)
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: \"tensors_digest\" is missing", path));
+    memcpy(tensors_digest, digest, 17);
+    CLN_TRY(read_scalars(document, path, out));
+done:
+    json_decref(document);
+    return st;
+}
+
+/* ---- the tensor half ---- */
+
+static cln_status write_tensors(const char *path, const cln_model *model, uint64_t *digest)
+{
+    cln_status st = CLN_OK;
+    int32_t *rows = NULL;
+    int64_t leaves = model->tree.leaf_count, stride = model->net.params, n1 = model->config.n1;
+    int count = 2;
+    cln_tensor tensors[MAX_TENSORS] = {
+        {"octree", CLN_DTYPE_I32, 2, {model->tree.node_count, ROW}, NULL},
+        {"params", CLN_DTYPE_F32, 2, {leaves, stride}, model->params},
+        {"adam_m", CLN_DTYPE_F32, 2, {leaves, stride}, model->adam_m},
+        {"adam_v", CLN_DTYPE_F32, 2, {leaves, stride}, model->adam_v},
+        {"adam_steps", CLN_DTYPE_I32, 1, {leaves}, model->adam_steps},
+        {"density", CLN_DTYPE_BF16, 4, {leaves, n1, n1, n1}, model->density}};
+
+    CLN_TRY(cln_octree_pack(&model->tree, &rows));
+    tensors[0].data = rows;
+    if (model->adam_m)
+        count = MAX_TENSORS;
+    CLN_TRY(cln_safetensors_write(path, count, tensors, digest));
+done:
+    free(rows);
+    return st;
+}
+
+/* *out = copy of a tensor that must have exactly this shape. */
+static cln_status take_tensor(const cln_safetensors *file, const char *path, const char *name,
+                              cln_dtype dtype, int dims, const int64_t *shape, void *out)
+{
+    cln_status st = CLN_OK;
+    cln_tensor tensor;
+    void *copy = NULL;
+    size_t bytes = 0;
+    bool same = true;
+
+    CLN_TRY(cln_safetensors_get(file, name, dtype, &tensor));
+    for (int i = 0; i < dims; i++)
+        same = same && i < tensor.dims && tensor.shape[i] == shape[i];
+    if (!same || tensor.dims != dims)
+        CLN_TRY(cln_fail(CLN_CHECKPOINT,
+                         "%s: tensor '%s' has another shape than its settings and tree ask for",
+                         path, name));
+    bytes = cln_tensor_bytes(&tensor);
+    CLN_TRY(cln_alloc(&copy, bytes, 1, name));
+    if (bytes)
+        memcpy(copy, tensor.data, bytes);
+    memcpy(out, &copy, sizeof copy);
+done:
+    return st;
+}
+
+static cln_status read_tree(const cln_safetensors *file, const char *path, cln_octree *out)
+{
+    cln_status st = CLN_OK;
+    cln_tensor tensor;
+    int32_t *rows = NULL;
+
+    CLN_TRY(cln_safetensors_get(file, "octree", CLN_DTYPE_I32, &tensor));
+    if (tensor.dims != 2 || tensor.shape[1] != ROW || tensor.shape[0] > INT32_MAX)
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: tensor 'octree' has not the shape [nodes, %d]", path,
+                         ROW));
+    CLN_TRY(take_tensor(file, path, "octree", CLN_DTYPE_I32, 2, tensor.shape, &rows));
+    CLN_TRY(cln_octree_unpack(rows, (int)tensor.shape[0], out));
+done:
+    free(rows);
+    return st;
+}
+
+static cln_status read_tensors(const char *path, const char *digest, bool training, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    cln_safetensors *file = NULL;
+    char hex[17];
+    int64_t n1 = out->config.n1, shape[4] = {0, out->net.params};
+    int64_t grid[4] = {0, n1, n1, n1};
+
+    CLN_TRY(cln_safetensors_read(path, &file));
+    hex_of(cln_safetensors_digest(file), hex);
+    if (strcmp(hex, digest) != 0)
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its digest is %s, not %s as its .json says", path,
+                         hex, digest));
+    CLN_TRY(read_tree(file, path, &out->tree));
+    shape[0] = grid[0] = out->tree.leaf_count;
+    CLN_TRY(take_tensor(file, path, "params", CLN_DTYPE_F32, 2, shape, &out->params));
+    if (training) {
+        CLN_TRY(take_tensor(file, path, "adam_m", CLN_DTYPE_F32, 2, shape, &out->adam_m));
+        CLN_TRY(take_tensor(file, path, "adam_v", CLN_DTYPE_F32, 2, shape, &out->adam_v));
+        CLN_TRY(take_tensor(file, path, "adam_steps", CLN_DTYPE_I32, 1, shape, &out->adam_steps));
+        CLN_TRY(take_tensor(file, path, "density", CLN_DTYPE_BF16, 4, grid, &out->density));
+    }
+done:
+    cln_safetensors_free(file);
+    return st;
+}
+
+/* ---- the folder ---- */
+
+/* Does a file name start with at least eight digits and go on with `suffix`? The number in
+ * *step. */
+static bool parse_name(const char *name, const char *suffix, bool whole, int64_t *step)
+{
+    size_t digits = strspn(name, "0123456789"), length = strlen(suffix);
+
+    if (digits < 8 || digits > 18 || strncmp(name + digits, suffix, length) != 0)
+        return false;
+    *step = strtoll(name, NULL, 10);
+    return !whole || name[digits + length] == 0;
+}
+
+static int descending(const void *a, const void *b)
+{
+    const int64_t *x = a, *y = b;
+
+    return (*x < *y) - (*x > *y);
+}
+
+/* Steps of the checkpoints in a folder, newest first; none if there is no such folder. */
+static cln_status list_steps(const char *folder, int64_t **steps, int *count)
+{
+    cln_status st = CLN_OK;
+    DIR *dir = opendir(folder);
+    int64_t step = 0, *grown = NULL;
+
+    *steps = NULL;
+    *count = 0;
+    for (struct dirent *e = dir ? readdir(dir) : NULL; e; e = readdir(dir)) {
+        if (!parse_name(e->d_name, ".json", true, &step))
+            continue;
+        grown = realloc(*steps, ((size_t)*count + 1) * sizeof **steps);
+        if (!grown)
+            CLN_TRY(cln_fail(CLN_MEMORY, "%s: out of host memory", folder));
+        *steps = grown;
+        grown[(*count)++] = step;
+    }
+    if (*count)
+        qsort(*steps, (size_t)*count, sizeof **steps, descending);
+done:
+    if (dir)
+        closedir(dir);
+    return st;
+}
+
+/* Removes all checkpoints but the one just written and the newest before it, what a crash left
+ * behind, and steps beyond this one: they were damaged, or the run would have gone on from
+ * there. */
+static cln_status remove_old(const char *folder, int64_t newest)
+{
+    cln_status st = CLN_OK;
+    DIR *dir = NULL;
+    int64_t *steps = NULL, step = 0, before = -1;
+    int count = 0, kept = 1;
+    char *path = NULL;
+
+    CLN_TRY(list_steps(folder, &steps, &count));
+    for (int i = 0; i < count; i++)
+        if (steps[i] < newest && kept++ < KEEP)
+            before = steps[i];
+    dir = opendir(folder);
+    for (struct dirent *e = dir ? readdir(dir) : NULL; e; e = readdir(dir)) {
+        const char *name = e->d_name;
+        bool temp = parse_name(name, ".safetensors.tmp.", false, &step) ||
+                    parse_name(name, ".json.tmp.", false, &step) ||
+                    strncmp(name, "latest.tmp.", 11) == 0;
+        bool ours = temp || parse_name(name, ".safetensors", true, &step) ||
+                    parse_name(name, ".json", true, &step);
+        if (!ours || (!temp && (step == newest || step == before)))
+            continue;
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, folder, name));
+        if (unlink(path) != 0)
+            cln_warn("%s: an old checkpoint that cannot be removed: %s", path, strerror(errno));
+    }
+done:
+    if (dir)
+        closedir(dir);
+    free(path);
+    free(steps);
+    return st;
+}
+
+cln_status cln_checkpoint_write(const char *run, const cln_model *model)
+{
+    cln_status st = CLN_OK;
+    char tensors[NAME_BYTES], document[NAME_BYTES], latest[NAME_BYTES];
+    char *folder = NULL, *path = NULL;
+    json_t *json = NULL;
+    uint64_t digest = 0;
+
+    snprintf(tensors, sizeof tensors, "%08" PRId64 ".safetensors", model->step);
+    snprintf(document, sizeof document, FOLDER "/%08" PRId64 ".json", model->step);
+    snprintf(latest, sizeof latest, "%08" PRId64 "\n", model->step);
+    CLN_TRY(cln_path_join(&folder, run, FOLDER));
+    CLN_TRY(cln_make_dirs(folder));
+    CLN_TRY(cln_path_join(&path, folder, tensors));
+    CLN_TRY(write_tensors(path, model, &digest));
+    CLN_TRY(make_document(model, tensors, digest, &json));
+    CLN_TRY(cln_run_write_json(run, document, json));
+    free(path);
+    path = NULL;
+    CLN_TRY(cln_path_join(&path, folder, "latest"));
+    CLN_TRY(cln_write_file(path, latest, strlen(latest)));
+    CLN_TRY(remove_old(folder, model->step));
+done:
+    if (st != CLN_OK)
+        cln_note("writing a checkpoint of step %" PRId64, model->step);
+    json_decref(json);
+    free(path);
+    free(folder);
+    return st;
+}
+
+static cln_status read_one(const char *folder, int64_t step, bool training, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    char *json_path = NULL, *tensor_path = NULL, digest[17];
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(cln_asprintf(&json_path, "%s/%08" PRId64 ".json", folder, step));
+    CLN_TRY(cln_asprintf(&tensor_path, "%s/%08" PRId64 ".safetensors", folder, step));
+    CLN_TRY(read_document(json_path, out, digest));
+    CLN_TRY(read_tensors(tensor_path, digest, training, out));
+done:
+    if (st != CLN_OK)
+        cln_model_free(out);
+    free(json_path);
+    free(tensor_path);
+    return st;
+}
+
+cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL, *defect = NULL;
+    int64_t *steps = NULL;
+    int count = 0;
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(cln_path_join(&folder, run, FOLDER));
+    CLN_TRY(list_steps(folder, &steps, &count));
+    if (count == 0)
+        CLN_TRY(
+            cln_fail(CLN_CHECKPOINT, "%s: there is no checkpoint in it yet; train it first", run));
+    for (int i = 0; i < count; i++) {
+        st = read_one(folder, steps[i], training, out);
+        if (st == CLN_OK || st == CLN_MEMORY)
+            goto done;
+        free(defect);
+        defect = NULL;
+        CLN_TRY(cln_strdup(&defect, cln_error_text()));
+        cln_clear_error();
+        if (i + 1 < count)
+            cln_warn("%s; going back from step %" PRId64 " to %" PRId64, defect, steps[i],
+                     steps[i + 1]);
+    }
+    /* Whatever a reader called it (a missing file, bad JSON): here it is a damaged checkpoint. */
+    st = cln_fail(CLN_CHECKPOINT, "%s: no whole checkpoint in it; the oldest of %d: %s", run, count,
+                  defect);
+done:
+    free(defect);
+    free(steps);
+    free(folder);
+    return st;
+}

@@ -1,0 +1,51 @@
+/* A model on the host: tree + packed weights + where it sits in the world, and the training state that
+ * an exact resume needs; to and from a run's checkpoint. The engine downloads into and uploads from
+ * it. No OpenCL. */
+#ifndef CLN_MODEL_H
+#define CLN_MODEL_H
+
+#include <stdint.h>
+#include "model/network.h"
+#include "model/octree.h"
+
+typedef struct cln_model {
+    cln_config config;
+    cln_network net;
+    cln_octree tree;
+    double centre[3], half; /* world = centre + half * normalised */
+    float background[3];
+    bool has_alpha, has_distortion; /* of the scene it was trained on */
+    float *params;                  /* [slot][net.params] */
+    /* Training state; NULL / 0 in a model that only renders. */
+    float *adam_m, *adam_v; /* [slot][net.params] */
+    int32_t *adam_steps;    /* [slot] updates so far */
+    uint16_t *density;      /* [slot][n1^3] cached stage-1 densities, bfloat16 */
+    int64_t step;
+    int64_t refresh_step; /* step of the last stage-1 refresh */
+    double train_seconds; /* budget used so far */
+    int rays;             /* adapted batch size of the next step */
+    int level;            /* growth reached so far */
+} cln_model;
+
+/* A new model: full tree at config.start_level, initial weights, training state zero. */
+cln_status cln_model_create(const cln_config *config, cln_model *out);
+void cln_model_free(cln_model *model); /* accepts a zeroed model */
+
+/* Applies a change of structure (already made in model->tree by octree.h): copies or folds params,
+ * zeroes adam state of new leaves, copies or zeroes (for new leaves) adam_steps; resizes density
+ * (kept leaves copied, new ones from the parent's octant, nearest cell, until the next refresh). */
+cln_status cln_model_apply(cln_model *model, const cln_octree_change *change);
+
+/* Digest of parameters and tree: what `info` prints as model_digest. */
+uint64_t cln_model_digest(const cln_model *model);
+
+/* RUN/checkpoint/NNNNNNNN.safetensors + NNNNNNNN.json (step, seconds, rays, config, cube, digests),
+ * then RUN/checkpoint/latest; each by atomic rename; then all but the newest two are removed.
+ * CLN_OUTPUT leaves the earlier checkpoints whole. */
+cln_status cln_checkpoint_write(const char *run, const cln_model *model);
+
+/* The newest checkpoint that is whole. A damaged newest one is reported by a warning and the one
+ * before it is used; none whole is CLN_CHECKPOINT. `training`: also the training state. */
+cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out);
+
+#endif

@@ -1,0 +1,151 @@
+/* The leaf network's layout in memory and its initial weights (method.md sections 1 and 2).
+ * Evaluates nothing; the split by folding is in fold.c. Initial weights are a pure function of
+ * (seed, matrix, element), so every leaf gets the same ones and nothing needs to be stored. */
+#include "model/network.h"
+
+#include <math.h>
+#include <string.h>
+#include "base/rng.h"
+
+enum { ALIGN_FLOATS = 16, PAD_ROWS = 4 };
+
+static int round_up(int n, int multiple)
+{
+    return (n + multiple - 1) / multiple * multiple;
+}
+
+/* Takes `floats` from the end of the leaf's block, rounded up so that the next block is aligned. */
+static int take(cln_network *net, int floats)
+{
+    int offset = net->params;
+
+    net->params += round_up(floats, ALIGN_FLOATS);
+    return offset;
+}
+
+int cln_network_rows(const cln_network *net, int layer)
+{
+    if (layer == 0)
+        return net->enc_pad;
+    return net->width + (layer == net->skip_layer ? net->enc_pad : 0);
+}
+
+static cln_status check_shape(const cln_config *c)
+{
+    if (c->width != 16 && c->width != 32 && c->width != 64 && c->width != 128 && c->width != 256)
+        return cln_fail(CLN_USAGE, "width %d: leaf networks are 16, 32, 64, 128 or 256 wide",
+                        c->width);
+    if (c->depth < 2 || c->depth > 8)
+        return cln_fail(CLN_USAGE, "depth %d: leaf networks have 2 to 8 layers", c->depth);
+    if (c->view_dependence &&
+        (c->view_width < 16 || c->view_width > 256 || c->view_width % ALIGN_FLOATS != 0))
+        return cln_fail(CLN_USAGE, "view-width %d: it is a multiple of 16 from 16 to 256",
+                        c->view_width);
+    if (c->bands < 1 || c->bands > 10 || c->view_bands < 0 || c->view_bands > 4)
+        return cln_fail(CLN_USAGE, "bands %d, view-bands %d: they are 1 to 10 and 0 to 4", c->bands,
+                        c->view_bands);
+    return CLN_OK;
+}
+
+cln_status cln_network_layout(const cln_config *config, cln_network *out)
+{
+    cln_status st = CLN_OK;
+    cln_network net = {0};
+    int w = config->width;
+
+    CLN_TRY(check_shape(config));
+    net.width = w;
+    net.depth = config->depth;
+    net.bands = config->bands;
+    net.view_dependence = config->view_dependence;
+    net.view_width = config->view_dependence ? config->view_width : 0;
+    net.view_bands = config->view_dependence ? config->view_bands : 0;
+    net.skip_layer = config->skip && config->depth >= 6 ? config->depth / 2 + 1 : -1;
+    net.enc = 3 + 6 * net.bands;
+    net.enc_pad = round_up(net.enc, PAD_ROWS);
+    net.dir = net.view_dependence ? 3 + 6 * net.view_bands : 0;
+    net.dir_pad = round_up(net.dir, PAD_ROWS);
+    net.colour_width = net.view_dependence ? net.view_width : w;
+    for (int i = 0; i < net.depth; i++) {
+        int rows = cln_network_rows(&net, i);
+        net.trunk_w[i] = take(&net, rows * w);
+        net.trunk_b[i] = take(&net, w);
+        net.learned += (i == 0 ? net.enc : rows - (rows > w ? net.enc_pad - net.enc : 0)) * w + w;
+    }
+    net.sigma_w = take(&net, w);
+    net.sigma_b = take(&net, 1);
+    net.learned += w + 1;
+    net.view_w = net.view_b = -1;
+    if (net.view_dependence) {
+        net.view_w = take(&net, (w + net.dir_pad) * net.view_width);
+        net.view_b = take(&net, net.view_width);
+        net.learned += (w + net.dir) * net.view_width + net.view_width;
+    }
+    net.colour_w = take(&net, 3 * net.colour_width);
+    net.colour_b = take(&net, 3);
+    net.learned += 3 * net.colour_width + 3;
+    *out = net;
+done:
+    return st;
+}
+
+/* count uniforms in +-bound; `block` tells the matrices and biases of a network apart. */
+static void fill_uniform(const cln_config *config, int block, int count, double bound, float *out)
+{
+    float u[4];
+
+    for (int i = 0; i < count; i++) {
+        if (i % 4 == 0)
+            cln_uniform4((uint64_t)config->seed, CLN_STREAM_INIT, 0, (uint32_t)(i / 4),
+                         (uint32_t)block, u);
+        out[i] = (float)(bound * (2.0 * u[i % 4] - 1.0));
+    }
+}
+
+/* Kaiming-uniform keeps the activations' second moment: f = leaky with a slope r that is uniform in
+ * [lower, upper] has E[f^2] = (1 + E[r^2]) / 2 of its input's. */
+static double weight_bound(const cln_config *config, int fan_in)
+{
+    double mean = (config->rrelu_lower + config->rrelu_upper) / 2;
+    double range = config->rrelu_upper - config->rrelu_lower;
+    double gain = sqrt(2 / (1 + mean * mean + range * range / 12));
+
+    return config->init == CLN_INIT_FAN_IN ? 1 / sqrt(fan_in) : gain * sqrt(3.0 / fan_in);
+}
+
+void cln_network_init(const cln_network *net, const cln_config *config, float *params)
+{
+    int w = net->width, block = 0;
+
+    memset(params, 0, (size_t)net->params * sizeof *params);
+    for (int i = 0; i < net->depth; i++) {
+        int rows = i == 0 ? net->enc : i == net->skip_layer ? w + net->enc : w;
+        fill_uniform(config, block++, rows * w, weight_bound(config, rows),
+                     params + net->trunk_w[i]);
+        fill_uniform(config, block++, w, 1 / sqrt(rows), params + net->trunk_b[i]);
+    }
+    /* Nearly flat, so that the density starts at what the activation's bias says everywhere. */
+    fill_uniform(config, block++, w, 0.1 * weight_bound(config, w), params + net->sigma_w);
+    if (net->view_dependence) {
+        int rows = w + net->dir;
+        fill_uniform(config, block++, rows * net->view_width, weight_bound(config, rows),
+                     params + net->view_w);
+        fill_uniform(config, block++, net->view_width, 1 / sqrt(rows), params + net->view_b);
+    }
+    fill_uniform(config, block, 3 * net->colour_width, sqrt(6.0 / (net->colour_width + 3)),
+                 params + net->colour_w);
+}
+
+double cln_network_density_bias(const cln_config *config)
+{
+    double y = config->initial_depth / (config->density_scale * 2); /* the root cube is 2 wide */
+
+    switch (config->density) {
+    case CLN_DENSITY_RELU:
+        return y;
+    case CLN_DENSITY_EXP:
+        return log(y);
+    default:
+        return y + log(-expm1(-y)); /* log(expm1(y)) without overflow */
+    }
+}

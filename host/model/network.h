@@ -1,0 +1,56 @@
+/* The leaf network (method.md sections 1, 2, 11): its layout in memory, initial weights, and the exact
+ * split by folding. Evaluating it is the kernels' work (kernels/mlp.cl; float64 twin in reference/).
+ *
+ * Encoding, L bands: row 0..2 = p; row 3 + 6k + a = sin(2^k p_a), row 6 + 6k + a = cos(2^k p_a),
+ * a = axis; 3 + 6L rows, zero-padded to a multiple of 4. Position: leaf-local x in [-1,1]^3; direction:
+ * unit world vector.
+ *
+ * Parameters of one leaf, floats, in this order; a matrix is [input][output] row-major; every block
+ * starts at a multiple of 16 floats:
+ *   trunk layer 0        W [enc_pad][width]                b [width]
+ *   trunk layer i >= 1   W [width (+ enc_pad)][width]      b [width]   + enc_pad: only the skip layer,
+ *                                                                      rows: h first, then encoding
+ *   density head         w [width]                         b [16]      only b[0] is used
+ *   view layer           W [width + dir_pad][view_width]   b [view_width]
+ *   colour head          W [3][view_width]                 b [16]      only b[0..2] are used
+ * Without view dependence the view layer is absent and the colour head is W [3][width].
+ * Skip layer: i = depth/2 + 1, for depth >= 6 with config.skip; else none. */
+#ifndef CLN_NETWORK_H
+#define CLN_NETWORK_H
+
+#include <stddef.h>
+#include "base/status.h"
+#include "cln_config.h"
+
+typedef struct cln_network {
+    int width, depth, view_width, bands, view_bands;
+    bool view_dependence;
+    int skip_layer;   /* -1 = none */
+    int enc, enc_pad; /* rows of the position encoding, padded */
+    int dir, dir_pad; /* rows of the direction encoding, padded; 0 without view dependence */
+    int colour_width; /* inputs of the colour head */
+    int trunk_w[8], trunk_b[8]; /* offsets, floats */
+    int sigma_w, sigma_b;
+    int view_w, view_b; /* -1 without view dependence */
+    int colour_w, colour_b;
+    int params;  /* floats per leaf, padded (the stride of packed buffers) */
+    int learned; /* of these, really used (for reports) */
+} cln_network;
+
+/* Rows of trunk layer i's matrix that multiply something (enc_pad, width or width + enc_pad). */
+int cln_network_rows(const cln_network *net, int layer);
+
+cln_status cln_network_layout(const cln_config *config, cln_network *out);
+
+/* Initial weights of one leaf, [params] (method.md section 2); the same for every leaf. */
+void cln_network_init(const cln_network *net, const cln_config *config, float *params);
+
+/* Density activation's bias b, from initial_depth (method.md section 1). */
+double cln_network_density_bias(const cln_config *config);
+
+/* Weights of child `octant` that compute on its local coordinates what the parent computes on its own
+ * (method.md section 11, "Split by folding"): exact but for band 0, whose half-angle functions are
+ * fitted to 7e-5. parent, child: [params], may not overlap. */
+void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child);
+
+#endif

@@ -1,0 +1,71 @@
+/* The octree over the root cube [-1,1]^3 (method.md section 3): which leaves exist, where, in which
+ * slot. Plain C, no densities, no networks, no policy (structure.h decides, this carries out).
+ *
+ *   node states   INNER (8 children), ACTIVE leaf (has a network), CULLED leaf (zero density)
+ *   geometry      node at level l: integer position (x, y, z) in 0..2^l-1, side 2 * 2^-l,
+ *                 box [min, max) half-open, closed at +1
+ *   child i       bit 0 of i = upper half along x, bit 1 along y, bit 2 along z
+ *   slots         ACTIVE leaves numbered 0.. in Morton order; weights are packed by slot
+ *
+ * Arrays are SoA, indexed by node; node 0 is the root; children stand together, eight in a row. */
+#ifndef CLN_OCTREE_H
+#define CLN_OCTREE_H
+
+#include <stdint.h>
+#include "base/status.h"
+
+enum { CLN_MAX_LEVEL = 5 };
+enum { CLN_NODE_INNER, CLN_NODE_ACTIVE, CLN_NODE_CULLED };
+
+typedef struct cln_octree {
+    int node_count, node_capacity;
+    uint8_t *state;     /* [node] */
+    uint8_t *level;     /* [node] */
+    uint8_t *strikes;   /* [node] consecutive checks that found the leaf empty */
+    int32_t *parent;    /* [node] -1 for the root */
+    int32_t *child;     /* [node] first of eight, -1 for leaves */
+    int32_t *slot;      /* [node] slot of an ACTIVE leaf, else -1 */
+    uint16_t (*pos)[3]; /* [node] */
+    int leaf_count;     /* ACTIVE leaves */
+    int32_t *leaf;      /* [slot] node */
+} cln_octree;
+
+/* What became of the slots in a change of structure: new slot s comes from old slot from[s]; as a copy
+ * (octant[s] = -1) or as its child octant[s] in 0..7 (a split: fold). Merging will add a third kind. */
+typedef struct cln_octree_change {
+    int count;      /* new leaf_count */
+    int32_t *from;  /* [count] */
+    int8_t *octant; /* [count] */
+} cln_octree_change;
+
+cln_status cln_octree_create(int level, cln_octree *out); /* full tree, all leaves ACTIVE */
+void cln_octree_free(cln_octree *tree);
+void cln_octree_change_free(cln_octree_change *change);
+
+/* Splits every marked ACTIVE leaf (split[slot] != 0; NULL = all) below CLN_MAX_LEVEL. */
+cln_status cln_octree_split(cln_octree *tree, const uint8_t *split, cln_octree_change *change);
+
+/* Turns every marked ACTIVE leaf into CULLED; a parent whose eight children are all CULLED becomes a
+ * CULLED leaf itself (its children stay in the arrays, unreachable). */
+cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
+
+/* Deepest level that has an ACTIVE leaf (0 if there is none). */
+int cln_octree_depth(const cln_octree *tree);
+
+/* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */
+int cln_octree_find(const cln_octree *tree, const double point[3]);
+
+/* The tree as the kernels read it: a dense map at level `depth`, cell (x,y,z) at index
+ * (z * n + y) * n + x with n = 2^depth: (slot + 1) << 4 | level of the leaf or culled node there
+ * (slot + 1 = 0 for culled). The caller frees *map ([n^3]). */
+cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map);
+
+/* Per-slot geometry for the kernels: {min x, min y, min z, side} in normalised units; [slot][4]. */
+cln_status cln_octree_boxes(const cln_octree *tree, float **boxes);
+
+/* To and from flat arrays for a checkpoint: rows {state, level, strikes, parent, child, x, y, z} of
+ * int32 [node][8]; reading checks every link, level and position. CLN_CHECKPOINT. */
+cln_status cln_octree_pack(const cln_octree *tree, int32_t **rows);
+cln_status cln_octree_unpack(const int32_t *rows, int node_count, cln_octree *out);
+
+#endif

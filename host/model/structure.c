@@ -1,0 +1,63 @@
+/* Decisions about the tree: culling of empty leaves and growth by schedule. See structure.h;
+ * carries nothing out. The program that optimises single leaves (method.md 12.2, 12.3) will
+ * stand here beside cln_structure_cull and read the same statistics. */
+#include "model/structure.h"
+
+#include <string.h>
+#include "base/config.h"
+#include "base/log.h"
+
+/* Empty by the mean; and, guarded, by the peak too: a thin opaque rod in a big leaf has a tiny mean
+ * (a share of 1e-5 of the volume at sigma 500 gives 0.005) but one opaque sample. */
+static bool is_empty(const cln_config *config, float mean, float peak, double side)
+{
+    if (!(mean < config->cull_mean))
+        return false;
+    return config->cull == CLN_CULL_MEAN || peak * (side / config->n1) < config->cull_max;
+}
+
+int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,
+                       uint8_t *cull)
+{
+    int needed = config->cull == CLN_CULL_MEAN ? 1 : config->cull_strikes;
+    int marked = 0, densest = 0;
+
+    for (int s = 0; s < tree->leaf_count; s++) {
+        int node = tree->leaf[s];
+        double side = 2.0 / (1 << tree->level[node]);
+        uint8_t *strikes = &tree->strikes[node];
+
+        if (!is_empty(config, stats->mean[s], stats->peak[s], side))
+            *strikes = 0;
+        else if (*strikes < UINT8_MAX)
+            ++*strikes;
+        cull[s] = *strikes >= needed;
+        marked += cull[s];
+        if (stats->mean[s] > stats->mean[densest])
+            densest = s;
+    }
+    if (marked > 0 && marked == tree->leaf_count) {
+        cull[densest] = 0;
+        marked--;
+        cln_warn("all %d leaves look empty (largest mean density %g); one is kept: the training "
+                 "images may see nothing of the cube, see --bbox and --cull-mean",
+                 tree->leaf_count, (double)stats->mean[densest]);
+    }
+    return marked;
+}
+
+int cln_structure_level(const cln_config *config, double fraction)
+{
+    double at[CLN_MAX_LEVEL + 1];
+    int level = config->start_level;
+
+    /* The syntax was checked with the other options; without a plan the tree stays as it starts. */
+    if (cln_config_levels(config, at) != CLN_OK) {
+        cln_clear_error();
+        return level;
+    }
+    for (int l = level + 1; l <= CLN_MAX_LEVEL; l++)
+        if (fraction >= at[l])
+            level = l;
+    return level;
+}

@@ -1,0 +1,27 @@
+/* Decisions about the tree (method.md section 12): which leaves are empty, when levels grow. Today:
+ * culling (12.3) and growth of the whole tree by schedule. The optimisation of single leaves by the
+ * integer program (12.2, 12.3 "MIP") belongs here too: it will take the same cln_leaf_stats and return
+ * split / merge marks beside `cull`. Carries nothing out: octree.h does. */
+#ifndef CLN_STRUCTURE_H
+#define CLN_STRUCTURE_H
+
+#include "cln_config.h"
+#include "model/octree.h"
+
+/* Measured per ACTIVE leaf from the stage-1 samples, sigma in normalised units. */
+typedef struct cln_leaf_stats {
+    float
+        *mean; /* [slot] D_b: mean density of the samples that some training view sees; 0 if none */
+    float *peak; /* [slot] largest sampled density */
+} cln_leaf_stats;
+
+/* Marks leaves to cull, [slot], and counts them; updates tree->strikes. Guarded: mean < cull_mean and
+ * peak * side / n1 < cull_max, in cull_strikes consecutive checks. Mean: mean < cull_mean alone.
+ * Never marks every leaf: if all are empty the densest stays, and the caller is told by a warning. */
+int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,
+                       uint8_t *cull);
+
+/* The level the tree should have at this fraction (0..1) of the budget. */
+int cln_structure_level(const cln_config *config, double fraction);
+
+#endif

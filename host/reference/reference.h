@@ -1,0 +1,121 @@
+/* Float64 twin of every kernel, in plain loops, straight from method.md: the oracle of tests and
+ * self-test. Knows no OpenCL, shares no arithmetic with kernels/; only the data layout (network.h), the
+ * random numbers (base/rng.h) and the definitions written here. Inputs are the float32 values the
+ * kernels get, widened. Speed does not matter, clarity does.
+ *
+ * Units: normalised space, root cube [-1,1]^3, unit directions, t = distance; density per unit. */
+#ifndef CLN_REFERENCE_H
+#define CLN_REFERENCE_H
+
+#include <stdint.h>
+#include "model/network.h"
+#include "model/octree.h"
+
+/* ---- rays through the tree (method.md 3, 7) ---- */
+
+typedef struct ref_interval {
+    int slot;
+    double t_in, t_out;
+} ref_interval;
+
+/* ACTIVE leaves along origin + t * direction, t >= 0, front to back, chords longer than 1e-5 only.
+ * Axis-parallel directions (zeros), origins inside or on faces are ordinary input. Returns the count;
+ * writes at most `max`. Brute force over all leaves with slab tests, then sorted. */
+int ref_intervals(const cln_octree *tree, const double origin[3], const double direction[3],
+                  ref_interval *out, int max);
+
+/* ---- stage 1 (method.md 4, 5, 6) ---- */
+
+/* Gather: m = max(1, ceil(n1 * L / side)) points at the midpoints of m equal parts of the chord; the
+ * density of the nearest cell of the leaf's cache [n1][n1][n1] (z, y, x). Returns m. */
+int ref_gather(const double origin[3], const double direction[3], const ref_interval *interval,
+               const float box[4], const float *cache, int n1, double *t, double *sigma, int max);
+
+/* bfloat16 (round to nearest even) <-> float. */
+uint16_t ref_to_bf16(float value);
+float ref_from_bf16(uint16_t bits);
+
+/* 64-bit sort key: list << 32 | bits of float t (t >= 0). */
+uint64_t ref_key(uint32_t list, float t);
+
+/* ---- stage 2 (method.md 7, 9) ---- */
+
+typedef struct ref_sampling {
+    bool by_weight;      /* allocate weight (else chord) */
+    bool cdf_weight;     /* cdf weight (else sigma) */
+    int samples_per_leaf, samples_per_ray;
+    double uniform_share, t_min; /* t_min 0 = no occlusion culling */
+    double empty_weight, empty_share;
+} ref_sampling;
+
+/* Number of samples for a chord of length L in a leaf of side `side`: 0 if exp(-tau_in) < t_min; chord:
+ * ceil(samples_per_leaf * L / (sqrt(3) side)), at least 1; weight: with W = exp(-tau_in) *
+ * (1 - exp(-tau)), tau the chord's own optical depth from stage 1: W < empty_weight: 1 if
+ * roulette < empty_share else 0; otherwise min(samples_per_leaf,
+ * 1 + floor(samples_per_ray * W + 0.5)). roulette in [0,1). */
+int ref_sample_count(const ref_sampling *s, double length, double side, double tau_in, double tau,
+                     double roulette);
+
+/* Positions of n samples, ascending, in [t_in, t_out] from m stage-1 points (t ascending, sigma): edges
+ * are midpoints clipped to the chord; mass p_j = (sigma_j + eps) * width, eps = 1e-5 max(1, mean
+ * sigma), or for cdf_weight T_j (1 - exp(-sigma_j width_j)) + 1e-5 width_j / L, T_j from the chord's
+ * start; mixed q_j = (1 - uniform_share) p_j / sum p + uniform_share width_j / L. u_k = (k + xi_k)/n;
+ * linear inverse inside a bin. m = 0: one uniform bin. */
+void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
+                          const double *sigma, int n, const double *xi, double *out);
+
+/* delta of n ascending samples in the chord: method.md 9's rule; sums to t_out - t_in. */
+void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta);
+
+/* ---- leaf networks (method.md 1) ---- */
+
+typedef struct ref_network {
+    cln_network net;
+    int density;            /* CLN_DENSITY_* */
+    double kappa, bias;     /* sigma = kappa * softplus(s + bias), etc. */
+    double level_bands[10]; /* weight of band k (bands_by_level), else 1 */
+} ref_network;
+
+/* Encodings: x[3] -> out[enc_pad]; zero padding. */
+void ref_encode(int bands, const double x[3], const double *weights, int pad, double *out);
+
+/* One sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes: [depth][width]
+ * for the trunk then [view_width] for the view layer, negative-side slopes r of each element; NULL =
+ * `slope` everywhere. out[4] = colour r, g, b in 0..1 and sigma. */
+void ref_forward(const ref_network *r, const float *params, const double local[3],
+                 const double dir[3], const double *slopes, double slope, double out[4]);
+
+/* Adds dL/dparams of one sample to grad[params] given dL/dout[4]. */
+void ref_backward(const ref_network *r, const float *params, const double local[3],
+                  const double dir[3], const double *slopes, double slope, const double dout[4],
+                  double *grad);
+
+/* ---- compositing and loss (method.md 9, 10) ---- */
+
+typedef struct ref_loss {
+    int kind;            /* CLN_LOSS_* */
+    double huber_delta;
+    double cauchy, opacity_entropy, distortion;
+} ref_loss;
+
+/* n samples front to back: out[i] = r, g, b, sigma. sigma*delta is clamped to 80. Depth =
+ * sum w t / max(sum w, 1e-10). weights: [n] or NULL. */
+void ref_composite(int n, const double (*out)[4], const double *t, const double *delta,
+                   const double background[3], double rgb[3], double *depth, double *opacity,
+                   double *weights);
+
+/* Loss of one ray against target, to be averaged over rays: l2: mean_c (C - target)^2; huber: mean_c of
+ * d^2/2 below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum log(1 + 2
+ * sigma^2) + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i - t_j| + 1/3
+ * sum w_i^2 delta_i). grad (may be NULL): dL/d(r, g, b, sigma) per sample, by a true backward sweep. */
+double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
+                       const double *delta, const double background[3], const double target[3],
+                       double (*grad)[4]);
+
+/* ---- Adam (method.md 11) ---- */
+
+/* One update with bias correction by `steps` (1 = first update). */
+void ref_adam(int n, double *param, const double *grad, double *m, double *v, int64_t steps, double lr,
+              double beta1, double beta2, double epsilon);
+
+#endif

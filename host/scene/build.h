@@ -1,0 +1,41 @@
+/* The steps of cln_scene_load, in the order in which scene.c calls them; private to this room. Each
+ * works on the scene being built and leaves it consistent on failure, so that cln_scene_free can
+ * follow. */
+#ifndef CLN_SCENE_BUILD_H
+#define CLN_SCENE_BUILD_H
+
+#include "scene/reader.h"
+#include "scene/scene.h"
+
+/* scene.c: the folder of a scene given as folder or file; the caller frees *out. */
+cln_status cln_scene_folder(const char *path, char **out);
+
+/* camera.c: checks intrinsics and pose, and replaces the rotation by the nearest exact one. `frame`
+ * names the camera in the sentence. */
+cln_status cln_camera_check(cln_camera *camera, const char *frame);
+
+/* camera.c: divides the image size and everything in pixels by x (width) and y (height). */
+void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
+
+/* split.c: every holdout-th view by name becomes test unless the dataset named splits; fills
+ * split_rule; then views are ordered and checked for duplicates and for a training view. */
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout);
+
+/* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
+int cln_natural_compare(const char *a, const char *b);
+
+/* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,
+ * checked, then brought to the downscaled size. Fills downscale, has_alpha, has_distortion. */
+cln_status cln_scene_size_views(cln_scene *scene, int downscale);
+
+/* images.c: reads every image file for the digest, and decodes those of the wanted splits. */
+cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]);
+
+/* bounds.c: the root cube from --bbox, else from the reader, else from where the cameras look. */
+cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
+                                 const char *bbox);
+
+/* bounds.c: CLN_INPUT if no training camera has a ray through the cube. */
+cln_status cln_scene_check_seen(const cln_scene *scene);
+
+#endif

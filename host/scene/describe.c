@@ -1,0 +1,95 @@
+/* A loaded scene as a JSON object, for `info` and run.json: what was read and chosen, and why. */
+#include "scene/scene.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "io/run_folder.h"
+
+static double distance_to_centre(const cln_scene *scene, const cln_view *view)
+{
+    double sum = 0;
+
+    for (int i = 0; i < 3; i++) {
+        const double difference = view->camera.c2w[4 * i + 3] - scene->centre[i];
+
+        sum += difference * difference;
+    }
+    return sqrt(sum);
+}
+
+/* Distinct [width, height] in order of first appearance, "count" views each. */
+static json_t *describe_sizes(const cln_scene *scene)
+{
+    json_t *sizes = json_array();
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_camera *camera = &scene->views[i].camera;
+        json_t *row = NULL;
+        size_t k = 0;
+
+        for (; (row = json_array_get(sizes, k)); k++)
+            if (json_integer_value(json_object_get(row, "width")) == camera->width &&
+                json_integer_value(json_object_get(row, "height")) == camera->height)
+                break;
+        if (row)
+            json_object_set_new(
+                row, "views", json_integer(json_integer_value(json_object_get(row, "views")) + 1));
+        else
+            json_array_append_new(sizes, json_pack("{s:i, s:i, s:i}", "width", camera->width,
+                                                   "height", camera->height, "views", 1));
+    }
+    return sizes;
+}
+
+static json_t *describe_views(const cln_scene *scene)
+{
+    json_t *views = json_array();
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+
+        /* "s%" would fail on names that are not UTF-8; JSON input cannot hold such names. */
+        json_array_append_new(views, json_pack("{s:s, s:s, s:i, s:i}", "name", view->name, "split",
+                                               cln_split_names[view->split], "width",
+                                               view->camera.width, "height", view->camera.height));
+    }
+    return views;
+}
+
+cln_status cln_scene_describe(const cln_scene *scene, json_t **out)
+{
+    json_t *splits = json_object(), *centre = json_array(), *background = json_array();
+    double distance = 0;
+    int channels = 3;
+    char digest[17];
+
+    snprintf(digest, sizeof digest, "%016" PRIx64, scene->digest);
+    for (int s = 0; s < CLN_SPLITS; s++)
+        json_object_set_new(splits, cln_split_names[s],
+                            json_integer(cln_scene_split_count(scene, (cln_split)s)));
+    for (int i = 0; i < 3; i++) {
+        json_array_append_new(centre, cln_json_real(scene->centre[i]));
+        /* To the digits a float has, so that 0.1f is told as 0.1. */
+        json_array_append_new(background, cln_json_real(round(scene->background[i] * 1e7) / 1e7));
+    }
+    for (int i = 0; i < scene->view_count; i++) {
+        distance += distance_to_centre(scene, &scene->views[i]) / scene->view_count;
+        if (scene->views[i].channels > channels)
+            channels = scene->views[i].channels;
+    }
+    *out = json_pack(
+        "{s:s, s:s, s:s, s:i, s:o, s:s, s:o, s:i, s:b, s:b, s:i, s:o, s:o, s:s, s:o, s:s, "
+        "s:o, s:o}",
+        "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
+        scene->view_count, "splits", splits, "split_rule", scene->split_rule, "sizes",
+        describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha, "distortion",
+        scene->has_distortion, "downscale", scene->downscale, "centre", centre, "half",
+        cln_json_real(scene->half), "bounds_rule", scene->bounds_rule, "background", background,
+        "digest", digest, "camera_distance", cln_json_real(distance), "cameras",
+        describe_views(scene));
+    if (!*out)
+        return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
+    return CLN_OK;
+}

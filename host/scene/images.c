@@ -1,0 +1,179 @@
+/* The image files of a scene: sizes from their headers, then all bytes for the digest and the
+ * pixels of the wanted splits. Two threads share the reading; each view is worked on by one of them
+ * and the results are put together in view order, so nothing depends on who was faster. */
+#include "scene/build.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "io/image.h"
+
+enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600 };
+static const size_t FILE_MAX_BYTES = (size_t)1 << 30;
+
+/* Brings a camera given for another image size to the size of the file. Scaled-down copies of a
+ * data set keep the numbers of the originals; another shape means that the numbers belong
+ * elsewhere. */
+static cln_status fit_camera(cln_view *view, int width, int height, bool *warned)
+{
+    cln_camera *camera = &view->camera;
+
+    if (camera->width == 0 && camera->height == 0) {
+        camera->width = width;
+        camera->height = height;
+    }
+    if (camera->width == width && camera->height == height)
+        return CLN_OK;
+    if (camera->width < 1 || camera->height < 1 ||
+        fabs((double)camera->width * height - (double)camera->height * width) >
+            fmax(camera->width, camera->height) + fmax(width, height))
+        return cln_fail(CLN_INPUT,
+                        "%s: the image has %d x %d pixels, its camera is given for %d x %d; "
+                        "correct w and h or replace the image",
+                        view->path, width, height, camera->width, camera->height);
+    if (!*warned)
+        cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
+                 "scaled to the images",
+                 view->path, width, height, camera->width, camera->height);
+    *warned = true;
+    cln_camera_resize(camera, width, height, (double)camera->width / width,
+                      (double)camera->height / height);
+    return CLN_OK;
+}
+
+cln_status cln_scene_size_views(cln_scene *scene, int downscale)
+{
+    cln_status st = CLN_OK;
+    char *frame = NULL;
+    int longest = 0;
+    bool warned = false;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        cln_view *view = &scene->views[i];
+
+        CLN_TRY(cln_image_info(view->path, &view->file_width, &view->file_height, &view->channels));
+        CLN_TRY(fit_camera(view, view->file_width, view->file_height, &warned));
+        free(frame);
+        CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
+        CLN_TRY(cln_camera_check(&view->camera, frame));
+        longest = view->file_width > longest ? view->file_width : longest;
+        longest = view->file_height > longest ? view->file_height : longest;
+        scene->has_alpha |= view->channels == 4;
+        scene->has_distortion |= cln_camera_is_distorted(&view->camera);
+    }
+    scene->downscale =
+        downscale > 0 ? downscale : (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
+    for (int i = 0; i < scene->view_count; i++) {
+        cln_view *view = &scene->views[i];
+        const int n = scene->downscale;
+
+        if (view->file_width < n || view->file_height < n)
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: --downscale %d leaves nothing of %d x %d pixels; choose less",
+                             view->path, n, view->file_width, view->file_height));
+        cln_camera_resize(&view->camera, view->file_width / n, view->file_height / n, n, n);
+    }
+done:
+    free(frame);
+    return st;
+}
+
+/* One reading of all files. Indices are handed out in order and none after a failure, so the lowest
+ * failing index is always among the results: the error told is the same on every run. */
+typedef struct job {
+    cln_scene *scene;
+    const bool *wanted;
+    uint64_t *digests; /* [view] */
+    atomic_int next;
+    atomic_bool stop;
+    pthread_mutex_t mutex; /* guards the failure */
+    int failed_view;       /* -1: none */
+    cln_status failure;
+    char *sentence;
+} job;
+
+static cln_status read_view(job *work, int index)
+{
+    cln_status st = CLN_OK;
+    cln_view *view = &work->scene->views[index];
+    char *data = NULL;
+    size_t bytes = 0;
+    int width = 0, height = 0, channels = 0;
+
+    CLN_TRY(cln_read_file(view->path, FILE_MAX_BYTES, &data, &bytes));
+    work->digests[index] = cln_digest(CLN_DIGEST_START, data, bytes);
+    if (!work->wanted[view->split])
+        goto done;
+    CLN_TRY(cln_image_decode(view->path, data, bytes, &width, &height, &channels, &view->pixels));
+    if (width != view->file_width || height != view->file_height || channels != view->channels)
+        CLN_TRY(
+            cln_fail(CLN_INPUT, "%s: the file changed while it was read; try again", view->path));
+    CLN_TRY(cln_image_downscale(work->scene->downscale, &width, &height, channels, &view->pixels));
+done:
+    free(data);
+    return st;
+}
+
+/* Errors are thread-local: hands the sentence over to the thread that started the work. */
+static void take_failure(job *work, int index, cln_status st)
+{
+    pthread_mutex_lock(&work->mutex);
+    if (work->failed_view < 0 || index < work->failed_view) {
+        free(work->sentence);
+        work->sentence = strdup(cln_error_text()); /* NULL is told as "out of memory" below */
+        work->failed_view = index;
+        work->failure = st;
+    }
+    pthread_mutex_unlock(&work->mutex);
+    cln_clear_error();
+}
+
+static void *read_views(void *argument)
+{
+    job *work = argument;
+
+    while (!atomic_load(&work->stop)) {
+        const int index = atomic_fetch_add(&work->next, 1);
+        cln_status st = CLN_OK;
+
+        if (index >= work->scene->view_count)
+            break;
+        st = read_view(work, index);
+        if (st != CLN_OK) {
+            atomic_store(&work->stop, true);
+            take_failure(work, index, st);
+        }
+    }
+    return NULL;
+}
+
+cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS])
+{
+    cln_status st = CLN_OK;
+    job work = {.scene = scene, .wanted = wanted, .failed_view = -1};
+    pthread_t threads[THREADS - 1];
+    int started = 0;
+
+    pthread_mutex_init(&work.mutex, NULL);
+    CLN_TRY(cln_alloc(&work.digests, (size_t)scene->view_count, sizeof *work.digests, "digests"));
+    /* This thread works too; if no other can be started it works alone. */
+    while (started < THREADS - 1 && !pthread_create(&threads[started], NULL, read_views, &work))
+        started++;
+    read_views(&work);
+    for (int i = 0; i < started; i++)
+        pthread_join(threads[i], NULL);
+    if (work.failed_view >= 0)
+        CLN_TRY(cln_fail(work.failure, "%s", work.sentence ? work.sentence : "out of memory"));
+    for (int i = 0; i < scene->view_count; i++)
+        scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
+done:
+    free(work.digests);
+    free(work.sentence);
+    pthread_mutex_destroy(&work.mutex);
+    return st;
+}

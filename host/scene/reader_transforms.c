@@ -1,0 +1,314 @@
+/* Reader of transforms JSON, in its dialects:
+ *   blender      transforms_train.json with _val and _test beside it, one camera_angle_x, file_path
+ *                without extension, RGBA images; root cube 0 +- 1.5
+ *   instant-ngp  one transforms.json; intrinsics shared or per frame (fl_x fl_y cx cy w h k1 k2 p1
+ *                p2, or camera_angle_x/y); aabb_scale, scale, offset, aabb say where the scene is
+ *   nerfstudio   the same without those; camera_model; train/val/test_filenames name the splits
+ * Poses are camera-to-world with OpenGL axes (x right, y up, z backwards); transforms_frame.c turns
+ * them. Comments and trailing commas are allowed. Not read: fisheye and equirectangular cameras
+ * (refused), masks (a warning), depth images. */
+#include "scene/reader.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "io/run_folder.h"
+#include "scene/build.h"
+#include "scene/transforms.h"
+
+enum { MAX_FRAMES = 100000 };
+
+static bool ends_with(const char *text, const char *tail)
+{
+    const size_t length = strlen(text), wanted = strlen(tail);
+
+    return length >= wanted && !strcmp(text + length - wanted, tail);
+}
+
+static bool folder_has(const char *folder, const char *name)
+{
+    char *path = NULL;
+    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_file(path);
+
+    free(path);
+    return has;
+}
+
+/* Appends the frames of one document to the result, as `split`. */
+static cln_status read_frames(const char *folder, const char *file, const json_t *root,
+                              cln_split split, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const json_t *frames = json_object_get(root, "frames");
+    cln_view *views = NULL;
+    size_t count = 0;
+    bool masks = false;
+
+    if (!json_is_object(root))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a JSON object with frames", file));
+    if (!json_is_array(frames))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: frames must be an array", file));
+    count = json_array_size(frames);
+    if (count > (size_t)(MAX_FRAMES - result->view_count))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d frames; leave some out", file, MAX_FRAMES));
+    CLN_TRY(cln_alloc(&views, (size_t)result->view_count + count, sizeof *views, "views"));
+    if (result->view_count)
+        memcpy(views, result->views, (size_t)result->view_count * sizeof *views);
+    free(result->views);
+    result->views = views;
+    for (size_t i = 0; i < count; i++) {
+        cln_view *view = &views[result->view_count++];
+
+        view->split = split;
+        masks |= json_object_get(json_array_get(frames, i), "mask_path") != NULL;
+        CLN_TRY(cln_transforms_frame(folder, file, root, (int)i, view));
+    }
+    if (masks)
+        cln_warn("%s: mask_path is there, but masks are not read: all pixels count", file);
+done:
+    return st;
+}
+
+static void free_view(cln_view *view)
+{
+    free(view->name);
+    free(view->path);
+    memset(view, 0, sizeof *view);
+}
+
+/* Adds views for the frames that one list names. `index` maps names to positions in `frames`. */
+static cln_status take_listed(const char *file, const char *key, const json_t *list,
+                              const json_t *index, const cln_view *frames, cln_split split,
+                              cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const json_t *entry = NULL;
+    char *name = NULL;
+    size_t i = 0;
+
+    if (list && !json_is_array(list))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s must be an array of file names", file, key));
+    json_array_foreach(list, i, entry)
+    {
+        cln_view *view = &result->views[result->view_count];
+        const json_t *position = NULL;
+
+        if (!json_is_string(entry))
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s[%zu] must be a string", file, key, i));
+        CLN_TRY(cln_transforms_name(json_string_value(entry), &name));
+        position = json_object_get(index, name);
+        if (!position)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s names '%s', which no frame has", file, key,
+                             json_string_value(entry)));
+        free(name);
+        name = NULL;
+        *view = frames[json_integer_value(position)];
+        view->name = view->path = NULL;
+        view->split = split;
+        result->view_count++;
+        CLN_TRY(cln_strdup(&view->name, frames[json_integer_value(position)].name));
+        CLN_TRY(cln_strdup(&view->path, frames[json_integer_value(position)].path));
+    }
+done:
+    free(name);
+    return st;
+}
+
+/* train_filenames and its sisters: views become exactly what they list (a frame may be in two
+ * lists); frames in no list are left out with a warning. */
+static cln_status apply_lists(const char *file, const json_t *root, cln_reader_result *result)
+{
+    static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
+                                                 "test_filenames"};
+    cln_status st = CLN_OK;
+    json_t *index = json_object();
+    cln_view *frames = result->views;
+    const int frame_count = result->view_count;
+    size_t listed = 0;
+
+    for (int s = 0; s < CLN_SPLITS; s++) {
+        result->named_splits |= json_object_get(root, keys[s]) != NULL;
+        listed += json_array_size(json_object_get(root, keys[s]));
+    }
+    if (!result->named_splits) {
+        json_decref(index);
+        return CLN_OK;
+    }
+    result->views = NULL;
+    result->view_count = 0;
+    if (listed > MAX_FRAMES)
+        CLN_TRY(
+            cln_fail(CLN_INPUT, "%s: more than %d names in the lists of splits", file, MAX_FRAMES));
+    CLN_TRY(cln_alloc(&result->views, listed, sizeof *result->views, "views"));
+    for (int i = 0; i < frame_count; i++)
+        json_object_set_new(index, frames[i].name, json_integer(i));
+    for (int s = 0; s < CLN_SPLITS; s++)
+        CLN_TRY(take_listed(file, keys[s], json_object_get(root, keys[s]), index, frames,
+                            (cln_split)s, result));
+    for (int i = 0; i < result->view_count; i++)
+        json_object_del(index, result->views[i].name);
+    if (json_object_size(index))
+        cln_warn("%s: %zu of %d frames are in none of its lists of file names and left out", file,
+                 json_object_size(index), frame_count);
+done:
+    for (int i = 0; i < frame_count; i++)
+        free_view(&frames[i]);
+    free(frames);
+    json_decref(index);
+    return st;
+}
+
+static cln_status read_vector3(const char *file, const char *key, const json_t *value,
+                               double out[3])
+{
+    for (size_t i = 0; i < 3; i++) {
+        const json_t *entry = json_is_array(value) ? json_array_get(value, i) : value;
+
+        if (!json_is_number(entry) || (json_is_array(value) && json_array_size(value) != 3))
+            return cln_fail(CLN_INPUT, "%s: %s must be three numbers", file, key);
+        out[i] = json_number_value(entry);
+    }
+    return CLN_OK;
+}
+
+/* instant-ngp maps a point p of the file to p * scale + offset, in a box of side aabb_scale around
+ * 0.5; its change of axes after that leaves a cube where it is. In the file's own coordinates:
+ *   centre = (0.5 - offset) / scale, half = aabb_scale / (2 scale)
+ * `aabb` gives scale and offset such that its longest side becomes 1 and its centre 0.5. */
+static cln_status read_bounds(const char *file, const json_t *root, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const json_t *offset = json_object_get(root, "offset"), *aabb = json_object_get(root, "aabb");
+    double aabb_scale = 1, scale = 0.33, shift[3] = {0.5, 0.5, 0.5}, low[3], high[3];
+    bool has_size = false, has_scale = false;
+
+    CLN_TRY(cln_transforms_number(file, root, "aabb_scale", &aabb_scale, &has_size));
+    CLN_TRY(cln_transforms_number(file, root, "scale", &scale, &has_scale));
+    if (!has_size && !has_scale && !offset && !aabb)
+        goto done;
+    if (offset)
+        CLN_TRY(read_vector3(file, "offset", offset, shift));
+    if (!(aabb_scale > 0) || !(scale > 0))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: aabb_scale %g and scale %g must be above zero", file,
+                         aabb_scale, scale));
+    for (int i = 0; i < 3; i++)
+        result->centre[i] = (0.5 - shift[i]) / scale;
+    result->half = 0.5 * aabb_scale / scale;
+    if (aabb) {
+        double longest = 1e-6; /* instant-ngp's floor */
+
+        CLN_TRY(read_vector3(file, "aabb[0]", json_array_get(aabb, 0), low));
+        CLN_TRY(read_vector3(file, "aabb[1]", json_array_get(aabb, 1), high));
+        for (int i = 0; i < 3; i++) {
+            longest = fmax(longest, fabs(high[i] - low[i]));
+            result->centre[i] = 0.5 * (low[i] + high[i]);
+        }
+        result->half = 0.5 * aabb_scale * longest;
+    }
+    result->has_bounds = true;
+    CLN_TRY(cln_asprintf(&result->bounds_rule, "the file's %s, times aabb_scale %g",
+                         aabb                  ? "aabb"
+                         : has_scale || offset ? "scale and offset in instant-ngp's unit box"
+                                               : "frame in instant-ngp's unit box (scale 0.33)",
+                         aabb_scale));
+done:
+    return st;
+}
+
+static cln_status read_blender(const char *folder, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    json_t *root = NULL;
+    char *file = NULL, *name = NULL;
+
+    result->dialect = "blender";
+    CLN_TRY(cln_asprintf(&result->because, "it has transforms_train.json"));
+    for (int s = 0; s < CLN_SPLITS; s++) {
+        json_decref(root);
+        root = NULL;
+        free(file);
+        free(name);
+        file = name = NULL;
+        CLN_TRY(cln_asprintf(&name, "transforms_%s.json", cln_split_names[s]));
+        CLN_TRY(cln_path_join(&file, folder, name));
+        if (s != CLN_SPLIT_TRAIN && !cln_is_file(file))
+            continue;
+        CLN_TRY(cln_json_read(file, true, &root));
+        CLN_TRY(read_frames(folder, file, root, (cln_split)s, result));
+        if (s == CLN_SPLIT_TRAIN)
+            CLN_TRY(read_bounds(file, root, result));
+        else
+            result->named_splits = true;
+    }
+    if (!result->has_bounds) {
+        result->has_bounds = true;
+        result->half = 1.5;
+        CLN_TRY(cln_strdup(&result->bounds_rule, "the Blender scenes' convention, 0 +- 1.5"));
+    }
+done:
+    json_decref(root);
+    free(file);
+    free(name);
+    return st;
+}
+
+static cln_status read_single(const char *folder, const char *file, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    json_t *root = NULL;
+
+    CLN_TRY(cln_json_read(file, true, &root));
+    CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
+    CLN_TRY(apply_lists(file, root, result));
+    CLN_TRY(read_bounds(file, root, result));
+    result->dialect = result->has_bounds ? "instant-ngp" : "nerfstudio";
+    CLN_TRY(cln_asprintf(&result->because, "%s %s%s",
+                         strrchr(file, '/') ? strrchr(file, '/') + 1 : file,
+                         result->has_bounds ? "has aabb_scale, scale, offset or aabb"
+                                            : "has frames and no aabb_scale",
+                         folder_has(folder, "transforms_train.json")
+                             ? "; transforms_train.json beside it is not read"
+                             : ""));
+done:
+    json_decref(root);
+    return st;
+}
+
+static bool is_split_file(const char *path)
+{
+    return ends_with(path, "transforms_train.json") || ends_with(path, "transforms_val.json") ||
+           ends_with(path, "transforms_test.json");
+}
+
+static bool detect(const char *path)
+{
+    if (cln_is_dir(path))
+        return folder_has(path, "transforms.json") || folder_has(path, "transforms_train.json");
+    return cln_is_file(path) && ends_with(path, ".json");
+}
+
+static cln_status read_scene(const char *path, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL, *file = NULL;
+
+    CLN_TRY(cln_scene_folder(path, &folder));
+    if (!cln_is_dir(path) && !is_split_file(path)) {
+        CLN_TRY(read_single(folder, path, result));
+    } else if (cln_is_dir(path) && folder_has(folder, "transforms.json")) {
+        CLN_TRY(cln_path_join(&file, folder, "transforms.json"));
+        CLN_TRY(read_single(folder, file, result));
+    } else {
+        CLN_TRY(read_blender(folder, result));
+    }
+done:
+    free(folder);
+    free(file);
+    return st;
+}
+
+const cln_reader cln_reader_transforms = {"transforms", detect, read_scene};

@@ -1,0 +1,157 @@
+/* Loading a scene: pick the reader, then the same steps for every format (build.h), cheapest first
+ * so that bad input is told before gigabytes are decoded. Also the life of cln_scene and its
+ * pixels. Knows no file format; those are in reader_*.c. */
+#include "scene/scene.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/config.h"
+#include "base/files.h"
+#include "base/memory.h"
+#include "scene/build.h"
+#include "scene/reader.h"
+
+enum { MAX_VIEWS = 100000 };
+
+/* In order of detection. */
+static const cln_reader *const readers[] = {&cln_reader_transforms};
+
+cln_status cln_scene_folder(const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *slash = NULL;
+
+    CLN_TRY(cln_strdup(out, path));
+    if (cln_is_dir(path))
+        goto done;
+    slash = strrchr(*out, '/');
+    if (slash)
+        slash[slash == *out] = 0; /* "/x.json" is in "/" */
+    else
+        strcpy(*out, ".");
+done:
+    return st;
+}
+
+static cln_status pick_reader(const char *path, const cln_reader **out)
+{
+    for (size_t i = 0; i < sizeof readers / sizeof *readers; i++)
+        if (readers[i]->detect(path)) {
+            *out = readers[i];
+            return CLN_OK;
+        }
+    errno = 0;
+    if (!cln_is_dir(path) && !cln_is_file(path))
+        return cln_fail(CLN_INPUT,
+                        "%s: %s; give the folder of a scene, or its transforms JSON file", path,
+                        errno ? strerror(errno) : "not a scene");
+    return cln_fail(
+        CLN_INPUT,
+        "%s: not a scene: %s; give a folder with transforms.json or transforms_train.json, "
+        "or such a file",
+        path,
+        cln_is_dir(path) ? "there is no transforms JSON in this folder" : "this file is not .json");
+}
+
+static void free_views(cln_view *views, int count)
+{
+    for (int i = 0; i < count; i++) {
+        free(views[i].name);
+        free(views[i].path);
+        free(views[i].pixels);
+    }
+    free(views);
+}
+
+/* Cameras as the dataset gives them, before --downscale, with names and splits; the bytes of the
+ * images follow when they are read. */
+static void digest_cameras(cln_scene *scene)
+{
+    uint64_t digest = CLN_DIGEST_START;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const cln_camera *c = &view->camera;
+        const double lens[8] = {c->fx, c->fy, c->cx, c->cy, c->k1, c->k2, c->p1, c->p2};
+        const int32_t numbers[3] = {(int32_t)view->split, c->width, c->height};
+
+        digest = cln_digest(digest, view->name, strlen(view->name));
+        digest = cln_digest(digest, numbers, sizeof numbers);
+        digest = cln_digest(digest, c->c2w, sizeof c->c2w);
+        digest = cln_digest(digest, lens, sizeof lens);
+    }
+    scene->digest = digest;
+}
+
+static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const cln_reader *reader = NULL;
+
+    CLN_TRY(cln_config_background(desc->config, scene->background));
+    CLN_TRY(pick_reader(desc->path, &reader));
+    CLN_TRY(cln_scene_folder(desc->path, &scene->folder));
+    CLN_TRY(reader->read(desc->path, result));
+    if (result->view_count < 1)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: zero frames in this scene; nothing to read", desc->path));
+    if (result->view_count > MAX_VIEWS)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d frames, more than the %d that are accepted", desc->path,
+                         result->view_count, MAX_VIEWS));
+    scene->views = result->views;
+    scene->view_count = result->view_count;
+    result->views = NULL;
+    result->view_count = 0;
+    scene->dialect = result->dialect;
+    CLN_TRY(cln_strdup(&scene->because, result->because));
+    CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config->holdout));
+    digest_cameras(scene);
+    CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
+    CLN_TRY(cln_scene_find_bounds(scene, result, desc->config->bbox));
+    CLN_TRY(cln_scene_check_seen(scene));
+    CLN_TRY(cln_scene_read_images(scene, desc->pixels));
+done:
+    return st;
+}
+
+cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out)
+{
+    cln_status st = CLN_OK;
+    cln_scene *scene = NULL;
+    cln_reader_result result = {0};
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&scene, 1, sizeof *scene, "scene"));
+    CLN_TRY(build(desc, scene, &result));
+    *out = scene;
+    scene = NULL;
+done:
+    free_views(result.views, result.view_count);
+    free(result.bounds_rule);
+    free(result.because);
+    cln_scene_free(scene);
+    return st;
+}
+
+void cln_scene_free(cln_scene *scene)
+{
+    if (!scene)
+        return;
+    free_views(scene->views, scene->view_count);
+    free(scene->folder);
+    free(scene->because);
+    free(scene->split_rule);
+    free(scene->bounds_rule);
+    free(scene);
+}
+
+void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
+                    float *alpha)
+{
+    const uint8_t *p = view->pixels + ((size_t)y * (size_t)view->camera.width + (size_t)x) *
+                                          (size_t)view->channels;
+
+    *alpha = view->channels == 4 ? (float)p[3] / 255 : 1;
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (float)p[c] / 255 * *alpha + background[c] * (1 - *alpha);
+}

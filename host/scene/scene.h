@@ -1,0 +1,96 @@
+/* A scene as the rest of the program sees it: views (camera + 8-bit image + split) in the dataset's
+ * own world frame and units, and the cube that the octree covers. Readers, one file per format
+ * behind cln_scene_load, convert at the border to one convention:
+ *   camera  OpenCV axes (x right, y down, z forward), camera-to-world, double
+ *   pixel   centre of the top-left pixel at (0.5, 0.5)
+ *   image   sRGB values as stored, straight alpha
+ * Knows no OpenCL and no networks. */
+#ifndef CLN_SCENE_H
+#define CLN_SCENE_H
+
+#include <jansson.h>
+#include <stdint.h>
+#include "base/status.h"
+#include "cln_config.h"
+
+typedef enum { CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, CLN_SPLIT_TEST, CLN_SPLITS } cln_split;
+extern const char *const cln_split_names[CLN_SPLITS]; /* "train", "val", "test" */
+
+/* Pinhole with OPENCV distortion: for a camera-space point (x, y, z), a = x/z, b = y/z, r2 = a2 +
+ * b2,
+ *   a' = a (1 + k1 r2 + k2 r2^2) + 2 p1 a b + p2 (r2 + 2 a2)
+ *   b' = b (1 + k1 r2 + k2 r2^2) + p1 (r2 + 2 b2) + 2 p2 a b
+ *   u = fx a' + cx, v = fy b' + cy        (pixels) */
+typedef struct cln_camera {
+    double c2w[12]; /* 3x4 row-major [R|o], R a rotation, o in world units */
+    double fx, fy, cx, cy;
+    double k1, k2, p1, p2;
+    int width, height;
+} cln_camera;
+
+bool cln_camera_is_distorted(const cln_camera *camera);
+
+/* World ray through pixel position (u, v): origin, unit direction. The distortion is inverted by
+ * Newton's method to 1e-12 in the normalised plane; a position that no point maps to (beyond the
+ * model's fold) yields false and the undistorted direction. */
+bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[3],
+                    double direction[3]);
+
+/* World point -> (u, v) and camera z; false if z <= 0. */
+bool cln_camera_project(const cln_camera *camera, const double point[3], double *u, double *v,
+                        double *z);
+
+typedef struct cln_view {
+    char *name; /* as the dataset names it: path relative to the scene folder */
+    char *path; /* file */
+    cln_split split;
+    cln_camera camera;           /* at the size of `pixels` */
+    int file_width, file_height; /* size before --downscale */
+    int channels;                /* 3, or 4 with straight alpha */
+    uint8_t *pixels;             /* [height][width][channels]; NULL if not loaded */
+} cln_view;
+
+typedef struct cln_scene {
+    char *folder;
+    const char *dialect; /* "blender", "nerfstudio", "instant-ngp" */
+    char *because;       /* why it was read as that, a phrase */
+    char *split_rule;    /* how views were split, a phrase */
+    int downscale;
+    int view_count;
+    cln_view *views;                /* train, then val, then test; by name within a split */
+    bool has_alpha, has_distortion; /* over the views of all splits */
+    double centre[3], half;         /* root cube = centre + [-half, half]^3, world units */
+    char *bounds_rule;              /* where the cube comes from, a phrase */
+    float background[3];            /* composited behind alpha and behind the scene */
+    uint64_t digest;                /* of poses, intrinsics, split, names and image bytes on disk */
+} cln_scene;
+
+typedef struct cln_scene_desc {
+    const char *path;         /* scene folder, or its transforms JSON file */
+    const cln_config *config; /* downscale, bbox, background, holdout */
+    bool pixels[CLN_SPLITS];  /* load the images of these splits; cameras and sizes always */
+} cln_scene_desc;
+
+/* Reads a scene. Limits: 100,000 frames, 32,768 pixels a side, 2^28 pixels an image. Errors
+ * (CLN_INPUT) name the file, the frame and the reason: missing or truncated image, malformed JSON
+ * with line and column, non-finite or non-rigid pose (rotation off by more than 1e-3), zero frames,
+ * absurd sizes, no training view, and no camera that sees the cube. *out is NULL on failure. */
+cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
+void cln_scene_free(cln_scene *scene); /* accepts NULL */
+
+/* Number of views of a split, and the index in views[] of its i-th. */
+int cln_scene_split_count(const cln_scene *scene, cln_split split);
+int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
+
+/* Pixel (x, y) of a loaded view as float RGB in 0..1 over `background`, alpha in *alpha (1
+ * without). */
+void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
+                    float *alpha);
+
+/* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, splits,
+ * split_rule, sizes, channels, alpha, distortion, downscale, centre, half, bounds_rule, background,
+ * digest (16 hex digits), camera_distance (mean, to the centre), cameras [{name, split, width,
+ * height}]. */
+cln_status cln_scene_describe(const cln_scene *scene, json_t **out);
+
+#endif

@@ -1,0 +1,127 @@
+/* Which view is train, val or test, and in which order views stand. Where a dataset names no test
+ * views, every Nth image by name is held out, starting at the first, as COLMAP-based evaluations
+ * do; names are compared byte by byte for that (Python's sorted), so that numbers compare with
+ * theirs. The order of views is for people: split, then natural order of names. */
+#include "scene/build.h"
+
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+
+const char *const cln_split_names[CLN_SPLITS] = {"train", "val", "test"};
+
+int cln_natural_compare(const char *a, const char *b)
+{
+    const char *first = a, *second = b;
+
+    while (*a && *b) {
+        if (isdigit((unsigned char)*a) && isdigit((unsigned char)*b)) {
+            size_t length_a = 0, length_b = 0;
+            int order = 0;
+
+            a += strspn(a, "0");
+            b += strspn(b, "0");
+            length_a = strspn(a, "0123456789");
+            length_b = strspn(b, "0123456789");
+            if (length_a != length_b)
+                return length_a < length_b ? -1 : 1;
+            order = strncmp(a, b, length_a);
+            if (order)
+                return order;
+            a += length_a;
+            b += length_b;
+        } else if (*a != *b) {
+            break;
+        } else {
+            a++;
+            b++;
+        }
+    }
+    if (*a != *b)
+        return (unsigned char)*a < (unsigned char)*b ? -1 : 1;
+    return strcmp(first, second); /* "r_1" and "r_01" */
+}
+
+static int by_bytes(const void *a, const void *b)
+{
+    const cln_view *const *x = a, *const *y = b;
+
+    return strcmp((*x)->name, (*y)->name);
+}
+
+static int by_split_and_name(const void *a, const void *b)
+{
+    const cln_view *x = a, *y = b;
+
+    if (x->split != y->split)
+        return x->split < y->split ? -1 : 1;
+    return cln_natural_compare(x->name, y->name);
+}
+
+static cln_status hold_out(cln_scene *scene, int holdout)
+{
+    cln_status st = CLN_OK;
+    const cln_view **sorted = NULL;
+
+    CLN_TRY(cln_alloc(&sorted, (size_t)scene->view_count, sizeof *sorted, "views"));
+    for (int i = 0; i < scene->view_count; i++)
+        sorted[i] = &scene->views[i];
+    qsort(sorted, (size_t)scene->view_count, sizeof *sorted, by_bytes);
+    for (int i = 0; i < scene->view_count; i++)
+        scene->views[sorted[i] - scene->views].split =
+            holdout > 0 && i % holdout == 0 ? CLN_SPLIT_TEST : CLN_SPLIT_TRAIN;
+done:
+    free(sorted);
+    return st;
+}
+
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout)
+{
+    cln_status st = CLN_OK;
+
+    if (named_splits) {
+        CLN_TRY(cln_strdup(&scene->split_rule, "as the dataset names them"));
+    } else {
+        CLN_TRY(hold_out(scene, holdout));
+        if (holdout > 0)
+            CLN_TRY(cln_asprintf(&scene->split_rule,
+                                 "1 in %d images by name, from the first, is test (--holdout)",
+                                 holdout));
+        else
+            CLN_TRY(cln_strdup(&scene->split_rule, "all images are train (--holdout 0)"));
+    }
+    qsort(scene->views, (size_t)scene->view_count, sizeof *scene->views, by_split_and_name);
+    for (int i = 1; i < scene->view_count; i++) {
+        const cln_view *a = &scene->views[i - 1], *b = &scene->views[i];
+
+        if (a->split == b->split && !strcmp(a->name, b->name))
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: image '%s' appears twice in the %s split; remove one of "
+                             "the two frames",
+                             scene->folder, a->name, cln_split_names[a->split]));
+    }
+    if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view among %d (%s)%s", scene->folder,
+                         scene->view_count, scene->split_rule,
+                         named_splits ? "" : "; use --holdout 0 or a larger number"));
+done:
+    return st;
+}
+
+int cln_scene_split_count(const cln_scene *scene, cln_split split)
+{
+    int count = 0;
+
+    for (int i = 0; i < scene->view_count; i++)
+        count += scene->views[i].split == split;
+    return count;
+}
+
+int cln_scene_split_view(const cln_scene *scene, cln_split split, int i)
+{
+    /* Views are ordered by split. */
+    for (int s = 0; s < (int)split; s++)
+        i += cln_scene_split_count(scene, (cln_split)s);
+    return i;
+}

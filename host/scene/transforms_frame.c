@@ -1,0 +1,285 @@
+/* One frame of a transforms JSON document -> a view: name, image file, camera. Values are looked up
+ * in the frame first and in the whole document second, so shared and per-frame intrinsics are one
+ * case. The pose changes from OpenGL camera axes to ours here. Ranges are not judged here; camera.c
+ * does that for every format. Used by reader_transforms.c alone. */
+#include "scene/transforms.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "io/image.h"
+
+/* Names tried behind a file_path, in this order. */
+static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
+
+/* Models whose distortion is a subset of k1 k2 p1 p2. */
+static const char *const camera_models[] = {"OPENCV",        "PINHOLE", "SIMPLE_PINHOLE",
+                                            "SIMPLE_RADIAL", "RADIAL",  "PERSPECTIVE"};
+
+/* One frame being read: values are looked up in the frame, then in the whole document. */
+typedef struct source {
+    const char *folder; /* of the JSON document */
+    const json_t *root, *frame;
+    char *where; /* "file: frame 3 ('images/0003.jpg')" */
+} source;
+
+cln_status cln_transforms_number(const char *where, const json_t *object, const char *key,
+                                 double *out, bool *found)
+{
+    const json_t *value = json_object_get(object, key);
+
+    *found = value != NULL;
+    if (!value)
+        return CLN_OK;
+    if (!json_is_number(value))
+        return cln_fail(CLN_INPUT, "%s: %s must be a number", where, key);
+    *out = json_number_value(value);
+    return CLN_OK;
+}
+
+/* The same in the frame, then in the document; `otherwise` if in neither. */
+static cln_status number_of(const source *src, const char *key, double otherwise, double *out)
+{
+    cln_status st = CLN_OK;
+    bool found = false;
+
+    *out = otherwise;
+    CLN_TRY(cln_transforms_number(src->where, src->frame, key, out, &found));
+    if (!found)
+        CLN_TRY(cln_transforms_number(src->where, src->root, key, out, &found));
+done:
+    return st;
+}
+
+static const json_t *value_of(const source *src, const char *key)
+{
+    const json_t *value = json_object_get(src->frame, key);
+
+    return value ? value : json_object_get(src->root, key);
+}
+
+/* Focal lengths from the first of frame and document that has any. */
+static cln_status read_focal(const source *src, cln_camera *camera)
+{
+    static const double pi = 3.14159265358979323846;
+    cln_status st = CLN_OK;
+    const json_t *const objects[2] = {src->frame, src->root};
+    const char *const keys[4] = {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"};
+    double value[4] = {0};
+    bool found[4] = {false};
+
+    for (int i = 0; i < 2 && !(found[0] || found[1] || found[2] || found[3]); i++)
+        for (int k = 0; k < 4; k++)
+            CLN_TRY(cln_transforms_number(src->where, objects[i], keys[k], &value[k], &found[k]));
+    for (int k = 0; k < 2; k++) {
+        const double side = k ? camera->height : camera->width;
+
+        if (found[k] || !found[k + 2])
+            continue;
+        if (!(value[k + 2] > 0 && value[k + 2] < pi))
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s = %g is not an angle between 0 and pi", src->where,
+                             keys[k + 2], value[k + 2]));
+        value[k] = 0.5 * side / tan(0.5 * value[k + 2]);
+        found[k] = true;
+    }
+    if (!found[0] && !found[1])
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: no focal length; add fl_x or camera_angle_x", src->where));
+    camera->fx = found[0] ? value[0] : value[1];
+    camera->fy = found[1] ? value[1] : value[0];
+done:
+    return st;
+}
+
+static cln_status check_model(const source *src)
+{
+    cln_status st = CLN_OK;
+    const json_t *model = value_of(src, "camera_model");
+    const char *const unread[4] = {"k3", "k4", "k5", "k6"};
+    bool known = !model || json_is_null(model);
+
+    if (model && !known && !json_is_string(model))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: camera_model must be a string", src->where));
+    for (size_t i = 0; !known && i < sizeof camera_models / sizeof *camera_models; i++)
+        known = !strcmp(json_string_value(model), camera_models[i]);
+    if (!known)
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: camera_model %s is not read, only pinhole cameras with OPENCV distortion "
+                     "(k1 k2 p1 p2) are; undistort the images to such a camera",
+                     src->where, json_string_value(model)));
+    if (json_is_true(value_of(src, "is_fisheye")) || value_of(src, "ftheta_p0"))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: fisheye cameras are not read; undistort the images to a pinhole "
+                         "camera",
+                         src->where));
+    for (int i = 0; i < 4; i++) {
+        double value = 0;
+
+        CLN_TRY(number_of(src, unread[i], 0, &value));
+        if (value != 0)
+            CLN_TRY(
+                cln_fail(CLN_INPUT,
+                         "%s: %s = %g: only k1 k2 p1 p2 are read; calibrate with the OPENCV model "
+                         "or undistort the images",
+                         src->where, unread[i], value));
+    }
+done:
+    return st;
+}
+
+/* Width or height: whole numbers that may be written as 540.0; 0 if absent. */
+static cln_status read_side(const source *src, const char *key, int *out)
+{
+    cln_status st = CLN_OK;
+    double value = 0;
+
+    CLN_TRY(number_of(src, key, 0, &value));
+    if (!(value >= 0 && value <= 1e6) || fabs(value - round(value)) > 1e-6)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: absurd image size %s = %g", src->where, key, value));
+    *out = (int)lround(value);
+done:
+    return st;
+}
+
+static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera)
+{
+    cln_status st = CLN_OK;
+    int channels = 0;
+
+    CLN_TRY(check_model(src));
+    CLN_TRY(read_side(src, "w", &camera->width));
+    CLN_TRY(read_side(src, "h", &camera->height));
+    if (!camera->width || !camera->height)
+        CLN_TRY(cln_image_info(image, &camera->width, &camera->height, &channels));
+    CLN_TRY(read_focal(src, camera));
+    CLN_TRY(number_of(src, "cx", 0.5 * camera->width, &camera->cx));
+    CLN_TRY(number_of(src, "cy", 0.5 * camera->height, &camera->cy));
+    CLN_TRY(number_of(src, "k1", 0, &camera->k1));
+    CLN_TRY(number_of(src, "k2", 0, &camera->k2));
+    CLN_TRY(number_of(src, "p1", 0, &camera->p1));
+    CLN_TRY(number_of(src, "p2", 0, &camera->p2));
+done:
+    return st;
+}
+
+static cln_status read_pose(const source *src, double c2w[12])
+{
+    const json_t *matrix = json_object_get(src->frame, "transform_matrix");
+    const size_t rows = json_array_size(matrix);
+    static const double last_row[4] = {0, 0, 0, 1};
+
+    if (!matrix)
+        return cln_fail(CLN_INPUT, "%s: no transform_matrix", src->where);
+    if (rows != 3 && rows != 4)
+        return cln_fail(CLN_INPUT, "%s: transform_matrix must be 3 or 4 rows of 4 numbers",
+                        src->where);
+    for (size_t i = 0; i < rows; i++) {
+        const json_t *row = json_array_get(matrix, i);
+
+        if (json_array_size(row) != 4)
+            return cln_fail(CLN_INPUT, "%s: row %zu of transform_matrix must have 4 numbers",
+                            src->where, i + 1);
+        for (size_t j = 0; j < 4; j++) {
+            const json_t *value = json_array_get(row, j);
+            const double number = json_number_value(value);
+
+            if (!json_is_number(value))
+                return cln_fail(CLN_INPUT,
+                                "%s: transform_matrix row %zu column %zu is not a number",
+                                src->where, i + 1, j + 1);
+            if (i == 3 && !(fabs(number - last_row[j]) <= 1e-3))
+                return cln_fail(
+                    CLN_INPUT,
+                    "%s: the last row of transform_matrix must be 0 0 0 1, column %zu is "
+                    "%g; the pose is not rigid",
+                    src->where, j + 1, number);
+            if (i < 3)
+                c2w[4 * i + j] = j == 1 || j == 2 ? -number : number;
+        }
+    }
+    return CLN_OK;
+}
+
+cln_status cln_transforms_name(const char *file_path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL;
+    size_t used = 0;
+
+    CLN_TRY(cln_alloc(&name, strlen(file_path) + 1, 1, "name"));
+    for (const char *p = file_path; *p;) {
+        const size_t length = strcspn(p, "/\\");
+
+        if (length && strncmp(p, "..", length) != 0) { /* "." is a prefix of ".." */
+            if (used)
+                name[used++] = '/';
+            memcpy(name + used, p, length);
+            used += length;
+        }
+        p += length;
+        p += *p != 0;
+    }
+    *out = name;
+done:
+    return st;
+}
+
+static cln_status find_image(const source *src, const char *file_path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *base = NULL, *path = NULL;
+
+    CLN_TRY(cln_path_join(&base, src->folder, file_path));
+    for (int slashes = 0; slashes < 2; slashes++) {
+        for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++) {
+            CLN_TRY(cln_asprintf(&path, "%s%s", base, extensions[i]));
+            if (cln_is_file(path)) {
+                *out = path;
+                path = NULL;
+                goto done;
+            }
+            free(path);
+            path = NULL;
+        }
+        for (char *p = base; *p; p++) /* written on Windows */
+            if (*p == '\\')
+                *p = '/';
+    }
+    CLN_TRY(
+        cln_fail(CLN_INPUT,
+                 "%s: there is no image file %s (nor with .png, .jpg or .jpeg behind it); restore "
+                 "it or remove the frame",
+                 src->where, base));
+done:
+    free(base);
+    free(path);
+    return st;
+}
+
+cln_status cln_transforms_frame(const char *folder, const char *file, const json_t *root, int index,
+                                cln_view *view)
+{
+    cln_status st = CLN_OK;
+    source src = {.folder = folder, .root = root};
+    const json_t *file_path = NULL;
+
+    src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
+    file_path = json_object_get(src.frame, "file_path");
+    if (!json_is_object(src.frame))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d is not an object", file, index));
+    if (!json_is_string(file_path) || !json_string_length(file_path))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d has no file_path (a string)", file, index));
+    CLN_TRY(
+        cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index, json_string_value(file_path)));
+    CLN_TRY(cln_transforms_name(json_string_value(file_path), &view->name));
+    if (!view->name[0])
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: file_path names no file", src.where));
+    CLN_TRY(read_pose(&src, view->camera.c2w));
+    CLN_TRY(find_image(&src, json_string_value(file_path), &view->path));
+    CLN_TRY(read_intrinsics(&src, view->path, &view->camera));
+done:
+    free(src.where);
+    return st;
+}

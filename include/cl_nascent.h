@@ -1,0 +1,151 @@
+/* cl-nascent: posed photos in, a scene that can be looked at from anywhere out, on any OpenCL device.
+ * The library's public interface; everything the command line does, it does through this.
+ *
+ * Errors: functions return cln_status; cln_error_text() (per thread) has the sentence. Nothing here
+ * prints or exits: log lines, progress and interruption go through the callbacks below. One run folder
+ * is written by one process at a time. */
+#ifndef CL_NASCENT_H
+#define CL_NASCENT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "base/status.h"
+#include "cln_config.h"
+
+#define CLN_VERSION "0.1.0"
+
+/* Where the work runs. spec: NULL or "auto" (a GPU if there is one, else a CPU), "gpu", "cpu", a row
+ * number of cln_devices_list, or part of a device, vendor or platform name; what is asked for and not
+ * there is CLN_NO_DEVICE, never a silent substitute. */
+typedef struct cln_device_desc {
+    const char *spec;
+    const char *kernel_dir; /* read kernels from here instead of the embedded ones; NULL = embedded */
+    const char *tune;       /* "VW=8,TS=6,..." over the device-class defaults; NULL = defaults */
+} cln_device_desc;
+
+typedef struct cln_device_info {
+    char name[128], vendor[128], platform[128], driver[128], version[128];
+    char type[16]; /* "cpu", "gpu", "accelerator" */
+    double global_mem, max_alloc; /* bytes */
+    int compute_units;
+    char verdict[256]; /* "ok" or what is wrong; empty if not tested */
+} cln_device_info;
+
+/* All OpenCL devices. test: run the quick self-test on each. No device at all is CLN_NO_DEVICE with
+ * what to install. The caller frees *out. */
+cln_status cln_devices_list(bool test, cln_device_info **out, int *count);
+
+/* Numbers of a running training, for a progress display. */
+typedef struct cln_train_progress {
+    int64_t step, steps;    /* steps 0: the budget is time */
+    double fraction;        /* of the budget, 0..1 */
+    double seconds, eta;    /* training seconds so far, and to go */
+    double rays_per_s, samples_per_ray;
+    double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
+    int leaves;
+    double params, device_bytes;
+} cln_train_progress;
+
+typedef struct cln_callbacks {
+    void (*train)(const cln_train_progress *progress, void *user); /* about every step; may be NULL */
+    void (*work)(const char *what, int done, int total, void *user); /* eval, render; may be NULL */
+    /* Polled every step / ray batch: 0 = go on, SIGINT or SIGTERM = write a checkpoint and return
+     * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on. May be NULL. */
+    int (*interrupted)(void *user);
+    void *user;
+} cln_callbacks;
+
+typedef struct cln_train_desc {
+    const char *scene;  /* NULL with resume: the run's own */
+    const char *run;
+    const char *preset; /* for the record: "fast", "paper" */
+    bool resume;
+    bool skip_selftest;
+    cln_config config;  /* with resume: what the run should now have; the network's shape must agree */
+    cln_device_desc device;
+    const char *command; /* command line, for run.json; may be NULL */
+    cln_callbacks callbacks;
+} cln_train_desc;
+
+typedef struct cln_train_result {
+    int64_t step;
+    double seconds;       /* training seconds, evaluation not counted */
+    double psnr_train, psnr_test;
+    int leaves;
+    uint64_t digest;      /* model_digest */
+} cln_train_result;
+
+/* Trains until a budget is used up. Leaves RUN/ as docs/formats.md says. *result is filled as far as it
+ * went, also when interrupted. */
+cln_status cln_train(const cln_train_desc *desc, cln_train_result *result);
+
+/* The settings (and scene path, if scene is not NULL; the caller frees it) of an existing run. */
+cln_status cln_run_config(const char *run, cln_config *config, char **scene);
+
+typedef struct cln_eval_image {
+    char *name;
+    int width, height;
+    double psnr, psnr_u8, ssim, mse, seconds;
+} cln_eval_image;
+
+typedef struct cln_eval_result {
+    int count;
+    cln_eval_image *images;
+    double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images */
+    int64_t step;
+    double train_seconds;
+    uint64_t digest;
+    float background[3];
+    char split[8];
+} cln_eval_result;
+
+typedef struct cln_eval_desc {
+    const char *run;
+    const char *scene;  /* NULL = the one it was trained on */
+    const char *split;  /* "train", "val", "test" */
+    int max_images;     /* evenly chosen; 0 = all */
+    bool save_images;   /* renders, truths and errors under RUN/eval/ */
+    cln_device_desc device;
+    cln_callbacks callbacks;
+} cln_eval_desc;
+
+/* Per-image and mean PSNR and SSIM; writes RUN/eval/STEP-SPLIT.json and the report. */
+cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
+void cln_eval_free(cln_eval_result *result);
+
+typedef struct cln_render_desc {
+    const char *run, *out;
+    const char *split;   /* the poses of a split, or NULL for an orbit */
+    int orbit_frames;
+    double orbit_elevation; /* degrees above the horizon of the training cameras' up axis */
+    double orbit_radius;    /* in units of the mean training camera distance */
+    int width, height;   /* orbit: image size; 0 = as the training images */
+    double fov;          /* orbit: horizontal, degrees; 0 = as the training images */
+    int max_images;      /* split: evenly chosen; 0 = all */
+    bool overwrite;      /* else frames whose files are there are skipped */
+    bool z_depth;        /* depth along the optical axis; else along the ray */
+    cln_device_desc device;
+    cln_callbacks callbacks;
+} cln_render_desc;
+
+typedef struct cln_render_result {
+    int rendered, skipped;
+    double seconds;
+} cln_render_result;
+
+/* OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (to look at),
+ * NAME.opacity.png; names as the dataset's, or orbit_0000. */
+cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
+
+/* JSON text (the caller frees it) about a scene or a run. */
+cln_status cln_info_scene(const char *scene, const cln_config *config, char **json);
+cln_status cln_info_run(const char *run, char **json);
+
+typedef void cln_check_sink(const char *name, bool passed, bool skipped, const char *detail, void *user);
+
+/* Kernels against the float64 reference on one device, small shapes; CLN_CHECK if any fails. quick:
+ * about a second. */
+cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink, void *user);
+
+#endif

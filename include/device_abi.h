@@ -1,0 +1,74 @@
+/* The one header that host and kernels share: constants and structs of fixed-width members. The host
+ * includes it as C, the kernels get it as the first lines of every program. No functions. */
+#ifndef CLN_DEVICE_ABI_H
+#define CLN_DEVICE_ABI_H
+
+#ifdef __OPENCL_C_VERSION__
+typedef int cln_i32;
+typedef uint cln_u32;
+typedef float cln_f32;
+#else
+#include <stdint.h>
+typedef int32_t cln_i32;
+typedef uint32_t cln_u32;
+typedef float cln_f32;
+#endif
+
+/* Chords shorter than this, in units of the normalised cube, are left out (method.md 7). */
+#define CLN_MIN_CHORD 1e-5f
+/* sigma * delta is clamped here: exp(-80) is the last normal float's neighbourhood (method.md 9). */
+#define CLN_MAX_OPTICAL_DEPTH 80.0f
+
+/* A view's camera in normalised space (scene/scene.h has the model and the units). */
+typedef struct cln_device_camera {
+    cln_f32 c2w[12]; /* 3x4 row-major, origin normalised */
+    cln_f32 fx, fy, cx, cy;
+    cln_f32 k1, k2, p1, p2;
+    cln_i32 width, height;
+    cln_i32 pad[2];
+} cln_device_camera;
+
+/* One ray asked for: which pixel of which view. The ray goes through its centre. */
+typedef struct cln_pixel {
+    cln_u32 view, x, y, pad;
+} cln_pixel;
+
+/* The passage of a ray through an ACTIVE leaf. count: stage-2 samples in it. */
+typedef struct cln_interval {
+    cln_f32 t_in, t_out;
+    cln_i32 slot;
+    cln_u32 count;
+} cln_interval;
+
+/* A run of grouped samples that one work-group takes through one leaf's network. */
+typedef struct cln_slice {
+    cln_i32 slot;
+    cln_u32 start, count, pad;
+} cln_slice;
+
+/* What the network needs to know of a sample: where, in which leaf, on which ray. */
+typedef struct cln_sample {
+    cln_f32 t, delta;
+    cln_u32 ray;
+    cln_i32 slot;
+} cln_sample;
+
+/* What a ray came to. */
+typedef struct cln_ray_result {
+    cln_f32 r, g, b, depth;
+    cln_f32 opacity, loss, square_error, pad;
+} cln_ray_result;
+
+/* Regions of a random stream's draw counter (base/rng.h). */
+#define CLN_DRAW_ROULETTE 0x800000u
+
+#ifndef __OPENCL_C_VERSION__
+_Static_assert(sizeof(cln_device_camera) == 96, "layout shared with kernels");
+_Static_assert(sizeof(cln_pixel) == 16, "layout shared with kernels");
+_Static_assert(sizeof(cln_interval) == 16, "layout shared with kernels");
+_Static_assert(sizeof(cln_slice) == 16, "layout shared with kernels");
+_Static_assert(sizeof(cln_sample) == 16, "layout shared with kernels");
+_Static_assert(sizeof(cln_ray_result) == 32, "layout shared with kernels");
+#endif
+
+#endif

@@ -1,0 +1,146 @@
+/* Compositing along each ray, the loss, and its gradient back to every sample's (r, g, b, sigma)
+ * (method.md 9, 10; twin: host/reference/composite.c). One work-item per ray, samples front to back.
+ *
+ *   w_i = T_i alpha_i, alpha_i = 1 - exp(-sigma_i delta_i), T_{i+1} = T_i (1 - alpha_i)
+ *   C = sum w_i c_i + T_end background
+ *   with G_i = dL/dw_i:  dL/dc_i = w_i g,  dL/dsigma_i = delta_i (T_{i+1} G_i - S_i),
+ *   S_i = sum_{j>i} w_j G_j + T_end g.background, a true backward sweep (no cancellation)
+ *
+ * RAY_BACKGROUND 0 | 1   one background for all rays, or one each
+ * LOSS 0 l2 | 1 huber;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built in
+ */
+#ifndef LOSS
+#define RAY_BACKGROUND 1
+#define LOSS 1
+#define CAUCHY 1
+#define OPACITY 1
+#define DISTORT 1
+#endif
+
+#if RAY_BACKGROUND
+#define BACKGROUND(r) (backgrounds[r])
+#else
+#define BACKGROUND(r) (backgrounds[0])
+#endif
+
+__kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 1] */
+                        const __global cln_sample *restrict samples,  /* [sample] */
+                        const __global float4 *restrict out,          /* [sample] r, g, b, sigma */
+                        const __global float4 *restrict backgrounds,  /* [1] or [ray] */
+                        const __global float4 *restrict ray_d,        /* [ray] w: axis depth per t */
+                        __global cln_ray_result *restrict results, uint n, uint axis_depth)
+{
+    const uint r = get_global_id(0);
+    float through = 1.0f, depth = 0.0f, opacity = 0.0f;
+    float4 colour = (float4)(0.0f);
+
+    if (r >= n)
+        return;
+    for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++) {
+        const float4 o = out[i];
+        const float alpha =
+            -expm1(-clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH));
+        const float weight = through * alpha;
+
+        colour = MAD((float4)(weight), o, colour);
+        depth = MAD(weight, samples[i].t, depth);
+        opacity += weight;
+        through *= 1.0f - alpha;
+    }
+    colour = MAD((float4)(through), BACKGROUND(r), colour);
+    const cln_ray_result result = {
+        colour.x, colour.y, colour.z,
+        depth / fmax(opacity, 1e-10f) * (axis_depth ? ray_d[r].w : 1.0f), opacity, 0.0f, 0.0f, 0.0f};
+
+    results[r] = result;
+}
+
+__kernel void composite_train(const __global uint *restrict sample_starts, /* [ray + 1] */
+                              const __global cln_sample *restrict samples, /* [sample] */
+                              const __global float4 *restrict out,         /* [sample] */
+                              const __global float4 *restrict backgrounds, /* [1] or [ray] */
+                              const __global float4 *restrict targets,     /* [ray] */
+                              __global float4 *restrict dout,              /* [sample] */
+                              __global cln_ray_result *restrict results, uint n, float scale,
+                              float huber, float cauchy, float opacity_weight, float distort)
+{
+    const uint r = get_global_id(0);
+
+    if (r >= n)
+        return;
+    const uint begin = sample_starts[r], end = sample_starts[r + 1u];
+    const float4 back = BACKGROUND(r);
+    float through = 1.0f, opacity = 0.0f, moment = 0.0f, loss, extra = 0.0f;
+    float4 colour = (float4)(0.0f), g, difference;
+
+    for (uint i = begin; i < end; i++) { /* T_i and alpha_i are kept in dout until the way back */
+        const float4 o = out[i];
+        const float alpha =
+            -expm1(-clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH));
+        const float weight = through * alpha;
+
+        dout[i] = (float4)(through, alpha, 0.0f, 0.0f);
+        colour = MAD((float4)(weight), o, colour);
+        opacity += weight;
+        moment = MAD(weight, samples[i].t, moment);
+        through *= 1.0f - alpha;
+    }
+    colour = MAD((float4)(through), back, colour);
+    difference = colour - targets[r];
+    difference.w = 0.0f;
+    const float square = dot(difference, difference) * (1.0f / 3.0f);
+
+#if LOSS == 1
+    const float4 a = fabs(difference);
+    const float4 each = select(huber * (a - 0.5f * huber), 0.5f * difference * difference, a <= huber);
+
+    loss = (each.x + each.y + each.z) * (1.0f / 3.0f);
+    g = clamp(difference, -huber, huber) * (1.0f / 3.0f);
+#else
+    loss = square;
+    g = difference * (2.0f / 3.0f);
+#endif
+    float rest = through * dot(g.xyz, back.xyz); /* S_i */
+#if OPACITY
+    const float miss = 1.0f - opacity;
+
+    extra = opacity_weight * log1p(opacity * miss / 0.11f);
+    const float g_opacity =
+        opacity_weight * (1.0f - 2.0f * opacity) / (0.11f + opacity * miss);
+#endif
+#if DISTORT
+    float behind = 0.0f, moment_behind = 0.0f; /* sums of w and w t over j > i */
+#endif
+    for (uint i = end; i-- > begin;) {
+        const float4 kept = dout[i], o = out[i];
+        const float delta = samples[i].delta, weight = kept.x * kept.y;
+        float gain = dot(g.xyz, o.xyz), direct = 0.0f;
+
+#if OPACITY
+        gain += g_opacity;
+#endif
+#if DISTORT
+        const float t = samples[i].t;
+        const float before = opacity - weight - behind, moment_before = moment - weight * t - moment_behind;
+        const float spread = t * (before - behind) - (moment_before - moment_behind);
+
+        gain += distort * (2.0f * spread + (2.0f / 3.0f) * weight * delta);
+        extra += distort * weight * (spread + weight * delta * (1.0f / 3.0f));
+        behind += weight;
+        moment_behind = MAD(weight, t, moment_behind);
+#endif
+#if CAUCHY
+        direct = cauchy * 4.0f * o.w / (1.0f + 2.0f * o.w * o.w);
+        extra += cauchy * log1p(2.0f * o.w * o.w);
+#endif
+        float4 d = weight * g;
+
+        d.w = delta * (kept.x * (1.0f - kept.y) * gain - rest) + direct;
+        rest = MAD(weight, gain, rest);
+        dout[i] = d * scale;
+    }
+    const cln_ray_result result = {colour.x, colour.y,     colour.z, moment / fmax(opacity, 1e-10f),
+                                   opacity,  loss + extra, square,   0.0f};
+
+    results[r] = result;
+}

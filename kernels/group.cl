@@ -1,0 +1,53 @@
+/* Samples grouped by leaf, so that a work-group meets one leaf's weights (method.md 8): after a stable
+ * sort by slot, leaves own runs of samples; runs are cut into slices of at most `slice` samples.
+ *
+ *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices */
+
+__kernel void group_keys(const __global cln_sample *restrict samples, __global uint *restrict keys,
+                         __global uint *restrict values, uint n)
+{
+    const uint i = get_global_id(0);
+
+    if (i >= n)
+        return;
+    keys[i] = (uint)samples[i].slot;
+    values[i] = i;
+}
+
+/* begin[slot], end[slot] of the sorted keys; slots without samples keep the zeros put there before. */
+__kernel void group_bounds(const __global uint *restrict keys, __global uint *restrict begin,
+                           __global uint *restrict end, uint n)
+{
+    const uint i = get_global_id(0);
+
+    if (i >= n)
+        return;
+    if (i == 0 || keys[i - 1u] != keys[i])
+        begin[keys[i]] = i;
+    if (i == n - 1u || keys[i + 1u] != keys[i])
+        end[keys[i]] = i + 1u;
+}
+
+__kernel void group_slice_counts(const __global uint *restrict begin, const __global uint *restrict end,
+                                 __global uint *restrict counts, uint leaves, uint slice)
+{
+    const uint leaf = get_global_id(0);
+
+    if (leaf < leaves)
+        counts[leaf] = (end[leaf] - begin[leaf] + slice - 1u) / slice;
+}
+
+__kernel void group_slices(const __global uint *restrict begin, const __global uint *restrict end,
+                           const __global uint *restrict starts, /* [leaf + 1] */
+                           __global cln_slice *restrict slices, uint leaves, uint slice)
+{
+    const uint leaf = get_global_id(0);
+
+    if (leaf >= leaves)
+        return;
+    for (uint s = starts[leaf], at = begin[leaf]; s < starts[leaf + 1u]; s++, at += slice) {
+        const cln_slice out = {(int)leaf, at, min(slice, end[leaf] - at), 0u};
+
+        slices[s] = out;
+    }
+}

@@ -1,0 +1,80 @@
+/* One source for CPU and GPU: vectors of VW floats. A CPU takes VW = its SIMD width, a GPU VW = 1 and
+ * many work-items instead. Only what the kernels use; no control flow on vector comparisons (scalar
+ * comparisons give 1, vector ones -1; select() on the sign is the same in both).
+ *
+ * VW  1 | 2 | 4 | 8 | 16   floats per vector
+ */
+#ifndef CLN_LANES_H
+#define CLN_LANES_H
+
+#ifndef VW
+#define VW 8
+#endif
+
+/* Every function that is not a kernel. Always inlined: PoCL 3.1 passes the arguments of a call that
+ * spill to the stack wrongly (seen: a 13-argument helper read other memory and returned NaN). */
+#define HELPER static __attribute__((always_inline))
+
+#define CLN_PASTE_(a, b) a##b
+#define CLN_PASTE(a, b)  CLN_PASTE_(a, b)
+
+#if VW == 1
+typedef float vf;
+typedef uint vu;
+#define VLOAD(p)     (*(p))
+#define VSTORE(v, p) (*(p) = (v))
+#define V_TO_FLOAT   convert_float
+#else
+typedef CLN_PASTE(float, VW) vf;
+typedef CLN_PASTE(uint, VW) vu;
+#define VLOAD(p)     CLN_PASTE(vload, VW)(0, p)
+#define VSTORE(v, p) CLN_PASTE(vstore, VW)(v, 0, p)
+#define V_TO_FLOAT   CLN_PASTE(convert_float, VW)
+#endif
+
+/* Lane numbers 0 .. VW-1, and the sum over lanes in a fixed order. */
+#if VW == 1
+#define V_IOTA   0u
+#define V_SUM(v) (v)
+#elif VW == 2
+#define V_IOTA   (uint2)(0, 1)
+#define V_SUM(v) ((v).x + (v).y)
+#elif VW == 4
+#define V_IOTA   (uint4)(0, 1, 2, 3)
+HELPER float v_sum4(float4 v)
+{
+    const float2 b = v.lo + v.hi;
+    return b.x + b.y;
+}
+#define V_SUM(v) v_sum4(v)
+#elif VW == 8
+#define V_IOTA   (uint8)(0, 1, 2, 3, 4, 5, 6, 7)
+HELPER float v_sum8(float8 v)
+{
+    const float4 a = v.lo + v.hi;
+    const float2 b = a.lo + a.hi;
+    return b.x + b.y;
+}
+#define V_SUM(v) v_sum8(v)
+#elif VW == 16
+#define V_IOTA   (uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
+HELPER float v_sum16(float16 v)
+{
+    const float8 c = v.lo + v.hi;
+    const float4 a = c.lo + c.hi;
+    const float2 b = a.lo + a.hi;
+    return b.x + b.y;
+}
+#define V_SUM(v) v_sum16(v)
+#else
+#error "VW must be 1, 2, 4, 8 or 16"
+#endif
+
+/* fma where it is one instruction, else a multiply and an add. */
+#ifdef FP_FAST_FMAF
+#define MAD(a, b, c) fma(a, b, c)
+#else
+#define MAD(a, b, c) mad(a, b, c)
+#endif
+
+#endif

@@ -1,0 +1,687 @@
+/* The leaf networks, batched over leaves: densities on the stage-1 grid, forward, backward with weight
+ * gradients (method.md 1, 4, 8; layout: host/model/network.h; float64 twin: host/reference/network.c).
+ *
+ *   layer:      out[s][n] = act(b[n] + sum_k in[s][k] w[k][n])
+ *   input grad: din[s][k] = sum_n d[s][n] w[k][n]      with a transposed copy wt[n][k]
+ *   weight grad: dw[k][n] = sum_s in[s][k] d[s][n]
+ *
+ * All three are one micro-kernel with lanes over the contiguous index: T x NV vectors of accumulators in
+ * registers, one vector load of B and T broadcasts of A per step. One work-group takes a slice: a run
+ * of samples that lie in the same leaf, NB at a time, all layers while they are in cache. A slice's
+ * weight gradient goes to its own buffer; adam.cl adds the slices of a leaf in order (no atomics).
+ *
+ *        samples of a leaf, grouped      work-group's local memory, NB samples
+ *        |--- slice ---|--- slice -|     enc [NB][ENC_PAD]   h [NB][WIDTH]   d [NB][WIDTH]
+ *        |NB|NB|NB|rest|NB|NB|rest |     dir [NB][DIR_PAD]   v [NB][VIEW]
+ *
+ * Parameters, from the host (engine/programs.c); the defaults below let the file compile alone.
+ *   VW NV LS TS NB   lanes.h; vectors per tile; work-items; samples per tile; samples in local memory
+ *   WIDTH DEPTH BANDS ENC_PAD SKIP   trunk; SKIP = layer that reads the encoding again, or -1
+ *   VIEW VIEW_BANDS DIR_PAD          view layer; VIEW 0 = none
+ *   COLOUR                           inputs of the colour head: VIEW, or WIDTH without view layer
+ *   TRUNK_W(i) TRUNK_B(i) SIGMA_W SIGMA_B VIEW_W VIEW_B COLOUR_W COLOUR_B PARAMS   offsets, floats
+ *   DENSITY 0 softplus | 1 relu | 2 exp;  KAPPA BIAS: sigma = KAPPA f(s + BIAS)
+ *   SLOPE_LOWER SLOPE_UPPER, RRELU 0 element | 1 neuron | 2 mean;  BANDS_BY_LEVEL 0 | 1
+ *   NOISE_ON 0 | 1, NOISE   density noise in training: left out or not; its std
+ *
+ * Rules: barriers only at a kernel's top level (helpers are called by all work-items, no barrier in
+ * them); loop bounds around a barrier depend on the slice alone; rows past a block's count hold
+ * garbage that never leaves its own row. */
+#ifndef WIDTH
+#define NV 1
+#define LS 1
+#define TS 4
+#define NB 16
+#define WIDTH 16
+#define DEPTH 2
+#define BANDS 2
+#define ENC_PAD 16
+#define SKIP (-1)
+#define VIEW 16
+#define VIEW_BANDS 1
+#define DIR_PAD 12
+#define COLOUR 16
+#define TRUNK_W(i) ((i) == 0 ? 0 : 272)
+#define TRUNK_B(i) ((i) == 0 ? 256 : 528)
+#define SIGMA_W 544
+#define SIGMA_B 560
+#define VIEW_W 576
+#define VIEW_B 1024
+#define COLOUR_W 1040
+#define COLOUR_B 1088
+#define PARAMS 1104
+#define DENSITY 0
+#define KAPPA 10.0f
+#define BIAS (-2.97f)
+#define SLOPE_LOWER (-0.3f)
+#define SLOPE_UPPER (-0.1f)
+#define RRELU 0
+#define BANDS_BY_LEVEL 0
+#define NOISE_ON 1
+#define NOISE 1.0f
+#endif
+
+#define TK 4                       /* rows of a weight-gradient tile; every K is a multiple of it */
+#define STEP_N (LS * VW)           /* distance of a work-item's vectors */
+#define TILE_N (LS * VW * NV)      /* neurons of one tile, over the group */
+#define ACTS (DEPTH * WIDTH + VIEW) /* pre-activations kept per sample: [trunk layers | view] */
+#define WT_TRUNK(i) (((i) - 1) * WIDTH * WIDTH)
+#define WT_VIEW ((DEPTH - 1) * WIDTH * WIDTH)
+#define WT_PARAMS ((DEPTH - 1) * WIDTH * WIDTH + VIEW * WIDTH)
+#define SLOPE_MEAN (0.5f * (SLOPE_LOWER + SLOPE_UPPER))
+
+#if WIDTH % (VW * NV * LS) || (VIEW > 0 && VIEW % (VW * NV * LS))
+#error "VW * NV * LS must divide WIDTH and VIEW"
+#endif
+#if NB % TS
+#error "TS must divide NB"
+#endif
+
+#if LS > 1
+#define GROUP_SYNC() barrier(CLK_LOCAL_MEM_FENCE)
+#else
+#define GROUP_SYNC()
+#endif
+
+/* acc[i][j] += sum over r < R of a[i * ai + r * ar] * B[r * ldb + j vectors]. */
+#define TILE_MAD(T, a, ai, ar, B, ldb, R)                                                          \
+    for (int r_ = 0; r_ < (R); r_++) {                                                             \
+        vf b_[NV];                                                                                 \
+        _Pragma("unroll") for (int j_ = 0; j_ < NV; j_++) b_[j_] =                                 \
+            VLOAD((B) + r_ * (ldb) + j_ * STEP_N);                                                 \
+        _Pragma("unroll") for (int i_ = 0; i_ < (T); i_++)                                         \
+        {                                                                                          \
+            const vf a_ = (vf)((a)[i_ * (ai) + r_ * (ar)]);                                        \
+            _Pragma("unroll") for (int j_ = 0; j_ < NV; j_++) acc[i_][j_] =                        \
+                MAD(a_, b_[j_], acc[i_][j_]);                                                      \
+        }                                                                                          \
+    }
+
+/* ---- activations and encodings ---- */
+
+HELPER vf negative_slope(int train, uint key, int neuron)
+{
+#if RRELU == 2
+    return (vf)(SLOPE_MEAN);
+#else
+    if (!train)
+        return (vf)(SLOPE_MEAN);
+    return MAD(uniform_lanes(key, (uint)neuron), (vf)(SLOPE_UPPER - SLOPE_LOWER),
+               (vf)(SLOPE_LOWER));
+#endif
+}
+
+/* Key of the slopes of one layer: of this sample (element) or of all samples of the step (neuron). */
+HELPER uint slope_key(uint step_key, uint sample, uint layer)
+{
+#if RRELU == 0
+    return (step_key + sample * 0x85EBCA6Bu) ^ (layer * 0xC2B2AE35u + 0x165667B1u);
+#else
+    return step_key ^ (layer * 0xC2B2AE35u + 0x165667B1u);
+#endif
+}
+
+HELPER vf activate(vf x, vf slope)
+{
+    return select(x * slope, x, x > (vf)(0.0f));
+}
+
+HELPER vf activate_gradient(vf x, vf slope)
+{
+    return select(slope, (vf)(1.0f), x > (vf)(0.0f));
+}
+
+/* sin and cos of |x| <= 1, to 2e-7: Taylor to x^11 and x^12. */
+HELPER float4 sin_unit(float4 x)
+{
+    const float4 q = x * x;
+    float4 p = MAD(q, (float4)(-2.5052108e-8f), (float4)(2.7557319e-6f));
+
+    p = MAD(p, q, (float4)(-1.9841270e-4f));
+    p = MAD(p, q, (float4)(8.3333333e-3f));
+    p = MAD(p, q, (float4)(-1.6666667e-1f));
+    return MAD(p * q, x, x);
+}
+
+HELPER float4 cos_unit(float4 x)
+{
+    const float4 q = x * x;
+    float4 p = MAD(q, (float4)(2.0876757e-9f), (float4)(-2.7557319e-7f));
+
+    p = MAD(p, q, (float4)(2.4801587e-5f));
+    p = MAD(p, q, (float4)(-1.3888889e-3f));
+    p = MAD(p, q, (float4)(4.1666667e-2f));
+    p = MAD(p, q, (float4)(-0.5f));
+    return MAD(p, q, (float4)(1.0f));
+}
+
+/* gamma(x): x, then sin and cos of 2^k x per band, three axes each. Bands double the angle of the one
+ * before; every fifth band starts afresh, so that rounding does not grow past 2^5 ulp. Stores are four
+ * wide: the fourth value is overwritten by the next store, the last one is padding (zero). */
+HELPER void encode(float4 x, int bands, int level, __local float *out)
+{
+    float4 s, c;
+    float scale = 1.0f;
+
+    (void)level;
+    x.w = 0.0f;
+    vstore4(x, 0, out);
+    for (int k = 0; k < bands; k++) {
+        float weight = 1.0f;
+
+        if (k == 0) {
+            s = sin_unit(x);
+            c = cos_unit(x);
+        } else if (k % 5 == 0) {
+            s = sin(x * scale);
+            c = cos(x * scale);
+        } else {
+            const float4 s1 = s;
+            s = 2.0f * s1 * c;
+            c = MAD(-2.0f * s1, s1, (float4)(1.0f));
+        }
+        scale *= 2.0f;
+#if BANDS_BY_LEVEL
+        weight = clamp((float)(11 - level - k), 0.0f, 1.0f);
+#endif
+        s.w = c.w = 0.0f;
+        vstore4(s * weight, 0, out + 3 + 6 * k);
+        vstore4(c * weight, 0, out + 6 + 6 * k);
+    }
+}
+
+HELPER float density_value(float z)
+{
+    z += BIAS;
+#if DENSITY == 0
+    return KAPPA * (fmax(z, 0.0f) + log1p(exp(-fabs(z))));
+#elif DENSITY == 1
+    return z > 0.0f ? KAPPA * z : 0.0f;
+#else
+    return KAPPA * exp(fmin(z, 80.0f));
+#endif
+}
+
+/* d sigma / d s from sigma itself. */
+HELPER float density_gradient(float sigma)
+{
+#if DENSITY == 0
+    return -KAPPA * expm1(-sigma / KAPPA);
+#elif DENSITY == 1
+    return sigma > 0.0f ? KAPPA : 0.0f;
+#else
+    return fmin(sigma, KAPPA * 3269017.4f); /* exp(15), as in nerfacc and instant-ngp */
+#endif
+}
+
+/* ---- one layer forward: in (two parts) -> pre-activations to acts (if kept), activations to out ---- */
+
+HELPER void dense(const __local float *in, int in_rows, int in_stride, const __local float *in2,
+                  int in2_rows, int in2_stride, const __global float *w,
+                  const __global float *bias, int n_out, __local float *out, int tiles, int count,
+                  __global float *acts, int train, uint step_key, const __local uint *ids, uint layer,
+                  int lid)
+{
+    for (int n = lid * VW; n < n_out; n += TILE_N) {
+        for (int t = 0; t < tiles; t++) {
+            vf acc[TS][NV];
+
+#pragma unroll
+            for (int i = 0; i < TS; i++)
+#pragma unroll
+                for (int j = 0; j < NV; j++)
+                    acc[i][j] = VLOAD(bias + n + j * STEP_N);
+            TILE_MAD(TS, in + t * TS * in_stride, in_stride, 1, w + n, n_out, in_rows)
+            if (in2_rows > 0)
+                TILE_MAD(TS, in2 + t * TS * in2_stride, in2_stride, 1,
+                         w + in_rows * n_out + n, n_out, in2_rows)
+#pragma unroll
+            for (int i = 0; i < TS; i++) {
+                const int s = t * TS + i;
+                const uint key = slope_key(step_key, ids[s], layer);
+
+#pragma unroll
+                for (int j = 0; j < NV; j++) {
+                    const int m = n + j * STEP_N;
+
+                    if (train && s < count)
+                        VSTORE(acc[i][j], acts + s * ACTS + m);
+                    VSTORE(activate(acc[i][j], negative_slope(train, key, m)),
+                           out + s * n_out + m);
+                }
+            }
+        }
+    }
+}
+
+HELPER float dot_row(const __local float *a, const __global float *b, int n)
+{
+    vf sum = (vf)(0.0f);
+
+    for (int k = 0; k < n; k += VW)
+        sum = MAD(VLOAD(a + k), VLOAD(b + k), sum);
+    return V_SUM(sum);
+}
+
+/* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's output.
+ * Work-items of a group all call it: it contains the barriers between layers (LS > 1). */
+#define TRUNK_FORWARD(train_, acts_)                                                               \
+    for (int i = 0; i < DEPTH; i++) {                                                              \
+        __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                              \
+                                                                                                   \
+        if (i == 0)                                                                                \
+            dense(enc, ENC_PAD, ENC_PAD, enc, 0, 0, w + TRUNK_W(0), w + TRUNK_B(0), WIDTH, to,     \
+                  tiles, count, acts_, train_, step_key, ids, 0u, lid);                            \
+        else                                                                                       \
+            dense(from, WIDTH, WIDTH, enc, i == SKIP ? ENC_PAD : 0, ENC_PAD, w + TRUNK_W(i),       \
+                  w + TRUNK_B(i), WIDTH, to, tiles, count, train_ ? acts_ + i * WIDTH : acts_,     \
+                  train_, step_key, ids, (uint)i, lid);                                            \
+        GROUP_SYNC();                                                                              \
+    }                                                                                              \
+    __local float *h = DEPTH & 1 ? h1 : h0;
+
+/* ---- stage 1: densities on the jittered grid of a leaf ---- */
+
+/* density[slot][cell] = bfloat16 of sigma at local position -1 + 2 (i + xi) / n1, cell = (z n1 + y) n1
+ * + x; xi = 0.5 without jitter. Group g takes cells [g % per_leaf * cells, ...) of leaf g / per_leaf. */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
+            const __global float4 *restrict boxes, /* [leaf] min x, y, z, side */
+            __global ushort *restrict density,     /* [leaf][n1^3] */
+            uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first)
+{
+    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH];
+    __local uint ids[NB];
+    const uint group = get_group_id(0), leaf = first + group / per_leaf;
+    const uint total = n1 * n1 * n1, begin = group % per_leaf * cells;
+    const uint end = min(begin + cells, total);
+    const __global float *w = params + (size_t)leaf * PARAMS;
+    const int lid = (int)get_local_id(0);
+    const int level = (int)(1.5f - log2(boxes[leaf].w));
+    const uint step_key = 0u;
+    __global float *none = 0;
+
+    for (uint block = begin; block < end; block += NB) {
+        const int count = (int)min((uint)NB, end - block), tiles = (count + TS - 1) / TS;
+
+        GROUP_SYNC();
+        for (int s = lid; s < tiles * TS; s += LS) {
+            const uint cell = min(block + (uint)s, total - 1u);
+            const float4 at = (float4)(convert_float(cell % n1), convert_float(cell / n1 % n1),
+                                       convert_float(cell / (n1 * n1)), 0.0f);
+            float4 xi = (float4)(0.5f);
+
+            if (jitter)
+                xi = uniform4(seed, STREAM_GRID, step, leaf * total + cell, 0u);
+            ids[s] = 0u;
+            encode(2.0f * (at + xi) / (float)n1 - 1.0f, BANDS, level, enc + s * ENC_PAD);
+        }
+        GROUP_SYNC();
+        TRUNK_FORWARD(0, none)
+        for (int s = lid; s < count; s += LS) {
+            const float sigma =
+                density_value(dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B]);
+            const uint bits = as_uint(sigma);
+
+            /* round to nearest even; a NaN stays one */
+            density[(size_t)leaf * total + block + s] =
+                (ushort)(isnan(sigma) ? 0x7FC0u : (bits + 0x7FFFu + (bits >> 16 & 1u)) >> 16);
+        }
+    }
+}
+
+/* ---- samples: where they are, in their leaf ---- */
+
+HELPER void load_samples(const __global cln_sample *samples, const __global uint *order,
+                         const __global float4 *ray_o, const __global float4 *ray_d, float4 box,
+                         uint start, int count, int padded, __local uint *ids, __local float *enc,
+                         __local float *dir, int lid)
+{
+    const int level = (int)(1.5f - log2(box.w));
+
+    for (int s = lid; s < padded; s += LS) {
+        const uint id = order[start + (uint)min(s, count - 1)];
+        const float t = samples[id].t;
+        const uint ray = samples[id].ray;
+        const float4 d = ray_d[ray], p = MAD((float4)(t), d, ray_o[ray]);
+
+        ids[s] = id;
+        encode((p - box) * (2.0f / box.w) - 1.0f, BANDS, level, enc + s * ENC_PAD);
+#if VIEW > 0
+        encode(d, VIEW_BANDS, 0, dir + s * DIR_PAD);
+#endif
+    }
+}
+
+/* ---- forward ---- */
+
+#define FORWARD_ARGUMENTS                                                                          \
+    const __global float *restrict params,          /* [leaf][PARAMS] */                           \
+        const __global float4 *restrict boxes,      /* [leaf] min x, y, z, side */                 \
+        const __global cln_slice *restrict slices,  /* [slice] */                                  \
+        const __global uint *restrict order,        /* [grouped sample] -> sample */               \
+        const __global cln_sample *restrict samples, /* [sample] */                                \
+        const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */  \
+        __global float4 *restrict out,              /* [sample] r, g, b, sigma */                  \
+        __global float *restrict acts,              /* [grouped sample][ACTS], training only */    \
+        uint n_slices, uint step_key
+
+#if VIEW > 0
+#define VIEW_BUFFERS __local float dir[NB * DIR_PAD], v[NB * VIEW];
+#else
+#define VIEW_BUFFERS __local float dir[4], v[4];
+#endif
+
+#define FORWARD_BODY(train)                                                                        \
+    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH];                               \
+    __local uint ids[NB];                                                                          \
+    VIEW_BUFFERS                                                                                   \
+    const uint group = get_group_id(0);                                                            \
+    const int lid = (int)get_local_id(0);                                                          \
+                                                                                                   \
+    if (group >= n_slices)                                                                         \
+        return;                                                                                    \
+    const cln_slice slice = slices[group];                                                         \
+    const __global float *w = params + (size_t)slice.slot * PARAMS;                                \
+    for (uint block = 0; block < slice.count; block += NB) {                                       \
+        const int count = (int)min((uint)NB, slice.count - block);                                 \
+        const int tiles = (count + TS - 1) / TS;                                                   \
+        __global float *kept = acts + (size_t)(slice.start + block) * ACTS;                        \
+                                                                                                   \
+        GROUP_SYNC();                                                                              \
+        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,  \
+                     tiles * TS, ids, enc, dir, lid);                                              \
+        GROUP_SYNC();                                                                              \
+        TRUNK_FORWARD(train, kept)                                                                 \
+        FORWARD_VIEW(train)                                                                        \
+        for (int s = lid; s < count; s += LS) {                                                    \
+            float z = dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B];                     \
+            float4 c;                                                                              \
+                                                                                                   \
+            if (train && NOISE_ON)                                                                 \
+                z += NOISE * normal_number(step_key, ids[s]);                                      \
+            for (int k = 0; k < 3; k++)                                                            \
+                ((float *)&c)[k] = dot_row(COLOUR_IN + s * COLOUR, w + COLOUR_W + k * COLOUR,      \
+                                           COLOUR) +                                               \
+                                   w[COLOUR_B + k];                                                \
+            c.w = 0.0f;                                                                            \
+            c = 1.0f / (1.0f + exp(-c));                                                           \
+            c.w = density_value(z);                                                                \
+            out[ids[s]] = c;                                                                       \
+        }                                                                                          \
+    }
+
+#if VIEW > 0
+#define COLOUR_IN v
+#define FORWARD_VIEW(train)                                                                        \
+    dense(h, WIDTH, WIDTH, dir, DIR_PAD, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,   \
+          kept + DEPTH * WIDTH, train, step_key, ids, (uint)DEPTH, lid);                           \
+    GROUP_SYNC();
+#else
+#define COLOUR_IN h
+#define FORWARD_VIEW(train)
+#endif
+
+/* One normal number per sample (Box-Muller on two hashes). */
+HELPER float normal_number(uint step_key, uint sample)
+{
+    const uint a = (step_key ^ 0x27D4EB2Fu) + sample * 0x9E3779B9u;
+    uint x = a ^ a >> 16, y = 0;
+
+    x *= 0x21F0AAADu;
+    x ^= x >> 15;
+    x *= 0xD35A2D97u;
+    x ^= x >> 15;
+    y = x * 0x85EBCA6Bu + 0x165667B1u;
+    y ^= y >> 16;
+    y *= 0x21F0AAADu;
+    y ^= y >> 15;
+    return sqrt(-2.0f * log((convert_float(x >> 8) + 1.0f) * 0x1p-24f)) *
+           cospi(2.0f * convert_float(y >> 8) * 0x1p-24f);
+}
+
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_train(FORWARD_ARGUMENTS)
+{
+    FORWARD_BODY(1)
+}
+
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_eval(FORWARD_ARGUMENTS)
+{
+    FORWARD_BODY(0)
+}
+
+/* ---- backward ---- */
+
+/* h = act(x) for one layer's kept pre-activations x [s][ACTS]. */
+HELPER void restore(const __global float *x, int width, int count, __local float *h, uint step_key,
+                    const __local uint *ids, uint layer, int lid)
+{
+    for (int s = 0; s < count; s++) {
+        const uint key = slope_key(step_key, ids[s], layer);
+
+        for (int n = lid * VW; n < width; n += STEP_N)
+            VSTORE(activate(VLOAD(x + s * ACTS + n), negative_slope(1, key, n)), h + s * width + n);
+    }
+}
+
+/* dw[k][n] (+)= sum_s a[s][k] d[s][n], db[n] (+)= sum_s d[s][n]; `first`: overwrite. */
+HELPER void weight_gradient(const __local float *a, int rows, int a_stride, const __local float *d,
+                            int n_out, __global float *dw, __global float *db, int count, int first,
+                            int lid)
+{
+    for (int n = lid * VW; n < n_out; n += TILE_N) {
+        for (int k = 0; k < rows; k += TK) {
+            vf acc[TK][NV];
+
+#pragma unroll
+            for (int i = 0; i < TK; i++)
+#pragma unroll
+                for (int j = 0; j < NV; j++)
+                    acc[i][j] =
+                        first ? (vf)(0.0f) : VLOAD(dw + (k + i) * n_out + n + j * STEP_N);
+            TILE_MAD(TK, a + k, 1, a_stride, d + n, n_out, count)
+#pragma unroll
+            for (int i = 0; i < TK; i++)
+#pragma unroll
+                for (int j = 0; j < NV; j++)
+                    VSTORE(acc[i][j], dw + (k + i) * n_out + n + j * STEP_N);
+        }
+        if (db)
+#pragma unroll
+            for (int j = 0; j < NV; j++) {
+                vf sum = first ? (vf)(0.0f) : VLOAD(db + n + j * STEP_N);
+
+                for (int s = 0; s < count; s++)
+                    sum += VLOAD(d + s * n_out + n + j * STEP_N);
+                VSTORE(sum, db + n + j * STEP_N);
+            }
+    }
+}
+
+/* out[s][k] = act'(x[s][k]) (sum_n d[s][n] wt[n][k] + ds[s] extra[k]); extra may be absent (0). */
+HELPER void input_gradient(const __local float *d, int n_in, const __global float *wt,
+                           const __global float *x, const __local float4 *dout,
+                           const __global float *extra, __local float *out, int tiles, int count,
+                           uint step_key, const __local uint *ids, uint layer, int lid)
+{
+    for (int n = lid * VW; n < WIDTH; n += TILE_N) {
+        for (int t = 0; t < tiles; t++) {
+            vf acc[TS][NV];
+
+#pragma unroll
+            for (int i = 0; i < TS; i++)
+#pragma unroll
+                for (int j = 0; j < NV; j++)
+                    acc[i][j] = (vf)(0.0f);
+            if (extra)
+#pragma unroll
+                for (int i = 0; i < TS; i++)
+#pragma unroll
+                    for (int j = 0; j < NV; j++)
+                        acc[i][j] = (vf)(dout[t * TS + i].w) * VLOAD(extra + n + j * STEP_N);
+            TILE_MAD(TS, d + t * TS * n_in, n_in, 1, wt + n, WIDTH, n_in)
+#pragma unroll
+            for (int i = 0; i < TS; i++) {
+                const int s = min(t * TS + i, count - 1);
+                const uint key = slope_key(step_key, ids[s], layer);
+
+#pragma unroll
+                for (int j = 0; j < NV; j++) {
+                    const int m = n + j * STEP_N;
+                    const vf g = activate_gradient(VLOAD(x + s * ACTS + m),
+                                                   negative_slope(1, key, m));
+
+                    VSTORE(acc[i][j] * g, out + (t * TS + i) * WIDTH + m);
+                }
+            }
+        }
+    }
+}
+
+/* Gradients of one head: dw[n] (+)= sum_s ds[s] a[s][n] for component k of dout. */
+HELPER void head_gradient(const __local float *a, int width, const __local float4 *dout, int k,
+                          __global float *dw, int count, int first, int lid)
+{
+    for (int n = lid * VW; n < width; n += STEP_N) {
+        vf sum = first ? (vf)(0.0f) : VLOAD(dw + n);
+
+        for (int s = 0; s < count; s++)
+            sum = MAD((vf)(((const __local float *)(dout + s))[k]), VLOAD(a + s * width + n), sum);
+        VSTORE(sum, dw + n);
+    }
+}
+
+/* d[s][n] = act'(x[s][n]) sum_k dout[s][k] w[k][n], k over the colour head's three rows. */
+HELPER void colour_input_gradient(const __global float *w, int width, const __global float *x,
+                                  const __local float4 *dout, __local float *d, int padded,
+                                  int count, uint step_key, const __local uint *ids, uint layer,
+                                  int lid)
+{
+    for (int s = 0; s < padded; s++) {
+        const int row = min(s, count - 1);
+        const uint key = slope_key(step_key, ids[row], layer);
+        const float4 g = dout[s];
+
+        for (int n = lid * VW; n < width; n += STEP_N) {
+            vf sum = g.x * VLOAD(w + n);
+
+            sum = MAD((vf)(g.y), VLOAD(w + width + n), sum);
+            sum = MAD((vf)(g.z), VLOAD(w + 2 * width + n), sum);
+            VSTORE(sum * activate_gradient(VLOAD(x + row * ACTS + n), negative_slope(1, key, n)),
+                   d + s * width + n);
+        }
+    }
+}
+
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
+             const __global float *restrict transposed,  /* [leaf][WT_PARAMS] */
+             const __global float4 *restrict boxes,      /* [leaf] min x, y, z, side */
+             const __global cln_slice *restrict slices,  /* [slice] */
+             const __global uint *restrict order,        /* [grouped sample] -> sample */
+             const __global cln_sample *restrict samples, /* [sample] */
+             const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */
+             const __global float4 *restrict out,        /* [sample] r, g, b, sigma */
+             const __global float4 *restrict dout,       /* [sample] gradient of it */
+             const __global float *restrict acts,        /* [grouped sample][ACTS] */
+             __global float *restrict grads,             /* [slice][PARAMS] */
+             uint n_slices, uint step_key)
+{
+    __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH];
+    __local float4 dhead[NB];
+    __local uint ids[NB];
+#if VIEW > 0
+    __local float dir[NB * DIR_PAD], v[NB * VIEW], dv[NB * VIEW];
+#else
+    __local float dir[4];
+#endif
+    const uint group = get_group_id(0);
+    const int lid = (int)get_local_id(0);
+
+    if (group >= n_slices)
+        return;
+    const cln_slice slice = slices[group];
+    const __global float *w = params + (size_t)slice.slot * PARAMS;
+    const __global float *wt = transposed + (size_t)slice.slot * WT_PARAMS;
+    __global float *grad = grads + (size_t)group * PARAMS;
+
+    for (uint block = 0; block < slice.count; block += NB) {
+        const int first = block == 0, count = (int)min((uint)NB, slice.count - block);
+        const int tiles = (count + TS - 1) / TS;
+        const __global float *x = acts + (size_t)(slice.start + block) * ACTS;
+        const __global float *x_last = x + (DEPTH - 1) * WIDTH;
+
+        GROUP_SYNC();
+        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,
+                     tiles * TS, ids, enc, dir, lid);
+        GROUP_SYNC();
+        for (int s = lid; s < tiles * TS; s += LS) {
+            const float4 o = out[ids[s]];
+            float4 g = dout[ids[s]] * (o * (1.0f - o));
+
+            g.w = dout[ids[s]].w * density_gradient(o.w);
+            dhead[s] = s < count ? g : (float4)(0.0f);
+        }
+        restore(x_last, WIDTH, count, h, step_key, ids, DEPTH - 1, lid);
+#if VIEW > 0
+        restore(x + DEPTH * WIDTH, VIEW, count, v, step_key, ids, DEPTH, lid);
+#endif
+        GROUP_SYNC();
+        for (int k = lid; k < 4; k += LS) { /* biases of the heads: r, g, b, then sigma */
+            __global float *db = grad + (k < 3 ? COLOUR_B + k : SIGMA_B);
+            float sum = first ? 0.0f : *db;
+
+            for (int s = 0; s < count; s++)
+                sum += ((const __local float *)(dhead + s))[k];
+            *db = sum;
+        }
+        head_gradient(h, WIDTH, dhead, 3, grad + SIGMA_W, count, first, lid);
+#if VIEW > 0
+        for (int k = 0; k < 3; k++)
+            head_gradient(v, VIEW, dhead, k, grad + COLOUR_W + k * VIEW, count, first, lid);
+        colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH, dhead, dv, tiles * TS, count,
+                              step_key, ids, DEPTH, lid);
+        GROUP_SYNC();
+        weight_gradient(h, WIDTH, WIDTH, dv, VIEW, grad + VIEW_W, grad + VIEW_B, count, first, lid);
+        weight_gradient(dir, DIR_PAD, DIR_PAD, dv, VIEW, grad + VIEW_W + WIDTH * VIEW, 0, count,
+                        first, lid);
+        input_gradient(dv, VIEW, wt + WT_VIEW, x_last, dhead, w + SIGMA_W, d0, tiles, count,
+                       step_key, ids, DEPTH - 1, lid);
+#else
+        for (int k = 0; k < 3; k++)
+            head_gradient(h, WIDTH, dhead, k, grad + COLOUR_W + k * WIDTH, count, first, lid);
+        for (int s = 0; s < tiles * TS; s++) {
+            const int row = min(s, count - 1);
+            const uint key = slope_key(step_key, ids[row], DEPTH - 1);
+
+            for (int n = lid * VW; n < WIDTH; n += STEP_N) {
+                vf sum = dhead[s].w * VLOAD(w + SIGMA_W + n);
+
+                for (int k = 0; k < 3; k++)
+                    sum = MAD((vf)(((const __local float *)(dhead + s))[k]),
+                              VLOAD(w + COLOUR_W + k * WIDTH + n), sum);
+                VSTORE(sum * activate_gradient(VLOAD(x_last + row * ACTS + n),
+                                               negative_slope(1, key, n)),
+                       d0 + s * WIDTH + n);
+            }
+        }
+#endif
+        for (int i = DEPTH - 1; i > 0; i--) {
+            __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0, *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
+
+            GROUP_SYNC();
+            restore(x + (i - 1) * WIDTH, WIDTH, count, h, step_key, ids, (uint)(i - 1), lid);
+            GROUP_SYNC();
+            weight_gradient(h, WIDTH, WIDTH, d, WIDTH, grad + TRUNK_W(i), grad + TRUNK_B(i), count,
+                            first, lid);
+            if (i == SKIP)
+                weight_gradient(enc, ENC_PAD, ENC_PAD, d, WIDTH,
+                                grad + TRUNK_W(i) + WIDTH * WIDTH, 0, count, first, lid);
+            input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH, dhead, 0, below, tiles,
+                           count, step_key, ids, (uint)(i - 1), lid);
+        }
+        GROUP_SYNC();
+        weight_gradient(enc, ENC_PAD, ENC_PAD, (DEPTH - 1) & 1 ? d1 : d0, WIDTH, grad + TRUNK_W(0),
+                        grad + TRUNK_B(0), count, first, lid);
+    }
+}

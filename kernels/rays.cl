@@ -1,0 +1,20 @@
+/* Pixels to rays: origin and unit direction in normalised space, through the pixel's centre (camera.h
+ * has the model). Nothing is undistorted beforehand: the lens is inverted per ray. */
+
+__kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [view] */
+                        const __global cln_pixel *restrict pixels,         /* [ray] */
+                        __global float4 *restrict ray_o, /* [ray] origin, 0 */
+                        __global float4 *restrict ray_d, /* [ray] unit direction, its z in the camera's
+                                                            frame: depth along the axis is t * w */
+                        uint n)
+{
+    const uint r = get_global_id(0);
+
+    if (r >= n)
+        return;
+    const cln_pixel pixel = pixels[r];
+    const cln_device_camera camera = cameras[pixel.view];
+
+    ray_o[r] = (float4)(camera_origin(camera), 0.0f);
+    ray_d[r] = camera_direction(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f);
+}

@@ -1,0 +1,447 @@
+/* Rays through the tree and stage 2's samples (method.md 3, 5, 7, 9; twin: host/reference/rays.c,
+ * sampling.c). One work-item per ray.
+ *
+ *   intervals_count   upper bound of the leaves a ray passes                      -> scan
+ *   intervals_fill    per leaf on the ray: chord, stage-1 optical depth, number of samples; leaves
+ *                     behind opaque ones are left out                             -> scan of samples
+ *   samples_emit      positions by inverse CDF, deltas; front to back
+ *
+ * Stage 1 is read through one interface, segment_open() and segment_point(): the stage-1 points of one
+ * passage, ascending in t, with their densities. Two ways give them:
+ *   STAGE1 1 (gather)  n1-spaced points on the chord, nearest cell of the leaf's cached densities
+ *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel of
+ *                      the leaf's level (splat.cl)
+ *
+ *   ALLOCATE 0 chord | 1 weight;  CDF 0 sigma | 1 weight;  PADDED 0 | 1: lists at list * longest
+ */
+#ifndef STAGE1
+#define STAGE1 1
+#define ALLOCATE 1
+#define CDF 1
+#define PADDED 0
+#endif
+
+#define NEVER 1e30f
+#define EMPTY_BIN 1e-5f
+
+typedef struct tree_ray {
+    float3 o, d, inverse;
+    float t, end; /* where the walk is, and where the ray leaves the cube */
+    int3 cell;
+    int n; /* cells per axis of the map */
+} tree_ray;
+
+HELPER int cell_of(float o, float d, float t, int n)
+{
+    return clamp((int)floor((MAD(d, t, o) + 1.0f) * (0.5f * (float)n)), 0, n - 1);
+}
+
+/* Enters the cube; false if the ray misses it. Components under 1e-12 count as zero: such a ray never
+ * crosses that axis' planes. */
+HELPER bool walk_start(tree_ray *w, float4 o, float4 d, int depth)
+{
+    float t0 = 0.0f, t1 = NEVER;
+
+    w->o = o.xyz;
+    w->d = d.xyz;
+    w->n = 1 << depth;
+    for (int a = 0; a < 3; a++) {
+        const float oa = ((float *)&w->o)[a], da = ((float *)&w->d)[a];
+
+        if (fabs(da) < 1e-12f) {
+            if (fabs(oa) > 1.0f)
+                return false;
+            ((float *)&w->inverse)[a] = 0.0f;
+        } else {
+            const float inverse = 1.0f / da;
+            const float ta = (-1.0f - oa) * inverse, tb = (1.0f - oa) * inverse;
+
+            ((float *)&w->inverse)[a] = inverse;
+            t0 = fmax(t0, fmin(ta, tb));
+            t1 = fmin(t1, fmax(ta, tb));
+        }
+    }
+    w->t = t0;
+    w->end = t1;
+    w->cell = (int3)(cell_of(w->o.x, w->d.x, t0, w->n), cell_of(w->o.y, w->d.y, t0, w->n),
+                     cell_of(w->o.z, w->d.z, t0, w->n));
+    return t1 > t0;
+}
+
+/* The leaf or culled node the walk is in: its map entry, t where the ray leaves it in *t_out; moves on.
+ * Returns false in *more once the cube is left. Progress is by integers: the crossed axis steps over the
+ * node's face, the others stay within its extent, so no rounding can trap the walk. */
+HELPER int walk_next(tree_ray *w, const __global int *map, int depth, float *t_out, bool *more)
+{
+    const int entry = map[(w->cell.z * w->n + w->cell.y) * w->n + w->cell.x];
+    const int size = 1 << (depth - (entry & 15));
+    float exits[3], t = NEVER;
+
+    for (int a = 0; a < 3; a++) {
+        const float inverse = ((float *)&w->inverse)[a];
+        const int base = ((int *)&w->cell)[a] & ~(size - 1);
+        const int plane = inverse > 0.0f ? base + size : base;
+
+        exits[a] = inverse == 0.0f ? NEVER
+                                   : ((float)plane * (2.0f / (float)w->n) - 1.0f -
+                                      ((float *)&w->o)[a]) *
+                                         inverse;
+        t = fmin(t, exits[a]);
+    }
+    t = fmax(t, w->t);
+    *more = t < NEVER;
+    for (int a = 0; a < 3; a++) {
+        int *cell = (int *)&w->cell + a;
+        const int base = *cell & ~(size - 1);
+
+        if (exits[a] <= t)
+            *cell = ((float *)&w->inverse)[a] > 0.0f ? base + size : base - 1;
+        else
+            *cell = clamp(cell_of(((float *)&w->o)[a], ((float *)&w->d)[a], t, w->n), base,
+                          base + size - 1);
+        if (*cell < 0 || *cell >= w->n)
+            *more = false;
+    }
+    *t_out = t;
+    w->t = t;
+    return entry;
+}
+
+/* ---- stage 1's points on one passage ---- */
+
+typedef struct segment {
+    uint start, count; /* splat: entries of the list */
+    float t_in, step;  /* gather */
+    float3 at, along;  /* gather: cell coordinates at t_in, and per unit of t */
+    uint cache;        /* gather: first cell of the leaf */
+} segment;
+
+#if STAGE1 == 1
+#define STAGE1_ARGUMENTS                                                                           \
+    const __global ushort *restrict density, /* [leaf][n1^3] bfloat16 */                           \
+        const __global float4 *restrict boxes, /* [leaf] */                                        \
+        uint n1
+#define STAGE1_PASS density, boxes, n1
+
+HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, float t_out, int slot)
+{
+    const float4 box = boxes[slot];
+    const float scale = (float)n1 / box.w;
+    segment s;
+
+    s.start = 0;
+    s.count = (uint)fmax(1.0f, ceil((t_out - t_in) * scale));
+    s.t_in = t_in;
+    s.step = (t_out - t_in) / (float)s.count;
+    s.at = (MAD((float3)(t_in), d, o) - box.xyz) * scale;
+    s.along = d * scale;
+    s.cache = (uint)slot * n1 * n1 * n1;
+    return s;
+}
+
+HELPER float segment_point(STAGE1_ARGUMENTS, const segment *s, uint j, float *sigma)
+{
+    const float ahead = ((float)j + 0.5f) * s->step;
+    const int last = (int)n1 - 1;
+    const float3 p = MAD((float3)(ahead), s->along, s->at);
+    const uint x = (uint)clamp((int)p.x, 0, last), y = (uint)clamp((int)p.y, 0, last),
+               z = (uint)clamp((int)p.z, 0, last);
+
+    (void)boxes;
+    *sigma = as_float((uint)density[s->cache + (z * n1 + y) * n1 + x] << 16);
+    return s->t_in + ahead;
+}
+#else
+#define STAGE1_ARGUMENTS                                                                           \
+    const __global uint *restrict list_start,     /* [list + 1] */                                 \
+        const __global float *restrict list_t,    /* [entry] ascending within a list */            \
+        const __global float *restrict list_sigma /* [entry] */
+#define STAGE1_PASS list_start, list_t, list_sigma
+
+/* First entry of [begin, end) with t >= value. */
+HELPER uint lower_bound(const __global float *t, uint begin, uint end, float value)
+{
+    while (begin < end) {
+        const uint middle = begin + (end - begin) / 2u;
+
+        if (t[middle] < value)
+            begin = middle + 1u;
+        else
+            end = middle;
+    }
+    return begin;
+}
+
+HELPER segment segment_open(STAGE1_ARGUMENTS, uint begin, uint end, float t_in, float t_out)
+{
+    segment s = {0};
+
+    (void)list_start;
+    (void)list_sigma;
+    s.start = lower_bound(list_t, begin, end, t_in);
+    s.count = lower_bound(list_t, s.start, end, t_out) - s.start;
+    return s;
+}
+
+HELPER float segment_point(STAGE1_ARGUMENTS, const segment *s, uint j, float *sigma)
+{
+    (void)list_start;
+    *sigma = list_sigma[s->start + j];
+    return list_t[s->start + j];
+}
+#endif
+
+/* The segment of ray r's passage through a leaf of `level`. */
+#if STAGE1 == 1
+#define SEGMENT_OF(r, w, t_in, t_out, slot, level)                                                 \
+    segment_open(STAGE1_PASS, (w).o, (w).d, t_in, t_out, slot)
+#define LIST_ARGUMENTS
+#else
+/* grids: [batch view][level 0..5] {first list, coarsening, lists per row, longest list} */
+#define LIST_ARGUMENTS                                                                             \
+    , const __global cln_pixel *restrict pixels, const __global uint4 *restrict grids,             \
+        const __global uint *restrict list_count /* [list] padded only */
+HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grids, uint r, int level)
+{
+    const cln_pixel p = pixels[r];
+    const uint4 grid = grids[p.pad * 6u + (uint)level];
+
+    return grid.x + p.y / grid.y * grid.z + p.x / grid.y;
+}
+#if PADDED
+#define LIST_BEGIN(list) ((list)*grids[0].w)
+#define LIST_END(list)   (LIST_BEGIN(list) + list_count[list])
+#else
+#define LIST_BEGIN(list) (list_start[list])
+#define LIST_END(list)   (list_start[(list) + 1u])
+#endif
+#define SEGMENT_OF(r, w, t_in, t_out, slot, level)                                                 \
+    segment_open(STAGE1_PASS, LIST_BEGIN(list_of(pixels, grids, r, level)),                        \
+                 LIST_END(list_of(pixels, grids, r, level)), t_in, t_out)
+#endif
+
+/* 1 - exp(-tau), cheap where almost every point is: in empty space. */
+HELPER float alpha_of(float tau)
+{
+    return tau < 1e-3f ? tau * (1.0f - 0.5f * tau) : -expm1(-tau);
+}
+
+/* Right edge of point j's bin: half way to the next point, or the chord's end. */
+#define BIN_EDGE(s, j, t, next, t_out) ((j) + 1u < (s).count ? 0.5f * ((t) + (next)) : (t_out))
+
+/* Optical depth of a passage, by stage 1. */
+HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float t_out)
+{
+    float tau = 0.0f, edge = t_in, sigma = 0.0f, t = 0.0f;
+
+    if (s->count > 0)
+        t = segment_point(STAGE1_PASS, s, 0, &sigma);
+    for (uint j = 0; j < s->count; j++) {
+        float next_sigma = 0.0f, next = t_out;
+
+        if (j + 1u < s->count)
+            next = segment_point(STAGE1_PASS, s, j + 1u, &next_sigma);
+        const float right = BIN_EDGE(*s, j, t, next, t_out);
+
+        tau = MAD(sigma, right - edge, tau);
+        edge = right;
+        t = next;
+        sigma = next_sigma;
+    }
+    return tau;
+}
+
+/* ---- intervals ---- */
+
+__kernel void intervals_count(const __global float4 *restrict ray_o,
+                              const __global float4 *restrict ray_d, /* [ray] */
+                              const __global int *restrict map,      /* [n^3] slot+1 << 4 | level */
+                              __global uint *restrict counts,        /* [ray] */
+                              uint n, int depth)
+{
+    const uint r = get_global_id(0);
+    tree_ray w;
+    uint count = 0;
+
+    if (r >= n)
+        return;
+    bool more = walk_start(&w, ray_o[r], ray_d[r], depth);
+    while (more) {
+        const float t_in = w.t;
+        float t_out;
+        const int entry = walk_next(&w, map, depth, &t_out, &more);
+
+        if (entry >> 4 && t_out - t_in > CLN_MIN_CHORD)
+            count++;
+    }
+    counts[r] = count;
+}
+
+__kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
+                             const __global float4 *restrict ray_d, const __global int *restrict map,
+                             const __global uint *restrict starts,     /* [ray + 1] */
+                             __global cln_interval *restrict intervals, /* [interval] */
+                             __global uint *restrict used,         /* [ray] intervals with samples */
+                             __global uint *restrict sample_counts, /* [ray] */
+                             uint first, uint n, int depth, float max_depth, uint per_leaf, uint per_ray,
+                             float empty_weight, float empty_share, uint2 seed,
+                             uint step LIST_ARGUMENTS)
+{
+    const uint r = first + get_global_id(0);
+    tree_ray w;
+    uint kept = 0, samples = 0, index = 0;
+    float tau = 0.0f;
+
+    if (get_global_id(0) >= n)
+        return;
+    bool more = walk_start(&w, ray_o[r], ray_d[r], depth);
+    while (more && tau <= max_depth) {
+        const float t_in = w.t;
+        float t_out;
+        const int entry = walk_next(&w, map, depth, &t_out, &more), slot = (entry >> 4) - 1;
+        const float length = t_out - t_in;
+
+        if (slot < 0 || !(length > CLN_MIN_CHORD))
+            continue;
+        const segment s = SEGMENT_OF(r, w, t_in, t_out, slot, entry & 15);
+        const float passage = segment_depth(STAGE1_PASS, &s, t_in, t_out);
+        uint count;
+
+#if ALLOCATE == 1
+        const float weight = exp(-tau) * alpha_of(passage);
+
+        if (weight < empty_weight)
+            count = empty_share >= 1.0f ||
+                    (empty_share > 0.0f &&
+                     uniform4(seed, STREAM_SAMPLES, step, r, CLN_DRAW_ROULETTE + index).x <
+                         empty_share);
+        else
+            count = min(per_leaf, 1u + (uint)((float)per_ray * weight + 0.5f));
+#else
+        /* diagonal of a leaf of this level: sqrt(3) * 2 / 2^level */
+        count = max(1u, (uint)ceil((float)per_leaf * length /
+                                   (3.46410162f / (float)(1 << (entry & 15)))));
+#endif
+        if (count > 0) {
+            const cln_interval i = {t_in, t_out, slot, count | (uint)(entry & 15) << 24};
+
+            intervals[starts[r] + kept++] = i;
+            samples += count;
+        }
+        tau += passage;
+        index++;
+    }
+    used[r] = kept;
+    sample_counts[r] = samples;
+}
+
+/* ---- samples ---- */
+
+__kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
+                           const __global float4 *restrict ray_d,
+                           const __global uint *restrict starts, /* [ray + 1] of intervals */
+                           const __global cln_interval *restrict intervals,
+                           const __global uint *restrict used,          /* [ray] */
+                           const __global uint *restrict sample_starts, /* [ray + 1] */
+                           __global cln_sample *restrict samples,       /* [sample] */
+                           uint first, uint n, float uniform_share, uint jitter, uint2 seed,
+                           uint step LIST_ARGUMENTS)
+{
+    const uint r = first + get_global_id(0);
+    uint at, drawn = 0;
+    float4 random = (float4)(0.5f);
+    tree_ray w;
+
+    if (get_global_id(0) >= n)
+        return;
+    w.o = ray_o[r].xyz;
+    w.d = ray_d[r].xyz;
+    at = sample_starts[r];
+    for (uint i = 0; i < used[r]; i++) {
+        const cln_interval v = intervals[starts[r] + i];
+        const uint count = v.count & 0xFFFFFFu;
+        const float length = v.t_out - v.t_in;
+        const segment s = SEGMENT_OF(r, w, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
+        const uint bins = max(1u, s.count);
+        float mass = 0.0f, floor_mass = 0.0f, edge, t = v.t_out, sigma = 0.0f, through, cdf = 0.0f;
+        float left = v.t_in, last = 0.0f;
+        uint k = 0;
+
+        /* total mass, with a little everywhere so that no bin is unreachable */
+#if CDF == 1
+        floor_mass = EMPTY_BIN / length;
+#else
+        for (uint j = 0; j < s.count; j++) {
+            segment_point(STAGE1_PASS, &s, j, &sigma);
+            floor_mass += sigma;
+        }
+        floor_mass = EMPTY_BIN * fmax(1.0f, floor_mass / (float)bins);
+#endif
+        for (int pass = 0; pass < 2; pass++) {
+            edge = v.t_in;
+            through = 1.0f;
+            sigma = 0.0f;
+            t = v.t_out;
+            if (s.count > 0)
+                t = segment_point(STAGE1_PASS, &s, 0, &sigma);
+            for (uint j = 0; j < bins; j++) {
+                float next_sigma = 0.0f, next = v.t_out;
+
+                if (j + 1u < s.count)
+                    next = segment_point(STAGE1_PASS, &s, j + 1u, &next_sigma);
+                const float right = BIN_EDGE(s, j, t, next, v.t_out), width = right - edge;
+#if CDF == 1
+                const float alpha = alpha_of(fmin(sigma * width, CLN_MAX_OPTICAL_DEPTH));
+                const float p = MAD(through, alpha, floor_mass * width);
+
+                through *= 1.0f - alpha;
+#else
+                const float p = (sigma + floor_mass) * width;
+#endif
+                if (pass == 0) {
+                    mass += p;
+                } else {
+                    const float q = (1.0f - uniform_share) * p / mass + uniform_share * width / length;
+                    const float next_cdf = cdf + q;
+
+                    while (k < count) {
+                        float xi = 0.5f;
+
+                        if (jitter) {
+                            if ((drawn & 3u) == 0)
+                                random = uniform4(seed, STREAM_SAMPLES, step, r, drawn >> 2);
+                            xi = ((float *)&random)[drawn & 3u];
+                        }
+                        const float u = ((float)k + xi) / (float)count;
+
+                        if (u >= next_cdf && j + 1u < bins)
+                            break;
+                        const float where =
+                            clamp(edge + width * clamp((u - cdf) / q, 0.0f, 1.0f), v.t_in, v.t_out);
+
+                        if (k > 0) { /* the sample before ends half way to this one */
+                            const float middle = 0.5f * (last + where);
+
+                            samples[at].t = last;
+                            samples[at].delta = middle - left;
+                            left = middle;
+                            at++;
+                        }
+                        samples[at].ray = r;
+                        samples[at].slot = v.slot;
+                        last = where;
+                        k++;
+                        drawn++;
+                    }
+                    cdf = next_cdf;
+                }
+                edge = right;
+                t = next;
+                sigma = next_sigma;
+            }
+        }
+        samples[at].t = last;
+        samples[at].delta = v.t_out - left;
+        at++;
+    }
+}

@@ -1,0 +1,61 @@
+#!/bin/bash
+# The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
+# AddressSanitizer and UndefinedBehaviorSanitizer, and the command line end to end. Each part ends with a
+# line "N passed, N failed[, N skipped]"; their sum is the last line here, and the exit status is
+# non-zero if anything failed. A part that breaks without saying so counts as one failure.
+set -u
+cd "$(dirname "$0")/.." || exit 1
+
+make=${MAKE:-make}
+jobs=$(nproc 2>/dev/null || echo 2)
+passed=0 failed=0 skipped=0
+mkdir -p build
+log=build/test-part.log
+
+# part NAME COMMAND...
+part() {
+    local name=$1 started=$SECONDS status counts p f s
+    shift
+    printf '\n== %s\n' "$name"
+    "$@" 2>&1 | tee "$log" | sed -u -E "s/^([0-9]+ passed, [0-9]+ failed)/$name: \1/"
+    status=${PIPESTATUS[0]}
+    counts=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$log" | tail -1)
+    p=$(echo "$counts" | sed -n 's/^\([0-9]*\) passed.*/\1/p')
+    f=$(echo "$counts" | sed -n 's/.* \([0-9]*\) failed.*/\1/p')
+    s=$(echo "$counts" | sed -n 's/.* \([0-9]*\) skipped.*/\1/p')
+    if [ "$status" != 0 ] && [ "${f:-0}" = 0 ]; then
+        echo "$name: exit status $status"
+        f=1
+    fi
+    passed=$((passed + ${p:-0}))
+    failed=$((failed + ${f:-0}))
+    skipped=$((skipped + ${s:-0}))
+    echo "$name: $((SECONDS - started)) s"
+}
+
+# Unit tests under sanitizers. Groups that train for long or build many kernels would take minutes there
+# and run the same host code: they are left out.
+sanitized() {
+    local groups
+    groups=$(build/sanitize/tests -l | grep -v -x -E 'mlp|train|splat')
+    # shellcheck disable=SC2086
+    build/sanitize/tests $groups
+}
+
+export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
+export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:suppressions=$PWD/tests/ubsan.supp
+export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
+
+part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent build/make-scene \
+    build/json-query build/tests
+part lint tests/lint.sh
+part unit build/tests
+part "command line" tests/cli.sh
+part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
+    build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests
+part "sanitized unit" sanitized
+part "sanitized command line" env BUILD=build/sanitize tests/cli.sh usage scenes
+rm -f "$log"
+
+printf '\n%d passed, %d failed%s\n' $passed $failed "$([ $skipped = 0 ] || echo ", $skipped skipped")"
+[ $failed = 0 ]

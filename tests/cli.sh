@@ -1,0 +1,515 @@
+#!/bin/bash
+# The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind, its
+# exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
+#   tests/cli.sh [SECTION...]      sections: usage devices scenes train resume results damage output memory
+#   BUILD=build/sanitize           the programs to test
+# Every check is one line of the count in the last line; the output of a failed one is shown.
+set -u
+cd "$(dirname "$0")/.." || exit 1
+
+BUILD=${BUILD:-build}
+here=$PWD
+cln=$here/$BUILD/cl-nascent
+make_scene=$here/$BUILD/make-scene
+query=$here/build/json-query
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln-cli-XXXXXX")
+children=""
+trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work"; rm -rf "$work"' EXIT
+passed=0 failed=0 skipped=0
+export LC_ALL=C
+unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR
+
+# A network small enough for a second's training, on a tree that grows and is culled on the way.
+small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
+    --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --log-every 1 --cull-from 0.3)
+steps=300
+
+# ---- checks ----
+
+ok() {
+    passed=$((passed + 1))
+    echo "ok      $1"
+}
+
+bad() {
+    failed=$((failed + 1))
+    echo "FAILED  $1${2:+ ($2)}"
+    for f in out err; do
+        [ -s "$work/$f" ] && tail -n 15 "$work/$f" | cut -c -400 | sed "s/^/        $f: /"
+    done
+}
+
+skip() {
+    skipped=$((skipped + 1))
+    echo "skipped $1: $2"
+}
+
+# check NAME COMMAND...: the command (a test) succeeds
+check() {
+    local name=$1
+    shift
+    if "$@"; then ok "$name"; else bad "$name" "$*"; fi
+}
+
+run() {
+    "$@" >"$work/out" 2>"$work/err"
+    rc=$?
+}
+
+# expect NAME CODE WORDS COMMAND...: exit code, and every word (a grep -E pattern) on stderr
+expect() {
+    local name=$1 code=$2 words=$3 word
+    shift 3
+    run "$@"
+    if [ $rc != "$code" ]; then
+        bad "$name" "exit code $rc, not $code"
+        return 1
+    fi
+    for word in $words; do
+        if ! grep -qiE -- "$word" "$work/err"; then
+            bad "$name" "nothing about '$word' on stderr"
+            return 1
+        fi
+    done
+    ok "$name"
+}
+
+# The value at a path of the JSON document on the last stdout.
+json() {
+    "$query" "$1" <"$work/out" 2>>"$work/err"
+}
+
+digest() {
+    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
+}
+
+number_above() {
+    awk -v a="$1" -v b="$2" 'BEGIN { exit !(a + 0 > b + 0) }'
+}
+
+same_tree() {
+    diff -r "$1" "$2" >"$work/out" 2>&1
+}
+
+# wait_for SECONDS COMMAND...
+wait_for() {
+    local end=$((SECONDS + $1))
+    shift
+    until "$@" 2>/dev/null; do
+        [ $SECONDS -lt $end ] || return 1
+        sleep 0.02
+    done
+}
+
+rows_of() {
+    [ "$(wc -l <"$1/metrics.jsonl")" -ge "$2" ]
+}
+
+# Starts a command in the background with the signals of a fresh shell.
+start() {
+    env --default-signal=INT,QUIT "$@" >"$work/out" 2>"$work/err" &
+    child=$!
+    children="$children $child"
+}
+
+finish() {
+    wait "$child" 2>/dev/null
+    rc=$?
+}
+
+scene() { # scene NAME OPTIONS...
+    local name=$1
+    shift
+    [ -d "$work/$name" ] || "$make_scene" "$work/$name" "$@" >/dev/null || bad "make-scene $name"
+}
+
+blender() {
+    scene blender --size 48 --train 12 --test 3 --depth
+}
+
+train() { # train RUN OPTIONS...
+    local name=$1
+    shift
+    run "$cln" train "$work/blender" -o "$work/$name" "${small[@]}" --steps $steps "$@"
+}
+
+# The run that the others are compared with.
+baseline() {
+    blender
+    if [ ! -d "$work/whole" ]; then
+        train whole
+        if [ $rc = 0 ]; then ok "a run of $steps steps"; else bad "a run of $steps steps" "exit code $rc"; fi
+        whole=$(digest "$work/whole")
+        check "its digest is 16 hexadecimal digits" grep -qxE '[0-9a-f]{16}' <<<"$whole"
+    fi
+}
+
+# ---- sections ----
+
+section_usage() {
+    local c
+    expect "--version" 0 "" "$cln" --version
+    check "--version names the program" grep -q '^cl-nascent [0-9]' "$work/out"
+    expect "--help" 0 "" "$cln" --help
+    for c in train eval render info devices selftest; do
+        check "--help names $c" grep -qw "$c" "$work/out"
+    done
+    for c in train eval render info devices selftest; do
+        expect "$c --help" 0 "" "$cln" $c --help
+        check "$c --help goes to stdout alone" [ -s "$work/out" -a ! -s "$work/err" ]
+    done
+    expect "no command" 2 "" "$cln"
+    expect "unknown command, with the nearest" 2 "trian train" "$cln" trian
+    expect "unknown option, with the nearest" 2 "--stepz --steps" "$cln" train s -o r --stepz 5
+    expect "value out of range" 2 "width 16" "$cln" train s -o r --width 3
+    expect "value that is no number" 2 "steps many" "$cln" train s -o r --steps many
+    expect "word that is not offered" 2 "loss l2" "$cln" train s -o r --loss l3
+    expect "train without an output" 2 "output|-o" "$cln" train s
+    expect "eval without a run" 2 "RUN" "$cln" eval
+    check "wrong usage leaves stdout empty" [ ! -s "$work/out" ]
+}
+
+section_devices() {
+    expect "devices" 0 "" "$cln" devices
+    check "devices prints a self-test" grep -qi 'self-test' "$work/out"
+    expect "devices --json" 0 "" "$cln" devices --json
+    check "devices --json is one document" [ "$(json schema)" = cl-nascent.devices/1 ]
+    check "a device is there" [ -n "$(json devices.0.name)" ]
+    check "its self-test passed" [ "$(json devices.0.verdict)" = ok ]
+    check "its memory is a number" number_above "$(json devices.0.global_mem)" 1e6
+    blender
+    if grep -q '"gpu"' "$work/out"; then
+        skip "-d gpu without a GPU" "there is one"
+    else
+        expect "-d gpu without a GPU" 4 "gpu" "$cln" train "$work/blender" -o "$work/gpu" -d gpu
+        check "-d gpu wrote nothing" [ ! -e "$work/gpu" ]
+    fi
+    expect "-d nonsense" 4 "nonsense" "$cln" train "$work/blender" -o "$work/gpu" -d nonsense
+    expect "a row number that is not there" 4 "99" "$cln" selftest --quick -d 99
+    expect "no OpenCL at all, with what to install" 4 "pocl-opencl-icd" \
+        env OCL_ICD_VENDORS="$work/nowhere" "$cln" devices
+    expect "selftest --quick" 0 "" "$cln" selftest --quick
+    expect "selftest --quick --json" 0 "" "$cln" selftest --quick --json
+    check "selftest --json is one document" json . >/dev/null
+    mkdir -p "$work/kernels" && cp kernels/* include/device_abi.h "$work/kernels/"
+    expect "--kernel-dir with the same kernels" 0 "" "$cln" selftest --quick --kernel-dir "$work/kernels"
+    echo 'this is no OpenCL;' >>"$work/kernels/mlp.cl"
+    expect "--kernel-dir with a broken kernel, with its log" 4 "mlp.cl error" \
+        "$cln" selftest --quick --kernel-dir "$work/kernels"
+    expect "--kernel-dir without kernels" 4 "$work/nowhere" \
+        "$cln" selftest --quick --kernel-dir "$work/nowhere"
+}
+
+# bad_scene NAME WORDS: $work/bad must be refused, by info and before train writes anything
+bad_scene() {
+    expect "$1" 3 "$2" "$cln" info "$work/bad"
+    run "$cln" train "$work/bad" -o "$work/never" "${small[@]}" --steps 1
+    if [ $rc = 3 ] && [ ! -e "$work/never" ]; then ok "$1: train writes nothing"; else bad "$1: train writes nothing" "exit code $rc"; fi
+    rm -rf "$work/bad" "$work/never"
+    cp -r "$work/blender" "$work/bad"
+}
+
+section_scenes() {
+    local train_json=$work/bad/transforms_train.json first
+    blender
+    scene again --size 48 --train 12 --test 3 --depth
+    check "make-scene: same options, same bytes" same_tree "$work/blender" "$work/again"
+    scene seed --size 48 --train 12 --test 3 --depth --seed 2
+    check "make-scene: another seed, other pictures" \
+        eval '! cmp -s "$work/blender/train/r_000.png" "$work/seed/train/r_000.png"'
+    check "make-scene: depth beside each image" \
+        [ "$(find "$work/blender" -name '*.depth.npy' | wc -l)" = 15 ]
+    mkdir -p "$work/foreign" && echo keep >"$work/foreign/file"
+    expect "make-scene: a folder that is not its own" 7 "foreign" "$make_scene" "$work/foreign"
+    check "make-scene: left as it was" [ "$(ls "$work/foreign")" = file ]
+    expect "make-scene: wrong usage" 2 "size" "$make_scene" "$work/x" --size 3
+
+    expect "info of a Blender scene" 0 "" "$cln" info "$work/blender" --json
+    check "its dialect" [ "$(json dialect)" = blender ]
+    check "info leaves stderr to warnings" [ ! -s "$work/err" ]
+    expect "info for people" 0 "" "$cln" info "$work/blender"
+    check "info for people names the dialect" grep -q blender "$work/out"
+    scene nerfstudio --format nerfstudio --distortion=-0.1,0.02,0.001,-0.001 --size 32 --train 6 --val 1 --test 2
+    expect "info of a distorted nerfstudio scene" 0 "" "$cln" info "$work/nerfstudio" --json
+    check "its dialect" [ "$(json dialect)" = nerfstudio ]
+    scene ngp --format ngp --kind room --size 32 --train 9 --test 0
+    expect "info of an instant-ngp scene, by its file" 0 "" "$cln" info "$work/ngp/transforms.json" --json
+    check "its dialect" [ "$(json dialect)" = instant-ngp ]
+
+    expect "missing scene" 3 "$work/nowhere" "$cln" info "$work/nowhere"
+    expect "train on a missing scene" 3 "$work/nowhere" \
+        "$cln" train "$work/nowhere" -o "$work/never" "${small[@]}" --steps 1
+    check "train on a missing scene writes nothing" [ ! -e "$work/never" ]
+    mkdir -p "$work/empty"
+    expect "a folder without a scene" 3 "$work/empty" "$cln" info "$work/empty"
+
+    rm -rf "$work/bad" && cp -r "$work/blender" "$work/bad"
+    sed -i 's/"frames": \[/"frames": [,/' "$train_json"
+    bad_scene "malformed JSON, with line and column" "transforms_train.json line.[0-9]+ column.[0-9]+"
+    head -c 300 "$work/blender/transforms_train.json" >"$train_json"
+    bad_scene "truncated JSON" "transforms_train.json line.[0-9]+"
+    first=$work/bad/train/r_003.png
+    truncate -s 700 "$first"
+    expect "truncated image" 3 "r_003.png" "$cln" train "$work/bad" -o "$work/never" "${small[@]}" --steps 1
+    check "truncated image: train writes nothing" [ ! -e "$work/never" ]
+    rm "$first"
+    bad_scene "missing image" "r_003.png"
+    : >"$first"
+    bad_scene "empty image" "r_003.png"
+    echo '{"camera_angle_x": 0.7, "frames": []}' >"$train_json"
+    bad_scene "zero frames" "transforms_train.json|frame"
+    echo '{"camera_angle_x": 0.7, "frames": [{"file_path": "./train/r_000", "transform_matrix":
+        [[1,0,0,0],[0,1.2,0,0],[0,0,1,4],[0,0,0,1]]}]}' >"$train_json"
+    bad_scene "non-rigid pose" "r_000|frame rigid|rotation"
+    echo '{"camera_angle_x": 0.7, "frames": [{"file_path": "./train/r_000", "transform_matrix":
+        [[1,0,0,1e999],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}' >"$train_json"
+    bad_scene "pose that is no number" "transforms_train.json"
+    echo '{"camera_angle_x": 0.7, "frames": [{"file_path": "./train/r_000", "transform_matrix":
+        [[1,0,0,0],[0,1,0,0],[0,0,1,-9],[0,0,0,1]]}]}' >"$train_json"
+    bad_scene "no camera sees the cube" "camera"
+    rm -rf "$work/bad"
+}
+
+section_train() {
+    local twin other
+    baseline
+    check "train --json is not printed unasked" grep -q 'model digest' "$work/out"
+    run "$cln" info "$work/whole" --json
+    check "info RUN --json is one document" [ "$(json model_digest)" = "$whole" ]
+    for f in run.json metrics.jsonl report.html checkpoint/latest model.safetensors; do
+        check "a run leaves $f" [ -s "$work/whole/$f" ]
+    done
+    check "metrics.jsonl has a row per step" [ "$("$query" -l step <"$work/whole/metrics.jsonl" | wc -l)" = $steps ]
+    check "its steps are in order" sort -n -c <("$query" -l step <"$work/whole/metrics.jsonl")
+    check "its losses are numbers" eval '! "$query" -l loss <"$work/whole/metrics.jsonl" | grep -vqE "^[0-9.e+-]+$"'
+    check "training makes the loss smaller" eval '"$query" -l loss <"$work/whole/metrics.jsonl" |
+        awk "NR <= 20 { a += \$1 } { last[NR % 20] = \$1 } END { for (i in last) b += last[i]; exit !(b < 0.7 * a) }"'
+    check "run.json says done" [ "$("$query" state <"$work/whole/run.json")" = "done" ]
+    check "two checkpoints at most are kept" [ "$(find "$work/whole/checkpoint" -name '*.safetensors' | wc -l)" -le 2 ]
+
+    train twin --json
+    check "train --json is one document" [ "$(json state)" = "done" ]
+    twin=$(digest "$work/twin")
+    check "train --json tells the digest" [ "$(json model_digest)" = "$twin" ]
+    check "same seed, same bits" [ "$twin" = "$whole" ]
+    train other --seed 7
+    other=$(digest "$work/other")
+    check "another seed, other bits" [ -n "$other" -a "$other" != "$whole" ]
+    run "$cln" train "$work/blender" -o "$work/told" "${small[@]}" --steps 2
+    check "train says what was left out" grep -qi 'left out' "$work/err"
+    run env POCL_MAX_PTHREAD_COUNT=1 "$cln" train "$work/blender" -o "$work/thread" "${small[@]}" --steps $steps
+    check "one thread, same bits" [ "$(digest "$work/thread")" = "$whole" ]
+
+    run "$cln" train "$work/blender" -o "$work/timed" "${small[@]}" --time-limit 2s --json
+    check "--time-limit ends the training" [ $rc = 0 ]
+    check "after its seconds" eval 'number_above "$(json seconds)" 1.9 && number_above 10 "$(json seconds)"'
+    run "$cln" train "$work/blender" -o "$work/target" "${small[@]}" --steps 100000 --eval-every 5 \
+        --target-psnr 5 --json
+    check "--target-psnr ends the training" eval '[ $rc = 0 ] && number_above 1000 "$(json step)"'
+
+    scene room --kind room --size 40 --train 10 --test 2
+    run "$cln" train "$work/room" -o "$work/inside" "${small[@]}" --steps 60 --json
+    check "cameras inside the cube" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
+    scene bent --format nerfstudio --distortion=-0.1,0.02,0.001,-0.001 --size 40 --train 10 --test 2
+    run "$cln" train "$work/bent" -o "$work/curved" "${small[@]}" --steps 60 --json
+    check "distorted images" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
+    run "$cln" train "$work/blender" -o "$work/splat" "${small[@]}" --steps 60 --stage1 splat --json
+    check "--stage1 splat" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
+}
+
+section_resume() {
+    local r=$work/stopped
+    baseline
+    start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
+    wait_for 60 rows_of "$r" 30
+    kill -INT "$child"
+    finish
+    check "SIGINT: exit code 130" [ $rc = 130 ]
+    check "SIGINT: a checkpoint is there" [ -s "$r/checkpoint/latest" ]
+    check "SIGINT: run.json says interrupted" [ "$("$query" state <"$r/run.json")" = interrupted ]
+    check "SIGINT: it stopped on the way" [ "$(digest "$r")" != "$whole" ]
+    expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
+    check "interrupted and resumed = not interrupted" [ "$(digest "$r")" = "$whole" ]
+    check "its metrics have every step once" \
+        cmp -s <("$query" -l step <"$r/metrics.jsonl") <("$query" -l step <"$work/whole/metrics.jsonl")
+
+    r=$work/terminated
+    start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
+    wait_for 60 rows_of "$r" 60
+    kill -TERM "$child"
+    finish
+    check "SIGTERM: exit code 143" [ $rc = 143 ]
+    expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
+    check "terminated and resumed = not interrupted" [ "$(digest "$r")" = "$whole" ]
+
+    r=$work/killed
+    start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
+    wait_for 60 rows_of "$r" 20
+    kill -USR1 "$child"
+    check "SIGUSR1 writes a checkpoint" wait_for 60 [ -s "$r/checkpoint/latest" ]
+    kill -9 "$child"
+    finish
+    check "kill -9: it ended there" [ $rc = 137 ]
+    expect "resume after kill -9" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
+    check "killed and resumed = not interrupted" [ "$(digest "$r")" = "$whole" ]
+
+    cp -r "$work/whole" "$work/longer"
+    expect "resume with +N steps" 0 "" "$cln" train --resume "$work/longer" --skip-selftest --progress none --steps +20 --json
+    check "it goes on to the sum" [ "$(json step)" = $((steps + 20)) ]
+    expect "resume of what is no run" 7 "blender" "$cln" train --resume "$work/blender" --skip-selftest
+    expect "resume with another network" 8 "width|network" \
+        "$cln" train --resume "$work/longer" --skip-selftest --width 32 --view-width 32
+}
+
+section_results() {
+    local png frames
+    baseline
+    expect "eval" 0 "" "$cln" eval "$work/whole"
+    check "eval prints a table with the names" grep -q 'r_002' "$work/out"
+    expect "eval --json" 0 "" "$cln" eval "$work/whole" --json --progress none
+    check "eval --json: schema" [ "$(json schema)" = cl-nascent.eval/1 ]
+    check "eval --json: mean PSNR" number_above "$(json mean.psnr)" 10
+    check "eval --json: mean SSIM" number_above "$(json mean.ssim)" 0.1
+    check "eval --json: an object per image" [ "$(json images)" = "array 3" ]
+    check "eval --json: names are kept" grep -q 'test/r_000' <<<"$(json images.0.name)"
+    for key in psnr ssim mse seconds; do
+        check "eval --json: images.2.$key" number_above "$(json "images.2.$key")" 0
+    done
+    check "eval --json: background" [ "$(json background)" = "array 3" ]
+    check "eval --json: digest" [ "$(json model_digest)" = "$whole" ]
+    check "eval leaves a file" [ "$("$query" schema <"$work/whole/eval/$(printf %08d $steps)-test.json")" = cl-nascent.eval/1 ]
+    check "the mean is the images' mean" awk -v m="$(json mean.psnr)" -v a="$(json images.0.psnr)" \
+        -v b="$(json images.1.psnr)" -v c="$(json images.2.psnr)" \
+        'BEGIN { d = m - (a + b + c) / 3; exit !(d < 1e-9 && d > -1e-9) }'
+    expect "eval --split train --max-images 2" 0 "" "$cln" eval "$work/whole" --split train --max-images 2 --json
+    check "it has two images" [ "$(json images)" = "array 2" ]
+    expect "eval --min-psnr" 9 "psnr" "$cln" eval "$work/whole" --min-psnr 90
+    expect "eval of a split that is not there" 3 "val" "$cln" eval "$work/whole" --split val
+    mv "$work/blender" "$work/moved"
+    expect "eval, the scene gone" 3 "blender --scene" "$cln" eval "$work/whole"
+    expect "eval --scene" 0 "" "$cln" eval "$work/whole" --scene "$work/moved"
+    mv "$work/moved" "$work/blender"
+
+    expect "render" 0 "" "$cln" render "$work/whole" --json --progress none
+    check "render rendered the split" [ "$(json rendered)" = 3 ]
+    frames=$work/whole/render/test
+    for f in .png .depth.npy .depth.png .opacity.png; do
+        check "render leaves NAME$f" [ "$(find "$frames" -name "*r_001$f" | wc -l)" = 1 ]
+    done
+    cp -r "$frames" "$work/frames"
+    expect "render again" 0 "" "$cln" render "$work/whole" --json
+    check "skips what is there" [ "$(json rendered)$(json skipped)" = 03 ]
+    png=$(find "$frames" -name '*r_001.png')
+    rm "$png"
+    expect "render with a frame missing" 0 "" "$cln" render "$work/whole" --json
+    check "renders that frame" [ "$(json rendered)$(json skipped)" = 12 ]
+    check "with the same bits" same_tree "$frames" "$work/frames"
+    expect "render --overwrite" 0 "" "$cln" render "$work/whole" --overwrite --json
+    check "renders all" [ "$(json rendered)$(json skipped)" = 30 ]
+    check "with the same bits again" same_tree "$frames" "$work/frames"
+    expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 -o "$work/orbit" --json
+    check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
+    expect "eval of what is no run" 3 "blender" "$cln" eval "$work/blender"
+    expect "info RUN" 0 "" "$cln" info "$work/whole"
+    check "info RUN tells the digest" grep -q "$whole" "$work/out"
+    check "the report holds pictures and refers to nothing outside" eval \
+        'grep -q "data:image/png" "$work/whole/report.html" &&
+         ! grep -qE "(src|href)=[\"'"'"']?https?:" "$work/whole/report.html"'
+}
+
+newest() {
+    find "$1/checkpoint" -name '*.safetensors' | sort | tail -1
+}
+
+section_damage() {
+    local r=$work/damaged file size
+    baseline
+    # two checkpoints: one by SIGUSR1 on the way, one at the end
+    start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
+    wait_for 60 rows_of "$r" 30
+    kill -USR1 "$child"
+    finish
+    check "SIGUSR1: the training goes on to its end" [ $rc = 0 ]
+    check "two checkpoints" [ "$(find "$r/checkpoint" -name '*.safetensors' | wc -l)" = 2 ]
+    check "a checkpoint on the way changes nothing" [ "$(digest "$r")" = "$whole" ]
+
+    cp -r "$r" "$work/cut"
+    file=$(newest "$work/cut")
+    size=$(stat -c %s "$file")
+    truncate -s $((size / 2)) "$file"
+    expect "truncated newest checkpoint: a warning, the one before" 0 "$(basename "$file")" \
+        "$cln" info "$work/cut" --json
+    check "its digest is another" [ "$(json model_digest)" != "$whole" ]
+    expect "training goes on from there" 0 "" "$cln" train --resume "$work/cut" --skip-selftest --progress none
+    check "and comes to the same end" [ "$(digest "$work/cut")" = "$whole" ]
+
+    cp -r "$r" "$work/flipped"
+    file=$(newest "$work/flipped")
+    printf '\x55\xaa\x55\xaa' | dd of="$file" bs=1 seek=$((size * 3 / 4)) conv=notrunc 2>/dev/null
+    expect "four bytes changed: noticed" 0 "$(basename "$file")" "$cln" eval "$work/flipped" --json
+    check "and not used" [ "$(json model_digest)" != "$whole" ]
+
+    for file in "$work/flipped/checkpoint/"*.safetensors; do truncate -s 100 "$file"; done
+    expect "all checkpoints damaged: eval" 8 "checkpoint" "$cln" eval "$work/flipped"
+    expect "all checkpoints damaged: resume" 8 "checkpoint" \
+        "$cln" train --resume "$work/flipped" --skip-selftest --progress none
+}
+
+section_output() {
+    local before
+    baseline
+    mkdir -p "$work/foreign" && echo keep >"$work/foreign/file"
+    expect "output folder that is not ours" 7 "foreign" \
+        "$cln" train "$work/blender" -o "$work/foreign" "${small[@]}" --steps 1
+    check "it is left as it was" [ "$(ls "$work/foreign")$(cat "$work/foreign/file")" = filekeep ]
+    before=$(cd "$work/whole" && find . -type f -exec md5sum {} + | sort)
+    expect "a run that is there, without --resume" 7 "--resume" \
+        "$cln" train "$work/blender" -o "$work/whole" "${small[@]}" --steps 1
+    check "it is left as it was" [ "$(cd "$work/whole" && find . -type f -exec md5sum {} + | sort)" = "$before" ]
+    expect "output under a file" 7 "file" \
+        "$cln" train "$work/blender" -o "$work/foreign/file/run" "${small[@]}" --steps 1
+    expect "output under a device" 7 "/dev/full" \
+        "$cln" train "$work/blender" -o /dev/full/run "${small[@]}" --steps 1
+    if [ "$(id -u)" = 0 ]; then
+        skip "output in a read-only folder" "root may write there"
+    else
+        mkdir -p "$work/readonly" && chmod 555 "$work/readonly"
+        expect "output in a read-only folder" 7 "readonly" \
+            "$cln" train "$work/blender" -o "$work/readonly/run" "${small[@]}" --steps 1
+    fi
+    # no file may grow beyond 100 KiB: the checkpoint of the end cannot be written
+    start "$cln" train "$work/blender" -o "$work/full" "${small[@]}" --steps $steps
+    wait_for 60 rows_of "$work/full" 20
+    kill -INT "$child"
+    finish
+    before=$(digest "$work/full")
+    expect "full disk" 7 "checkpoint" bash -c "trap '' XFSZ; ulimit -f 100
+        exec '$cln' train --resume '$work/full' --skip-selftest --progress none"
+    check "the checkpoint before it is whole" [ -n "$before" -a "$(digest "$work/full")" = "$before" ]
+    check "nothing half-written is left" [ -z "$(find "$work/full" -name '*.tmp*')" ]
+    expect "with room again, it goes on" 0 "" "$cln" train --resume "$work/full" --skip-selftest --progress none
+    check "and comes to the same end" [ "$(digest "$work/full")" = "$whole" ]
+    expect "stdout that cannot be written" 7 "" bash -c "exec '$cln' info '$work/whole' --json >/dev/full"
+}
+
+section_memory() {
+    blender
+    expect "too little device memory: the plan is printed" 5 "device-mem [0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
+        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --device-mem 1M
+    check "and nothing written" [ ! -e "$work/never" ]
+}
+
+sections=("$@")
+[ $# = 0 ] && sections=(usage devices scenes train resume results damage output memory)
+for s in "${sections[@]}"; do
+    if [ "$(type -t "section_$s")" != function ]; then
+        echo "cli.sh: no section $s" >&2
+        exit 2
+    fi
+    started=$SECONDS
+    "section_$s"
+    echo "-- $s: $((SECONDS - started)) s"
+done
+echo "$passed passed, $failed failed$([ $skipped = 0 ] || echo ", $skipped skipped")"
+[ $failed = 0 ]

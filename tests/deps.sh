@@ -1,0 +1,64 @@
+#!/bin/sh
+# Installs the Debian packages that are missing for: build, test, lint (any of them as arguments).
+# Names them before it installs; says and does nothing if all are there. "a|b" is satisfied by either
+# and installed as the first. Not a package manager for other systems: there it names what is needed.
+set -eu
+
+build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
+test="libcmocka-dev"
+lint="clang-14|clang clang-format-14|clang-format"
+
+wanted=""
+for what in "$@"; do
+    case $what in
+    build) wanted="$wanted gcc|clang $build" ;;
+    test) wanted="$wanted $test" ;;
+    lint) wanted="$wanted $lint" ;;
+    *)
+        echo "usage: tests/deps.sh [build] [test] [lint]" >&2
+        exit 2
+        ;;
+    esac
+done
+
+if ! command -v dpkg-query >/dev/null; then
+    echo "deps.sh: no Debian system; please make sure that these are there:$wanted" >&2
+    exit 0
+fi
+
+installed() {
+    dpkg-query -W -f '${db:Status-Status}\n' "$1" 2>/dev/null | grep -qx installed
+}
+
+missing=""
+for one in $wanted; do
+    found=no
+    for name in $(echo "$one" | tr '|' ' '); do
+        if installed "$name"; then
+            found=yes
+        fi
+    done
+    if [ $found = no ]; then
+        missing="$missing ${one%%|*}"
+    fi
+done
+if [ -z "$missing" ]; then
+    exit 0
+fi
+
+echo "missing Debian packages:$missing"
+as_root=""
+if [ "$(id -u)" != 0 ]; then
+    if ! command -v sudo >/dev/null; then
+        echo "deps.sh: not root and no sudo; please run as root: apt-get install$missing" >&2
+        exit 1
+    fi
+    as_root=sudo
+fi
+export DEBIAN_FRONTEND=noninteractive
+# a package list that is old or empty is the usual reason for a first failure
+# shellcheck disable=SC2086
+if ! $as_root apt-get install -y --no-install-recommends $missing; then
+    $as_root apt-get update
+    $as_root apt-get install -y --no-install-recommends $missing
+fi

@@ -1,0 +1,147 @@
+#!/bin/bash
+# make lint: what can be checked without running anything. Each check prints its findings and one line;
+# the last line is "N passed, N failed[, N skipped]". Run from the repository's root.
+#   warnings    every C file compiles with gcc's warnings as errors
+#   kernels     every kernels/*.cl compiles with clang as OpenCL C 1.2, with no device involved
+#   rooms       host/ folders include only themselves and what stands below them (ORDER, DOWN)
+#   CL/cl.h     only through include/cl.h, and that only from device/ and engine/
+#   options     every option of include/cln_config.h is in the man page
+#   format      clang-format has nothing to change
+#   length      no file over 1000 lines
+#   scripts     shellcheck, if it is installed
+set -u
+cd "$(dirname "$0")/.." || exit 1
+
+ORDER="cli engine model scene device io reference base"
+passed=0 failed=0 skipped=0
+c_files=$(ls host/*/*.c data/*.c tests/*.c bench/*.c 2>/dev/null)
+all_files=$(ls host/*/*.[ch] include/*.h data/*.[ch] tests/*.[ch] tests/*.sh bench/*.[ch] kernels/* 2>/dev/null)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+first_of() {
+    for tool in "$@"; do
+        if command -v "$tool" >/dev/null; then
+            echo "$tool"
+            return
+        fi
+    done
+}
+
+# check NAME FUNCTION: passes if the function prints nothing
+check() {
+    local found
+    found=$("$2" 2>&1)
+    if [ -z "$found" ]; then
+        echo "ok      $1"
+        passed=$((passed + 1))
+    else
+        echo "$found"
+        echo "FAILED  $1"
+        failed=$((failed + 1))
+    fi
+}
+
+skip() {
+    echo "skipped $1: $2"
+    skipped=$((skipped + 1))
+}
+
+warnings() {
+    local flags
+    flags="-std=c11 -D_GNU_SOURCE -O2 -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes
+           -Werror -Iinclude -Ihost -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)"
+    # shellcheck disable=SC2086
+    printf '%s\n' $c_files | xargs -P 2 -n 4 ${CC:-gcc} $flags -fsyntax-only
+}
+
+# The prelude's helpers need not all be used, and an argument list is the same for every build of a
+# kernel: those two warnings are off.
+kernel() {
+    "$clang" -x cl -cl-std=CL1.2 -Xclang -finclude-default-header -fsyntax-only -Wall -Wextra -Werror \
+        -Wno-unused-function -Wno-unused-parameter "$@"
+}
+
+kernels() {
+    local cl
+    for cl in kernels/*.cl; do
+        for more in "" -DDISTORTION=1 -DVW=1; do
+            kernel -include include/device_abi.h -include kernels/lanes.h -include kernels/rng.h \
+                -include kernels/camera.h ${more:+"$more"} "$cl"
+        done
+    done
+    grep -n '#include' kernels/* | sed 's/$/: kernels include nothing, the prelude is put before them/'
+}
+
+rooms() {
+    local room other allowed
+    for room in $ORDER; do
+        allowed=" $room ${ORDER#*"$room"} "
+        # the float64 twin reads the parameters' layout
+        [ "$room" = reference ] && allowed="$allowed model "
+        for other in $ORDER; do
+            case $allowed in
+            *" $other "*) ;;
+            *) grep -n "#include \"$other/" host/"$room"/*.[ch] 2>/dev/null ;;
+            esac
+        done
+    done | sed 's/$/: a room above or beside it/'
+    for room in host/*/; do
+        room=$(basename "$room")
+        case " $ORDER " in
+        *" $room "*) ;;
+        *) echo "host/$room: not one of the rooms ($ORDER)" ;;
+        esac
+    done
+}
+
+opencl_header() {
+    grep -n '#include *[<"]CL/' $all_files | grep -v '^include/cl\.h:'
+    grep -n '#include *"cl\.h"' host/*/*.[ch] | grep -v '^host/\(device\|engine\)/'
+}
+
+options() {
+    local page
+    page=$(tr -d '\\' <docs/cl-nascent.1)
+    sed -n 's/^ *\(INT\|REAL\|BOOL\|ENUM\|TEXT\)([a-z0-9_]*, "\([a-z0-9-]*\)".*/\2/p' include/cln_config.h |
+        while read -r option; do
+            case $page in
+            *"--$option"*) ;;
+            *) echo "docs/cl-nascent.1: --$option of include/cln_config.h is not in it" ;;
+            esac
+        done
+}
+
+format() {
+    local file
+    for file in $all_files; do
+        case $file in
+        kernels/*) ;; # OpenCL C's vector literals confuse it
+        *.[ch]) "$clang_format" --dry-run -Werror "$file" 2>&1 | head -3 ;;
+        esac
+    done
+}
+
+lengths() {
+    # shellcheck disable=SC2086
+    wc -l $all_files | awk '$2 != "total" && $1 > 1000 { print $2 ": " $1 " lines; split it" }'
+}
+
+shell_scripts() {
+    shellcheck -S warning tests/*.sh .ci/run
+}
+
+clang=$(first_of clang-14 clang clang-15)
+clang_format=$(first_of clang-format-14 clang-format)
+
+check warnings warnings
+if [ -n "$clang" ]; then check kernels kernels; else skip kernels "no clang"; fi
+check rooms rooms
+check CL/cl.h opencl_header
+if [ -e docs/cl-nascent.1 ]; then check options options; else skip options "no man page yet"; fi
+if [ -n "$clang_format" ]; then check format format; else skip format "no clang-format"; fi
+check length lengths
+if command -v shellcheck >/dev/null; then check scripts shell_scripts; else skip scripts "not installed"; fi
+
+echo "$passed passed, $failed failed$([ $skipped = 0 ] || echo ", $skipped skipped")"
+[ $failed = 0 ]

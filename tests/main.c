@@ -1,0 +1,172 @@
+/* build/tests: runs test groups, each in a process of its own, so that a crash, a sanitizer's report or
+ * a hang is one failure and not the end of the run.
+ *   build/tests               all groups
+ *   build/tests NAME...       some; NAME/PATTERN runs the tests of a group that match (* and ?)
+ *   build/tests -l            lists the groups
+ *   build/tests -v            shows the tests that pass, too
+ * Ends with one line, "N passed, N failed", and ", N skipped" if any were; exit code 1 if any failed.
+ * Counts what cmocka prints: a test that began and did not end well has failed. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <errno.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+#include "tests.h"
+
+enum { GROUP_SECONDS = 900 }; /* a group that takes longer hangs */
+
+typedef struct counts {
+    int passed, failed, skipped;
+} counts;
+
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static bool starts(const char *line, const char *with)
+{
+    return !strncmp(line, with, strlen(with));
+}
+
+static void run_child(const test_group *group, const char *pattern, int out)
+{
+    dup2(out, STDOUT_FILENO);
+    dup2(out, STDERR_FILENO);
+    close(out);
+    setvbuf(stdout, NULL, _IOLBF, 0);
+    cmocka_set_message_output(CM_OUTPUT_STDOUT);
+    if (pattern)
+        cmocka_set_test_filter(pattern);
+    alarm(GROUP_SECONDS);
+    exit(group->run() ? 1 : 0);
+}
+
+/* Passes the child's lines on, without cmocka's chatter unless verbose, and counts its tests. */
+static counts read_child(int in, bool verbose)
+{
+    counts c = {0, 0, 0};
+    FILE *stream = fdopen(in, "r");
+    char *line = NULL;
+    size_t size = 0;
+    bool over = false;
+    int begun = 0;
+
+    while (stream && getline(&line, &size, stream) >= 0) {
+        bool chatter = starts(line, "[ RUN      ]") || starts(line, "[==========]") ||
+                       starts(line, "[  PASSED  ]") || strstr(line, "[       OK ] ");
+        over = over || (starts(line, "[==========]") && strstr(line, " run."));
+        if (!over) { /* the summary after it names failed and skipped tests again */
+            begun += starts(line, "[ RUN      ]");
+            c.passed += strstr(line, "[       OK ] ") != NULL;
+            c.skipped += strstr(line, "[  SKIPPED ] ") != NULL;
+        }
+        if (verbose || !(chatter || over))
+            fputs(line, stdout);
+    }
+    free(line);
+    if (stream)
+        fclose(stream);
+    c.failed = begun - c.passed - c.skipped;
+    return c;
+}
+
+static counts run_group(const test_group *group, const char *pattern, bool verbose)
+{
+    counts c = {0, 1, 0};
+    int ends[2], status = 0;
+    double start = now();
+
+    fflush(stdout);
+    if (pipe(ends)) {
+        printf("%s: no pipe: %s\n", group->name, strerror(errno));
+        return c;
+    }
+    pid_t child = fork();
+    if (child == 0) {
+        close(ends[0]);
+        run_child(group, pattern, ends[1]);
+    }
+    close(ends[1]);
+    if (child < 0) {
+        printf("%s: no process: %s\n", group->name, strerror(errno));
+        close(ends[0]);
+        return c;
+    }
+    c = read_child(ends[0], verbose);
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR)
+        continue;
+    if (WIFSIGNALED(status))
+        printf("%s: ended by signal %d (%s)\n", group->name, WTERMSIG(status),
+               strsignal(WTERMSIG(status)));
+    else if (WEXITSTATUS(status) && !c.failed)
+        printf("%s: exit status %d after its tests\n", group->name, WEXITSTATUS(status));
+    if (status && !c.failed)
+        c.failed = 1;
+    printf("%-12s %4d passed, %d failed, %d skipped, %.1f s\n", group->name, c.passed, c.failed,
+           c.skipped, now() - start);
+    return c;
+}
+
+/* Whether argument `wanted` (NAME or NAME/PATTERN) means this group. */
+static bool wants(const char *wanted, const char *name, const char **pattern)
+{
+    size_t length = strcspn(wanted, "/");
+
+    if (strlen(name) != length || strncmp(wanted, name, length))
+        return false;
+    *pattern = wanted[length] ? wanted + length + 1 : NULL;
+    return true;
+}
+
+int main(int argc, char **argv)
+{
+    counts total = {0, 0, 0};
+    bool verbose = false;
+    int option;
+
+    while ((option = getopt(argc, argv, "lv")) != -1) {
+        if (option == 'l') {
+            for (const test_group *g = test_groups; g->name; g++)
+                puts(g->name);
+            return 0;
+        }
+        if (option != 'v') {
+            fputs("usage: tests [-l] [-v] [GROUP[/PATTERN]...]\n", stderr);
+            return 2;
+        }
+        verbose = true;
+    }
+    for (int i = optind; i < argc || i == optind; i++) {
+        bool found = false;
+        for (const test_group *g = test_groups; g->name; g++) {
+            const char *pattern = NULL;
+            if (i < argc && !wants(argv[i], g->name, &pattern))
+                continue;
+            found = true;
+            counts c = run_group(g, pattern, verbose);
+            total.passed += c.passed;
+            total.failed += c.failed;
+            total.skipped += c.skipped;
+        }
+        if (!found) {
+            printf("%s: no such group\n", i < argc ? argv[i] : "test_groups");
+            total.failed++;
+        }
+    }
+    printf("%d passed, %d failed", total.passed, total.failed);
+    if (total.skipped)
+        printf(", %d skipped", total.skipped);
+    putchar('\n');
+    return total.failed > 0;
+}

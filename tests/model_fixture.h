@@ -1,0 +1,87 @@
+/* What tests of models share: a small model in the middle of a training, every byte of it drawn
+ * from its step, so that two of the same step are equal and two of different steps differ
+ * everywhere. */
+#ifndef CLN_TESTS_MODEL_FIXTURE_H
+#define CLN_TESTS_MODEL_FIXTURE_H
+
+#include <stdio.h>
+#include <string.h>
+#include "base/config.h"
+#include "base/rng.h"
+#include "model/model.h"
+
+enum { N1 = 3 };
+
+static inline uint32_t draw(uint32_t *counter)
+{
+    uint32_t c[4] = {(*counter)++, 1, 0, 0}, key[2] = {77, 0}, out[4];
+
+    cln_philox(c, key, out);
+    return out[0];
+}
+
+/* Any bits but those of a NaN, whose payload need not survive a move. */
+static inline void fill(float *out, size_t count, uint32_t *counter)
+{
+    for (size_t i = 0; i < count; i++) {
+        uint32_t bits = draw(counter) & 0xff7fffff;
+        memcpy(&out[i], &bits, sizeof bits);
+    }
+}
+
+/* A model in the middle of a training: odd numbers everywhere, one leaf culled, one split. */
+static inline void make_model(int64_t step, cln_model *model)
+{
+    cln_config config;
+    cln_octree_change change;
+    uint8_t marks[16] = {0, 0, 0, 1}, second[16] = {0, 1};
+    uint32_t counter = (uint32_t)step * 1000003u;
+    size_t leaves = 0;
+
+    assert_int_equal(cln_config_preset("fast", &config), CLN_OK);
+    config.start_level = 1;
+    config.width = 16;
+    config.depth = 2;
+    config.view_width = 16;
+    config.bands = 2;
+    config.n1 = N1;
+    config.lr = 1.0 / 3;
+    snprintf(config.background, sizeof config.background, "0.1,0.2,0.7");
+    assert_int_equal(cln_model_create(&config, model), CLN_OK);
+    assert_int_equal(cln_octree_cull(&model->tree, marks, &change), CLN_OK);
+    assert_int_equal(cln_model_apply(model, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    assert_int_equal(cln_octree_split(&model->tree, second, &change), CLN_OK);
+    assert_int_equal(cln_model_apply(model, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    leaves = (size_t)model->tree.leaf_count;
+    assert_int_equal(leaves, 14);
+    fill(model->params, leaves * (size_t)model->net.params, &counter);
+    fill(model->adam_m, leaves * (size_t)model->net.params, &counter);
+    fill(model->adam_v, leaves * (size_t)model->net.params, &counter);
+    for (size_t i = 0; i < leaves; i++)
+        model->adam_steps[i] = (int32_t)draw(&counter);
+    for (size_t i = 0; i < leaves * N1 * N1 * N1; i++)
+        model->density[i] = (uint16_t)draw(&counter);
+    model->tree.strikes[model->tree.leaf[0]] = 1;
+    model->centre[0] = 0.1 + 0.2;
+    model->centre[1] = -1.0 / 3;
+    model->centre[2] = 5e-324;
+    model->half = 1e-4 / 7;
+    model->background[0] = 0.1f;
+    model->background[2] = 1;
+    model->has_distortion = true;
+    model->step = step;
+    model->refresh_step = step - 1;
+    model->train_seconds = 1234.5678901234567;
+    model->rays = 4711;
+    model->level = 2;
+}
+
+static inline void same_bytes(const void *a, const void *b, size_t bytes)
+{
+    if (bytes)
+        assert_memory_equal(a, b, bytes);
+}
+
+#endif

@@ -1,0 +1,481 @@
+/* The rest of base/: random numbers against Random123's published known answers, the error record,
+ * checked allocation, files (whole reads, atomic writes that keep the old file, folders, digests) and
+ * the log. Oracle: published or hand-written values. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <dirent.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/rng.h"
+#include "scratch.h"
+#include "tests.h"
+
+/* ---- random numbers ---- */
+
+/* Random123-1.14, tests/kat_vectors, lines "philox4x32 10". */
+static void test_philox_known_answers(void **state)
+{
+    static const struct {
+        uint32_t counter[4], key[2], out[4];
+    } known[] = {
+        {{0, 0, 0, 0}, {0, 0}, {0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8}},
+        {{0xffffffff, 0xffffffff, 0xffffffff, 0xffffffff},
+         {0xffffffff, 0xffffffff},
+         {0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd}},
+        {{0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344},
+         {0xa4093822, 0x299f31d0},
+         {0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
+        uint32_t out[4] = {0};
+
+        cln_philox(known[i].counter, known[i].key, out);
+        for (int k = 0; k < 4; k++)
+            assert_int_equal(out[k], known[i].out[k]);
+    }
+}
+
+/* In [0,1), a pure function of its arguments, every argument counts, and flat: 65,536 numbers in 16
+ * bins of 4,096; chi-square with 15 degrees of freedom passes 44.3 by chance once in 10,000. */
+static void test_uniform(void **state)
+{
+    enum { N = 16384, BINS = 16 };
+    int bin[BINS] = {0};
+    double sum = 0, chi = 0;
+    float a[4], b[4];
+
+    (void)state;
+    for (uint32_t i = 0; i < N; i++) {
+        cln_uniform4(42, CLN_STREAM_PIXELS, 7, i, 3, a);
+        for (int k = 0; k < 4; k++) {
+            assert_true(a[k] >= 0 && a[k] < 1);
+            bin[(int)(a[k] * BINS)]++;
+            sum += a[k];
+        }
+    }
+    for (int i = 0; i < BINS; i++)
+        chi += (bin[i] - 4.0 * N / BINS) * (bin[i] - 4.0 * N / BINS) / (4.0 * N / BINS);
+    assert_true(chi < 44.3);
+    assert_true(sum / (4 * N) > 0.49 && sum / (4 * N) < 0.51);
+
+    cln_uniform4(1, 2, 3, 4, 5, a);
+    cln_uniform4(1, 2, 3, 4, 5, b);
+    assert_memory_equal(a, b, sizeof a);
+    cln_uniform4(1 + (1ull << 32), 2, 3, 4, 5, b);
+    assert_memory_not_equal(a, b, sizeof a);
+    cln_uniform4(1, 6, 3, 4, 5, b);
+    assert_memory_not_equal(a, b, sizeof a);
+    cln_uniform4(1, 2, 6, 4, 5, b);
+    assert_memory_not_equal(a, b, sizeof a);
+    cln_uniform4(1, 2, 3, 6, 5, b);
+    assert_memory_not_equal(a, b, sizeof a);
+    cln_uniform4(1, 2, 3, 4, 6, b);
+    assert_memory_not_equal(a, b, sizeof a);
+}
+
+/* The documented packing of the counter: index, stream << 24 | draw, step, 0; 24 high bits. */
+static void test_uniform_packing(void **state)
+{
+    const uint32_t counter[4] = {11, 3u << 24 | 5, 9, 0}, key[2] = {0x89abcdef, 0x01234567};
+    uint32_t bits[4];
+    float out[4];
+
+    (void)state;
+    cln_philox(counter, key, bits);
+    cln_uniform4(0x0123456789abcdefull, 3, 9, 11, 5, out);
+    for (int k = 0; k < 4; k++)
+        assert_true(out[k] == (float)(bits[k] >> 8) / 16777216.0f);
+}
+
+static void test_bounded(void **state)
+{
+    (void)state;
+    assert_int_equal(cln_bounded(0, 10), 0);
+    assert_int_equal(cln_bounded(UINT32_MAX, 10), 9);
+    assert_int_equal(cln_bounded(UINT32_MAX, 1), 0);
+    assert_int_equal(cln_bounded(0x80000000u, 10), 5);
+    assert_int_equal(cln_bounded(UINT32_MAX, UINT32_MAX), UINT32_MAX - 1);
+}
+
+/* ---- status ---- */
+
+static void test_first_failure_wins(void **state)
+{
+    (void)state;
+    cln_clear_error();
+    assert_string_equal(cln_error_text(), "");
+    assert_int_equal(cln_error_status(), CLN_OK);
+    cln_note("nothing stands yet");
+    assert_string_equal(cln_error_text(), "");
+
+    assert_int_equal(cln_fail(CLN_INPUT, "%s: %d", "file", 3), CLN_INPUT);
+    assert_int_equal(cln_fail(CLN_OUTPUT, "cleanup failed too"), CLN_OUTPUT);
+    assert_string_equal(cln_error_text(), "file: 3");
+    assert_int_equal(cln_error_status(), CLN_INPUT);
+    cln_note("loading %s", "scene");
+    cln_note("training");
+    assert_string_equal(cln_error_text(), "file: 3; while loading scene; while training");
+
+    cln_clear_error();
+    assert_int_equal(cln_fail(CLN_MEMORY, "again"), CLN_MEMORY);
+    assert_string_equal(cln_error_text(), "again");
+    cln_clear_error();
+}
+
+/* A sentence longer than the record is cut, never written past it. */
+static void test_long_sentence(void **state)
+{
+    char *text = malloc(20000);
+
+    (void)state;
+    assert_non_null(text);
+    memset(text, 'y', 19999);
+    text[19999] = 0;
+    cln_fail(CLN_FAILED, "x%s", text);
+    assert_true(strlen(cln_error_text()) > 1000 && strlen(cln_error_text()) < 19999);
+    assert_memory_equal(cln_error_text(), "xyyy", 4);
+    for (int i = 0; i < 1000; i++)
+        cln_note("%s", text);
+    assert_true(strlen(cln_error_text()) < 19999);
+    cln_clear_error();
+    free(text);
+}
+
+static void *other_thread(void *user)
+{
+    *(bool *)user = cln_error_status() == CLN_OK && cln_error_text()[0] == 0;
+    cln_fail(CLN_OUTPUT, "the other thread's");
+    return NULL;
+}
+
+static void test_record_per_thread(void **state)
+{
+    pthread_t thread;
+    bool clean = false;
+
+    (void)state;
+    cln_fail(CLN_INPUT, "mine");
+    assert_int_equal(pthread_create(&thread, NULL, other_thread, &clean), 0);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    assert_true(clean);
+    assert_string_equal(cln_error_text(), "mine");
+    cln_clear_error();
+}
+
+/* The exit codes that the manual promises. */
+static void test_exit_codes(void **state)
+{
+    static const struct {
+        cln_status st;
+        int code;
+    } promised[] = {{CLN_OK, 0},        {CLN_FAILED, 1},    {CLN_INTERNAL, 1}, {CLN_USAGE, 2},
+                    {CLN_INPUT, 3},     {CLN_NO_DEVICE, 4}, {CLN_CL, 4},       {CLN_BUILD, 4},
+                    {CLN_MEMORY, 5},    {CLN_DIVERGED, 6},  {CLN_OUTPUT, 7},   {CLN_CHECKPOINT, 8},
+                    {CLN_THRESHOLD, 9}, {CLN_CHECK, 10},    {CLN_SIGINT, 130}, {CLN_SIGTERM, 143}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof promised / sizeof promised[0]; i++) {
+        assert_int_equal(cln_status_exit_code(promised[i].st), promised[i].code);
+        assert_true(strlen(cln_status_phrase(promised[i].st)) > 1);
+    }
+}
+
+static cln_status try_it(cln_status result, int *after)
+{
+    cln_status st = CLN_OK;
+
+    *after = 0;
+    CLN_TRY(result);
+    *after = 1;
+done:
+    return st;
+}
+
+static void test_try(void **state)
+{
+    int after = 0;
+
+    (void)state;
+    assert_int_equal(try_it(CLN_OK, &after), CLN_OK);
+    assert_int_equal(after, 1);
+    assert_int_equal(try_it(CLN_CL, &after), CLN_CL);
+    assert_int_equal(after, 0);
+}
+
+/* ---- memory ---- */
+
+static void test_alloc(void **state)
+{
+    unsigned char *p = NULL;
+    char *text = NULL;
+
+    (void)state;
+    assert_int_equal(cln_alloc(&p, 1000, 4, "numbers"), CLN_OK);
+    for (int i = 0; i < 4000; i++)
+        assert_int_equal(p[i], 0);
+    free(p);
+    assert_int_equal(cln_alloc(&p, 0, 4, "nothing"), CLN_OK);
+    assert_non_null(p);
+    free(p);
+    p = (unsigned char *)&text;
+    assert_int_equal(cln_alloc(&p, SIZE_MAX / 2, 3, "rays of a batch"), CLN_MEMORY);
+    assert_null(p);
+    assert_non_null(strstr(cln_error_text(), "rays of a batch"));
+    assert_int_equal(cln_error_status(), CLN_MEMORY);
+    cln_clear_error();
+    /* The product wraps round to 8 bytes. */
+    assert_int_equal(cln_alloc(&p, SIZE_MAX / 8 + 2, 8, "wrap"), CLN_MEMORY);
+    assert_null(p);
+    cln_clear_error();
+
+    assert_int_equal(cln_strdup(&text, "abc"), CLN_OK);
+    assert_string_equal(text, "abc");
+    free(text);
+    assert_int_equal(cln_strdup(&text, NULL), CLN_OK);
+    assert_null(text);
+    assert_int_equal(cln_asprintf(&text, "%05d|%s", 42, "x"), CLN_OK);
+    assert_string_equal(text, "00042|x");
+    free(text);
+}
+
+/* ---- files ---- */
+
+static char *in_folder(const char *folder, const char *name)
+{
+    char *path = NULL;
+
+    assert_int_equal(cln_path_join(&path, folder, name), CLN_OK);
+    return path;
+}
+
+static int entries(const char *folder)
+{
+    DIR *dir = opendir(folder);
+    int count = 0;
+
+    assert_non_null(dir);
+    for (struct dirent *e = readdir(dir); e; e = readdir(dir))
+        count += strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0;
+    closedir(dir);
+    return count;
+}
+
+static void assert_content(const char *path, const char *content)
+{
+    char *text = NULL;
+    size_t bytes = 0;
+
+    assert_int_equal(cln_read_file(path, 1 << 20, &text, &bytes), CLN_OK);
+    assert_int_equal(bytes, strlen(content));
+    assert_string_equal(text, content); /* also: one zero byte behind */
+    free(text);
+}
+
+static void assert_failed(cln_status got, cln_status st, const char *word)
+{
+    assert_int_equal(got, st);
+    if (!strstr(cln_error_text(), word))
+        fail_msg("'%s' is not in '%s'", word, cln_error_text());
+    cln_clear_error();
+}
+
+static void test_read_write(void **state)
+{
+    char *path = in_folder(*state, "a.txt"), *missing = in_folder(*state, "missing.txt"),
+         *text = NULL;
+    size_t bytes = 0;
+
+    assert_int_equal(cln_write_file(path, "one", 3), CLN_OK);
+    assert_content(path, "one");
+    assert_int_equal(cln_write_file(path, "three", 5), CLN_OK);
+    assert_content(path, "three");
+    assert_int_equal(cln_write_file(path, "", 0), CLN_OK);
+    assert_content(path, "");
+    assert_int_equal(entries(*state), 1); /* no temp file left */
+    assert_true(cln_is_file(path) && !cln_is_dir(path));
+    assert_true(cln_is_dir(*state) && !cln_is_file(*state));
+    assert_false(cln_is_file(missing) || cln_is_dir(missing));
+
+    assert_failed(cln_read_file(missing, 100, &text, &bytes), CLN_INPUT, "missing.txt");
+    assert_int_equal(cln_write_file(path, "0123456789", 10), CLN_OK);
+    assert_failed(cln_read_file(path, 9, &text, &bytes), CLN_INPUT, "a.txt");
+    assert_int_equal(cln_read_file(path, 10, &text, &bytes), CLN_OK);
+    free(text);
+    assert_failed(cln_read_file(*state, 100, &text, &bytes), CLN_INPUT, (const char *)*state);
+    free(path);
+    free(missing);
+}
+
+/* Abandoned, or failing, an atomic write leaves the old file and no other. */
+static void test_atomic(void **state)
+{
+    char *path = in_folder(*state, "model.bin"), *nowhere = in_folder(*state, "no/such/file");
+    cln_atomic_file *file = NULL;
+
+    assert_int_equal(cln_write_file(path, "old", 3), CLN_OK);
+    assert_int_equal(cln_atomic_open(path, &file), CLN_OK);
+    assert_int_equal(cln_atomic_write(file, "new and longer", 14), CLN_OK);
+    assert_int_equal(fflush(cln_atomic_stream(file)), 0);
+    assert_content(path, "old"); /* not before the commit */
+    cln_atomic_abandon(file);
+    assert_content(path, "old");
+    assert_int_equal(entries(*state), 1);
+
+    assert_int_equal(cln_atomic_open(path, &file), CLN_OK);
+    assert_int_equal(cln_atomic_write(file, "new", 3), CLN_OK);
+    assert_true(fprintf(cln_atomic_stream(file), "er") > 0);
+    assert_int_equal(cln_atomic_commit(file), CLN_OK);
+    assert_content(path, "newer");
+    assert_int_equal(entries(*state), 1);
+
+    assert_failed(cln_write_file(nowhere, "x", 1), CLN_OUTPUT, "no/such/file");
+    cln_atomic_abandon(NULL);
+    free(path);
+    free(nowhere);
+}
+
+/* A full disk, as /dev/full plays it: the temp file's stream is sent there, so that the flush fails. */
+static void test_disk_full(void **state)
+{
+    char *path = in_folder(*state, "model.bin");
+    cln_atomic_file *file = NULL;
+    cln_status st = CLN_OK;
+    char *block = calloc(1, 1 << 16);
+    int full = open("/dev/full", O_WRONLY);
+
+    assert_non_null(block);
+    if (full < 0) {
+        free(block);
+        free(path);
+        skip();
+    }
+    assert_int_equal(cln_write_file(path, "old", 3), CLN_OK);
+    assert_int_equal(cln_atomic_open(path, &file), CLN_OK);
+    assert_true(dup2(full, fileno(cln_atomic_stream(file))) >= 0);
+    close(full);
+    st = cln_atomic_write(file, block, 1 << 16);
+    if (st == CLN_OK) {
+        st = cln_atomic_commit(file);
+    } else {
+        cln_atomic_abandon(file);
+    }
+    assert_failed(st, CLN_OUTPUT, "model.bin");
+    assert_content(path, "old");
+    assert_int_equal(entries(*state), 1);
+    free(block);
+    free(path);
+}
+
+static void test_folders(void **state)
+{
+    char *deep = in_folder(*state, "a/b/c"), *file = in_folder(*state, "f");
+    char *under_file = in_folder(*state, "f/g"), *joined = NULL;
+
+    assert_int_equal(cln_make_dirs(deep), CLN_OK);
+    assert_true(cln_is_dir(deep));
+    assert_int_equal(cln_make_dirs(deep), CLN_OK);
+    assert_int_equal(cln_write_file(file, "x", 1), CLN_OK);
+    assert_failed(cln_make_dirs(under_file), CLN_OUTPUT, "f");
+    assert_int_equal(cln_path_join(&joined, "dir", "name"), CLN_OK);
+    assert_string_equal(joined, "dir/name");
+    free(joined);
+    assert_int_equal(cln_path_join(&joined, "", "name"), CLN_OK);
+    assert_string_equal(joined, "name");
+    free(joined);
+    assert_int_equal(cln_path_join(&joined, "dir", "/abs"), CLN_OK);
+    assert_string_equal(joined, "/abs");
+    free(joined);
+    free(deep);
+    free(file);
+    free(under_file);
+}
+
+/* Every bit and the length count; the same data gives the same digest wherever it lies. */
+static void test_digest(void **state)
+{
+    unsigned char data[48] = {0}, shifted[49] = {0};
+    uint64_t base = 0;
+
+    (void)state;
+    for (int i = 0; i < 40; i++)
+        data[i] = (unsigned char)(i * 37 + 1);
+    memcpy(shifted + 1, data, sizeof data);
+    for (size_t n = 0; n <= 40; n++) {
+        base = cln_digest(CLN_DIGEST_START, data, n);
+        assert_true(base == cln_digest(CLN_DIGEST_START, shifted + 1, n));
+        assert_true(base != cln_digest(CLN_DIGEST_START, data, n + 1));
+        for (size_t bit = 0; bit < 8 * n; bit++) {
+            data[bit / 8] ^= (unsigned char)(1u << bit % 8);
+            assert_true(base != cln_digest(CLN_DIGEST_START, data, n));
+            data[bit / 8] ^= (unsigned char)(1u << bit % 8);
+        }
+    }
+    assert_true(cln_digest(CLN_DIGEST_START, "ab", 2) !=
+                cln_digest(cln_digest(CLN_DIGEST_START, "a", 1), "b", 1));
+}
+
+/* ---- log ---- */
+
+static void collect(cln_log_level level, const char *line, void *user)
+{
+    char *text = user;
+    size_t used = strlen(text);
+
+    snprintf(text + used, 256 - used, "%d:%s\n", (int)level, line);
+}
+
+static void test_log(void **state)
+{
+    char text[256] = "";
+
+    (void)state;
+    cln_log_set_sink(collect, text);
+    cln_warn("disk at %d %%", 90);
+    cln_info("hello");
+    cln_debug("dropped");
+    cln_log_set_level(CLN_LOG_WARN);
+    cln_info("dropped too");
+    cln_log_set_level(CLN_LOG_DEBUG);
+    cln_debug("seen");
+    cln_log_set_level(CLN_LOG_INFO);
+    cln_log_set_sink(NULL, NULL);
+    assert_string_equal(text, "1:warning: disk at 90 %\n2:hello\n3:seen\n");
+}
+
+int test_group_base(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_philox_known_answers),
+        cmocka_unit_test(test_uniform),
+        cmocka_unit_test(test_uniform_packing),
+        cmocka_unit_test(test_bounded),
+        cmocka_unit_test(test_first_failure_wins),
+        cmocka_unit_test(test_long_sentence),
+        cmocka_unit_test(test_record_per_thread),
+        cmocka_unit_test(test_exit_codes),
+        cmocka_unit_test(test_try),
+        cmocka_unit_test(test_alloc),
+        cmocka_unit_test_setup_teardown(test_read_write, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_disk_full, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
+        cmocka_unit_test(test_digest),
+        cmocka_unit_test(test_log),
+    };
+
+    return cmocka_run_group_tests_name("base", tests, NULL, NULL);
+}

@@ -1,0 +1,237 @@
+/* Cameras without files: the lens model against numbers worked out by hand, pixel -> ray -> point
+ * -> pixel with strong distortion, the fold of the model, and the check of poses. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+#include "base/rng.h"
+#include "near.h"
+#include "scene/build.h"
+#include "tests.h"
+
+static cln_camera plain_camera(void)
+{
+    cln_camera camera = {.c2w = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+                         .fx = 100,
+                         .fy = 200,
+                         .cx = 32,
+                         .cy = 24,
+                         .width = 64,
+                         .height = 48};
+    return camera;
+}
+
+/* Rotation by yaw about y, then pitch about x (camera axes in world, columns), at (1, -2, 3). */
+static void turn(cln_camera *camera, double yaw, double pitch)
+{
+    const double c = cos(yaw), s = sin(yaw), d = cos(pitch), t = sin(pitch);
+    const double m[12] = {c, s * t, s * d, 1, 0, d, -t, -2, -s, c * t, c * d, 3};
+
+    memcpy(camera->c2w, m, sizeof m);
+}
+
+static void test_project_by_hand(void **state)
+{
+    cln_camera camera = plain_camera();
+    double u, v, z;
+
+    (void)state;
+    assert_true(cln_camera_project(&camera, (double[3]){1, -0.5, 4}, &u, &v, &z));
+    assert_near(u, 32 + 100 * 0.25, 1e-12);
+    assert_near(v, 24 - 200 * 0.125, 1e-12);
+    assert_near(z, 4, 1e-12);
+    assert_false(cln_camera_project(&camera, (double[3]){1, 1, -4}, &u, &v, &z));
+    assert_false(cln_camera_project(&camera, (double[3]){1, 1, 0}, &u, &v, &z));
+
+    /* a = 0.5, b = 0.25, r2 = 0.3125, radial = 1 + 0.03125 + 0.0009765625 = 1.0322265625
+     * a' = 0.51611328125 + 2 * 0.001 * 0.125 + 0.002 * (0.3125 + 0.5)     = 0.51798828125
+     * b' = 0.258056640625 + 0.001 * (0.3125 + 0.125) + 2 * 0.002 * 0.125  = 0.258994140625 */
+    camera.k1 = 0.1;
+    camera.k2 = 0.01;
+    camera.p1 = 0.001;
+    camera.p2 = 0.002;
+    assert_true(cln_camera_is_distorted(&camera));
+    assert_true(cln_camera_project(&camera, (double[3]){1, 0.5, 2}, &u, &v, &z));
+    assert_near(u, 32 + 51.798828125, 1e-12);
+    assert_near(v, 24 + 51.798828125, 1e-12); /* fy = 2 fx */
+
+    /* Turned by 90 degrees about y: looks along world -x, its x axis is world z. */
+    camera = plain_camera();
+    turn(&camera, -1.5707963267948966, 0);
+    assert_true(cln_camera_project(&camera, (double[3]){-1, -2, 3.5}, &u, &v, &z));
+    assert_near(z, 2, 1e-12);
+    assert_near(u, 32 + 100 * 0.25, 1e-12);
+    assert_near(v, 24, 1e-12);
+}
+
+static void test_ray_by_hand(void **state)
+{
+    cln_camera camera = plain_camera();
+    double o[3], d[3];
+
+    (void)state;
+    /* Pixel (132, 24): a = 1, b = 0 -> (1, 0, 1) / sqrt 2. */
+    assert_true(cln_camera_ray(&camera, 132, 24, o, d));
+    assert_near(d[0], 0.70710678118654752, 1e-15);
+    assert_near(d[1], 0, 0);
+    assert_near(d[2], 0.70710678118654752, 1e-15);
+    turn(&camera, -1.5707963267948966, 0);
+    assert_true(cln_camera_ray(&camera, 32, 24, o, d));
+    assert_near(d[0], -1, 1e-15);
+    assert_near(o[0], 1, 0);
+    assert_near(o[1], -2, 0);
+    assert_near(o[2], 3, 0);
+}
+
+/* Lenses far stronger than photographs have, over the whole image and beyond it. */
+static void test_round_trip(void **state)
+{
+    static const double lenses[][4] = {
+        {0, 0, 0, 0},       {0.0578421, -0.0805099, -0.000980296, 0.00015575},
+        {-0.4, 0.2, 0, 0},  {0.8, 0.5, 0.01, -0.02},
+        {0, 0, 0.05, 0.05}, {-0.3, 0.12, -0.03, 0.02},
+        {2, 0, 0, 0}};
+    int found = 0;
+
+    (void)state;
+    for (uint32_t i = 0; i < 7 * 500; i++) {
+        const double *lens = lenses[i / 500];
+        cln_camera camera = plain_camera();
+        float r[4];
+        double u, v, z, o[3], d[3], point[3], length = 0;
+
+        cln_uniform4(1, CLN_STREAM_SCENE, 0, i, 0, r);
+        camera.k1 = lens[0];
+        camera.k2 = lens[1];
+        camera.p1 = lens[2];
+        camera.p2 = lens[3];
+        camera.fx = camera.fy = 50;
+        turn(&camera, 6 * r[2], 3 * r[3] - 1.5);
+        u = 80 * r[0] - 8;
+        v = 60 * r[1] - 6;
+        if (!cln_camera_ray(&camera, u, v, o, d))
+            continue;
+        found++;
+        for (int k = 0; k < 3; k++) {
+            point[k] = o[k] + 7.5 * d[k];
+            length += d[k] * d[k];
+        }
+        assert_near(length, 1, 1e-14);
+        assert_true(cln_camera_project(&camera, point, &u, &v, &z));
+        assert_near(u, 80 * r[0] - 8, 1e-9);
+        assert_near(v, 60 * r[1] - 6, 1e-9);
+    }
+    /* Only {-0.4, 0.2} and {-0.3, 0.12, ..} may have a fold, the fox's lens has one far outside. */
+    assert_true(found >= 7 * 500 - 2 * 200);
+}
+
+/* k1 = -0.5: r' = r - r^3/2 grows up to r = sqrt(2/3), r' = 0.5443310539518174. */
+static void test_fold(void **state)
+{
+    cln_camera camera = plain_camera();
+    const double edge = 0.5443310539518174;
+    double o[3], d[3], a = 0;
+
+    (void)state;
+    camera.k1 = -0.5;
+    assert_true(cln_camera_ray(&camera, 32 + 100 * (edge - 1e-6), 24, o, d));
+    a = d[0] / d[2];
+    assert_true(a < 0.81649658092772603);
+    assert_near(a - 0.5 * a * a * a, edge - 1e-6, 1e-12);
+    assert_false(cln_camera_ray(&camera, 32 + 100 * (edge + 1e-6), 24, o, d));
+    assert_near(d[0] / d[2], edge + 1e-6, 1e-15); /* as without distortion */
+    assert_false(cln_camera_ray(&camera, 32, 24 + 200 * 3.0, o, d));
+    assert_near(d[1] / d[2], 3, 1e-14);
+    /* A direction in every quarter turn, close to the fold. */
+    for (int k = 0; k < 4; k++)
+        assert_true(cln_camera_ray(&camera, 32 + 100 * 0.54 * cos(k * 1.5707963267948966 + 0.3),
+                                   24 + 200 * 0.54 * sin(k * 1.5707963267948966 + 0.3), o, d));
+}
+
+static void test_resize(void **state)
+{
+    cln_camera camera = plain_camera();
+    double u, v, z, u2, v2;
+    const double point[3] = {0.3, -0.2, 2};
+
+    (void)state;
+    camera.k1 = 0.2;
+    camera.p1 = 0.01;
+    assert_true(cln_camera_project(&camera, point, &u, &v, &z));
+    cln_camera_resize(&camera, 16, 12, 4, 4);
+    assert_true(cln_camera_project(&camera, point, &u2, &v2, &z));
+    assert_near(u2, u / 4, 1e-12); /* pixel centres at .5: positions just divide */
+    assert_near(v2, v / 4, 1e-12);
+    assert_int_equal(camera.width, 16);
+}
+
+/* What a check must say, and about which camera. */
+static void assert_bad(cln_camera camera, const char *word)
+{
+    assert_int_equal(cln_camera_check(&camera, "frame 'r_7'"), CLN_INPUT);
+    if (!strstr(cln_error_text(), "frame 'r_7'") || !strstr(cln_error_text(), word))
+        fail_msg("'%s' lacks the frame or '%s'", cln_error_text(), word);
+    cln_clear_error();
+}
+
+static void test_check(void **state)
+{
+    cln_camera camera = plain_camera(), good;
+
+    (void)state;
+    turn(&camera, 0.7, -0.4);
+    good = camera;
+    /* Slightly scaled: accepted, and exact afterwards. */
+    for (int i = 0; i < 12; i++)
+        if (i % 4 < 3)
+            camera.c2w[i] *= 1.0009;
+    assert_int_equal(cln_camera_check(&camera, "frame"), CLN_OK);
+    for (int i = 0; i < 12; i++)
+        assert_near(camera.c2w[i], good.c2w[i], 1e-12);
+    /* Slightly sheared: orthonormal afterwards. */
+    camera.c2w[1] += 5e-4;
+    assert_int_equal(cln_camera_check(&camera, "frame"), CLN_OK);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double dot = 0;
+
+            for (int k = 0; k < 3; k++)
+                dot += camera.c2w[4 * k + i] * camera.c2w[4 * k + j];
+            assert_near(dot, i == j, 1e-14);
+        }
+
+#define WITH(change, word) \
+    camera = good;         \
+    change;                \
+    assert_bad(camera, word)
+    WITH(camera.c2w[0] += 0.01, "off by 0.00");
+    WITH(for (int i = 0; i < 12; i++) if (i % 4 < 3) camera.c2w[i] *= 1.002, "not rigid");
+    WITH(for (int i = 0; i < 12; i++) if (i % 4 < 3) camera.c2w[i] *= 3, "not rigid");
+    WITH(for (int i = 0; i < 12; i++) if (i % 4 < 3) camera.c2w[i] = 0, "determinant");
+    WITH(for (int i = 0; i < 3; i++) camera.c2w[4 * i] *= -1, "mirrored");
+    WITH(camera.c2w[5] = NAN, "not finite");
+    WITH(camera.c2w[3] = INFINITY, "not finite");
+    WITH(camera.c2w[3] = 1e300, "1e+300");
+    WITH(camera.c2w[1] = 1e300, "1e+300");
+    WITH(camera.fx = 0, "fl_x = 0");
+    WITH(camera.fy = -5, "fl_y = -5");
+    WITH(camera.fx = NAN, "fl_x");
+    WITH(camera.cx = 1e30, "cx = 1e+30");
+    WITH(camera.k2 = INFINITY, "k2");
+    WITH(camera.width = 0, "absurd image size 0 x 48");
+    WITH(camera.width = camera.height = 20000, "20000 x 20000");
+#undef WITH
+}
+
+int test_group_camera(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_project_by_hand), cmocka_unit_test(test_ray_by_hand),
+        cmocka_unit_test(test_round_trip),      cmocka_unit_test(test_fold),
+        cmocka_unit_test(test_resize),          cmocka_unit_test(test_check),
+    };
+
+    return cmocka_run_group_tests_name("camera", tests, NULL, NULL);
+}

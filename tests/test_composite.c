@@ -1,0 +1,285 @@
+/* composite.cl against the float64 reference: pictures, losses and gradients of rays from none to many
+ * samples, with optical depths from 1e-12 to 1e6, opaque first samples, and every loss and regulariser.
+ * Bounds as in each comparison; what cancels is said there. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "device_test.h"
+#include "reference/reference.h"
+#include "tests.h"
+
+enum { RAYS = 203, MOST = 61 };
+
+typedef struct batch {
+    uint32_t starts[RAYS + 1], samples;
+    cln_sample *sample;
+    float (*out)[4], (*targets)[4], (*backgrounds)[4], (*ray_d)[4];
+} batch;
+
+/* sigma * delta of sample i of ray r: every kind of ray that the way there can make. */
+static double optical_of(int r, int i, int n)
+{
+    static const double extremes[] = {0, 1e-12, 1e-6, 1e-3, 1, 80, 1e4, 1e6};
+
+    if (r % 9 == 0)
+        return extremes[r / 9 % 8];
+    if (r % 9 == 1) /* opaque first */
+        return i == 0 ? 1e6 : 0.1;
+    if (r % 9 == 2) /* empty, then a surface */
+        return i == n / 2 ? 30 : 1e-9;
+    if (r % 9 == 3)
+        return extremes[(r + i) % 8];
+    return pow(10, test_uniform(1, r * MOST + i, -4, 0.5));
+}
+
+static void make_batch(batch *b)
+{
+    uint32_t at = 0;
+
+    for (int r = 0; r < RAYS; r++) {
+        b->starts[r] = at;
+        at += (uint32_t)(r % 7 == 6 ? 0 : r % 5 == 0 ? 1 : 1 + r * 13 % MOST);
+    }
+    b->starts[RAYS] = b->samples = at;
+    b->sample = test_alloc(at, sizeof *b->sample);
+    b->out = test_alloc(at, sizeof *b->out);
+    b->targets = test_alloc(RAYS, sizeof *b->targets);
+    b->backgrounds = test_alloc(RAYS, sizeof *b->backgrounds);
+    b->ray_d = test_alloc(RAYS, sizeof *b->ray_d);
+    for (int r = 0; r < RAYS; r++) {
+        const int n = (int)(b->starts[r + 1] - b->starts[r]);
+        double t = test_uniform(2, r, 0, 4);
+
+        for (int i = 0; i < n; i++) {
+            cln_sample *s = &b->sample[b->starts[r] + (uint32_t)i];
+            float *out = b->out[b->starts[r] + (uint32_t)i];
+            const double delta = pow(10, test_uniform(3, r * MOST + i, -4, -1));
+
+            s->delta = (float)delta;
+            s->t = (float)(t + delta / 2);
+            s->ray = (uint32_t)r;
+            t += delta;
+            for (int k = 0; k < 3; k++)
+                out[k] = (float)test_uniform(4, (r * MOST + i) * 3 + k, 0, 1);
+            out[3] = (float)(optical_of(r, i, n) / delta);
+        }
+        for (int k = 0; k < 3; k++) {
+            b->targets[r][k] = (float)test_uniform(5, 3 * r + k, 0, 1);
+            b->backgrounds[r][k] = (float)test_uniform(6, 3 * r + k, 0, 1);
+        }
+        b->ray_d[r][3] = (float)test_uniform(7, r, 0.5, 1);
+    }
+}
+
+static void free_batch(batch *b)
+{
+    free(b->sample);
+    free(b->out);
+    free(b->targets);
+    free(b->backgrounds);
+    free(b->ray_d);
+}
+
+static void upload(cln_pipeline *p, const batch *b, bool per_ray)
+{
+    cln_device *device = p->device;
+
+    test_fill(device, &p->sample_starts, b->starts, sizeof b->starts);
+    test_fill(device, &p->samples, b->sample, b->samples * sizeof *b->sample);
+    test_fill(device, &p->out, b->out, b->samples * sizeof *b->out);
+    test_fill(device, &p->targets, b->targets, RAYS * sizeof *b->targets);
+    test_fill(device, &p->backgrounds, b->backgrounds,
+              (per_ray ? RAYS : 1) * sizeof *b->backgrounds);
+    test_fill(device, &p->ray_d, b->ray_d, RAYS * sizeof *b->ray_d);
+    test_fill(device, &p->results, NULL, RAYS * sizeof(cln_ray_result));
+    test_fill(device, &p->dout, NULL, b->samples * sizeof *b->out);
+}
+
+/* One ray widened to double. */
+typedef struct wide_ray {
+    int n;
+    double out[MOST][4], t[MOST], delta[MOST], background[3], target[3];
+} wide_ray;
+
+static void widen(const batch *b, int r, bool per_ray, wide_ray *w)
+{
+    w->n = (int)(b->starts[r + 1] - b->starts[r]);
+    for (int i = 0; i < w->n; i++) {
+        const uint32_t s = b->starts[r] + (uint32_t)i;
+
+        w->t[i] = b->sample[s].t;
+        w->delta[i] = b->sample[s].delta;
+        for (int k = 0; k < 4; k++)
+            w->out[i][k] = b->out[s][k];
+    }
+    for (int k = 0; k < 3; k++) {
+        w->background[k] = b->backgrounds[per_ray ? r : 0][k];
+        w->target[k] = b->targets[r][k];
+    }
+}
+
+/* Pictures: colour, depth (along the ray or the axis), opacity. */
+static void check_pictures(cln_pipeline *p, const batch *b, bool per_ray, bool axis)
+{
+    cln_ray_result *results = NULL;
+    float got[5][RAYS];
+    double want[5][RAYS];
+
+    upload(p, b, per_ray);
+    assert_ok(cln_stage_composite(p, RAYS, axis));
+    results = test_read(p->device, &p->results, RAYS * sizeof *results, "results");
+    for (int r = 0; r < RAYS; r++) {
+        wide_ray w;
+        double rgb[3], depth = 0, opacity = 0;
+
+        widen(b, r, per_ray, &w);
+        ref_composite(w.n, w.out, w.t, w.delta, w.background, rgb, &depth, &opacity, NULL);
+        for (int k = 0; k < 3; k++) {
+            want[k][r] = rgb[k];
+            got[k][r] = (&results[r].r)[k];
+        }
+        want[3][r] = depth * (axis ? b->ray_d[r][3] : 1);
+        got[3][r] = results[r].depth;
+        want[4][r] = opacity;
+        got[4][r] = results[r].opacity;
+        assert_true(results[r].opacity >= 0 && results[r].opacity <= 1.00001f);
+    }
+    for (int k = 0; k < 3; k++)
+        compare("colour", got[k], want[k], RAYS, (bounds){1e-12, 1e-5});
+    compare("depth", got[3], want[3], RAYS, (bounds){1e-11, 1e-5});
+    compare("opacity", got[4], want[4], RAYS, (bounds){1e-12, 1e-5});
+    free(results);
+}
+
+static void test_pictures(void **state)
+{
+    batch b;
+
+    (void)state;
+    make_batch(&b);
+    for (int set = 0; set < TUNE_SETS; set++) {
+        const cln_config config = small_config();
+        const bool per_ray = set % 2;
+        cln_pipeline *p = test_pipeline(&tune_sets[set], &config, false, per_ray);
+
+        check_pictures(p, &b, per_ray, false);
+        check_pictures(p, &b, per_ray, true);
+    }
+    free_batch(&b);
+    test_report("pictures");
+}
+
+/* Losses built into the kernel: each regulariser alone, then all. */
+typedef struct loss_case {
+    const char *name;
+    ref_loss loss;
+    bool per_ray;
+} loss_case;
+
+static const loss_case loss_cases[] = {
+    {"l2", {CLN_LOSS_L2, 0.1, 0, 0, 0}, false},
+    {"huber", {CLN_LOSS_HUBER, 0.15, 0, 0, 0}, true},
+    {"cauchy", {CLN_LOSS_L2, 0.1, 0.01, 0, 0}, false},
+    {"opacity entropy", {CLN_LOSS_L2, 0.1, 0, 0.1, 0}, true},
+    {"distortion", {CLN_LOSS_L2, 0.1, 0, 0, 0.5}, false},
+    {"all", {CLN_LOSS_HUBER, 0.2, 0.001, 0.05, 0.2}, true},
+};
+
+static void check_losses(const loss_case *c, const tune_set *set, const batch *b)
+{
+    cln_config config = small_config();
+    cln_ray_result *results = NULL;
+    float(*dout)[4] = NULL, *colour_gradient = test_alloc(3 * b->samples, sizeof(float));
+    float *density_gradient = test_alloc(b->samples, sizeof(float)), loss[RAYS], square[RAYS];
+    double(*want)[4] = test_alloc(b->samples + 1, sizeof *want), want_loss[RAYS], want_square[RAYS];
+    double *want_colour = test_alloc(3 * b->samples, sizeof(double));
+    double *want_density = test_alloc(b->samples, sizeof(double));
+    cln_pipeline *p = NULL;
+
+    config.loss = c->loss.kind;
+    config.huber_delta = c->loss.huber_delta;
+    config.cauchy = c->loss.cauchy;
+    config.opacity_entropy = c->loss.opacity_entropy;
+    config.distortion_loss = c->loss.distortion;
+    p = test_pipeline(set, &config, false, c->per_ray);
+    upload(p, b, c->per_ray);
+    assert_ok(cln_stage_composite_train(p, RAYS, b->samples));
+    results = test_read(p->device, &p->results, RAYS * sizeof *results, "results");
+    dout = test_read(p->device, &p->dout, b->samples * sizeof *dout, "dout");
+    for (int r = 0; r < RAYS; r++) {
+        wide_ray w;
+        double rgb[3], depth = 0, opacity = 0;
+
+        widen(b, r, c->per_ray, &w);
+        ref_composite(w.n, w.out, w.t, w.delta, w.background, rgb, &depth, &opacity, NULL);
+        want_loss[r] = ref_loss_of_ray(&c->loss, w.n, w.out, w.t, w.delta, w.background, w.target,
+                                       want + b->starts[r]);
+        want_square[r] = 0;
+        for (int k = 0; k < 3; k++)
+            want_square[r] += (rgb[k] - w.target[k]) * (rgb[k] - w.target[k]) / 3;
+        loss[r] = results[r].loss;
+        square[r] = results[r].square_error;
+        assert_true(results[r].opacity >= 0 && results[r].opacity <= 1.00001f);
+    }
+    for (uint32_t i = 0; i < b->samples; i++) {
+        for (int k = 0; k < 3; k++) {
+            colour_gradient[3 * i + (uint32_t)k] = dout[i][k];
+            want_colour[3 * i + (uint32_t)k] = want[i][k] / RAYS; /* the loss is a mean over rays */
+        }
+        density_gradient[i] = dout[i][3];
+        want_density[i] = want[i][3] / RAYS;
+    }
+    compare(c->name, loss, want_loss, RAYS, (bounds){1e-10, 1e-4});
+    compare("square error", square, want_square, RAYS, (bounds){1e-11, 1e-5});
+    compare("colour gradient", colour_gradient, want_colour, 3 * b->samples, (bounds){1e-10, 1e-4});
+    compare("density gradient", density_gradient, want_density, b->samples, (bounds){1e-9, 1e-3});
+    free(results);
+    free(dout);
+    free(colour_gradient);
+    free(density_gradient);
+    free(want);
+    free(want_colour);
+    free(want_density);
+}
+
+static void test_losses(void **state)
+{
+    batch b;
+
+    (void)state;
+    make_batch(&b);
+    for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
+        check_losses(&loss_cases[c], &tune_sets[c % TUNE_SETS], &b);
+    free_batch(&b);
+    test_report("losses and gradients");
+}
+
+/* No rays at all: nothing is launched, nothing written. */
+static void test_no_rays(void **state)
+{
+    const cln_config config = small_config();
+    const uint32_t start = 0;
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+
+    (void)state;
+    test_fill(p->device, &p->sample_starts, &start, sizeof start);
+    test_fill(p->device, &p->results, NULL, 0);
+    test_fill(p->device, &p->dout, NULL, 0);
+    assert_ok(cln_stage_composite(p, 0, false));
+    assert_ok(cln_stage_composite_train(p, 0, 0));
+    free(test_read(p->device, &p->results, 0, "results"));
+    free(test_read(p->device, &p->dout, 0, "dout"));
+}
+
+int test_group_composite(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_pictures),
+        cmocka_unit_test(test_losses),
+        cmocka_unit_test(test_no_rays),
+    };
+
+    return cmocka_run_group_tests_name("composite", tests, NULL, test_device_close);
+}

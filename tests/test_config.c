@@ -1,0 +1,634 @@
+/* The option table (base/config.h, base/number.h): presets, every row to text and back and to JSON and
+ * back, ranges, refused texts with their sentences, units, locale, suggestions, and the small languages
+ * of level-at, eval-at, background and bbox. Oracle: values written down here. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <float.h>
+#include <limits.h>
+#include <locale.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/config.h"
+#include "base/number.h"
+#include "tests.h"
+
+static cln_config preset(const char *name)
+{
+    cln_config config;
+
+    assert_int_equal(cln_config_preset(name, &config), CLN_OK);
+    return config;
+}
+
+static const cln_config_row *row_of(const char *option)
+{
+    const cln_config_row *row = cln_config_find(option);
+
+    assert_non_null(row);
+    return row;
+}
+
+/* Value of one row as bytes, so that no text stands between two values compared. */
+static void assert_same_row(const cln_config *a, const cln_config *b, const cln_config_row *row)
+{
+    size_t size = row->type == CLN_ROW_REAL   ? sizeof(double)
+                  : row->type == CLN_ROW_BOOL ? sizeof(bool)
+                  : row->type == CLN_ROW_TEXT ? CLN_TEXT_BYTES
+                                              : sizeof(int);
+
+    if (memcmp((const char *)a + row->offset, (const char *)b + row->offset, size) != 0)
+        fail_msg("row --%s differs", row->option);
+}
+
+static void assert_same(const cln_config *a, const cln_config *b)
+{
+    for (int i = 0; i < cln_config_row_count; i++)
+        assert_same_row(a, b, &cln_config_rows[i]);
+}
+
+/* The call failed with st and its sentence has all the words ("a|b|c"); forgets the error. */
+static void assert_failed(cln_status got, cln_status st, const char *words)
+{
+    char copy[512], *save = NULL;
+
+    assert_int_equal(got, st);
+    assert_int_equal(cln_error_status(), st);
+    snprintf(copy, sizeof copy, "%s", words);
+    for (char *word = strtok_r(copy, "|", &save); word; word = strtok_r(NULL, "|", &save)) {
+        if (!strstr(cln_error_text(), word))
+            fail_msg("'%s' is not in '%s'", word, cln_error_text());
+    }
+    cln_clear_error();
+}
+
+static void assert_refused(const char *option, const char *text, const char *words)
+{
+    cln_config before = preset("fast"), config = before;
+
+    assert_failed(cln_config_set(&config, row_of(option), text), CLN_USAGE, words);
+    assert_same(&before, &config);
+}
+
+static void test_presets(void **state)
+{
+    const cln_config paper = preset("paper"), fast = preset("fast");
+    cln_config config = paper;
+
+    (void)state;
+    assert_int_equal(paper.width, 64);
+    assert_int_equal(paper.depth, 8);
+    assert_int_equal(paper.n1, 64);
+    assert_true(paper.rrelu_lower == -0.3 && paper.rrelu_upper == -0.1);
+    assert_true(paper.skip && !fast.skip);
+    assert_int_equal(paper.stage1, CLN_STAGE1_SPLAT);
+    assert_int_equal(fast.stage1, CLN_STAGE1_GATHER);
+    assert_string_equal(paper.background, "white");
+    assert_failed(cln_config_preset("slow", &config), CLN_USAGE, "--preset|slow|fast|paper");
+    assert_same(&paper, &config);
+    assert_int_equal(cln_config_check(&paper), CLN_OK);
+    assert_int_equal(cln_config_check(&fast), CLN_OK);
+}
+
+/* The table itself: names unique, help there, presets inside the ranges. */
+static void test_rows(void **state)
+{
+    const cln_config both[2] = {preset("paper"), preset("fast")};
+
+    (void)state;
+    assert_true(cln_config_row_count > 60);
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+
+        assert_ptr_equal(cln_config_find(row->option), row);
+        assert_true(strlen(row->help) > 3);
+        assert_non_null(row->group);
+        assert_int_equal(strspn(row->option, "abcdefghijklmnopqrstuvwxyz0123456789-"),
+                         strlen(row->option));
+        for (int p = 0; p < 2; p++) {
+            const char *field = (const char *)&both[p] + row->offset;
+            double value = 0;
+
+            if (row->type == CLN_ROW_INT)
+                value = *(const int *)(const void *)field;
+            else if (row->type == CLN_ROW_REAL)
+                value = *(const double *)(const void *)field;
+            else
+                continue;
+            assert_true(row->min < row->max);
+            assert_true(value >= row->min && value <= row->max);
+        }
+    }
+    assert_string_equal(row_of("width")->group, "network");
+    assert_string_equal(row_of("cull")->group, "tree");
+    assert_string_equal(row_of("n1")->group, "sampling");
+    assert_string_equal(row_of("lr")->group, "optim");
+    assert_string_equal(row_of("seed")->group, "run");
+    assert_null(cln_config_find("--rays"));
+    assert_null(cln_config_find(""));
+}
+
+/* Text of every row of one preset, set into the other one, gives the first. */
+static void test_round_trip(void **state)
+{
+    (void)state;
+    for (int p = 0; p < 2; p++) {
+        const cln_config from = preset(p ? "paper" : "fast");
+        cln_config to = preset(p ? "fast" : "paper");
+
+        for (int i = 0; i < cln_config_row_count; i++) {
+            char text[CLN_TEXT_BYTES];
+
+            cln_config_text(&from, &cln_config_rows[i], text);
+            assert_int_equal(cln_config_set(&to, &cln_config_rows[i], text), CLN_OK);
+        }
+        assert_same(&from, &to);
+    }
+}
+
+/* Reals that are hard to print, and both ends of every range. */
+static void test_round_trip_extremes(void **state)
+{
+    static const double hard[] = {0.1,           1.0 / 3,    DBL_MIN,
+                                  5e-324,        DBL_MAX,    0x1p53 + 1,
+                                  6.02214076e23, 1e22 + 1e6, 0.30000000000000004,
+                                  123456.7};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof hard / sizeof hard[0]; i++) {
+        char text[CLN_NUMBER_BYTES];
+        const char *end = NULL;
+        double back = 0;
+
+        cln_number_write(hard[i], text);
+        assert_true(cln_number_read(text, &back, &end));
+        assert_true(back == hard[i] && *end == 0);
+    }
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+        cln_config config = preset("fast");
+
+        if (row->type != CLN_ROW_INT && row->type != CLN_ROW_REAL)
+            continue;
+        for (int e = 0; e < 2; e++) {
+            char text[CLN_TEXT_BYTES], back[CLN_TEXT_BYTES];
+
+            snprintf(text, sizeof text, "%.17g", e ? row->max : row->min);
+            if (row->type == CLN_ROW_INT)
+                snprintf(text, sizeof text, "%.0f", e ? row->max : row->min);
+            assert_int_equal(cln_config_set(&config, row, text), CLN_OK);
+            cln_config_text(&config, row, back);
+            assert_true(strtod(back, NULL) == (e ? row->max : row->min));
+        }
+    }
+}
+
+/* One below and one above every range is refused, and the sentence has option, text and range. */
+static void test_ranges(void **state)
+{
+    (void)state;
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+        char text[64], words[256], min[CLN_NUMBER_BYTES], max[CLN_NUMBER_BYTES];
+
+        if (row->type != CLN_ROW_INT && row->type != CLN_ROW_REAL)
+            continue;
+        for (int e = 0; e < 2; e++) {
+            double limit = e ? row->max : row->min;
+
+            if (row->type == CLN_ROW_INT) {
+                snprintf(text, sizeof text, "%.0f", limit + (e ? 1 : -1));
+                snprintf(min, sizeof min, "%.0f", row->min);
+                snprintf(max, sizeof max, "%.0f", row->max);
+            } else {
+                snprintf(text, sizeof text, "%.17g", nextafter(limit, e ? INFINITY : -INFINITY));
+                cln_number_write(row->min, min);
+                cln_number_write(row->max, max);
+            }
+            snprintf(words, sizeof words, "--%s|'%s'|%s to %s", row->option, text, min, max);
+            assert_refused(row->option, text, words);
+        }
+    }
+    assert_refused("depth", "9", "--depth|'9'|whole number|2 to 8");
+    assert_refused("seed", "99999999999999999999", "--seed|2147483647");
+}
+
+static void test_bad_texts(void **state)
+{
+    static const char *const not_real[] = {"",      " 1",    "1 ",    "nan",  "inf", "-inf",
+                                           "0x1p3", "1,5",   "1e",    "1e5x", "--1", "e5",
+                                           ".",     "1.2.3", "1e999", "abc",  "0.5s"};
+    static const char *const not_int[] = {"", " 1", "1 ", "1.5", "1e3", "0x10", "ten", "-", "16k"};
+    static const char *const not_bool[] = {"", "Yes", "2", "on ", "y", "yes|no", "truefalse"};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof not_real / sizeof not_real[0]; i++)
+        assert_refused("uniform-share", not_real[i], "--uniform-share|number|0 to 1");
+    for (size_t i = 0; i < sizeof not_int / sizeof not_int[0]; i++)
+        assert_refused("rays", not_int[i], "--rays|whole number|16 to 1048576");
+    for (size_t i = 0; i < sizeof not_bool / sizeof not_bool[0]; i++)
+        assert_refused("skip", not_bool[i], "--skip|yes|no|true|false|1|0");
+    assert_refused("stage1", "gathe", "--stage1|'gathe'|splat|gather");
+    assert_refused("stage1", "splat|gather", "--stage1|not one of");
+    assert_refused("stage1", "", "--stage1|''|splat");
+    assert_refused("time-limit", "10x", "--time-limit|'10x'|90s, 10m, 2h");
+    assert_refused("time-limit", "-5", "--time-limit|'-5'|0 to");
+    assert_refused("time-limit", "10mm", "--time-limit");
+    assert_refused("device-mem", "512X", "--device-mem|'512X'|512M, 4G");
+    assert_refused("device-mem", "4GB", "--device-mem");
+}
+
+static void test_words_and_flags(void **state)
+{
+    static const char *const yes[] = {"yes", "true", "1"}, *const no[] = {"no", "false", "0"};
+    cln_config config = preset("fast");
+    char text[CLN_TEXT_BYTES + 1];
+
+    (void)state;
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(cln_config_set(&config, row_of("skip"), yes[i]), CLN_OK);
+        assert_true(config.skip);
+        assert_int_equal(cln_config_set(&config, row_of("skip"), no[i]), CLN_OK);
+        assert_false(config.skip);
+    }
+    assert_int_equal(cln_config_set(&config, row_of("rrelu-scope"), "element"), CLN_OK);
+    assert_int_equal(config.rrelu_scope, CLN_RRELU_ELEMENT);
+    assert_int_equal(cln_config_set(&config, row_of("rrelu-scope"), "neuron"), CLN_OK);
+    assert_int_equal(config.rrelu_scope, CLN_RRELU_NEURON);
+    assert_int_equal(cln_config_set(&config, row_of("density"), "exp"), CLN_OK);
+    assert_int_equal(config.density, CLN_DENSITY_EXP);
+    assert_int_equal(cln_config_set(&config, row_of("init"), "fan-in"), CLN_OK);
+    assert_int_equal(config.init, CLN_INIT_FAN_IN);
+    assert_int_equal(cln_config_set(&config, row_of("loss"), "huber"), CLN_OK);
+    assert_int_equal(config.loss, CLN_LOSS_HUBER);
+
+    memset(text, 'x', sizeof text);
+    text[CLN_TEXT_BYTES] = 0;
+    assert_refused("bbox", text, "--bbox|xxx|127");
+    text[CLN_TEXT_BYTES - 1] = 0;
+    assert_int_equal(cln_config_set(&config, row_of("bbox"), text), CLN_OK);
+    assert_string_equal(config.bbox, text);
+    assert_int_equal(cln_config_set(&config, row_of("bbox"), ""), CLN_OK);
+    for (int i = 0; i < CLN_TEXT_BYTES; i++)
+        assert_int_equal(config.bbox[i],
+                         0); /* no rest of the longer text, so equal settings are equal bytes */
+}
+
+static void test_units(void **state)
+{
+    cln_config config = preset("fast");
+    double value = 0, three[3] = {7, 7, 7};
+
+    (void)state;
+    assert_int_equal(cln_config_set(&config, row_of("time-limit"), "10m"), CLN_OK);
+    assert_true(config.time_limit == 600);
+    assert_int_equal(cln_config_set(&config, row_of("time-limit"), "1.5h"), CLN_OK);
+    assert_true(config.time_limit == 5400);
+    assert_int_equal(cln_config_set(&config, row_of("time-limit"), "90"), CLN_OK);
+    assert_true(config.time_limit == 90);
+    assert_int_equal(cln_config_set(&config, row_of("save-every"), "90s"), CLN_OK);
+    assert_true(config.save_every == 90);
+    assert_int_equal(cln_config_set(&config, row_of("device-mem"), "512M"), CLN_OK);
+    assert_true(config.device_mem == 512.0 * 1024 * 1024);
+    assert_int_equal(cln_config_set(&config, row_of("device-mem"), "4G"), CLN_OK);
+    assert_true(config.device_mem == 4.0 * 1024 * 1024 * 1024);
+    assert_int_equal(cln_config_set(&config, row_of("device-mem"), "1e9"), CLN_OK);
+    assert_true(config.device_mem == 1e9);
+
+    assert_int_equal(cln_parse_seconds("2m", &value), CLN_OK);
+    assert_true(value == 120);
+    assert_int_equal(cln_parse_bytes("2K", &value), CLN_OK);
+    assert_true(value == 2048);
+    assert_failed(cln_parse_seconds("2d", &value), CLN_USAGE, "'2d'|10m");
+    assert_failed(cln_parse_seconds("-2m", &value), CLN_USAGE, "'-2m'|0 or more");
+    assert_failed(cln_parse_bytes("M", &value), CLN_USAGE, "'M'|512M");
+    assert_true(value == 2048);
+    assert_int_equal(cln_parse_reals("1,-2.5,3e2", 3, three), CLN_OK);
+    assert_true(three[0] == 1 && three[1] == -2.5 && three[2] == 300);
+    assert_failed(cln_parse_reals("1,2", 3, three), CLN_USAGE, "'1,2'|3 numbers");
+    assert_failed(cln_parse_reals("1,2,3,4", 3, three), CLN_USAGE, "3 numbers");
+    assert_failed(cln_parse_reals("1,2,", 3, three), CLN_USAGE, "3 numbers");
+    assert_failed(cln_parse_reals("1;2;3", 3, three), CLN_USAGE, "3 numbers");
+    assert_true(three[0] == 1 && three[1] == -2.5 && three[2] == 300);
+}
+
+/* Makes de_DE with localedef into a fresh folder, for machines that have its source but not itself. */
+static const char *make_comma_locale(char folder[64])
+{
+    char command[256];
+
+    snprintf(folder, 64, "%.40s/cln-locale-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp");
+    if (!mkdtemp(folder))
+        return NULL;
+    snprintf(command, sizeof command,
+             "localedef -i de_DE -f UTF-8 '%s/de_DE.UTF-8' >/dev/null 2>&1", folder);
+    if (system(command) != 0)
+        return NULL;
+    setenv("LOCPATH", folder, 1);
+    return setlocale(LC_NUMERIC, "de_DE.UTF-8");
+}
+
+static void remove_folder(const char *folder)
+{
+    char command[128];
+
+    snprintf(command, sizeof command, "rm -rf '%s'", folder);
+    assert_int_equal(system(command), 0);
+}
+
+/* With a decimal comma in force, texts and JSON are the same as without. */
+static void test_locale(void **state)
+{
+    static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "nl_NL.UTF-8"};
+    const char *found = NULL;
+    char text[CLN_TEXT_BYTES], number[32], folder[64] = "";
+    cln_config config = preset("fast"), back = preset("paper");
+    double pair[2] = {0, 0};
+    json_t *object = NULL;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof names / sizeof names[0] && !found; i++)
+        found = setlocale(LC_NUMERIC, names[i]);
+    if (!found)
+        found = make_comma_locale(folder);
+    if (folder[0])
+        remove_folder(folder);
+    unsetenv("LOCPATH");
+    if (!found) {
+        print_message("skipped: no locale with a decimal comma is there or can be made\n");
+        skip();
+    }
+    snprintf(number, sizeof number, "%g", 0.5);
+    config.uniform_share = 0.375;
+    cln_config_text(&config, row_of("uniform-share"), text);
+    config.uniform_share = 0;
+    cln_status st = cln_config_set(&config, row_of("uniform-share"), text);
+    cln_status refused = cln_config_set(&config, row_of("lr"), "0,5");
+    cln_clear_error();
+    cln_status reals = cln_parse_reals("0.5,1.5", 2, pair);
+    cln_status json = cln_config_to_json(&config, &object);
+    if (json == CLN_OK)
+        json = cln_config_from_json(object, &back);
+    setlocale(LC_NUMERIC, "C"); /* before the first assertion may jump out */
+    assert_string_equal(number, "0,5");
+    assert_string_equal(text, "0.375");
+    assert_int_equal(st, CLN_OK);
+    assert_true(config.uniform_share == 0.375);
+    assert_int_equal(refused, CLN_USAGE);
+    assert_int_equal(reals, CLN_OK);
+    assert_int_equal(json, CLN_OK);
+    assert_same(&config, &back);
+    json_decref(object);
+    assert_true(pair[0] == 0.5 && pair[1] == 1.5);
+}
+
+static void test_nearest(void **state)
+{
+    (void)state;
+    assert_string_equal(cln_config_nearest("ray"), "rays");
+    assert_string_equal(cln_config_nearest("sampels-per-ray"), "samples-per-ray");
+    assert_string_equal(cln_config_nearest("--widht"), "width");
+    assert_string_equal(cln_config_nearest("no-view-dependance"), "view-dependence");
+    assert_string_equal(cln_config_nearest("time_limit"), "time-limit");
+    for (int i = 0; i < cln_config_row_count; i++)
+        assert_string_equal(cln_config_nearest(cln_config_rows[i].option),
+                            cln_config_rows[i].option);
+    assert_non_null(cln_config_nearest(""));
+    assert_non_null(cln_config_nearest("a-name-that-is-very-much-longer-than-the-longest-option-of-"
+                                       "this-program-and-goes-on"));
+}
+
+static json_t *to_json(const cln_config *config)
+{
+    json_t *object = NULL;
+
+    assert_int_equal(cln_config_to_json(config, &object), CLN_OK);
+    assert_non_null(object);
+    return object;
+}
+
+/* Through an object and through printed text, which is what run.json holds. */
+static void test_json(void **state)
+{
+    (void)state;
+    for (int p = 0; p < 2; p++) {
+        cln_config from = preset(p ? "paper" : "fast"), to = preset(p ? "fast" : "paper");
+        json_t *object = NULL, *parsed = NULL;
+        char *text = NULL;
+
+        from.lr = 0.1 + 0.2;
+        from.time_limit = 1;
+        snprintf(from.bbox, sizeof from.bbox, "-1,-1,-1,1,1,1");
+        object = to_json(&from);
+        assert_int_equal(json_object_size(object), cln_config_row_count);
+        assert_string_equal(json_string_value(json_object_get(object, "stage1")),
+                            p ? "splat" : "gather");
+        text = json_dumps(object, JSON_INDENT(1));
+        parsed = json_loads(text, 0, NULL);
+        assert_non_null(parsed);
+        assert_int_equal(cln_config_from_json(parsed, &to), CLN_OK);
+        assert_same(&from, &to);
+        free(text);
+        json_decref(parsed);
+        json_decref(object);
+    }
+}
+
+/* Puts a value in place of one of a good object; reading must fail and leave the target alone. */
+static void assert_json_refused(const char *field, json_t *value, const char *words)
+{
+    cln_config config = preset("paper"), before = config;
+    json_t *object = to_json(&config);
+
+    if (value)
+        assert_int_equal(json_object_set_new(object, field, value), 0);
+    else
+        assert_int_equal(json_object_del(object, field), 0);
+    assert_failed(cln_config_from_json(object, &config), CLN_INPUT, words);
+    assert_same(&before, &config);
+    json_decref(object);
+}
+
+static void test_json_refused(void **state)
+{
+    cln_config config = preset("fast");
+    json_t *array = json_array();
+
+    (void)state;
+    assert_json_refused("rays", NULL, "'rays'|missing");
+    assert_json_refused("gloss", json_integer(1), "'gloss'|unknown");
+    assert_json_refused("rays", json_real(100.5), "--rays|100.5|16 to");
+    assert_json_refused("rays", json_integer(3), "--rays|'3'|16 to");
+    assert_json_refused("rays", json_integer((json_int_t)1 << 40), "--rays");
+    assert_json_refused("lr", json_integer(7), "--lr|'7'|to 1");
+    assert_json_refused("lr", json_string("0.1"), "--lr");
+    assert_json_refused("lr", json_null(), "--lr|null");
+    assert_json_refused("skip", json_integer(1), "--skip");
+    assert_json_refused("stage1", json_integer(0), "--stage1|splat");
+    assert_json_refused("stage1", json_string("walk"), "--stage1|walk|splat");
+    assert_json_refused("bbox", json_false(), "--bbox");
+    assert_failed(cln_config_from_json(array, &config), CLN_INPUT, "object");
+    json_decref(array);
+}
+
+static cln_status levels(const char *text, int start, double fraction[6])
+{
+    cln_config config = preset("fast");
+
+    config.start_level = start;
+    snprintf(config.level_at, sizeof config.level_at, "%s", text);
+    return cln_config_levels(&config, fraction);
+}
+
+static void test_level_at(void **state)
+{
+    double f[6] = {9, 9, 9, 9, 9, 9};
+
+    (void)state;
+    assert_int_equal(levels("3:0.08,4:0.25", 2, f), CLN_OK);
+    assert_true(f[0] == 2 && f[1] == 2 && f[2] == 2 && f[3] == 0.08 && f[4] == 0.25 && f[5] == 2);
+    assert_int_equal(levels("", 2, f), CLN_OK);
+    for (int i = 0; i < 6; i++)
+        assert_true(f[i] == 2);
+    assert_int_equal(levels("1:0,2:0,5:1", 0, f),
+                     CLN_OK); /* a level may be skipped, or be at once */
+    assert_true(f[1] == 0 && f[2] == 0 && f[3] == 2 && f[5] == 1);
+    f[0] = 9;
+    assert_failed(levels("3:0.3,4:0.2", 2, f), CLN_USAGE, "--level-at|4:0.2|before");
+    assert_failed(levels("4:0.1,3:0.2", 2, f), CLN_USAGE, "--level-at|level 3|5");
+    assert_failed(levels("3:0.1,3:0.2", 2, f), CLN_USAGE, "--level-at|ascend");
+    assert_failed(levels("2:0.1", 2, f), CLN_USAGE, "--level-at|--start-level 2");
+    assert_failed(levels("6:0.1", 2, f), CLN_USAGE, "--level-at|level 6|5");
+    assert_failed(levels("3:1.1", 2, f), CLN_USAGE, "--level-at|3:1.1|0..1");
+    assert_failed(levels("3:-0.1", 2, f), CLN_USAGE, "--level-at");
+    assert_failed(levels("3", 2, f), CLN_USAGE, "--level-at|'3'|LEVEL:FRACTION");
+    assert_failed(levels("3:", 2, f), CLN_USAGE, "--level-at");
+    assert_failed(levels(":0.1", 2, f), CLN_USAGE, "--level-at");
+    assert_failed(levels("3:0.1x", 2, f), CLN_USAGE, "--level-at");
+    assert_failed(levels("3:0.1,", 2, f), CLN_USAGE, "--level-at|empty");
+    assert_failed(levels(",3:0.1", 2, f), CLN_USAGE, "--level-at|empty");
+    assert_failed(levels("3:0.1,,4:0.2", 2, f), CLN_USAGE, "--level-at|empty");
+    assert_true(f[0] == 9);
+}
+
+static cln_status points(const char *text, int max, double *seconds, int *steps, int *count)
+{
+    cln_config config = preset("fast");
+
+    snprintf(config.eval_at, sizeof config.eval_at, "%s", text);
+    return cln_config_eval_points(&config, max, seconds, steps, count);
+}
+
+static void test_eval_points(void **state)
+{
+    double s[4] = {0};
+    int n[4] = {0}, count = -1;
+
+    (void)state;
+    assert_int_equal(points("60s,2m,5000", 4, s, n, &count), CLN_OK);
+    assert_int_equal(count, 3);
+    assert_true(s[0] == 60 && s[1] == 120 && s[2] == 0);
+    assert_true(n[0] == 0 && n[1] == 0 && n[2] == 5000);
+    assert_int_equal(points("100,30s,200,1h", 4, s, n, &count), CLN_OK);
+    assert_int_equal(count, 4);
+    assert_true(n[0] == 100 && s[1] == 30 && n[2] == 200 && s[3] == 3600);
+    assert_int_equal(points("", 4, s, n, &count), CLN_OK);
+    assert_int_equal(count, 0);
+    assert_failed(points("1,2,3,4,5", 4, s, n, &count), CLN_USAGE, "--eval-at|more than 4");
+    assert_failed(points("2m,60s", 4, s, n, &count), CLN_USAGE, "--eval-at|'60s'|later");
+    assert_failed(points("200,100", 4, s, n, &count), CLN_USAGE, "--eval-at|'100'");
+    assert_failed(points("0", 4, s, n, &count), CLN_USAGE, "--eval-at");
+    assert_failed(points("0s", 4, s, n, &count), CLN_USAGE, "--eval-at");
+    assert_failed(points("1.5", 4, s, n, &count), CLN_USAGE, "--eval-at|'1.5'");
+    assert_failed(points("soon", 4, s, n, &count), CLN_USAGE, "--eval-at|'soon'");
+    assert_failed(points("10,", 4, s, n, &count), CLN_USAGE, "--eval-at|empty");
+    assert_int_equal(count, 0);
+}
+
+static cln_status background(const char *text, float rgb[3])
+{
+    cln_config config = preset("fast");
+
+    snprintf(config.background, sizeof config.background, "%s", text);
+    return cln_config_background(&config, rgb);
+}
+
+static void test_background(void **state)
+{
+    float rgb[3] = {9, 9, 9};
+
+    (void)state;
+    assert_int_equal(background("white", rgb), CLN_OK);
+    assert_true(rgb[0] == 1 && rgb[1] == 1 && rgb[2] == 1);
+    assert_int_equal(background("black", rgb), CLN_OK);
+    assert_true(rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0);
+    assert_int_equal(background("0.25,0.5,1", rgb), CLN_OK);
+    assert_true(rgb[0] == 0.25f && rgb[1] == 0.5f && rgb[2] == 1);
+    assert_failed(background("1.5,0,0", rgb), CLN_USAGE, "--background|0..1");
+    assert_failed(background("grey", rgb), CLN_USAGE, "--background|'grey'|white");
+    assert_failed(background("", rgb), CLN_USAGE, "--background");
+    assert_failed(background("0,0", rgb), CLN_USAGE, "--background");
+    assert_true(rgb[0] == 0.25f);
+}
+
+/* Each rule between rows, broken alone. */
+static void test_check(void **state)
+{
+    static const struct {
+        const char *option, *value, *words;
+    } cases[] = {
+        {"width", "48", "--width|48|16, 32, 64"},
+        {"view-width", "40", "--view-width|40|16"},
+        {"rrelu-lower", "0.5", "--rrelu-lower|--rrelu-upper"},
+        {"lr-final", "0.5", "--lr-final|--lr"},
+        {"level-at", "3", "--level-at"},
+        {"start-level", "4", "--level-at|--start-level 4"},
+        {"eval-at", "x", "--eval-at"},
+        {"background", "red", "--background"},
+        {"bbox", "0,0,0,1,1", "--bbox|minx"},
+        {"bbox", "0,0,0,1,-1,1", "--bbox|along y"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cln_config config = preset("fast");
+
+        assert_int_equal(cln_config_set(&config, row_of(cases[i].option), cases[i].value), CLN_OK);
+        assert_failed(cln_config_check(&config), CLN_USAGE, cases[i].words);
+    }
+    for (int width = 16; width <= 256; width *= 2) {
+        cln_config config = preset("fast");
+
+        config.width = width;
+        snprintf(config.bbox, sizeof config.bbox, "-1,-2,-3,1,2,3");
+        assert_int_equal(cln_config_check(&config), CLN_OK);
+    }
+}
+
+int test_group_config(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_presets),
+        cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_round_trip),
+        cmocka_unit_test(test_round_trip_extremes),
+        cmocka_unit_test(test_ranges),
+        cmocka_unit_test(test_bad_texts),
+        cmocka_unit_test(test_words_and_flags),
+        cmocka_unit_test(test_units),
+        cmocka_unit_test(test_locale),
+        cmocka_unit_test(test_nearest),
+        cmocka_unit_test(test_json),
+        cmocka_unit_test(test_json_refused),
+        cmocka_unit_test(test_level_at),
+        cmocka_unit_test(test_eval_points),
+        cmocka_unit_test(test_background),
+        cmocka_unit_test(test_check),
+    };
+
+    return cmocka_run_group_tests_name("config", tests, NULL, NULL);
+}

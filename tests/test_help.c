@@ -1,0 +1,174 @@
+/* What the program tells people of itself (cli/help.h, cli/console.h, docs/cl-nascent.1): help and
+ * manual name what the option tables hold, with ranges, words and defaults, within 80 columns; the live
+ * line reads as the manual shows it. Oracle: the tables, and texts written down here. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "cli/console.h"
+#include "cli/help.h"
+#include "scratch.h"
+#include "tests.h"
+
+/* What a printer writes, as one text with single spaces; the caller frees it. */
+static char *printed(void (*print)(FILE *, const cln_command *), const cln_command *command,
+                     bool flat)
+{
+    char *text = NULL, *to = NULL;
+    size_t bytes = 0;
+    FILE *stream = open_memstream(&text, &bytes);
+
+    assert_non_null(stream);
+    print(stream, command);
+    assert_int_equal(fclose(stream), 0);
+    if (!flat)
+        return text;
+    to = text;
+    for (const char *from = text; *from; from++) {
+        bool space = *from == ' ' || *from == '\n';
+        if (!space)
+            *to++ = *from;
+        else if (to > text && to[-1] != ' ')
+            *to++ = ' ';
+    }
+    *to = 0;
+    return text;
+}
+
+static void help_names_every_option_with_its_defaults(void **state)
+{
+    (void)state;
+    for (int c = 0; c < cln_command_count; c++) {
+        const cln_command *command = &cln_commands[c];
+        char *text = printed(cln_help_print, command, true);
+        char wanted[128];
+
+        for (int i = 0; i < cln_arg_count; i++) {
+            snprintf(wanted, sizeof wanted, "--%s%s ", cln_args[i].negatable ? "[no-]" : "",
+                     cln_args[i].name);
+            if (cln_command_takes_arg(command, &cln_args[i]) && !strstr(text, wanted))
+                fail_msg("help %s: no %s", command->name, wanted);
+        }
+        for (int i = 0; i < cln_config_row_count; i++) {
+            const cln_config_row *row = &cln_config_rows[i];
+            snprintf(wanted, sizeof wanted, "--%s%s ", row->type == CLN_ROW_BOOL ? "[no-]" : "",
+                     row->option);
+            if (cln_command_takes_row(command, row) && !strstr(text, wanted))
+                fail_msg("help %s: no %s", command->name, wanted);
+        }
+        free(text);
+    }
+}
+
+static void help_shows_ranges_words_and_presets(void **state)
+{
+    char *text = printed(cln_help_print, cln_command_find("train"), true);
+    char wanted[512], fast[CLN_TEXT_BYTES], paper[CLN_TEXT_BYTES];
+    cln_config in_fast, in_paper;
+    const cln_config_row *row = cln_config_find("n1");
+
+    (void)state;
+    assert_non_null(row);
+    assert_int_equal(cln_config_preset("fast", &in_fast), CLN_OK);
+    assert_int_equal(cln_config_preset("paper", &in_paper), CLN_OK);
+    cln_config_text(&in_fast, row, fast);
+    cln_config_text(&in_paper, row, paper);
+    assert_string_not_equal(fast, paper);
+    snprintf(wanted, sizeof wanted, "(2 to 128; fast %s, paper %s)", fast, paper);
+    assert_non_null(strstr(text, wanted));
+    assert_non_null(strstr(text, "--cull guarded|mean "));
+    assert_non_null(strstr(text, "CL_NASCENT_DEVICE"));
+    free(text);
+}
+
+static void help_fits_eighty_columns(void **state)
+{
+    (void)state;
+    for (int c = -1; c < cln_command_count; c++) {
+        char *text = printed(cln_help_print, c < 0 ? NULL : &cln_commands[c], false);
+        for (const char *at = text; *at; at += strcspn(at, "\n"), at += *at == '\n') {
+            if (strcspn(at, "\n") > 80)
+                fail_msg("%.*s", (int)strcspn(at, "\n"), at);
+        }
+        free(text);
+    }
+}
+
+static void manual_names_every_option(void **state)
+{
+    char *page = NULL, *to = NULL;
+    size_t bytes = 0;
+
+    (void)state;
+    if (!cln_is_file("docs/cl-nascent.1"))
+        skip(); /* not run from the repository's root */
+    page = scratch_get("docs/cl-nascent.1", &bytes);
+    to = page;
+    for (const char *from = page; *from; from++) {
+        if (*from != '\\')
+            *to++ = *from;
+    }
+    *to = 0;
+    for (int i = 0; i < cln_arg_count; i++) {
+        char wanted[64];
+        snprintf(wanted, sizeof wanted, "--%s", cln_args[i].name);
+        if (!strstr(page, wanted))
+            fail_msg("docs/cl-nascent.1: no %s", wanted);
+        if (cln_args[i].env && !strstr(page, cln_args[i].env))
+            fail_msg("docs/cl-nascent.1: no %s", cln_args[i].env);
+    }
+    free(page);
+}
+
+/* ---- the live line ---- */
+
+static void train_line_reads_as_the_manual_says(void **state)
+{
+    cln_train_progress p = {.step = 12400,
+                            .steps = 30000,
+                            .fraction = 0.4133,
+                            .seconds = 492,
+                            .eta = 707,
+                            .rays_per_s = 182000,
+                            .loss = 0.0031,
+                            .psnr_train = 27.9,
+                            .psnr_test = 26.4,
+                            .leaves = 1184,
+                            .params = 3.1e6,
+                            .device_bytes = 612.0 * 1024 * 1024};
+    char text[512];
+
+    (void)state;
+    cln_train_line(&p, text, sizeof text);
+    assert_string_equal(text,
+                        "train 12,400/30,000 41% | 08:12 elapsed, 11:47 left | 182 k rays/s | "
+                        "loss 0.0031 | PSNR 27.9 train 26.4 test | 1,184 leaves 3.1 M params | "
+                        "612 MiB dev");
+    p.steps = 0;
+    p.psnr_test = NAN;
+    p.eta = INFINITY;
+    cln_train_line(&p, text, sizeof text);
+    assert_string_equal(text,
+                        "train 12,400 41% | 08:12 elapsed, --:-- left | 182 k rays/s | "
+                        "loss 0.0031 | PSNR 27.9 train | 1,184 leaves 3.1 M params | 612 MiB dev");
+    cln_train_line(&p, text, 20); /* cut, not overrun */
+    assert_int_equal(strlen(text), 19);
+}
+
+int test_group_help(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(help_names_every_option_with_its_defaults),
+        cmocka_unit_test(help_shows_ranges_words_and_presets),
+        cmocka_unit_test(help_fits_eighty_columns),
+        cmocka_unit_test(manual_names_every_option),
+        cmocka_unit_test(train_line_reads_as_the_manual_says),
+    };
+
+    return cmocka_run_group_tests_name("help", tests, NULL, NULL);
+}

@@ -1,0 +1,479 @@
+/* mlp.cl against the float64 reference: densities, forward and backward on many network shapes and
+ * parameter sets, with leaves of no, one and many samples, random numbers in the padding of the weights
+ * (no input may reach it), the slopes of RReLU redrawn here from their published hash, and the same
+ * bytes from the same launch. Samples lie at exact local coordinates where bands are many: float32's
+ * rounding of a position is multiplied by 2^bands, which is no error of the network. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "device_test.h"
+#include "reference/reference.h"
+#include "tests.h"
+
+typedef struct mlp_case {
+    const char *name;
+    int set; /* of tune_sets */
+    int width, depth, view_width, bands, view_bands;
+    bool view, skip, by_level;
+    int density, rrelu;
+    double lower, upper;
+    bool exact; /* samples at t = 0 of rays with exact origins */
+} mlp_case;
+
+enum { SOFT = CLN_DENSITY_SOFTPLUS, RELU = CLN_DENSITY_RELU, EXP = CLN_DENSITY_EXP };
+enum { ELEMENT = CLN_RRELU_ELEMENT, NEURON = CLN_RRELU_NEURON, MEAN = CLN_RRELU_MEAN };
+
+static const mlp_case cases[] = {
+    {"small, default", 0, 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false},
+    {"small, plain", 1, 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false},
+    {"small, wide vectors", 2, 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, false},
+    {"small, items", 3, 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, false},
+    {"small, gpu", 4, 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false},
+    {"no view, plain", 1, 16, 3, 16, 2, 0, 0, 0, 0, RELU, MEAN, -.3, -.1, false},
+    {"no view, gpu", 4, 32, 6, 16, 5, 0, 0, 1, 0, SOFT, NEURON, -.3, -.1, true},
+    {"fast preset", 0, 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true},
+    {"skip, items", 3, 32, 7, 64, 8, 4, 1, 1, 1, SOFT, ELEMENT, -.3, -.1, true},
+    {"paper preset", 0, 64, 8, 256, 10, 4, 1, 1, 0, SOFT, ELEMENT, -.3, -.1, true},
+    {"paper preset, gpu", 4, 64, 8, 256, 10, 4, 1, 1, 1, EXP, MEAN, 0, 0, true},
+    {"wide, wide vectors", 2, 128, 4, 128, 10, 4, 1, 0, 1, SOFT, MEAN, -.3, -.1, true},
+    {"widest, gpu", 4, 256, 2, 256, 7, 4, 1, 0, 0, SOFT, NEURON, -.3, -.1, true},
+};
+
+static cln_config config_of(const mlp_case *c)
+{
+    cln_config config = small_config();
+
+    config.width = c->width;
+    config.depth = c->depth;
+    config.view_width = c->view_width;
+    config.bands = c->bands;
+    config.view_bands = c->view_bands;
+    config.view_dependence = c->view;
+    config.skip = c->skip;
+    config.bands_by_level = c->by_level;
+    config.density = c->density;
+    config.rrelu_scope = c->rrelu;
+    config.rrelu_lower = c->lower;
+    config.rrelu_upper = c->upper;
+    return config;
+}
+
+/* ---- a model whose leaves differ, and samples in them ---- */
+
+typedef struct mlp_data {
+    cln_model model; /* 22 leaves at levels 1, 2 and 3 */
+    uint32_t n;
+    cln_sample *samples;
+    float (*ray_o)[4], (*ray_d)[4]; /* one ray per sample */
+    float (*dout)[4];
+} mlp_data;
+
+static void split_first(cln_model *model)
+{
+    uint8_t split[64] = {1};
+    cln_octree_change change = {0};
+
+    assert_ok(cln_octree_split(&model->tree, split, &change));
+    assert_ok(cln_model_apply(model, &change));
+    cln_octree_change_free(&change);
+}
+
+/* Samples of leaf s: 0, 1, around a register tile, a block, a slice, and more. */
+static uint32_t samples_of(int s, const cln_tune *tune)
+{
+    const int counts[] = {0,
+                          1,
+                          tune->ts - 1,
+                          tune->ts,
+                          tune->ts + 1,
+                          tune->nb,
+                          tune->nb + 1,
+                          tune->sl + 3,
+                          2 * tune->nb + 5};
+
+    return s < 9 ? (uint32_t)(counts[s] < 150 ? counts[s] : 150 + counts[s] % 7) : (uint32_t)s % 3;
+}
+
+static void place(const float box[4], bool exact, uint32_t i, mlp_data *d)
+{
+    double length = 0, local[3];
+    float *o = d->ray_o[i], *dir = d->ray_d[i];
+    cln_sample *s = &d->samples[i];
+
+    for (int a = 0; a < 3; a++) {
+        dir[a] = (float)test_uniform(1, (int)(3 * i) + a, -1, 1);
+        length += (double)dir[a] * dir[a];
+    }
+    for (int a = 0; a < 3; a++)
+        dir[a] = (float)(dir[a] / sqrt(length));
+    dir[3] = 1;
+    s->t = exact ? 0 : (float)test_uniform(2, (int)i, 0.5, 3);
+    for (int a = 0; a < 3; a++) {
+        local[a] = floor(test_uniform(3, (int)(3 * i) + a, 0, 1024)) / 1024;
+        o[a] = (float)(box[a] + local[a] * box[3] - (double)s->t * dir[a]);
+    }
+    s->ray = i;
+    s->delta = 0.01f;
+}
+
+static void make_data(const mlp_case *c, const cln_config *config, const cln_tune *tune,
+                      mlp_data *d)
+{
+    float *boxes = NULL;
+    uint32_t at = 0, stride = 0;
+
+    assert_ok(cln_model_create(config, &d->model));
+    split_first(&d->model);
+    split_first(&d->model);
+    assert_int_equal(d->model.tree.leaf_count, 22);
+    stride = (uint32_t)d->model.net.params;
+    for (uint32_t i = 0; i < 22 * stride; i++)
+        d->model.params[i] = (float)test_uniform(4, (int)i, -1, 1) * sqrtf(2.0f / (float)c->width);
+    for (int s = 0; s < 22; s++)
+        d->n += samples_of(s, tune);
+    d->samples = test_alloc(d->n, sizeof *d->samples);
+    d->ray_o = test_alloc(d->n, sizeof *d->ray_o);
+    d->ray_d = test_alloc(d->n, sizeof *d->ray_d);
+    d->dout = test_alloc(d->n, sizeof *d->dout);
+    assert_ok(cln_octree_boxes(&d->model.tree, &boxes));
+    for (uint32_t round = 0; at < d->n; round++) { /* leaves in turn, so that grouping has work */
+        for (int s = 0; s < 22; s++) {
+            if (round < samples_of(s, tune)) {
+                d->samples[at].slot = s;
+                place(boxes + 4 * s, c->exact, at++, d);
+            }
+        }
+    }
+    for (uint32_t i = 0; i < d->n; i++) {
+        for (int k = 0; k < 4; k++)
+            d->dout[i][k] = (float)test_uniform(5, (int)(4 * i) + k, -1, 1) * (k == 3 ? 0.01f : 1);
+    }
+    free(boxes);
+}
+
+static void free_data(mlp_data *d)
+{
+    cln_model_free(&d->model);
+    free(d->samples);
+    free(d->ray_o);
+    free(d->ray_d);
+    free(d->dout);
+}
+
+/* ---- the reference's side ---- */
+
+/* kernels/rng.h: the hash behind the slopes, and mlp.cl's key of a layer. */
+static uint32_t hash(uint32_t x)
+{
+    x ^= x >> 16;
+    x *= 0x21F0AAADu;
+    x ^= x >> 15;
+    x *= 0xD35A2D97u;
+    x ^= x >> 15;
+    return x;
+}
+
+/* [depth][width], then [view_width] */
+static void make_slopes(const mlp_case *c, const cln_network *net, uint32_t step_key,
+                        uint32_t sample, double *slopes)
+{
+    for (int i = 0; i < net->depth * net->width + net->view_width; i++) {
+        const int layer = i / net->width < net->depth ? i / net->width : net->depth;
+        const uint32_t base = c->rrelu == ELEMENT ? step_key + sample * 0x85EBCA6Bu : step_key;
+        const uint32_t key = base ^ ((uint32_t)layer * 0xC2B2AE35u + 0x165667B1u);
+        const uint32_t bits = hash((uint32_t)(i - layer * net->width) * 0x9E3779B9u ^ key) >> 8;
+
+        slopes[i] = (float)c->lower + (double)((float)c->upper - (float)c->lower) * bits / 0x1p24;
+    }
+}
+
+static void make_reference(const mlp_case *c, const cln_config *config, const cln_network *net,
+                           int level, ref_network *r)
+{
+    memset(r, 0, sizeof *r);
+    r->net = *net;
+    r->density = c->density;
+    r->kappa = (float)config->density_scale;
+    r->bias = (float)cln_network_density_bias(config);
+    for (int k = 0; k < 10; k++)
+        r->level_bands[k] = c->by_level ? fmin(fmax(11 - level - k, 0), 1) : 1;
+}
+
+typedef struct sample_input {
+    double local[3], dir[3];
+} sample_input;
+
+static sample_input input_of(const mlp_data *d, uint32_t i, const float box[4])
+{
+    sample_input in;
+
+    for (int a = 0; a < 3; a++) {
+        in.dir[a] = d->ray_d[i][a];
+        in.local[a] =
+            (d->ray_o[i][a] + (double)d->samples[i].t * in.dir[a] - box[a]) * 2 / box[3] - 1;
+    }
+    return in;
+}
+
+/* Outputs and, in training, the summed gradients of every leaf. */
+static void run_reference(const mlp_case *c, const cln_config *config, const mlp_data *d,
+                          bool training, uint32_t step_key, double (*out)[4], double *grads)
+{
+    const cln_network *net = &d->model.net;
+    double slopes[8 * 256 + 256], *use = training && c->rrelu != MEAN ? slopes : NULL;
+    float *boxes = NULL;
+
+    assert_ok(cln_octree_boxes(&d->model.tree, &boxes));
+    for (uint32_t i = 0; i < d->n; i++) {
+        const int slot = d->samples[i].slot;
+        const float *box = boxes + 4 * slot, *params = d->model.params + slot * net->params;
+        const sample_input in = input_of(d, i, box);
+        const double dout[4] = {d->dout[i][0], d->dout[i][1], d->dout[i][2], d->dout[i][3]};
+        ref_network r;
+
+        make_reference(c, config, net, d->model.tree.level[d->model.tree.leaf[slot]], &r);
+        if (use)
+            make_slopes(c, net, step_key, i, slopes);
+        ref_forward(&r, params, in.local, in.dir, use, (c->lower + c->upper) / 2, out[i]);
+        if (training)
+            ref_backward(&r, params, in.local, in.dir, use, (c->lower + c->upper) / 2, dout,
+                         grads + slot * net->params);
+    }
+    free(boxes);
+}
+
+/* ---- comparisons ---- */
+
+static void upload(cln_pipeline *p, const mlp_data *d, uint32_t *slices)
+{
+    assert_ok(cln_pipeline_upload(p, &d->model, true));
+    test_fill(p->device, &p->samples, d->samples, d->n * sizeof *d->samples);
+    test_fill(p->device, &p->ray_o, d->ray_o, d->n * sizeof *d->ray_o);
+    test_fill(p->device, &p->ray_d, d->ray_d, d->n * sizeof *d->ray_d);
+    test_fill(p->device, &p->dout, d->dout, d->n * sizeof *d->dout);
+    assert_ok(cln_stage_group(p, d->n, slices));
+}
+
+/* Bounds: about ten times the worst measured over all cases and sets. */
+static const bounds forward_bounds = {1e-10, 1e-4}, gradient_bounds = {1e-9, 1e-3};
+
+static void compare_outputs(const mlp_case *c, float (*got)[4], double (*want)[4], uint32_t n)
+{
+    float *g = test_alloc(n, 3 * sizeof *g);
+    double *w = test_alloc(n, 3 * sizeof *w);
+    char what[96];
+
+    for (uint32_t i = 0; i < 3 * n; i++) {
+        g[i] = got[i / 3][i % 3];
+        w[i] = want[i / 3][i % 3];
+    }
+    snprintf(what, sizeof what, "%s, %s: colour", c->name, tune_sets[c->set].name);
+    compare(what, g, w, 3 * n, forward_bounds);
+    for (uint32_t i = 0; i < n; i++) {
+        g[i] = got[i][3];
+        w[i] = want[i][3];
+    }
+    snprintf(what, sizeof what, "%s, %s: density", c->name, tune_sets[c->set].name);
+    compare(what, g, w, n, forward_bounds);
+    free(g);
+    free(w);
+}
+
+/* Sums the slices of each leaf in double, then compares block by block over all leaves. */
+static void compare_gradients(const mlp_case *c, const cln_network *net, int leaves,
+                              const cln_slice *slices, uint32_t slice_count, const float *got,
+                              const double *want)
+{
+    int starts[32], blocks = 0;
+    double *sums = test_alloc((size_t)(leaves * net->params), sizeof *sums);
+
+    for (uint32_t s = 0; s < slice_count; s++) {
+        for (int i = 0; i < net->params; i++)
+            sums[slices[s].slot * net->params + i] += got[s * (uint32_t)net->params + (uint32_t)i];
+    }
+    for (int i = 0; i < net->depth; i++) {
+        starts[blocks++] = net->trunk_w[i];
+        starts[blocks++] = net->trunk_b[i];
+    }
+    starts[blocks++] = net->sigma_w;
+    starts[blocks++] = net->sigma_b;
+    if (net->view_dependence) {
+        starts[blocks++] = net->view_w;
+        starts[blocks++] = net->view_b;
+    }
+    starts[blocks++] = net->colour_w;
+    starts[blocks++] = net->colour_b;
+    starts[blocks] = net->params;
+    for (int b = 0; b < blocks; b++) {
+        const int size = starts[b + 1] - starts[b];
+        float *g = test_alloc((size_t)(leaves * size), sizeof *g);
+        double *w = test_alloc((size_t)(leaves * size), sizeof *w);
+        char what[96];
+
+        for (int i = 0; i < leaves * size; i++) {
+            const int at = i / size * net->params + starts[b] + i % size;
+
+            g[i] = (float)sums[at];
+            w[i] = want[at];
+        }
+        snprintf(what, sizeof what, "%s, %s: gradient block %d", c->name, tune_sets[c->set].name,
+                 b);
+        compare(what, g, w, (size_t)(leaves * size), gradient_bounds);
+        free(g);
+        free(w);
+    }
+    free(sums);
+}
+
+static void check_case(const mlp_case *c)
+{
+    const cln_config config = config_of(c);
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    const uint32_t step_key = 0x12345u;
+    mlp_data d = {0};
+    uint32_t slices = 0;
+    float(*out)[4] = NULL, *grads = NULL, *again = NULL;
+    double(*want)[4] = NULL, *want_grads = NULL;
+    size_t grad_bytes = 0;
+    cln_slice *slice = NULL;
+
+    make_data(c, &config, &p->tune, &d);
+    want = test_alloc(d.n, sizeof *want);
+    want_grads = test_alloc(22 * (size_t)p->net.params, sizeof *want_grads);
+    upload(p, &d, &slices);
+    slice = test_alloc(slices, sizeof *slice);
+    assert_ok(cln_buffer_read(p->device, &p->slices, 0, slice, slices * sizeof *slice));
+
+    run_reference(c, &config, &d, false, 0, want, NULL);
+    test_fill(p->device, &p->out, NULL, d.n * sizeof *out);
+    assert_ok(cln_stage_forward(p, d.n, slices, false, step_key));
+    out = test_read(p->device, &p->out, d.n * sizeof *out, "out");
+    compare_outputs(c, out, want, d.n);
+    free(out);
+
+    run_reference(c, &config, &d, true, step_key, want, want_grads);
+    grad_bytes = slices * (size_t)p->net.params * sizeof *grads;
+    for (int pass = 0; pass < 2; pass++) {
+        const size_t acts = (size_t)cln_pipeline_acts(&p->net) * sizeof(float);
+
+        test_fill(p->device, &p->out, NULL, d.n * sizeof *out);
+        test_fill(p->device, &p->acts, NULL, d.n * acts);
+        test_fill(p->device, &p->grads, NULL, grad_bytes);
+        assert_ok(cln_stage_forward(p, d.n, slices, true, step_key));
+        assert_ok(cln_stage_backward(p, slices, step_key));
+        free(test_read(p->device, &p->acts, d.n * acts, "acts"));
+        out = test_read(p->device, &p->out, d.n * sizeof *out, "out");
+        again = test_read(p->device, &p->grads, grad_bytes, "grads");
+        if (pass == 0) {
+            compare_outputs(c, out, want, d.n);
+            compare_gradients(c, &p->net, 22, slice, slices, again, want_grads);
+            grads = again;
+            again = NULL;
+        }
+        free(out);
+    }
+    if (memcmp(grads, again, grad_bytes) != 0)
+        fail_msg("%s, %s: a second launch gave other gradients", c->name, tune_sets[c->set].name);
+    free(grads);
+    free(again);
+    free(want);
+    free(want_grads);
+    free(slice);
+    free_data(&d);
+}
+
+static void test_networks(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        check_case(&cases[i]);
+    test_report("networks");
+}
+
+/* No samples at all: no slices, nothing written. */
+static void test_no_samples(void **state)
+{
+    const cln_config config = config_of(&cases[0]);
+    cln_pipeline *p = test_pipeline(&tune_sets[cases[0].set], &config, false, false);
+    cln_model model;
+    uint32_t slices = 7;
+
+    (void)state;
+    assert_ok(cln_model_create(&config, &model));
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    test_fill(p->device, &p->samples, NULL, 0);
+    test_fill(p->device, &p->out, NULL, 0);
+    test_fill(p->device, &p->grads, NULL, 0);
+    assert_ok(cln_stage_group(p, 0, &slices));
+    assert_int_equal(slices, 0);
+    assert_ok(cln_stage_forward(p, 0, 0, true, 1));
+    assert_ok(cln_stage_backward(p, 0, 1));
+    free(test_read(p->device, &p->out, 0, "out"));
+    free(test_read(p->device, &p->grads, 0, "grads"));
+    cln_model_free(&model);
+}
+
+/* Cached densities: the cell's centre, or a point drawn in it; a bfloat16 next to the right one is let
+ * pass only where float32 rounding may have decided. */
+static void check_densities(const mlp_case *c, int n1, bool jitter)
+{
+    cln_config config = config_of(c);
+    const int cells = n1 * n1 * n1;
+    cln_pipeline *p = NULL;
+    mlp_data d = {0};
+    uint16_t *got = NULL;
+
+    config.n1 = n1;
+    p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    make_data(c, &config, &p->tune, &d);
+    assert_ok(cln_pipeline_upload(p, &d.model, false));
+    test_fill(p->device, &p->density, NULL, (size_t)(22 * cells) * sizeof *got);
+    assert_ok(cln_stage_refresh(p, jitter, 99, 7));
+    got = test_read(p->device, &p->density, (size_t)(22 * cells) * sizeof *got, "densities");
+    for (int s = 0; s < 22; s++) {
+        ref_network r;
+
+        make_reference(c, &config, &p->net, d.model.tree.level[d.model.tree.leaf[s]], &r);
+        for (int i = 0; i < cells; i++) {
+            static const double dir[3] = {1, 0, 0};
+            const int cell[3] = {i % n1, i / n1 % n1, i / n1 / n1};
+            float xi[4] = {0.5f, 0.5f, 0.5f, 0};
+            double local[3], out[4], have = ref_from_bf16(got[s * cells + i]);
+
+            if (jitter)
+                cln_uniform4(99, CLN_STREAM_GRID, 7, (uint32_t)(s * cells + i), 0, xi);
+            for (int a = 0; a < 3; a++)
+                local[a] = 2 * (cell[a] + (double)xi[a]) / n1 - 1;
+            ref_forward(&r, d.model.params + s * p->net.params, local, dir, NULL,
+                        (c->lower + c->upper) / 2, out);
+            if (have != ref_from_bf16(ref_to_bf16((float)(out[3] * (1 - 1e-4)))) &&
+                have != ref_from_bf16(ref_to_bf16((float)(out[3] * (1 + 1e-4)))))
+                fail_msg("%s, n1 %d: leaf %d, cell %d has %g, the reference %g", c->name, n1, s, i,
+                         have, out[3]);
+        }
+    }
+    free(got);
+    free_data(&d);
+}
+
+static void test_densities(void **state)
+{
+    (void)state;
+    check_densities(&cases[0], 4, false);
+    check_densities(&cases[1], 5, true);
+    check_densities(&cases[3], 9, true); /* 729 cells: more than one work-group of 512 per leaf */
+    check_densities(&cases[6], 2, false);
+}
+
+int test_group_mlp(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_networks),
+        cmocka_unit_test(test_no_samples),
+        cmocka_unit_test(test_densities),
+    };
+
+    return cmocka_run_group_tests_name("mlp", tests, NULL, test_device_close);
+}

@@ -1,0 +1,410 @@
+/* The octree. Proved: counts and Morton order of full trees, half-open membership, what a split
+ * or cull says about slots, collapse of culled groups, the kernels' map against point lookup,
+ * packing, and that no damaged table of nodes gets in. Oracles: geometry worked out here from
+ * level and position by brute force, and hand-made cases. Decisions about the tree are
+ * test_structure.c's. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/rng.h"
+#include "model/octree.h"
+#include "tests.h"
+
+enum { SEED = 20240607, ROW = 8 };
+
+static uint32_t draw(uint32_t *counter)
+{
+    uint32_t c[4] = {(*counter)++, 0, 0, 0}, key[2] = {SEED, 0}, out[4];
+
+    cln_philox(c, key, out);
+    return out[0];
+}
+
+/* Morton key of a leaf's lower corner at the finest level, bit by bit. */
+static uint32_t morton(const cln_octree *tree, int node)
+{
+    uint32_t key = 0;
+
+    for (int bit = 0; bit < CLN_MAX_LEVEL; bit++)
+        for (int a = 0; a < 3; a++) {
+            uint32_t p = (uint32_t)tree->pos[node][a] << (CLN_MAX_LEVEL - tree->level[node]);
+            key |= (p >> bit & 1) << (3 * bit + a);
+        }
+    return key;
+}
+
+/* Slot of the leaf whose box [min, max) holds the point, by trying all of them. */
+static int brute_find(const cln_octree *tree, const double point[3])
+{
+    for (int s = 0; s < tree->leaf_count; s++) {
+        int node = tree->leaf[s], inside = 1;
+        double side = 2.0 / (1 << tree->level[node]);
+        for (int a = 0; a < 3; a++) {
+            double low = -1 + side * tree->pos[node][a], high = low + side;
+            inside &= point[a] >= low && (point[a] < high || (high == 1 && point[a] == 1));
+        }
+        if (inside)
+            return s;
+    }
+    return -1;
+}
+
+/* Everything that must hold for any tree. */
+static void check_tree(const cln_octree *tree)
+{
+    int32_t *map = NULL;
+    float *boxes = NULL;
+    int depth = cln_octree_depth(tree), n = 1 << depth, deepest = 0;
+    double volume = 0;
+
+    assert_int_equal(cln_octree_boxes(tree, &boxes), CLN_OK);
+    for (int s = 0; s < tree->leaf_count; s++) {
+        int node = tree->leaf[s];
+        double side = 2.0 / (1 << tree->level[node]);
+        assert_int_equal(tree->state[node], CLN_NODE_ACTIVE);
+        assert_int_equal(tree->slot[node], s);
+        if (s > 0)
+            assert_true(morton(tree, tree->leaf[s - 1]) < morton(tree, node));
+        if (tree->level[node] > deepest)
+            deepest = tree->level[node];
+        for (int a = 0; a < 3; a++)
+            assert_true(boxes[4 * s + a] == (float)(-1 + side * tree->pos[node][a]));
+        assert_true(boxes[4 * s + 3] == (float)side);
+        volume += side * side * side;
+    }
+    assert_true(volume <= 8);
+    assert_int_equal(depth, deepest);
+    assert_int_equal(cln_octree_map(tree, depth, &map), CLN_OK);
+    for (int i = 0; i < n * n * n; i++) {
+        int cell[3] = {i % n, i / n % n, i / n / n};
+        double centre[3];
+        int slot = (map[i] >> 4) - 1;
+        for (int a = 0; a < 3; a++)
+            centre[a] = -1 + 2 * (cell[a] + 0.5) / n;
+        assert_int_equal(slot, brute_find(tree, centre));
+        assert_int_equal(slot, cln_octree_find(tree, centre));
+        if (slot >= 0)
+            assert_int_equal(map[i] & 15, tree->level[tree->leaf[slot]]);
+        else
+            assert_true((map[i] & 15) <= depth);
+    }
+    free(map);
+    free(boxes);
+}
+
+static void test_full_trees(void **state)
+{
+    (void)state;
+    for (int level = 0; level <= CLN_MAX_LEVEL; level++) {
+        cln_octree tree;
+        int leaves = 1 << (3 * level);
+        assert_int_equal(cln_octree_create(level, &tree), CLN_OK);
+        assert_int_equal(tree.leaf_count, leaves);
+        assert_int_equal(tree.node_count, (8 * leaves - 1) / 7);
+        assert_int_equal(cln_octree_depth(&tree), level);
+        for (int s = 0; s < leaves; s++) /* a full tree's slots are the Morton keys themselves */
+            assert_int_equal(morton(&tree, tree.leaf[s]), s << (3 * (CLN_MAX_LEVEL - level)));
+        if (level <= 3)
+            check_tree(&tree);
+        cln_octree_free(&tree);
+    }
+}
+
+static void test_wrong_level(void **state)
+{
+    cln_octree tree;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(6, &tree), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "level 6"));
+    cln_clear_error();
+    cln_octree_free(&tree); /* a failed one is empty */
+}
+
+static void test_membership(void **state)
+{
+    static const struct {
+        double point[3];
+        int slot;
+    } cases[] = {{{0, 0, 0}, 7},       {{-1, -1, -1}, 0},          {{1, 1, 1}, 7},
+                 {{1, -1, -1}, 1},     {{-1, 0, -1}, 2},           {{-1, -1, 0}, 4},
+                 {{-1e-300, 0, 0}, 6}, {{1.0000000001, 0, 0}, -1}, {{0, -1.0000000001, 0}, -1},
+                 {{0, 0, NAN}, -1},    {{0, INFINITY, 0}, -1}};
+    cln_octree tree;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(1, &tree), CLN_OK);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        assert_int_equal(cln_octree_find(&tree, cases[i].point), cases[i].slot);
+    cln_octree_free(&tree);
+}
+
+/* Splits slot 2 of eight: its children take slots 2..9. */
+static void test_split(void **state)
+{
+    uint8_t marks[8] = {0, 0, 1};
+    cln_octree tree;
+    cln_octree_change change;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(1, &tree), CLN_OK);
+    tree.strikes[tree.leaf[2]] = 1;
+    tree.strikes[tree.leaf[3]] = 1;
+    assert_int_equal(cln_octree_split(&tree, marks, &change), CLN_OK);
+    assert_int_equal(tree.leaf_count, 15);
+    assert_int_equal(change.count, 15);
+    for (int s = 0; s < 15; s++) {
+        int child = s >= 2 && s < 10;
+        assert_int_equal(change.from[s], s < 2 ? s : child ? 2 : s - 7);
+        assert_int_equal(change.octant[s], child ? s - 2 : -1);
+    }
+    assert_int_equal(tree.strikes[tree.leaf[2]], 0);
+    assert_int_equal(tree.strikes[tree.leaf[10]], 1);
+    check_tree(&tree);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+}
+
+static void test_split_stops_at_deepest(void **state)
+{
+    cln_octree tree;
+    cln_octree_change change;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(0, &tree), CLN_OK);
+    for (int level = 0; level < CLN_MAX_LEVEL; level++) { /* always the last corner only */
+        uint8_t marks[64] = {0};
+        marks[tree.leaf_count - 1] = 1;
+        assert_int_equal(cln_octree_split(&tree, marks, &change), CLN_OK);
+        cln_octree_change_free(&change);
+    }
+    assert_int_equal(tree.leaf_count, 1 + 7 * CLN_MAX_LEVEL);
+    assert_int_equal(cln_octree_depth(&tree), CLN_MAX_LEVEL);
+    check_tree(&tree);
+    assert_int_equal(cln_octree_split(&tree, NULL, &change), CLN_OK);
+    for (int s = 0; s < tree.leaf_count; s++)
+        if (tree.level[tree.leaf[s]] == CLN_MAX_LEVEL && change.octant[s] < 0)
+            assert_true(change.from[s] >= 36 - 8); /* the eight deepest were the last and stayed */
+    assert_int_equal(tree.leaf_count, 8 + 28 * 8);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+}
+
+static void test_cull_collapses(void **state)
+{
+    uint8_t marks[64] = {0};
+    cln_octree tree;
+    cln_octree_change change;
+    int32_t *map = NULL;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
+    memset(marks, 1, 8); /* one whole group, and one single leaf */
+    marks[20] = 1;
+    assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
+    assert_int_equal(tree.leaf_count, 55);
+    for (int s = 0; s < 55; s++) {
+        assert_int_equal(change.from[s], s < 12 ? s + 8 : s + 9);
+        assert_int_equal(change.octant[s], -1);
+    }
+    assert_int_equal(tree.state[1], CLN_NODE_CULLED); /* the group's parent */
+    assert_int_equal(tree.child[1], -1);
+    check_tree(&tree);
+    assert_int_equal(cln_octree_map(&tree, 2, &map), CLN_OK);
+    assert_int_equal(map[0], 0 << 4 | 1); /* culled at level 1 */
+    free(map);
+    map = NULL;
+    assert_int_equal(cln_octree_map(&tree, 1, &map), CLN_INTERNAL); /* leaves are deeper */
+    cln_clear_error();
+    cln_octree_change_free(&change);
+
+    memset(marks, 1, sizeof marks); /* now all: culled groups collapse up to the root */
+    assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
+    assert_int_equal(change.count, 0);
+    assert_int_equal(tree.leaf_count, 0);
+    assert_int_equal(tree.state[0], CLN_NODE_CULLED);
+    assert_int_equal(cln_octree_depth(&tree), 0);
+    check_tree(&tree);
+    cln_octree_change_free(&change);
+    assert_int_equal(cln_octree_split(&tree, NULL, &change), CLN_OK);
+    assert_int_equal(change.count, 0);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+}
+
+static void same_tree(const cln_octree *a, const cln_octree *b)
+{
+    size_t n = (size_t)a->node_count;
+
+    assert_int_equal(a->node_count, b->node_count);
+    assert_int_equal(a->leaf_count, b->leaf_count);
+    assert_memory_equal(a->state, b->state, n);
+    assert_memory_equal(a->level, b->level, n);
+    assert_memory_equal(a->strikes, b->strikes, n);
+    assert_memory_equal(a->parent, b->parent, n * sizeof *a->parent);
+    assert_memory_equal(a->child, b->child, n * sizeof *a->child);
+    assert_memory_equal(a->slot, b->slot, n * sizeof *a->slot);
+    assert_memory_equal(a->pos, b->pos, n * sizeof *a->pos);
+    if (a->leaf_count)
+        assert_memory_equal(a->leaf, b->leaf, (size_t)a->leaf_count * sizeof *a->leaf);
+}
+
+/* A random history of splits and culls: every change is checked against the boxes before it. */
+static void random_tree(uint32_t *counter, cln_octree *tree)
+{
+    assert_int_equal(cln_octree_create(1, tree), CLN_OK);
+    for (int round = 0; round < 6; round++) {
+        int before = tree->leaf_count, splits = round % 2 == 0;
+        uint8_t *marks = calloc((size_t)before + 1, 1);
+        float *old = NULL, *new = NULL;
+        cln_octree_change change;
+        for (int s = 0; s < before; s++)
+            marks[s] = draw(counter) % (splits ? 4 : 3) == 0;
+        assert_int_equal(cln_octree_boxes(tree, &old), CLN_OK);
+        assert_int_equal(splits ? cln_octree_split(tree, marks, &change)
+                                : cln_octree_cull(tree, marks, &change),
+                         CLN_OK);
+        assert_int_equal(cln_octree_boxes(tree, &new), CLN_OK);
+        assert_int_equal(change.count, tree->leaf_count);
+        for (int s = 0; s < change.count; s++) {
+            const float *was = old + 4 * change.from[s], *is = new + 4 * s;
+            int octant = change.octant[s];
+            assert_in_range(change.from[s], 0, before - 1);
+            assert_int_equal(octant >= 0, splits && marks[change.from[s]]);
+            for (int a = 0; a < 3; a++)
+                assert_true(is[a] == was[a] + (octant >= 0 && octant >> a & 1 ? is[3] : 0));
+            assert_true(is[3] == (octant >= 0 ? was[3] / 2 : was[3]));
+        }
+        check_tree(tree);
+        cln_octree_change_free(&change);
+        free(old);
+        free(new);
+        free(marks);
+    }
+}
+
+static void test_random_histories(void **state)
+{
+    uint32_t counter = 0;
+
+    (void)state;
+    for (int i = 0; i < 8; i++) {
+        cln_octree tree, back;
+        int32_t *rows = NULL;
+        random_tree(&counter, &tree);
+        assert_int_equal(cln_octree_pack(&tree, &rows), CLN_OK);
+        assert_int_equal(cln_octree_unpack(rows, tree.node_count, &back), CLN_OK);
+        same_tree(&tree, &back);
+        free(rows);
+        cln_octree_free(&tree);
+        cln_octree_free(&back);
+    }
+}
+
+static void test_unpack_refuses(void **state)
+{
+    static const struct {
+        int node, column, value;
+        const char *word;
+    } cases[] = {
+        {0, 0, 3, "state"},
+        {0, 0, -1, "state"},
+        {3, 2, 256, "strikes"},
+        {0, 3, 0, "root"},
+        {0, 1, 1, "root"},
+        {0, 5, 1, "root"},
+        {4, 3, 9, "parent"},
+        {4, 3, -1, "parent"},
+        {9, 3, 9, "parent"},
+        {12, 1, 3, "level"},
+        {12, 5, 5, "position"},
+        {12, 7, 70000, "position"},
+        {0, 4, -1, "children"},
+        {12, 4, 65, "children"},
+        {1, 4, 0, "children"},
+        {1, 4, 10, "children"},
+        {1, 4, 17, "children"},
+        {8, 4, 73, "children"},
+        {1, 4, INT32_MAX, "children"},
+        {1, 4, INT32_MIN, "children"},
+        {1, 0, CLN_NODE_CULLED, "children"},
+        {12, 0, CLN_NODE_INNER, "children"},
+    };
+    cln_octree tree, back;
+    int32_t *rows = NULL;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
+    assert_int_equal(cln_octree_pack(&tree, &rows), CLN_OK);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        int32_t *cell = &rows[ROW * cases[i].node + cases[i].column], kept = *cell;
+        *cell = cases[i].value;
+        assert_int_equal(cln_octree_unpack(rows, tree.node_count, &back), CLN_CHECKPOINT);
+        if (!strstr(cln_error_text(), cases[i].word))
+            fail_msg("case %zu: '%s' does not speak of %s", i, cln_error_text(), cases[i].word);
+        cln_clear_error();
+        *cell = kept;
+    }
+    for (int k = 0; k < 8; k++) /* eight culled children under an inner node */
+        rows[ROW * (9 + k)] = CLN_NODE_CULLED;
+    assert_int_equal(cln_octree_unpack(rows, tree.node_count, &back), CLN_CHECKPOINT);
+    cln_clear_error();
+    assert_int_equal(cln_octree_unpack(rows, 72, &back), CLN_CHECKPOINT);
+    cln_clear_error();
+    assert_int_equal(cln_octree_unpack(rows, 0, &back), CLN_CHECKPOINT);
+    cln_clear_error();
+    free(rows);
+    cln_octree_free(&tree);
+}
+
+/* Any damage is refused, or leaves a tree for which everything still holds. */
+static void test_unpack_fuzz(void **state)
+{
+    static const int32_t extremes[] = {0, 1, 2, 8, 9, -1, INT32_MAX, INT32_MIN, 255, 65535};
+    uint32_t counter = 1 << 20;
+    cln_octree tree, back;
+    int32_t *rows = NULL;
+    int refused = 0;
+
+    (void)state;
+    random_tree(&counter, &tree);
+    assert_int_equal(cln_octree_pack(&tree, &rows), CLN_OK);
+    for (int i = 0; i < 3000; i++) {
+        uint32_t at = draw(&counter) % (uint32_t)(ROW * tree.node_count);
+        int32_t kept = rows[at];
+        rows[at] = draw(&counter) % 2 ? extremes[draw(&counter) % 10]
+                                      : (int32_t)(draw(&counter) % (uint32_t)tree.node_count);
+        if (cln_octree_unpack(rows, tree.node_count, &back) == CLN_OK)
+            check_tree(&back);
+        else
+            refused++;
+        cln_octree_free(&back);
+        cln_clear_error();
+        rows[at] = kept;
+    }
+    assert_true(refused > 1500);
+    free(rows);
+    cln_octree_free(&tree);
+}
+
+int test_group_octree(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_full_trees),
+        cmocka_unit_test(test_wrong_level),
+        cmocka_unit_test(test_membership),
+        cmocka_unit_test(test_split),
+        cmocka_unit_test(test_split_stops_at_deepest),
+        cmocka_unit_test(test_cull_collapses),
+        cmocka_unit_test(test_random_histories),
+        cmocka_unit_test(test_unpack_refuses),
+        cmocka_unit_test(test_unpack_fuzz),
+    };
+
+    return cmocka_run_group_tests_name("octree", tests, NULL, NULL);
+}

@@ -1,0 +1,565 @@
+/* The float64 reference itself, first half: leaf network, compositing with its loss, Adam. Oracles:
+ * central differences (step 1e-5), the closed form of method.md 9 in long double, hand-computed numbers.
+ * Elements whose perturbation crosses a kink show as differences that do not settle when the step is
+ * quartered; they are left out, counted and capped at 2 %. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/config.h"
+#include "base/rng.h"
+#include "reference/reference.h"
+#include "tests.h"
+
+static void assert_near(double got, double want, double bound)
+{
+    if (!(fabs(got - want) <= bound))
+        fail_msg("%.17g is not within %g of %.17g", got, bound, want);
+}
+
+/* Uniform in [low, high), a function of (seed, index). */
+static double uniform(uint64_t seed, int index, double low, double high)
+{
+    float u[4];
+
+    cln_uniform4(seed, CLN_STREAM_POINTS, 0, (uint32_t)index / 4, 0, u);
+    return low + (high - low) * u[index % 4];
+}
+
+/* ---- network: finite differences ---- */
+
+typedef struct network_case {
+    const char *name;
+    int width, depth, view_width, bands, view_bands;
+    bool view, skip;
+    int density;
+    bool slopes; /* one random slope per element; else `slope` */
+    double slope;
+    bool fade_bands;
+    int stride; /* of the parameters checked: 1 = all */
+} network_case;
+
+static const network_case network_cases[] = {
+    {"small", 16, 2, 16, 2, 1, true, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1},
+    {"no view", 16, 3, 16, 1, 0, false, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1},
+    {"no direction bands", 16, 2, 32, 3, 0, true, false, CLN_DENSITY_RELU, false, 0.1, false, 1},
+    {"skip, exp", 16, 6, 16, 4, 2, true, true, CLN_DENSITY_EXP, false, -0.3, false, 2},
+    {"element slopes", 16, 4, 48, 4, 4, true, false, CLN_DENSITY_SOFTPLUS, true, 0, false, 2},
+    {"skip, slopes, faded", 32, 8, 32, 10, 4, true, true, CLN_DENSITY_SOFTPLUS, true, 0, true, 13},
+    {"no view, skip, relu", 32, 7, 16, 6, 0, false, true, CLN_DENSITY_RELU, true, 0, false, 11},
+    {"paper", 64, 8, 256, 10, 4, true, true, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 149},
+};
+
+static cln_config config_of(const network_case *c)
+{
+    cln_config config;
+
+    assert_int_equal(cln_config_preset("paper", &config), CLN_OK);
+    config.width = c->width;
+    config.depth = c->depth;
+    config.view_width = c->view_width;
+    config.bands = c->bands;
+    config.view_bands = c->view_bands;
+    config.view_dependence = c->view;
+    config.skip = c->skip;
+    config.density = c->density;
+    return config;
+}
+
+static void make_network(const network_case *c, ref_network *r)
+{
+    cln_config config = config_of(c);
+
+    memset(r, 0, sizeof *r);
+    assert_int_equal(cln_network_layout(&config, &r->net), CLN_OK);
+    r->density = c->density;
+    r->kappa = 10;
+    r->bias = -0.5;
+    for (int k = 0; k < 10; k++)
+        r->level_bands[k] = c->fade_bands ? fmin(fmax(6.5 - k, 0), 1) : 1;
+}
+
+/* sum_k g[k] out[k], the scalar whose gradient is checked. */
+static double network_value(const ref_network *r, const float *params, const double *slopes,
+                            double slope, const double g[4])
+{
+    static const double local[3] = {0.31, -0.72, 0.05}, dir[3] = {0.48, -0.6, 0.64};
+    double out[4], sum = 0;
+
+    ref_forward(r, params, local, dir, slopes, slope, out);
+    for (int k = 0; k < 4; k++)
+        sum += g[k] * out[k];
+    return sum;
+}
+
+/* Central difference by parameter i with the step that float32 really takes. */
+static double network_difference(const ref_network *r, float *params, int i, double step,
+                                 const double *slopes, double slope, const double g[4])
+{
+    const float kept = params[i], high = (float)(kept + step), low = (float)(kept - step);
+    double up = 0, down = 0;
+
+    params[i] = high;
+    up = network_value(r, params, slopes, slope, g);
+    params[i] = low;
+    down = network_value(r, params, slopes, slope, g);
+    params[i] = kept;
+    return (up - down) / ((double)high - low);
+}
+
+static void check_network_case(const network_case *c)
+{
+    static const double local[3] = {0.31, -0.72, 0.05}, dir[3] = {0.48, -0.6, 0.64};
+    static const double g[4] = {0.7, -1.1, 0.4, 0.03};
+    ref_network r;
+    float *params = NULL;
+    double *grad = NULL, *slopes = NULL, square = 0, bound = 0;
+    int checked = 0, kinks = 0, nonzero = 0, elements = 0;
+
+    make_network(c, &r);
+    elements = r.net.depth * r.net.width + r.net.view_width;
+    params = calloc((size_t)r.net.params, sizeof *params);
+    grad = calloc((size_t)r.net.params, sizeof *grad);
+    slopes = calloc((size_t)elements, sizeof *slopes);
+    assert_true(params && grad && slopes);
+    for (int i = 0; i < r.net.params; i++)
+        params[i] = (float)uniform(1, i, -1, 1) * sqrtf(3.0f / (float)r.net.width);
+    for (int i = 0; i < elements; i++)
+        slopes[i] = uniform(2, i, -0.3, -0.1);
+    ref_backward(&r, params, local, dir, c->slopes ? slopes : NULL, c->slope, g, grad);
+    for (int i = 0; i < r.net.params; i++) {
+        square += grad[i] * grad[i];
+        nonzero += grad[i] != 0;
+    }
+    /* Padding has no gradient; what is learned has one, but for faded bands and dead relu. */
+    assert_true(nonzero <= r.net.learned);
+    assert_true(nonzero > r.net.learned / 2);
+    bound = 1e-6 * sqrt(square / r.net.params);
+    for (int i = 0; i < r.net.params; i += c->stride) {
+        double coarse =
+            network_difference(&r, params, i, 1e-5, c->slopes ? slopes : NULL, c->slope, g);
+        double fine =
+            network_difference(&r, params, i, 2.5e-6, c->slopes ? slopes : NULL, c->slope, g);
+
+        checked++;
+        if (fabs(coarse - fine) > 10 * bound + 1e-6 * fabs(fine)) {
+            kinks++;
+            continue;
+        }
+        if (!(fabs(grad[i] - coarse) <= 10 * bound + 1e-6 * fabs(coarse)))
+            fail_msg("%s: parameter %d: gradient %.12g, difference %.12g", c->name, i, grad[i],
+                     coarse);
+    }
+    if (kinks > checked / 50)
+        fail_msg("%s: %d of %d elements do not settle", c->name, kinks, checked);
+    /* A second sample adds to what is there. */
+    square = grad[r.net.colour_b];
+    ref_backward(&r, params, local, dir, c->slopes ? slopes : NULL, c->slope, g, grad);
+    assert_near(grad[r.net.colour_b], 2 * square, 1e-12);
+    free(params);
+    free(grad);
+    free(slopes);
+}
+
+static void test_network_gradients(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof network_cases / sizeof network_cases[0]; i++)
+        check_network_case(&network_cases[i]);
+}
+
+/* ---- network: hand numbers ---- */
+
+static void test_encoding(void **state)
+{
+    static const double x[3] = {0.1, -0.2, 0.3}, weights[3] = {1, 0.5, 0};
+    double out[24];
+
+    (void)state;
+    memset(out, 0x7f, sizeof out);
+    ref_encode(3, x, weights, 24, out);
+    for (int a = 0; a < 3; a++) {
+        assert_true(out[a] == x[a]);
+        assert_near(out[3 + a], sin(x[a]), 1e-15);
+        assert_near(out[6 + a], cos(x[a]), 1e-15);
+        assert_near(out[9 + a], 0.5 * sin(2 * x[a]), 1e-15);
+        assert_near(out[12 + a], 0.5 * cos(2 * x[a]), 1e-15);
+        assert_true(out[15 + a] == 0 && out[18 + a] == 0);
+        assert_true(out[21 + a] == 0); /* padding */
+    }
+    ref_encode(0, x, NULL, 4, out);
+    assert_true(out[2] == x[2] && out[3] == 0);
+}
+
+/* A network with six weights that are not zero, followed by hand: x -> 2x -> 3h -> heads. */
+static void test_network_by_hand(void **state)
+{
+    const network_case shape = {"hand", 16,   2,     16, 1, 0, true, false, CLN_DENSITY_SOFTPLUS,
+                                false,  -0.2, false, 1};
+    static const double dir[3] = {0, 0, -1};
+    float params[4096] = {0};
+    double out[4], slopes[48], local[3] = {0.5, 0.9, -0.9};
+    ref_network r;
+
+    (void)state;
+    make_network(&shape, &r);
+    assert_true(r.net.params <= 4096);
+    params[r.net.trunk_w[0]] = 2;
+    params[r.net.trunk_w[1]] = 3;
+    params[r.net.sigma_w] = 0.5f;
+    params[r.net.sigma_b] = 0.25f;
+    params[r.net.view_w] = 1;                 /* h -> view neuron 0 */
+    params[r.net.view_w + (16 + 2) * 16] = 4; /* direction z -> view neuron 0 */
+    params[r.net.colour_w + 16] = 1;          /* view neuron 0 -> green */
+    params[r.net.colour_b + 2] = -1;          /* blue */
+
+    /* x = 0.5: h0 = 1, h1 = 3, s = 1.75, view = 3 - 4 = -1 -> +0.2. */
+    ref_forward(&r, params, local, dir, NULL, -0.2, out);
+    assert_near(out[0], 0.5, 1e-12);
+    assert_near(out[1], 1 / (1 + exp(-0.2)), 1e-12);
+    assert_near(out[2], 1 / (1 + exp(1)), 1e-12);
+    assert_near(out[3], 10 * log(1 + exp(1.75 - 0.5)), 1e-12);
+
+    /* x = -0.5: -1 -> +0.2 (the slope is taken literally), 0.6, s = 0.55, view = -3.4 -> 0.68. */
+    local[0] = -0.5;
+    ref_forward(&r, params, local, dir, NULL, -0.2, out);
+    assert_near(out[1], 1 / (1 + exp(-0.68)), 1e-12);
+    assert_near(out[3], 10 * log(1 + exp(0.55 - 0.5)), 1e-12);
+    /* With slope 0.1: -0.1, then -0.3 -> -0.03, s = 0.235. */
+    ref_forward(&r, params, local, dir, NULL, 0.1, out);
+    assert_near(out[3], 10 * log(1 + exp(0.235 - 0.5)), 1e-12);
+
+    /* Slopes lie [layer][neuron], the view layer last. */
+    for (int i = 0; i < 48; i++)
+        slopes[i] = 100 + i;
+    slopes[0] = -0.3;  /* trunk layer 0, neuron 0: -1 -> 0.3, then 0.9 */
+    slopes[32] = -0.1; /* view neuron 0: 0.9 - 4 = -3.1 -> 0.31 */
+    ref_forward(&r, params, local, dir, slopes, 0, out);
+    assert_near(out[1], 1 / (1 + exp(-0.31)), 1e-12);
+    assert_near(out[3], 10 * log(1 + exp(0.45 + 0.25 - 0.5)), 1e-12);
+    slopes[0] = 0.1; /* -1 -> -0.1, then -0.3 by slopes[16] -> 0.06 */
+    slopes[16] = -0.2;
+    ref_forward(&r, params, local, dir, slopes, 0, out);
+    assert_near(out[3], 10 * log(1 + exp(0.03 + 0.25 - 0.5)), 1e-12);
+}
+
+/* The skip layer reads the encoding behind its own input; without view dependence colour comes from the
+ * trunk. */
+static void test_skip_by_hand(void **state)
+{
+    const network_case shape = {"hand",           16,    6,   16,    1, 0, false, true,
+                                CLN_DENSITY_RELU, false, 0.1, false, 1};
+    static const double local[3] = {0.5, 0.75, -0.9};
+    float *params = NULL;
+    double out[4];
+    ref_network r;
+
+    (void)state;
+    make_network(&shape, &r);
+    params = calloc((size_t)r.net.params, sizeof *params);
+    assert_non_null(params);
+    assert_int_equal(r.net.skip_layer, 4);
+    params[r.net.trunk_w[4] + (16 + 1) * 16 + 5] = 2; /* y -> neuron 5 of layer 4 */
+    params[r.net.trunk_w[5] + 5 * 16 + 7] = 3;        /* neuron 5 -> 7 */
+    params[r.net.sigma_w + 7] = 1;
+    params[r.net.colour_w + 2 * 16 + 7] = -1;
+    ref_forward(&r, params, local, NULL, NULL, 0.1, out);
+    assert_near(out[0], 0.5, 1e-12);
+    assert_near(out[2], 1 / (1 + exp(4.5)), 1e-12);
+    assert_near(out[3], 10 * (4.5 - 0.5), 1e-12);
+    free(params);
+}
+
+/* Densities at extremes of s, through a network that is one bias. */
+static double density_at(int kind, double bias, float s, double *gradient)
+{
+    const network_case shape = {"bias", 16, 2, 16, 1, 0, false, false, kind, false, 0, false, 1};
+    static const double local[3] = {0, 0, 0}, dout[4] = {0, 0, 0, 1};
+    float params[4096] = {0};
+    double grad[4096] = {0}, out[4];
+    ref_network r;
+
+    make_network(&shape, &r);
+    r.bias = bias;
+    params[r.net.sigma_b] = s;
+    ref_forward(&r, params, local, NULL, NULL, 0, out);
+    ref_backward(&r, params, local, NULL, NULL, 0, dout, grad);
+    *gradient = grad[r.net.sigma_b];
+    return out[3];
+}
+
+static void test_density_extremes(void **state)
+{
+    double g = 0;
+
+    (void)state;
+    assert_near(density_at(CLN_DENSITY_SOFTPLUS, 0, 0, &g), 10 * log(2), 1e-12);
+    assert_near(g, 5, 1e-12);
+    assert_near(density_at(CLN_DENSITY_SOFTPLUS, -3, 1000, &g), 9970, 1e-9);
+    assert_near(g, 10, 1e-9);
+    assert_near(density_at(CLN_DENSITY_SOFTPLUS, 0, -50, &g) / (10 * exp(-50)), 1, 1e-12);
+    assert_near(g / (10 * exp(-50)), 1, 1e-12);
+    assert_near(density_at(CLN_DENSITY_SOFTPLUS, 0, -1000, &g), 0, 0);
+    assert_near(g, 0, 0);
+    assert_near(density_at(CLN_DENSITY_RELU, 1, -2, &g), 0, 0);
+    assert_near(g, 0, 0);
+    assert_near(density_at(CLN_DENSITY_RELU, 1, 2, &g), 30, 1e-12);
+    assert_near(g, 10, 0);
+    assert_near(density_at(CLN_DENSITY_EXP, 1, 2, &g), 10 * exp(3), 1e-9);
+    assert_near(g, 10 * exp(3), 1e-9);
+    assert_near(density_at(CLN_DENSITY_EXP, 1, 19, &g) / (10 * exp(20)), 1, 1e-12);
+    assert_near(g, 10 * exp(15), 1e-5);
+    assert_true(isfinite((float)density_at(CLN_DENSITY_EXP, 0, 1e30f, &g)));
+    assert_near(g, 10 * exp(15), 1e-5);
+}
+
+/* ---- compositing ---- */
+
+typedef struct ray_case {
+    int n;
+    double optical; /* sigma * delta of an ordinary sample */
+    int odd;        /* this sample (if any) has `odd_optical` instead */
+    double odd_optical;
+} ray_case;
+
+static const ray_case ray_cases[] = {
+    {0, 0, -1, 0},      {1, 1e-12, -1, 0}, {1, 1, -1, 0},      {1, 1e4, -1, 0},  {2, 1, -1, 0},
+    {7, 1e-12, -1, 0},  {7, 0.3, -1, 0},   {7, 1e4, -1, 0},    {9, 0.2, 0, 1e4}, {9, 1e-12, 4, 1e4},
+    {9, 0.5, 8, 1e-12}, {40, 0.05, -1, 0}, {40, 1e-12, 20, 1},
+};
+
+enum { MAX_SAMPLES = 64 };
+
+typedef struct ray_data {
+    int n;
+    double out[MAX_SAMPLES][4], t[MAX_SAMPLES], delta[MAX_SAMPLES], background[3], target[3];
+} ray_data;
+
+static void make_ray(const ray_case *c, ray_data *ray)
+{
+    double t = 0.5;
+
+    memset(ray, 0, sizeof *ray);
+    ray->n = c->n;
+    for (int i = 0; i < c->n; i++) {
+        ray->delta[i] = uniform(3, i, 0.05, 0.2);
+        ray->t[i] = t + ray->delta[i] * uniform(4, i, 0.3, 0.7);
+        t += ray->delta[i];
+        for (int k = 0; k < 3; k++)
+            ray->out[i][k] = uniform(5, 3 * i + k, 0.05, 0.95);
+        ray->out[i][3] = (i == c->odd ? c->odd_optical : c->optical) / ray->delta[i];
+    }
+    for (int k = 0; k < 3; k++) {
+        ray->background[k] = uniform(6, k, 0, 1);
+        ray->target[k] = uniform(7, k, 0, 1);
+    }
+}
+
+static double loss_of(const ref_loss *loss, const ray_data *ray, double (*grad)[4])
+{
+    return ref_loss_of_ray(loss, ray->n, ray->out, ray->t, ray->delta, ray->background, ray->target,
+                           grad);
+}
+
+static const ref_loss losses[] = {
+    {CLN_LOSS_L2, 0.1, 0, 0, 0},    {CLN_LOSS_HUBER, 0.1, 0, 0, 0},
+    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0}, {CLN_LOSS_L2, 0.1, 0, 0.05, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0.3},  {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1},
+};
+
+/* Bound: 1e-6 of the gradient's size, and what double rounding leaves of a loss of up to 50 at this
+ * step (50 * 2^-53 / 1e-5 = 6e-10). */
+static void test_loss_gradients(void **state)
+{
+    (void)state;
+    for (size_t l = 0; l < sizeof losses / sizeof losses[0]; l++) {
+        for (size_t c = 0; c < sizeof ray_cases / sizeof ray_cases[0]; c++) {
+            ray_data ray;
+            double grad[MAX_SAMPLES][4];
+
+            make_ray(&ray_cases[c], &ray);
+            memset(grad, 0x7f, sizeof grad);
+            assert_true(loss_of(&losses[l], &ray, grad) == loss_of(&losses[l], &ray, NULL));
+            for (int i = 0; i < 4 * ray.n; i++) {
+                double *value = &ray.out[i / 4][i % 4], kept = *value, up = 0, down = 0, fd = 0;
+
+                *value = kept + 1e-5;
+                up = loss_of(&losses[l], &ray, NULL);
+                *value = kept - 1e-5;
+                down = loss_of(&losses[l], &ray, NULL);
+                *value = kept;
+                fd = (up - down) / 2e-5;
+                if (!(fabs(grad[i / 4][i % 4] - fd) <= 1e-6 * fabs(fd) + 5e-9))
+                    fail_msg("loss %zu, ray %zu, sample %d, component %d: %.12g, difference %.12g",
+                             l, c, i / 4, i % 4, grad[i / 4][i % 4], fd);
+            }
+        }
+    }
+}
+
+/* The closed form of method.md 9 in long double: relative accuracy also where gradients are tiny. */
+static void test_loss_closed_form(void **state)
+{
+    (void)state;
+    for (size_t c = 0; c < sizeof ray_cases / sizeof ray_cases[0]; c++) {
+        ray_data ray;
+        double grad[MAX_SAMPLES][4], rgb[3], depth = 0, opacity = 0;
+        long double trans[MAX_SAMPLES + 1], suffix[3];
+
+        make_ray(&ray_cases[c], &ray);
+        ref_composite(ray.n, ray.out, ray.t, ray.delta, ray.background, rgb, &depth, &opacity,
+                      NULL);
+        loss_of(&losses[0], &ray, grad);
+        trans[0] = 1;
+        for (int i = 0; i < ray.n; i++)
+            trans[i + 1] = trans[i] * expl(-fminl((long double)ray.out[i][3] * ray.delta[i], 80));
+        for (int k = 0; k < 3; k++)
+            suffix[k] = trans[ray.n] * ray.background[k];
+        for (int i = ray.n - 1; i >= 0; i--) {
+            double x = ray.out[i][3] * ray.delta[i];
+            long double w = trans[i] * -expm1l(-fminl(x, 80)), dsigma = 0, size = 0;
+
+            for (int k = 0; k < 3; k++) {
+                long double g = 2 * ((long double)rgb[k] - ray.target[k]) / 3;
+
+                assert_near(grad[i][k], (double)(w * g), 1e-12 * (double)fabsl(w));
+                dsigma += ray.delta[i] * g * (trans[i + 1] * ray.out[i][k] - suffix[k]);
+                size += ray.delta[i] * fabsl(g) * (trans[i + 1] * ray.out[i][k] + suffix[k]);
+                suffix[k] += w * ray.out[i][k];
+            }
+            assert_near(grad[i][3], x < 80 ? (double)dsigma : 0, 1e-12 * (double)size);
+        }
+    }
+}
+
+static void test_composite_by_hand(void **state)
+{
+    const double half = log(2), bg[3] = {1, 0, 0.5}, t[2] = {1, 3}, delta[2] = {0.5, 0.25};
+    const double out[2][4] = {{0.2, 0.4, 0.6, half / 0.5}, {1, 0.5, 0, half / 0.25}};
+    const double target[3] = {0, 0, 0};
+    double rgb[3], depth = 0, opacity = 0, w[2] = {0, 0}, plain = 0;
+    ref_loss loss = {CLN_LOSS_L2, 0.1, 0, 0, 0};
+
+    (void)state;
+    ref_composite(0, NULL, NULL, NULL, bg, rgb, &depth, &opacity, NULL);
+    assert_true(rgb[0] == 1 && rgb[1] == 0 && rgb[2] == 0.5 && depth == 0 && opacity == 0);
+    assert_near(ref_loss_of_ray(&loss, 0, NULL, NULL, NULL, bg, target, NULL), 1.25 / 3, 1e-15);
+
+    ref_composite(1, out, t, delta, bg, rgb, &depth, &opacity, w);
+    assert_near(rgb[0], 0.6, 1e-15);
+    assert_near(rgb[1], 0.2, 1e-15);
+    assert_near(rgb[2], 0.55, 1e-15);
+    assert_near(depth, 1, 1e-15);
+    assert_near(opacity, 0.5, 1e-15);
+
+    ref_composite(2, out, t, delta, bg, rgb, &depth, &opacity, w);
+    assert_near(w[0], 0.5, 1e-15);
+    assert_near(w[1], 0.25, 1e-15);
+    assert_near(rgb[0], 0.5 * 0.2 + 0.25 * 1 + 0.25 * 1, 1e-15);
+    assert_near(rgb[1], 0.5 * 0.4 + 0.25 * 0.5, 1e-15);
+    assert_near(rgb[2], 0.5 * 0.6 + 0.25 * 0.5, 1e-15);
+    assert_near(depth, (0.5 * 1 + 0.25 * 3) / 0.75, 1e-15);
+    assert_near(opacity, 0.75, 1e-15);
+
+    plain = ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL);
+    assert_near(plain, 0, 1e-30);
+    loss.cauchy = 1;
+    assert_near(ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL),
+                log(1 + 8 * half * half) + log(1 + 32 * half * half), 1e-12);
+    loss.cauchy = 0;
+    loss.opacity_entropy = 1;
+    assert_near(ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL), log(1 + 0.1875 / 0.11),
+                1e-12);
+    loss.opacity_entropy = 0;
+    loss.distortion = 1;
+    assert_near(ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL),
+                2 * 0.5 * 0.25 * 2 + (0.25 * 0.5 + 0.0625 * 0.25) / 3, 1e-12);
+}
+
+static void test_huber_by_hand(void **state)
+{
+    const ref_loss loss = {CLN_LOSS_HUBER, 0.1, 0, 0, 0};
+    const double bg[3] = {0.5, 0.5, 0.5}, target[3] = {0.45, 0.8, 0.5};
+
+    (void)state;
+    assert_near(ref_loss_of_ray(&loss, 0, NULL, NULL, NULL, bg, target, NULL),
+                (0.05 * 0.05 / 2 + 0.1 * (0.3 - 0.05)) / 3, 1e-15);
+}
+
+/* Nothing behind an opaque sample counts, nothing overflows, and a ray of empty samples is background. */
+static void test_composite_extremes(void **state)
+{
+    static const double optical[] = {0, 1e-300, 1e-12, 80, 1e4, 1e6, 1e300};
+    const double bg[3] = {0.1, 0.2, 0.3};
+
+    (void)state;
+    for (size_t e = 0; e < sizeof optical / sizeof optical[0]; e++) {
+        const ray_case c = {5, 0.5, 0, optical[e]};
+        ray_data ray;
+        double grad[MAX_SAMPLES][4], rgb[3], depth = 0, opacity = 0, w[5];
+
+        make_ray(&c, &ray);
+        ref_composite(5, ray.out, ray.t, ray.delta, bg, rgb, &depth, &opacity, w);
+        loss_of(&losses[5], &ray, grad);
+        for (int i = 0; i < 20; i++)
+            assert_true(isfinite(grad[i / 4][i % 4]));
+        if (optical[e] >= 80) {
+            assert_near(rgb[0], ray.out[0][0], 1e-15);
+            assert_near(depth, ray.t[0], 1e-15);
+            assert_near(opacity, 1, 1e-15);
+            assert_true(w[1] < 1e-34);
+        } else {
+            assert_near(w[0], optical[e], 1e-12 * optical[e]); /* alpha = x (1 - x/2 ...) */
+        }
+    }
+}
+
+/* ---- Adam ---- */
+
+static void test_adam(void **state)
+{
+    double p[2] = {1, -1}, m[2] = {0, 0}, v[2] = {0, 0};
+    const double g1[2] = {0.5, -1e-3}, g2[2] = {-0.25, 0};
+    double m2 = 0.9 * 0.05 + 0.1 * -0.25, v2 = 0.99 * 0.0025 + 0.01 * 0.0625;
+
+    (void)state;
+    /* The first step is lr * sign(g), whatever the size. */
+    ref_adam(2, p, g1, m, v, 1, 0.01, 0.9, 0.99, 0);
+    assert_near(p[0], 0.99, 1e-14);
+    assert_near(p[1], -0.99, 1e-14);
+    assert_near(m[0], 0.05, 1e-15);
+    assert_near(v[0], 0.0025, 1e-15);
+    ref_adam(2, p, g2, m, v, 2, 0.01, 0.9, 0.99, 0);
+    assert_near(p[0], 0.99 - 0.01 * (m2 / 0.19) / sqrt(v2 / 0.0199), 1e-14);
+    assert_near(p[1], -0.99 + 0.01 * (0.09e-3 / 0.19) / sqrt(0.0099e-6 / 0.0199), 1e-14);
+    p[0] = m[0] = v[0] = 0;
+    ref_adam(1, p, g1 + 1, m, v, 1, 0.01, 0.9, 0.99, 1e-3); /* epsilon as large as the gradient */
+    assert_near(p[0], 0.005, 1e-14);
+    p[0] = m[0] = v[0] = 0;
+    ref_adam(1, p, m, m, v, 1, 0.01, 0.9, 0.99, 1e-8);
+    assert_true(p[0] == 0);
+}
+
+int test_group_reference(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_network_gradients),
+        cmocka_unit_test(test_encoding),
+        cmocka_unit_test(test_network_by_hand),
+        cmocka_unit_test(test_skip_by_hand),
+        cmocka_unit_test(test_density_extremes),
+        cmocka_unit_test(test_loss_gradients),
+        cmocka_unit_test(test_loss_closed_form),
+        cmocka_unit_test(test_composite_by_hand),
+        cmocka_unit_test(test_huber_by_hand),
+        cmocka_unit_test(test_composite_extremes),
+        cmocka_unit_test(test_adam),
+    };
+
+    return cmocka_run_group_tests_name("reference", tests, NULL, NULL);
+}

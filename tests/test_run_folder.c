@@ -1,0 +1,284 @@
+/* The run folder. Proved: only a new, empty or own folder is written to and a foreign one stays
+ * as it was; run.json comes back with every bit of its numbers and is never half written;
+ * metrics rows are cut on resume so that an interrupted run leaves the rows of one that was not.
+ * Oracle: hand-made folders and files. JSON reading itself is another group's. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include "io/run_folder.h"
+#include "scratch.h"
+#include "tests.h"
+
+static json_t *document(double number)
+{
+    return json_pack("{s:s, s:s, s:o}", "schema", "cl-nascent.run/1", "state", "running", "number",
+                     cln_json_real(number));
+}
+
+static void expect_error(cln_status got, cln_status want, const char *word)
+{
+    assert_int_equal(got, want);
+    if (!strstr(cln_error_text(), word))
+        fail_msg("'%s' does not speak of '%s'", cln_error_text(), word);
+    cln_clear_error();
+}
+
+static void test_new_folder(void **state)
+{
+    const char *run = scratch_path(*state, "deep/in/run");
+    json_t *doc = document(1);
+
+    expect_error(cln_run_open(run, true), CLN_INPUT, "no run there");
+    assert_false(cln_is_dir(run));
+    assert_int_equal(cln_run_open(run, false), CLN_OK);
+    assert_true(cln_is_dir(run));
+    assert_int_equal(cln_run_open(run, false), CLN_OK); /* still empty */
+    expect_error(cln_run_open(run, true), CLN_INPUT, "no run there");
+    scratch_put(scratch_path(run, "run.json.tmp.12.0"), "{", 1); /* a first write that was killed */
+    assert_int_equal(cln_run_open(run, false), CLN_OK);
+
+    assert_int_equal(cln_run_write(run, doc), CLN_OK);
+    expect_error(cln_run_open(run, false), CLN_OUTPUT, "--resume");
+    assert_int_equal(cln_run_open(run, true), CLN_OK);
+    json_decref(doc);
+}
+
+static void test_refuses_foreign(void **state)
+{
+    static const struct {
+        const char *name, *text, *word;
+    } foreign[] = {{"holiday.jpg", "x", "no run.json"},
+                   {".hidden", "", "no run.json"},
+                   {"run.json", "{\"name\": \"my jogging app\"}", "not named"},
+                   {"run.json", "{\"schema\": \"cl-nascent.run/9\"}", "cl-nascent.run/9"},
+                   {"run.json", "{\"schema\": \"cl-nas", "line 1"},
+                   {"run.json", "[]", "not named"},
+                   {"run.json", "", "line"}};
+    const char *run = scratch_path(*state, "run");
+
+    assert_int_equal(mkdir(run, 0777), 0);
+    for (size_t i = 0; i < sizeof foreign / sizeof foreign[0]; i++)
+        for (int resume = 0; resume < 2; resume++) {
+            const char *path = scratch_path(run, foreign[i].name);
+            size_t bytes = 0;
+            char *data = NULL;
+            scratch_put(path, foreign[i].text, strlen(foreign[i].text));
+            expect_error(cln_run_open(run, resume), CLN_OUTPUT, foreign[i].word);
+            data = scratch_get(path, &bytes);
+            assert_string_equal(data, foreign[i].text);
+            free(data);
+            unlink(path);
+            assert_int_equal(rmdir(run), 0); /* nothing else was left in it */
+            assert_int_equal(mkdir(run, 0777), 0);
+        }
+    scratch_put(scratch_path(*state, "file"), "x", 1);
+    expect_error(cln_run_open(scratch_path(*state, "file"), false), CLN_OUTPUT, "not a folder");
+    expect_error(cln_run_open(scratch_path(*state, "file/run"), false), CLN_OUTPUT, "file");
+    assert_int_equal(symlink("/nowhere/at/all", scratch_path(*state, "link")), 0);
+    expect_error(cln_run_open(scratch_path(*state, "link"), false), CLN_OUTPUT, "not a folder");
+}
+
+static void test_run_json(void **state)
+{
+    static const double numbers[] = {0.1,  1.0 / 3,   5e-324, 1.7976931348623157e308,
+                                     -0.0, 12345678.9};
+    const char *run = *state;
+    json_t *doc = NULL, *back = NULL;
+
+    expect_error(cln_run_read(run, &back), CLN_INPUT, "no run.json");
+    assert_null(back);
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
+        double value = 0;
+        doc = document(numbers[i]);
+        assert_int_equal(cln_run_write(run, doc), CLN_OK);
+        assert_int_equal(cln_run_read(run, &back), CLN_OK);
+        value = json_real_value(json_object_get(back, "number"));
+        assert_memory_equal(&value, &numbers[i], sizeof value);
+        json_decref(doc);
+        json_decref(back);
+    }
+    doc = document(NAN);
+    assert_int_equal(cln_run_write(run, doc), CLN_OK);
+    assert_int_equal(cln_run_read(run, &back), CLN_OK);
+    assert_true(json_is_null(json_object_get(back, "number")));
+    json_decref(doc);
+    json_decref(back);
+}
+
+/* A full disk leaves the document that was there; so does a folder in the file's place. */
+static void test_atomic(void **state)
+{
+    const char *run = *state, *blocked = scratch_path(run, "eval/00000001-test.json");
+    json_t *doc = document(1), *larger = document(2), *back = NULL;
+    char filler[4096] = "";
+
+    memset(filler, 'x', sizeof filler - 1);
+    json_object_set_new(larger, "filler", json_string(filler));
+    assert_int_equal(cln_run_write(run, doc), CLN_OK);
+    scratch_limit_files(1024);
+    expect_error(cln_run_write(run, larger), CLN_OUTPUT, "run.json");
+    scratch_limit_files(RLIM_INFINITY);
+    assert_int_equal(cln_run_read(run, &back), CLN_OK);
+    assert_true(json_equal(doc, back));
+
+    assert_int_equal(cln_run_write_json(run, "eval/00000002-test.json", doc), CLN_OK);
+    assert_true(cln_is_file(scratch_path(run, "eval/00000002-test.json")));
+    assert_int_equal(mkdir(blocked, 0777), 0);
+    expect_error(cln_run_write_json(run, "eval/00000001-test.json", doc), CLN_OUTPUT, "00000001");
+    expect_error(cln_run_write_json(run, "run.json/x.json", doc), CLN_OUTPUT, "run.json");
+    json_decref(doc);
+    json_decref(larger);
+    json_decref(back);
+}
+
+static void add_rows(cln_metrics *metrics, int first, int last)
+{
+    for (int step = first; step <= last; step += 25) {
+        json_t *row = json_pack("{s:i, s:o, s:o}", "step", step, "loss", cln_json_real(1.0 / step),
+                                "psnr_test", cln_json_real(NAN));
+        assert_int_equal(cln_metrics_add(metrics, row), CLN_OK);
+        json_decref(row);
+    }
+}
+
+/* Interrupted at step 160 with a checkpoint of step 100, resumed: the same bytes as without. */
+static void test_metrics_resume(void **state)
+{
+    const char *whole = scratch_path(*state, "whole"), *parts = scratch_path(*state, "parts");
+    const char *path = scratch_path(parts, "metrics.jsonl");
+    cln_metrics *metrics = NULL;
+    char *a = NULL, *b = NULL;
+    size_t a_bytes = 0, b_bytes = 0;
+    FILE *f = NULL;
+
+    assert_int_equal(mkdir(whole, 0777), 0);
+    assert_int_equal(mkdir(parts, 0777), 0);
+    assert_int_equal(cln_metrics_open(whole, 0, &metrics), CLN_OK);
+    add_rows(metrics, 25, 300);
+    cln_metrics_close(metrics);
+
+    assert_int_equal(cln_metrics_open(parts, 0, &metrics), CLN_OK);
+    add_rows(metrics, 25, 150);
+    cln_metrics_close(metrics);
+    f = fopen(path, "ab"); /* killed in the middle of a row */
+    assert_non_null(f);
+    fputs("{\"step\":175,\"lo", f);
+    fclose(f);
+    assert_int_equal(cln_metrics_open(parts, 100, &metrics), CLN_OK);
+    a = scratch_get(path, &a_bytes);
+    assert_int_equal(a[a_bytes - 1], '\n');
+    assert_non_null(strstr(a, "\"step\":100,"));
+    assert_null(strstr(a, "\"step\":125,"));
+    assert_null(strstr(a, "175"));
+    free(a);
+    add_rows(metrics, 125, 300);
+    cln_metrics_close(metrics);
+
+    a = scratch_get(scratch_path(whole, "metrics.jsonl"), &a_bytes);
+    b = scratch_get(path, &b_bytes);
+    assert_int_equal(a_bytes, b_bytes);
+    assert_memory_equal(a, b, a_bytes);
+    assert_non_null(strstr(a, "\"psnr_test\":null"));
+    free(a);
+    free(b);
+}
+
+/* Rows that are no rows of ours do not survive a cut; a file that needs none is left alone. */
+static void test_metrics_cut(void **state)
+{
+    const char *run = *state, *path = scratch_path(run, "metrics.jsonl");
+    static const char text[] =
+        "{\"step\":1}\nnonsense\n{\"stop\":2}\n\n{\"step\":3}\n{\"step\":9}\n";
+    cln_metrics *metrics = NULL;
+    char *data = NULL;
+    size_t bytes = 0;
+    struct stat before, after;
+
+    scratch_put(path, text, strlen(text));
+    assert_int_equal(cln_metrics_open(run, 3, &metrics), CLN_OK);
+    cln_metrics_close(metrics);
+    data = scratch_get(path, &bytes);
+    assert_string_equal(data, "{\"step\":1}\n{\"step\":3}\n");
+    free(data);
+    assert_int_equal(stat(path, &before), 0);
+    assert_int_equal(cln_metrics_open(run, 3, &metrics), CLN_OK);
+    cln_metrics_close(metrics);
+    assert_int_equal(stat(path, &after), 0);
+    assert_int_equal(before.st_ino, after.st_ino);
+    cln_metrics_close(NULL);
+}
+
+/* The disk fills up in the middle of a row: the row is taken back whole. */
+static void test_metrics_full_disk(void **state)
+{
+    const char *run = *state, *path = scratch_path(run, "metrics.jsonl");
+    cln_metrics *metrics = NULL;
+    size_t before = 0, after = 0;
+    char *data = NULL, filler[200] = "";
+    json_t *row = NULL;
+
+    memset(filler, 'y', sizeof filler - 1);
+    row = json_pack("{s:i, s:s}", "step", 75, "filler", filler);
+    assert_int_equal(cln_metrics_open(run, 0, &metrics), CLN_OK);
+    add_rows(metrics, 25, 50);
+    free(scratch_get(path, &before));
+    scratch_limit_files(before + 100);
+    expect_error(cln_metrics_add(metrics, row), CLN_OUTPUT, "metrics.jsonl");
+    scratch_limit_files(RLIM_INFINITY);
+    data = scratch_get(path, &after);
+    assert_int_equal(after, before);
+    free(data);
+    assert_int_equal(cln_metrics_add(metrics, row), CLN_OK); /* room again */
+    data = scratch_get(path, &after);
+    assert_int_equal(after, before + strlen("{\"step\":75,\"filler\":\"\"}\n") + 199);
+    free(data);
+    cln_metrics_close(metrics);
+    json_decref(row);
+    expect_error(cln_metrics_open(scratch_path(run, "missing"), 0, &metrics), CLN_OUTPUT,
+                 "metrics.jsonl");
+    assert_null(metrics);
+}
+
+static void test_machine(void **state)
+{
+    char now[32] = "";
+    int year = 0, month = 0, day = 0, hour = 0, minute = 0, second = 0;
+    volatile char *memory = NULL;
+    double before = cln_peak_rss();
+
+    (void)state;
+    cln_utc_now(now);
+    assert_int_equal(
+        sscanf(now, "%4d-%2d-%2dT%2d:%2d:%2dZ", &year, &month, &day, &hour, &minute, &second), 6);
+    assert_int_equal(strlen(now), 20);
+    assert_true(year >= 2024 && month >= 1 && month <= 12 && day >= 1 && hour < 24);
+    memory = malloc(1 << 28);
+    assert_non_null(memory);
+    for (size_t i = 0; i < 1 << 28; i += 4096)
+        memory[i] = 1;
+    assert_true(cln_peak_rss() >= before);
+    assert_true(cln_peak_rss() >= 1 << 28);
+    free((void *)memory);
+}
+
+int test_group_run_folder(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_new_folder, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_refuses_foreign, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_run_json, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_metrics_resume, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),
+        cmocka_unit_test(test_machine),
+    };
+
+    return cmocka_run_group_tests_name("run_folder", tests, NULL, NULL);
+}

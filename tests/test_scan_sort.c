@@ -1,0 +1,260 @@
+/* scan.cl and group.cl through their stages: prefix sums, the stable radix sort, samples grouped by leaf,
+ * against plain loops on the host. Results are integers and must be equal. Sizes run round the chunk length of every parameter set,
+ * from 0 up; keys have long runs of equals, so that instability shows in the values. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "device_test.h"
+#include "tests.h"
+
+static uint32_t random_bits(int index)
+{
+    const uint32_t counter[4] = {(uint32_t)index, 1, 2, 3}, key[2] = {4, 5};
+    uint32_t out[4];
+
+    cln_philox(counter, key, out);
+    return out[0];
+}
+
+static cln_pipeline *pipeline_of(int set)
+{
+    cln_config config = small_config();
+
+    config.stage1 = CLN_STAGE1_SPLAT; /* the 64-bit sort is built for splatting only */
+    return test_pipeline(&tune_sets[set], &config, false, false);
+}
+
+/* 0, 1, around one chunk, around several, and many. */
+static int sizes_of(const cln_pipeline *p, uint32_t sizes[10])
+{
+    const uint32_t chunk = (uint32_t)p->tune.chunk, group = chunk * (uint32_t)p->tune.wg;
+    const uint32_t all[] = {0, 1, chunk - 1, chunk, chunk + 1, 3 * chunk + 7, group + 1, 20011};
+
+    memcpy(sizes, all, sizeof all);
+    return sizeof all / sizeof all[0];
+}
+
+static void check_scan(cln_pipeline *p, uint32_t n, bool in_place)
+{
+    cln_buffer in = {0}, out = {0};
+    uint32_t *values = test_alloc(n, sizeof *values), *got = NULL, total = 77, sum = 0;
+
+    for (uint32_t i = 0; i < n; i++)
+        values[i] =
+            random_bits((int)i) >> (i % 7 ? 20 : 8); /* sums wrap round 2^32, as uint does */
+    if (in_place) {
+        test_fill(p->device, &out, NULL, (n + 1) * sizeof *values);
+        assert_ok(cln_buffer_write(p->device, &out, 0, values, n * sizeof *values));
+    } else {
+        test_fill(p->device, &in, values, n * sizeof *values);
+        test_fill(p->device, &out, NULL, (n + 1) * sizeof *values);
+    }
+    assert_ok(cln_stage_scan(p, in_place ? &out : &in, &out, n, CLN_STAGE_OTHER, &total));
+    got = test_read(p->device, &out, (n + 1) * sizeof *got, "scan");
+    for (uint32_t i = 0; i <= n; i++) {
+        if (got[i] != sum)
+            fail_msg("scan of %u: element %u is %u, not %u", n, i, got[i], sum);
+        sum += i < n ? values[i] : 0;
+    }
+    assert_int_equal(total, got[n]);
+    free(got);
+    free(values);
+    cln_buffer_free(p->device, &in);
+    cln_buffer_free(p->device, &out);
+}
+
+static void test_scan(void **state)
+{
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++) {
+        cln_pipeline *p = pipeline_of(set);
+        uint32_t sizes[10];
+
+        for (int i = 0, count = sizes_of(p, sizes); i < count; i++) {
+            check_scan(p, sizes[i], false);
+            check_scan(p, sizes[i], true);
+        }
+    }
+}
+
+typedef struct entry {
+    uint64_t key;
+    uint32_t value;
+} entry;
+
+static int by_key_then_value(const void *a, const void *b)
+{
+    const entry *x = a, *y = b;
+
+    if (x->key != y->key)
+        return x->key < y->key ? -1 : 1;
+    return x->value < y->value ? -1 : x->value > y->value;
+}
+
+/* Values are the places before sorting, so a stable sort is the sort by (key, value). */
+static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, int spread)
+{
+    const size_t size = wide ? sizeof(uint64_t) : sizeof(uint32_t);
+    cln_buffer keys[2] = {{0}, {0}}, values[2] = {{0}, {0}};
+    entry *all = test_alloc(n, sizeof *all);
+    unsigned char *in_keys = test_alloc(n, size), *got_keys = NULL;
+    uint32_t *in_values = test_alloc(n, sizeof *in_values), *got_values = NULL;
+
+    for (uint32_t i = 0; i < n; i++) {
+        const uint64_t random =
+            (uint64_t)random_bits(2 * (int)i) << 32 | random_bits(2 * (int)i + 1);
+
+        all[i].key =
+            (spread ? random % (uint64_t)spread * 0x9E3779B97F4A7C15ull : random) >> (64 - bits);
+        all[i].value = in_values[i] = i;
+        if (wide)
+            memcpy(in_keys + i * size, &all[i].key, size);
+        else
+            memcpy(in_keys + i * size, &(uint32_t){(uint32_t)all[i].key}, size);
+    }
+    for (int b = 0; b < 2; b++) {
+        test_fill(p->device, &keys[b], b ? NULL : in_keys, n * size);
+        test_fill(p->device, &values[b], b ? NULL : in_values, n * sizeof *in_values);
+    }
+    qsort(all, n, sizeof *all, by_key_then_value);
+    assert_ok(cln_stage_sort(p, keys, values, n, bits, wide, CLN_STAGE_SORT));
+    got_keys = test_read(p->device, &keys[0], n * size, "sorted keys");
+    got_values = test_read(p->device, &values[0], n * sizeof *got_values, "sorted values");
+    free(test_read(p->device, &keys[1], n * size, "spare keys"));
+    free(test_read(p->device, &values[1], n * sizeof *got_values, "spare values"));
+    for (uint32_t i = 0; i < n; i++) {
+        uint64_t key = 0;
+
+        memcpy(&key, got_keys + i * size, size); /* little endian, as the device */
+        if (key != all[i].key || got_values[i] != all[i].value)
+            fail_msg("sort of %u by %d bits: place %u has key %llx of %u, not %llx of %u", n, bits,
+                     i, (unsigned long long)key, got_values[i], (unsigned long long)all[i].key,
+                     all[i].value);
+    }
+    for (int b = 0; b < 2; b++) {
+        cln_buffer_free(p->device, &keys[b]);
+        cln_buffer_free(p->device, &values[b]);
+    }
+    free(all);
+    free(in_keys);
+    free(in_values);
+    free(got_keys);
+    free(got_values);
+}
+
+static void test_sort(void **state)
+{
+    static const int narrow_bits[] = {1, 8, 9, 12, 32}, wide_bits[] = {8, 40, 52, 64};
+
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++) {
+        cln_pipeline *p = pipeline_of(set);
+        uint32_t sizes[10];
+
+        for (int i = 0, count = sizes_of(p, sizes); i < count; i++) {
+            for (int b = 0; b < 5; b++)
+                check_sort(p, sizes[i], narrow_bits[b], false, b % 2 ? 0 : 37);
+            for (int b = 0; b < 4; b++)
+                check_sort(p, sizes[i], wide_bits[b], true, b % 2 ? 0 : 37);
+        }
+    }
+}
+
+/* ---- samples grouped by leaf ---- */
+
+/* Samples of each leaf in their own order, in slices that cover every sample once. */
+static void check_groups(cln_pipeline *p, const int *counts, int leaves)
+{
+    uint32_t n = 0, at = 0, slices = 0, *order = NULL, *begin = NULL, *end = NULL;
+    cln_sample *samples = NULL;
+    cln_slice *slice = NULL;
+
+    for (int s = 0; s < leaves; s++)
+        n += (uint32_t)counts[s];
+    samples = test_alloc(n, sizeof *samples);
+    for (int s = 0; s < leaves; s++) {
+        for (int i = 0; i < counts[s]; i++)
+            samples[at++].slot = s;
+    }
+    for (uint32_t i = n; i > 1; i--) { /* shuffled */
+        const uint32_t j = cln_bounded(random_bits((int)i), i);
+        const cln_sample kept = samples[i - 1];
+
+        samples[i - 1] = samples[j];
+        samples[j] = kept;
+    }
+    p->leaves = leaves;
+    test_fill(p->device, &p->samples, samples, n * sizeof *samples);
+    test_fill(p->device, &p->begin, NULL, (size_t)leaves * sizeof *begin);
+    test_fill(p->device, &p->end, NULL, (size_t)leaves * sizeof *end);
+    test_fill(p->device, &p->slice_counts, NULL, (size_t)leaves * sizeof *begin);
+    test_fill(p->device, &p->slice_starts, NULL, (size_t)(leaves + 1) * sizeof *begin);
+    for (int b = 0; b < 2; b++) {
+        test_fill(p->device, &p->keys[b], NULL, n * sizeof *order);
+        test_fill(p->device, &p->values[b], NULL, n * sizeof *order);
+    }
+    test_fill(p->device, &p->slices, NULL, (n + 1) * sizeof *slice);
+    assert_ok(cln_stage_group(p, n, &slices));
+    order = test_read(p->device, &p->values[0], n * sizeof *order, "order");
+    begin = test_read(p->device, &p->begin, (size_t)leaves * sizeof *begin, "begin");
+    end = test_read(p->device, &p->end, (size_t)leaves * sizeof *end, "end");
+    slice = test_read(p->device, &p->slices, (n + 1) * sizeof *slice, "slices");
+    free(test_read(p->device, &p->slice_starts, (size_t)(leaves + 1) * sizeof *begin, "slices"));
+    at = 0;
+    for (uint32_t i = 0, s = 0; s < (uint32_t)leaves; s++) {
+        const uint32_t first = at;
+
+        assert_int_equal(end[s] - begin[s], counts[s]);
+        assert_true(counts[s] == 0 || begin[s] == first);
+        for (uint32_t j = 0; j < (uint32_t)counts[s]; j++, at++) {
+            assert_true(order[at] < n);
+            assert_int_equal(samples[order[at]].slot, s);
+            assert_true(j == 0 || order[at] > order[at - 1]);
+        }
+        for (uint32_t covered = first; covered < at; i++) {
+            assert_true(i < slices);
+            assert_int_equal(slice[i].slot, s);
+            assert_int_equal(slice[i].start, covered);
+            assert_true(slice[i].count > 0 && slice[i].count <= (uint32_t)p->tune.sl);
+            covered += slice[i].count;
+            assert_true(covered <= at);
+        }
+        assert_true(s + 1 < (uint32_t)leaves || i == slices);
+    }
+    free(samples);
+    free(order);
+    free(begin);
+    free(end);
+    free(slice);
+}
+
+static void test_grouping(void **state)
+{
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++) {
+        cln_pipeline *p = pipeline_of(set);
+        const int sl = p->tune.sl, none[3] = {0, 0, 0}, one[1] = {1};
+        const int mixed[9] = {0, 1, sl - 1, sl, sl + 1, 0, 3 * sl + 7, 2, 0};
+        int many[600];
+
+        for (int s = 0; s < 600; s++) /* more leaves than one digit of the sort */
+            many[s] = s % 3;
+        check_groups(p, none, 3);
+        check_groups(p, one, 1);
+        check_groups(p, mixed, 9);
+        check_groups(p, many, 600);
+    }
+}
+
+int test_group_scan_sort(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_scan),
+        cmocka_unit_test(test_sort),
+        cmocka_unit_test(test_grouping),
+    };
+
+    return cmocka_run_group_tests_name("scan_sort", tests, NULL, test_device_close);
+}

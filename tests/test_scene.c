@@ -1,0 +1,463 @@
+/* Scenes that load: both dialects of transforms JSON from files that the test writes, down to the
+ * pixel that a known point falls on; splits, order, downscale, bounds, digest, description.
+ * Oracles: numbers worked out by hand from the conventions in scene.h. Broken input is in
+ * test_scene_input.c. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+#include "near.h"
+#include "scene/build.h"
+#include "scene_fixture.h"
+#include "tests.h"
+
+/* Camera at (4, 0, 0) looking at the origin, z up: x right = +y, y up = +z, z backwards = +x. */
+#define POSE_SIDE "[[0,0,1,4],[1,0,0,0],[0,1,0,0],[0,0,0,1]]"
+
+static const cln_view *view_named(const cln_scene *scene, const char *name)
+{
+    for (int i = 0; i < scene->view_count; i++)
+        if (!strcmp(scene->views[i].name, name))
+            return &scene->views[i];
+    fail_msg("no view '%s'", name);
+    return NULL;
+}
+
+static void assert_projects(const cln_view *view, double x, double y, double z, double u, double v)
+{
+    double pu, pv, pz;
+
+    assert_true(cln_camera_project(&view->camera, (double[3]){x, y, z}, &pu, &pv, &pz));
+    assert_near(pu, u, 1e-9);
+    assert_near(pv, v, 1e-9);
+}
+
+/* ---- dialects ---- */
+
+static void test_blender(void **state)
+{
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+    const cln_view *view = NULL;
+    /* fx = 10 / tan(0.4) for a width of 20. */
+    const double f = 10 / tan(0.4);
+    float rgb[3], alpha = 0;
+    const float white[3] = {1, 1, 1};
+
+    put_folder(folder, "train");
+    put_folder(folder, "test");
+    put_image(folder, "train/r_0.png", 20, 12, 4, 1);
+    put_image(folder, "train/r_1.png", 20, 12, 4, 2);
+    put_image(folder, "test/r_0.png", 20, 12, 4, 3);
+    put_text(folder, "transforms_train.json",
+             "{\"camera_angle_x\":0.8,\"frames\":[" FRAME("./train/r_0", POSE_FRONT) "," FRAME(
+                 "./train/r_1", POSE_SIDE) "]}");
+    put_text(folder, "transforms_test.json",
+             "{\"camera_angle_x\":0.8,\"frames\":[" FRAME("./test/r_0", POSE_FRONT) "]}");
+    scene = load(folder, NULL);
+    assert_string_equal(scene->dialect, "blender");
+    assert_int_equal(scene->view_count, 3);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TRAIN), 2);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_VAL), 0);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), 1);
+    assert_string_equal(scene->views[cln_scene_split_view(scene, CLN_SPLIT_TEST, 0)].name,
+                        "test/r_0");
+    assert_true(scene->has_alpha);
+    assert_false(scene->has_distortion);
+    assert_near(scene->half, 1.5, 0);
+    assert_near(scene->centre[0], 0, 0);
+    /* In front: right is +x, up is +y and smaller v; depth 4. */
+    view = view_named(scene, "train/r_0");
+    assert_projects(view, 0, 0, 0, 10, 6);
+    assert_projects(view, 0.5, 0.25, 0, 10 + f * 0.5 / 4, 6 - f * 0.25 / 4);
+    assert_projects(view, 0.5, 0.25, 1, 10 + f * 0.5 / 3, 6 - f * 0.25 / 3);
+    /* From the side: right is +y, up is +z. */
+    view = view_named(scene, "train/r_1");
+    assert_projects(view, 0, 0.5, 0.25, 10 + f * 0.5 / 4, 6 - f * 0.25 / 4);
+    /* Pixel (2, 1) of image 1: i = 22, 110 + 17 etc., alpha 128, over white. */
+    cln_view_pixel(view_named(scene, "train/r_0"), 2, 1, white, rgb, &alpha);
+    assert_near(alpha, 128.0 / 255, 1e-6);
+    assert_near(rgb[0], 127.0 / 255 * 128 / 255 + 127.0 / 255, 1e-6);
+    assert_near(rgb[1], 187.0 / 255 * 128 / 255 + 127.0 / 255, 1e-6);
+    cln_scene_free(scene);
+}
+
+/* Shared intrinsics overridden in one frame, distortion, comments and trailing commas. */
+static void test_instant_ngp(void **state)
+{
+    const char *folder = *state;
+    cln_config config = default_config();
+    cln_scene *scene = NULL;
+    const cln_view *view = NULL;
+
+    config.holdout = 0;
+    put_folder(folder, "images");
+    put_image(folder, "images/0001.png", 20, 12, 3, 1);
+    put_image(folder, "images/0002.png", 20, 12, 3, 2);
+    put_text(
+        folder, "transforms.json",
+        "{ // made by hand\n"
+        "  \"fl_x\": 30.0, \"fl_y\": 40, \"cx\": 9.5, \"cy\": 6.25, \"w\": 20.0, \"h\": 12,\n"
+        "  /* a lens\n     \"k1\": 7 */ \"k1\": 0.1, \"k2\": 0.01, \"p1\": 0.001, \"p2\": 0.002,\n"
+        "  \"aabb_scale\": 4, \"note\": \"// no comment, /* neither\",\n"
+        "  \"frames\": [" FRAME("images/0001.png",
+                                POSE_FRONT) ",\n"
+                                            "  "
+                                            "{\"file_path\":\"images\\\\0002.png\",\"fl_x\":50,"
+                                            "\"k1\":0,\"k2\":0,\"p1\":0,\"p2\":0,"
+                                            "\"transform_matrix\":" POSE_FRONT ",},\n  ],\n}\n");
+    scene = load(folder, &config);
+    assert_string_equal(scene->dialect, "instant-ngp");
+    assert_int_equal(scene->view_count, 2);
+    assert_true(scene->has_distortion);
+    assert_false(scene->has_alpha);
+    /* 0.33: the box of side 4 around 0.5 is 4 / 0.33 wide here. */
+    assert_near(scene->half, 2 / 0.33, 1e-12);
+    assert_near(scene->centre[1], 0, 1e-12);
+    /* a = 0.5, b = 0.25 (v down, so y = -0.25 * 4): the distorted point of test_camera.c. */
+    view = view_named(scene, "images/0001.png");
+    assert_projects(view, 2, -1, 0, 9.5 + 30 * 0.51798828125, 6.25 + 40 * 0.258994140625);
+    /* Its own focal length counts for both axes; the principal point is shared. */
+    view = view_named(scene, "images/0002.png");
+    assert_projects(view, 2, -1, 0, 9.5 + 50 * 0.5, 6.25 + 50 * 0.25);
+    cln_scene_free(scene);
+
+    scene = load(scratch_path(folder, "transforms.json"), &config); /* by its file */
+    assert_int_equal(scene->view_count, 2);
+    assert_string_equal(scene->folder, folder);
+    cln_scene_free(scene);
+}
+
+/* nerfstudio names splits by file; a frame may be in two, frames in none are left out. */
+static void test_nerfstudio_lists(void **state)
+{
+    const char *folder = *state;
+    int warnings = 0;
+    cln_scene *scene = NULL;
+
+    for (int i = 0; i < 4; i++) {
+        char name[16];
+
+        snprintf(name, sizeof name, "%d.png", i);
+        put_image(folder, name, 20, 12, 3, i);
+    }
+    put_text(
+        folder, "transforms.json",
+        "{\"camera_model\":\"OPENCV\",\"camera_angle_x\":0.8,\"k3\":0,"
+        "\"train_filenames\":[\"./2.png\",\"0.png\"],\"val_filenames\":[\"2.png\"],"
+        "\"test_filenames\":[\"1.png\"],\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(
+            "1.png", POSE_FRONT) "," FRAME("2.png", POSE_SIDE) "," FRAME("3.png", POSE_FRONT) "]}");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    scene = load(folder, NULL);
+    assert_string_equal(scene->dialect, "nerfstudio");
+    assert_int_equal(warnings, 1); /* 3.png is left out */
+    assert_int_equal(scene->view_count, 4);
+    assert_string_equal(scene->views[0].name, "0.png");
+    assert_string_equal(scene->views[1].name, "2.png");
+    assert_string_equal(scene->views[2].name, "2.png");
+    assert_int_equal(scene->views[2].split, CLN_SPLIT_VAL);
+    assert_string_equal(scene->views[3].name, "1.png");
+    assert_int_equal(scene->views[3].split, CLN_SPLIT_TEST);
+    cln_scene_free(scene);
+}
+
+/* A camera given for the full-size image is scaled to a smaller copy, with one warning. */
+static void test_smaller_copies(void **state)
+{
+    const char *folder = *state;
+    int warnings = 0;
+    cln_scene *scene = NULL;
+    cln_config config = default_config();
+
+    config.holdout = 0;
+    put_image(folder, "0.png", 20, 12, 3, 0);
+    put_image(folder, "1.png", 20, 12, 3, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":90,\"w\":60,\"h\":36,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "]}");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    scene = load(folder, &config);
+    assert_int_equal(warnings, 1);
+    assert_near(scene->views[1].camera.fx, 30, 1e-12);
+    assert_near(scene->views[1].camera.cy, 6, 1e-12);
+    assert_int_equal(scene->views[1].camera.width, 20);
+    cln_scene_free(scene);
+}
+
+/* ---- splits and order ---- */
+
+static void test_natural_compare(void **state)
+{
+    static const char *const ordered[] = {"",       "9",       "10",     "a",     "a/r_2",
+                                          "a/r_10", "a/r_10b", "a/r_11", "b0001", "b1",
+                                          "b2",     "b002x",   "c"};
+    const int count = sizeof ordered / sizeof *ordered;
+
+    (void)state;
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++) {
+            const int order = cln_natural_compare(ordered[i], ordered[j]);
+
+            if ((order > 0) - (order < 0) != (i > j) - (i < j))
+                fail_msg("'%s' and '%s': %d", ordered[i], ordered[j], order);
+        }
+}
+
+/* Every 8th by name byte by byte: r_0 r_1 r_10 r_11 .. r_16 r_2 .. r_9 has r_0, r_16 and r_9 at 0,
+ * 8 and 16. The views then stand in natural order. */
+static void test_holdout(void **state)
+{
+    const char *folder = *state;
+    char json[8192] = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[";
+    cln_config config = default_config();
+    cln_scene *scene = NULL;
+
+    for (int i = 16; i >= 0; i--) {
+        char name[32], frame[256];
+
+        snprintf(name, sizeof name, "r_%d.png", i);
+        put_image(folder, name, 4, 4, 3, i);
+        snprintf(frame, sizeof frame, FRAME("%s", POSE_FRONT) "%s", name, i ? "," : "]}");
+        strcat(json, frame);
+    }
+    put_text(folder, "transforms.json", json);
+    scene = load(folder, NULL);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TRAIN), 14);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), 3);
+    assert_string_equal(scene->views[0].name, "r_1.png");
+    assert_string_equal(scene->views[1].name, "r_2.png");
+    assert_string_equal(scene->views[8].name, "r_10.png");
+    assert_string_equal(scene->views[14].name, "r_0.png");
+    assert_string_equal(scene->views[15].name, "r_9.png");
+    assert_string_equal(scene->views[16].name, "r_16.png");
+    assert_non_null(strstr(scene->split_rule, "1 in 8"));
+    cln_scene_free(scene);
+    config.holdout = 0;
+    scene = load(folder, &config);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TRAIN), 17);
+    cln_scene_free(scene);
+}
+
+/* ---- sizes ---- */
+
+static void test_downscale(void **state)
+{
+    const char *folder = *state;
+    cln_config config = default_config();
+    cln_scene *scene = NULL;
+    const cln_view *view = NULL;
+
+    config.holdout = 0;
+    put_image(folder, "0.png", 3201, 7, 3, 0);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":3000,\"cx\":1600,\"cy\":3,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "0.png", POSE_FRONT) "]}");
+    scene = load(folder, &config); /* auto: 3201 / 2 is above 1600, 3201 / 3 is not */
+    view = &scene->views[0];
+    assert_int_equal(scene->downscale, 3);
+    assert_true(view->camera.width == 1067 && view->camera.height == 2);
+    assert_true(view->file_width == 3201 && view->file_height == 7);
+    assert_near(view->camera.fx, 1000, 1e-12);
+    assert_near(view->camera.cx, 1600.0 / 3, 1e-12);
+    /* Pixel (1, 0) is the mean of x 3..5, y 0..2: 5 (3201 y + x) has mean 5 * (3201 + 4), mod 256
+     * per pixel: values 15 20 25 | 148 153 158 | 25 30 35 -> 609 / 9. */
+    assert_int_equal(view->pixels[3], 68);
+    cln_scene_free(scene);
+    config.downscale = 1;
+    scene = load(folder, &config);
+    assert_int_equal(scene->views[0].camera.width, 3201);
+    cln_scene_free(scene);
+}
+
+/* Only the wanted splits hold pixels, and the digest does not depend on that. */
+static void test_wanted_splits(void **state)
+{
+    const char *folder = *state;
+    const cln_config config = default_config();
+    const cln_scene_desc train = {folder, &config, {true, false, false}};
+    cln_scene *all = NULL, *some = NULL;
+
+    put_image(folder, "0.png", 8, 8, 3, 0);
+    put_image(folder, "1.png", 8, 8, 3, 1);
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "]}");
+    all = load(folder, NULL);
+    assert_int_equal(cln_scene_load(&train, &some), CLN_OK);
+    assert_non_null(some->views[0].pixels);
+    assert_null(some->views[1].pixels);
+    assert_int_equal(some->views[1].camera.width, 8);
+    assert_true(all->digest == some->digest);
+    assert_memory_equal(all->views[0].pixels, some->views[0].pixels, 8 * 8 * 3);
+    cln_scene_free(all);
+    cln_scene_free(some);
+}
+
+/* ---- bounds ---- */
+
+/* Loads one document with two frames and checks the cube. */
+static void check_bounds(const char *folder, const char *bbox, const char *keys, const char *poses,
+                         const double centre[3], double half, const char *rule)
+{
+    cln_config config = default_config();
+    char json[2048];
+    cln_scene *scene = NULL;
+
+    config.holdout = 0;
+    snprintf(config.bbox, sizeof config.bbox, "%s", bbox);
+    snprintf(json, sizeof json, "{\"fl_x\":10,%s\"frames\":[%s]}", keys, poses);
+    put_text(folder, "transforms.json", json);
+    scene = load(folder, &config);
+    for (int i = 0; i < 3; i++)
+        assert_near(scene->centre[i], centre[i], 1e-9);
+    assert_near(scene->half, half, 1e-9);
+    if (!strstr(scene->bounds_rule, rule))
+        fail_msg("rule '%s' lacks '%s'", scene->bounds_rule, rule);
+    cln_scene_free(scene);
+}
+
+static void test_bounds(void **state)
+{
+    const char *folder = *state;
+    const char *crossing = FRAME("0.png", POSE_FRONT) "," FRAME("1.png", POSE_SIDE);
+    /* Looks along -z from (0, 0, 4) and from (2, 0, 4). */
+    const char *parallel =
+        FRAME("0.png", POSE_FRONT) "," FRAME("1.png", "[[1,0,0,2],[0,1,0,0],[0,0,1,4],[0,0,0,1]]");
+    /* Back to back at x = +-1, looking outwards along +-x. */
+    const char *outwards = FRAME("0.png", "[[0,0,-1,1],[-1,0,0,0],[0,1,0,0]]") "," FRAME(
+        "1.png", "[[0,0,1,-1],[1,0,0,0],[0,1,0,0]]");
+
+    put_image(folder, "0.png", 8, 8, 3, 0);
+    put_image(folder, "1.png", 8, 8, 3, 1);
+    check_bounds(folder, "", "\"aabb_scale\":1,", crossing, (double[3]){0, 0, 0}, 0.5 / 0.33,
+                 "aabb_scale 1");
+    /* (0.5 - offset) / scale, aabb_scale / 2 / scale; offset may be one number for all axes. */
+    check_bounds(folder, "", "\"aabb_scale\":2,\"scale\":0.5,\"offset\":[0.5,0.25,1],", crossing,
+                 (double[3]){0, 0.5, -1}, 2, "scale and offset");
+    check_bounds(folder, "", "\"scale\":0.5,\"offset\":0.25,", crossing, (double[3]){0.5, 0.5, 0.5},
+                 1, "scale and offset");
+    /* Longest side 3, times 2. */
+    check_bounds(folder, "", "\"aabb_scale\":2,\"aabb\":[[-1,0,0],[1,3,1]],", crossing,
+                 (double[3]){0, 1.5, 0.5}, 3, "aabb");
+    /* --bbox is above all of them. */
+    check_bounds(folder, "-1,-1,0,1,3,1", "\"aabb_scale\":1,", crossing, (double[3]){0, 1, 0.5}, 2,
+                 "--bbox");
+    /* Axes cross in the origin; cameras are 4 away; at depth 4 the corner of 8 x 8 pixels at focal
+     * length 10 is 4 * hypot(0.4, 0.4) = 2.26 away, less than that. With focal length 1 it is 22.6.
+     */
+    check_bounds(folder, "", "", crossing, (double[3]){0, 0, 0}, 4, "nearest to all optical axes");
+    check_bounds(folder, "", "\"fl_y\":1,", crossing, (double[3]){0, 0, 0}, 4 * hypot(0.4, 4),
+                 "nearest to all optical axes");
+    /* Parallel: mean (1, 0, 4), spread 1, half 4, moved by 4 along -z. */
+    check_bounds(folder, "", "", parallel, (double[3]){1, 0, 0}, 4, "parallel");
+    /* Outwards along one line: axes coincide, mean direction 0, spread 1. */
+    check_bounds(folder, "", "", outwards, (double[3]){0, 0, 0}, 4, "outwards");
+    /* One camera: nothing to measure by. */
+    check_bounds(folder, "", "", FRAME("0.png", POSE_FRONT), (double[3]){0, 0, 3}, 1, "guess");
+}
+
+/* A cube that fills less than a grid step of the image, or that only a corner of an image sees, is
+ * still seen. */
+static void test_small_cubes_are_seen(void **state)
+{
+    const char *folder = *state;
+
+    put_image(folder, "0.png", 1000, 1000, 3, 0);
+    check_bounds(folder, "0.61,0.37,0,0.62,0.38,0.01", "\"fl_y\":1000,\"fl_x\":1000,",
+                 FRAME("0.png", POSE_FRONT), (double[3]){0.615, 0.375, 0.005}, 0.005, "--bbox");
+    check_bounds(folder, "1.98,1.98,0,3,3,1", "\"fl_y\":1000,\"fl_x\":1000,",
+                 FRAME("0.png", POSE_FRONT), (double[3]){2.49, 2.49, 0.5}, 0.51, "--bbox");
+}
+
+/* ---- digest and description ---- */
+
+static uint64_t digest_of(const char *folder, const char *json)
+{
+    uint64_t digest = 0;
+    cln_scene *scene = NULL;
+
+    put_text(folder, "transforms.json", json);
+    scene = load(folder, NULL);
+    digest = scene->digest;
+    cln_scene_free(scene);
+    return digest;
+}
+
+#define DOCUMENT(angle, second, pose) \
+    "{\"camera_angle_x\":" angle      \
+    ",\"aabb_scale\":1,\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(second, pose) "]}"
+
+static void test_digest(void **state)
+{
+    const char *folder = *state;
+    const char *json = DOCUMENT("0.8", "1.png", POSE_SIDE);
+    uint64_t first = 0;
+
+    put_image(folder, "0.png", 8, 8, 3, 0);
+    put_image(folder, "1.png", 8, 8, 3, 1);
+    put_image(folder, "2.png", 8, 8, 3, 1);
+    first = digest_of(folder, json);
+    assert_true(first == digest_of(folder, json));
+    assert_true(first != digest_of(folder, DOCUMENT("0.81", "1.png", POSE_SIDE)));
+    assert_true(first != digest_of(folder, DOCUMENT("0.8", "1.png", POSE_FRONT)));
+    assert_true(first != digest_of(folder, DOCUMENT("0.8", "2.png", POSE_SIDE)));
+    put_image(folder, "0.png", 8, 8, 3, 7);
+    assert_true(first != digest_of(folder, json));
+    put_image(folder, "0.png", 8, 8, 3, 0);
+    assert_true(first == digest_of(folder, json));
+}
+
+static void test_describe(void **state)
+{
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+    json_t *text = NULL, *row = NULL;
+    char digest[17];
+
+    put_image(folder, "0.png", 8, 6, 4, 0);
+    put_image(folder, "1.png", 8, 6, 4, 1);
+    put_text(folder, "transforms.json", DOCUMENT("0.8", "1.png", POSE_SIDE));
+    scene = load(folder, NULL);
+    assert_int_equal(cln_scene_describe(scene, &text), CLN_OK);
+    assert_string_equal(json_string_value(json_object_get(text, "dialect")), "instant-ngp");
+    assert_int_equal(json_integer_value(json_object_get(text, "views")), 2);
+    assert_int_equal(json_integer_value(json_object_get(json_object_get(text, "splits"), "test")),
+                     1);
+    assert_true(json_is_true(json_object_get(text, "alpha")));
+    assert_near(json_real_value(json_object_get(text, "half")), 0.5 / 0.33, 1e-12);
+    assert_near(json_real_value(json_object_get(text, "camera_distance")), 4, 1e-12);
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
+    assert_string_equal(json_string_value(json_object_get(text, "digest")), digest);
+    row = json_array_get(json_object_get(text, "sizes"), 0);
+    assert_int_equal(json_array_size(json_object_get(text, "sizes")), 1);
+    assert_int_equal(json_integer_value(json_object_get(row, "width")), 8);
+    assert_int_equal(json_integer_value(json_object_get(row, "views")), 2);
+    row = json_array_get(json_object_get(text, "cameras"), 1);
+    assert_string_equal(json_string_value(json_object_get(row, "name")), "0.png");
+    assert_string_equal(json_string_value(json_object_get(row, "split")), "test");
+    assert_int_equal(json_integer_value(json_object_get(row, "height")), 6);
+    json_decref(text);
+    cln_scene_free(scene);
+}
+
+int test_group_scene(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_blender, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_instant_ngp, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_nerfstudio_lists, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_smaller_copies, scratch_make, scratch_remove),
+        cmocka_unit_test(test_natural_compare),
+        cmocka_unit_test_setup_teardown(test_holdout, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_downscale, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_wanted_splits, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_bounds, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_small_cubes_are_seen, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_digest, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_describe, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("scene", tests, NULL, NULL);
+}
