@@ -11,8 +11,11 @@
  * weight gradient goes to its own buffer; adam.cl adds the slices of a leaf in order (no atomics).
  *
  *        samples of a leaf, grouped      work-group's local memory, NB samples
- *        |--- slice ---|--- slice -|     enc [NB][ENC_PAD]   h [NB][WIDTH]   d [NB][WIDTH]
- *        |NB|NB|NB|rest|NB|NB|rest |     dir [NB][DIR_PAD]   v [NB][VIEW]
+ *        |--- slice ---|--- slice -|     enc [ENC_PAD][NB]   h [NB][WIDTH]   d [NB][WIDTH]
+ *        |NB|NB|NB|rest|NB|NB|rest |     dir [DIR_PAD][NB]   v [NB][VIEW]
+ *
+ * Encodings stand row by row, so that lanes run over samples where they are made; the micro-kernel reads
+ * them with other strides.
  *
  * Parameters, from the host (engine/programs.c); the defaults below let the file compile alone.
  *   VW NV LS TS NB   lanes.h; vectors per tile; work-items; samples per tile; samples in local memory
@@ -73,8 +76,8 @@
 #if WIDTH % (VW * NV * LS) || (VIEW > 0 && VIEW % (VW * NV * LS))
 #error "VW * NV * LS must divide WIDTH and VIEW"
 #endif
-#if NB % TS
-#error "TS must divide NB"
+#if NB % TS || NB % VW
+#error "TS and VW must divide NB"
 #endif
 
 #if LS > 1
@@ -132,73 +135,77 @@ HELPER vf activate_gradient(vf x, vf slope)
 }
 
 /* sin and cos of |x| <= 1, to 2e-7: Taylor to x^11 and x^12. */
-HELPER float4 sin_unit(float4 x)
+HELPER vf sin_unit(vf x)
 {
-    const float4 q = x * x;
-    float4 p = MAD(q, (float4)(-2.5052108e-8f), (float4)(2.7557319e-6f));
+    const vf q = x * x;
+    vf p = MAD(q, (vf)(-2.5052108e-8f), (vf)(2.7557319e-6f));
 
-    p = MAD(p, q, (float4)(-1.9841270e-4f));
-    p = MAD(p, q, (float4)(8.3333333e-3f));
-    p = MAD(p, q, (float4)(-1.6666667e-1f));
+    p = MAD(p, q, (vf)(-1.9841270e-4f));
+    p = MAD(p, q, (vf)(8.3333333e-3f));
+    p = MAD(p, q, (vf)(-1.6666667e-1f));
     return MAD(p * q, x, x);
 }
 
-HELPER float4 cos_unit(float4 x)
+HELPER vf cos_unit(vf x)
 {
-    const float4 q = x * x;
-    float4 p = MAD(q, (float4)(2.0876757e-9f), (float4)(-2.7557319e-7f));
+    const vf q = x * x;
+    vf p = MAD(q, (vf)(2.0876757e-9f), (vf)(-2.7557319e-7f));
 
-    p = MAD(p, q, (float4)(2.4801587e-5f));
-    p = MAD(p, q, (float4)(-1.3888889e-3f));
-    p = MAD(p, q, (float4)(4.1666667e-2f));
-    p = MAD(p, q, (float4)(-0.5f));
-    return MAD(p, q, (float4)(1.0f));
+    p = MAD(p, q, (vf)(2.4801587e-5f));
+    p = MAD(p, q, (vf)(-1.3888889e-3f));
+    p = MAD(p, q, (vf)(4.1666667e-2f));
+    p = MAD(p, q, (vf)(-0.5f));
+    return MAD(p, q, (vf)(1.0f));
 }
 
-/* gamma(x): x, then sin and cos of 2^k x per band, three axes each. Bands double the angle of the one
- * before; every fifth band starts afresh, so that rounding does not grow past 2^5 ulp. Stores are four
- * wide: the fourth value is overwritten by the next store, the last one is padding (zero). */
-HELPER void encode(float4 x, int bands, int level, __local float *out)
+/* gamma(x) of NB samples: x [3][NB] -> out [pad][NB]; rows 0..2 x, 3 + 6k + a sin, 6 + 6k + a cos of
+ * 2^k x_a, the rest zero. Bands double the angle of the one before; every fifth starts afresh, so that
+ * rounding does not grow past 2^5 ulp. */
+HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad, int lid)
 {
-    float4 s, c;
-    float scale = 1.0f;
-
     (void)level;
-    x.w = 0.0f;
-    vstore4(x, 0, out);
-    for (int k = 0; k < bands; k++) {
-        float weight = 1.0f;
+    for (int s = lid * VW; s < NB; s += STEP_N) {
+#pragma unroll
+        for (int a = 0; a < 3; a++) {
+            const vf value = VLOAD(x + a * NB + s);
+            vf sine = sin_unit(value), cosine = cos_unit(value);
 
-        if (k == 0) {
-            s = sin_unit(x);
-            c = cos_unit(x);
-        } else if (k % 5 == 0) {
-            s = sin(x * scale);
-            c = cos(x * scale);
-        } else {
-            const float4 s1 = s;
-            s = 2.0f * s1 * c;
-            c = MAD(-2.0f * s1, s1, (float4)(1.0f));
-        }
-        scale *= 2.0f;
+            VSTORE(value, out + a * NB + s);
+#pragma unroll
+            for (int k = 0; k < bands; k++) {
+                if (k > 0 && k % 5 == 0) {
+                    sine = sin(value * (float)(1 << k));
+                    cosine = cos(value * (float)(1 << k));
+                } else if (k > 0) {
+                    const vf twice = 2.0f * sine;
+
+                    sine = twice * cosine;
+                    cosine = MAD(twice * -0.5f, twice, (vf)(1.0f));
+                }
 #if BANDS_BY_LEVEL
-        weight = clamp((float)(11 - level - k), 0.0f, 1.0f);
+                const float weight = clamp((float)(11 - level - k), 0.0f, 1.0f);
+#else
+                const float weight = 1.0f;
 #endif
-        s.w = c.w = 0.0f;
-        vstore4(s * weight, 0, out + 3 + 6 * k);
-        vstore4(c * weight, 0, out + 6 + 6 * k);
+                VSTORE(sine * weight, out + (3 + 6 * k + a) * NB + s);
+                VSTORE(cosine * weight, out + (6 + 6 * k + a) * NB + s);
+            }
+        }
+        for (int row = 3 + 6 * bands; row < pad; row++)
+            VSTORE((vf)(0.0f), out + row * NB + s);
     }
 }
 
-HELPER float density_value(float z)
+/* select keeps a NaN visible where fmax and fmin would hide it. */
+HELPER vf density_value(vf z)
 {
     z += BIAS;
 #if DENSITY == 0
-    return KAPPA * (fmax(z, 0.0f) + log1p(exp(-fabs(z))));
+    return KAPPA * (select((vf)(0.0f), z, !(z <= 0.0f)) + log1p(exp(-fabs(z))));
 #elif DENSITY == 1
-    return z > 0.0f ? KAPPA * z : 0.0f;
+    return KAPPA * select((vf)(0.0f), z, !(z <= 0.0f));
 #else
-    return KAPPA * exp(fmin(z, 80.0f));
+    return KAPPA * exp(select(z, (vf)(80.0f), z > 80.0f));
 #endif
 }
 
@@ -214,10 +221,11 @@ HELPER float density_gradient(float sigma)
 #endif
 }
 
-/* ---- one layer forward: in (two parts) -> pre-activations to acts (if kept), activations to out ---- */
+/* ---- one layer forward: in, then in2 (an encoding) -> pre-activations to acts (if kept), activations to
+ * out. Element (s, k) of in stands at s * in_s + k * in_k. ---- */
 
-HELPER void dense(const __local float *in, int in_rows, int in_stride, const __local float *in2,
-                  int in2_rows, int in2_stride, const __global float *w,
+HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, const __local float *in2,
+                  int in2_rows, const __global float *w,
                   const __global float *bias, int n_out, __local float *out, int tiles, int count,
                   __global float *acts, int train, uint step_key, const __local uint *ids, uint layer,
                   int lid)
@@ -231,10 +239,9 @@ HELPER void dense(const __local float *in, int in_rows, int in_stride, const __l
 #pragma unroll
                 for (int j = 0; j < NV; j++)
                     acc[i][j] = VLOAD(bias + n + j * STEP_N);
-            TILE_MAD(TS, in + t * TS * in_stride, in_stride, 1, w + n, n_out, in_rows)
+            TILE_MAD(TS, in + t * TS * in_s, in_s, in_k, w + n, n_out, in_rows)
             if (in2_rows > 0)
-                TILE_MAD(TS, in2 + t * TS * in2_stride, in2_stride, 1,
-                         w + in_rows * n_out + n, n_out, in2_rows)
+                TILE_MAD(TS, in2 + t * TS, 1, NB, w + in_rows * n_out + n, n_out, in2_rows)
 #pragma unroll
             for (int i = 0; i < TS; i++) {
                 const int s = t * TS + i;
@@ -270,10 +277,10 @@ HELPER float dot_row(const __local float *a, const __global float *b, int n)
         __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                              \
                                                                                                    \
         if (i == 0)                                                                                \
-            dense(enc, ENC_PAD, ENC_PAD, enc, 0, 0, w + TRUNK_W(0), w + TRUNK_B(0), WIDTH, to,     \
-                  tiles, count, acts_, train_, step_key, ids, 0u, lid);                            \
+            dense(enc, ENC_PAD, 1, NB, enc, 0, w + TRUNK_W(0), w + TRUNK_B(0), WIDTH, to, tiles,   \
+                  count, acts_, train_, step_key, ids, 0u, lid);                                   \
         else                                                                                       \
-            dense(from, WIDTH, WIDTH, enc, i == SKIP ? ENC_PAD : 0, ENC_PAD, w + TRUNK_W(i),       \
+            dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i),             \
                   w + TRUNK_B(i), WIDTH, to, tiles, count, train_ ? acts_ + i * WIDTH : acts_,     \
                   train_, step_key, ids, (uint)i, lid);                                            \
         GROUP_SYNC();                                                                              \
@@ -290,7 +297,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
             __global ushort *restrict density,     /* [leaf][n1^3] */
             uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first)
 {
-    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH];
+    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB];
     __local uint ids[NB];
     const uint group = get_group_id(0), leaf = first + group / per_leaf;
     const uint total = n1 * n1 * n1, begin = group % per_leaf * cells;
@@ -305,53 +312,73 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
         const int count = (int)min((uint)NB, end - block), tiles = (count + TS - 1) / TS;
 
         GROUP_SYNC();
-        for (int s = lid; s < tiles * TS; s += LS) {
+        for (int s = lid; s < NB; s += LS) {
             const uint cell = min(block + (uint)s, total - 1u);
-            const float4 at = (float4)(convert_float(cell % n1), convert_float(cell / n1 % n1),
-                                       convert_float(cell / (n1 * n1)), 0.0f);
             float4 xi = (float4)(0.5f);
 
             if (jitter)
                 xi = uniform4(seed, STREAM_GRID, step, leaf * total + cell, 0u);
             ids[s] = 0u;
-            encode(2.0f * (at + xi) / (float)n1 - 1.0f, BANDS, level, enc + s * ENC_PAD);
+            at[s] = 2.0f * (convert_float(cell % n1) + xi.x) / (float)n1 - 1.0f;
+            at[NB + s] = 2.0f * (convert_float(cell / n1 % n1) + xi.y) / (float)n1 - 1.0f;
+            at[2 * NB + s] = 2.0f * (convert_float(cell / (n1 * n1)) + xi.z) / (float)n1 - 1.0f;
         }
         GROUP_SYNC();
+        encode(at, BANDS, level, enc, ENC_PAD, lid);
+        GROUP_SYNC();
         TRUNK_FORWARD(0, none)
+        for (int s = lid; s < count; s += LS)
+            at[s] = dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B];
+        GROUP_SYNC();
+        for (int s = lid * VW; s < NB; s += STEP_N)
+            VSTORE(density_value(VLOAD(at + s)), at + s);
+        GROUP_SYNC();
         for (int s = lid; s < count; s += LS) {
-            const float sigma =
-                density_value(dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B]);
-            const uint bits = as_uint(sigma);
+            const uint bits = as_uint(at[s]);
 
             /* round to nearest even; a NaN stays one */
             density[(size_t)leaf * total + block + s] =
-                (ushort)(isnan(sigma) ? 0x7FC0u : (bits + 0x7FFFu + (bits >> 16 & 1u)) >> 16);
+                (ushort)(isnan(at[s]) ? 0x7FC0u : (bits + 0x7FFFu + (bits >> 16 & 1u)) >> 16);
         }
     }
 }
 
 /* ---- samples: where they are, in their leaf ---- */
 
+/* ids [NB], local position at [3][NB], direction along [3][NB]; samples past count repeat the last. */
 HELPER void load_samples(const __global cln_sample *samples, const __global uint *order,
                          const __global float4 *ray_o, const __global float4 *ray_d, float4 box,
-                         uint start, int count, int padded, __local uint *ids, __local float *enc,
-                         __local float *dir, int lid)
+                         uint start, int count, __local uint *ids, __local float *at,
+                         __local float *along, int lid)
 {
-    const int level = (int)(1.5f - log2(box.w));
+    const float scale = 2.0f / box.w;
 
-    for (int s = lid; s < padded; s += LS) {
+    for (int s = lid; s < NB; s += LS) {
         const uint id = order[start + (uint)min(s, count - 1)];
-        const float t = samples[id].t;
-        const uint ray = samples[id].ray;
-        const float4 d = ray_d[ray], p = MAD((float4)(t), d, ray_o[ray]);
+        const cln_sample sample = samples[id];
+        const float4 d = ray_d[sample.ray];
+        const float4 p = (MAD((float4)(sample.t), d, ray_o[sample.ray]) - box) * scale - 1.0f;
 
         ids[s] = id;
-        encode((p - box) * (2.0f / box.w) - 1.0f, BANDS, level, enc + s * ENC_PAD);
+        at[s] = p.x;
+        at[NB + s] = p.y;
+        at[2 * NB + s] = p.z;
 #if VIEW > 0
-        encode(d, VIEW_BANDS, 0, dir + s * DIR_PAD);
+        along[s] = d.x;
+        along[NB + s] = d.y;
+        along[2 * NB + s] = d.z;
 #endif
     }
 }
+
+/* Encodings of the samples just loaded. */
+#if VIEW > 0
+#define ENCODE_SAMPLES(box)                                                                        \
+    encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, lid);                             \
+    encode(along, VIEW_BANDS, 0, dir, DIR_PAD, lid);
+#else
+#define ENCODE_SAMPLES(box) encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, lid);
+#endif
 
 /* ---- forward ---- */
 
@@ -367,13 +394,13 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
         uint n_slices, uint step_key
 
 #if VIEW > 0
-#define VIEW_BUFFERS __local float dir[NB * DIR_PAD], v[NB * VIEW];
+#define VIEW_BUFFERS __local float dir[NB * DIR_PAD], v[NB * VIEW], along[3 * NB];
 #else
-#define VIEW_BUFFERS __local float dir[4], v[4];
+#define VIEW_BUFFERS __local float along[4];
 #endif
 
 #define FORWARD_BODY(train)                                                                        \
-    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH];                               \
+    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB], raw[4 * NB];      \
     __local uint ids[NB];                                                                          \
     VIEW_BUFFERS                                                                                   \
     const uint group = get_group_id(0);                                                            \
@@ -390,31 +417,36 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
                                                                                                    \
         GROUP_SYNC();                                                                              \
         load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,  \
-                     tiles * TS, ids, enc, dir, lid);                                              \
+                     ids, at, along, lid);                                                         \
+        GROUP_SYNC();                                                                              \
+        ENCODE_SAMPLES(boxes[slice.slot])                                                          \
         GROUP_SYNC();                                                                              \
         TRUNK_FORWARD(train, kept)                                                                 \
         FORWARD_VIEW(train)                                                                        \
         for (int s = lid; s < count; s += LS) {                                                    \
-            float z = dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B];                     \
-            float4 c;                                                                              \
-                                                                                                   \
-            if (train && NOISE_ON)                                                                 \
-                z += NOISE * normal_number(step_key, ids[s]);                                      \
             for (int k = 0; k < 3; k++)                                                            \
-                ((float *)&c)[k] = dot_row(COLOUR_IN + s * COLOUR, w + COLOUR_W + k * COLOUR,      \
-                                           COLOUR) +                                               \
-                                   w[COLOUR_B + k];                                                \
-            c.w = 0.0f;                                                                            \
-            c = 1.0f / (1.0f + exp(-c));                                                           \
-            c.w = density_value(z);                                                                \
-            out[ids[s]] = c;                                                                       \
+                raw[k * NB + s] = dot_row(COLOUR_IN + s * COLOUR, w + COLOUR_W + k * COLOUR,       \
+                                          COLOUR) +                                                \
+                                  w[COLOUR_B + k];                                                 \
+            raw[3 * NB + s] = dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B];             \
+            if (train && NOISE_ON)                                                                 \
+                raw[3 * NB + s] += NOISE * normal_number(step_key, ids[s]);                        \
         }                                                                                          \
+        GROUP_SYNC();                                                                              \
+        for (int s = lid * VW; s < NB; s += STEP_N) {                                              \
+            for (int k = 0; k < 3; k++)                                                            \
+                VSTORE(1.0f / (1.0f + exp(-VLOAD(raw + k * NB + s))), raw + k * NB + s);           \
+            VSTORE(density_value(VLOAD(raw + 3 * NB + s)), raw + 3 * NB + s);                      \
+        }                                                                                          \
+        GROUP_SYNC();                                                                              \
+        for (int s = lid; s < count; s += LS)                                                      \
+            out[ids[s]] = (float4)(raw[s], raw[NB + s], raw[2 * NB + s], raw[3 * NB + s]);         \
     }
 
 #if VIEW > 0
 #define COLOUR_IN v
 #define FORWARD_VIEW(train)                                                                        \
-    dense(h, WIDTH, WIDTH, dir, DIR_PAD, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,   \
+    dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,   \
           kept + DEPTH * WIDTH, train, step_key, ids, (uint)DEPTH, lid);                           \
     GROUP_SYNC();
 #else
@@ -464,8 +496,9 @@ HELPER void restore(const __global float *x, int width, int count, __local float
     }
 }
 
-/* dw[k][n] (+)= sum_s a[s][k] d[s][n], db[n] (+)= sum_s d[s][n]; `first`: overwrite. */
-HELPER void weight_gradient(const __local float *a, int rows, int a_stride, const __local float *d,
+/* dw[k][n] (+)= sum_s a(s, k) d[s][n], db[n] (+)= sum_s d[s][n]; a(s, k) stands at s * a_s + k * a_k;
+ * `first`: overwrite. */
+HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k, const __local float *d,
                             int n_out, __global float *dw, __global float *db, int count, int first,
                             int lid)
 {
@@ -479,7 +512,7 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_stride, cons
                 for (int j = 0; j < NV; j++)
                     acc[i][j] =
                         first ? (vf)(0.0f) : VLOAD(dw + (k + i) * n_out + n + j * STEP_N);
-            TILE_MAD(TK, a + k, 1, a_stride, d + n, n_out, count)
+            TILE_MAD(TK, a + k * a_k, a_k, a_s, d + n, n_out, count)
 #pragma unroll
             for (int i = 0; i < TK; i++)
 #pragma unroll
@@ -587,13 +620,13 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
              __global float *restrict grads,             /* [slice][PARAMS] */
              uint n_slices, uint step_key)
 {
-    __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH];
+    __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
     __local uint ids[NB];
 #if VIEW > 0
-    __local float dir[NB * DIR_PAD], v[NB * VIEW], dv[NB * VIEW];
+    __local float dir[NB * DIR_PAD], v[NB * VIEW], dv[NB * VIEW], along[3 * NB];
 #else
-    __local float dir[4];
+    __local float along[4];
 #endif
     const uint group = get_group_id(0);
     const int lid = (int)get_local_id(0);
@@ -612,9 +645,10 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
         const __global float *x_last = x + (DEPTH - 1) * WIDTH;
 
         GROUP_SYNC();
-        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,
-                     tiles * TS, ids, enc, dir, lid);
+        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count, ids,
+                     at, along, lid);
         GROUP_SYNC();
+        ENCODE_SAMPLES(boxes[slice.slot])
         for (int s = lid; s < tiles * TS; s += LS) {
             const float4 o = out[ids[s]];
             float4 g = dout[ids[s]] * (o * (1.0f - o));
@@ -642,8 +676,8 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
         colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH, dhead, dv, tiles * TS, count,
                               step_key, ids, DEPTH, lid);
         GROUP_SYNC();
-        weight_gradient(h, WIDTH, WIDTH, dv, VIEW, grad + VIEW_W, grad + VIEW_B, count, first, lid);
-        weight_gradient(dir, DIR_PAD, DIR_PAD, dv, VIEW, grad + VIEW_W + WIDTH * VIEW, 0, count,
+        weight_gradient(h, WIDTH, WIDTH, 1, dv, VIEW, grad + VIEW_W, grad + VIEW_B, count, first, lid);
+        weight_gradient(dir, DIR_PAD, 1, NB, dv, VIEW, grad + VIEW_W + WIDTH * VIEW, 0, count,
                         first, lid);
         input_gradient(dv, VIEW, wt + WT_VIEW, x_last, dhead, w + SIGMA_W, d0, tiles, count,
                        step_key, ids, DEPTH - 1, lid);
@@ -672,16 +706,16 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
             GROUP_SYNC();
             restore(x + (i - 1) * WIDTH, WIDTH, count, h, step_key, ids, (uint)(i - 1), lid);
             GROUP_SYNC();
-            weight_gradient(h, WIDTH, WIDTH, d, WIDTH, grad + TRUNK_W(i), grad + TRUNK_B(i), count,
+            weight_gradient(h, WIDTH, WIDTH, 1, d, WIDTH, grad + TRUNK_W(i), grad + TRUNK_B(i), count,
                             first, lid);
             if (i == SKIP)
-                weight_gradient(enc, ENC_PAD, ENC_PAD, d, WIDTH,
+                weight_gradient(enc, ENC_PAD, 1, NB, d, WIDTH,
                                 grad + TRUNK_W(i) + WIDTH * WIDTH, 0, count, first, lid);
             input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH, dhead, 0, below, tiles,
                            count, step_key, ids, (uint)(i - 1), lid);
         }
         GROUP_SYNC();
-        weight_gradient(enc, ENC_PAD, ENC_PAD, (DEPTH - 1) & 1 ? d1 : d0, WIDTH, grad + TRUNK_W(0),
+        weight_gradient(enc, ENC_PAD, 1, NB, (DEPTH - 1) & 1 ? d1 : d0, WIDTH, grad + TRUNK_W(0),
                         grad + TRUNK_B(0), count, first, lid);
     }
 }

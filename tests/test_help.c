@@ -1,6 +1,7 @@
 /* What the program tells people of itself (cli/help.h, cli/console.h, docs/cl-nascent.1): help and
  * manual name what the option tables hold, with ranges, words and defaults, within 80 columns; the live
- * line reads as the manual shows it. Oracle: the tables, and texts written down here. */
+ * line reads as the manual shows it; signals reach who polls for them. Oracle: the tables, and texts
+ * written down here. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -10,6 +11,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
 #include "cli/console.h"
 #include "cli/help.h"
 #include "scratch.h"
@@ -160,6 +163,59 @@ static void train_line_reads_as_the_manual_says(void **state)
     assert_int_equal(strlen(text), 19);
 }
 
+/* ---- signals ---- */
+
+static void deaf(int number)
+{
+    (void)number;
+}
+
+static void signals_reach_the_poll(void **state)
+{
+    cln_options options = {.progress = "none"};
+    cln_console console;
+
+    (void)state;
+    cln_log_set_level(CLN_LOG_WARN);
+    assert_int_equal(cln_console_open(&options, &console), CLN_OK);
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), 0);
+    raise(SIGUSR1);
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), SIGUSR1);
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), 0); /* once */
+    signal(SIGUSR1, deaf); /* as a kernel compiler in this process does */
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), 0);
+    raise(SIGUSR1);
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), SIGUSR1);
+    raise(SIGTERM);
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), SIGTERM);
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), SIGTERM); /* stays */
+    cln_console_close(&console);
+    cln_log_set_level(CLN_LOG_INFO);
+}
+
+static void second_stop_leaves_at_once(void **state)
+{
+    cln_options options = {.progress = "none"};
+    cln_console console;
+    int status = 0;
+    pid_t child = fork();
+
+    (void)state;
+    assert_true(child >= 0);
+    if (child == 0) {
+        if (cln_console_open(&options, &console) != CLN_OK)
+            _exit(1);
+        raise(SIGINT);
+        if (console.callbacks.interrupted(console.callbacks.user) != SIGINT)
+            _exit(2);
+        raise(SIGTERM);
+        _exit(3);
+    }
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFSIGNALED(status));
+    assert_int_equal(WTERMSIG(status), SIGTERM);
+}
+
 int test_group_help(void)
 {
     const struct CMUnitTest tests[] = {
@@ -168,6 +224,8 @@ int test_group_help(void)
         cmocka_unit_test(help_fits_eighty_columns),
         cmocka_unit_test(manual_names_every_option),
         cmocka_unit_test(train_line_reads_as_the_manual_says),
+        cmocka_unit_test(signals_reach_the_poll),
+        cmocka_unit_test(second_stop_leaves_at_once),
     };
 
     return cmocka_run_group_tests_name("help", tests, NULL, NULL);

@@ -42,10 +42,20 @@ static void handle(int number, void (*handler)(int))
     sigaction(number, &action, NULL);
 }
 
+static void handle_all(void (*stop)(int), void (*checkpoint)(int))
+{
+    for (size_t i = 0; i < sizeof stop_signals / sizeof stop_signals[0]; i++)
+        handle(stop_signals[i], stop);
+    handle(SIGUSR1, checkpoint);
+}
+
 static int poll_signals(void *user)
 {
     cln_console *console = user;
 
+    /* Again and again, because LLVM, which compiles the kernels inside PoCL, puts its own handlers
+     * over ours when it is first used, and its one for SIGUSR1 does nothing. */
+    handle_all(on_stop, on_checkpoint);
     if (stop_signal) {
         if (!console->announced)
             cln_info("%s: stopping in an orderly way; once more leaves at once",
@@ -123,9 +133,7 @@ cln_status cln_console_open(const cln_options *options, cln_console *console)
         .train = show_train, .work = show_work, .interrupted = poll_signals, .user = console};
     stop_signal = 0;
     checkpoint_wanted = 0;
-    for (size_t i = 0; i < sizeof stop_signals / sizeof stop_signals[0]; i++)
-        handle(stop_signals[i], on_stop);
-    handle(SIGUSR1, on_checkpoint);
+    handle_all(on_stop, on_checkpoint);
 done:
     return st;
 }
@@ -136,9 +144,7 @@ void cln_console_close(cln_console *console)
         return;
     cln_progress_close(console->progress);
     console->progress = NULL;
-    for (size_t i = 0; i < sizeof stop_signals / sizeof stop_signals[0]; i++)
-        handle(stop_signals[i], SIG_DFL);
-    handle(SIGUSR1, SIG_DFL);
+    handle_all(SIG_DFL, SIG_DFL);
 }
 
 /* ---- results ---- */

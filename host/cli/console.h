@@ -17,7 +17,7 @@ typedef struct cln_console {
 } cln_console;
 
 cln_status cln_console_open(const cln_options *options, cln_console *console);
-void cln_console_close(cln_console *console); /* ends the line; signals are as before */
+void cln_console_close(cln_console *console); /* ends the line; signals have their defaults */
 
 /* The live line of a training, as the manual shows it. */
 void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes);

@@ -27,7 +27,17 @@ static size_t bytes_per_sample(const cln_network *net)
     const int view = net->view_dependence ? net->view_width : 0;
 
     return sizeof(float) *
-           (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 1);
+           (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 1 + 6);
+}
+
+/* Least common multiple of small numbers. */
+static int common(int a, int b)
+{
+    int multiple = a;
+
+    while (multiple % b)
+        multiple += a;
+    return multiple;
 }
 
 /* Vectors, tiles and blocks that divide this network and fit the local memory. */
@@ -36,6 +46,7 @@ static void fit_tune(const cln_device *device, const cln_network *net, cln_tune 
     const int view = net->view_dependence ? net->view_width : net->width;
     const int narrow = net->width < view ? net->width : view;
     const size_t local = device->local_mem * 7 / 8;
+    int step = 0;
 
     *tune = device->tune;
     while (tune->vw > narrow)
@@ -45,11 +56,13 @@ static void fit_tune(const cln_device *device, const cln_network *net, cln_tune 
     while (tune->nv > 1 && (net->width % (tune->vw * tune->nv * tune->ls) ||
                             view % (tune->vw * tune->nv * tune->ls)))
         tune->nv--;
-    tune->nb = tune->nb < tune->ts ? tune->ts : tune->nb / tune->ts * tune->ts;
-    while (tune->nb > tune->ts && (size_t)tune->nb * bytes_per_sample(net) > local)
-        tune->nb -= tune->ts;
-    while (tune->ts > 1 && (size_t)tune->ts * bytes_per_sample(net) > local)
-        tune->nb = --tune->ts;
+    /* blocks are whole tiles and whole vectors */
+    while (tune->ts > 1 && (size_t)common(tune->ts, tune->vw) * bytes_per_sample(net) > local)
+        tune->ts--;
+    step = common(tune->ts, tune->vw);
+    tune->nb = tune->nb < step ? step : tune->nb / step * step;
+    while (tune->nb > step && (size_t)tune->nb * bytes_per_sample(net) > local)
+        tune->nb -= step;
     tune->sl = tune->sl < tune->nb ? tune->nb : tune->sl / tune->nb * tune->nb;
 }
 

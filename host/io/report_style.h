@@ -48,7 +48,7 @@ static const char report_style[] =
     ".view h3{display:flex;justify-content:space-between;gap:12px;margin:0 0 4px;font-weight:400}"
     ".view h3 b{font-weight:600;overflow-wrap:anywhere}"
     ".view div{display:grid;grid-template-columns:1fr 1fr 1fr;gap:10px}"
-    ".view img{display:block;width:100%;border:1px solid var(--line);border-radius:3px}"
+    ".view img{display:block;width:100%;height:auto;border:1px solid var(--line);border-radius:3px}"
     ".view .none{display:flex;align-items:center;justify-content:center;min-height:90px;"
     "background:var(--wash);color:var(--soft);font-size:13px;border-radius:3px}"
     ".captions{display:grid;grid-template-columns:1fr 1fr 1fr;gap:10px;font-size:12.5px;"

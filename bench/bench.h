@@ -1,0 +1,19 @@
+/* Shared by the benches: timing by repetition, the FMA ceiling, rows of bench/results/. */
+#ifndef CLN_BENCH_H
+#define CLN_BENCH_H
+
+#include "engine/stages.h"
+
+/* FLOP/s of the FMA ceiling of this device, now (the machine may be busy: take it in the same run). */
+cln_status bench_peak(cln_device *device, double *flops);
+
+typedef struct bench_time {
+    double min, median, max; /* seconds of one call */
+    int calls;
+} bench_time;
+
+/* Warm-up, one timed probe, then five times as many calls as fill `budget` seconds. */
+typedef cln_status bench_body(void *context);
+cln_status bench_run(bench_body *body, void *context, double budget, bench_time *out);
+
+#endif
