@@ -70,6 +70,16 @@ HELPER float v_sum16(float16 v)
 #error "VW must be 1, 2, 4, 8 or 16"
 #endif
 
+/* 1 - exp(-x) for x >= 0 to 1e-6 relative, for floats and vectors alike (T is the type): a series where
+ * the difference would cancel. The library's expm1 is several times slower on PoCL. */
+#define ONE_MINUS_EXP(T, x)                                                                        \
+    select((T)(1.0f) - exp(-(x)),                                                                  \
+           (x) * MAD((x), MAD((x), MAD((x), MAD((x), (T)(8.3333333e-3f), (T)(-4.1666667e-2f)),     \
+                                       (T)(1.6666667e-1f)),                                        \
+                              (T)(-0.5f)),                                                         \
+                     (T)(1.0f)),                                                                   \
+           (x) < (T)(0.15f))
+
 /* fma where it is one instruction, else a multiply and an add. */
 #ifdef FP_FAST_FMAF
 #define MAD(a, b, c) fma(a, b, c)

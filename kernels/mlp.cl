@@ -201,7 +201,12 @@ HELPER vf density_value(vf z)
 {
     z += BIAS;
 #if DENSITY == 0
-    return KAPPA * (select((vf)(0.0f), z, !(z <= 0.0f)) + log1p(exp(-fabs(z))));
+    const vf e = exp(-fabs(z)); /* log(1 + e), as a series where the sum would round e away */
+    const vf series =
+        e * MAD(e, MAD(e, MAD(e, MAD(e, (vf)(0.2f), (vf)(-0.25f)), (vf)(0.33333333f)), (vf)(-0.5f)),
+                (vf)(1.0f));
+
+    return KAPPA * (select((vf)(0.0f), z, !(z <= 0.0f)) + select(log(1.0f + e), series, e < 0.06f));
 #elif DENSITY == 1
     return KAPPA * select((vf)(0.0f), z, !(z <= 0.0f));
 #else
@@ -210,12 +215,14 @@ HELPER vf density_value(vf z)
 }
 
 /* d sigma / d s from sigma itself. */
-HELPER float density_gradient(float sigma)
+HELPER vf density_gradient(vf sigma)
 {
 #if DENSITY == 0
-    return -KAPPA * expm1(-sigma / KAPPA);
+    const vf x = sigma * (1.0f / KAPPA);
+
+    return KAPPA * ONE_MINUS_EXP(vf, x);
 #elif DENSITY == 1
-    return sigma > 0.0f ? KAPPA : 0.0f;
+    return select((vf)(0.0f), (vf)(KAPPA), sigma > 0.0f);
 #else
     return fmin(sigma, KAPPA * 3269017.4f); /* exp(15), as in nerfacc and instant-ngp */
 #endif
@@ -261,13 +268,35 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, cons
     }
 }
 
-HELPER float dot_row(const __local float *a, const __global float *b, int n)
+/* Rows of a head: raw[r][s] = bias[r] + sum_k a[s][k] w[r][k], r < rows <= 3; four samples together, so
+ * that the weights' loads are shared and the sums' latencies overlap. */
+HELPER void head(const __local float *a, int width, const __global float *w, const __global float *bias,
+                 int rows, __local float *raw, int padded, int lid)
 {
-    vf sum = (vf)(0.0f);
+    for (int s = lid * 4; s < padded; s += LS * 4) {
+        vf acc[4][3];
 
-    for (int k = 0; k < n; k += VW)
-        sum = MAD(VLOAD(a + k), VLOAD(b + k), sum);
-    return V_SUM(sum);
+#pragma unroll
+        for (int i = 0; i < 4; i++)
+#pragma unroll
+            for (int r = 0; r < rows; r++)
+                acc[i][r] = (vf)(0.0f);
+        for (int k = 0; k < width; k += VW)
+#pragma unroll
+            for (int i = 0; i < 4; i++) {
+                const vf in = VLOAD(a + min(s + i, padded - 1) * width + k);
+
+#pragma unroll
+                for (int r = 0; r < rows; r++)
+                    acc[i][r] = MAD(in, VLOAD(w + r * width + k), acc[i][r]);
+            }
+#pragma unroll
+        for (int i = 0; i < 4; i++)
+#pragma unroll
+            for (int r = 0; r < rows; r++)
+                if (s + i < padded)
+                    raw[r * NB + s + i] = V_SUM(acc[i][r]) + bias[r];
+    }
 }
 
 /* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's output.
@@ -327,8 +356,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
         encode(at, BANDS, level, enc, ENC_PAD, lid);
         GROUP_SYNC();
         TRUNK_FORWARD(0, none)
-        for (int s = lid; s < count; s += LS)
-            at[s] = dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B];
+        head(h, WIDTH, w + SIGMA_W, w + SIGMA_B, 1, at, tiles * TS, lid);
         GROUP_SYNC();
         for (int s = lid * VW; s < NB; s += STEP_N)
             VSTORE(density_value(VLOAD(at + s)), at + s);
@@ -423,13 +451,11 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
         GROUP_SYNC();                                                                              \
         TRUNK_FORWARD(train, kept)                                                                 \
         FORWARD_VIEW(train)                                                                        \
-        for (int s = lid; s < count; s += LS) {                                                    \
-            for (int k = 0; k < 3; k++)                                                            \
-                raw[k * NB + s] = dot_row(COLOUR_IN + s * COLOUR, w + COLOUR_W + k * COLOUR,       \
-                                          COLOUR) +                                                \
-                                  w[COLOUR_B + k];                                                 \
-            raw[3 * NB + s] = dot_row(h + s * WIDTH, w + SIGMA_W, WIDTH) + w[SIGMA_B];             \
-            if (train && NOISE_ON)                                                                 \
+        head(COLOUR_IN, COLOUR, w + COLOUR_W, w + COLOUR_B, 3, raw, tiles * TS, lid);              \
+        head(h, WIDTH, w + SIGMA_W, w + SIGMA_B, 1, raw + 3 * NB, tiles * TS, lid);                \
+        if (train && NOISE_ON) {                                                                   \
+            GROUP_SYNC();                                                                          \
+            for (int s = lid; s < count; s += LS)                                                  \
                 raw[3 * NB + s] += NOISE * normal_number(step_key, ids[s]);                        \
         }                                                                                          \
         GROUP_SYNC();                                                                              \
@@ -622,6 +648,7 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
+    __local float slope[NB];
     __local uint ids[NB];
 #if VIEW > 0
     __local float dir[NB * DIR_PAD], v[NB * VIEW], dv[NB * VIEW], along[3 * NB];
@@ -650,12 +677,18 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
         GROUP_SYNC();
         ENCODE_SAMPLES(boxes[slice.slot])
         for (int s = lid; s < tiles * TS; s += LS) {
-            const float4 o = out[ids[s]];
-            float4 g = dout[ids[s]] * (o * (1.0f - o));
+            const float4 o = out[ids[s]], g = dout[ids[s]];
+            const float4 raw = g * (o * (1.0f - o));
 
-            g.w = dout[ids[s]].w * density_gradient(o.w);
-            dhead[s] = s < count ? g : (float4)(0.0f);
+            slope[s] = o.w;
+            dhead[s] = s < count ? (float4)(raw.xyz, g.w) : (float4)(0.0f);
         }
+        GROUP_SYNC();
+        for (int s = lid * VW; s < NB; s += STEP_N)
+            VSTORE(density_gradient(VLOAD(slope + s)), slope + s);
+        GROUP_SYNC();
+        for (int s = lid; s < tiles * TS; s += LS)
+            dhead[s].w *= s < count ? slope[s] : 0.0f;
         restore(x_last, WIDTH, count, h, step_key, ids, DEPTH - 1, lid);
 #if VIEW > 0
         restore(x + DEPTH * WIDTH, VIEW, count, v, step_key, ids, DEPTH, lid);

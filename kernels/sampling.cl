@@ -220,10 +220,13 @@ HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grid
                  LIST_END(list_of(pixels, grids, r, level)), t_in, t_out)
 #endif
 
-/* 1 - exp(-tau), cheap where almost every point is: in empty space. */
+/* 1 - exp(-tau) to 1e-6 relative, by a series where almost every point is: in thin space. */
 HELPER float alpha_of(float tau)
 {
-    return tau < 1e-3f ? tau * (1.0f - 0.5f * tau) : -expm1(-tau);
+    if (tau < 0.15f)
+        return tau * MAD(tau, MAD(tau, MAD(tau, MAD(tau, 8.3333333e-3f, -4.1666667e-2f),
+                                           1.6666667e-1f), -0.5f), 1.0f);
+    return 1.0f - exp(-tau);
 }
 
 /* Right edge of point j's bin: half way to the next point, or the chord's end. */
@@ -363,7 +366,9 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
         const float length = v.t_out - v.t_in;
         const segment s = SEGMENT_OF(r, w, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
         const uint bins = max(1u, s.count);
+        const float even = uniform_share / length;
         float mass = 0.0f, floor_mass = 0.0f, edge, t = v.t_out, sigma = 0.0f, through, cdf = 0.0f;
+        float steered = 0.0f; /* (1 - uniform_share) / mass */
         float left = v.t_in, last = 0.0f;
         uint k = 0;
 
@@ -378,6 +383,7 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
         floor_mass = EMPTY_BIN * fmax(1.0f, floor_mass / (float)bins);
 #endif
         for (int pass = 0; pass < 2; pass++) {
+            steered = (1.0f - uniform_share) / mass; /* of the first pass */
             edge = v.t_in;
             through = 1.0f;
             sigma = 0.0f;
@@ -401,7 +407,7 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
                 if (pass == 0) {
                     mass += p;
                 } else {
-                    const float q = (1.0f - uniform_share) * p / mass + uniform_share * width / length;
+                    const float q = MAD(p, steered, even * width);
                     const float next_cdf = cdf + q;
 
                     while (k < count) {
@@ -410,7 +416,8 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
                         if (jitter) {
                             if ((drawn & 3u) == 0)
                                 random = uniform4(seed, STREAM_SAMPLES, step, r, drawn >> 2);
-                            xi = ((float *)&random)[drawn & 3u];
+                            xi = random.x;
+                            random = random.yzwx;
                         }
                         const float u = ((float)k + xi) / (float)count;
 

@@ -22,7 +22,7 @@ step "an orbit of 12 frames"
 build/cl-nascent render "$demo/run" --orbit 12
 
 step "done; look at"
-echo "pictures   $demo/run/render/orbit/    (orbit_NNNN.png colour, .depth.png and .opacity.png)"
-echo "           $demo/run/eval/            (held-out views beside their renders)"
-echo "report     $demo/run/report.html      (open it in a browser)"
-echo "model      $demo/run/model.safetensors"
+echo "pictures   $demo/run/render/orbit/    colour, .depth.png, .opacity.png"
+echo "           $demo/run/eval/            held-out views: render, .truth.png, .error.png"
+echo "report     $demo/run/report.html      open it in a browser"
+echo "model      $demo/run/checkpoint/$(cat "$demo/run/checkpoint/latest").safetensors"
