@@ -112,10 +112,13 @@ typedef struct cln_eval_desc {
 
 /* Per-image and mean PSNR and SSIM; writes RUN/eval/STEP-SPLIT.json and the report. */
 cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
+/* The text of that file (docs/formats.md); the caller frees it. */
+cln_status cln_eval_json(const cln_eval_result *result, char **json);
 void cln_eval_free(cln_eval_result *result);
 
 typedef struct cln_render_desc {
     const char *run, *out;
+    const char *scene;   /* NULL = the one it was trained on */
     const char *split;   /* the poses of a split, or NULL for an orbit */
     int orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis */

@@ -71,7 +71,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 #define CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                           \
     INT(n1, "n1", 64, 16, 2, 128, "stage-1 samples per leaf and axis")                             \
     INT(refresh_every, "refresh-every", 256, 64, 1, 1000000,                                       \
-        "steps between refreshes of the cached stage-1 densities")                                 \
+        "most steps between refreshes of the cached stage-1 densities")                                 \
     ENUM(stage1, "stage1", CLN_STAGE1_SPLAT, CLN_STAGE1_GATHER, "splat|gather",                    \
          "project the stage-1 samples into the views and sort, or read them along each ray")       \
     ENUM(lists, "lists", CLN_LISTS_CSR, CLN_LISTS_CSR, "csr|padded",                        \

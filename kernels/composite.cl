@@ -38,8 +38,8 @@ __kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 
         return;
     for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++) {
         const float4 o = out[i];
-        const float alpha =
-            -expm1(-clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH));
+        const float depth_here = clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH);
+        const float alpha = ONE_MINUS_EXP(float, depth_here);
         const float weight = through * alpha;
 
         colour = MAD((float4)(weight), o, colour);
@@ -75,8 +75,8 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 
     for (uint i = begin; i < end; i++) { /* T_i and alpha_i are kept in dout until the way back */
         const float4 o = out[i];
-        const float alpha =
-            -expm1(-clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH));
+        const float depth_here = clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH);
+        const float alpha = ONE_MINUS_EXP(float, depth_here);
         const float weight = through * alpha;
 
         dout[i] = (float4)(through, alpha, 0.0f, 0.0f);

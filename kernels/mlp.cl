@@ -694,12 +694,13 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
         restore(x + DEPTH * WIDTH, VIEW, count, v, step_key, ids, DEPTH, lid);
 #endif
         GROUP_SYNC();
-        for (int k = lid; k < 4; k += LS) { /* biases of the heads: r, g, b, then sigma */
-            __global float *db = grad + (k < 3 ? COLOUR_B + k : SIGMA_B);
+        for (int k = lid; k < 32; k += LS) { /* biases of the heads, and their padding, which is zero */
+            const int part = k < 3 ? k : k == 16 ? 3 : -1; /* r, g, b; sigma */
+            __global float *db = grad + (k < 16 ? COLOUR_B + k : SIGMA_B + k - 16);
             float sum = first ? 0.0f : *db;
 
-            for (int s = 0; s < count; s++)
-                sum += ((const __local float *)(dhead + s))[k];
+            for (int s = 0; s < count && part >= 0; s++)
+                sum += ((const __local float *)(dhead + s))[part];
             *db = sum;
         }
         head_gradient(h, WIDTH, dhead, 3, grad + SIGMA_W, count, first, lid);

@@ -1,9 +1,9 @@
 /* Rays through the tree and stage 2's samples (method.md 3, 5, 7, 9; twin: host/reference/rays.c,
  * sampling.c). One work-item per ray.
  *
- *   intervals_count   upper bound of the leaves a ray passes                      -> scan
  *   intervals_fill    per leaf on the ray: chord, stage-1 optical depth, number of samples; leaves
- *                     behind opaque ones are left out                             -> scan of samples
+ *                     behind opaque ones are left out; at most MAX_INTERVALS(depth) a ray, as many as
+ *                     cells a line can meet in the map                            -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
  * Stage 1 is read through one interface, segment_open() and segment_point(): the stage-1 points of one
@@ -22,13 +22,14 @@
 #endif
 
 #define NEVER 1e30f
+#define MAX_INTERVALS(depth) (3u << (depth))
 #define EMPTY_BIN 1e-5f
 
 typedef struct tree_ray {
-    float3 o, d, inverse;
-    float t, end; /* where the walk is, and where the ray leaves the cube */
-    int3 cell;
-    int n; /* cells per axis of the map */
+    float o[3], d[3], inverse[3]; /* inverse 0: the axis' planes are never crossed */
+    int cell[3];
+    float t;      /* where the walk is */
+    int n;        /* cells per axis of the map */
 } tree_ray;
 
 HELPER int cell_of(float o, float d, float t, int n)
@@ -36,71 +37,67 @@ HELPER int cell_of(float o, float d, float t, int n)
     return clamp((int)floor((MAD(d, t, o) + 1.0f) * (0.5f * (float)n)), 0, n - 1);
 }
 
-/* Enters the cube; false if the ray misses it. Components under 1e-12 count as zero: such a ray never
- * crosses that axis' planes. */
+/* Enters the cube; false if the ray misses it. Components under 1e-12 count as zero. */
 HELPER bool walk_start(tree_ray *w, float4 o, float4 d, int depth)
 {
     float t0 = 0.0f, t1 = NEVER;
+    bool inside = true;
 
-    w->o = o.xyz;
-    w->d = d.xyz;
+    w->o[0] = o.x;
+    w->o[1] = o.y;
+    w->o[2] = o.z;
+    w->d[0] = d.x;
+    w->d[1] = d.y;
+    w->d[2] = d.z;
     w->n = 1 << depth;
+#pragma unroll
     for (int a = 0; a < 3; a++) {
-        const float oa = ((float *)&w->o)[a], da = ((float *)&w->d)[a];
+        const bool parallel = fabs(w->d[a]) < 1e-12f;
+        const float inverse = parallel ? 0.0f : 1.0f / w->d[a];
+        const float ta = (-1.0f - w->o[a]) * inverse, tb = (1.0f - w->o[a]) * inverse;
 
-        if (fabs(da) < 1e-12f) {
-            if (fabs(oa) > 1.0f)
-                return false;
-            ((float *)&w->inverse)[a] = 0.0f;
-        } else {
-            const float inverse = 1.0f / da;
-            const float ta = (-1.0f - oa) * inverse, tb = (1.0f - oa) * inverse;
-
-            ((float *)&w->inverse)[a] = inverse;
-            t0 = fmax(t0, fmin(ta, tb));
-            t1 = fmin(t1, fmax(ta, tb));
-        }
+        w->inverse[a] = inverse;
+        inside = inside && !(parallel && fabs(w->o[a]) > 1.0f);
+        t0 = parallel ? t0 : fmax(t0, fmin(ta, tb));
+        t1 = parallel ? t1 : fmin(t1, fmax(ta, tb));
     }
     w->t = t0;
-    w->end = t1;
-    w->cell = (int3)(cell_of(w->o.x, w->d.x, t0, w->n), cell_of(w->o.y, w->d.y, t0, w->n),
-                     cell_of(w->o.z, w->d.z, t0, w->n));
-    return t1 > t0;
+#pragma unroll
+    for (int a = 0; a < 3; a++)
+        w->cell[a] = cell_of(w->o[a], w->d[a], t0, w->n);
+    return inside && t1 > t0;
 }
 
 /* The leaf or culled node the walk is in: its map entry, t where the ray leaves it in *t_out; moves on.
- * Returns false in *more once the cube is left. Progress is by integers: the crossed axis steps over the
+ * *more turns false once the cube is left. Progress is by integers: the crossed axis steps over the
  * node's face, the others stay within its extent, so no rounding can trap the walk. */
 HELPER int walk_next(tree_ray *w, const __global int *map, int depth, float *t_out, bool *more)
 {
-    const int entry = map[(w->cell.z * w->n + w->cell.y) * w->n + w->cell.x];
+    const int entry = map[(w->cell[2] * w->n + w->cell[1]) * w->n + w->cell[0]];
     const int size = 1 << (depth - (entry & 15));
+    const float cell = 2.0f / (float)w->n;
     float exits[3], t = NEVER;
 
+#pragma unroll
     for (int a = 0; a < 3; a++) {
-        const float inverse = ((float *)&w->inverse)[a];
-        const int base = ((int *)&w->cell)[a] & ~(size - 1);
-        const int plane = inverse > 0.0f ? base + size : base;
+        const int base = w->cell[a] & ~(size - 1);
+        const int plane = w->inverse[a] > 0.0f ? base + size : base;
 
-        exits[a] = inverse == 0.0f ? NEVER
-                                   : ((float)plane * (2.0f / (float)w->n) - 1.0f -
-                                      ((float *)&w->o)[a]) *
-                                         inverse;
+        exits[a] = w->inverse[a] == 0.0f
+                       ? NEVER
+                       : ((float)plane * cell - 1.0f - w->o[a]) * w->inverse[a];
         t = fmin(t, exits[a]);
     }
     t = fmax(t, w->t);
     *more = t < NEVER;
+#pragma unroll
     for (int a = 0; a < 3; a++) {
-        int *cell = (int *)&w->cell + a;
-        const int base = *cell & ~(size - 1);
+        const int base = w->cell[a] & ~(size - 1);
+        const int over = w->inverse[a] > 0.0f ? base + size : base - 1;
+        const int along = clamp(cell_of(w->o[a], w->d[a], t, w->n), base, base + size - 1);
 
-        if (exits[a] <= t)
-            *cell = ((float *)&w->inverse)[a] > 0.0f ? base + size : base - 1;
-        else
-            *cell = clamp(cell_of(((float *)&w->o)[a], ((float *)&w->d)[a], t, w->n), base,
-                          base + size - 1);
-        if (*cell < 0 || *cell >= w->n)
-            *more = false;
+        w->cell[a] = exits[a] <= t ? over : along;
+        *more = *more && w->cell[a] >= 0 && w->cell[a] < w->n;
     }
     *t_out = t;
     w->t = t;
@@ -193,8 +190,8 @@ HELPER float segment_point(STAGE1_ARGUMENTS, const segment *s, uint j, float *si
 
 /* The segment of ray r's passage through a leaf of `level`. */
 #if STAGE1 == 1
-#define SEGMENT_OF(r, w, t_in, t_out, slot, level)                                                 \
-    segment_open(STAGE1_PASS, (w).o, (w).d, t_in, t_out, slot)
+#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level)                                              \
+    segment_open(STAGE1_PASS, o, d, t_in, t_out, slot)
 #define LIST_ARGUMENTS
 #else
 /* grids: [batch view][level 0..5] {first list, coarsening, lists per row, longest list} */
@@ -215,7 +212,7 @@ HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grid
 #define LIST_BEGIN(list) (list_start[list])
 #define LIST_END(list)   (list_start[(list) + 1u])
 #endif
-#define SEGMENT_OF(r, w, t_in, t_out, slot, level)                                                 \
+#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level)                                              \
     segment_open(STAGE1_PASS, LIST_BEGIN(list_of(pixels, grids, r, level)),                        \
                  LIST_END(list_of(pixels, grids, r, level)), t_in, t_out)
 #endif
@@ -256,34 +253,9 @@ HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float
 
 /* ---- intervals ---- */
 
-__kernel void intervals_count(const __global float4 *restrict ray_o,
-                              const __global float4 *restrict ray_d, /* [ray] */
-                              const __global int *restrict map,      /* [n^3] slot+1 << 4 | level */
-                              __global uint *restrict counts,        /* [ray] */
-                              uint n, int depth)
-{
-    const uint r = get_global_id(0);
-    tree_ray w;
-    uint count = 0;
-
-    if (r >= n)
-        return;
-    bool more = walk_start(&w, ray_o[r], ray_d[r], depth);
-    while (more) {
-        const float t_in = w.t;
-        float t_out;
-        const int entry = walk_next(&w, map, depth, &t_out, &more);
-
-        if (entry >> 4 && t_out - t_in > CLN_MIN_CHORD)
-            count++;
-    }
-    counts[r] = count;
-}
-
 __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                              const __global float4 *restrict ray_d, const __global int *restrict map,
-                             const __global uint *restrict starts,     /* [ray + 1] */
-                             __global cln_interval *restrict intervals, /* [interval] */
+                             __global cln_interval *restrict intervals, /* [ray][MAX_INTERVALS] */
                              __global uint *restrict used,         /* [ray] intervals with samples */
                              __global uint *restrict sample_counts, /* [ray] */
                              uint first, uint n, int depth, float max_depth, uint per_leaf, uint per_ray,
@@ -297,7 +269,9 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
 
     if (get_global_id(0) >= n)
         return;
+    const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
     bool more = walk_start(&w, ray_o[r], ray_d[r], depth);
+
     while (more && tau <= max_depth) {
         const float t_in = w.t;
         float t_out;
@@ -306,7 +280,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
 
         if (slot < 0 || !(length > CLN_MIN_CHORD))
             continue;
-        const segment s = SEGMENT_OF(r, w, t_in, t_out, slot, entry & 15);
+        const segment s = SEGMENT_OF(r, o, d, t_in, t_out, slot, entry & 15);
         const float passage = segment_depth(STAGE1_PASS, &s, t_in, t_out);
         uint count;
 
@@ -328,7 +302,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
         if (count > 0) {
             const cln_interval i = {t_in, t_out, slot, count | (uint)(entry & 15) << 24};
 
-            intervals[starts[r] + kept++] = i;
+            intervals[r * MAX_INTERVALS(depth) + kept++] = i;
             samples += count;
         }
         tau += passage;
@@ -342,29 +316,27 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
 
 __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                            const __global float4 *restrict ray_d,
-                           const __global uint *restrict starts, /* [ray + 1] of intervals */
-                           const __global cln_interval *restrict intervals,
+                           const __global cln_interval *restrict intervals, /* [ray][MAX_INTERVALS] */
                            const __global uint *restrict used,          /* [ray] */
                            const __global uint *restrict sample_starts, /* [ray + 1] */
                            __global cln_sample *restrict samples,       /* [sample] */
-                           uint first, uint n, float uniform_share, uint jitter, uint2 seed,
+                           uint first, uint n, int depth, float uniform_share, uint jitter, uint2 seed,
                            uint step LIST_ARGUMENTS)
 {
     const uint r = first + get_global_id(0);
     uint at, drawn = 0;
     float4 random = (float4)(0.5f);
-    tree_ray w;
 
     if (get_global_id(0) >= n)
         return;
-    w.o = ray_o[r].xyz;
-    w.d = ray_d[r].xyz;
+    const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
+
     at = sample_starts[r];
     for (uint i = 0; i < used[r]; i++) {
-        const cln_interval v = intervals[starts[r] + i];
+        const cln_interval v = intervals[r * MAX_INTERVALS(depth) + i];
         const uint count = v.count & 0xFFFFFFu;
         const float length = v.t_out - v.t_in;
-        const segment s = SEGMENT_OF(r, w, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
+        const segment s = SEGMENT_OF(r, o, d, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
         const uint bins = max(1u, s.count);
         const float even = uniform_share / length;
         float mass = 0.0f, floor_mass = 0.0f, edge, t = v.t_out, sigma = 0.0f, through, cdf = 0.0f;

@@ -37,7 +37,7 @@ part() {
 # and run the same host code: they are left out.
 sanitized() {
     local groups
-    groups=$(build/sanitize/tests -l | grep -v -x -E 'mlp|train|splat')
+    groups=$(build/sanitize/tests -l | grep -v -x -E 'mlp|train')
     # shellcheck disable=SC2086
     build/sanitize/tests $groups
 }
@@ -54,7 +54,7 @@ part "command line" tests/cli.sh
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests
 part "sanitized unit" sanitized
-part "sanitized command line" env BUILD=build/sanitize tests/cli.sh usage scenes
+part "sanitized command line" env BUILD=build/sanitize tests/cli.sh usage scenes resume
 rm -f "$log"
 
 printf '\n%d passed, %d failed%s\n' $passed $failed "$([ $skipped = 0 ] || echo ", $skipped skipped")"

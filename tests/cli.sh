@@ -218,7 +218,7 @@ section_devices() {
     echo 'this is no OpenCL;' >>"$work/kernels/mlp.cl"
     expect "--kernel-dir with a broken kernel, with its log" 4 "mlp.cl error" \
         "$cln" selftest --quick --kernel-dir "$work/kernels"
-    expect "--kernel-dir without kernels" 4 "$work/nowhere" \
+    expect "--kernel-dir that is not there" 3 "$work/nowhere" \
         "$cln" selftest --quick --kernel-dir "$work/nowhere"
 }
 
@@ -275,11 +275,11 @@ section_scenes() {
     expect "truncated image" 3 "r_003.png" "$cln" train "$work/bad" -o "$work/never" "${small[@]}" --steps 1
     check "truncated image: train writes nothing" [ ! -e "$work/never" ]
     rm "$first"
-    bad_scene "missing image" "r_003.png"
+    bad_scene "missing image" "r_003"
     : >"$first"
     bad_scene "empty image" "r_003.png"
     echo '{"camera_angle_x": 0.7, "frames": []}' >"$train_json"
-    bad_scene "zero frames" "transforms_train.json|frame"
+    bad_scene "zero frames" "training.view"
     echo '{"camera_angle_x": 0.7, "frames": [{"file_path": "./train/r_000", "transform_matrix":
         [[1,0,0,0],[0,1.2,0,0],[0,0,1,4],[0,0,0,1]]}]}' >"$train_json"
     bad_scene "non-rigid pose" "r_000|frame rigid|rotation"

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/number.h"
+#include "base/text.h"
 
 #define ROW_INT(field, option, paper, fast, min, max, help) \
     {CLN_ROW_INT, #field, option, help, NULL, min, max, offsetof(cln_config, field), GROUP},
@@ -151,33 +152,6 @@ const cln_config_row *cln_config_find(const char *option)
     return NULL;
 }
 
-/* Edits (insert, delete, replace, swap of neighbours) between two names of at most 63 characters. */
-static int edit_distance(const char *a, const char *b)
-{
-    enum { MAX = 63 };
-    int cost[MAX + 1][MAX + 1];
-    int na = (int)strnlen(a, MAX), nb = (int)strnlen(b, MAX);
-
-    for (int i = 0; i <= na; i++) {
-        for (int j = 0; j <= nb; j++) {
-            int best = i + j; /* right for the first row and column */
-
-            if (i > 0 && j > 0) {
-                best = cost[i - 1][j - 1] + (a[i - 1] != b[j - 1]);
-                if (cost[i - 1][j] + 1 < best)
-                    best = cost[i - 1][j] + 1;
-                if (cost[i][j - 1] + 1 < best)
-                    best = cost[i][j - 1] + 1;
-                if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] &&
-                    cost[i - 2][j - 2] + 1 < best)
-                    best = cost[i - 2][j - 2] + 1;
-            }
-            cost[i][j] = best;
-        }
-    }
-    return cost[na][nb];
-}
-
 const char *cln_config_nearest(const char *option)
 {
     const char *nearest = cln_config_rows[0].option;
@@ -187,7 +161,7 @@ const char *cln_config_nearest(const char *option)
     if (strncmp(option, "no-", 3) == 0)
         option += 3;
     for (int i = 0; i < cln_config_row_count; i++) {
-        int distance = edit_distance(option, cln_config_rows[i].option);
+        int distance = cln_edit_distance(option, cln_config_rows[i].option);
         if (distance < best) {
             best = distance;
             nearest = cln_config_rows[i].option;

@@ -1,41 +1,11 @@
-/* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or one JSON document of the
- * schema of RUN/eval/STEP-SPLIT.json. */
+/* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or as the JSON document that is
+ * in RUN/eval/STEP-SPLIT.json. */
 #include "cli/commands.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include "cli/console.h"
-#include "io/run_folder.h"
-
-static json_t *image_json(const cln_eval_image *i)
-{
-    return json_pack("{s:s s:i s:i s:o s:o s:o s:o s:o}", "name", i->name, "width", i->width,
-                     "height", i->height, "psnr", cln_json_real(i->psnr), "psnr_u8",
-                     cln_json_real(i->psnr_u8), "ssim", cln_json_real(i->ssim), "mse",
-                     cln_json_real(i->mse), "seconds", cln_json_real(i->seconds));
-}
-
-static cln_status print_as_json(const char *run, const cln_eval_result *r)
-{
-    json_t *images = json_array();
-    char digest[32];
-    double seconds = 0;
-
-    cln_format_digest(r->digest, digest);
-    for (int i = 0; i < r->count; i++) {
-        json_array_append_new(images, image_json(&r->images[i]));
-        seconds += r->images[i].seconds;
-    }
-    return cln_print_json(json_pack(
-        "{s:s s:s s:s s:I s:o s:s s:[o,o,o] s:{s:o s:o s:o s:o s:o} s:o s:o s:o}", "schema",
-        "cl-nascent.eval/1", "run", run, "model_digest", digest, "step", (json_int_t)r->step,
-        "train_seconds", cln_json_real(r->train_seconds), "split", r->split, "background",
-        cln_json_real(r->background[0]), cln_json_real(r->background[1]),
-        cln_json_real(r->background[2]), "mean", "psnr", cln_json_real(r->psnr), "psnr_u8",
-        cln_json_real(r->psnr_u8), "ssim", cln_json_real(r->ssim), "mse", cln_json_real(r->mse),
-        "seconds", cln_json_real(r->seconds), "psnr_of_mean_mse",
-        cln_json_real(r->psnr_of_mean_mse), "seconds", cln_json_real(seconds), "images", images));
-}
 
 static void print_row(int width, const char *name, double psnr, double ssim, double seconds)
 {
@@ -74,6 +44,7 @@ cln_status cln_cmd_eval(const cln_options *options)
     cln_status st = CLN_OK;
     cln_console console = {0};
     cln_eval_result result = {0};
+    char *json = NULL;
     cln_eval_desc desc = {.run = options->operand,
                           .scene = options->scene,
                           .split = options->split,
@@ -88,7 +59,9 @@ cln_status cln_cmd_eval(const cln_options *options)
     if (st != CLN_OK)
         goto done;
     if (options->json)
-        CLN_TRY(print_as_json(options->operand, &result));
+        CLN_TRY(cln_eval_json(&result, &json));
+    if (json)
+        puts(json);
     else
         print_table(&result);
     if (!(result.psnr >= options->min_psnr))
@@ -97,5 +70,6 @@ cln_status cln_cmd_eval(const cln_options *options)
 done:
     cln_console_close(&console);
     cln_eval_free(&result);
+    free(json);
     return st;
 }

@@ -17,6 +17,7 @@ cln_status cln_cmd_render(const cln_options *options)
     bool orbit = options->orbit_frames > 0;
     cln_render_desc desc = {.run = options->operand,
                             .out = options->output,
+                            .scene = options->scene,
                             .split = orbit ? NULL : options->split,
                             .orbit_frames = options->orbit_frames,
                             .orbit_elevation = options->elevation,

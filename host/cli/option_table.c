@@ -5,6 +5,7 @@
 #include <limits.h>
 #include <stdio.h>
 #include <string.h>
+#include "base/text.h"
 #include "cli/commands.h"
 #include "cli/options.h"
 
@@ -80,7 +81,7 @@ const cln_arg cln_args[] = {
 
     WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test", "test",
          "which views of the scene; render: their poses"),
-    TEXT(CLN_EVAL, "scene", 0, scene, "SCENE", NULL, NULL,
+    TEXT(CLN_EVAL | CLN_RENDER, "scene", 0, scene, "SCENE", NULL, NULL,
          "where the scene is now, if not where the run found it"),
     NUMBER(CLN_EVAL | CLN_RENDER, "max-images", max_images, CLN_ARG_INT, "N", 0, INT_MAX, "0",
            "only N views, evenly chosen (0 = all)"),
@@ -186,34 +187,10 @@ const cln_command *cln_command_find(const char *name)
 
 /* ---- errors ---- */
 
-/* Edits (insert, delete, replace) between two names of at most 63 characters. */
-static int edit_distance(const char *a, const char *b)
-{
-    int row[64];
-    int length = (int)strnlen(b, 63);
-
-    for (int j = 0; j <= length; j++)
-        row[j] = j;
-    for (int i = 1; i <= 63 && a[i - 1]; i++) {
-        int diagonal = row[0];
-        row[0] = i;
-        for (int j = 1; j <= length; j++) {
-            int best = diagonal + (a[i - 1] != b[j - 1]);
-            diagonal = row[j];
-            if (row[j] + 1 < best)
-                best = row[j] + 1;
-            if (row[j - 1] + 1 < best)
-                best = row[j - 1] + 1;
-            row[j] = best;
-        }
-    }
-    return row[length];
-}
-
 /* Keeps the nearer of *best and candidate. */
 static void consider(const char *name, const char *candidate, int *distance, const char **best)
 {
-    int d = edit_distance(name, candidate);
+    int d = cln_edit_distance(name, candidate);
 
     if (d < *distance) {
         *distance = d;

@@ -104,6 +104,9 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
 
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s", name);
+    if (device->kernel_dir && !cln_is_dir(device->kernel_dir))
+        CLN_TRY(cln_fail(CLN_INPUT, "--kernel-dir %s: no such folder; leave the option out to use the "
+                                    "kernels in the binary", device->kernel_dir));
     CLN_TRY(cln_strdup(&copy, defines ? defines : ""));
     CLN_TRY(own(&s, copy));
     CLN_TRY(append_file(device, &s, "device_abi.h"));

@@ -10,6 +10,7 @@
 #include "base/memory.h"
 #include "io/image.h"
 #include "io/metrics_image.h"
+#include "io/names.h"
 #include "io/run_folder.h"
 
 void cln_eval_free(cln_eval_result *result)
@@ -30,25 +31,6 @@ cln_status cln_evaluate_choose(const cln_scene *scene, cln_split split, int most
     CLN_TRY(cln_alloc(views, (size_t)*count, sizeof **views, "views"));
     for (int i = 0; i < *count; i++)
         (*views)[i] = cln_scene_split_view(scene, split, (int)((int64_t)i * total / *count));
-done:
-    return st;
-}
-
-cln_status cln_view_file_name(const char *name, char **out)
-{
-    cln_status st = CLN_OK;
-    char *slash = NULL, *dot = NULL;
-
-    while (name[0] == '.' && name[1] == '/')
-        name += 2;
-    CLN_TRY(cln_strdup(out, name));
-    slash = strrchr(*out, '/');
-    dot = strrchr(slash ? slash : *out, '.');
-    if (dot && dot != *out && dot != slash + 1)
-        *dot = 0;
-    for (char *c = *out; *c; c++)
-        if (*c == '/' || *c == '\\')
-            *c = '_';
 done:
     return st;
 }
@@ -134,6 +116,8 @@ cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *view
                  cln_split_names[scene->views[views[0]].split]);
     if (folder)
         CLN_TRY(cln_make_dirs(folder));
+    if (callbacks && callbacks->work)
+        callbacks->work("eval", 0, count, callbacks->user);
     CLN_TRY(cln_render_prepare(p));
     for (int i = 0; i < count; i++) {
         cln_eval_image *image = &result->images[i];

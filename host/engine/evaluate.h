@@ -19,7 +19,4 @@ cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *view
 /* The document of RUN/eval/STEP-SPLIT.json (docs/formats.md). */
 cln_status cln_evaluate_json(const cln_eval_result *result, json_t **out);
 
-/* "train/r_0.png" -> "train_r_0": the name of a view's files. The caller frees *out. */
-cln_status cln_view_file_name(const char *name, char **out);
-
 #endif

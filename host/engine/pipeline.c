@@ -134,6 +134,22 @@ done:
     return st;
 }
 
+cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const double centre[3],
+                              double half)
+{
+    cln_status st = CLN_OK;
+    const cln_camera **cameras = NULL;
+
+    CLN_TRY(cln_alloc(&cameras, (size_t)scene->view_count, sizeof *cameras, "cameras"));
+    for (int i = 0; i < scene->view_count; i++)
+        cameras[i] = &scene->views[i].camera;
+    CLN_TRY(cln_pipeline_cameras(p, cameras, scene->view_count, centre, half));
+    p->training_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+done:
+    free(cameras);
+    return st;
+}
+
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
                               const float *backgrounds)
 {

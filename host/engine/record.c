@@ -85,25 +85,40 @@ static json_t *device_json(const cln_device_info *info)
                      info->max_alloc, "compute_units", info->compute_units);
 }
 
+static const char *text_of(const json_t *object, const char *key, const char *otherwise)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+
+    return text ? text : otherwise;
+}
+
+/* A resumed run keeps what this process was not told: its preset and its scene's path, and when it was
+ * first started. */
 cln_status cln_record_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    json_t *config = NULL, *scene = NULL, *plan = NULL;
+    json_t *config = NULL, *scene = NULL, *plan = NULL, *before = NULL;
+    const char *path = t->desc->scene, *preset = t->desc->preset;
     char now[32], tune[256];
 
+    if (t->desc->resume)
+        CLN_TRY(cln_run_read(t->desc->run, &before));
+    if (!path)
+        path = text_of(json_object_get(before, "dataset"), "path", t->scene->folder);
+    if (!preset)
+        preset = text_of(before, "preset", "");
     CLN_TRY(cln_config_to_json(&t->model.config, &config));
     CLN_TRY(cln_scene_describe(t->scene, &scene));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_del(scene, "cameras"); /* the per-view list is long */
-    json_object_set_new(scene, "path", json_string(t->desc->scene));
+    json_object_set_new(scene, "path", json_string(path));
     cln_utc_now(now);
     cln_tune_text(&t->pipeline.tune, tune);
     t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:s, s:n}", "schema",
                        "cl-nascent.run/1", "version", CLN_VERSION, "command",
-                       t->desc->command ? t->desc->command : "", "preset",
-                       t->desc->preset ? t->desc->preset : "", "config", config, "device",
+                       t->desc->command ? t->desc->command : "", "preset", preset, "config", config, "device",
                        device_json(&t->device->info), "dataset", scene, "state", "running", "started",
-                       now, "ended", "plan", plan, "tune", tune, "result");
+                       text_of(before, "started", now), "ended", "plan", plan, "tune", tune, "result");
     config = scene = plan = NULL;
     if (!t->run) {
         st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");
@@ -115,6 +130,7 @@ done:
     json_decref(config);
     json_decref(scene);
     json_decref(plan);
+    json_decref(before);
     return st;
 }
 
@@ -179,9 +195,9 @@ done:
     return st;
 }
 
-cln_status cln_record_folder(const cln_trainer *t, char **folder)
+cln_status cln_record_folder(const char *run, int64_t step, const char *split, char **folder)
 {
-    return cln_asprintf(folder, "%s/eval/%08lld-test", t->desc->run, (long long)t->model.step);
+    return cln_asprintf(folder, "%s/eval/%08lld-%s", run, (long long)step, split);
 }
 
 cln_status cln_record_eval(const char *run, const cln_eval_result *result)

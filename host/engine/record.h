@@ -15,7 +15,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
 
 /* RUN/eval/STEP-SPLIT.json, and the folder beside it for pictures. */
 cln_status cln_record_eval(const char *run, const cln_eval_result *result);
-cln_status cln_record_folder(const cln_trainer *t, char **folder);
+cln_status cln_record_folder(const char *run, int64_t step, const char *split, char **folder);
 
 /* "left out: lens distortion (pinhole cameras); ..." for the log, and as a JSON array. */
 cln_status cln_record_left_out(const cln_trainer *t, json_t **out);

@@ -34,11 +34,11 @@ static cln_status render_batch(cln_pipeline *p, const cln_pixel *pixels, int n,
                                    .empty_weight = (float)p->config.empty_weight,
                                    .empty_share = p->config.empty_weight > 0 ? 0 : 1,
                                    .max_samples = (size_t)p->config.batch_samples};
-    uint32_t samples = 0, intervals = 0, slices = 0;
+    uint32_t samples = 0, slices = 0;
 
     CLN_TRY(cln_pipeline_batch(p, pixels, n, NULL, backgrounds));
     CLN_TRY(cln_stage_rays(p, n));
-    CLN_TRY(cln_stage_sample(p, n, &sampling, done_rays, &samples, &intervals));
+    CLN_TRY(cln_stage_sample(p, n, &sampling, done_rays, &samples));
     CLN_TRY(cln_stage_group(p, samples, &slices));
     CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
     CLN_TRY(cln_stage_composite(p, *done_rays, axis_depth));

@@ -135,7 +135,6 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, p->ray_o.mem);
     ADD(&a, p->ray_d.mem);
     ADD(&a, p->map.mem);
-    ADD(&a, p->interval_starts.mem);
     ADD(&a, p->intervals.mem);
     ADD(&a, p->used.mem);
     ADD(&a, p->sample_counts.mem);
@@ -160,6 +159,7 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     const int rays = last > g->first_ray ? last - g->first_ray : 0;
     const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)rays;
     const cl_uint jitter = s->jitter;
+    const cl_int depth = p->depth;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
     const size_t wg = (size_t)p->tune.wg;
     arguments a = {.count = 0};
@@ -167,13 +167,13 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     add_stage1_front(p, &a, &n1);
     ADD(&a, p->ray_o.mem);
     ADD(&a, p->ray_d.mem);
-    ADD(&a, p->interval_starts.mem);
     ADD(&a, p->intervals.mem);
     ADD(&a, p->used.mem);
     ADD(&a, p->sample_starts.mem);
     ADD(&a, p->samples.mem);
     ADD(&a, first);
     ADD(&a, n);
+    ADD(&a, depth);
     ADD(&a, s->uniform_share);
     ADD(&a, jitter);
     ADD(&a, seed);
@@ -209,31 +209,23 @@ done:
 }
 
 cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *rays_used,
-                            uint32_t *sample_count, uint32_t *interval_count)
+                            uint32_t *sample_count)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
-    const size_t rays = (size_t)n, wg = (size_t)p->tune.wg;
+    const size_t rays = (size_t)n;
     const cl_uint count = (cl_uint)n;
-    const cl_int depth = p->depth;
     const bool splat = p->config.stage1 == CLN_STAGE1_SPLAT;
     cln_splat_group all = {.first_ray = 0, .rays = n}, *groups = NULL;
     int group_count = 0;
 
     *rays_used = n;
-    *sample_count = *interval_count = 0;
-    CLN_TRY(cln_buffer_reserve(device, &p->interval_counts, rays * sizeof(cl_uint), "intervals"));
-    CLN_TRY(cln_buffer_reserve(device, &p->interval_starts, (rays + 1) * sizeof(cl_uint), "intervals"));
+    *sample_count = 0;
+    CLN_TRY(cln_buffer_reserve(device, &p->intervals,
+                               rays * ((size_t)3 << p->depth) * sizeof(cln_interval), "intervals"));
     CLN_TRY(cln_buffer_reserve(device, &p->used, rays * sizeof(cl_uint), "intervals"));
     CLN_TRY(cln_buffer_reserve(device, &p->sample_counts, rays * sizeof(cl_uint), "samples"));
     CLN_TRY(cln_buffer_reserve(device, &p->sample_starts, (rays + 1) * sizeof(cl_uint), "samples"));
-    CLN_TRY(CLN_LAUNCH(device, p->k.intervals_count, CLN_STAGE_INTERVALS, cln_groups(rays, wg), wg,
-                       CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->map.mem),
-                       CLN_ARG(p->interval_counts.mem), CLN_ARG(count), CLN_ARG(depth)));
-    CLN_TRY(cln_stage_scan(p, &p->interval_counts, &p->interval_starts, count, CLN_STAGE_INTERVALS,
-                           interval_count));
-    CLN_TRY(cln_buffer_reserve(device, &p->intervals, *interval_count * sizeof(cln_interval),
-                               "intervals"));
     if (splat) {
         CLN_TRY(cln_stage_splat_plan(p, n, &groups, &group_count));
     } else {

@@ -12,6 +12,7 @@
 #include "engine/record.h"
 #include "engine/selftest.h"
 #include "engine/trainer.h"
+#include "engine/viewer.h"
 
 cln_status cln_run_config(const char *run, cln_config *config, char **scene)
 {
@@ -40,7 +41,7 @@ static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
         saved->view_width != wanted->view_width || saved->bands != wanted->bands ||
         saved->view_bands != wanted->view_bands || saved->skip != wanted->skip ||
         saved->view_dependence != wanted->view_dependence || saved->n1 != wanted->n1)
-        return cln_fail(CLN_USAGE,
+        return cln_fail(CLN_CHECKPOINT,
                         "--resume: width, depth, view-width, bands, view-bands, skip, "
                         "view-dependence and n1 are fixed by the checkpoint; leave them out or start "
                         "a new run");
@@ -55,6 +56,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
         CLN_TRY(check_shape(&t->model.config, config));
         t->model.config = *config;
+        t->model.rays = t->model.rays < config->rays ? t->model.rays : config->rays;
         cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
                  t->model.train_seconds, t->model.tree.leaf_count);
     } else {
@@ -69,42 +71,6 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         t->model.rays = t->model.rays < 16 ? 16 : t->model.rays;
     }
 done:
-    return st;
-}
-
-static cln_status upload_cameras(cln_trainer *t)
-{
-    cln_status st = CLN_OK;
-    const cln_camera **cameras = NULL;
-
-    CLN_TRY(cln_alloc(&cameras, (size_t)t->scene->view_count, sizeof *cameras, "cameras"));
-    for (int i = 0; i < t->scene->view_count; i++)
-        cameras[i] = &t->scene->views[i].camera;
-    CLN_TRY(cln_pipeline_cameras(&t->pipeline, cameras, t->scene->view_count, t->model.centre,
-                                 t->model.half));
-    t->pipeline.training_views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN);
-done:
-    free(cameras);
-    return st;
-}
-
-/* A resumed run on changed images would silently be another run: warn. */
-static cln_status compare_scene(const cln_trainer *t)
-{
-    cln_status st = CLN_OK;
-    json_t *document = NULL;
-    const char *saved = NULL;
-    char digest[24];
-
-    CLN_TRY(cln_run_read(t->desc->run, &document));
-    saved = json_string_value(json_object_get(json_object_get(document, "dataset"), "digest"));
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)t->scene->digest);
-    if (!saved || strcmp(saved, digest) != 0)
-        cln_warn("%s: the scene is not the one this run began with (digest %s, was %s); the result "
-                 "will not equal an uninterrupted run's",
-                 t->scene->folder, digest, saved ? saved : "unknown");
-done:
-    json_decref(document);
     return st;
 }
 
@@ -139,9 +105,8 @@ static cln_status prepare(cln_trainer *t)
     cln_config config = t->desc->config;
     cln_scene_desc scene = {.path = t->desc->scene,
                             .config = &config,
-                            .pixels = {[CLN_SPLIT_TRAIN] = true}};
+                            .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
     char *saved_scene = NULL;
-    const bool evaluates = true;
 
     if (!scene.path && t->desc->resume) {
         cln_config ignored;
@@ -152,19 +117,21 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_config_check(&config));
     CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));
-    scene.pixels[CLN_SPLIT_TEST] = evaluates;
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     CLN_TRY(cln_scene_load(&scene, &t->scene));
-    if (!t->desc->skip_selftest)
+    if (!t->desc->skip_selftest) {
+        cln_info("checking the kernels on %s", t->device->info.name);
         CLN_TRY(cln_selftest_device(t->device, true, NULL, NULL));
+    }
     CLN_TRY(load_model(t, &config));
     if (t->desc->resume)
-        CLN_TRY(compare_scene(t));
+        CLN_TRY(cln_viewer_compare(t->desc->run, t->scene));
     t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)config.rays, sizeof *t->results, "ray results"));
     CLN_TRY(cln_evaluate_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                 &t->eval_count));
+    cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion,
                                 config.random_background && t->scene->has_alpha, &t->pipeline));
     cln_plan_make(t->device, &config, &t->pipeline.net, &t->pipeline.tune, t->model.tree.leaf_count,
@@ -174,7 +141,7 @@ static cln_status prepare(cln_trainer *t)
     t->pipeline.max_entries = t->plan.max_entries;
     say_what_runs(t);
     CLN_TRY(cln_run_open(t->desc->run, t->desc->resume));
-    CLN_TRY(upload_cameras(t));
+    CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, t->model.centre, t->model.half));
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
     CLN_TRY(cln_record_start(t));
@@ -203,7 +170,7 @@ done:
         result->digest = cln_model_digest(&t.model);
     state = st == CLN_OK ? "done" : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted" : "failed";
     cln_metrics_close(t.metrics);
-    if (t.metrics) {
+    if (t.run) {
         const cln_status written = cln_record_end(&t, state);
 
         st = st == CLN_OK ? written : st;

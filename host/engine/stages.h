@@ -28,7 +28,6 @@
     X(sort_count, scan)                                                                            \
     X(sort_scatter, scan)                                                                          \
     X(rays_make, rays)                                                                             \
-    X(intervals_count, sampling)                                                                   \
     X(intervals_fill, sampling)                                                                    \
     X(samples_emit, sampling)                                                                      \
     X(group_keys, group)                                                                           \
@@ -99,7 +98,7 @@ typedef struct cln_pipeline {
     cln_buffer results;     /* cln_ray_result [ray] */
 
     /* Its samples. */
-    cln_buffer interval_counts, interval_starts, intervals, used; /* [ray], [ray+1], [interval], [ray] */
+    cln_buffer intervals, used; /* cln_interval [ray][3 << depth], uint [ray]: how many of them */
     cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
     cln_buffer order;       /* uint [sample]: grouped -> sample */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
@@ -143,6 +142,10 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
 cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
                                 const double centre[3], double half);
 
+/* The same of all views of a scene, by their numbers; the training views come first. */
+cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const double centre[3],
+                              double half);
+
 /* A batch's pixels (pad = index of the view among the batch's views; for splatting, rays are in order of
  * pad, then y), and in training its targets and backgrounds ([n][4], [1][4] or [n][4]). */
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
@@ -160,9 +163,9 @@ typedef struct cln_sampling {
 } cln_sampling;
 
 /* Intervals and samples of rays 0 .. n-1. *rays_used: the batch is cut to a prefix of rays whose
- * samples fit max_samples (at least one ray, whatever it needs). Reads back the totals. */
+ * samples fit max_samples (at least one ray, whatever it needs). Reads back the total. */
 cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *sampling, int *rays_used,
-                            uint32_t *sample_count, uint32_t *interval_count);
+                            uint32_t *sample_count);
 
 /* Regularisers that look at points of the volume: extra samples (and rays that carry their positions)
  * behind those of `rays` rays; *samples grows by them. Nothing without --sparsity and --edge. The

@@ -117,6 +117,7 @@ static cln_status grow(cln_trainer *t, bool *grown)
     CLN_TRY(cln_pipeline_download(p, &t->model, true));
     CLN_TRY(cln_octree_split(&t->model.tree, NULL, &change));
     t->model.level++;
+    t->model.growth_step = t->model.step;
     t->plan = plan;
     CLN_TRY(apply_change(t, &change));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level, p->leaves);
@@ -124,6 +125,16 @@ static cln_status grow(cln_trainer *t, bool *grown)
 done:
     cln_octree_change_free(&change);
     return st;
+}
+
+/* Steps from one refresh to the next: soon after a growth, when densities and emptiness change fast, then
+ * ever more rarely up to refresh_every (instant-ngp refreshes all cells in its first steps, too). */
+static int64_t refresh_interval(const cln_trainer *t)
+{
+    const int64_t interval = (t->model.refresh_step - t->model.growth_step) / 4;
+    const int64_t most = t->model.config.refresh_every;
+
+    return interval < 32 ? (most < 32 ? most : 32) : interval < most ? interval : most;
 }
 
 /* Growth, refresh and culling that are due before the next step. Single leaves split or merged by the
@@ -136,7 +147,7 @@ static cln_status maintain(cln_trainer *t, double fraction)
 
     if (t->model.level < cln_structure_level(c, fraction))
         CLN_TRY(grow(t, &grown));
-    if (grown || t->model.step == 0 || t->model.step - t->model.refresh_step >= c->refresh_every) {
+    if (grown || t->model.step == 0 || t->model.step - t->model.refresh_step >= refresh_interval(t)) {
         CLN_TRY(cln_stage_refresh(&t->pipeline, true, (uint64_t)c->seed, (uint32_t)t->model.step));
         t->model.refresh_step = t->model.step;
         if (!grown && fraction >= c->cull_from && t->model.step > 0)
@@ -184,7 +195,7 @@ static cln_status step(cln_trainer *t, double fraction)
         .seed = (uint64_t)c->seed,
         .step = number,
         .max_samples = t->plan.max_samples};
-    uint32_t samples = 0, intervals = 0, slices = 0;
+    uint32_t samples = 0, slices = 0;
     int rays = 0;
     double loss = 0, square = 0;
 
@@ -192,7 +203,7 @@ static cln_status step(cln_trainer *t, double fraction)
     CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],
                                t->batch.backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, t->model.rays));
-    CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples, &intervals));
+    CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples));
     CLN_TRY(cln_stage_regularise(p, &sampling, rays, &samples));
     CLN_TRY(cln_stage_group(p, samples, &slices));
     CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
@@ -228,19 +239,52 @@ done:
 
 /* ---- evaluation, checkpoints ---- */
 
-static cln_status evaluate(cln_trainer *t, const char *folder)
+/* Polls the caller. What comes while a picture is under way is kept for the loop. */
+static int poll_signal(void *user)
 {
-    cln_status st = CLN_OK;
-    cln_eval_result result = {0};
-    const size_t bytes = (size_t)t->pipeline.leaves * (size_t)t->model.config.n1 *
-                         (size_t)t->model.config.n1 * (size_t)t->model.config.n1 * sizeof(uint16_t);
+    cln_trainer *t = user;
+    const cln_callbacks *callbacks = &t->desc->callbacks;
+    const int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
 
+    if (signal == SIGUSR1)
+        t->save_wanted = true;
+    else if (signal == SIGINT || signal == SIGTERM)
+        t->signal = signal;
+    return signal;
+}
+
+static void show_work(const char *what, int done, int total, void *user)
+{
+    const cln_callbacks *callbacks = &((const cln_trainer *)user)->desc->callbacks;
+
+    if (callbacks->work)
+        callbacks->work(what, done, total, callbacks->user);
+}
+
+/* *done = false if there is nothing to evaluate, or if a signal (t->signal) ended it. */
+static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
+{
+    cln_status st = CLN_OK, rendered = CLN_OK;
+    cln_eval_result result = {0};
+    const cln_callbacks callbacks = {.work = show_work, .interrupted = poll_signal, .user = t};
+    const size_t n1 = (size_t)t->model.config.n1;
+    const size_t bytes = (size_t)t->pipeline.leaves * n1 * n1 * n1 * sizeof(uint16_t);
+
+    *done = false;
     if (t->eval_count == 0)
         return CLN_OK;
     /* the pictures' densities are not training's: put those back afterwards */
     CLN_TRY(cln_buffer_read(t->device, &t->pipeline.density, 0, t->model.density, bytes));
-    CLN_TRY(cln_evaluate(&t->pipeline, t->scene, t->eval_views, t->eval_count, folder, NULL, &result));
+    rendered = cln_evaluate(&t->pipeline, t->scene, t->eval_views, t->eval_count, folder, &callbacks,
+                            &result);
+    if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
+        cln_clear_error();
+    else
+        CLN_TRY(rendered);
     CLN_TRY(cln_buffer_write(t->device, &t->pipeline.density, 0, t->model.density, bytes));
+    if (rendered != CLN_OK)
+        goto done;
+    *done = true;
     t->psnr_test = result.psnr;
     if (folder) {
         CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, false));
@@ -320,30 +364,34 @@ done:
     return st;
 }
 
+static cln_status stopped(const cln_trainer *t, const char *when)
+{
+    return cln_fail(t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
+                    "stopped by a signal %s at step %lld; go on with `cl-nascent train --resume %s`",
+                    when, (long long)t->model.step, t->desc->run);
+}
+
 cln_status cln_trainer_run(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
-    const cln_callbacks *callbacks = &t->desc->callbacks;
-    int signal = 0;
+    bool evaluated = false;
 
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = steps_of_epochs(t);
     t->interval.began_seconds = t->model.train_seconds;
     t->saved_at = cln_now();
-    while (cln_trainer_fraction(t) < 1 && signal == 0) {
+    while (cln_trainer_fraction(t) < 1 && t->signal == 0) {
         const double began = cln_now(), before = t->model.train_seconds;
         const double fraction = cln_trainer_fraction(t);
-        bool evaluated = false;
 
         CLN_TRY(maintain(t, fraction));
         CLN_TRY(step(t, fraction));
         t->model.train_seconds += cln_now() - began;
         report_progress(t, fraction);
-        if (evaluation_due(t, before)) {
-            CLN_TRY(evaluate(t, NULL));
-            evaluated = true;
-        }
+        evaluated = false;
+        if (evaluation_due(t, before))
+            CLN_TRY(evaluate(t, NULL, &evaluated));
         if (evaluated || t->model.step % c->log_every == 0 || cln_trainer_fraction(t) >= 1)
             CLN_TRY(log_row(t, fraction, evaluated));
         if (evaluated && c->target_psnr > 0 && t->psnr_test >= c->target_psnr) {
@@ -351,23 +399,19 @@ cln_status cln_trainer_run(cln_trainer *t)
                      t->model.train_seconds);
             break;
         }
-        signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
-        if (signal == SIGUSR1 || cln_now() - t->saved_at >= c->save_every) {
+        poll_signal(t);
+        if (t->save_wanted || cln_now() - t->saved_at >= c->save_every) {
             CLN_TRY(checkpoint(t));
-            signal = signal == SIGUSR1 ? 0 : signal;
+            t->save_wanted = false;
         }
     }
-    if (signal == SIGINT || signal == SIGTERM) {
-        CLN_TRY(checkpoint(t));
-        st = cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
-                      "stopped by a signal after a checkpoint at step %lld; go on with `cl-nascent "
-                      "train --resume %s`",
-                      (long long)t->model.step, t->desc->run);
-        goto done;
-    }
     CLN_TRY(checkpoint(t));
-    CLN_TRY(cln_record_folder(t, &t->eval_folder));
-    CLN_TRY(evaluate(t, t->eval_folder));
+    if (t->signal)
+        CLN_TRY(stopped(t, "after a checkpoint"));
+    CLN_TRY(cln_record_folder(t->desc->run, t->model.step, "test", &t->eval_folder));
+    CLN_TRY(evaluate(t, t->eval_folder, &evaluated));
+    if (t->signal && !evaluated)
+        CLN_TRY(stopped(t, "in the last evaluation, after a checkpoint"));
 done:
     return st;
 }

@@ -24,6 +24,8 @@ typedef struct cln_trainer {
     int culled;              /* leaves culled so far in this process */
     double began, saved_at;  /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
+    int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
+    bool save_wanted;             /* SIGUSR1 came */
 
     int *eval_views, eval_count;  /* test views for evaluations during training */
     char *eval_folder;            /* of the final one */

@@ -10,29 +10,10 @@
 #include "base/memory.h"
 #include "io/html.h"
 #include "io/image.h"
+#include "io/names.h"
 #include "io/progress.h"
 
 enum { SHOWN = 6, LISTED = 400, PICTURE_WIDTH = 400 };
-
-/* "train/r_0.png" -> "train_r_0": the file name that the evaluation gave its pictures. */
-static cln_status picture_name(const char *view, char **out)
-{
-    cln_status st = CLN_OK;
-    char *base = NULL, *dot = NULL;
-
-    while (view[0] == '.' && view[1] == '/')
-        view += 2;
-    CLN_TRY(cln_strdup(out, view));
-    base = strrchr(*out, '/');
-    base = base ? base + 1 : *out;
-    dot = strrchr(base, '.');
-    if (dot && dot != base)
-        *dot = 0;
-    for (char *c = *out; *c; c++)
-        *c = *c == '/' || *c == '\\' ? '_' : *c;
-done:
-    return st;
-}
 
 /* An <img> of the file, or a note that there is none; only lack of memory is an error. */
 static cln_status put_picture(FILE *to, const char *path, const char *view, const char *what)
@@ -73,7 +54,7 @@ static cln_status put_view(FILE *to, const char *folder, const json_t *image)
     const char *name = cln_json_text(image, "name");
     char *file = NULL, *path = NULL;
 
-    CLN_TRY(picture_name(name, &file));
+    CLN_TRY(cln_view_file_name(name, &file));
     fputs("<div class=view><h3><b>", to);
     cln_html_text(to, name);
     fputs("</b><span class=soft>PSNR ", to);
@@ -136,7 +117,7 @@ static bool has_picture(const char *folder, const json_t *image)
     char *file = NULL, *path = NULL;
     bool found = false;
 
-    if (picture_name(cln_json_text(image, "name"), &file) == CLN_OK &&
+    if (cln_view_file_name(cln_json_text(image, "name"), &file) == CLN_OK &&
         cln_asprintf(&path, "%s/%s.png", folder, file) == CLN_OK)
         found = cln_is_file(path);
     if (before == CLN_OK)

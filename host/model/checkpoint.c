@@ -63,10 +63,10 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     hex_of(data_digest, data_hex);
     hex_of(cln_model_digest(model), model_hex);
     document = json_pack(
-        "{s:s, s:s, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
+        "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
         " s:b, s:b, s:s, s:s, s:s, s:O}",
         "schema", SCHEMA, "version", CLN_VERSION, "step", (json_int_t)model->step, "refresh_step",
-        (json_int_t)model->refresh_step, "train_seconds", model->train_seconds, "rays", model->rays,
+        (json_int_t)model->refresh_step, "growth_step", (json_int_t)model->growth_step, "train_seconds", model->train_seconds, "rays", model->rays,
         "level", model->level, "training", model->adam_m != NULL, "leaves", model->tree.leaf_count,
         "params_per_leaf", model->net.params, "cube", "centre", model->centre[0], model->centre[1],
         model->centre[2], "half", model->half, "background", (double)model->background[0],
@@ -119,6 +119,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
 
     CLN_TRY(get_int(document, path, "step", 0, INT64_MAX, &out->step));
     CLN_TRY(get_int(document, path, "refresh_step", INT64_MIN, INT64_MAX, &out->refresh_step));
+    CLN_TRY(get_int(document, path, "growth_step", 0, INT64_MAX, &out->growth_step));
     CLN_TRY(get_int(document, path, "rays", 0, INT32_MAX, &rays));
     CLN_TRY(get_int(document, path, "level", 0, CLN_MAX_LEVEL, &level));
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",

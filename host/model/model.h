@@ -22,6 +22,7 @@ typedef struct cln_model {
     uint16_t *density;      /* [slot][n1^3] cached stage-1 densities, bfloat16 */
     int64_t step;
     int64_t refresh_step; /* step of the last stage-1 refresh */
+    int64_t growth_step;  /* step of the last growth of the tree */
     double train_seconds; /* budget used so far */
     int rays;             /* adapted batch size of the next step */
     int level;            /* growth reached so far */

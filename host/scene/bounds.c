@@ -108,15 +108,23 @@ static double view_radius(const cln_camera *camera)
     return hypot(x, y);
 }
 
+/* The point nearest to all axes; false if they are parallel. */
+static bool nearest_point(const axes *mean, double point[3])
+{
+    if (!(smallest_eigenvalue(mean->matrix) > PARALLEL))
+        return false;
+    solve3(mean->matrix, mean->right, point);
+    return true;
+}
+
 /* Rule 3; false if the axes are parallel, or if the point lies behind a quarter of the cameras. */
 static bool looked_at(const cln_scene *scene, const axes *mean, double centre[3], double *half)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     int behind = 0;
 
-    if (!(smallest_eigenvalue(mean->matrix) > PARALLEL))
+    if (!nearest_point(mean, centre))
         return false;
-    solve3(mean->matrix, mean->right, centre);
     *half = 0;
     for (int v = 0; v < count; v++) {
         double o[3], d[3], depth = 0;
@@ -203,6 +211,14 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
                          scene->half, scene->bounds_rule));
 done:
     return st;
+}
+
+bool cln_scene_focus(const cln_scene *scene, double point[3])
+{
+    axes mean;
+
+    gather_axes(scene, &mean);
+    return nearest_point(&mean, point);
 }
 
 /* Slab test of the ray o + t d, t >= 0, against the cube. */

@@ -82,6 +82,9 @@ void cln_scene_free(cln_scene *scene); /* accepts NULL */
 int cln_scene_split_count(const cln_scene *scene, cln_split split);
 int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 
+/* The point nearest to the optical axes of the training views, world units; false if they are parallel. */
+bool cln_scene_focus(const cln_scene *scene, double point[3]);
+
 /* Pixel (x, y) of a loaded view as float RGB in 0..1 over `background`, alpha in *alpha (1
  * without). */
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],

@@ -1,0 +1,95 @@
+/* cln_info_scene, cln_info_run: what `info` tells, as JSON text. Reads what is on disk; opens no device and
+ * decodes no image. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/config.h"
+#include "base/files.h"
+#include "base/memory.h"
+#include "cl_nascent.h"
+#include "io/run_folder.h"
+#include "model/model.h"
+#include "scene/scene.h"
+
+static cln_status to_text(const json_t *document, const char *what, char **json)
+{
+    *json = json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17));
+    return *json ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot make JSON", what);
+}
+
+cln_status cln_info_scene(const char *path, const cln_config *config, char **json)
+{
+    cln_status st = CLN_OK;
+    const cln_scene_desc desc = {.path = path, .config = config};
+    cln_scene *scene = NULL;
+    json_t *document = NULL;
+
+    *json = NULL;
+    CLN_TRY(cln_scene_load(&desc, &scene));
+    CLN_TRY(cln_scene_describe(scene, &document));
+    CLN_TRY(to_text(document, path, json));
+done:
+    json_decref(document);
+    cln_scene_free(scene);
+    return st;
+}
+
+/* Adds what the newest checkpoint says; all null while there is none. */
+static cln_status add_checkpoint(const char *run, json_t *about)
+{
+    static const char *const keys[] = {"step",   "train_seconds", "leaves",      "leaves_by_level",
+                                       "params", "model_digest",  "checkpoint"};
+    cln_status st = CLN_OK;
+    cln_model model = {0};
+    char *folder = NULL, digest[24];
+    json_t *levels = NULL;
+    int count[CLN_MAX_LEVEL + 1] = {0};
+
+    CLN_TRY(cln_path_join(&folder, run, "checkpoint"));
+    if (!cln_is_dir(folder)) {
+        for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
+            json_object_set_new(about, keys[i], json_null());
+        goto done;
+    }
+    CLN_TRY(cln_checkpoint_read(run, false, &model));
+    levels = json_array();
+    for (int s = 0; s < model.tree.leaf_count; s++)
+        count[model.tree.level[model.tree.leaf[s]]]++;
+    for (int level = 0; level <= CLN_MAX_LEVEL; level++)
+        json_array_append_new(levels, json_integer(count[level]));
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_model_digest(&model));
+    json_object_set_new(about, "step", json_integer(model.step));
+    json_object_set_new(about, "train_seconds", json_real(model.train_seconds));
+    json_object_set_new(about, "leaves", json_integer(model.tree.leaf_count));
+    json_object_set_new(about, "leaves_by_level", levels);
+    json_object_set_new(about, "params",
+                        json_integer((json_int_t)model.tree.leaf_count * model.net.learned));
+    json_object_set_new(about, "model_digest", json_string(digest));
+    json_object_set_new(
+        about, "checkpoint",
+        json_pack("{s:i, s:[f,f,f], s:f}", "params_per_leaf", model.net.params, "centre",
+                  model.centre[0], model.centre[1], model.centre[2], "half", model.half));
+done:
+    free(folder);
+    cln_model_free(&model);
+    return st;
+}
+
+cln_status cln_info_run(const char *run, char **json)
+{
+    cln_status st = CLN_OK;
+    json_t *about = json_object(), *document = NULL;
+
+    *json = NULL;
+    CLN_TRY(cln_run_read(run, &document));
+    json_object_set_new(about, "schema", json_string("cl-nascent.info/1"));
+    json_object_set_new(about, "run", json_string(run));
+    CLN_TRY(add_checkpoint(run, about));
+    json_object_update_missing(about, document); /* the run's result is of its end, above is now */
+    CLN_TRY(to_text(about, run, json));
+done:
+    json_decref(about);
+    json_decref(document);
+    return st;
+}

@@ -1,0 +1,245 @@
+/* The self-test: pipelines of a few shapes, every check on each. See selftest.h. It shows that a device and
+ * its compiler do the arithmetic of the kernels; the tests of the kernels, with all their corners, are
+ * in tests/. */
+#include "engine/selftest_checks.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/config.h"
+#include "base/memory.h"
+#include "base/rng.h"
+
+/* ---- verdicts ---- */
+
+void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt, ...)
+{
+    char full[96], detail[256];
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(detail, sizeof detail, fmt, args);
+    va_end(args);
+    snprintf(full, sizeof full, "%s: %s", c->shape, name);
+    if (!passed && c->failed++ == 0)
+        snprintf(c->first, sizeof c->first, "%s: %s", full, detail);
+    if (c->sink)
+        c->sink(full, passed, false, detail, c->user);
+}
+
+void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want, size_t n,
+                       double nmse, double worst)
+{
+    double error = 0, square = 0, largest = 0, rms = 0;
+    size_t at = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        const double e = fabs((double)got[i] - want[i]);
+
+        if (!isfinite(got[i])) {
+            cln_check_say(c, name, false, "element %zu of %zu is %g, should be %.6g", i, n,
+                          (double)got[i], want[i]);
+            return;
+        }
+        error += e * e;
+        square += want[i] * want[i];
+        if (e > largest) {
+            largest = e;
+            at = i;
+        }
+    }
+    rms = n ? sqrt(square / (double)n) : 0;
+    if (rms == 0)
+        cln_check_say(c, name, largest == 0, "%zu elements, largest %g, should be zero", n, largest);
+    else if (error <= nmse * square && largest <= worst * rms)
+        cln_check_say(c, name, true, "%.1f %% of the bound, %zu elements",
+                      100 * fmax(error / square / nmse, largest / rms / worst), n);
+    else
+        cln_check_say(c, name, false,
+                      "NMSE %.2g (bound %.0g), worst %.2g rms (bound %.0g): element %zu of %zu is %.6g, "
+                      "should be %.6g",
+                      error / square, nmse, largest / rms, worst, at, n, (double)got[at], want[at]);
+}
+
+double cln_check_uniform(uint32_t stream, uint32_t index, double low, double high)
+{
+    float u[4];
+
+    cln_uniform4(stream, CLN_STREAM_SCENE, 5, index / 4, 0, u);
+    return low + (high - low) * u[index % 4];
+}
+
+cln_status cln_check_put(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_buffer_reserve(device, buffer, bytes, "self-test"));
+    CLN_TRY(cln_buffer_write(device, buffer, 0, data, bytes));
+done:
+    return st;
+}
+
+cln_status cln_check_spoil(cln_device *device, cln_buffer *buffer, size_t bytes)
+{
+    cln_status st = CLN_OK;
+    unsigned char *spoilt = NULL;
+
+    CLN_TRY(cln_alloc(&spoilt, bytes, 1, "self-test"));
+    memset(spoilt, 0xFF, bytes); /* a NaN in every float */
+    CLN_TRY(cln_check_put(device, buffer, spoilt, bytes));
+done:
+    free(spoilt);
+    return st;
+}
+
+/* ---- shapes ---- */
+
+typedef struct shape {
+    const char *name, *preset, *tune; /* tune NULL: the device's */
+    bool small;                       /* the smallest network instead of the preset's */
+    bool splat, distortion;
+    bool quick; /* part of the quick self-test */
+} shape;
+
+static const shape shapes[] = {
+    {"fast preset", "fast", NULL, false, false, false, true},
+    {"width 16", "fast", NULL, true, true, true, true},
+    {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64", true, false, true,
+     false},
+    {"paper preset", "paper", NULL, false, true, false, false},
+};
+
+static cln_status config_of(const shape *s, cln_config *config)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_config_preset(s->preset, config));
+    config->start_level = 1;
+    config->n1 = 6;
+    config->stage1 = s->splat ? CLN_STAGE1_SPLAT : CLN_STAGE1_GATHER;
+    config->splat_min_alpha = 0;
+    /* the code of random slopes, with the same slope for all: no hash to redo here */
+    config->rrelu_scope = s->small ? CLN_RRELU_NEURON : config->rrelu_scope;
+    config->rrelu_lower = config->rrelu_upper = -0.2;
+    if (s->small) {
+        config->width = config->view_width = 16;
+        config->depth = config->bands = 2;
+        config->view_bands = 1;
+        config->lists = CLN_LISTS_PADDED;
+        config->cdf = CLN_CDF_SIGMA;
+        config->allocate = CLN_ALLOCATE_CHORD;
+        config->loss = CLN_LOSS_HUBER;
+        config->opacity_entropy = 0.05;
+        config->distortion_loss = 0.1;
+    }
+done:
+    return st;
+}
+
+/* Leaves of two levels whose weights differ. */
+static cln_status make_model(const cln_config *config, cln_model *model)
+{
+    cln_status st = CLN_OK;
+    uint8_t split[8] = {1};
+    cln_octree_change change = {0};
+    const double scale = sqrt(2.0 / config->width);
+
+    CLN_TRY(cln_model_create(config, model));
+    CLN_TRY(cln_octree_split(&model->tree, split, &change));
+    CLN_TRY(cln_model_apply(model, &change));
+    for (int i = 0; i < model->tree.leaf_count * model->net.params; i++)
+        model->params[i] = (float)(scale * cln_check_uniform(1, (uint32_t)i, -1, 1));
+done:
+    cln_octree_change_free(&change);
+    return st;
+}
+
+static cln_status run_checks(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_check_scan(c));
+    CLN_TRY(cln_check_sort(c, false));
+    if (c->p->config.stage1 == CLN_STAGE1_SPLAT)
+        CLN_TRY(cln_check_sort(c, true));
+    CLN_TRY(cln_check_densities(c));
+    CLN_TRY(cln_check_rays(c));
+    CLN_TRY(cln_check_networks(c));
+    CLN_TRY(cln_check_composite(c));
+done:
+    return st;
+}
+
+static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    const cln_tune kept = device->tune;
+    size_t largest = 0;
+    cln_config config;
+    cln_model model = {0};
+    cln_pipeline pipeline = {0};
+
+    c->shape = s->name;
+    CLN_TRY(config_of(s, &config));
+    if (s->tune)
+        CLN_TRY(cln_tune_parse(s->tune, &device->tune));
+    clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof largest, &largest, NULL);
+    if ((size_t)device->tune.ls > largest || (size_t)device->tune.wg > largest) {
+        if (c->sink)
+            c->sink(s->name, false, true, "the device allows no work-groups of this size", c->user);
+        goto done;
+    }
+    st = cln_pipeline_create(device, &config, s->distortion, s->small, &pipeline);
+    if (st == CLN_MEMORY && !s->quick) { /* a network that training would refuse, too */
+        if (c->sink)
+            c->sink(s->name, false, true, cln_error_text(), c->user);
+        cln_clear_error();
+        st = CLN_OK;
+        goto done;
+    }
+    CLN_TRY(st);
+    pipeline.max_entries = 1 << 20;
+    CLN_TRY(make_model(&config, &model));
+    CLN_TRY(cln_pipeline_upload(&pipeline, &model, true));
+    c->p = &pipeline;
+    c->model = &model;
+    CLN_TRY(run_checks(c));
+    CLN_TRY(cln_device_finish(device));
+done:
+    device->tune = kept;
+    cln_pipeline_free(&pipeline);
+    cln_model_free(&model);
+    return st;
+}
+
+cln_status cln_selftest_device(cln_device *device, bool quick, cln_check_sink *sink, void *user)
+{
+    cln_status st = CLN_OK;
+    cln_checks c = {.sink = sink, .user = user};
+
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
+        if (shapes[i].quick || !quick)
+            CLN_TRY(run_shape(device, &shapes[i], &c));
+    if (c.failed > 0)
+        st = cln_fail(CLN_CHECK,
+                      "%s does not compute what it should: %s%s; another driver or device (--device) may "
+                      "do better",
+                      device->info.name, c.first, c.failed > 1 ? ", and more" : "");
+done:
+    return st;
+}
+
+cln_status cln_selftest(const cln_device_desc *desc, bool quick, cln_check_sink *sink, void *user)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = NULL;
+
+    CLN_TRY(cln_device_open(desc, &device));
+    CLN_TRY(cln_selftest_device(device, quick, sink, user));
+done:
+    cln_device_close(device);
+    return st;
+}

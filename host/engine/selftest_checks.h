@@ -1,0 +1,44 @@
+/* What the parts of the self-test share: selftest.c runs them on one pipeline after the other,
+ * selftest_rays.c and selftest_networks.c hold the checks. Private to these three. */
+#ifndef CLN_SELFTEST_CHECKS_H
+#define CLN_SELFTEST_CHECKS_H
+
+#include "engine/selftest.h"
+#include "engine/stages.h"
+
+typedef struct cln_checks {
+    cln_pipeline *p;
+    const cln_model *model;
+    const char *shape; /* name of the pipeline, before the check's in reports */
+    cln_check_sink *sink;
+    void *user;
+    int failed;
+    char first[512]; /* of the failed ones */
+} cln_checks;
+
+/* Reports a check. */
+void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt, ...)
+    __attribute__((format(printf, 4, 5)));
+
+/* Reports a comparison with float64 by two bounds: NMSE, and the worst element in units of the
+ * reference's rms (the one misses one bad element in many, the other a small error everywhere). Values
+ * that are not finite fail; an all-zero reference must be met exactly. */
+void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want, size_t n,
+                       double nmse, double worst);
+
+/* A uniform number in [low, high), always the same for (stream, index). */
+double cln_check_uniform(uint32_t stream, uint32_t index, double low, double high);
+
+/* *buffer holds at least `bytes`, all of them NaN: what a kernel leaves out shows. */
+cln_status cln_check_spoil(cln_device *device, cln_buffer *buffer, size_t bytes);
+cln_status cln_check_put(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes);
+
+/* The checks; each reports itself. A status other than CLN_OK means that no verdict was possible. */
+cln_status cln_check_scan(cln_checks *c);
+cln_status cln_check_sort(cln_checks *c, bool wide);
+cln_status cln_check_rays(cln_checks *c);
+cln_status cln_check_densities(cln_checks *c);
+cln_status cln_check_networks(cln_checks *c);
+cln_status cln_check_composite(cln_checks *c);
+
+#endif

@@ -1,0 +1,105 @@
+/* Opens a run for eval and render. See viewer.h. The settings are the checkpoint's, so that pictures are
+ * those of the training that made it, bit for bit. */
+#include "engine/viewer.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "engine/plan.h"
+#include "io/run_folder.h"
+
+cln_status cln_viewer_compare(const char *run, const cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const char *saved = NULL;
+    char digest[24];
+
+    CLN_TRY(cln_run_read(run, &document));
+    saved = json_string_value(json_object_get(json_object_get(document, "dataset"), "digest"));
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
+    if (!saved || strcmp(saved, digest) != 0)
+        cln_warn("%s: the scene is not the one that %s began with (digest %s, was %s); results will "
+                 "not be those of the same photos and poses",
+                 scene->folder, run, digest, saved ? saved : "unknown");
+done:
+    json_decref(document);
+    return st;
+}
+
+cln_status cln_viewer_split(const cln_scene *scene, const char *name, cln_split *split)
+{
+    for (int s = 0; s < CLN_SPLITS; s++) {
+        if (strcmp(name, cln_split_names[s]) != 0)
+            continue;
+        *split = (cln_split)s;
+        if (cln_scene_split_count(scene, *split) > 0)
+            return CLN_OK;
+        return cln_fail(CLN_INPUT,
+                        "%s: no view is in the split %s (%s); choose another with --split",
+                        scene->folder, name, scene->split_rule);
+    }
+    return cln_fail(CLN_USAGE, "--split: '%s' is not one of train|val|test", name);
+}
+
+cln_status cln_viewer_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
+                           cln_viewer *out)
+{
+    cln_status st = CLN_OK;
+    cln_config recorded;
+    char *own_scene = NULL;
+    cln_scene_desc desc = {.config = &out->model.config};
+
+    memset(out, 0, sizeof *out);
+    memcpy(desc.pixels, pixels, sizeof desc.pixels);
+    CLN_TRY(cln_run_config(run, &recorded, &own_scene));
+    desc.path = scene ? scene : own_scene;
+    CLN_TRY(cln_checkpoint_read(run, false, &out->model));
+    st = cln_scene_load(&desc, &out->scene);
+    if (st != CLN_OK && !scene)
+        cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
+    CLN_TRY(st);
+    CLN_TRY(cln_viewer_compare(run, out->scene));
+done:
+    free(own_scene);
+    if (st != CLN_OK)
+        cln_viewer_close(out);
+    return st;
+}
+
+cln_status cln_viewer_start(cln_viewer *viewer, const cln_device_desc *device, bool distortion)
+{
+    cln_status st = CLN_OK;
+    const cln_config *config = &viewer->model.config;
+    cln_pipeline *p = &viewer->pipeline;
+    char text[1024];
+    cln_plan plan;
+
+    CLN_TRY(cln_device_open(device, &viewer->device));
+    cln_info("device: %s (%s, %d compute units)", viewer->device->info.name,
+             viewer->device->info.platform, viewer->device->info.compute_units);
+    cln_debug("building kernels for %s", viewer->device->info.name);
+    CLN_TRY(cln_pipeline_create(viewer->device, config, distortion,
+                                config->random_background && viewer->scene->has_alpha, p));
+    cln_plan_make(viewer->device, config, &p->net, &p->tune, viewer->model.tree.leaf_count,
+                  viewer->scene->view_count, false, &plan);
+    CLN_TRY(cln_plan_check(viewer->device, &plan));
+    cln_plan_text(&plan, text, sizeof text);
+    cln_debug("memory plan: %s", text);
+    viewer->device->limit = (size_t)plan.limit;
+    p->max_entries = plan.max_entries;
+    CLN_TRY(cln_pipeline_upload(p, &viewer->model, false));
+done:
+    return st;
+}
+
+void cln_viewer_close(cln_viewer *viewer)
+{
+    cln_pipeline_free(&viewer->pipeline);
+    cln_device_close(viewer->device);
+    cln_scene_free(viewer->scene);
+    cln_model_free(&viewer->model);
+    memset(viewer, 0, sizeof *viewer);
+}

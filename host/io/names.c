@@ -1,0 +1,24 @@
+/* View names to file names. See names.h; opens nothing. */
+#include "io/names.h"
+
+#include <string.h>
+#include "base/memory.h"
+
+cln_status cln_view_file_name(const char *name, char **out)
+{
+    cln_status st = CLN_OK;
+    char *base = NULL, *dot = NULL;
+
+    while (name[0] == '.' && name[1] == '/')
+        name += 2;
+    CLN_TRY(cln_strdup(out, name));
+    base = strrchr(*out, '/');
+    base = base ? base + 1 : *out;
+    dot = strrchr(base, '.');
+    if (dot && dot != base)
+        *dot = 0;
+    for (char *c = *out; *c; c++)
+        *c = *c == '/' || *c == '\\' ? '_' : *c;
+done:
+    return st;
+}

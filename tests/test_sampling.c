@@ -1,0 +1,363 @@
+/* sampling.cl with stage 1 by gather, against the float64 reference: leaves along a ray, counts,
+ * positions, deltas; random rays, and rays along axes, faces, edges and corners, from inside a leaf and
+ * past the cube; cutting a batch that is too large. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "device_test.h"
+#include "sampling_test.h"
+#include "tests.h"
+
+typedef struct sampling_case {
+    const char *name;
+    int set, allocate, cdf, n1;
+    bool jitter;
+    double uniform_share, t_min, empty_weight, empty_share;
+} sampling_case;
+
+enum { CHORD = CLN_ALLOCATE_CHORD, WEIGHT = CLN_ALLOCATE_WEIGHT };
+
+/* n1 is odd: with an even one, midpoints of a passage from face to face fall exactly between cells, where
+ * rounding may choose either. */
+static const sampling_case cases[] = {
+    {"paper", 0, CHORD, CLN_CDF_SIGMA, 7, true, 0.25, 1e-4, 0, 1},
+    {"fast", 1, WEIGHT, CLN_CDF_WEIGHT, 7, true, 0.25, 1e-3, 1e-3, 0.25},
+    {"chord by weight", 2, CHORD, CLN_CDF_WEIGHT, 3, false, 0.1, 0, 0, 1},
+    {"weight by sigma", 3, WEIGHT, CLN_CDF_SIGMA, 5, true, 0.5, 0, 0.05, 1},
+    {"rendering", 4, WEIGHT, CLN_CDF_WEIGHT, 9, false, 0.05, 1e-3, 1e-3, 0},
+    {"all uniform", 0, WEIGHT, CLN_CDF_WEIGHT, 5, true, 1, 1e-3, 0, 0},
+};
+
+static cln_config config_of(const sampling_case *c)
+{
+    cln_config config = small_config();
+
+    config.allocate = c->allocate;
+    config.cdf = c->cdf;
+    config.n1 = c->n1;
+    return config;
+}
+
+static cln_sampling sampling_of(const sampling_case *c)
+{
+    return (cln_sampling){.jitter = c->jitter,
+                          .t_min = (float)c->t_min,
+                          .uniform_share = (float)c->uniform_share,
+                          .empty_weight = (float)c->empty_weight,
+                          .empty_share = (float)c->empty_share,
+                          .seed = 0x123456789ull,
+                          .step = 17,
+                          .max_samples = 1 << 20};
+}
+
+/* ---- stage 1 by gather ---- */
+
+typedef struct gather_data {
+    const cln_model *model;
+    const float *boxes; /* [slot][4] */
+    float *cache;       /* [slot][n1^3] */
+} gather_data;
+
+static int gather_points(void *user, int r, const double o[3], const double d[3],
+                         const ref_interval *v, double *t, double *sigma, bool *close)
+{
+    const gather_data *g = user;
+    const int n1 = g->model->config.n1;
+    const float *box = g->boxes + 4 * v->slot;
+    const double scale = n1 / (double)box[3];
+    const int m =
+        ref_gather(o, d, v, box, g->cache + v->slot * n1 * n1 * n1, n1, t, sigma, MOST_POINTS);
+
+    (void)r;
+    assert_true(m <= MOST_POINTS);
+    *close = *close || near_integer((v->t_out - v->t_in) * scale, 1e-3);
+    for (int j = 0; j < m; j++) {
+        for (int a = 0; a < 3; a++) {
+            const double cell = (o[a] + t[j] * d[a] - box[a]) * scale;
+
+            *close =
+                *close || (near_integer(cell, NEAR / 4 * scale) && cell > 0.5 && cell < n1 - 0.5);
+        }
+    }
+    return m;
+}
+
+static void make_gather(const cln_model *model, float *boxes, gather_data *g)
+{
+    const int cells = model->config.n1 * model->config.n1 * model->config.n1;
+
+    g->model = model;
+    g->boxes = boxes;
+    g->cache = test_alloc((size_t)(model->tree.leaf_count * cells), sizeof *g->cache);
+    for (int i = 0; i < model->tree.leaf_count * cells; i++)
+        g->cache[i] = ref_from_bf16(model->density[i]);
+}
+
+/* ---- rays ---- */
+
+enum { RANDOM_RAYS = 400 };
+
+static void unit(const double v[3], float out[4])
+{
+    const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+
+    for (int a = 0; a < 3; a++)
+        out[a] = (float)(v[a] / length);
+    out[3] = 1;
+}
+
+static void random_rays(float (*o)[4], float (*d)[4])
+{
+    for (int r = 0; r < RANDOM_RAYS; r++) {
+        double v[3];
+
+        for (int a = 0; a < 3; a++)
+            v[a] = test_uniform(1, 3 * r + a, -1, 1);
+        unit(v, d[r]);
+        for (int a = 0; a < 3; a++) /* some start inside, some miss the cube */
+            o[r][a] = (float)(test_uniform(2, 3 * r + a, -0.9, 0.9) * (r % 10 == 9 ? 3 : 1) -
+                              (r % 3 ? 3 * (double)d[r][a] : 0));
+        o[r][3] = 0;
+    }
+}
+
+/* Rays on which the walk has no margin; their stage-1 cells are not compared. */
+static const double special[][6] = {
+    {-3, 0.1, 0.2, 1, 0, 0},
+    {0.1, 3, 0.2, 0, -1, 0},
+    {0.3, 0.3, -9, 0, 0, 1},
+    {-3, 0, 0.3, 1, 0, 0},
+    {-3, 0, 0, 1, 0, 0},
+    {-3, 1, 0.3, 1, 0, 0},
+    {-3, -1, 0.3, 1, 0, 0},
+    {-3, 1, 1, 1, 0, 0},
+    {3, 0.5, -0.5, -1, 0, 0},
+    {-2, -2, -2, 1, 1, 1},
+    {2, 2, 2, -1, -1, -1},
+    {-2, 2, -2, 1, -1, 1},
+    {-2, -2, 0.3, 1, 1, 0},
+    {-2, -1, 0.3, 1, 1, 0},
+    {0, 0, 0, 1, 0, 0},
+    {0, 0, 0, -1, 1, -1},
+    {0.1, 0.2, 0.3, 0, 0, 1},
+    {1, 0.2, 0.3, -1, 0, 0},
+    {0.1, 0.2, 0.3, -0.0, 1, -0.0},
+    {-3, 0.999999, 0.3, 1, 0, 0},
+    {-3, 1.000001, 0.3, 1, 0, 0},
+    {-3, 2, 0, 1, 0, 0},
+    {2, 0, 0, 1, 0, 0},
+    {-3, 0.1, 0.2, 1, 1e-9, -1e-9},
+    {0.25, -2, 0.75, 1e-13, 1, 0},
+    {-1e4, 0.1, 0.2, 1, 0, 0},
+    {0.5, 0.5, 0.5, 1, -1, 1},
+};
+enum { SPECIAL_RAYS = sizeof special / sizeof special[0] };
+
+/* ---- tests ---- */
+
+static void check_random(const sampling_case *c)
+{
+    const cln_config config = config_of(c);
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    float(*o)[4] = test_alloc(RANDOM_RAYS, sizeof *o), (*d)[4] = test_alloc(RANDOM_RAYS, sizeof *d);
+    float *boxes = NULL;
+    device_samples got;
+    gather_data gather;
+    cln_model model;
+    ray_source from = {.config = &config, .sampling = sampling_of(c), .points = gather_points};
+
+    make_sampling_model(&config, &model);
+    assert_ok(cln_octree_boxes(&model.tree, &boxes));
+    make_gather(&model, boxes, &gather);
+    from.tree = &model.tree;
+    from.user = &gather;
+    random_rays(o, d);
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    test_fill(p->device, &p->ray_o, o, RANDOM_RAYS * sizeof *o);
+    test_fill(p->device, &p->ray_d, d, RANDOM_RAYS * sizeof *d);
+    run_stage(p, RANDOM_RAYS, &from.sampling, &got);
+    assert_int_equal(got.rays, RANDOM_RAYS);
+    assert_true(got.n > RANDOM_RAYS);
+    check_samples(&model.tree, &got, o, d);
+    compare_samples(c->name, &from, &got, o, d, 0.05);
+    device_samples_free(&got);
+    cln_model_free(&model);
+    free(gather.cache);
+    free(boxes);
+    free(o);
+    free(d);
+}
+
+static void test_random_rays(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        check_random(&cases[i]);
+    test_report("samples of random rays");
+}
+
+/* Every leaf that the reference finds on a special ray has samples, no other has: full trees of all
+ * levels. On faces and edges float32 may choose the neighbour; there lengths must agree. */
+static void check_special(int set, int level)
+{
+    const sampling_case *c = &cases[0];
+    cln_config config = config_of(c);
+    cln_sampling sampling = sampling_of(c);
+    cln_pipeline *p = NULL;
+    float o[SPECIAL_RAYS][4], d[SPECIAL_RAYS][4];
+    device_samples got;
+    cln_model model;
+
+    config.n1 = 2;
+    p = test_pipeline(&tune_sets[set], &config, false, false);
+    config.start_level = level;
+    sampling.t_min = 0;
+    assert_ok(cln_model_create(&config, &model));
+    for (int r = 0; r < SPECIAL_RAYS; r++) {
+        unit(special[r] + 3, d[r]);
+        for (int a = 0; a < 3; a++)
+            o[r][a] = (float)special[r][a];
+        o[r][3] = 0;
+    }
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    test_fill(p->device, &p->ray_o, o, sizeof o);
+    test_fill(p->device, &p->ray_d, d, sizeof d);
+    run_stage(p, SPECIAL_RAYS, &sampling, &got);
+    for (int r = 0; r < SPECIAL_RAYS; r++) {
+        const double from[3] = {o[r][0], o[r][1], o[r][2]}, along[3] = {d[r][0], d[r][1], d[r][2]};
+        ref_interval iv[MOST_INTERVALS];
+        const int n = ref_intervals(&model.tree, from, along, iv, MOST_INTERVALS);
+        /* float32 knows a point 1e4 away to 1e-3 */
+        const double within = 1e-5 + 2e-7 * fabs(special[r][0]);
+        double length = 0, filled = 0;
+        int leaves = 0;
+
+        for (int i = 0; i < n; i++)
+            length += iv[i].t_out - iv[i].t_in;
+        for (uint32_t i = got.starts[r]; i < got.starts[r + 1]; i++) {
+            const cln_sample *s = &got.samples[i];
+
+            assert_true(isfinite(s->t) && isfinite(s->delta) && s->delta >= 0);
+            assert_true(i == got.starts[r] || s->t >= s[-1].t);
+            leaves += i == got.starts[r] || s->slot != s[-1].slot;
+            filled += (double)s->delta;
+        }
+        if (!(fabs(length - filled) <= within * (n + 1)))
+            fail_msg("level %d, ray %d: samples cover %.9g of %.9g", level, r, filled, length);
+        if (leaves != n)
+            fail_msg("level %d, ray %d: samples in %d leaves, not %d", level, r, leaves, n);
+    }
+    device_samples_free(&got);
+    cln_model_free(&model);
+}
+
+static void test_special_rays(void **state)
+{
+    (void)state;
+    for (int level = 0; level <= 5; level++)
+        check_special(level % TUNE_SETS, level);
+}
+
+/* Slots on rays with exact numbers: axis-parallel ones in the interior and on faces, where the half-open
+ * boxes decide. */
+static void test_exact_slots(void **state)
+{
+    const sampling_case *c = &cases[0];
+    cln_config config = config_of(c);
+    cln_sampling sampling = sampling_of(c);
+    cln_pipeline *p = NULL;
+    float o[64][4] = {{0}}, d[64][4] = {{0}};
+    device_samples got;
+    cln_model model;
+
+    (void)state;
+    config.n1 = 2;
+    p = test_pipeline(&tune_sets[1], &config, false, false);
+    config.start_level = 2;
+    sampling.t_min = 0;
+    for (int r = 0; r < 64; r++) {
+        const int axis = r % 3, sign = r / 3 % 2 ? 1 : -1;
+
+        for (int a = 0; a < 3; a++) /* multiples of 1/4 are faces of level 3, of 1/2 of level 2 */
+            o[r][a] = a == axis ? (float)(-3 * sign)
+                                : (float)(round(test_uniform(5, 3 * r + a, -4, 4)) / 4);
+        d[r][axis] = (float)sign;
+        d[r][3] = 1;
+    }
+    assert_ok(cln_model_create(&config, &model));
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    test_fill(p->device, &p->ray_o, o, sizeof o);
+    test_fill(p->device, &p->ray_d, d, sizeof d);
+    run_stage(p, 64, &sampling, &got);
+    for (int r = 0; r < 64; r++) {
+        const double from[3] = {o[r][0], o[r][1], o[r][2]}, along[3] = {d[r][0], d[r][1], d[r][2]};
+        ref_interval iv[MOST_INTERVALS];
+        const int n = ref_intervals(&model.tree, from, along, iv, MOST_INTERVALS);
+        int i = -1;
+
+        assert_int_equal(n, 4);
+        for (uint32_t k = got.starts[r]; k < got.starts[r + 1]; k++) {
+            i += k == got.starts[r] || got.samples[k].slot != got.samples[k - 1].slot;
+            assert_true(i < n);
+            assert_int_equal(got.samples[k].slot, iv[i].slot);
+        }
+        assert_int_equal(i, n - 1);
+    }
+    device_samples_free(&got);
+    cln_model_free(&model);
+}
+
+/* A batch that does not fit is cut to the longest prefix of rays that does, at least one. */
+static void test_cut(void **state)
+{
+    const sampling_case *c = &cases[1];
+    const cln_config config = config_of(c);
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    cln_sampling sampling = sampling_of(c);
+    float(*o)[4] = test_alloc(RANDOM_RAYS, sizeof *o), (*d)[4] = test_alloc(RANDOM_RAYS, sizeof *d);
+    device_samples all, some;
+    cln_model model;
+
+    (void)state;
+    make_sampling_model(&config, &model);
+    random_rays(o, d);
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    test_fill(p->device, &p->ray_o, o, RANDOM_RAYS * sizeof *o);
+    test_fill(p->device, &p->ray_d, d, RANDOM_RAYS * sizeof *d);
+    run_stage(p, RANDOM_RAYS, &sampling, &all);
+    for (int k = 0; k < 3; k++) {
+        sampling.max_samples = k == 0 ? all.n / 2 : k == 1 ? all.n - 1 : 1;
+        run_stage(p, RANDOM_RAYS, &sampling, &some);
+        assert_true(some.rays >= 1 && some.rays < RANDOM_RAYS);
+        assert_int_equal(some.n, all.starts[some.rays]);
+        assert_true(some.n <= sampling.max_samples || some.rays == 1);
+        assert_true(all.starts[some.rays + 1] > sampling.max_samples);
+        assert_memory_equal(some.samples, all.samples, some.n * sizeof *some.samples);
+        device_samples_free(&some);
+    }
+    sampling.max_samples = all.n;
+    run_stage(p, RANDOM_RAYS, &sampling, &some);
+    assert_int_equal(some.rays, RANDOM_RAYS);
+    device_samples_free(&some);
+    run_stage(p, 0, &sampling, &some);
+    assert_int_equal(some.n, 0);
+    device_samples_free(&some);
+    device_samples_free(&all);
+    cln_model_free(&model);
+    free(o);
+    free(d);
+}
+
+int test_group_sampling(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_random_rays),
+        cmocka_unit_test(test_special_rays),
+        cmocka_unit_test(test_exact_slots),
+        cmocka_unit_test(test_cut),
+    };
+
+    return cmocka_run_group_tests_name("sampling", tests, NULL, test_device_close);
+}

@@ -1,0 +1,553 @@
+/* splat.cl and stats.cl against brute force in double: which sample of which leaf falls on which list of
+ * which view, in which order; the samples that come of it (sampling.cl with stage 1 by splatting); padded
+ * lists, groups of views and bands of rows give the same bytes; splatting and gathering see about the
+ * same optical depths. One camera stands inside a leaf, one looks along an axis at symmetrical samples,
+ * which have equal depths. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "device_test.h"
+#include "sampling_test.h"
+#include "scene/scene.h"
+#include "tests.h"
+
+enum { VIEWS = 4, RAYS = 600 };
+
+static cln_config config_of(int n1, int lists)
+{
+    cln_config config = small_config();
+
+    config.stage1 = CLN_STAGE1_SPLAT;
+    config.lists = lists;
+    config.n1 = n1;
+    config.splat_per_ray = 8;
+    config.splat_min_alpha = 1e-4;
+    return config;
+}
+
+/* ---- views ---- */
+
+/* Looks along `forward` from `origin`; rows of [R|o] with OpenCV's axes. */
+static void look(const double origin[3], const double forward[3], cln_camera *c)
+{
+    const double up[3] = {0, 1, 0};
+    double z[3], x[3], y[3], length = 0;
+
+    for (int a = 0; a < 3; a++)
+        length += forward[a] * forward[a];
+    for (int a = 0; a < 3; a++)
+        z[a] = forward[a] / sqrt(length);
+    x[0] = z[1] * up[2] - z[2] * up[1];
+    x[1] = z[2] * up[0] - z[0] * up[2];
+    x[2] = z[0] * up[1] - z[1] * up[0];
+    length = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+    for (int a = 0; a < 3; a++)
+        x[a] /= length;
+    y[0] = z[1] * x[2] - z[2] * x[1];
+    y[1] = z[2] * x[0] - z[0] * x[2];
+    y[2] = z[0] * x[1] - z[1] * x[0];
+    for (int a = 0; a < 3; a++) {
+        c->c2w[4 * a] = x[a];
+        c->c2w[4 * a + 1] = y[a];
+        c->c2w[4 * a + 2] = z[a];
+        c->c2w[4 * a + 3] = origin[a];
+    }
+}
+
+static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
+{
+    static const double origins[VIEWS][3] = {
+        {0, 0, -3}, {2.1, 1.3, 1.7}, {0.31, -0.22, 0.17}, {-1.5, 2.5, 1}};
+    static const double forward[VIEWS][3] = {
+        {0, 0, 1}, {-2, -1.4, -1.6}, {1, 0.3, -0.4}, {1.4, -2.6, -1}};
+
+    for (int v = 0; v < VIEWS; v++) {
+        cln_camera *c = &cameras[v];
+
+        memset(c, 0, sizeof *c);
+        look(origins[v], forward[v], c);
+        c->width = 150 - 10 * v;
+        c->height = 131;
+        c->fx = 140 + v;
+        c->fy = 138;
+        c->cx = c->width / 2.0;
+        c->cy = c->height / 2.0;
+        if (distorted) {
+            c->k1 = 0.03 * (v - 1);
+            c->p1 = 0.001 * v;
+        }
+    }
+}
+
+/* In order of view, then row, as splatting wants them. */
+static void make_pixels(const cln_camera cameras[VIEWS], cln_pixel pixels[RAYS])
+{
+    for (int r = 0; r < RAYS; r++) {
+        const uint32_t v = (uint32_t)(r * VIEWS / RAYS), i = (uint32_t)r % (RAYS / VIEWS);
+        const cln_camera *c = &cameras[v];
+
+        pixels[r] = (cln_pixel){.view = v, .pad = v};
+        pixels[r].y = i * (uint32_t)c->height / (RAYS / VIEWS);
+        pixels[r].x = (uint32_t)test_uniform(1, r, 0, c->width);
+    }
+}
+
+/* ---- the device's lists ---- */
+
+typedef struct splat_lists {
+    int views, lists;
+    uint32_t (*grids)[4], *start; /* [view][6], [lists + 1] */
+    float *t, *sigma;             /* [entry] */
+    const cln_model *model;
+    const cln_pixel *pixels;
+} splat_lists;
+
+static void read_lists(cln_pipeline *p, const cln_model *model, const cln_pixel *pixels,
+                       splat_lists *l)
+{
+    const size_t grids = VIEWS * 6 * sizeof *l->grids;
+
+    memset(l, 0, sizeof *l);
+    l->views = VIEWS;
+    l->lists = p->list_total;
+    l->model = model;
+    l->pixels = pixels;
+    l->grids = test_alloc(VIEWS * 6, sizeof *l->grids);
+    l->start = test_alloc((size_t)l->lists + 1, sizeof *l->start);
+    assert_ok(cln_buffer_read(p->device, &p->grids, 0, l->grids, grids));
+    assert_ok(cln_buffer_read(p->device, &p->list_start, 0, l->start,
+                              ((size_t)l->lists + 1) * sizeof *l->start));
+    l->t = test_alloc(l->start[l->lists], sizeof *l->t);
+    l->sigma = test_alloc(l->start[l->lists], sizeof *l->sigma);
+    assert_ok(cln_buffer_read(p->device, &p->list_t, 0, l->t, l->start[l->lists] * sizeof *l->t));
+    assert_ok(
+        cln_buffer_read(p->device, &p->list_sigma, 0, l->sigma, l->start[l->lists] * sizeof *l->t));
+}
+
+static void free_lists(splat_lists *l)
+{
+    free(l->grids);
+    free(l->start);
+    free(l->t);
+    free(l->sigma);
+}
+
+static uint32_t list_of(const splat_lists *l, const cln_pixel *pixel, int level)
+{
+    const uint32_t *grid = l->grids[pixel->pad * 6 + (uint32_t)level];
+
+    return grid[0] + pixel->y / grid[1] * grid[2] + pixel->x / grid[1];
+}
+
+/* points_fn: entries of the ray's list inside the chord. */
+static int splat_points(void *user, int r, const double o[3], const double d[3],
+                        const ref_interval *v, double *t, double *sigma, bool *close)
+{
+    const splat_lists *l = user;
+    const cln_octree *tree = &l->model->tree;
+    const uint32_t list = list_of(l, &l->pixels[r], tree->level[tree->leaf[v->slot]]);
+    int m = 0;
+
+    (void)o;
+    (void)d;
+    for (uint32_t i = l->start[list]; i < l->start[list + 1]; i++) {
+        const double at = l->t[i];
+
+        *close = *close || fabs(at - v->t_in) < NEAR || fabs(at - v->t_out) < NEAR;
+        if (at >= v->t_in && at < v->t_out) {
+            assert_true(m < MOST_POINTS);
+            t[m] = at;
+            sigma[m++] = l->sigma[i];
+        }
+    }
+    return m;
+}
+
+/* ---- brute force ---- */
+
+typedef struct entry {
+    uint32_t list;
+    float t, sigma;
+} entry;
+
+static int by_list_then_t(const void *a, const void *b)
+{
+    const entry *x = a, *y = b;
+
+    if (x->list != y->list)
+        return x->list < y->list ? -1 : 1;
+    return x->t < y->t ? -1 : x->t > y->t;
+}
+
+/* The entry of a cell's centre for a view: its list, depth and density. False if it is dropped. Lists
+ * that it would be on if rounding moved it by a hair go to skip[]; *close tells that there are any. */
+static bool project_cell(const cln_config *config, const cln_model *model, const float *boxes,
+                         const cln_camera *c, const splat_lists *l, int view, int index, entry *e,
+                         uint8_t *skip, bool *close)
+{
+    const int n1 = config->n1, cells = n1 * n1 * n1, slot = index / cells, cell = index % cells;
+    const int xyz[3] = {cell % n1, cell / n1 % n1, cell / (n1 * n1)};
+    const int level = model->tree.level[model->tree.leaf[slot]];
+    const uint32_t *grid = l->grids[view * 6 + level];
+    const float *box = boxes + 4 * slot;
+    const double spacing = (double)box[3] / n1, sigma = ref_from_bf16(model->density[index]);
+    double point[3], u = 0, v = 0, z = 0, o[3], d[3], t = 0, hair = 0;
+    bool inside = false;
+
+    for (int a = 0; a < 3; a++)
+        point[a] = box[a] + (xyz[a] + 0.5) * spacing;
+    if (!(sigma * spacing >= config->splat_min_alpha))
+        return false;
+    if (!cln_camera_project(c, point, &u, &v, &z))
+        return false;
+    hair = 1e-4 * fmax(1, 0.3 / z); /* pixels; float32's error grows near the camera */
+    inside = u >= 0 && v >= 0 && u < c->width && v < c->height;
+    *close = fabs(u - round(u)) < hair || fabs(v - round(v)) < hair;
+    for (int k = 0; k < 4 && *close; k++) {
+        const double x = u + (k % 2 ? hair : -hair), y = v + (k / 2 ? hair : -hair);
+
+        if (x >= 0 && y >= 0 && x < c->width && y < c->height)
+            skip[grid[0] + (uint32_t)y / grid[1] * grid[2] + (uint32_t)x / grid[1]] = 1;
+    }
+    if (!inside)
+        return false;
+    e->list = grid[0] + (uint32_t)v / grid[1] * grid[2] + (uint32_t)u / grid[1];
+    cln_camera_ray(c, (uint32_t)u / grid[1] * grid[1] + grid[1] / 2.0,
+                   (uint32_t)v / grid[1] * grid[1] + grid[1] / 2.0, o, d);
+    for (int a = 0; a < 3; a++)
+        t += (point[a] - o[a]) * d[a];
+    e->t = (float)fmax(t, 0);
+    e->sigma = (float)sigma;
+    return true;
+}
+
+/* Every list against brute force. Lists that a close sample may have joined or left are not compared;
+ * their share is capped. */
+static void compare_lists(const cln_config *config, const cln_model *model,
+                          const cln_camera *cameras, const splat_lists *l)
+{
+    const int total = model->tree.leaf_count * config->n1 * config->n1 * config->n1;
+    entry *entries = test_alloc((size_t)(total * VIEWS), sizeof *entries);
+    uint8_t *skip = test_alloc((size_t)l->lists, 1);
+    float *boxes = NULL;
+    int n = 0, skipped = 0, used = 0, longest = 0;
+
+    assert_ok(cln_octree_boxes(&model->tree, &boxes));
+    for (int v = 0; v < VIEWS; v++) {
+        for (int i = 0; i < total; i++) {
+            bool close = false;
+            entry e = {0};
+
+            if (project_cell(config, model, boxes, &cameras[v], l, v, i, &e, skip, &close) &&
+                !close)
+                entries[n++] = e;
+        }
+    }
+    qsort(entries, (size_t)n, sizeof *entries, by_list_then_t);
+    for (int list = 0, at = 0; list < l->lists; list++) {
+        const int count = (int)(l->start[list + 1] - l->start[list]);
+        const int first = at;
+
+        while (at < n && (int)entries[at].list == list)
+            at++;
+        skipped += skip[list] && count > 0;
+        used += count > 0;
+        longest = count > longest ? count : longest;
+        if (skip[list])
+            continue;
+        if (count != at - first)
+            fail_msg("list %d has %d samples, brute force %d", list, count, at - first);
+        for (int i = 0; i < count; i++) {
+            const uint32_t k = l->start[list] + (uint32_t)i;
+
+            assert_true(i == 0 || l->t[k] >= l->t[k - 1]);
+            if (!(fabs((double)l->t[k] - (double)entries[first + i].t) < 2e-6))
+                fail_msg("list %d, entry %d is at %.9g, brute force %.9g", list, i, (double)l->t[k],
+                         (double)entries[first + i].t);
+        }
+        /* Densities in order where depths are apart. */
+        for (int i = 1; i + 1 < count; i++) {
+            if (entries[first + i].t - entries[first + i - 1].t > 1e-5f &&
+                entries[first + i + 1].t - entries[first + i].t > 1e-5f)
+                assert_true(l->sigma[l->start[list] + (uint32_t)i] == entries[first + i].sigma);
+        }
+    }
+    assert_true(used > 1000 && longest > 8);
+    if (skipped > used / 10)
+        fail_msg("%d of %d lists are too close to decide", skipped, used);
+    free(entries);
+    free(skip);
+    free(boxes);
+}
+
+/* ---- tests ---- */
+
+typedef struct splat_run {
+    cln_model model;
+    cln_camera cameras[VIEWS];
+    cln_pixel pixels[RAYS];
+    float (*o)[4], (*d)[4];
+    device_samples samples;
+} splat_run;
+
+static const cln_sampling sampling = {.jitter = true,
+                                      .t_min = 1e-3f,
+                                      .uniform_share = 0.25f,
+                                      .empty_weight = 1e-3f,
+                                      .empty_share = 0.5f,
+                                      .seed = 5,
+                                      .step = 3,
+                                      .max_samples = 1 << 22};
+
+/* Everything up to the samples, with room for `entries` projected samples at a time. */
+static void run_splat(cln_pipeline *p, const cln_config *config, bool distorted, size_t entries,
+                      splat_run *run)
+{
+    const double centre[3] = {0, 0, 0};
+    const float white[4] = {1, 1, 1, 1};
+    const cln_camera *list[VIEWS];
+
+    memset(run, 0, sizeof *run);
+    make_sampling_model(config, &run->model);
+    make_cameras(distorted, run->cameras);
+    make_pixels(run->cameras, run->pixels);
+    for (int v = 0; v < VIEWS; v++)
+        list[v] = &run->cameras[v];
+    assert_ok(cln_pipeline_upload(p, &run->model, false));
+    assert_ok(cln_pipeline_cameras(p, list, VIEWS, centre, 1));
+    assert_ok(cln_pipeline_batch(p, run->pixels, RAYS, NULL, white));
+    assert_ok(cln_stage_rays(p, RAYS));
+    p->max_entries = entries;
+    run_stage(p, RAYS, &sampling, &run->samples);
+    run->o = test_alloc(RAYS, sizeof *run->o);
+    run->d = test_alloc(RAYS, sizeof *run->d);
+    assert_ok(cln_buffer_read(p->device, &p->ray_o, 0, run->o, RAYS * sizeof *run->o));
+    assert_ok(cln_buffer_read(p->device, &p->ray_d, 0, run->d, RAYS * sizeof *run->d));
+}
+
+static void free_run(splat_run *run)
+{
+    cln_model_free(&run->model);
+    device_samples_free(&run->samples);
+    free(run->o);
+    free(run->d);
+}
+
+static void check_splat(int set, int n1, bool distorted)
+{
+    const cln_config config = config_of(n1, CLN_LISTS_CSR);
+    cln_pipeline *p = test_pipeline(&tune_sets[set], &config, distorted, false);
+    ray_source from = {.config = &config, .sampling = sampling, .points = splat_points};
+    splat_lists lists;
+    splat_run run;
+
+    run_splat(p, &config, distorted, 1 << 24, &run);
+    read_lists(p, &run.model, run.pixels, &lists);
+    compare_lists(&config, &run.model, run.cameras, &lists);
+    from.tree = &run.model.tree;
+    from.user = &lists;
+    check_samples(&run.model.tree, &run.samples, run.o, run.d);
+    compare_samples(distorted ? "splat, distorted" : "splat", &from, &run.samples, run.o, run.d,
+                    0.1);
+    free_lists(&lists);
+    free_run(&run);
+}
+
+static void test_lists(void **state)
+{
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++)
+        check_splat(set, set % 2 ? 5 : 8, set == 2);
+    test_report("splatted samples");
+}
+
+static void assert_same_samples(const device_samples *a, const device_samples *b, const char *what)
+{
+    if (a->n != b->n || memcmp(a->starts, b->starts, (RAYS + 1) * sizeof *a->starts) != 0 ||
+        memcmp(a->samples, b->samples, a->n * sizeof *a->samples) != 0)
+        fail_msg("%s: other samples (%u, %u)", what, a->n, b->n);
+}
+
+/* Padded lists, and any cut of the views and rows into groups, are the same lists. */
+static void test_same_bytes(void **state)
+{
+    const cln_config config = config_of(8, CLN_LISTS_CSR), padded = config_of(8, CLN_LISTS_PADDED);
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+    cln_pipeline *q = test_pipeline(&tune_sets[0], &padded, false, false);
+    int64_t entries = 0;
+    splat_run all, other;
+
+    (void)state;
+    run_splat(p, &config, false, 1 << 24, &all);
+    entries = p->splat_entries;
+    assert_true(entries > 1000);
+    run_splat(q, &padded, false, 1 << 24, &other);
+    assert_same_samples(&all.samples, &other.samples, "padded lists");
+    free_run(&other);
+    for (int64_t divide = 2; divide <= 8; divide *= 2) {
+        char what[64];
+
+        run_splat(p, &config, false, (size_t)(entries / divide), &other);
+        snprintf(what, sizeof what, "room for 1/%d of the entries", (int)divide);
+        assert_same_samples(&all.samples, &other.samples, what);
+        free_run(&other);
+    }
+    free_run(&all);
+}
+
+/* Too little room for even one band of rows is said, with the way out. */
+static void test_no_room(void **state)
+{
+    const cln_config config = config_of(8, CLN_LISTS_CSR);
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+    uint32_t n = 0;
+    splat_run run;
+    int used = 0;
+
+    (void)state;
+    run_splat(p, &config, false, 1 << 24, &run);
+    p->max_entries = 10;
+    assert_int_equal(cln_stage_sample(p, RAYS, &sampling, &used, &n), CLN_MEMORY);
+    assert_non_null(strstr(cln_error_text(), "--n1"));
+    cln_clear_error();
+    free_run(&run);
+}
+
+/* The same scene seen by splatted lists and by walking the leaves: mean optical depth of the passages
+ * through leaves with a smooth density, where a sample fell into the chord at all. */
+static void test_splat_like_gather(void **state)
+{
+    const cln_config config = config_of(16, CLN_LISTS_CSR);
+    const int cells = 16 * 16 * 16;
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+    double splat = 0, gather = 0;
+    splat_lists lists;
+    splat_run run;
+    float *boxes = NULL, *cache = NULL;
+
+    (void)state;
+    run_splat(p, &config, false, 1 << 24, &run);
+    cache = test_alloc((size_t)(run.model.tree.leaf_count * cells), sizeof *cache);
+    assert_ok(cln_octree_boxes(&run.model.tree, &boxes));
+    for (int i = 0; i < run.model.tree.leaf_count * cells; i++) {
+        const float *box = boxes + 4 * (i / cells);
+        const double x = box[0] + (i % 16 + 0.5) / 16 * (double)box[3];
+
+        run.model.density[i] = ref_to_bf16((float)(2 + x));
+        cache[i] = ref_from_bf16(run.model.density[i]);
+    }
+    assert_ok(cln_buffer_write(p->device, &p->density, 0, run.model.density,
+                               (size_t)(run.model.tree.leaf_count * cells) * sizeof(uint16_t)));
+    device_samples_free(&run.samples);
+    run_stage(p, RAYS, &sampling, &run.samples);
+    read_lists(p, &run.model, run.pixels, &lists);
+    for (int r = 0; r < RAYS; r++) {
+        const double o[3] = {run.o[r][0], run.o[r][1], run.o[r][2]};
+        const double d[3] = {run.d[r][0], run.d[r][1], run.d[r][2]};
+        ref_interval iv[MOST_INTERVALS];
+        const int n = ref_intervals(&run.model.tree, o, d, iv, MOST_INTERVALS);
+
+        for (int i = 0; i < n; i++) {
+            double t[MOST_POINTS], sigma[MOST_POINTS];
+            bool close = false;
+            int m = splat_points(&lists, r, o, d, &iv[i], t, sigma, &close);
+
+            if (m == 0) /* no sample fell on this list's part of the chord */
+                continue;
+            splat += passage_depth(&iv[i], m, t, sigma);
+            m = ref_gather(o, d, &iv[i], boxes + 4 * iv[i].slot, cache + iv[i].slot * cells, 16, t,
+                           sigma, MOST_POINTS);
+            gather += passage_depth(&iv[i], m, t, sigma);
+        }
+    }
+    assert_true(gather > 100);
+    if (!(fabs(splat / gather - 1) < 0.05))
+        fail_msg("optical depths: %.4g by splatting, %.4g by gathering", splat, gather);
+    free_lists(&lists);
+    free_run(&run);
+    free(boxes);
+    free(cache);
+}
+
+/* stats.cl: which cells some training view sees, and mean and peak of each leaf over them. */
+static void test_stats(void **state)
+{
+    const cln_config config = config_of(8, CLN_LISTS_CSR);
+    const int cells = 8 * 8 * 8;
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+    float *stats = NULL, *boxes = NULL;
+    double *want = NULL;
+    uint8_t *seen = NULL;
+    int leaves = 0, wrong = 0, unseen = 0;
+    splat_run run;
+
+    (void)state;
+    run_splat(p, &config, false, 1 << 24, &run);
+    leaves = run.model.tree.leaf_count;
+    assert_ok(cln_octree_boxes(&run.model.tree, &boxes));
+    test_fill(p->device, &p->seen, NULL, (size_t)(leaves * cells));
+    test_fill(p->device, &p->leaf_stats, NULL, (size_t)leaves * 2 * sizeof *stats);
+    p->training_views = VIEWS - 1; /* the last one is not for training: it does not count */
+    stats = test_alloc((size_t)leaves * 2, sizeof *stats);
+    want = test_alloc((size_t)leaves * 2, sizeof *want);
+    assert_ok(cln_stage_seen(p));
+    assert_ok(cln_stage_stats(p, stats));
+    seen = test_read(p->device, &p->seen, (size_t)(leaves * cells), "seen");
+    free(test_read(p->device, &p->leaf_stats, (size_t)leaves * 2 * sizeof *stats, "leaf stats"));
+    for (int i = 0; i < leaves * cells; i++) {
+        const int cell = i % cells, xyz[3] = {cell % 8, cell / 8 % 8, cell / 64};
+        const float *box = boxes + 4 * (i / cells);
+        bool in_view = false, close = false;
+        double point[3];
+
+        for (int a = 0; a < 3; a++)
+            point[a] = box[a] + (xyz[a] + 0.5) / 8 * (double)box[3];
+        for (int v = 0; v < VIEWS - 1; v++) {
+            const cln_camera *c = &run.cameras[v];
+            double u = 0, w = 0, z = 0;
+
+            if (!cln_camera_project(c, point, &u, &w, &z))
+                continue;
+            in_view = in_view || (u >= 0 && w >= 0 && u < c->width && w < c->height);
+            close = close || fabs(u) < 1e-2 || fabs(w) < 1e-2 || fabs(u - c->width) < 1e-2 ||
+                    fabs(w - c->height) < 1e-2;
+        }
+        assert_true(seen[i] <= 1);
+        wrong += seen[i] != in_view && !close;
+        unseen += !in_view;
+        if (seen[i]) { /* means and peaks follow from what the device saw */
+            const double sigma = ref_from_bf16(run.model.density[i]);
+
+            want[2 * (i / cells)] += sigma;
+            want[2 * (i / cells) + 1] = fmax(want[2 * (i / cells) + 1], sigma);
+        }
+    }
+    assert_int_equal(wrong, 0);
+    assert_true(unseen > 0);
+    for (int s = 0; s < leaves; s++) {
+        int count = 0;
+
+        for (int i = 0; i < cells; i++)
+            count += seen[s * cells + i];
+        want[2 * s] /= count ? count : 1;
+    }
+    compare("leaf statistics", stats, want, (size_t)leaves * 2, (bounds){1e-12, 1e-5});
+    free(stats);
+    free(want);
+    free(seen);
+    free(boxes);
+    free_run(&run);
+}
+
+int test_group_splat(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_lists),   cmocka_unit_test(test_same_bytes),
+        cmocka_unit_test(test_no_room), cmocka_unit_test(test_splat_like_gather),
+        cmocka_unit_test(test_stats),
+    };
+
+    return cmocka_run_group_tests_name("splat", tests, NULL, test_device_close);
+}
