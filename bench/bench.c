@@ -77,7 +77,8 @@ cln_status bench_peak(cln_device *device, double *flops)
     CLN_TRY(cln_kernel_create(&program, "peak_fma", &p.kernel));
     CLN_TRY(cln_buffer_reserve(device, &p.out, p.groups * p.local * sizeof(float), "peak"));
     CLN_TRY(bench_run(peak_body, &p, 0.5, &time));
-    *flops = 2.0 * 12 * device->tune.vw * (double)p.rounds * (double)(p.groups * p.local) / time.min;
+    *flops =
+        2.0 * 12 * device->tune.vw * (double)p.rounds * (double)(p.groups * p.local) / time.min;
 done:
     cln_kernel_free(&p.kernel);
     cln_program_free(&program);

@@ -18,8 +18,8 @@
 static const struct {
     int width, depth, view, bands, view_bands, level, samples;
 } cases[] = {
-    {16, 2, 16, 4, 1, 3, 128}, {32, 3, 32, 6, 2, 3, 128},  {32, 3, 32, 6, 2, 4, 16},
-    {32, 3, 32, 6, 2, 4, 48},  {32, 3, 32, 6, 2, 3, 512},  {64, 4, 64, 6, 2, 2, 1536},
+    {16, 2, 16, 4, 1, 3, 128},   {32, 3, 32, 6, 2, 3, 128},   {32, 3, 32, 6, 2, 4, 16},
+    {32, 3, 32, 6, 2, 4, 48},    {32, 3, 32, 6, 2, 3, 512},   {64, 4, 64, 6, 2, 2, 1536},
     {64, 8, 64, 10, 4, 2, 1536}, {64, 8, 256, 10, 4, 2, 512}, {128, 4, 128, 10, 4, 1, 1536},
 };
 
@@ -126,13 +126,13 @@ static cln_status run(cln_device *device, int number, double peak, FILE *csv)
     CLN_TRY(bench_run(body, &b, 0.5, &train));
     CLN_TRY(bench_run(adam_body, &b, 0.2, &adam));
     flop = 2.0 * b.p.net.learned * b.samples;
-    free_flop = 2.0 * b.samples *
-                (b.p.net.enc * b.p.net.width + b.p.net.dir * b.p.net.view_width);
+    free_flop = 2.0 * b.samples * (b.p.net.enc * b.p.net.width + b.p.net.dir * b.p.net.view_width);
     printf("W%d-D%d-V%d L%d/%d %6d leaves x %5d | forward %6.1f GFLOP/s %5.1f %% %6.2f M/s | train "
            "%6.1f GFLOP/s %5.1f %% %6.2f M/s | adam %.2f ms\n",
-           config.width, config.depth, config.view_width, config.bands, config.view_bands, b.p.leaves,
-           cases[number].samples, flop / forward.min * 1e-9, 100 * flop / forward.min / peak,
-           b.samples / forward.min * 1e-6, (3 * flop - free_flop) / train.min * 1e-9,
+           config.width, config.depth, config.view_width, config.bands, config.view_bands,
+           b.p.leaves, cases[number].samples, flop / forward.min * 1e-9,
+           100 * flop / forward.min / peak, b.samples / forward.min * 1e-6,
+           (3 * flop - free_flop) / train.min * 1e-9,
            100 * (3 * flop - free_flop) / train.min / peak, b.samples / train.min * 1e-6,
            adam.min * 1e3);
     fflush(stdout);

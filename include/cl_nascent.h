@@ -20,13 +20,14 @@
  * there is CLN_NO_DEVICE, never a silent substitute. */
 typedef struct cln_device_desc {
     const char *spec;
-    const char *kernel_dir; /* read kernels from here instead of the embedded ones; NULL = embedded */
-    const char *tune;       /* "VW=8,TS=6,..." over the device-class defaults; NULL = defaults */
+    const char
+        *kernel_dir;  /* read kernels from here instead of the embedded ones; NULL = embedded */
+    const char *tune; /* "VW=8,TS=6,..." over the device-class defaults; NULL = defaults */
 } cln_device_desc;
 
 typedef struct cln_device_info {
     char name[128], vendor[128], platform[128], driver[128], version[128];
-    char type[16]; /* "cpu", "gpu", "accelerator" */
+    char type[16];                /* "cpu", "gpu", "accelerator" */
     double global_mem, max_alloc; /* bytes */
     int compute_units;
     char verdict[256]; /* "ok" or what is wrong; empty if not tested */
@@ -38,9 +39,9 @@ cln_status cln_devices_list(bool test, cln_device_info **out, int *count);
 
 /* Numbers of a running training, for a progress display. */
 typedef struct cln_train_progress {
-    int64_t step, steps;    /* steps 0: the budget is time */
-    double fraction;        /* of the budget, 0..1 */
-    double seconds, eta;    /* training seconds so far, and to go */
+    int64_t step, steps; /* steps 0: the budget is time */
+    double fraction;     /* of the budget, 0..1 */
+    double seconds, eta; /* training seconds so far, and to go */
     double rays_per_s, samples_per_ray;
     double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
     int leaves;
@@ -48,7 +49,8 @@ typedef struct cln_train_progress {
 } cln_train_progress;
 
 typedef struct cln_callbacks {
-    void (*train)(const cln_train_progress *progress, void *user); /* about every step; may be NULL */
+    void (*train)(const cln_train_progress *progress,
+                  void *user); /* about every step; may be NULL */
     void (*work)(const char *what, int done, int total, void *user); /* eval, render; may be NULL */
     /* Polled every step / ray batch: 0 = go on, SIGINT or SIGTERM = write a checkpoint and return
      * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on. May be NULL. */
@@ -57,12 +59,13 @@ typedef struct cln_callbacks {
 } cln_callbacks;
 
 typedef struct cln_train_desc {
-    const char *scene;  /* NULL with resume: the run's own */
+    const char *scene; /* NULL with resume: the run's own */
     const char *run;
     const char *preset; /* for the record: "fast", "paper" */
     bool resume;
     bool skip_selftest;
-    cln_config config;  /* with resume: what the run should now have; the network's shape must agree */
+    cln_config
+        config; /* with resume: what the run should now have; the network's shape must agree */
     cln_device_desc device;
     const char *command; /* command line, for run.json; may be NULL */
     cln_callbacks callbacks;
@@ -70,10 +73,10 @@ typedef struct cln_train_desc {
 
 typedef struct cln_train_result {
     int64_t step;
-    double seconds;       /* training seconds, evaluation not counted */
+    double seconds; /* training seconds, evaluation not counted */
     double psnr_train, psnr_test;
     int leaves;
-    uint64_t digest;      /* model_digest */
+    uint64_t digest; /* model_digest */
 } cln_train_result;
 
 /* Trains until a budget is used up. Leaves RUN/ as docs/formats.md says. *result is filled as far as it
@@ -102,10 +105,10 @@ typedef struct cln_eval_result {
 
 typedef struct cln_eval_desc {
     const char *run;
-    const char *scene;  /* NULL = the one it was trained on */
-    const char *split;  /* "train", "val", "test" */
-    int max_images;     /* evenly chosen; 0 = all */
-    bool save_images;   /* renders, truths and errors under RUN/eval/ */
+    const char *scene; /* NULL = the one it was trained on */
+    const char *split; /* "train", "val", "test" */
+    int max_images;    /* evenly chosen; 0 = all */
+    bool save_images;  /* renders, truths and errors under RUN/eval/ */
     cln_device_desc device;
     cln_callbacks callbacks;
 } cln_eval_desc;
@@ -118,16 +121,16 @@ void cln_eval_free(cln_eval_result *result);
 
 typedef struct cln_render_desc {
     const char *run, *out;
-    const char *scene;   /* NULL = the one it was trained on */
-    const char *split;   /* the poses of a split, or NULL for an orbit */
+    const char *scene; /* NULL = the one it was trained on */
+    const char *split; /* the poses of a split, or NULL for an orbit */
     int orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis */
     double orbit_radius;    /* in units of the mean training camera distance */
-    int width, height;   /* orbit: image size; 0 = as the training images */
-    double fov;          /* orbit: horizontal, degrees; 0 = as the training images */
-    int max_images;      /* split: evenly chosen; 0 = all */
-    bool overwrite;      /* else frames whose files are there are skipped */
-    bool z_depth;        /* depth along the optical axis; else along the ray */
+    int width, height;      /* orbit: image size; 0 = as the training images */
+    double fov;             /* orbit: horizontal, degrees; 0 = as the training images */
+    int max_images;         /* split: evenly chosen; 0 = all */
+    bool overwrite;         /* else frames whose files are there are skipped */
+    bool z_depth;           /* depth along the optical axis; else along the ray */
     cln_device_desc device;
     cln_callbacks callbacks;
 } cln_render_desc;
@@ -145,10 +148,12 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
 cln_status cln_info_scene(const char *scene, const cln_config *config, char **json);
 cln_status cln_info_run(const char *run, char **json);
 
-typedef void cln_check_sink(const char *name, bool passed, bool skipped, const char *detail, void *user);
+typedef void cln_check_sink(const char *name, bool passed, bool skipped, const char *detail,
+                            void *user);
 
 /* Kernels against the float64 reference on one device, small shapes; CLN_CHECK if any fails. quick:
  * about a second. */
-cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink, void *user);
+cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink,
+                        void *user);
 
 #endif

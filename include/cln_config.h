@@ -55,26 +55,27 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "bound of the initial weights")
 
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
-#define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                               \
-    INT(start_level, "start-level", 1, 2, 0, 5, "level of the full tree at the first step")        \
-    TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                                 \
-         "growth: LEVEL:FRACTION of the budget, comma separated")                                  \
-    ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                         \
-         "cull empty leaves with the two guards, or by the mean density alone")                    \
-    REAL(cull_mean, "cull-mean", 0.01, 0.5, 0, 1e6, "cull below this mean density of seen samples")\
-    REAL(cull_max, "cull-max", 0.05, 0.05, 0, 1e6,                                                 \
-         "guard: and only where every sample's density x spacing is below this")                   \
-    INT(cull_strikes, "cull-strikes", 2, 2, 1, 100, "guard: in this many consecutive checks")      \
+#define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                          \
+    INT(start_level, "start-level", 1, 2, 0, 5, "level of the full tree at the first step")   \
+    TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.03,4:0.1,5:0.4",                       \
+         "growth: LEVEL:FRACTION of the budget, comma separated")                             \
+    ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                    \
+         "cull empty leaves with the two guards, or by the mean density alone")               \
+    REAL(cull_mean, "cull-mean", 0.01, 0.5, 0, 1e6,                                           \
+         "cull below this mean density of seen samples")                                      \
+    REAL(cull_max, "cull-max", 0.05, 0.05, 0, 1e6,                                            \
+         "guard: and only where every sample's density x spacing is below this")              \
+    INT(cull_strikes, "cull-strikes", 2, 2, 1, 100, "guard: in this many consecutive checks") \
     REAL(cull_from, "cull-from", 0.067, 0.02, 0, 1, "no culling before this fraction of the budget")
 
 /* Stage 1 and stage 2 sampling (method.md sections 4 to 7). */
 #define CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                           \
-    INT(n1, "n1", 64, 16, 2, 128, "stage-1 samples per leaf and axis")                             \
-    INT(refresh_every, "refresh-every", 256, 64, 1, 1000000,                                       \
-        "most steps between refreshes of the cached stage-1 densities")                                 \
+    INT(n1, "n1", 64, 12, 2, 128, "stage-1 samples per leaf and axis")                             \
+    INT(refresh_every, "refresh-every", 256, 256, 1, 1000000,                                      \
+        "most steps between refreshes of the cached stage-1 densities")                            \
     ENUM(stage1, "stage1", CLN_STAGE1_SPLAT, CLN_STAGE1_GATHER, "splat|gather",                    \
          "project the stage-1 samples into the views and sort, or read them along each ray")       \
-    ENUM(lists, "lists", CLN_LISTS_CSR, CLN_LISTS_CSR, "csr|padded",                        \
+    ENUM(lists, "lists", CLN_LISTS_CSR, CLN_LISTS_CSR, "csr|padded",                               \
          "splat: lists by offset, or padded to one length (the paper's)")                          \
     REAL(splat_per_ray, "splat-per-ray", 8, 8, 0.1, 1000,                                          \
          "splat: coarsen the image until a ray meets this many samples in a leaf")                 \
@@ -93,17 +94,18 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "a ray's passage through a leaf counts as empty below this stage-1 weight")               \
     REAL(empty_share, "empty-share", 1, 0.25, 0, 1,                                                \
          "training: probability that an empty passage is sampled all the same (once)")             \
-    REAL(t_min, "t-min", 1e-4, 1e-3, 0, 0.5, "training: leave out leaves behind less transmittance")\
+    REAL(t_min, "t-min", 1e-4, 1e-3, 0, 0.5,                                                       \
+         "training: leave out leaves behind less transmittance")                                   \
     REAL(render_t_min, "render-t-min", 1e-3, 1e-3, 0, 0.5, "the same when rendering")              \
     REAL(occlusion_from, "occlusion-from", 0.067, 0.02, 0, 1,                                      \
          "no samples left out as occluded before this fraction of the budget")
 
 /* Loss, regularisers, optimiser, batch (method.md sections 10, 11). */
 #define CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                              \
-    INT(rays, "rays", 8192, 8192, 16, 1048576, "most rays in a batch")                             \
+    INT(rays, "rays", 8192, 2048, 16, 1048576, "most rays in a batch")                             \
     INT(batch_samples, "batch-samples", 262144, 65536, 256, 16777216,                              \
         "samples per batch aimed at by adapting the rays")                                         \
-    REAL(lr, "lr", 5e-4, 5e-3, 1e-8, 1, "learning rate at the start")                              \
+    REAL(lr, "lr", 5e-4, 1e-2, 1e-8, 1, "learning rate at the start")                              \
     REAL(lr_final, "lr-final", 5e-6, 2e-4, 1e-9, 1, "learning rate at the end of the budget")      \
     ENUM(lr_schedule, "lr-schedule", CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP, "step|exp",              \
          "x0.1 at each third of the budget, or exponential from lr to lr-final")                   \
@@ -116,7 +118,8 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
     REAL(huber_delta, "huber-delta", 0.1, 0.1, 1e-6, 10, "where huber turns linear")               \
     BOOL(random_background, "random-background", false, false,                                     \
          "a random background colour per ray, for images with alpha")                              \
-    REAL(density_noise, "density-noise", 0, 0, 0, 100, "std of noise added before the density activation")\
+    REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
+         "std of noise added before the density activation")                                       \
     REAL(sparsity, "sparsity", 0, 0, 0, 1e3, "weight of 1-exp(-0.05 sigma) at random points")      \
     REAL(cauchy, "cauchy", 0, 0, 0, 1e3, "weight of log(1+2 sigma^2) along rays")                  \
     REAL(opacity_entropy, "opacity-entropy", 0, 0, 0, 1e3, "weight of log(1+A(1-A)/0.11) per ray") \
@@ -127,29 +130,38 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
         "first steps that draw rays from the middle half of the images only")
 
 /* Data, budgets and what a run leaves behind. */
-#define CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)                                                \
-    INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                        \
-    INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)")                           \
-    REAL(time_limit, "time-limit", 0, 0, 0, 1e9, "budget: training seconds, or 90s 10m 2h (0 = none)")\
-    REAL(target_psnr, "target-psnr", 0, 0, 0, 200, "budget: stop when test PSNR reaches this (0 = none)")\
-    INT(epochs, "epochs", 30, 30, 1, 1000000,                                                      \
-        "budget when none other is set; an epoch draws a tenth of all training pixels")            \
-    INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")         \
-    TEXT(eval_at, "eval-at", "", "", "test PSNR during training at these points: 60s,2m,5m or steps")\
-    INT(eval_every, "eval-every", 0, 0, 0, 1000000000, "test PSNR during training every N steps (0 = never)")\
-    INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")         \
-    REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints")                \
-    INT(downscale, "downscale", 0, 0, 0, 64, "divide the image size by N with an area filter (0 = auto: longest side <= 1600)")\
-    TEXT(bbox, "bbox", "", "", "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)")\
-    TEXT(background, "background", "white", "white", "white, black or r,g,b in 0..1, behind everything")\
-    INT(holdout, "holdout", 8, 8, 0, 1000000, "every Nth image is test where no split is named (0 = none)")\
-    REAL(device_mem, "device-mem", 0, 0, 0, 1e15, "device memory to stay under, bytes or 512M, 4G (0 = by the device)")
+#define CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)                                         \
+    INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                 \
+    INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)")                    \
+    REAL(time_limit, "time-limit", 0, 0, 0, 1e9,                                            \
+         "budget: training seconds, or 90s 10m 2h (0 = none)")                              \
+    REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                          \
+         "budget: stop when test PSNR reaches this (0 = none)")                             \
+    INT(epochs, "epochs", 30, 30, 1, 1000000,                                               \
+        "budget when none other is set; an epoch draws a tenth of all training pixels")     \
+    INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")  \
+    TEXT(eval_at, "eval-at", "", "",                                                        \
+         "test PSNR during training at these points: 60s,2m,5m or steps")                   \
+    INT(eval_every, "eval-every", 0, 0, 0, 1000000000,                                      \
+        "test PSNR during training every N steps (0 = never)")                              \
+    INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")  \
+    REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints")         \
+    INT(downscale, "downscale", 0, 0, 0, 64,                                                \
+        "divide the image size by N with an area filter (0 = auto: longest side <= 1600)")  \
+    TEXT(bbox, "bbox", "", "",                                                              \
+         "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)") \
+    TEXT(background, "background", "white", "white",                                        \
+         "white, black or r,g,b in 0..1, behind everything")                                \
+    INT(holdout, "holdout", 8, 8, 0, 1000000,                                               \
+        "every Nth image is test where no split is named (0 = none)")                       \
+    REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                           \
+         "device memory to stay under, bytes or 512M, 4G (0 = by the device)")
 
-#define CLN_CONFIG_LIST(INT, REAL, BOOL, ENUM, TEXT)                                               \
-    CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                                \
-    CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                                   \
-    CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                               \
-    CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                                  \
+#define CLN_CONFIG_LIST(INT, REAL, BOOL, ENUM, TEXT) \
+    CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)  \
+    CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)     \
+    CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT) \
+    CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)    \
     CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)
 
 typedef struct cln_config {

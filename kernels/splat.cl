@@ -22,8 +22,8 @@
     uint first_view, uint n_views, uint total, uint n1, uint run, uint runs, uint row_begin,       \
         uint row_end, float min_alpha
 
-/* Key of one sample, or false if it is dropped: too faint, behind the camera, off the image or off the
- * band of rows. */
+/* Key of one sample, or false if it is dropped: too faint, behind the camera, off the image, or in a
+ * coarse pixel none of whose rows is in the band (one on the border belongs to both bands, whole). */
 HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint row_end,
                       float min_alpha, uint index, ulong *key)
 {
@@ -40,12 +40,11 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
 
     if (!(sigma * spacing >= min_alpha) || !camera_project(camera, point, &pixel))
         return false;
-    const uint y = (uint)pixel.y;
-
-    if (y < row_begin || y >= row_end)
-        return false;
     const uint4 grid = grids[view * 6u + (uint)(1.5f - log2(box.w))];
-    const uint cx = (uint)pixel.x / grid.y, cy = y / grid.y;
+    const uint cx = (uint)pixel.x / grid.y, cy = (uint)pixel.y / grid.y;
+
+    if ((cy + 1u) * grid.y <= row_begin || cy * grid.y >= row_end)
+        return false;
     const float middle = 0.5f * (float)grid.y;
     const float4 d = camera_direction(camera, (float)(cx * grid.y) + middle,
                                       (float)(cy * grid.y) + middle);

@@ -10,6 +10,7 @@ int test_group_camera(void);
 int test_group_checkpoint(void);
 int test_group_composite(void);
 int test_group_config(void);
+int test_group_engine(void);
 int test_group_help(void);
 int test_group_image(void);
 int test_group_mlp(void);

@@ -9,13 +9,13 @@
 
 /* What a number is for; the second word of the counter is (stream << 24) | draw. */
 enum {
-    CLN_STREAM_PIXELS = 1, /* host: which pixel of which view a ray goes through */
-    CLN_STREAM_INIT = 2,   /* host: initial weights */
-    CLN_STREAM_GRID = 3,   /* device: jitter of stage-1 samples */
-    CLN_STREAM_SAMPLES = 4,/* device: jitter of stage-2 samples */
+    CLN_STREAM_PIXELS = 1,     /* host: which pixel of which view a ray goes through */
+    CLN_STREAM_INIT = 2,       /* host: initial weights */
+    CLN_STREAM_GRID = 3,       /* device: jitter of stage-1 samples */
+    CLN_STREAM_SAMPLES = 4,    /* device: jitter of stage-2 samples */
     CLN_STREAM_BACKGROUND = 5, /* host: random background */
-    CLN_STREAM_POINTS = 6, /* device: random points of the regularisers */
-    CLN_STREAM_SCENE = 7   /* host: generated scenes */
+    CLN_STREAM_POINTS = 6,     /* device: random points of the regularisers */
+    CLN_STREAM_SCENE = 7       /* host: generated scenes */
 };
 
 /* out[4] = philox4x32-10(counter, key). */

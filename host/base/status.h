@@ -12,22 +12,22 @@
 #include <stdbool.h>
 
 /* X(name, exit code, phrase) */
-#define CLN_STATUS_LIST(X)                                                                         \
-    X(OK, 0, "ok")                                                                                 \
-    X(FAILED, 1, "failed")                                                                         \
-    X(INTERNAL, 1, "internal error")                                                               \
-    X(USAGE, 2, "wrong usage")                                                                     \
-    X(INPUT, 3, "input data unreadable or invalid")                                                \
-    X(NO_DEVICE, 4, "no usable OpenCL device")                                                     \
-    X(CL, 4, "OpenCL call failed")                                                                 \
-    X(BUILD, 4, "kernel does not build")                                                           \
-    X(MEMORY, 5, "out of memory")                                                                  \
-    X(DIVERGED, 6, "training diverged")                                                            \
-    X(OUTPUT, 7, "cannot write output")                                                            \
-    X(CHECKPOINT, 8, "checkpoint corrupt or incompatible")                                         \
-    X(THRESHOLD, 9, "quality threshold not met")                                                   \
-    X(CHECK, 10, "self-test failed")                                                               \
-    X(SIGINT, 130, "interrupted")                                                                  \
+#define CLN_STATUS_LIST(X)                                 \
+    X(OK, 0, "ok")                                         \
+    X(FAILED, 1, "failed")                                 \
+    X(INTERNAL, 1, "internal error")                       \
+    X(USAGE, 2, "wrong usage")                             \
+    X(INPUT, 3, "input data unreadable or invalid")        \
+    X(NO_DEVICE, 4, "no usable OpenCL device")             \
+    X(CL, 4, "OpenCL call failed")                         \
+    X(BUILD, 4, "kernel does not build")                   \
+    X(MEMORY, 5, "out of memory")                          \
+    X(DIVERGED, 6, "training diverged")                    \
+    X(OUTPUT, 7, "cannot write output")                    \
+    X(CHECKPOINT, 8, "checkpoint corrupt or incompatible") \
+    X(THRESHOLD, 9, "quality threshold not met")           \
+    X(CHECK, 10, "self-test failed")                       \
+    X(SIGINT, 130, "interrupted")                          \
     X(SIGTERM, 143, "terminated")
 
 typedef enum cln_status {
@@ -54,11 +54,11 @@ cln_status cln_error_status(void);
 void cln_clear_error(void);
 
 /* expr yields a cln_status; on failure jump to the function's one `done:` label. */
-#define CLN_TRY(expr)                                                                              \
-    do {                                                                                           \
-        st = (expr);                                                                               \
-        if (st != CLN_OK)                                                                          \
-            goto done;                                                                             \
+#define CLN_TRY(expr)     \
+    do {                  \
+        st = (expr);      \
+        if (st != CLN_OK) \
+            goto done;    \
     } while (0)
 
 /* Bugs of ours, alive in release builds: prints file, line and expression, then aborts. */

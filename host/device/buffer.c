@@ -19,17 +19,39 @@ const char *cln_cl_name(cl_int code)
         const char *name;
     } names[] = {
 #define N(x) {x, #x}
-        N(CL_SUCCESS), N(CL_DEVICE_NOT_FOUND), N(CL_DEVICE_NOT_AVAILABLE),
-        N(CL_COMPILER_NOT_AVAILABLE), N(CL_MEM_OBJECT_ALLOCATION_FAILURE), N(CL_OUT_OF_RESOURCES),
-        N(CL_OUT_OF_HOST_MEMORY), N(CL_BUILD_PROGRAM_FAILURE), N(CL_INVALID_VALUE),
-        N(CL_INVALID_DEVICE), N(CL_INVALID_CONTEXT), N(CL_INVALID_QUEUE_PROPERTIES),
-        N(CL_INVALID_COMMAND_QUEUE), N(CL_INVALID_MEM_OBJECT), N(CL_INVALID_BINARY),
-        N(CL_INVALID_BUILD_OPTIONS), N(CL_INVALID_PROGRAM), N(CL_INVALID_PROGRAM_EXECUTABLE),
-        N(CL_INVALID_KERNEL_NAME), N(CL_INVALID_KERNEL_DEFINITION), N(CL_INVALID_KERNEL),
-        N(CL_INVALID_ARG_INDEX), N(CL_INVALID_ARG_VALUE), N(CL_INVALID_ARG_SIZE),
-        N(CL_INVALID_KERNEL_ARGS), N(CL_INVALID_WORK_DIMENSION), N(CL_INVALID_WORK_GROUP_SIZE),
-        N(CL_INVALID_WORK_ITEM_SIZE), N(CL_INVALID_GLOBAL_OFFSET), N(CL_INVALID_EVENT_WAIT_LIST),
-        N(CL_INVALID_OPERATION), N(CL_INVALID_BUFFER_SIZE), N(CL_INVALID_GLOBAL_WORK_SIZE),
+        N(CL_SUCCESS),
+        N(CL_DEVICE_NOT_FOUND),
+        N(CL_DEVICE_NOT_AVAILABLE),
+        N(CL_COMPILER_NOT_AVAILABLE),
+        N(CL_MEM_OBJECT_ALLOCATION_FAILURE),
+        N(CL_OUT_OF_RESOURCES),
+        N(CL_OUT_OF_HOST_MEMORY),
+        N(CL_BUILD_PROGRAM_FAILURE),
+        N(CL_INVALID_VALUE),
+        N(CL_INVALID_DEVICE),
+        N(CL_INVALID_CONTEXT),
+        N(CL_INVALID_QUEUE_PROPERTIES),
+        N(CL_INVALID_COMMAND_QUEUE),
+        N(CL_INVALID_MEM_OBJECT),
+        N(CL_INVALID_BINARY),
+        N(CL_INVALID_BUILD_OPTIONS),
+        N(CL_INVALID_PROGRAM),
+        N(CL_INVALID_PROGRAM_EXECUTABLE),
+        N(CL_INVALID_KERNEL_NAME),
+        N(CL_INVALID_KERNEL_DEFINITION),
+        N(CL_INVALID_KERNEL),
+        N(CL_INVALID_ARG_INDEX),
+        N(CL_INVALID_ARG_VALUE),
+        N(CL_INVALID_ARG_SIZE),
+        N(CL_INVALID_KERNEL_ARGS),
+        N(CL_INVALID_WORK_DIMENSION),
+        N(CL_INVALID_WORK_GROUP_SIZE),
+        N(CL_INVALID_WORK_ITEM_SIZE),
+        N(CL_INVALID_GLOBAL_OFFSET),
+        N(CL_INVALID_EVENT_WAIT_LIST),
+        N(CL_INVALID_OPERATION),
+        N(CL_INVALID_BUFFER_SIZE),
+        N(CL_INVALID_GLOBAL_WORK_SIZE),
 #undef N
     };
 
@@ -47,7 +69,8 @@ cln_status cln_cl_failed(const char *call, cl_int code)
                     cln_cl_name(code), (int)code);
 }
 
-cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what)
+cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes,
+                              const char *what)
 {
     cln_status st = CLN_OK;
     cl_int code = CL_SUCCESS;
@@ -58,11 +81,11 @@ cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t byt
         return CLN_OK;
     cln_buffer_free(device, buffer);
     if (bytes > device->max_alloc)
-        return cln_fail(CLN_MEMORY,
-                        "%s: %.0f MiB in one buffer, but %s allows %.0f MiB; lower --batch-samples, "
-                        "--n1 or the network's size",
-                        what, (double)bytes / 1048576, device->info.name,
-                        (double)device->max_alloc / 1048576);
+        return cln_fail(
+            CLN_MEMORY,
+            "%s: %.0f MiB in one buffer, but %s allows %.0f MiB; lower --batch-samples, "
+            "--n1 or the network's size",
+            what, (double)bytes / 1048576, device->info.name, (double)device->max_alloc / 1048576);
     if (device->limit && device->allocated + bytes > device->limit)
         return cln_fail(CLN_MEMORY,
                         "%s: %.0f MiB more would pass the device memory limit of %.0f MiB; raise "
@@ -140,8 +163,8 @@ static cln_status settle(cln_device *device)
         cl_ulong start = 0, end = 0;
         const cl_event event = device->pending[i].event;
 
-        if (clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_START, sizeof start, &start, NULL) ==
-                CL_SUCCESS &&
+        if (clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_START, sizeof start, &start,
+                                    NULL) == CL_SUCCESS &&
             clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_END, sizeof end, &end, NULL) ==
                 CL_SUCCESS &&
             end > start)

@@ -23,7 +23,7 @@ static const struct {
     size_t offset;
     int cpu, gpu, min, max;
 } tune_rows[] = {
-#define X(field, name, cpu, gpu, min, max, meaning)                                                \
+#define X(field, name, cpu, gpu, min, max, meaning) \
     {name, offsetof(cln_tune, field), cpu, gpu, min, max},
     CLN_TUNE_LIST(X)
 #undef X
@@ -146,11 +146,12 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
     }
     *count = total;
     if (total == 0)
-        st = cln_fail(CLN_NO_DEVICE,
-                      "no OpenCL device found%s; install a driver: pocl-opencl-icd runs on any CPU "
-                      "(apt-get install pocl-opencl-icd), GPUs need their vendor's (intel-opencl-icd, "
-                      "mesa-opencl-icd, nvidia-opencl-icd)",
-                      platforms ? "" : " (the loader knows no platform)");
+        st = cln_fail(
+            CLN_NO_DEVICE,
+            "no OpenCL device found%s; install a driver: pocl-opencl-icd runs on any CPU "
+            "(apt-get install pocl-opencl-icd), GPUs need their vendor's (intel-opencl-icd, "
+            "mesa-opencl-icd, nvidia-opencl-icd)",
+            platforms ? "" : " (the loader knows no platform)");
 done:
     if (st != CLN_OK) {
         free(*out);
@@ -166,7 +167,8 @@ static bool contains(const char *text, const char *part)
     for (; *text; text++) {
         size_t i = 0;
 
-        while (i < n && text[i] && tolower((unsigned char)text[i]) == tolower((unsigned char)part[i]))
+        while (i < n && text[i] &&
+               tolower((unsigned char)text[i]) == tolower((unsigned char)part[i]))
             i++;
         if (i == n)
             return true;
@@ -217,10 +219,11 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
             return CLN_OK;
         }
     }
-    return cln_fail(CLN_NO_DEVICE,
-                    "--device %s: none of the %d OpenCL device(s) matches; `cl-nascent devices` lists "
-                    "them, --device takes a row number, cpu, gpu or part of a name",
-                    spec, count);
+    return cln_fail(
+        CLN_NO_DEVICE,
+        "--device %s: none of the %d OpenCL device(s) matches; `cl-nascent devices` lists "
+        "them, --device takes a row number, cpu, gpu or part of a name",
+        spec, count);
 }
 
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)

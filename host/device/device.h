@@ -11,14 +11,14 @@
 
 /* Tuning parameters: X(field, name, cpu, gpu, min, max, meaning). From this list: the struct, the
  * defaults, the parser of "VW=8,TS=6" and its range check, the text form. */
-#define CLN_TUNE_LIST(X)                                                                           \
-    X(vw, "VW", 0, 1, 1, 16, "floats per vector; cpu 0 = the device's native width")               \
-    X(nv, "NV", 2, 1, 1, 8, "vectors per work-item in a tile")                                     \
-    X(ls, "LS", 1, 64, 1, 1024, "work-items of a network work-group")                              \
-    X(ts, "TS", 6, 8, 1, 32, "samples of a register tile")                                         \
-    X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")                    \
-    X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")                    \
-    X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")                    \
+#define CLN_TUNE_LIST(X)                                                             \
+    X(vw, "VW", 0, 1, 1, 16, "floats per vector; cpu 0 = the device's native width") \
+    X(nv, "NV", 2, 1, 1, 8, "vectors per work-item in a tile")                       \
+    X(ls, "LS", 1, 64, 1, 1024, "work-items of a network work-group")                \
+    X(ts, "TS", 6, 8, 1, 32, "samples of a register tile")                           \
+    X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")      \
+    X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")      \
+    X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")      \
     X(chunk, "CHUNK", 1024, 64, 16, 65536, "elements one work-item scans or sorts in turn")
 
 typedef struct cln_tune {
@@ -28,27 +28,27 @@ typedef struct cln_tune {
 } cln_tune;
 
 /* Stages whose device time is accounted for, in the order of the pipeline. */
-#define CLN_STAGE_LIST(X)                                                                          \
-    X(UPLOAD, "upload")                                                                            \
-    X(RAYS, "rays")                                                                                \
-    X(PROJECT, "project")                                                                          \
-    X(SORT, "sort")                                                                                \
-    X(INTERVALS, "intervals")                                                                      \
-    X(SAMPLES, "samples")                                                                          \
-    X(GROUP, "group")                                                                              \
-    X(FORWARD, "networks forward")                                                                 \
-    X(COMPOSITE, "composite")                                                                      \
-    X(BACKWARD, "networks backward")                                                               \
-    X(ADAM, "adam")                                                                                \
-    X(REFRESH, "stage 1 refresh")                                                                  \
-    X(STRUCTURE, "structure")                                                                      \
+#define CLN_STAGE_LIST(X)            \
+    X(UPLOAD, "upload")              \
+    X(RAYS, "rays")                  \
+    X(PROJECT, "project")            \
+    X(SORT, "sort")                  \
+    X(INTERVALS, "intervals")        \
+    X(SAMPLES, "samples")            \
+    X(GROUP, "group")                \
+    X(FORWARD, "networks forward")   \
+    X(COMPOSITE, "composite")        \
+    X(BACKWARD, "networks backward") \
+    X(ADAM, "adam")                  \
+    X(REFRESH, "stage 1 refresh")    \
+    X(STRUCTURE, "structure")        \
     X(OTHER, "other")
 
 typedef enum cln_stage {
 #define X(name, text) CLN_STAGE_##name,
     CLN_STAGE_LIST(X)
 #undef X
-    CLN_STAGES
+        CLN_STAGES
 } cln_stage;
 extern const char *const cln_stage_names[CLN_STAGES];
 
@@ -63,7 +63,7 @@ typedef struct cln_device {
     size_t allocated, peak; /* bytes of live buffers, and the most so far */
     size_t limit;           /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
-    struct cln_pending *pending; /* events not yet accounted for */
+    struct cln_pending *pending;      /* events not yet accounted for */
     int pending_count, pending_capacity;
 } cln_device;
 
@@ -104,7 +104,8 @@ typedef struct cln_buffer {
 
 /* Makes *buffer hold at least `bytes` (contents are lost when it grows; at least 16 bytes are there,
  * so that a kernel always gets a valid buffer). `what` is for the CLN_MEMORY sentence. */
-cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what);
+cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes,
+                              const char *what);
 void cln_buffer_free(cln_device *device, cln_buffer *buffer);
 cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t offset,
                             const void *data, size_t bytes);
@@ -119,13 +120,16 @@ typedef struct cln_arg {
     const void *value;
 } cln_arg;
 
-#define CLN_ARG(x) {sizeof(x), &(x)}
+#define CLN_ARG(x)      \
+    {                   \
+        sizeof(x), &(x) \
+    }
 
 /* One-dimensional: `groups` groups of `local` work-items; groups 0 launches nothing. */
 cln_status cln_launch(cln_device *device, cl_kernel kernel, cln_stage stage, size_t groups,
                       size_t local, const cln_arg *args, int count);
-#define CLN_LAUNCH(device, kernel, stage, groups, local, ...)                                      \
-    cln_launch(device, kernel, stage, groups, local, (const cln_arg[]){__VA_ARGS__},               \
+#define CLN_LAUNCH(device, kernel, stage, groups, local, ...)                        \
+    cln_launch(device, kernel, stage, groups, local, (const cln_arg[]){__VA_ARGS__}, \
                (int)(sizeof((const cln_arg[]){__VA_ARGS__}) / sizeof(cln_arg)))
 
 /* ceil(a / b). */
@@ -137,13 +141,13 @@ static inline size_t cln_groups(size_t a, size_t b)
 /* Name of an OpenCL error code, "CL_OUT_OF_RESOURCES". */
 const char *cln_cl_name(cl_int code);
 cln_status cln_cl_failed(const char *call, cl_int code);
-#define CLN_CL(call)                                                                               \
-    do {                                                                                           \
-        const cl_int code_ = (call);                                                               \
-        if (code_ != CL_SUCCESS) {                                                                 \
-            st = cln_cl_failed(#call, code_);                                                      \
-            goto done;                                                                             \
-        }                                                                                          \
+#define CLN_CL(call)                          \
+    do {                                      \
+        const cl_int code_ = (call);          \
+        if (code_ != CL_SUCCESS) {            \
+            st = cln_cl_failed(#call, code_); \
+            goto done;                        \
+        }                                     \
     } while (0)
 
 /* Monotonic seconds. */

@@ -105,8 +105,10 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s", name);
     if (device->kernel_dir && !cln_is_dir(device->kernel_dir))
-        CLN_TRY(cln_fail(CLN_INPUT, "--kernel-dir %s: no such folder; leave the option out to use the "
-                                    "kernels in the binary", device->kernel_dir));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--kernel-dir %s: no such folder; leave the option out to use the "
+                         "kernels in the binary",
+                         device->kernel_dir));
     CLN_TRY(cln_strdup(&copy, defines ? defines : ""));
     CLN_TRY(own(&s, copy));
     CLN_TRY(append_file(device, &s, "device_abi.h"));
@@ -122,12 +124,13 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     code = clBuildProgram(out->program, 1, &device->id, "-cl-std=CL1.2", NULL, NULL);
     if (code != CL_SUCCESS) {
         log_build(device, out);
-        st = cln_fail(CLN_BUILD,
-                      "kernel program %s.cl does not build on %s (driver %s): %s; its log is above, "
-                      "%s",
-                      name, device->info.name, device->info.driver, cln_cl_name(code),
-                      device->kernel_dir ? "mend the file in --kernel-dir or leave the option out"
-                                         : "please report it with the output of `cl-nascent devices`");
+        st = cln_fail(
+            CLN_BUILD,
+            "kernel program %s.cl does not build on %s (driver %s): %s; its log is above, "
+            "%s",
+            name, device->info.name, device->info.driver, cln_cl_name(code),
+            device->kernel_dir ? "mend the file in --kernel-dir or leave the option out"
+                               : "please report it with the output of `cl-nascent devices`");
     }
 done:
     for (int i = 0; i < s.owned_count; i++)

@@ -44,7 +44,8 @@ static uint64_t bounded64(uint64_t random, uint64_t n)
     return (uint64_t)(((unsigned __int128)random * n) >> 64);
 }
 
-static void draw_bits(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index, uint32_t bits[4])
+static void draw_bits(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
+                      uint32_t bits[4])
 {
     const uint32_t counter[4] = {index, stream << 24, step, 0};
     const uint32_t key[2] = {(uint32_t)seed, (uint32_t)(seed >> 32)};
@@ -118,8 +119,8 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
             b->pixels[i].y = cln_bounded(bits[1], (uint32_t)camera->height);
             b->pixels[i].pad = slot;
         } else {
-            b->pixels[i] = locate(b, scene, bounded64((uint64_t)bits[0] << 32 | bits[1],
-                                                      b->first[b->train_views]));
+            b->pixels[i] = locate(
+                b, scene, bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
         }
         if (step < (uint32_t)config->precrop_steps)
             crop(scene, &b->pixels[i]);

@@ -9,11 +9,11 @@
 
 typedef struct cln_batch {
     int capacity;
-    cln_pixel *pixels;            /* [ray] */
-    float (*targets)[4];          /* [ray] r, g, b over its background, 0 */
-    float (*backgrounds)[4];      /* [ray] with random_background, else [1] */
+    cln_pixel *pixels;       /* [ray] */
+    float (*targets)[4];     /* [ray] r, g, b over its background, 0 */
+    float (*backgrounds)[4]; /* [ray] with random_background, else [1] */
     int train_views;
-    uint64_t *first;              /* [train_views + 1] pixels before view i */
+    uint64_t *first; /* [train_views + 1] pixels before view i */
 } cln_batch;
 
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out);

@@ -24,8 +24,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_viewer_split(viewer.scene, name, &split));
     CLN_TRY(cln_evaluate_choose(viewer.scene, split, desc->max_images, &views, &count));
     CLN_TRY(cln_viewer_start(&viewer, &desc->device, viewer.scene->has_distortion));
-    CLN_TRY(cln_pipeline_scene(&viewer.pipeline, viewer.scene, viewer.model.centre,
-                               viewer.model.half));
+    CLN_TRY(
+        cln_pipeline_scene(&viewer.pipeline, viewer.scene, viewer.model.centre, viewer.model.half));
     if (desc->save_images)
         CLN_TRY(cln_record_folder(desc->run, viewer.model.step, name, &folder));
     CLN_TRY(cln_evaluate(&viewer.pipeline, viewer.scene, views, count, folder, &desc->callbacks,

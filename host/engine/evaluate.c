@@ -164,12 +164,11 @@ cln_status cln_evaluate_json(const cln_eval_result *r, json_t **out)
     for (int i = 0; i < r->count; i++) {
         const cln_eval_image *e = &r->images[i];
 
-        json_array_append_new(images,
-                              json_pack("{s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:f}", "name", e->name,
-                                        "width", e->width, "height", e->height, "psnr",
-                                        cln_json_real(e->psnr), "psnr_u8", cln_json_real(e->psnr_u8),
-                                        "ssim", cln_json_real(e->ssim), "mse", cln_json_real(e->mse),
-                                        "seconds", e->seconds));
+        json_array_append_new(
+            images, json_pack("{s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:f}", "name", e->name, "width",
+                              e->width, "height", e->height, "psnr", cln_json_real(e->psnr),
+                              "psnr_u8", cln_json_real(e->psnr_u8), "ssim", cln_json_real(e->ssim),
+                              "mse", cln_json_real(e->mse), "seconds", e->seconds));
     }
     *out = json_pack(
         "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:f}, "
@@ -180,6 +179,7 @@ cln_status cln_evaluate_json(const cln_eval_result *r, json_t **out)
         (double)r->background[2], "pixel_centre", 0.5, "mean", "psnr", cln_json_real(r->psnr),
         "psnr_u8", cln_json_real(r->psnr_u8), "ssim", cln_json_real(r->ssim), "mse",
         cln_json_real(r->mse), "seconds", r->seconds, "std", "psnr", deviation(r, false), "ssim",
-        deviation(r, true), "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
+        deviation(r, true), "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images",
+        images);
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");
 }

@@ -14,7 +14,8 @@ cln_status cln_evaluate_choose(const cln_scene *scene, cln_split split, int most
  * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go.
  * Prepares the densities for pictures. */
 cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *views, int count,
-                        const char *folder, const cln_callbacks *callbacks, cln_eval_result *result);
+                        const char *folder, const cln_callbacks *callbacks,
+                        cln_eval_result *result);
 
 /* The document of RUN/eval/STEP-SPLIT.json (docs/formats.md). */
 cln_status cln_evaluate_json(const cln_eval_result *result, json_t **out);

@@ -38,7 +38,7 @@ done:
 /* Adds what the newest checkpoint says; all null while there is none. */
 static cln_status add_checkpoint(const char *run, json_t *about)
 {
-    static const char *const keys[] = {"step",   "train_seconds", "leaves",      "leaves_by_level",
+    static const char *const keys[] = {"step",   "train_seconds", "leaves",    "leaves_by_level",
                                        "params", "model_digest",  "checkpoint"};
     cln_status st = CLN_OK;
     cln_model model = {0};
@@ -66,10 +66,10 @@ static cln_status add_checkpoint(const char *run, json_t *about)
     json_object_set_new(about, "params",
                         json_integer((json_int_t)model.tree.leaf_count * model.net.learned));
     json_object_set_new(about, "model_digest", json_string(digest));
-    json_object_set_new(
-        about, "checkpoint",
-        json_pack("{s:i, s:[f,f,f], s:f}", "params_per_leaf", model.net.params, "centre",
-                  model.centre[0], model.centre[1], model.centre[2], "half", model.half));
+    json_object_set_new(about, "checkpoint",
+                        json_pack("{s:i, s:[f,f,f], s:f}", "params_per_leaf", model.net.params,
+                                  "centre", model.centre[0], model.centre[1], model.centre[2],
+                                  "half", model.half));
 done:
     free(folder);
     cln_model_free(&model);

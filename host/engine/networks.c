@@ -82,11 +82,11 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
 
     CLN_TRY(cln_buffer_reserve(p->device, &p->dout, (size_t)sample_count * 4 * sizeof(float),
                                "sample gradients"));
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
-                       CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem),
-                       CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem), CLN_ARG(p->dout.mem),
-                       CLN_ARG(p->results.mem), CLN_ARG(rays), CLN_ARG(scale), CLN_ARG(huber),
-                       CLN_ARG(cauchy), CLN_ARG(opacity), CLN_ARG(distort)));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
+                       wg, CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
+                       CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem),
+                       CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays), CLN_ARG(scale),
+                       CLN_ARG(huber), CLN_ARG(cauchy), CLN_ARG(opacity), CLN_ARG(distort)));
 done:
     return st;
 }

@@ -105,7 +105,8 @@ static cln_status find_lens(const cln_camera *like, const cln_render_desc *desc,
                         width, height, CLN_IMAGE_MAX_SIDE, CLN_IMAGE_MAX_PIXELS);
     out->width = (int)width;
     out->height = (int)height;
-    out->fx = desc->fov > 0 ? 0.5 * width / tan(desc->fov * PI / 360) : like->fx * width / like->width;
+    out->fx =
+        desc->fov > 0 ? 0.5 * width / tan(desc->fov * PI / 360) : like->fx * width / like->width;
     out->fy = out->fx * like->fy / like->fx;
     out->cx = 0.5 * width;
     out->cy = 0.5 * height;
@@ -130,8 +131,10 @@ void cln_orbit_camera(const cln_orbit *o, int i, int count, cln_camera *out)
     double away[3], right[3], down[3], forward[3];
 
     for (int a = 0; a < 3; a++) {
-        away[a] = cos(o->elevation) * (c * o->east[a] + s * o->north[a]) + sin(o->elevation) * o->up[a];
-        right[a] = c * o->north[a] - s * o->east[a]; /* along the circle: defined at the pole, too */
+        away[a] =
+            cos(o->elevation) * (c * o->east[a] + s * o->north[a]) + sin(o->elevation) * o->up[a];
+        right[a] =
+            c * o->north[a] - s * o->east[a]; /* along the circle: defined at the pole, too */
         forward[a] = -away[a];
     }
     cross(forward, right, down);

@@ -9,7 +9,7 @@
  * first training camera stands. */
 typedef struct cln_orbit {
     double target[3], east[3], north[3], up[3];
-    double distance; /* of the orbit's cameras to the target */
+    double distance;  /* of the orbit's cameras to the target */
     double elevation; /* radians */
     cln_camera lens;  /* size and intrinsics; its pose is not used */
 } cln_orbit;

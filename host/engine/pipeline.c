@@ -30,8 +30,10 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
     const size_t transposed = leaves * (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, 1024);
 
-    CLN_TRY(put(device, &p->adam_m, model->adam_m, weights * sizeof(float), "Adam's first moments"));
-    CLN_TRY(put(device, &p->adam_v, model->adam_v, weights * sizeof(float), "Adam's second moments"));
+    CLN_TRY(
+        put(device, &p->adam_m, model->adam_m, weights * sizeof(float), "Adam's first moments"));
+    CLN_TRY(
+        put(device, &p->adam_v, model->adam_v, weights * sizeof(float), "Adam's second moments"));
     CLN_TRY(put(device, &p->adam_steps, model->adam_steps, leaves * sizeof(cl_int), "step counts"));
     CLN_TRY(cln_buffer_reserve(device, &p->norms, leaves * sizeof(float), "norms"));
     CLN_TRY(cln_buffer_reserve(device, &p->transposed, transposed, "transposed weights"));

@@ -1,6 +1,7 @@
 /* The memory plan. See plan.h; shapes are those of stages.h. */
 #include "engine/plan.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -19,14 +20,18 @@ static void row(cln_plan *plan, const char *purpose, double bytes, const char *w
 void cln_plan_make(const cln_device *device, const cln_config *config, const cln_network *net,
                    const cln_tune *tune, int leaves, int views, bool training, cln_plan *out)
 {
-    const double n = leaves, params = 4.0 * net->params, cells = (double)config->n1 * config->n1 * config->n1;
-    const double samples = training ? 2.0 * config->batch_samples : config->batch_samples;
+    const double n = leaves, params = 4.0 * net->params,
+                 cells = (double)config->n1 * config->n1 * config->n1;
+    const double room_for = device->info.max_alloc / (4.0 * cln_pipeline_acts(net));
+    const double wanted = training ? 2.0 * config->batch_samples : config->batch_samples;
+    const double samples = training && wanted > room_for ? floor(room_for) : wanted;
     const double rays = config->rays > 16384 ? config->rays : 16384;
     const double slices = n + samples / tune->sl;
 
     memset(out, 0, sizeof *out);
     out->limit = config->device_mem > 0 ? config->device_mem : 0.9 * device->info.global_mem;
     out->max_samples = (size_t)samples;
+    out->batch_samples = (size_t)fmin(config->batch_samples, 0.75 * samples);
     row(out, "network weights", n * params, "--width, --depth or --view-width");
     if (training) {
         row(out, "optimiser state", n * (2 * params + 4.0 * cln_pipeline_transposed(net) + 8),

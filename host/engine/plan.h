@@ -17,8 +17,9 @@ typedef struct cln_plan {
     } rows[CLN_PLAN_ROWS];
     int count;
     double total, limit;
-    size_t max_samples; /* of a batch */
-    size_t max_entries; /* projected samples held at a time (splat) */
+    size_t max_samples;   /* of a batch; its activations stay within one buffer of the device */
+    size_t batch_samples; /* aimed at: --batch-samples, or less where max_samples is small */
+    size_t max_entries;   /* projected samples held at a time (splat) */
 } cln_plan;
 
 /* Plans for `leaves` leaves. Training, or rendering alone. limit: --device-mem, else 90 % of the

@@ -94,8 +94,8 @@ static void table(text *t, const char *name, const int *values, int count)
     int used = snprintf(expression, sizeof expression, "(");
 
     for (int i = 0; i < count - 1; i++)
-        used += snprintf(expression + used, sizeof expression - (size_t)used, "(i) == %d ? %d : ", i,
-                         values[i]);
+        used += snprintf(expression + used, sizeof expression - (size_t)used,
+                         "(i) == %d ? %d : ", i, values[i]);
     line(t, "#define %s(i) %s%d)", name, expression, values[count - 1]);
 }
 
@@ -161,11 +161,12 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
     CLN_TRY(cln_network_layout(config, &out->net));
     fit_tune(device, &out->net, &out->tune);
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
-        st = cln_fail(CLN_MEMORY,
-                      "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
-                      "%zu in all; lower --width or --view-width",
-                      out->net.width, out->net.view_width, bytes_per_sample(&out->net),
-                      device->info.name, device->local_mem);
+        st =
+            cln_fail(CLN_MEMORY,
+                     "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
+                     "%zu in all; lower --width or --view-width",
+                     out->net.width, out->net.view_width, bytes_per_sample(&out->net),
+                     device->info.name, device->local_mem);
         goto done;
     }
     CLN_TRY(cln_pipeline_defines(out, &defines));
@@ -206,15 +207,17 @@ void cln_pipeline_free(cln_pipeline *p)
 {
     cln_device *device = p->device;
     cln_buffer *const buffers[] = {
-        &p->boxes,      &p->map,         &p->params,       &p->transposed,      &p->adam_m,
-        &p->adam_v,     &p->adam_steps,  &p->norms,        &p->density,         &p->seen,
-        &p->leaf_stats, &p->cameras,     &p->pixels,       &p->ray_o,           &p->ray_d,
-        &p->targets,    &p->backgrounds, &p->results,      &p->intervals,  &p->used,        &p->sample_counts, &p->sample_starts,  &p->samples,
-        &p->order,      &p->begin,       &p->end,          &p->slice_counts,    &p->slice_starts,
-        &p->slices,     &p->out,         &p->dout,         &p->acts,            &p->grads,
-        &p->batch_views, &p->splat_counts, &p->splat_starts, &p->grids, &p->list_start,  &p->list_count,   &p->list_t,          &p->list_sigma,
-        &p->padded_t,   &p->padded_sigma, &p->keys64[0],   &p->keys64[1], &p->sums,
-        &p->digit_counts, &p->keys[0],   &p->keys[1],      &p->values[0],       &p->values[1]};
+        &p->boxes,         &p->map,           &p->params,       &p->transposed,  &p->adam_m,
+        &p->adam_v,        &p->adam_steps,    &p->norms,        &p->density,     &p->seen,
+        &p->leaf_stats,    &p->cameras,       &p->pixels,       &p->ray_o,       &p->ray_d,
+        &p->targets,       &p->backgrounds,   &p->results,      &p->intervals,   &p->used,
+        &p->sample_counts, &p->sample_starts, &p->samples,      &p->order,       &p->begin,
+        &p->end,           &p->slice_counts,  &p->slice_starts, &p->slices,      &p->out,
+        &p->dout,          &p->acts,          &p->grads,        &p->batch_views, &p->splat_counts,
+        &p->splat_starts,  &p->grids,         &p->list_start,   &p->list_count,  &p->list_t,
+        &p->list_sigma,    &p->padded_t,      &p->padded_sigma, &p->keys64[0],   &p->keys64[1],
+        &p->sums,          &p->digit_counts,  &p->keys[0],      &p->keys[1],     &p->values[0],
+        &p->values[1]};
 
     if (!device)
         return;

@@ -114,11 +114,12 @@ cln_status cln_record_start(cln_trainer *t)
     json_object_set_new(scene, "path", json_string(path));
     cln_utc_now(now);
     cln_tune_text(&t->pipeline.tune, tune);
-    t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:s, s:n}", "schema",
-                       "cl-nascent.run/1", "version", CLN_VERSION, "command",
-                       t->desc->command ? t->desc->command : "", "preset", preset, "config", config, "device",
-                       device_json(&t->device->info), "dataset", scene, "state", "running", "started",
-                       text_of(before, "started", now), "ended", "plan", plan, "tune", tune, "result");
+    t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:s, s:n}",
+                       "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
+                       t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
+                       "device", device_json(&t->device->info), "dataset", scene, "state",
+                       "running", "started", text_of(before, "started", now), "ended", "plan", plan,
+                       "tune", tune, "result");
     config = scene = plan = NULL;
     if (!t->run) {
         st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");
@@ -146,12 +147,13 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_model_digest(&t->model));
     json_object_set_new(t->run, "state", json_string(state));
     json_object_set_new(t->run, "ended", json_string(now));
-    json_object_set_new(
-        t->run, "result",
-        json_pack("{s:I, s:f, s:o, s:o, s:i, s:f, s:s}", "step", (json_int_t)t->model.step, "seconds",
-                  t->model.train_seconds, "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
-                  cln_json_real(t->psnr_test), "leaves", t->model.tree.leaf_count, "params",
-                  (double)t->model.tree.leaf_count * t->model.net.learned, "model_digest", digest));
+    json_object_set_new(t->run, "result",
+                        json_pack("{s:I, s:f, s:o, s:o, s:i, s:f, s:s}", "step",
+                                  (json_int_t)t->model.step, "seconds", t->model.train_seconds,
+                                  "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
+                                  cln_json_real(t->psnr_test), "leaves", t->model.tree.leaf_count,
+                                  "params", (double)t->model.tree.leaf_count * t->model.net.learned,
+                                  "model_digest", digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
     CLN_TRY(add_left_out(t));

@@ -34,11 +34,11 @@ cln_status cln_stage_regularise(cln_pipeline *p, const cln_sampling *s, int rays
 
     if (points + pairs == 0)
         return CLN_OK;
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.regularise_points, CLN_STAGE_SAMPLES,
-                       cln_groups(points + pairs, wg), wg, CLN_ARG(p->boxes.mem), CLN_ARG(p->map.mem),
-                       CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->samples.mem),
-                       CLN_ARG(first_ray), CLN_ARG(first_sample), CLN_ARG(points), CLN_ARG(pairs),
-                       CLN_ARG(leaves), CLN_ARG(depth), CLN_ARG(seed), CLN_ARG(s->step)));
+    CLN_TRY(CLN_LAUNCH(
+        p->device, p->k.regularise_points, CLN_STAGE_SAMPLES, cln_groups(points + pairs, wg), wg,
+        CLN_ARG(p->boxes.mem), CLN_ARG(p->map.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
+        CLN_ARG(p->samples.mem), CLN_ARG(first_ray), CLN_ARG(first_sample), CLN_ARG(points),
+        CLN_ARG(pairs), CLN_ARG(leaves), CLN_ARG(depth), CLN_ARG(seed), CLN_ARG(s->step)));
     *samples += points + 2 * pairs;
 done:
     return st;

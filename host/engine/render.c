@@ -42,8 +42,8 @@ static cln_status render_batch(cln_pipeline *p, const cln_pixel *pixels, int n,
     CLN_TRY(cln_stage_group(p, samples, &slices));
     CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
     CLN_TRY(cln_stage_composite(p, *done_rays, axis_depth));
-    CLN_TRY(cln_buffer_read(p->device, &p->results, 0, results,
-                            (size_t)*done_rays * sizeof *results));
+    CLN_TRY(
+        cln_buffer_read(p->device, &p->results, 0, results, (size_t)*done_rays * sizeof *results));
     CLN_TRY(cln_device_finish(p->device));
 done:
     return st;
@@ -72,9 +72,8 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
         memcpy(backgrounds[i], background, 3 * sizeof(float));
     for (int first = 0, done_rays = 0; first < total; first += done_rays) {
         const int n = total - first < BATCH_RAYS ? total - first : BATCH_RAYS;
-        const int signal = callbacks && callbacks->interrupted
-                               ? callbacks->interrupted(callbacks->user)
-                               : 0;
+        const int signal =
+            callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
 
         if (signal == SIGINT || signal == SIGTERM) {
             st = cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");

@@ -122,8 +122,8 @@ static json_t *describe(const job *j)
              (unsigned long long)cln_model_digest(&j->viewer.model));
     about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s}", "schema", SCHEMA, "tool",
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
-                      (json_int_t)j->viewer.model.step, "depth", d->z_depth ? "axis" : "ray", "poses",
-                      d->split ? d->split : "orbit");
+                      (json_int_t)j->viewer.model.step, "depth", d->z_depth ? "axis" : "ray",
+                      "poses", d->split ? d->split : "orbit");
     if (about && !d->split)
         json_object_set_new(about, "orbit",
                             json_pack("{s:i, s:f, s:f, s:i, s:i, s:f}", "frames", j->count,
@@ -155,16 +155,18 @@ static cln_status check_folder(const char *out, json_t **before)
     if (!dir && errno == ENOENT)
         goto done;
     if (!dir)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s; choose another folder with -o", out, strerror(errno)));
+        CLN_TRY(
+            cln_fail(CLN_OUTPUT, "%s: %s; choose another folder with -o", out, strerror(errno)));
     for (struct dirent *e = readdir(dir); e; e = readdir(dir))
         if (strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0 &&
             strncmp(e->d_name, "render.json.tmp.", 16) != 0)
             empty = false;
     if (!empty)
-        st = cln_fail(CLN_OUTPUT,
-                      "%s: holds files but no render.json, so it is no folder of frames and nothing is "
-                      "written to it; choose a new folder with -o",
-                      out);
+        st = cln_fail(
+            CLN_OUTPUT,
+            "%s: holds files but no render.json, so it is no folder of frames and nothing is "
+            "written to it; choose a new folder with -o",
+            out);
 done:
     if (dir)
         closedir(dir);
@@ -183,9 +185,10 @@ static cln_status write_about(const job *j)
     if (json_equal(j->before, about))
         goto done;
     if (j->there > 0)
-        cln_warn("%s: %d of the frames are there already, of another model or with other settings, and "
-                 "stay as they are; --overwrite renders them again",
-                 j->desc->out, j->there);
+        cln_warn(
+            "%s: %d of the frames are there already, of another model or with other settings, and "
+            "stay as they are; --overwrite renders them again",
+            j->desc->out, j->there);
     else
         CLN_TRY(cln_run_write_json(j->desc->out, "render.json", about));
 done:
@@ -277,8 +280,7 @@ static cln_status start(job *j)
         distortion |= cln_camera_is_distorted(cameras[i]);
     }
     CLN_TRY(cln_viewer_start(v, &j->desc->device, distortion));
-    CLN_TRY(
-        cln_pipeline_cameras(&v->pipeline, cameras, j->count, v->model.centre, v->model.half));
+    CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, v->model.centre, v->model.half));
     CLN_TRY(write_about(j));
     CLN_TRY(cln_render_prepare(&v->pipeline));
 done:
@@ -298,12 +300,14 @@ static cln_status render_frames(job *j, cln_render_result *result)
         if (j->frames[i].there)
             continue;
         if (callbacks->work)
-            callbacks->work("render", result->skipped + result->rendered, j->count, callbacks->user);
+            callbacks->work("render", result->skipped + result->rendered, j->count,
+                            callbacks->user);
         st = cln_render_view(&j->viewer.pipeline, i, j->viewer.scene->background, j->desc->z_depth,
                              callbacks, &picture);
         if (st == CLN_SIGINT || st == CLN_SIGTERM)
-            cln_note("rendering into %s: %d of %d frames are there, the same command renders the others",
-                     j->desc->out, result->skipped + result->rendered, j->count);
+            cln_note(
+                "rendering into %s: %d of %d frames are there, the same command renders the others",
+                j->desc->out, result->skipped + result->rendered, j->count);
         CLN_TRY(st);
         CLN_TRY(write_frame(j, &j->frames[i], &picture));
         cln_picture_free(&picture);

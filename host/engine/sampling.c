@@ -53,8 +53,8 @@ cln_status cln_stage_sort(cln_pipeline *p, cln_buffer keys[2], cln_buffer values
         return CLN_OK;
     CLN_TRY(cln_buffer_reserve(device, &keys[1], n * key_bytes, "sort keys"));
     CLN_TRY(cln_buffer_reserve(device, &values[1], n * sizeof(cl_uint), "sort values"));
-    CLN_TRY(cln_buffer_reserve(device, &p->digit_counts, (256 * (size_t)chunks + 1) * sizeof(cl_uint),
-                               "sort counts"));
+    CLN_TRY(cln_buffer_reserve(device, &p->digit_counts,
+                               (256 * (size_t)chunks + 1) * sizeof(cl_uint), "sort counts"));
     for (cl_uint shift = 0; (int)shift < bits; shift += 8) {
         CLN_TRY(CLN_LAUNCH(device, count_kernel, stage, chunks, 1, CLN_ARG(keys[0].mem),
                            CLN_ARG(p->digit_counts.mem), CLN_ARG(count), CLN_ARG(chunk),
@@ -153,7 +153,8 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
                       cln_groups((size_t)g->rays, wg), wg, a.args, a.count);
 }
 
-static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int rays_used)
+static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g,
+                       int rays_used)
 {
     const int last = g->first_ray + g->rays < rays_used ? g->first_ray + g->rays : rays_used;
     const int rays = last > g->first_ray ? last - g->first_ray : 0;
@@ -191,8 +192,8 @@ static cln_status cut(cln_pipeline *p, int n, size_t max_samples, int *rays_used
     int low = 1, high = n;
 
     CLN_TRY(cln_alloc(&starts, (size_t)n + 1, sizeof *starts, "sample counts"));
-    CLN_TRY(cln_buffer_read(p->device, &p->sample_starts, 0, starts,
-                            ((size_t)n + 1) * sizeof *starts));
+    CLN_TRY(
+        cln_buffer_read(p->device, &p->sample_starts, 0, starts, ((size_t)n + 1) * sizeof *starts));
     while (low < high) {
         const int middle = low + (high - low + 1) / 2;
 

@@ -30,8 +30,8 @@ void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt
         c->sink(full, passed, false, detail, c->user);
 }
 
-void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want, size_t n,
-                       double nmse, double worst)
+void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want,
+                       size_t n, double nmse, double worst)
 {
     double error = 0, square = 0, largest = 0, rms = 0;
     size_t at = 0;
@@ -53,15 +53,17 @@ void cln_check_compare(cln_checks *c, const char *name, const float *got, const 
     }
     rms = n ? sqrt(square / (double)n) : 0;
     if (rms == 0)
-        cln_check_say(c, name, largest == 0, "%zu elements, largest %g, should be zero", n, largest);
+        cln_check_say(c, name, largest == 0, "%zu elements, largest %g, should be zero", n,
+                      largest);
     else if (error <= nmse * square && largest <= worst * rms)
         cln_check_say(c, name, true, "%.1f %% of the bound, %zu elements",
                       100 * fmax(error / square / nmse, largest / rms / worst), n);
     else
-        cln_check_say(c, name, false,
-                      "NMSE %.2g (bound %.0g), worst %.2g rms (bound %.0g): element %zu of %zu is %.6g, "
-                      "should be %.6g",
-                      error / square, nmse, largest / rms, worst, at, n, (double)got[at], want[at]);
+        cln_check_say(
+            c, name, false,
+            "NMSE %.2g (bound %.0g), worst %.2g rms (bound %.0g): element %zu of %zu is %.6g, "
+            "should be %.6g",
+            error / square, nmse, largest / rms, worst, at, n, (double)got[at], want[at]);
 }
 
 double cln_check_uniform(uint32_t stream, uint32_t index, double low, double high)
@@ -107,8 +109,8 @@ typedef struct shape {
 static const shape shapes[] = {
     {"fast preset", "fast", NULL, false, false, false, true},
     {"width 16", "fast", NULL, true, true, true, true},
-    {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64", true, false, true,
-     false},
+    {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64", true, false,
+     true, false},
     {"paper preset", "paper", NULL, false, true, false, false},
 };
 
@@ -224,10 +226,11 @@ cln_status cln_selftest_device(cln_device *device, bool quick, cln_check_sink *s
         if (shapes[i].quick || !quick)
             CLN_TRY(run_shape(device, &shapes[i], &c));
     if (c.failed > 0)
-        st = cln_fail(CLN_CHECK,
-                      "%s does not compute what it should: %s%s; another driver or device (--device) may "
-                      "do better",
-                      device->info.name, c.first, c.failed > 1 ? ", and more" : "");
+        st = cln_fail(
+            CLN_CHECK,
+            "%s does not compute what it should: %s%s; another driver or device (--device) may "
+            "do better",
+            device->info.name, c.first, c.failed > 1 ? ", and more" : "");
 done:
     return st;
 }

@@ -23,8 +23,8 @@ void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt
 /* Reports a comparison with float64 by two bounds: NMSE, and the worst element in units of the
  * reference's rms (the one misses one bad element in many, the other a small error everywhere). Values
  * that are not finite fail; an all-zero reference must be met exactly. */
-void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want, size_t n,
-                       double nmse, double worst);
+void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want,
+                       size_t n, double nmse, double worst);
 
 /* A uniform number in [low, high), always the same for (stream, index). */
 double cln_check_uniform(uint32_t stream, uint32_t index, double low, double high);

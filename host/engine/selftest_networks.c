@@ -61,7 +61,8 @@ cln_status cln_check_densities(cln_checks *c)
 
         for (int a = 0; a < 3; a++)
             local[a] = 2 * (at[a] + 0.5) / n1 - 1;
-        ref_forward(&r, c->model->params + slot * p->net.params, local, along, NULL, slope_of(c), out);
+        ref_forward(&r, c->model->params + slot * p->net.params, local, along, NULL, slope_of(c),
+                    out);
         got[i] = ref_from_bf16(density[slot * cells + cell]);
         want[i] = out[3];
     }
@@ -84,9 +85,9 @@ typedef struct data {
     cln_sample *samples;
     float (*ray_o)[4], (*ray_d)[4], (*dout)[4];
     float (*boxes)[4];
-    float *out;                /* [n][4] of the device */
-    float *grads;              /* [slices][params] of the device */
-    cln_slice *slice;          /* [slices] */
+    float *out;                     /* [n][4] of the device */
+    float *grads;                   /* [slices][params] of the device */
+    cln_slice *slice;               /* [slices] */
     double (*want)[4], *want_grads; /* reference; gradients [leaf][params] */
 } data;
 
@@ -167,7 +168,8 @@ static void run_reference(const cln_checks *c, data *d)
         }
         for (int k = 0; k < 4; k++)
             dout[k] = d->dout[i][k];
-        ref_forward(&r, c->model->params + slot * params, local, dir, NULL, slope_of(c), d->want[i]);
+        ref_forward(&r, c->model->params + slot * params, local, dir, NULL, slope_of(c),
+                    d->want[i]);
         ref_backward(&r, c->model->params + slot * params, local, dir, NULL, slope_of(c), dout,
                      d->want_grads + slot * params);
     }
@@ -325,7 +327,8 @@ cln_status cln_check_networks(cln_checks *c)
     CLN_TRY(launch(c, &d, true, &again));
     same = memcmp(first_out, d.out, (size_t)d.n * 4 * sizeof *d.out) == 0 &&
            memcmp(d.grads, again, (size_t)d.slices * (size_t)p->net.params * sizeof *again) == 0;
-    cln_check_say(c, "networks: same launch, same bytes", same, "%u samples, %u slices", d.n, d.slices);
+    cln_check_say(c, "networks: same launch, same bytes", same, "%u samples, %u slices", d.n,
+                  d.slices);
     CLN_TRY(check_adam(c, &d));
 done:
     free(first_out);
@@ -360,8 +363,8 @@ static void make_batch(batch *b)
         b->starts[r] = at;
         for (uint32_t i = 0; i < n; i++, at++) {
             const double delta = cln_check_uniform(9, at, 1e-3, 0.1);
-            const double depth = r % 4 == 0 && i == n / 2 ? 50
-                                                          : pow(10, cln_check_uniform(10, at, -6, 0));
+            const double depth =
+                r % 4 == 0 && i == n / 2 ? 50 : pow(10, cln_check_uniform(10, at, -6, 0));
 
             b->samples[at] = (cln_sample){
                 .t = (float)(t + delta / 2), .delta = (float)delta, .ray = r, .slot = 0};
@@ -426,8 +429,8 @@ static int widen(const cln_pipeline *p, batch *b, int r, double background[3], d
 static void compare_batch(cln_checks *c, batch *b)
 {
     const cln_config *config = &c->p->config;
-    const ref_loss loss = {config->loss, config->huber_delta, config->cauchy, config->opacity_entropy,
-                           config->distortion_loss};
+    const ref_loss loss = {config->loss, config->huber_delta, config->cauchy,
+                           config->opacity_entropy, config->distortion_loss};
     double background[3], target[3], losses[RAYS];
     float got_losses[RAYS];
 
@@ -445,8 +448,8 @@ static void compare_batch(cln_checks *c, batch *b)
     for (int r = 0; r < RAYS; r++) {
         const int n = widen(c->p, b, r, background, target);
 
-        losses[r] = ref_loss_of_ray(&loss, n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta,
-                                    background, target, b->ref_grad);
+        losses[r] = ref_loss_of_ray(&loss, n, (const double(*)[4])b->ref_out, b->ref_t,
+                                    b->ref_delta, background, target, b->ref_grad);
         got_losses[r] = b->results[r].loss;
         for (int i = 0; i < n; i++)
             for (int k = 0; k < 4; k++) {

@@ -75,8 +75,8 @@ cln_status cln_check_sort(cln_checks *c, bool wide)
     }
     CLN_TRY(cln_check_put(device, &key_buffers[0], wide ? (void *)keys : narrow, bytes));
     CLN_TRY(cln_check_put(device, &value_buffers[0], values, N * sizeof *values));
-    CLN_TRY(cln_stage_sort(c->p, key_buffers, value_buffers, N, wide ? 52 : 24, wide,
-                           CLN_STAGE_OTHER));
+    CLN_TRY(
+        cln_stage_sort(c->p, key_buffers, value_buffers, N, wide ? 52 : 24, wide, CLN_STAGE_OTHER));
     CLN_TRY(cln_buffer_read(device, &key_buffers[0], 0, wide ? (void *)got : narrow, bytes));
     CLN_TRY(cln_buffer_read(device, &value_buffers[0], 0, values, N * sizeof *values));
     for (uint32_t i = 0; i < N; i++) {
@@ -134,8 +134,9 @@ static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
     }
 }
 
-static cln_status check_directions(cln_checks *c, const cln_camera *cameras, const cln_pixel *pixels,
-                                   const float (*ray_o)[4], const float (*ray_d)[4])
+static cln_status check_directions(cln_checks *c, const cln_camera *cameras,
+                                   const cln_pixel *pixels, const float (*ray_o)[4],
+                                   const float (*ray_d)[4])
 {
     cln_status st = CLN_OK;
     float *got = NULL;
@@ -241,8 +242,7 @@ static cln_status read_batch(cln_checks *c, uint32_t samples, made *m)
                             sizeof m->sample_starts));
     CLN_TRY(cln_buffer_read(p->device, &p->intervals, 0, m->intervals,
                             intervals * sizeof *m->intervals));
-    CLN_TRY(
-        cln_buffer_read(p->device, &p->samples, 0, m->samples, samples * sizeof *m->samples));
+    CLN_TRY(cln_buffer_read(p->device, &p->samples, 0, m->samples, samples * sizeof *m->samples));
 done:
     return st;
 }
@@ -296,7 +296,8 @@ cln_status cln_check_rays(cln_checks *c)
     CLN_TRY(cln_stage_rays(p, RAYS));
     CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, ray_o, RAYS * sizeof *ray_o));
     CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, ray_d, RAYS * sizeof *ray_d));
-    CLN_TRY(check_directions(c, cameras, pixels, (const float(*)[4])ray_o, (const float(*)[4])ray_d));
+    CLN_TRY(
+        check_directions(c, cameras, pixels, (const float(*)[4])ray_o, (const float(*)[4])ray_d));
     CLN_TRY(cln_stage_sample(p, RAYS, &sampling, &used, &samples));
     CLN_TRY(read_batch(c, samples, m));
     if (!counts_agree(m, samples)) {

@@ -41,10 +41,11 @@ static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
         saved->view_width != wanted->view_width || saved->bands != wanted->bands ||
         saved->view_bands != wanted->view_bands || saved->skip != wanted->skip ||
         saved->view_dependence != wanted->view_dependence || saved->n1 != wanted->n1)
-        return cln_fail(CLN_CHECKPOINT,
-                        "--resume: width, depth, view-width, bands, view-bands, skip, "
-                        "view-dependence and n1 are fixed by the checkpoint; leave them out or start "
-                        "a new run");
+        return cln_fail(
+            CLN_CHECKPOINT,
+            "--resume: width, depth, view-width, bands, view-bands, skip, "
+            "view-dependence and n1 are fixed by the checkpoint; leave them out or start "
+            "a new run");
     return CLN_OK;
 }
 
@@ -66,8 +67,8 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
         t->model.has_distortion = t->scene->has_distortion;
-        t->model.rays = config->rays < config->batch_samples / 32 ? config->rays
-                                                                  : config->batch_samples / 32;
+        t->model.rays =
+            config->rays < config->batch_samples / 32 ? config->rays : config->batch_samples / 32;
         t->model.rays = t->model.rays < 16 ? 16 : t->model.rays;
     }
 done:
@@ -168,7 +169,9 @@ done:
     result->leaves = t.model.tree.leaf_count;
     if (t.model.params)
         result->digest = cln_model_digest(&t.model);
-    state = st == CLN_OK ? "done" : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted" : "failed";
+    state = st == CLN_OK                            ? "done"
+            : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted"
+                                                    : "failed";
     cln_metrics_close(t.metrics);
     if (t.run) {
         const cln_status written = cln_record_end(&t, state);

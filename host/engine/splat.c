@@ -40,7 +40,8 @@ static cln_status make_grids(cln_pipeline *p, cl_uint (**grids)[4], cl_uint *lis
         for (int level = 0; level < LEVELS; level++) {
             const cln_device_camera *c = &p->host_cameras[views[v]];
             const cl_uint k = (cl_uint)coarsening(p, c, level);
-            const cl_uint row = ((cl_uint)c->width + k - 1) / k, rows = ((cl_uint)c->height + k - 1) / k;
+            const cl_uint row = ((cl_uint)c->width + k - 1) / k,
+                          rows = ((cl_uint)c->height + k - 1) / k;
             cl_uint *grid = (*grids)[v * LEVELS + level];
 
             grid[0] = next;
@@ -52,8 +53,10 @@ static cln_status make_grids(cln_pipeline *p, cl_uint (**grids)[4], cl_uint *lis
     *lists = next;
     CLN_TRY(cln_buffer_reserve(p->device, &p->batch_views, (size_t)count * sizeof *views, "views"));
     CLN_TRY(cln_buffer_write(p->device, &p->batch_views, 0, views, (size_t)count * sizeof *views));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->grids, (size_t)count * LEVELS * sizeof **grids, "grids"));
-    CLN_TRY(cln_buffer_write(p->device, &p->grids, 0, *grids, (size_t)count * LEVELS * sizeof **grids));
+    CLN_TRY(
+        cln_buffer_reserve(p->device, &p->grids, (size_t)count * LEVELS * sizeof **grids, "grids"));
+    CLN_TRY(
+        cln_buffer_write(p->device, &p->grids, 0, *grids, (size_t)count * LEVELS * sizeof **grids));
 done:
     free(views);
     return st;
@@ -97,7 +100,8 @@ static cln_status count_entries(cln_pipeline *p, const cln_splat_group *g, uint3
     CLN_TRY(cln_buffer_reserve(p->device, &p->splat_starts,
                                ((size_t)g->views * runs + 1) * sizeof(cl_uint), "splat counts"));
     CLN_TRY(project(p, g, false, &items));
-    CLN_TRY(cln_stage_scan(p, &p->splat_counts, &p->splat_starts, items, CLN_STAGE_PROJECT, entries));
+    CLN_TRY(
+        cln_stage_scan(p, &p->splat_counts, &p->splat_starts, items, CLN_STAGE_PROJECT, entries));
 done:
     return st;
 }
@@ -107,10 +111,9 @@ static void find_rays(const cln_pipeline *p, cln_splat_group *g)
 {
     int first = 0, end = 0;
 
-    while (first < p->host_rays &&
-           ((int)p->host_pixels[first].pad < g->first_view ||
-            ((int)p->host_pixels[first].pad == g->first_view &&
-             (int)p->host_pixels[first].y < g->row_begin)))
+    while (first < p->host_rays && ((int)p->host_pixels[first].pad < g->first_view ||
+                                    ((int)p->host_pixels[first].pad == g->first_view &&
+                                     (int)p->host_pixels[first].y < g->row_begin)))
         first++;
     for (end = first; end < p->host_rays; end++) {
         const int view = (int)p->host_pixels[end].pad;
@@ -163,13 +166,16 @@ cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups
             continue;
         }
         if (g.row_end == 1 << 20 && g.views == 1) /* bands are cut at a coarse row's multiple */
-            g.row_end = ((p->host_cameras[p->host_pixels[g.first_ray].view].height - 1) /
-                             MAX_COARSENING + 1) * MAX_COARSENING;
+            g.row_end =
+                ((p->host_cameras[p->host_pixels[g.first_ray].view].height - 1) / MAX_COARSENING +
+                 1) *
+                MAX_COARSENING;
         if (g.views == 1 && g.row_end - g.row_begin <= MAX_COARSENING) {
-            st = cln_fail(CLN_MEMORY,
-                          "splatting: %u samples fall on %d rows of one view, the memory plan has room "
-                          "for %zu; lower --n1, raise --device-mem or use --stage1 gather",
-                          entries, g.row_end - g.row_begin, p->max_entries);
+            st = cln_fail(
+                CLN_MEMORY,
+                "splatting: %u samples fall on %d rows of one view, the memory plan has room "
+                "for %zu; lower --n1, raise --device-mem or use --stage1 gather",
+                entries, g.row_end - g.row_begin, p->max_entries);
             goto done;
         }
         CLN_ASSERT(depth + 2 <= capacity);
@@ -248,8 +254,9 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
                        CLN_ARG(p->keys64[0].mem), CLN_ARG(p->list_start.mem), CLN_ARG(n),
                        CLN_ARG(lists)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_read, CLN_STAGE_SORT, cln_groups(n, wg), wg,
-                       CLN_ARG(p->keys64[0].mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->density.mem),
-                       CLN_ARG(p->list_t.mem), CLN_ARG(p->list_sigma.mem), CLN_ARG(n)));
+                       CLN_ARG(p->keys64[0].mem), CLN_ARG(p->values[0].mem),
+                       CLN_ARG(p->density.mem), CLN_ARG(p->list_t.mem), CLN_ARG(p->list_sigma.mem),
+                       CLN_ARG(n)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_lengths, CLN_STAGE_SORT, cln_groups(lists, wg), wg,
                        CLN_ARG(p->list_start.mem), CLN_ARG(p->list_count.mem), CLN_ARG(lists)));
     if (p->config.lists == CLN_LISTS_PADDED)

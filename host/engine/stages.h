@@ -21,52 +21,52 @@
 #include "scene/scene.h"
 
 /* X(kernel, program): every kernel of the pipeline. */
-#define CLN_KERNEL_LIST(X)                                                                         \
-    X(scan_sums, scan)                                                                             \
-    X(scan_chunks, scan)                                                                           \
-    X(scan_write, scan)                                                                            \
-    X(sort_count, scan)                                                                            \
-    X(sort_scatter, scan)                                                                          \
-    X(rays_make, rays)                                                                             \
-    X(intervals_fill, sampling)                                                                    \
-    X(samples_emit, sampling)                                                                      \
-    X(group_keys, group)                                                                           \
-    X(group_bounds, group)                                                                         \
-    X(group_slice_counts, group)                                                                   \
-    X(group_slices, group)                                                                         \
-    X(mlp_density, mlp)                                                                            \
-    X(mlp_forward_train, mlp)                                                                      \
-    X(mlp_forward_eval, mlp)                                                                       \
-    X(mlp_backward, mlp)                                                                           \
-    X(composite, composite)                                                                        \
-    X(composite_train, composite)                                                                  \
-    X(adam_count, adam)                                                                            \
-    X(adam, adam)                                                                                  \
-    X(transpose, adam)                                                                             \
-    X(stats_seen, stats)                                                                           \
+#define CLN_KERNEL_LIST(X)        \
+    X(scan_sums, scan)            \
+    X(scan_chunks, scan)          \
+    X(scan_write, scan)           \
+    X(sort_count, scan)           \
+    X(sort_scatter, scan)         \
+    X(rays_make, rays)            \
+    X(intervals_fill, sampling)   \
+    X(samples_emit, sampling)     \
+    X(group_keys, group)          \
+    X(group_bounds, group)        \
+    X(group_slice_counts, group)  \
+    X(group_slices, group)        \
+    X(mlp_density, mlp)           \
+    X(mlp_forward_train, mlp)     \
+    X(mlp_forward_eval, mlp)      \
+    X(mlp_backward, mlp)          \
+    X(composite, composite)       \
+    X(composite_train, composite) \
+    X(adam_count, adam)           \
+    X(adam, adam)                 \
+    X(transpose, adam)            \
+    X(stats_seen, stats)          \
     X(stats_leaf, stats)
 
 /* Built only when stage 1 splats. sort64 is scan.cl with 64-bit keys. */
-#define CLN_SPLAT_KERNEL_LIST(X)                                                                   \
-    X(splat_count, splat)                                                                          \
-    X(splat_emit, splat)                                                                           \
-    X(splat_bounds, splat)                                                                         \
-    X(splat_read, splat)                                                                           \
-    X(splat_lengths, splat)                                                                        \
+#define CLN_SPLAT_KERNEL_LIST(X) \
+    X(splat_count, splat)        \
+    X(splat_emit, splat)         \
+    X(splat_bounds, splat)       \
+    X(splat_read, splat)         \
+    X(splat_lengths, splat)      \
     X(splat_pad, splat)
 
 /* Built only with a regulariser that looks at points. */
-#define CLN_REGULARISE_KERNEL_LIST(X)                                                              \
-    X(regularise_points, regularise)                                                               \
+#define CLN_REGULARISE_KERNEL_LIST(X) \
+    X(regularise_points, regularise)  \
     X(regularise_gradient, regularise)
 
 typedef struct cln_pipeline {
     cln_device *device;
     cln_config config;
     cln_network net;
-    cln_tune tune;      /* the device's, fitted to the network's shape and the local memory */
-    bool distortion;    /* built in */
-    bool ray_background;/* one background per ray (random_background with alpha) */
+    cln_tune tune;       /* the device's, fitted to the network's shape and the local memory */
+    bool distortion;     /* built in */
+    bool ray_background; /* one background per ray (random_background with alpha) */
 
     cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise;
     struct {
@@ -85,32 +85,33 @@ typedef struct cln_pipeline {
     cln_buffer params;     /* float [leaf][net.params] */
     cln_buffer transposed; /* float [leaf][wt] for the input gradients; training only */
     cln_buffer adam_m, adam_v, adam_steps, norms; /* [leaf][params] x2, int [leaf], float [leaf] */
-    cln_buffer density;    /* bfloat16 [leaf][n1^3] */
-    cln_buffer seen;       /* uchar [leaf][n1^3] */
-    cln_buffer leaf_stats; /* float2 [leaf] */
+    cln_buffer density;                           /* bfloat16 [leaf][n1^3] */
+    cln_buffer seen;                              /* uchar [leaf][n1^3] */
+    cln_buffer leaf_stats;                        /* float2 [leaf] */
 
     /* A batch of rays. */
-    int view_count, training_views; /* the first ones are for training */
-    cln_buffer cameras;     /* cln_device_camera [view] */
-    cln_buffer pixels;      /* cln_pixel [ray] */
-    cln_buffer ray_o, ray_d;/* float4 [ray] */
+    int view_count, training_views;  /* the first ones are for training */
+    cln_buffer cameras;              /* cln_device_camera [view] */
+    cln_buffer pixels;               /* cln_pixel [ray] */
+    cln_buffer ray_o, ray_d;         /* float4 [ray] */
     cln_buffer targets, backgrounds; /* float4 [ray]; backgrounds [1] or [ray] */
-    cln_buffer results;     /* cln_ray_result [ray] */
+    cln_buffer results;              /* cln_ray_result [ray] */
 
     /* Its samples. */
     cln_buffer intervals, used; /* cln_interval [ray][3 << depth], uint [ray]: how many of them */
     cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
-    cln_buffer order;       /* uint [sample]: grouped -> sample */
+    cln_buffer order;                                 /* uint [sample]: grouped -> sample */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
-    cln_buffer out, dout;   /* float4 [sample] */
-    cln_buffer acts;        /* float [sample][net acts], grouped order; training only */
-    cln_buffer grads;       /* float [slice][net.params]; training only */
+    cln_buffer out, dout;                                      /* float4 [sample] */
+    cln_buffer acts;  /* float [sample][net acts], grouped order; training only */
+    cln_buffer grads; /* float [slice][net.params]; training only */
 
     /* Splatting: lists of one view (or band of it). */
-    cln_buffer batch_views, grids, list_start, list_count, list_t, list_sigma, padded_t, padded_sigma;
+    cln_buffer batch_views, grids, list_start, list_count, list_t, list_sigma, padded_t,
+        padded_sigma;
     cln_buffer splat_counts, splat_starts, keys64[2];
-    size_t max_entries;     /* projected samples held at a time (memory plan) */
-    int64_t splat_entries;  /* projected in the last batch, for reports */
+    size_t max_entries;    /* projected samples held at a time (memory plan) */
+    int64_t splat_entries; /* projected in the last batch, for reports */
 
     /* Host copies that plan the splatting. */
     cln_pixel *host_pixels; /* [ray] */
@@ -154,12 +155,12 @@ cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, c
 cln_status cln_stage_rays(cln_pipeline *p, int n);
 
 typedef struct cln_sampling {
-    bool jitter;         /* training: random positions, roulette; else midpoints */
-    float t_min;         /* leaves behind less transmittance are left out; 0 = none */
+    bool jitter; /* training: random positions, roulette; else midpoints */
+    float t_min; /* leaves behind less transmittance are left out; 0 = none */
     float uniform_share, empty_weight, empty_share;
     uint64_t seed;
     uint32_t step;
-    size_t max_samples;  /* most samples of a batch (memory plan) */
+    size_t max_samples; /* most samples of a batch (memory plan) */
 } cln_sampling;
 
 /* Intervals and samples of rays 0 .. n-1. *rays_used: the batch is cut to a prefix of rays whose

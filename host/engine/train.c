@@ -103,14 +103,15 @@ static cln_status grow(cln_trainer *t, bool *grown)
     char text[512];
 
     *grown = false;
-    cln_plan_make(t->device, &t->model.config, &p->net, &p->tune, 8 * p->leaves, t->scene->view_count,
-                  true, &plan);
+    cln_plan_make(t->device, &t->model.config, &p->net, &p->tune, 8 * p->leaves,
+                  t->scene->view_count, true, &plan);
     if (cln_plan_check(t->device, &plan) != CLN_OK) {
         cln_plan_text(&plan, text, sizeof text);
         cln_clear_error();
-        cln_warn("the tree stays at level %d: %d leaves would need %s; lower --width or --n1, raise "
-                 "--device-mem, or cull more",
-                 t->model.level, 8 * p->leaves, text);
+        cln_warn(
+            "the tree stays at level %d: %d leaves would need %s; lower --width or --n1, raise "
+            "--device-mem, or cull more",
+            t->model.level, 8 * p->leaves, text);
         t->model.level = CLN_MAX_LEVEL;
         return CLN_OK;
     }
@@ -120,7 +121,8 @@ static cln_status grow(cln_trainer *t, bool *grown)
     t->model.growth_step = t->model.step;
     t->plan = plan;
     CLN_TRY(apply_change(t, &change));
-    cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level, p->leaves);
+    cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
+              p->leaves);
     *grown = true;
 done:
     cln_octree_change_free(&change);
@@ -147,7 +149,8 @@ static cln_status maintain(cln_trainer *t, double fraction)
 
     if (t->model.level < cln_structure_level(c, fraction))
         CLN_TRY(grow(t, &grown));
-    if (grown || t->model.step == 0 || t->model.step - t->model.refresh_step >= refresh_interval(t)) {
+    if (grown || t->model.step == 0 ||
+        t->model.step - t->model.refresh_step >= refresh_interval(t)) {
         CLN_TRY(cln_stage_refresh(&t->pipeline, true, (uint64_t)c->seed, (uint32_t)t->model.step));
         t->model.refresh_step = t->model.step;
         if (!grown && fraction >= c->cull_from && t->model.step > 0)
@@ -168,10 +171,10 @@ static uint32_t mix(uint32_t x)
     return x ^ x >> 15;
 }
 
-/* Rays for the next step so that samples come near batch_samples: integers only, bounded change. */
-static int adapt_rays(const cln_config *c, int rays, uint32_t samples)
+/* Rays for the next step so that samples come near `wanted`: integers only, bounded change. */
+static int adapt_rays(const cln_config *c, int64_t wanted, int rays, uint32_t samples)
 {
-    int64_t next = samples ? (int64_t)rays * c->batch_samples / samples : 2 * (int64_t)rays;
+    int64_t next = samples ? (int64_t)rays * wanted / samples : 2 * (int64_t)rays;
 
     if (next > rays + rays / 4)
         next = rays + rays / 4 + 1;
@@ -186,15 +189,14 @@ static cln_status step(cln_trainer *t, double fraction)
     const cln_config *c = &t->model.config;
     cln_pipeline *p = &t->pipeline;
     const uint32_t number = (uint32_t)t->model.step, key = mix(number + mix((uint32_t)c->seed));
-    const cln_sampling sampling = {
-        .jitter = true,
-        .t_min = fraction >= c->occlusion_from ? (float)c->t_min : 0.0f,
-        .uniform_share = (float)c->uniform_share,
-        .empty_weight = (float)c->empty_weight,
-        .empty_share = (float)c->empty_share,
-        .seed = (uint64_t)c->seed,
-        .step = number,
-        .max_samples = t->plan.max_samples};
+    const cln_sampling sampling = {.jitter = true,
+                                   .t_min = fraction >= c->occlusion_from ? (float)c->t_min : 0.0f,
+                                   .uniform_share = (float)c->uniform_share,
+                                   .empty_weight = (float)c->empty_weight,
+                                   .empty_share = (float)c->empty_share,
+                                   .seed = (uint64_t)c->seed,
+                                   .step = number,
+                                   .max_samples = t->plan.max_samples};
     uint32_t samples = 0, slices = 0;
     int rays = 0;
     double loss = 0, square = 0;
@@ -211,7 +213,8 @@ static cln_status step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
     CLN_TRY(cln_stage_backward(p, slices, key));
     CLN_TRY(cln_stage_adam(p, learning_rate(c, fraction)));
-    CLN_TRY(cln_buffer_read(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
+    CLN_TRY(
+        cln_buffer_read(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
     CLN_TRY(cln_device_finish(t->device));
     for (int i = 0; i < rays; i++) {
         loss += t->results[i].loss;
@@ -220,10 +223,11 @@ static cln_status step(cln_trainer *t, double fraction)
     loss /= rays;
     square /= rays;
     if (!isfinite(loss)) {
-        st = cln_fail(CLN_DIVERGED,
-                      "training diverged: the loss of step %lld is not finite; the last checkpoint is "
-                      "kept, resume from it with a lower --lr",
-                      (long long)t->model.step);
+        st = cln_fail(
+            CLN_DIVERGED,
+            "training diverged: the loss of step %lld is not finite; the last checkpoint is "
+            "kept, resume from it with a lower --lr",
+            (long long)t->model.step);
         goto done;
     }
     t->interval.steps++;
@@ -231,7 +235,7 @@ static cln_status step(cln_trainer *t, double fraction)
     t->interval.square += square;
     t->interval.rays += rays;
     t->interval.samples += samples;
-    t->model.rays = adapt_rays(c, rays, samples);
+    t->model.rays = adapt_rays(c, (int64_t)t->plan.batch_samples, rays, samples);
     t->model.step++;
 done:
     return st;
@@ -275,8 +279,8 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         return CLN_OK;
     /* the pictures' densities are not training's: put those back afterwards */
     CLN_TRY(cln_buffer_read(t->device, &t->pipeline.density, 0, t->model.density, bytes));
-    rendered = cln_evaluate(&t->pipeline, t->scene, t->eval_views, t->eval_count, folder, &callbacks,
-                            &result);
+    rendered = cln_evaluate(&t->pipeline, t->scene, t->eval_views, t->eval_count, folder,
+                            &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
         cln_clear_error();
     else
@@ -338,8 +342,9 @@ static void report_progress(const cln_trainer *t, double fraction)
         .samples_per_ray =
             t->interval.rays ? (double)t->interval.samples / (double)t->interval.rays : 0,
         .loss = t->interval.steps ? t->interval.loss / t->interval.steps : NAN,
-        .psnr_train =
-            t->interval.steps ? -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10)) : NAN,
+        .psnr_train = t->interval.steps
+                          ? -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10))
+                          : NAN,
         .psnr_test = t->psnr_test,
         .leaves = t->pipeline.leaves,
         .params = (double)t->pipeline.leaves * t->pipeline.net.learned,
@@ -366,9 +371,10 @@ done:
 
 static cln_status stopped(const cln_trainer *t, const char *when)
 {
-    return cln_fail(t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
-                    "stopped by a signal %s at step %lld; go on with `cl-nascent train --resume %s`",
-                    when, (long long)t->model.step, t->desc->run);
+    return cln_fail(
+        t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
+        "stopped by a signal %s at step %lld; go on with `cl-nascent train --resume %s`", when,
+        (long long)t->model.step, t->desc->run);
 }
 
 cln_status cln_trainer_run(cln_trainer *t)

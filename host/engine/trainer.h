@@ -19,22 +19,22 @@ typedef struct cln_trainer {
     cln_pipeline pipeline;
     cln_plan plan;
     cln_batch batch;
-    cln_ray_result *results; /* [config.rays] */
-    int64_t steps;           /* budget in steps; 0 = time alone */
-    int culled;              /* leaves culled so far in this process */
-    double began, saved_at;  /* monotonic seconds */
+    cln_ray_result *results;      /* [config.rays] */
+    int64_t steps;                /* budget in steps; 0 = time alone */
+    int culled;                   /* leaves culled so far in this process */
+    double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
     bool save_wanted;             /* SIGUSR1 came */
 
-    int *eval_views, eval_count;  /* test views for evaluations during training */
-    char *eval_folder;            /* of the final one */
+    int *eval_views, eval_count; /* test views for evaluations during training */
+    char *eval_folder;           /* of the final one */
     double point_seconds[CLN_EVAL_POINTS];
     int point_steps[CLN_EVAL_POINTS], point_count;
 
-    json_t *run;             /* run.json */
+    json_t *run; /* run.json */
     cln_metrics *metrics;
-    struct {                 /* since the last row of metrics.jsonl */
+    struct { /* since the last row of metrics.jsonl */
         int steps;
         int64_t rays, samples;
         double loss, square; /* sums of the steps' means */

@@ -21,9 +21,10 @@ cln_status cln_viewer_compare(const char *run, const cln_scene *scene)
     saved = json_string_value(json_object_get(json_object_get(document, "dataset"), "digest"));
     snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
     if (!saved || strcmp(saved, digest) != 0)
-        cln_warn("%s: the scene is not the one that %s began with (digest %s, was %s); results will "
-                 "not be those of the same photos and poses",
-                 scene->folder, run, digest, saved ? saved : "unknown");
+        cln_warn(
+            "%s: the scene is not the one that %s began with (digest %s, was %s); results will "
+            "not be those of the same photos and poses",
+            scene->folder, run, digest, saved ? saved : "unknown");
 done:
     json_decref(document);
     return st;

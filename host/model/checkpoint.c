@@ -66,10 +66,11 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
         " s:b, s:b, s:s, s:s, s:s, s:O}",
         "schema", SCHEMA, "version", CLN_VERSION, "step", (json_int_t)model->step, "refresh_step",
-        (json_int_t)model->refresh_step, "growth_step", (json_int_t)model->growth_step, "train_seconds", model->train_seconds, "rays", model->rays,
-        "level", model->level, "training", model->adam_m != NULL, "leaves", model->tree.leaf_count,
-        "params_per_leaf", model->net.params, "cube", "centre", model->centre[0], model->centre[1],
-        model->centre[2], "half", model->half, "background", (double)model->background[0],
+        (json_int_t)model->refresh_step, "growth_step", (json_int_t)model->growth_step,
+        "train_seconds", model->train_seconds, "rays", model->rays, "level", model->level,
+        "training", model->adam_m != NULL, "leaves", model->tree.leaf_count, "params_per_leaf",
+        model->net.params, "cube", "centre", model->centre[0], model->centre[1], model->centre[2],
+        "half", model->half, "background", (double)model->background[0],
         (double)model->background[1], (double)model->background[2], "has_alpha", model->has_alpha,
         "has_distortion", model->has_distortion, "tensors", tensors, "tensors_digest", data_hex,
         "model_digest", model_hex, "config", config);

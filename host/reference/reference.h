@@ -41,8 +41,8 @@ uint64_t ref_key(uint32_t list, float t);
 /* ---- stage 2 (method.md 7, 9) ---- */
 
 typedef struct ref_sampling {
-    bool by_weight;      /* allocate weight (else chord) */
-    bool cdf_weight;     /* cdf weight (else sigma) */
+    bool by_weight;  /* allocate weight (else chord) */
+    bool cdf_weight; /* cdf weight (else sigma) */
     int samples_per_leaf, samples_per_ray;
     double uniform_share, t_min; /* t_min 0 = no occlusion culling */
     double empty_weight, empty_share;
@@ -93,7 +93,7 @@ void ref_backward(const ref_network *r, const float *params, const double local[
 /* ---- compositing and loss (method.md 9, 10) ---- */
 
 typedef struct ref_loss {
-    int kind;            /* CLN_LOSS_* */
+    int kind; /* CLN_LOSS_* */
     double huber_delta;
     double cauchy, opacity_entropy, distortion;
 } ref_loss;
@@ -115,7 +115,7 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
 /* ---- Adam (method.md 11) ---- */
 
 /* One update with bias correction by `steps` (1 = first update). */
-void ref_adam(int n, double *param, const double *grad, double *m, double *v, int64_t steps, double lr,
-              double beta1, double beta2, double epsilon);
+void ref_adam(int n, double *param, const double *grad, double *m, double *v, int64_t steps,
+              double lr, double beta1, double beta2, double epsilon);
 
 #endif

@@ -1,0 +1,310 @@
+/* What the tests of whole commands share: a scene of a coloured ball (6 views to train on, 2 to test with,
+ * 24 x 24, RGBA, Blender's format), settings small enough for a training of a second, a run to look at,
+ * and callbacks that ask to stop at a chosen moment. Skips where there is no OpenCL device. */
+#ifndef CLN_TESTS_ENGINE_FIXTURE_H
+#define CLN_TESTS_ENGINE_FIXTURE_H
+
+#include <dirent.h>
+#include <jansson.h>
+#include <math.h>
+#include "base/config.h"
+#include "base/memory.h"
+#include "cl_nascent.h"
+#include "device/device.h"
+#include "io/image.h"
+#include "io/run_folder.h"
+#include "scratch.h"
+
+enum { SIDE = 24, STEPS = 30, TRAIN_VIEWS = 6, TEST_VIEWS = 2 };
+
+static char engine_folder[PATH_MAX - 64]; /* of the whole group */
+
+static inline void assert_ok(cln_status st)
+{
+    if (st != CLN_OK)
+        fail_msg("%s: %s", cln_status_phrase(st), cln_error_text());
+}
+
+/* The status, and a word of its sentence; the error is then forgotten. */
+static inline void assert_fails(cln_status got, cln_status want, const char *word)
+{
+    if (got != want || !strstr(cln_error_text(), word))
+        fail_msg("%s: '%s', not %s with '%s'", cln_status_phrase(got), cln_error_text(),
+                 cln_status_phrase(want), word);
+    cln_clear_error();
+}
+
+static inline void engine_no_log(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    (void)line;
+    (void)user;
+}
+
+static inline cln_device_desc engine_device(void)
+{
+    return (cln_device_desc){.spec = getenv("CLN_TEST_DEVICE"),
+                             .kernel_dir = getenv("CLN_TEST_KERNEL_DIR")};
+}
+
+/* ---- the scene ---- */
+
+/* View i on a ring around z, looking at the origin; OpenGL's axes, as in the files. */
+static inline void engine_pose(double yaw, double height, double m[3][4])
+{
+    const double r = sqrt(1 - height * height);
+    const double z[3] = {r * cos(yaw), r * sin(yaw), height}; /* backwards */
+    const double x[3] = {-sin(yaw), cos(yaw), 0};
+    const double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2],
+                         z[0] * x[1] - z[1] * x[0]};
+
+    for (int a = 0; a < 3; a++) {
+        m[a][0] = x[a];
+        m[a][1] = y[a];
+        m[a][2] = z[a];
+        m[a][3] = 4 * z[a];
+    }
+}
+
+/* A ball of radius 1 whose colour is its normal. */
+static inline void engine_picture(double m[3][4], double focal, uint8_t *rgba)
+{
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        const double u = (i % SIDE + 0.5 - SIDE / 2) / focal, v = (i / SIDE + 0.5 - SIDE / 2) / focal;
+        const double length = sqrt(u * u + v * v + 1);
+        double o[3], d[3], b = 0, c = -1, root = 0;
+
+        for (int a = 0; a < 3; a++) {
+            o[a] = m[a][3];
+            d[a] = (u * m[a][0] - v * m[a][1] - m[a][2]) / length;
+            b += o[a] * d[a];
+            c += o[a] * o[a];
+        }
+        root = b * b - c;
+        memset(rgba + 4 * i, 0, 4);
+        for (int a = 0; a < 3 && root > 0; a++)
+            rgba[4 * i + a] = cln_to_u8((float)(0.5 + 0.5 * (o[a] + (-b - sqrt(root)) * d[a])));
+        rgba[4 * i + 3] = root > 0 ? 255 : 0;
+    }
+}
+
+static inline void engine_split(const char *folder, const char *split, int count, double phase)
+{
+    uint8_t rgba[SIDE * SIDE * 4];
+    json_t *frames = json_array(), *document = NULL;
+    const double angle = 0.7;
+    char name[64], path[PATH_MAX + 64], *text = NULL;
+
+    snprintf(path, sizeof path, "%s/%s", folder, split);
+    assert_ok(cln_make_dirs(path));
+    for (int i = 0; i < count; i++) {
+        double m[3][4];
+        json_t *rows = json_array();
+
+        engine_pose(6.283185307 * (i + phase) / count, 0.15 + 0.1 * (i % 3), m);
+        engine_picture(m, 0.5 * SIDE / tan(0.5 * angle), rgba);
+        for (int a = 0; a < 3; a++)
+            json_array_append_new(rows,
+                                  json_pack("[f,f,f,f]", m[a][0], m[a][1], m[a][2], m[a][3]));
+        json_array_append_new(rows, json_pack("[i,i,i,i]", 0, 0, 0, 1));
+        snprintf(name, sizeof name, "./%s/r_%d", split, i);
+        json_array_append_new(
+            frames, json_pack("{s:s, s:o}", "file_path", name, "transform_matrix", rows));
+        snprintf(path, sizeof path, "%s/%s.png", folder, name + 2);
+        assert_ok(cln_image_write_png(path, SIDE, SIDE, 4, rgba));
+    }
+    document = json_pack("{s:f, s:o}", "camera_angle_x", angle, "frames", frames);
+    text = json_dumps(document, 0);
+    snprintf(path, sizeof path, "%s/transforms_%s.json", folder, split);
+    scratch_put(path, text, strlen(text));
+    free(text);
+    json_decref(document);
+}
+
+/* ---- settings and runs ---- */
+
+/* Every byte set, so that settings can be compared and copied. */
+static inline cln_config engine_config(void)
+{
+    cln_config config;
+
+    memset(&config, 0, sizeof config);
+    assert_ok(cln_config_preset("fast", &config));
+    config.width = config.view_width = 16;
+    config.depth = config.bands = 2;
+    config.view_bands = 1;
+    config.start_level = 1;
+    config.level_at[0] = 0;
+    config.n1 = 6;
+    config.rays = 256;
+    config.batch_samples = 2048;
+    config.refresh_every = 8;
+    config.cull_from = 1;
+    config.lr = 0.02; /* learns in few steps */
+    config.steps = STEPS;
+    config.log_every = 1;
+    config.eval_images = TEST_VIEWS;
+    return config;
+}
+
+/* What the callbacks of a test do: a signal when `step` steps are done, or once `pictures` calls of
+ * work() came; after that none. */
+typedef struct engine_stop {
+    int signal;
+    int64_t step;
+    int pictures;
+    int64_t steps_seen;
+    int pictures_seen;
+} engine_stop;
+
+static inline void engine_on_train(const cln_train_progress *progress, void *user)
+{
+    ((engine_stop *)user)->steps_seen = progress->step;
+}
+
+static inline void engine_on_work(const char *what, int done, int total, void *user)
+{
+    (void)what;
+    (void)done;
+    (void)total;
+    ((engine_stop *)user)->pictures_seen++;
+}
+
+static inline int engine_interrupted(void *user)
+{
+    engine_stop *s = user;
+
+    if ((s->step && s->steps_seen == s->step) ||
+        (s->pictures && s->pictures_seen == s->pictures)) {
+        s->step = s->pictures = 0;
+        return s->signal;
+    }
+    return 0;
+}
+
+static inline cln_callbacks engine_callbacks(engine_stop *stop)
+{
+    return (cln_callbacks){engine_on_train, engine_on_work, engine_interrupted, stop};
+}
+
+static inline const char *engine_path(const char *name)
+{
+    return scratch_path(engine_folder, name);
+}
+
+/* A new run (scene given) or a resumed one (scene NULL). stop may be NULL. */
+static inline cln_status engine_train(const char *run, bool resume, const cln_config *config,
+                                      engine_stop *stop, cln_train_result *result)
+{
+    engine_stop none = {0};
+    const cln_train_desc desc = {.scene = resume ? NULL : engine_path("scene"),
+                                 .run = engine_path(run),
+                                 .preset = resume ? NULL : "fast",
+                                 .resume = resume,
+                                 .skip_selftest = true,
+                                 .config = *config,
+                                 .device = engine_device(),
+                                 .command = "test",
+                                 .callbacks = engine_callbacks(stop ? stop : &none)};
+
+    return cln_train(&desc, result);
+}
+
+/* A JSON file of the group's folder; the caller drops the reference. */
+static inline json_t *engine_json(const char *name)
+{
+    json_t *document = NULL;
+
+    assert_ok(cln_json_read(engine_path(name), false, &document));
+    return document;
+}
+
+static inline json_t *engine_parse(char *text)
+{
+    json_t *document = json_loads(text, 0, NULL);
+
+    assert_non_null(document);
+    free(text);
+    return document;
+}
+
+/* Text and number at "a.b" of a document. */
+static inline json_t *engine_at(json_t *document, const char *path)
+{
+    char key[64];
+
+    while (document && *path) {
+        const size_t n = strcspn(path, ".");
+
+        snprintf(key, sizeof key, "%.*s", (int)n, path);
+        document = json_object_get(document, key);
+        path += n + (path[n] == '.');
+    }
+    if (!document)
+        fail_msg("no %s in the document", key);
+    return document;
+}
+
+static inline uint64_t engine_digest(const char *run)
+{
+    char *text = NULL;
+    json_t *about = NULL;
+    uint64_t digest = 0;
+
+    assert_ok(cln_info_run(engine_path(run), &text));
+    about = engine_parse(text);
+    digest = strtoull(json_string_value(engine_at(about, "model_digest")), NULL, 16);
+    json_decref(about);
+    return digest;
+}
+
+/* Group setup: folder, scene, and the run "whole" that others are compared with. Without a device the
+ * scene is made all the same, and tests skip themselves. */
+static cln_train_result engine_whole;
+static bool engine_has_device;
+
+static inline int engine_setup(void **state)
+{
+    const char *base = getenv("TMPDIR");
+    const cln_config config = engine_config();
+    const cln_device_desc desc = engine_device();
+    cln_device *device = NULL;
+    char path[PATH_MAX];
+
+    (void)state;
+    snprintf(engine_folder, sizeof engine_folder, "%s/cln-test-XXXXXX", base ? base : "/tmp");
+    if (!mkdtemp(engine_folder))
+        return -1;
+    cln_log_set_sink(engine_no_log, NULL);
+    snprintf(path, sizeof path, "%s/scene", engine_folder);
+    engine_split(path, "train", TRAIN_VIEWS, 0);
+    engine_split(path, "test", TEST_VIEWS, 0.3);
+    engine_has_device = cln_device_open(&desc, &device) == CLN_OK;
+    cln_device_close(device);
+    cln_clear_error();
+    if (engine_has_device && engine_train("whole", false, &config, NULL, &engine_whole) != CLN_OK) {
+        print_error("%s\n", cln_error_text());
+        return -1;
+    }
+    return 0;
+}
+
+static inline int engine_teardown(void **state)
+{
+    char *folder = strdup(engine_folder);
+    void *own = folder;
+
+    (void)state;
+    return folder ? scratch_remove(&own) : -1;
+}
+
+/* First line of every test that computes. */
+#define NEED_DEVICE()                                                                              \
+    do {                                                                                           \
+        (void)state;                                                                               \
+        cln_log_set_sink(engine_no_log, NULL);                                                     \
+        if (!engine_has_device)                                                                    \
+            skip();                                                                                \
+    } while (0)
+
+#endif

@@ -1,0 +1,391 @@
+/* Training as a whole: that it learns; that seed and settings alone decide every bit, also over
+ * interruptions; growth, culling and both ways of stage 1; and that what cannot work ends in its
+ * status with nothing written. What a run is looked at with is in test_results.c. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "engine_fixture.h"
+#include "engine/evaluate.h"
+#include "engine/viewer.h"
+#include "tests.h"
+
+/* Column `key` of a run's metrics.jsonl; returns the number of rows. */
+static int metrics(const char *run, const char *key, double *out, int most)
+{
+    char name[64], line[4096];
+    FILE *f = NULL;
+    int rows = 0;
+
+    snprintf(name, sizeof name, "%s/metrics.jsonl", run);
+    f = fopen(engine_path(name), "r");
+    assert_non_null(f);
+    while (fgets(line, sizeof line, f)) {
+        json_t *row = json_loads(line, 0, NULL);
+
+        assert_true(json_is_number(json_object_get(row, key)));
+        assert_true(rows < most);
+        out[rows++] = json_number_value(json_object_get(row, key));
+        json_decref(row);
+    }
+    fclose(f);
+    return rows;
+}
+
+static void assert_every_step_once(const char *run, int steps)
+{
+    double step[256];
+
+    assert_int_equal(metrics(run, "step", step, 256), steps);
+    for (int i = 0; i < steps; i++)
+        assert_int_equal((int)step[i], i + 1);
+}
+
+static void test_learns(void **state)
+{
+    double loss[STEPS], first = 0, last = 0;
+    json_t *run = NULL;
+
+    NEED_DEVICE();
+    assert_int_equal(engine_whole.step, STEPS);
+    assert_int_equal(engine_whole.leaves, 8);
+    assert_true(engine_whole.psnr_test > 5 && engine_whole.psnr_test < 60);
+    assert_int_equal(metrics("whole", "loss", loss, STEPS), STEPS);
+    for (int i = 0; i < 5; i++) {
+        first += loss[i];
+        last += loss[STEPS - 1 - i];
+    }
+    print_message("loss %g %g\n", first/5, last/5);
+    assert_true(last < 0.7 * first);
+    run = engine_json("whole/run.json");
+    assert_string_equal(json_string_value(engine_at(run, "state")), "done");
+    assert_int_equal(json_integer_value(engine_at(run, "result.step")), STEPS);
+    assert_true(json_array_size(engine_at(run, "left_out")) > 0);
+    json_decref(run);
+    assert_int_equal(engine_digest("whole"), engine_whole.digest);
+    assert_true(cln_is_file(engine_path("whole/report.html")));
+}
+
+static void test_seed_decides(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result again, other;
+
+    NEED_DEVICE();
+    assert_ok(engine_train("again", false, &config, NULL, &again));
+    assert_int_equal(again.digest, engine_whole.digest);
+    config.seed = 7;
+    assert_ok(engine_train("other", false, &config, NULL, &other));
+    assert_int_not_equal(other.digest, engine_whole.digest);
+}
+
+/* Stopped after a step, then gone on with: run.json keeps what the second process was not told. */
+static void test_interrupted(void **state)
+{
+    const cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGINT, .step = 13};
+    cln_train_result result;
+    json_t *before = NULL, *after = NULL;
+
+    NEED_DEVICE();
+    assert_fails(engine_train("stopped", false, &config, &stop, &result), CLN_SIGINT, "--resume");
+    assert_int_equal(result.step, 13);
+    assert_int_not_equal(engine_digest("stopped"), engine_whole.digest);
+    before = engine_json("stopped/run.json");
+    assert_string_equal(json_string_value(engine_at(before, "state")), "interrupted");
+    assert_ok(engine_train("stopped", true, &config, NULL, &result));
+    assert_int_equal(result.digest, engine_whole.digest);
+    assert_int_equal(engine_digest("stopped"), engine_whole.digest);
+    assert_every_step_once("stopped", STEPS);
+    after = engine_json("stopped/run.json");
+    assert_string_equal(json_string_value(engine_at(after, "state")), "done");
+    assert_true(json_equal(engine_at(after, "started"), engine_at(before, "started")));
+    assert_true(json_equal(engine_at(after, "dataset"), engine_at(before, "dataset")));
+    assert_string_equal(json_string_value(engine_at(after, "dataset.path")), engine_path("scene"));
+    assert_string_equal(json_string_value(engine_at(after, "preset")), "fast");
+    json_decref(before);
+    json_decref(after);
+}
+
+/* SIGTERM while test views are rendered: the training is whole, and neither evaluations nor their end
+ * change it. */
+static void test_interrupted_in_evaluation(void **state)
+{
+    cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGTERM, .pictures = 2};
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.eval_every = 11;
+    assert_fails(engine_train("looking", false, &config, &stop, &result), CLN_SIGTERM, "step 11");
+    assert_int_equal(result.step, 11);
+    /* pictures after this: step 22, and at the end, where it is stopped again */
+    stop = (engine_stop){.signal = SIGINT, .pictures = TEST_VIEWS + 2};
+    assert_fails(engine_train("looking", true, &config, &stop, &result), CLN_SIGINT,
+                 "last evaluation");
+    assert_int_equal(result.digest, engine_whole.digest);
+    assert_false(cln_is_file(engine_path("looking/eval/00000030-test.json")));
+    assert_ok(engine_train("looking", true, &config, NULL, &result));
+    assert_int_equal(engine_digest("looking"), engine_whole.digest);
+    assert_true(cln_is_file(engine_path("looking/eval/00000030-test.json")));
+    assert_every_step_once("looking", STEPS);
+}
+
+/* SIGUSR1: a checkpoint more, nothing else. */
+static void test_checkpoint_on_the_way(void **state)
+{
+    const cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGUSR1, .step = 7};
+    cln_train_result result;
+
+    NEED_DEVICE();
+    assert_ok(engine_train("saved", false, &config, &stop, &result));
+    assert_int_equal(result.digest, engine_whole.digest);
+    assert_true(cln_is_file(engine_path("saved/checkpoint/00000007.json")));
+    assert_true(cln_is_file(engine_path("saved/checkpoint/00000030.json")));
+}
+
+/* Budgets may grow and batches shrink with a resume; the network may not change. */
+static void test_resumed_with_other_settings(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.steps = STEPS / 2;
+    assert_ok(engine_train("more", false, &config, NULL, &result));
+    config.steps = STEPS;
+    config.rays = 32;
+    assert_ok(engine_train("more", true, &config, NULL, &result));
+    assert_int_equal(result.step, STEPS);
+    config.width = 32;
+    assert_fails(engine_train("more", true, &config, NULL, &result), CLN_CHECKPOINT, "width");
+}
+
+/* ---- structure ---- */
+
+static double psnr_of(cln_viewer *v, const int *views, int count)
+{
+    cln_eval_result result = {0};
+    double psnr = 0;
+
+    assert_ok(cln_pipeline_upload(&v->pipeline, &v->model, false));
+    assert_ok(cln_evaluate(&v->pipeline, v->scene, views, count, NULL, NULL, &result));
+    psnr = result.psnr;
+    cln_eval_free(&result);
+    return psnr;
+}
+
+/* method.md 11: the exact split by folding leaves the pictures as they are. */
+static void test_split_keeps_pictures(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {true, false, true};
+    const cln_device_desc device = engine_device();
+    cln_viewer v;
+    cln_octree_change change = {0};
+    double before = 0, after = 0;
+    int *views = NULL, count = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_viewer_open(engine_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_viewer_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, v.model.centre, v.model.half));
+    assert_ok(cln_evaluate_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
+    before = psnr_of(&v, views, count);
+    assert_true(before == engine_whole.psnr_test);
+    assert_ok(cln_octree_split(&v.model.tree, NULL, &change));
+    assert_ok(cln_model_apply(&v.model, &change));
+    assert_int_equal(v.model.tree.leaf_count, 64);
+    after = psnr_of(&v, views, count);
+    print_message("PSNR before and after a split: %.4f %.4f dB\n", before, after);
+    assert_true(fabs(before - after) < 0.05);
+    cln_octree_change_free(&change);
+    cln_viewer_close(&v);
+    free(views);
+}
+
+static void test_growth(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+    double leaves[STEPS], loss[STEPS];
+
+    NEED_DEVICE();
+    snprintf(config.level_at, sizeof config.level_at, "2:0.5");
+    assert_ok(engine_train("grown", false, &config, NULL, &result));
+    assert_int_equal(result.leaves, 64);
+    assert_int_equal(metrics("grown", "leaves", leaves, STEPS), STEPS);
+    metrics("grown", "loss", loss, STEPS);
+    assert_int_equal((int)leaves[STEPS / 2 - 1], 8);
+    assert_int_equal((int)leaves[STEPS / 2], 64);
+    assert_true(loss[STEPS - 1] < loss[0]);
+}
+
+/* Culling that wants every leaf leaves one, and the training goes on with it, also when resumed. */
+static void test_culling(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result all, part;
+    engine_stop stop = {.signal = SIGINT, .step = 20};
+    json_t *run = NULL;
+    char *left_out = NULL;
+
+    NEED_DEVICE();
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.2;
+    config.refresh_every = 4;
+    assert_ok(engine_train("culled", false, &config, NULL, &all));
+    assert_int_equal(all.leaves, 1);
+    assert_true(isfinite(all.psnr_test));
+    run = engine_json("culled/run.json");
+    left_out = json_dumps(engine_at(run, "left_out"), 0);
+    assert_non_null(strstr(left_out, "7 empty leaves of 8"));
+    free(left_out);
+    json_decref(run);
+    assert_fails(engine_train("cut", false, &config, &stop, &part), CLN_SIGINT, "");
+    assert_ok(engine_train("cut", true, &config, NULL, &part));
+    assert_int_equal(part.digest, all.digest);
+}
+
+/* ---- stage 1 by projection ---- */
+
+static void test_splat(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result csr, padded;
+    double loss[STEPS];
+
+    NEED_DEVICE();
+    config.stage1 = CLN_STAGE1_SPLAT;
+    assert_ok(engine_train("csr", false, &config, NULL, &csr));
+    assert_int_equal(metrics("csr", "loss", loss, STEPS), STEPS);
+    assert_true(loss[STEPS - 1] < 0.8 * loss[0]);
+    assert_int_not_equal(csr.digest, engine_whole.digest);
+    config.lists = CLN_LISTS_PADDED;
+    assert_ok(engine_train("padded", false, &config, NULL, &padded));
+    assert_int_equal(padded.digest, csr.digest);
+}
+
+/* Room for some of a view's projected samples alone: bands of rows, and the same picture. */
+static void test_splat_in_bands(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = engine_device();
+    const float white[3] = {1, 1, 1};
+    const cln_camera *pointer = NULL;
+    cln_camera tall;
+    cln_viewer v;
+    cln_picture whole, bands;
+    size_t n = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_viewer_open(engine_path("csr"), NULL, pixels, &v));
+    tall = v.scene->views[0].camera;
+    tall.width = 64;
+    tall.height = 192; /* three bands: they are multiples of the coarsest pixel, 64 rows */
+    tall.fx = tall.fy = 8 * tall.fx;
+    tall.cx = 32;
+    tall.cy = 96;
+    n = (size_t)tall.width * (size_t)tall.height;
+    pointer = &tall;
+    assert_ok(cln_viewer_start(&v, &device, false));
+    assert_ok(cln_pipeline_cameras(&v.pipeline, &pointer, 1, v.model.centre, v.model.half));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_render_view(&v.pipeline, 0, white, false, NULL, &whole));
+    assert_true(v.pipeline.splat_entries > 100);
+    v.pipeline.max_entries = (size_t)v.pipeline.splat_entries * 3 / 5;
+    assert_ok(cln_render_view(&v.pipeline, 0, white, false, NULL, &bands));
+    assert_memory_equal(whole.rgb, bands.rgb, 3 * n * sizeof(float));
+    assert_memory_equal(whole.depth, bands.depth, n * sizeof(float));
+    cln_picture_free(&bands);
+    v.pipeline.max_entries = 10;
+    assert_fails(cln_render_view(&v.pipeline, 0, white, false, NULL, &bands), CLN_MEMORY,
+                 "--stage1 gather");
+    cln_picture_free(&whole);
+    cln_viewer_close(&v);
+}
+
+/* ---- what cannot work ---- */
+
+static void assert_nothing_written(const char *run)
+{
+    assert_false(cln_is_dir(engine_path(run)));
+}
+
+static void test_too_little_memory(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.device_mem = 1 << 20;
+    assert_fails(engine_train("never", false, &config, NULL, &result), CLN_MEMORY, "--device-mem");
+    assert_nothing_written("never");
+}
+
+static void test_broken_kernel(void **state)
+{
+    const char text[] = "this is no OpenCL;\n";
+    cln_train_desc desc = {.scene = engine_path("scene"),
+                           .run = engine_path("never"),
+                           .skip_selftest = true,
+                           .config = engine_config(),
+                           .device = engine_device()};
+    cln_train_result result;
+
+    NEED_DEVICE();
+    assert_ok(cln_make_dirs(engine_path("kernels")));
+    scratch_put(engine_path("kernels/composite.cl"), text, strlen(text));
+    desc.device.kernel_dir = engine_path("kernels");
+    assert_fails(cln_train(&desc, &result), CLN_BUILD, "composite.cl");
+    assert_nothing_written("never");
+}
+
+static void test_no_such_device(void **state)
+{
+    cln_train_desc desc = {.scene = engine_path("scene"),
+                           .run = engine_path("never"),
+                           .config = engine_config(),
+                           .device = {.spec = "no such device"}};
+    cln_train_result result;
+
+    (void)state;
+    assert_fails(cln_train(&desc, &result), CLN_NO_DEVICE, "");
+    assert_nothing_written("never");
+}
+
+static void test_folders_of_others(void **state)
+{
+    const cln_config config = engine_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    assert_fails(engine_train("scene", false, &config, NULL, &result), CLN_OUTPUT, "run.json");
+    assert_fails(engine_train("whole", false, &config, NULL, &result), CLN_OUTPUT, "--resume");
+    assert_int_equal(engine_digest("whole"), engine_whole.digest);
+}
+
+int test_group_engine(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_learns),
+        cmocka_unit_test(test_seed_decides),
+        cmocka_unit_test(test_interrupted),
+        cmocka_unit_test(test_interrupted_in_evaluation),
+        cmocka_unit_test(test_checkpoint_on_the_way),
+        cmocka_unit_test(test_resumed_with_other_settings),
+        cmocka_unit_test(test_split_keeps_pictures),
+        cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_culling),
+        cmocka_unit_test(test_splat),
+        cmocka_unit_test(test_splat_in_bands),
+        cmocka_unit_test(test_too_little_memory),
+        cmocka_unit_test(test_broken_kernel),
+        cmocka_unit_test(test_no_such_device),
+        cmocka_unit_test(test_folders_of_others),
+    };
+
+    return cmocka_run_group_tests_name("engine", tests, engine_setup, engine_teardown);
+}
