@@ -17,7 +17,7 @@ cln=${CLN:-build/cl-nascent}
 echo "| training seconds | steps | leaves | PSNR train | PSNR test |"
 echo "|---|---|---|---|---|"
 grep '"psnr_test"' "$run/metrics.jsonl" | sed -E \
-    's/.*"step": ?([0-9]+), "seconds": ?([0-9.]+).*"psnr_train": ?([0-9.]+).*"leaves": ?([0-9]+).*"psnr_test": ?([0-9.]+).*/\2 \1 \4 \3 \5/' |
+    's/.*"step":([0-9]+),"seconds":([0-9.]+).*"psnr_train":([0-9.]+).*"leaves":([0-9]+).*"psnr_test":([0-9.]+).*/\2 \1 \4 \3 \5/' |
     awk '{printf "| %.0f | %d | %d | %.2f | %.2f |\n", $1, $2, $3, $4, $5}'
 echo
 "$cln" eval "$run" --save-images | tail -n 12

@@ -70,7 +70,8 @@ static inline void engine_pose(double yaw, double height, double m[3][4])
 static inline void engine_picture(double m[3][4], double focal, uint8_t *rgba)
 {
     for (int i = 0; i < SIDE * SIDE; i++) {
-        const double u = (i % SIDE + 0.5 - SIDE / 2) / focal, v = (i / SIDE + 0.5 - SIDE / 2) / focal;
+        const double u = (i % SIDE + 0.5 - SIDE / 2) / focal,
+                     v = (i / SIDE + 0.5 - SIDE / 2) / focal;
         const double length = sqrt(u * u + v * v + 1);
         double o[3], d[3], b = 0, c = -1, root = 0;
 
@@ -104,12 +105,11 @@ static inline void engine_split(const char *folder, const char *split, int count
         engine_pose(6.283185307 * (i + phase) / count, 0.15 + 0.1 * (i % 3), m);
         engine_picture(m, 0.5 * SIDE / tan(0.5 * angle), rgba);
         for (int a = 0; a < 3; a++)
-            json_array_append_new(rows,
-                                  json_pack("[f,f,f,f]", m[a][0], m[a][1], m[a][2], m[a][3]));
+            json_array_append_new(rows, json_pack("[f,f,f,f]", m[a][0], m[a][1], m[a][2], m[a][3]));
         json_array_append_new(rows, json_pack("[i,i,i,i]", 0, 0, 0, 1));
         snprintf(name, sizeof name, "./%s/r_%d", split, i);
-        json_array_append_new(
-            frames, json_pack("{s:s, s:o}", "file_path", name, "transform_matrix", rows));
+        json_array_append_new(frames,
+                              json_pack("{s:s, s:o}", "file_path", name, "transform_matrix", rows));
         snprintf(path, sizeof path, "%s/%s.png", folder, name + 2);
         assert_ok(cln_image_write_png(path, SIDE, SIDE, 4, rgba));
     }
@@ -174,8 +174,7 @@ static inline int engine_interrupted(void *user)
 {
     engine_stop *s = user;
 
-    if ((s->step && s->steps_seen == s->step) ||
-        (s->pictures && s->pictures_seen == s->pictures)) {
+    if ((s->step && s->steps_seen == s->step) || (s->pictures && s->pictures_seen == s->pictures)) {
         s->step = s->pictures = 0;
         return s->signal;
     }
@@ -299,12 +298,12 @@ static inline int engine_teardown(void **state)
 }
 
 /* First line of every test that computes. */
-#define NEED_DEVICE()                                                                              \
-    do {                                                                                           \
-        (void)state;                                                                               \
-        cln_log_set_sink(engine_no_log, NULL);                                                     \
-        if (!engine_has_device)                                                                    \
-            skip();                                                                                \
+#define NEED_DEVICE()                          \
+    do {                                       \
+        (void)state;                           \
+        cln_log_set_sink(engine_no_log, NULL); \
+        if (!engine_has_device)                \
+            skip();                            \
     } while (0)
 
 #endif

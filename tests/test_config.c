@@ -298,6 +298,10 @@ static void test_units(void **state)
     assert_true(config.device_mem == 4.0 * 1024 * 1024 * 1024);
     assert_int_equal(cln_config_set(&config, row_of("device-mem"), "1e9"), CLN_OK);
     assert_true(config.device_mem == 1e9);
+    config.downscale = 3;
+    assert_int_equal(cln_config_set(&config, row_of("downscale"), "auto"), CLN_OK);
+    assert_true(config.downscale == 0);
+    assert_failed(cln_config_set(&config, row_of("rays"), "auto"), CLN_USAGE, "'auto'|--rays");
 
     assert_int_equal(cln_parse_seconds("2m", &value), CLN_OK);
     assert_true(value == 120);

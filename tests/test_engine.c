@@ -56,7 +56,6 @@ static void test_learns(void **state)
         first += loss[i];
         last += loss[STEPS - 1 - i];
     }
-    print_message("loss %g %g\n", first/5, last/5);
     assert_true(last < 0.7 * first);
     run = engine_json("whole/run.json");
     assert_string_equal(json_string_value(engine_at(run, "state")), "done");
@@ -251,20 +250,26 @@ static void test_culling(void **state)
 
 /* ---- stage 1 by projection ---- */
 
-static void test_splat(void **state)
+static void train_splat(const char *run, int lists, cln_train_result *result)
 {
     cln_config config = engine_config();
+
+    config.stage1 = CLN_STAGE1_SPLAT;
+    config.lists = lists;
+    assert_ok(engine_train(run, false, &config, NULL, result));
+}
+
+static void test_splat(void **state)
+{
     cln_train_result csr, padded;
     double loss[STEPS];
 
     NEED_DEVICE();
-    config.stage1 = CLN_STAGE1_SPLAT;
-    assert_ok(engine_train("csr", false, &config, NULL, &csr));
+    train_splat("csr", CLN_LISTS_CSR, &csr);
     assert_int_equal(metrics("csr", "loss", loss, STEPS), STEPS);
     assert_true(loss[STEPS - 1] < 0.8 * loss[0]);
     assert_int_not_equal(csr.digest, engine_whole.digest);
-    config.lists = CLN_LISTS_PADDED;
-    assert_ok(engine_train("padded", false, &config, NULL, &padded));
+    train_splat("padded", CLN_LISTS_PADDED, &padded);
     assert_int_equal(padded.digest, csr.digest);
 }
 
@@ -278,10 +283,12 @@ static void test_splat_in_bands(void **state)
     cln_camera tall;
     cln_viewer v;
     cln_picture whole, bands;
+    cln_train_result result;
     size_t n = 0;
 
     NEED_DEVICE();
-    assert_ok(cln_viewer_open(engine_path("csr"), NULL, pixels, &v));
+    train_splat("tall", CLN_LISTS_CSR, &result);
+    assert_ok(cln_viewer_open(engine_path("tall"), NULL, pixels, &v));
     tall = v.scene->views[0].camera;
     tall.width = 64;
     tall.height = 192; /* three bands: they are multiples of the coarsest pixel, 64 rows */

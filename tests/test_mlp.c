@@ -257,7 +257,7 @@ static void upload(cln_pipeline *p, const mlp_data *d, uint32_t *slices)
 }
 
 /* Bounds: about ten times the worst measured over all cases and sets. */
-static const bounds forward_bounds = {1e-10, 1e-4}, gradient_bounds = {1e-9, 1e-3};
+static const bounds forward_bounds = {1e-11, 2e-5}, gradient_bounds = {1e-11, 2e-4};
 
 static void compare_outputs(const mlp_case *c, float (*got)[4], double (*want)[4], uint32_t n)
 {

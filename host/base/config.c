@@ -212,7 +212,9 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
 
     switch (row->type) {
     case CLN_ROW_INT:
-        if (!cln_integer_read(text, &integer) || !in_range(row, (double)integer))
+        if (row_is(row, "downscale") && strcmp(text, "auto") == 0)
+            integer = 0; /* as the help says */
+        else if (!cln_integer_read(text, &integer) || !in_range(row, (double)integer))
             return fail_value(CLN_USAGE, row, text);
         *(int *)field = (int)integer;
         break;

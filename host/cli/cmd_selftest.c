@@ -21,7 +21,7 @@ static void on_check(const char *name, bool passed, bool skipped, const char *de
                                                    verdict, "detail", detail ? detail : ""));
         return;
     }
-    printf("%-7s  %-32s  %s\n", verdict, name, detail ? detail : "");
+    printf("%-7s  %-46s  %s\n", verdict, name, detail ? detail : "");
     fflush(stdout);
 }
 

@@ -38,7 +38,7 @@ static void swap(cln_buffer pair[2])
     pair[1] = first;
 }
 
-cln_status cln_stage_sort(cln_pipeline *p, cln_buffer keys[2], cln_buffer values[2], uint32_t n,
+cln_status cln_stage_sort(cln_pipeline *p, cln_buffer *keys, cln_buffer *values, uint32_t n,
                           int bits, bool wide, cln_stage stage)
 {
     cln_status st = CLN_OK;

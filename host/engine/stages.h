@@ -207,10 +207,10 @@ cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups
 cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *group);
 
 /* Primitives (scan.cl). scan: out[0..n] of in[0..n-1]; *total (may be NULL) reads back out[n].
- * sort: stable by the low `bits` bits of the keys; the result is again in keys[0], values[0]. */
+ * sort: stable by the low `bits` bits of the keys [2], values [2]; the result is again in keys[0], values[0]. */
 cln_status cln_stage_scan(cln_pipeline *p, const cln_buffer *in, const cln_buffer *out, uint32_t n,
                           cln_stage stage, uint32_t *total);
-cln_status cln_stage_sort(cln_pipeline *p, cln_buffer keys[2], cln_buffer values[2], uint32_t n,
+cln_status cln_stage_sort(cln_pipeline *p, cln_buffer *keys, cln_buffer *values, uint32_t n,
                           int bits, bool wide, cln_stage stage);
 
 #endif

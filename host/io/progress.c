@@ -111,6 +111,7 @@ void cln_progress_show(cln_progress *progress, double fraction, const char *text
     else
         due = due ||
               (waited >= line_seconds && (fraction >= progress->shown_fraction + line_fraction ||
+                                          fraction < progress->shown_fraction || /* other work */
                                           waited >= line_patience_seconds));
     if (!due)
         return;

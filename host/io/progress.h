@@ -16,7 +16,8 @@ cln_status cln_progress_open(const char *mode, cln_progress **out);
 
 /* Shows `text` (already formatted, one line, no newline); fraction 0..1 of the work done. A bar is
  * redrawn at most 10 times a second and cut to the terminal's width; a plain line is written at most
- * every 10 s, and then once 1 % more is done or a minute has passed. */
+ * every 10 s, and then once 1 % more is done, other work has begun (the fraction falls) or a minute has
+ * passed. */
 void cln_progress_show(cln_progress *progress, double fraction, const char *text);
 
 /* Brings the last text to the screen, ends the line, gives the log its stderr back; accepts NULL. */
