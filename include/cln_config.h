@@ -147,7 +147,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
     INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")  \
     REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints")         \
     INT(downscale, "downscale", 0, 0, 0, 64,                                                \
-        "divide the image size by N with an area filter (0 or auto: longest side <= 1600)")  \
+        "divide the image size by N with an area filter (0 or auto: longest side <= 1600)") \
     TEXT(bbox, "bbox", "", "",                                                              \
          "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)") \
     TEXT(background, "background", "white", "white",                                        \

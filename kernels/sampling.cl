@@ -332,6 +332,8 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
     const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
 
     at = sample_starts[r];
+    if (jitter)
+        random = uniform4(seed, STREAM_SAMPLES, step, r, 0u);
     for (uint i = 0; i < used[r]; i++) {
         const cln_interval v = intervals[r * MAX_INTERVALS(depth) + i];
         const uint count = v.count & 0xFFFFFFu;
@@ -383,15 +385,7 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
                     const float next_cdf = cdf + q;
 
                     while (k < count) {
-                        float xi = 0.5f;
-
-                        if (jitter) {
-                            if ((drawn & 3u) == 0)
-                                random = uniform4(seed, STREAM_SAMPLES, step, r, drawn >> 2);
-                            xi = random.x;
-                            random = random.yzwx;
-                        }
-                        const float u = ((float)k + xi) / (float)count;
+                        const float u = ((float)k + random.x) / (float)count;
 
                         if (u >= next_cdf && j + 1u < bins)
                             break;
@@ -411,6 +405,9 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
                         last = where;
                         k++;
                         drawn++;
+                        random = random.yzwx; /* the next sample's number to the front */
+                        if (jitter && (drawn & 3u) == 0)
+                            random = uniform4(seed, STREAM_SAMPLES, step, r, drawn >> 2);
                     }
                     cdf = next_cdf;
                 }

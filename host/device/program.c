@@ -121,7 +121,7 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     out->program =
         clCreateProgramWithSource(device->context, (cl_uint)s.count, s.text, NULL, &code);
     CLN_CL(code);
-    code = clBuildProgram(out->program, 1, &device->id, "-cl-std=CL1.2", NULL, NULL);
+    code = clBuildProgram(out->program, 1, &device->id, "-cl-std=CL1.2 -w", NULL, NULL);
     if (code != CL_SUCCESS) {
         log_build(device, out);
         st = cln_fail(

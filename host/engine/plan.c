@@ -30,6 +30,7 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
 
     memset(out, 0, sizeof *out);
     out->limit = config->device_mem > 0 ? config->device_mem : 0.9 * device->info.global_mem;
+    out->cells = n * cells;
     out->max_samples = (size_t)samples;
     out->batch_samples = (size_t)fmin(config->batch_samples, 0.75 * samples);
     row(out, "network weights", n * params, "--width, --depth or --view-width");
@@ -84,6 +85,10 @@ cln_status cln_plan_check(const cln_device *device, const cln_plan *plan)
                         "the plan needs more device memory than there is: %s; lower %s, or raise "
                         "--device-mem",
                         text, plan->rows[worst].way_out);
+    if (plan->cells >= 4294967296.0)
+        return cln_fail(CLN_MEMORY,
+                        "%.3g stage-1 samples over all leaves, 4.29e9 can be counted; lower --n1",
+                        plan->cells);
     for (int i = 0; i < plan->count; i++) {
         /* optimiser state is three buffers, samples and rays several: the rest are one each */
         const bool one = strcmp(plan->rows[i].purpose, "network weights") == 0 ||

@@ -17,6 +17,7 @@ typedef struct cln_plan {
     } rows[CLN_PLAN_ROWS];
     int count;
     double total, limit;
+    double cells;         /* of stage 1 over all leaves; kernels index them with 32 bits */
     size_t max_samples;   /* of a batch; its activations stay within one buffer of the device */
     size_t batch_samples; /* aimed at: --batch-samples, or less where max_samples is small */
     size_t max_entries;   /* projected samples held at a time (splat) */

@@ -19,9 +19,12 @@ static int coarsening(const cln_pipeline *p, const cln_device_camera *c, int lev
     const double distance = fmax(sqrt(x * x + y * y + z * z), 0.5);
     const double footprint = distance / (c->fx * side / n1);
     const double per_pixel = n1 * footprint * footprint;
-    const double k = ceil(sqrt(p->config.splat_per_ray / per_pixel));
+    int k = 1;
 
-    return k < 1 ? 1 : k > MAX_COARSENING ? MAX_COARSENING : (int)k;
+    /* a power of two, so that bands of rows never cut a coarse pixel */
+    while (k < MAX_COARSENING && k * k * per_pixel < p->config.splat_per_ray)
+        k *= 2;
+    return k;
 }
 
 /* grids[batch view][level] for all views of the batch; returns the number of lists. */
