@@ -111,7 +111,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "x0.1 at each third of the budget, or exponential from lr to lr-final")                   \
     REAL(beta1, "beta1", 0.9, 0.9, 0, 0.9999, "Adam")                                              \
     REAL(beta2, "beta2", 0.999, 0.99, 0, 0.999999, "Adam")                                         \
-    REAL(epsilon, "epsilon", 1e-8, 1e-10, 0, 1, "Adam")                                            \
+    REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     INT(min_leaf_samples, "min-leaf-samples", 32, 8, 1, 1000000,                                   \
         "a leaf with fewer samples in a batch is not updated")                                     \
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \

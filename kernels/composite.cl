@@ -17,6 +17,9 @@
 #define DISTORT 1
 #endif
 
+/* sigma delta >= 0, clamped; a NaN stays visible (clamp() would hide it). */
+#define OPTICAL_DEPTH(x) ((x) > CLN_MAX_OPTICAL_DEPTH ? CLN_MAX_OPTICAL_DEPTH : (x))
+
 #if RAY_BACKGROUND
 #define BACKGROUND(r) (backgrounds[r])
 #else
@@ -38,7 +41,7 @@ __kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 
         return;
     for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++) {
         const float4 o = out[i];
-        const float depth_here = clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH);
+        const float depth_here = OPTICAL_DEPTH(o.w * samples[i].delta);
         const float alpha = ONE_MINUS_EXP(float, depth_here);
         const float weight = through * alpha;
 
@@ -75,7 +78,7 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 
     for (uint i = begin; i < end; i++) { /* T_i and alpha_i are kept in dout until the way back */
         const float4 o = out[i];
-        const float depth_here = clamp(o.w * samples[i].delta, 0.0f, CLN_MAX_OPTICAL_DEPTH);
+        const float depth_here = OPTICAL_DEPTH(o.w * samples[i].delta);
         const float alpha = ONE_MINUS_EXP(float, depth_here);
         const float weight = through * alpha;
 

@@ -689,6 +689,7 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
         GROUP_SYNC();
         for (int s = lid; s < tiles * TS; s += LS)
             dhead[s].w *= s < count ? slope[s] : 0.0f;
+        GROUP_SYNC();
         restore(x_last, WIDTH, count, h, step_key, ids, DEPTH - 1, lid);
 #if VIEW > 0
         restore(x + DEPTH * WIDTH, VIEW, count, v, step_key, ids, DEPTH, lid);

@@ -293,7 +293,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
                      uniform4(seed, STREAM_SAMPLES, step, r, CLN_DRAW_ROULETTE + index).x <
                          empty_share);
         else
-            count = min(per_leaf, 1u + (uint)((float)per_ray * weight + 0.5f));
+            count = min(per_leaf, 1u + (uint)(clamp(weight, 0.0f, 1.0f) * (float)per_ray + 0.5f));
 #else
         /* diagonal of a leaf of this level: sqrt(3) * 2 / 2^level */
         count = max(1u, (uint)ceil((float)per_leaf * length /

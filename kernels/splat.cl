@@ -7,7 +7,7 @@
  *   that a list meets enough samples; t = distance along the list's own ray
  *
  *   splat_count, splat_emit   one work-item projects a run of samples; scan between them
- *   (sort.cl's radix sort)
+ *   (scan.cl's radix sort)
  *   splat_bounds, splat_read  entries -> list_start, list_t, list_sigma (sampling.cl reads them)
  *   splat_pad                 the paper's padded groups: every list at list * longest
  */

@@ -232,6 +232,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     cl_device_id *ids = NULL;
     cln_device *device = NULL;
     cl_ulong local = 0;
+    size_t group = 0;
     cl_int code = CL_SUCCESS;
     int count = 0, index = 0;
 
@@ -242,6 +243,8 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     device->id = ids[index];
     cln_device_describe(device->id, &device->info);
     clGetDeviceInfo(device->id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof local, &local, NULL);
+    clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof group, &group, NULL);
+    device->max_group = group ? group : 1;
     device->local_mem = (size_t)local;
     device->max_alloc = (size_t)device->info.max_alloc;
     device->tune = default_tune(device->id, strcmp(device->info.type, "cpu") == 0);

@@ -59,9 +59,9 @@ typedef struct cln_device {
     cln_device_info info;
     cln_tune tune;
     char *kernel_dir;
-    size_t local_mem, max_alloc;
-    size_t allocated, peak; /* bytes of live buffers, and the most so far */
-    size_t limit;           /* allocations beyond this fail; 0 = only the device's own limits */
+    size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
+    size_t allocated, peak;                 /* bytes of live buffers, and the most so far */
+    size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
     struct cln_pending *pending;      /* events not yet accounted for */
     int pending_count, pending_capacity;
@@ -74,7 +74,7 @@ void cln_device_close(cln_device *device); /* accepts NULL */
 /* Waits for all work and adds the events' times to stage_seconds. */
 cln_status cln_device_finish(cln_device *device);
 
-/* "VW=8,NV=2,..."; 128 bytes are enough. */
+/* "VW=8,NV=2,..."; at most 255 characters. */
 void cln_tune_text(const cln_tune *tune, char out[256]);
 /* Applies "VW=8,TS=6"; CLN_USAGE names what is wrong and the range. */
 cln_status cln_tune_parse(const char *text, cln_tune *tune);
@@ -87,8 +87,8 @@ typedef struct cln_program {
 } cln_program;
 
 /* Builds prelude (device_abi.h, lanes.h, rng.h, and camera.h where used) + NAME.cl, with `defines` as
- * "#define A 1" lines in the source text itself (some drivers' caches ignore -D). CLN_BUILD has the
- * first error line; the whole log goes to the log at warn level. */
+ * "#define A 1" lines in the source text itself (some drivers' caches ignore -D). On CLN_BUILD the
+ * whole build log goes to the log at warn level. */
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
                              cln_program *out);
 void cln_program_free(cln_program *program);

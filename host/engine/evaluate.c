@@ -172,14 +172,14 @@ cln_status cln_evaluate_json(const cln_eval_result *r, json_t **out)
     }
     *out = json_pack(
         "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:f}, "
-        "s:{s:f, s:f}, s:o, s:o}",
+        "s:{s:o, s:o}, s:o, s:o}",
         "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "model_digest", digest,
         "step", (json_int_t)r->step, "train_seconds", r->train_seconds, "split", r->split,
         "color_space", "srgb", "background", (double)r->background[0], (double)r->background[1],
         (double)r->background[2], "pixel_centre", 0.5, "mean", "psnr", cln_json_real(r->psnr),
         "psnr_u8", cln_json_real(r->psnr_u8), "ssim", cln_json_real(r->ssim), "mse",
-        cln_json_real(r->mse), "seconds", r->seconds, "std", "psnr", deviation(r, false), "ssim",
-        deviation(r, true), "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images",
-        images);
+        cln_json_real(r->mse), "seconds", r->seconds, "std", "psnr",
+        cln_json_real(deviation(r, false)), "ssim", cln_json_real(deviation(r, true)),
+        "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");
 }

@@ -8,11 +8,13 @@
 #include "base/memory.h"
 #include "io/progress.h"
 
-static void row(cln_plan *plan, const char *purpose, double bytes, const char *way_out)
+static void row(cln_plan *plan, const char *purpose, double bytes, double largest,
+                const char *way_out)
 {
     CLN_ASSERT(plan->count < CLN_PLAN_ROWS);
     plan->rows[plan->count].purpose = purpose;
     plan->rows[plan->count].bytes = bytes;
+    plan->rows[plan->count].largest = largest;
     plan->rows[plan->count++].way_out = way_out;
     plan->total += bytes;
 }
@@ -27,32 +29,37 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
     const double samples = training && wanted > room_for ? floor(room_for) : wanted;
     const double rays = config->rays > 16384 ? config->rays : 16384;
     const double slices = n + samples / tune->sl;
+    const double scratch = 4.0 * 256 / tune->chunk; /* of the sort, bytes an element */
 
     memset(out, 0, sizeof *out);
     out->limit = config->device_mem > 0 ? config->device_mem : 0.9 * device->info.global_mem;
     out->cells = n * cells;
     out->max_samples = (size_t)samples;
     out->batch_samples = (size_t)fmin(config->batch_samples, 0.75 * samples);
-    row(out, "network weights", n * params, "--width, --depth or --view-width");
+    row(out, "network weights", n * params, n * params, "--width, --depth or --view-width");
     if (training) {
         row(out, "optimiser state", n * (2 * params + 4.0 * cln_pipeline_transposed(net) + 8),
-            "--width, --depth or --view-width");
-        row(out, "weight gradients", slices * params, "--width, --depth or --batch-samples");
+            n * params, "--width, --depth or --view-width");
+        row(out, "weight gradients", slices * params, slices * params,
+            "--width, --depth or --batch-samples");
         row(out, "activations", samples * 4.0 * cln_pipeline_acts(net),
-            "--batch-samples, --width or --depth");
+            samples * 4.0 * cln_pipeline_acts(net), "--batch-samples, --width or --depth");
     }
-    row(out, "stage-1 densities", n * cells * (training ? 3 : 2), "--n1");
-    row(out, "samples", samples * (16 + 32 + 16), "--batch-samples");
-    row(out, "rays", rays * (16 * 5 + 32 + 20 + 16.0 * 96) + 96.0 * views + n * 36, "--rays");
+    row(out, "stage-1 densities", n * cells * (training ? 3 : 2), 2 * n * cells, "--n1");
+    row(out, "samples", samples * (16 + 32 + 16 + scratch), samples * 16, "--batch-samples");
+    row(out, "rays", rays * (16 * 5 + 32 + 20 + 16.0 * 96) + 96.0 * views + n * 36, rays * 16 * 96,
+        "--rays");
     if (config->stage1 == CLN_STAGE1_SPLAT) {
         /* Keys and values twice, t and sigma: 32 bytes an entry; padded lists are checked as made. */
-        const double room = out->limit - out->total, most = device->info.max_alloc / 8;
-        double entries = 0.5 * room / 32;
+        const double room = out->limit - out->total;
+        const double most = device->info.max_alloc / fmax(8, scratch);
+        double entries = 0.5 * room / (32 + scratch);
 
         entries = entries < 1 ? 1 : entries > most ? most : entries;
         entries = entries > (double)(1u << 28) ? (double)(1u << 28) : entries;
         out->max_entries = (size_t)entries;
-        row(out, "projected samples", entries * 32, "--n1, or --stage1 gather");
+        row(out, "projected samples", entries * (32 + scratch), entries * fmax(8, scratch),
+            "--n1, or --stage1 gather");
     }
 }
 
@@ -90,16 +97,11 @@ cln_status cln_plan_check(const cln_device *device, const cln_plan *plan)
                         "%.3g stage-1 samples over all leaves, 4.29e9 can be counted; lower --n1",
                         plan->cells);
     for (int i = 0; i < plan->count; i++) {
-        /* optimiser state is three buffers, samples and rays several: the rest are one each */
-        const bool one = strcmp(plan->rows[i].purpose, "network weights") == 0 ||
-                         strcmp(plan->rows[i].purpose, "weight gradients") == 0 ||
-                         strcmp(plan->rows[i].purpose, "activations") == 0;
-
-        if (one && plan->rows[i].bytes > (double)device->max_alloc) {
-            cln_format_bytes(plan->rows[i].bytes, amount);
+        if (plan->rows[i].largest > (double)device->max_alloc) {
+            cln_format_bytes(plan->rows[i].largest, amount);
             cln_format_bytes((double)device->max_alloc, largest);
             return cln_fail(CLN_MEMORY,
-                            "%s need %s in one buffer, %s allows %s; lower %s (the plan: %s)",
+                            "%s: %s in one buffer, %s allows %s; lower %s (the plan: %s)",
                             plan->rows[i].purpose, amount, device->info.name, largest,
                             plan->rows[i].way_out, text);
         }

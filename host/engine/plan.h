@@ -13,6 +13,7 @@ typedef struct cln_plan {
     struct {
         const char *purpose;
         double bytes;
+        double largest;      /* the largest single buffer of it */
         const char *way_out; /* what to lower */
     } rows[CLN_PLAN_ROWS];
     int count;

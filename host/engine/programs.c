@@ -51,8 +51,13 @@ static void fit_tune(const cln_device *device, const cln_network *net, cln_tune 
     *tune = device->tune;
     while (tune->vw > narrow)
         tune->vw /= 2;
-    while (tune->ls > 1 && (narrow % (tune->vw * tune->ls) || tune->vw * tune->ls > narrow))
+    while (tune->vw > 1 && (net->width % tune->vw || view % tune->vw))
+        tune->vw--;
+    while (tune->ls > 1 && ((size_t)tune->ls > device->max_group || tune->vw * tune->ls > narrow ||
+                            net->width % (tune->vw * tune->ls) || view % (tune->vw * tune->ls)))
         tune->ls /= 2;
+    while (tune->wg > 1 && (size_t)tune->wg > device->max_group)
+        tune->wg /= 2;
     while (tune->nv > 1 && (net->width % (tune->vw * tune->nv * tune->ls) ||
                             view % (tune->vw * tune->nv * tune->ls)))
         tune->nv--;
@@ -207,17 +212,16 @@ void cln_pipeline_free(cln_pipeline *p)
 {
     cln_device *device = p->device;
     cln_buffer *const buffers[] = {
-        &p->boxes,         &p->map,           &p->params,       &p->transposed,  &p->adam_m,
-        &p->adam_v,        &p->adam_steps,    &p->norms,        &p->density,     &p->seen,
-        &p->leaf_stats,    &p->cameras,       &p->pixels,       &p->ray_o,       &p->ray_d,
-        &p->targets,       &p->backgrounds,   &p->results,      &p->intervals,   &p->used,
-        &p->sample_counts, &p->sample_starts, &p->samples,      &p->order,       &p->begin,
-        &p->end,           &p->slice_counts,  &p->slice_starts, &p->slices,      &p->out,
-        &p->dout,          &p->acts,          &p->grads,        &p->batch_views, &p->splat_counts,
-        &p->splat_starts,  &p->grids,         &p->list_start,   &p->list_count,  &p->list_t,
-        &p->list_sigma,    &p->padded_t,      &p->padded_sigma, &p->keys64[0],   &p->keys64[1],
-        &p->sums,          &p->digit_counts,  &p->keys[0],      &p->keys[1],     &p->values[0],
-        &p->values[1]};
+        &p->boxes,         &p->map,           &p->params,      &p->transposed,   &p->adam_m,
+        &p->adam_v,        &p->adam_steps,    &p->norms,       &p->density,      &p->seen,
+        &p->leaf_stats,    &p->cameras,       &p->pixels,      &p->ray_o,        &p->ray_d,
+        &p->targets,       &p->backgrounds,   &p->results,     &p->intervals,    &p->used,
+        &p->sample_counts, &p->sample_starts, &p->samples,     &p->begin,        &p->end,
+        &p->slice_counts,  &p->slice_starts,  &p->slices,      &p->out,          &p->dout,
+        &p->acts,          &p->grads,         &p->batch_views, &p->splat_counts, &p->splat_starts,
+        &p->grids,         &p->list_start,    &p->list_count,  &p->list_t,       &p->list_sigma,
+        &p->padded_t,      &p->padded_sigma,  &p->keys64[0],   &p->keys64[1],    &p->sums,
+        &p->digit_counts,  &p->keys[0],       &p->keys[1],     &p->values[0],    &p->values[1]};
 
     if (!device)
         return;

@@ -58,7 +58,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     if (c->t_min > 0)
         say(list, "leaves behind less than %g transmittance (from %g%% of the budget)", c->t_min,
             100 * c->occlusion_from);
-    if (c->empty_share < 1)
+    if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
         say(list, "%g%% of the passages through leaves that stage 1 finds empty",
             100 * (1 - c->empty_share));
     if (empty > 0)

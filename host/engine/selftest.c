@@ -162,11 +162,16 @@ done:
 static cln_status run_checks(cln_checks *c)
 {
     cln_status st = CLN_OK;
+    const int before = c->failed;
 
     CLN_TRY(cln_check_scan(c));
+    if (c->failed > before)
+        goto done;
     CLN_TRY(cln_check_sort(c, false));
     if (c->p->config.stage1 == CLN_STAGE1_SPLAT)
         CLN_TRY(cln_check_sort(c, true));
+    if (c->failed > before) /* wrong offsets would have the others write anywhere */
+        goto done;
     CLN_TRY(cln_check_densities(c));
     CLN_TRY(cln_check_rays(c));
     CLN_TRY(cln_check_networks(c));

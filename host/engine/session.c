@@ -40,7 +40,10 @@ static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
     if (saved->width != wanted->width || saved->depth != wanted->depth ||
         saved->view_width != wanted->view_width || saved->bands != wanted->bands ||
         saved->view_bands != wanted->view_bands || saved->skip != wanted->skip ||
-        saved->view_dependence != wanted->view_dependence || saved->n1 != wanted->n1)
+        saved->view_dependence != wanted->view_dependence || saved->n1 != wanted->n1 ||
+        saved->density != wanted->density || saved->density_scale != wanted->density_scale ||
+        saved->initial_depth != wanted->initial_depth ||
+        saved->bands_by_level != wanted->bands_by_level || strcmp(saved->bbox, wanted->bbox) != 0)
         return cln_fail(
             CLN_CHECKPOINT,
             "--resume: width, depth, view-width, bands, view-bands, skip, "
@@ -58,6 +61,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_shape(&t->model.config, config));
         t->model.config = *config;
         t->model.rays = t->model.rays < config->rays ? t->model.rays : config->rays;
+        memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
                  t->model.train_seconds, t->model.tree.leaf_count);
     } else {

@@ -217,6 +217,13 @@ static cln_status pad(cln_pipeline *p, cl_uint lists)
     CLN_TRY(cln_buffer_read(p->device, &p->list_count, 0, counts, lists * sizeof *counts));
     for (cl_uint l = 0; l < lists; l++)
         longest = counts[l] > longest ? counts[l] : longest;
+    if ((double)lists * longest > 4294967295.0) {
+        st = cln_fail(CLN_MEMORY,
+                      "padded lists: %u lists of %u entries cannot be counted in 32 bits; use "
+                      "--lists csr",
+                      lists, longest);
+        goto done;
+    }
     CLN_TRY(cln_buffer_write(p->device, &p->grids, 3 * sizeof(cl_uint), &longest, sizeof longest));
     CLN_TRY(cln_buffer_reserve(p->device, &p->padded_t, (size_t)lists * longest * sizeof(float),
                                "padded lists (--lists csr needs less)"));
@@ -266,4 +273,13 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
         CLN_TRY(pad(p, lists));
 done:
     return st;
+}
+
+void cln_stage_splat_release(cln_pipeline *p)
+{
+    cln_buffer *const buffers[] = {&p->keys64[0], &p->keys64[1],    &p->list_t,      &p->list_sigma,
+                                   &p->padded_t,  &p->padded_sigma, &p->digit_counts};
+
+    for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
+        cln_buffer_free(p->device, buffers[i]);
 }

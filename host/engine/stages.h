@@ -10,8 +10,8 @@
  *   adam       grads -> params of the leaves touched
  *   refresh    params -> cached stage-1 densities
  *
- * Buffers grow as needed and are then kept. Shapes are in the struct. All functions return after
- * enqueueing, except where they say that they read back. */
+ * Buffers grow as needed and are then kept. Shapes are in the struct. Functions return after
+ * enqueueing kernels, except where they say that they read back; uploads wait. */
 #ifndef CLN_STAGES_H
 #define CLN_STAGES_H
 
@@ -100,7 +100,6 @@ typedef struct cln_pipeline {
     /* Its samples. */
     cln_buffer intervals, used; /* cln_interval [ray][3 << depth], uint [ray]: how many of them */
     cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
-    cln_buffer order;                                 /* uint [sample]: grouped -> sample */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
     cln_buffer out, dout;                                      /* float4 [sample] */
     cln_buffer acts;  /* float [sample][net acts], grouped order; training only */
@@ -205,6 +204,7 @@ typedef struct cln_splat_group {
 } cln_splat_group;
 cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups, int *count);
 cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *group);
+void cln_stage_splat_release(cln_pipeline *p); /* frees what grows with the entries */
 
 /* Primitives (scan.cl). scan: out[0..n] of in[0..n-1]; *total (may be NULL) reads back out[n].
  * sort: stable by the low `bits` bits of the keys [2], values [2]; the result is again in keys[0], values[0]. */

@@ -4,6 +4,7 @@
  * interrupted and resumed equals one that was not, bit for bit (budgets in time excepted). */
 #include <math.h>
 #include <signal.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -82,7 +83,6 @@ static cln_status cull(cln_trainer *t)
         CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
         CLN_TRY(apply_change(t, &change));
-        t->culled += (int)leaves - t->pipeline.leaves;
         cln_debug("step %lld: culled %d of %zu leaves", (long long)t->model.step,
                   (int)leaves - t->pipeline.leaves, leaves);
     }
@@ -100,19 +100,19 @@ static cln_status grow(cln_trainer *t, bool *grown)
     cln_pipeline *p = &t->pipeline;
     cln_octree_change change = {0};
     cln_plan plan;
-    char text[512];
+    char text[1536];
 
     *grown = false;
     cln_plan_make(t->device, &t->model.config, &p->net, &p->tune, 8 * p->leaves,
                   t->scene->view_count, true, &plan);
+    if (t->full)
+        return CLN_OK;
     if (cln_plan_check(t->device, &plan) != CLN_OK) {
-        cln_plan_text(&plan, text, sizeof text);
+        snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
-        cln_warn(
-            "the tree stays at level %d: %d leaves would need %s; lower --width or --n1, raise "
-            "--device-mem, or cull more",
-            t->model.level, 8 * p->leaves, text);
-        t->model.level = CLN_MAX_LEVEL;
+        cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * p->leaves,
+                 text);
+        t->full = true;
         return CLN_OK;
     }
     CLN_TRY(cln_pipeline_download(p, &t->model, true));
@@ -120,6 +120,8 @@ static cln_status grow(cln_trainer *t, bool *grown)
     t->model.level++;
     t->model.growth_step = t->model.step;
     t->plan = plan;
+    p->max_entries = plan.max_entries;
+    cln_stage_splat_release(p); /* room for the leaves; the next batch takes what the plan says */
     CLN_TRY(apply_change(t, &change));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
               p->leaves);
@@ -196,7 +198,8 @@ static cln_status step(cln_trainer *t, double fraction)
                                    .empty_share = (float)c->empty_share,
                                    .seed = (uint64_t)c->seed,
                                    .step = number,
-                                   .max_samples = t->plan.max_samples};
+                                   .max_samples =
+                                       t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
     uint32_t samples = 0, slices = 0;
     int rays = 0;
     double loss = 0, square = 0;
@@ -305,8 +308,17 @@ done:
 static cln_status checkpoint(cln_trainer *t)
 {
     cln_status st = CLN_OK;
+    const size_t weights = (size_t)t->pipeline.leaves * (size_t)t->pipeline.net.params;
 
     CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
+    for (size_t i = 0; i < weights; i++)
+        if (!isfinite(t->model.params[i])) {
+            st = cln_fail(CLN_DIVERGED,
+                          "training diverged: weights of step %lld are not finite; the checkpoint "
+                          "before is kept, resume from it with a lower --lr",
+                          (long long)t->model.step);
+            goto done;
+        }
     CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
     t->saved_at = cln_now();
 done:

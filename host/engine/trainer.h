@@ -21,7 +21,7 @@ typedef struct cln_trainer {
     cln_batch batch;
     cln_ray_result *results;      /* [config.rays] */
     int64_t steps;                /* budget in steps; 0 = time alone */
-    int culled;                   /* leaves culled so far in this process */
+    bool full;                    /* the next level does not fit the device: said once */
     double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
