@@ -23,7 +23,7 @@
         uint row_end, float min_alpha
 
 /* Key of one sample, or false if it is dropped: too faint, behind the camera, off the image, or in a
- * coarse pixel none of whose rows is in the band (one on the border belongs to both bands, whole). */
+ * coarse pixel outside the band of rows (bands are cut at multiples of every k). */
 HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint row_end,
                       float min_alpha, uint index, ulong *key)
 {

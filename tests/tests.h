@@ -5,6 +5,7 @@
 #define CLN_TESTS_H
 
 int test_group_adam(void);
+int test_group_regularise(void);
 int test_group_base(void);
 int test_group_camera(void);
 int test_group_checkpoint(void);

@@ -94,7 +94,10 @@ cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t byt
     buffer->mem = clCreateBuffer(device->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
     if (code != CL_SUCCESS) {
         buffer->mem = NULL;
-        st = cln_cl_failed("clCreateBuffer", code);
+        /* some drivers say "resources" for memory */
+        st = code == CL_OUT_OF_RESOURCES
+                 ? cln_fail(CLN_MEMORY, "clCreateBuffer: %s (%d)", cln_cl_name(code), (int)code)
+                 : cln_cl_failed("clCreateBuffer", code);
         cln_note("allocating %.0f MiB for %s", (double)bytes / 1048576, what);
         return st;
     }

@@ -124,9 +124,9 @@ cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *view
         cln_picture picture;
         const double start = cln_now();
 
+        CLN_TRY(cln_strdup(&image->name, scene->views[views[i]].name));
         CLN_TRY(cln_render_view(p, views[i], scene->background, false, callbacks, &picture));
         image->seconds = cln_now() - start;
-        CLN_TRY(cln_strdup(&image->name, scene->views[views[i]].name));
         st = measure(scene, views[i], &picture, folder, image);
         cln_picture_free(&picture);
         CLN_TRY(st);

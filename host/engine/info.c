@@ -46,8 +46,8 @@ static cln_status add_checkpoint(const char *run, json_t *about)
     json_t *levels = NULL;
     int count[CLN_MAX_LEVEL + 1] = {0};
 
-    CLN_TRY(cln_path_join(&folder, run, "checkpoint"));
-    if (!cln_is_dir(folder)) {
+    CLN_TRY(cln_path_join(&folder, run, "checkpoint/latest")); /* written after the first one */
+    if (!cln_is_file(folder)) {
         for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
             json_object_set_new(about, keys[i], json_null());
         goto done;

@@ -32,7 +32,9 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
     const double scratch = 4.0 * 256 / tune->chunk; /* of the sort, bytes an element */
 
     memset(out, 0, sizeof *out);
-    out->limit = config->device_mem > 0 ? config->device_mem : 0.9 * device->info.global_mem;
+    out->limit = 0.9 * device->info.global_mem;
+    if (config->device_mem > 0)
+        out->limit = fmin(config->device_mem, device->info.global_mem);
     out->cells = n * cells;
     out->max_samples = (size_t)samples;
     out->batch_samples = (size_t)fmin(config->batch_samples, 0.75 * samples);
