@@ -73,6 +73,8 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
     INT(n1, "n1", 64, 12, 2, 128, "stage-1 samples per leaf and axis")                             \
     INT(refresh_every, "refresh-every", 256, 256, 1, 1000000,                                      \
         "most steps between refreshes of the cached stage-1 densities")                            \
+    BOOL(rolling_refresh, "rolling-refresh", false, false,                                         \
+         "refresh a sixteenth of the leaves every 16 steps instead of all at once")                \
     ENUM(stage1, "stage1", CLN_STAGE1_SPLAT, CLN_STAGE1_GATHER, "splat|gather",                    \
          "project the stage-1 samples into the views and sort, or read them along each ray")       \
     ENUM(lists, "lists", CLN_LISTS_CSR, CLN_LISTS_CSR, "csr|padded",                               \

@@ -107,6 +107,23 @@ static void test_interrupted(void **state)
     json_decref(after);
 }
 
+/* A rolling refresh is another training, and it, too, goes on as if it had not been stopped. */
+static void test_rolling_refresh(void **state)
+{
+    cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGINT, .step = 21};
+    cln_train_result whole, resumed;
+
+    NEED_DEVICE();
+    config.rolling_refresh = true;
+    assert_ok(engine_train("rolling", false, &config, NULL, &whole));
+    assert_int_not_equal(whole.digest, engine_whole.digest);
+    assert_fails(engine_train("rolling-stopped", false, &config, &stop, &resumed), CLN_SIGINT,
+                 "--resume");
+    assert_ok(engine_train("rolling-stopped", true, &config, NULL, &resumed));
+    assert_int_equal(resumed.digest, whole.digest);
+}
+
 /* SIGTERM while test views are rendered: the training is whole, and neither evaluations nor their end
  * change it. */
 static void test_interrupted_in_evaluation(void **state)
@@ -380,6 +397,7 @@ int test_group_engine(void)
         cmocka_unit_test(test_learns),
         cmocka_unit_test(test_seed_decides),
         cmocka_unit_test(test_interrupted),
+        cmocka_unit_test(test_rolling_refresh),
         cmocka_unit_test(test_interrupted_in_evaluation),
         cmocka_unit_test(test_checkpoint_on_the_way),
         cmocka_unit_test(test_resumed_with_other_settings),

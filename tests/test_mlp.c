@@ -430,7 +430,7 @@ static void check_densities(const mlp_case *c, int n1, bool jitter)
     make_data(c, &config, &p->tune, &d);
     assert_ok(cln_pipeline_upload(p, &d.model, false));
     test_fill(p->device, &p->density, NULL, (size_t)(22 * cells) * sizeof *got);
-    assert_ok(cln_stage_refresh(p, jitter, 99, 7));
+    assert_ok(cln_stage_refresh(p, 0, p->leaves, jitter, 99, 7));
     got = test_read(p->device, &p->density, (size_t)(22 * cells) * sizeof *got, "densities");
     for (int s = 0; s < 22; s++) {
         ref_network r;

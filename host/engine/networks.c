@@ -133,16 +133,18 @@ done:
     return st;
 }
 
-cln_status cln_stage_refresh(cln_pipeline *p, bool jitter, uint64_t seed, uint32_t step)
+cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,
+                             uint32_t step)
 {
-    const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, first = 0, key = step, shake = jitter;
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, begin = (cl_uint)first, key = step,
+                  shake = jitter;
     const cl_uint per_leaf = (cl_uint)cln_groups((size_t)n1 * n1 * n1, cells);
     const cl_uint2 words = {{(cl_uint)seed, (cl_uint)(seed >> 32)}};
 
-    return CLN_LAUNCH(p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)p->leaves * per_leaf,
+    return CLN_LAUNCH(p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)count * per_leaf,
                       (size_t)p->tune.ls, CLN_ARG(p->params.mem), CLN_ARG(p->boxes.mem),
                       CLN_ARG(p->density.mem), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
-                      CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(first));
+                      CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin));
 }
 
 cln_status cln_stage_seen(cln_pipeline *p)

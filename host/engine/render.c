@@ -19,7 +19,7 @@ void cln_picture_free(cln_picture *picture)
 
 cln_status cln_render_prepare(cln_pipeline *p)
 {
-    return cln_stage_refresh(p, false, 0, 0);
+    return cln_stage_refresh(p, 0, p->leaves, false, 0, 0);
 }
 
 /* Rays [first, first + n) of the view in reading order; *done of them were rendered. */

@@ -47,7 +47,7 @@ cln_status cln_check_densities(cln_checks *c)
     CLN_TRY(cln_alloc(&got, (size_t)(2 * cells), sizeof *got, "self-test"));
     CLN_TRY(cln_alloc(&want, (size_t)(2 * cells), sizeof *want, "self-test"));
     CLN_TRY(cln_check_spoil(p->device, &p->density, (size_t)(leaves * cells) * sizeof *density));
-    CLN_TRY(cln_stage_refresh(p, false, 0, 0));
+    CLN_TRY(cln_stage_refresh(p, 0, p->leaves, false, 0, 0));
     CLN_TRY(cln_buffer_read(p->device, &p->density, 0, density,
                             (size_t)(leaves * cells) * sizeof *density));
     for (int i = 0; i < leaves * cells; i++)

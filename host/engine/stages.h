@@ -188,8 +188,9 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
 cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key);
 cln_status cln_stage_adam(cln_pipeline *p, double lr);
 
-/* Cached densities of all leaves; jitter: random positions in the cells, else centres. */
-cln_status cln_stage_refresh(cln_pipeline *p, bool jitter, uint64_t seed, uint32_t step);
+/* Cached densities of leaves [first, first + count); jitter: random positions in the cells, else centres. */
+cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,
+                             uint32_t step);
 
 /* Which cells some view sees (after a change of structure), and mean and peak per leaf: stats[leaf][2]
  * (reads back). */

@@ -141,23 +141,38 @@ static int64_t refresh_interval(const cln_trainer *t)
     return interval < 32 ? (most < 32 ? most : 32) : interval < most ? interval : most;
 }
 
+/* A rolling refresh takes this many steps from part to part, and parts (instant-ngp's sixteen). */
+enum { PARTS = 16 };
+
 /* Growth, refresh and culling that are due before the next step. Single leaves split or merged by the
  * integer program (model/structure.h) will come in here, after the refresh. */
 static cln_status maintain(cln_trainer *t, double fraction)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
-    bool grown = false;
+    const int64_t refresh_age = t->model.step - t->model.refresh_step;
+    cln_pipeline *p = &t->pipeline;
+    bool grown = false, full = false;
 
     if (t->model.level < cln_structure_level(c, fraction))
         CLN_TRY(grow(t, &grown));
     if (grown || t->model.step == 0 ||
-        t->model.step - t->model.refresh_step >= refresh_interval(t)) {
-        CLN_TRY(cln_stage_refresh(&t->pipeline, true, (uint64_t)c->seed, (uint32_t)t->model.step));
+        (!c->rolling_refresh && refresh_age >= refresh_interval(t))) {
+        CLN_TRY(
+            cln_stage_refresh(p, 0, p->leaves, true, (uint64_t)c->seed, (uint32_t)t->model.step));
         t->model.refresh_step = t->model.step;
-        if (!grown && fraction >= c->cull_from && t->model.step > 0)
-            CLN_TRY(cull(t));
+        full = true;
+    } else if (c->rolling_refresh && t->model.step % PARTS == 0) {
+        const int part = (int)(t->model.step / PARTS % PARTS);
+        const int first = (int)((int64_t)p->leaves * part / PARTS);
+        const int end = (int)((int64_t)p->leaves * (part + 1) / PARTS);
+
+        CLN_TRY(cln_stage_refresh(p, first, end - first, true, (uint64_t)c->seed,
+                                  (uint32_t)t->model.step));
+        full = part == PARTS - 1;
     }
+    if (full && !grown && fraction >= c->cull_from && t->model.step > 0)
+        CLN_TRY(cull(t));
 done:
     return st;
 }
