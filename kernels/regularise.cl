@@ -83,11 +83,12 @@ __kernel void regularise_gradient(const __global cln_sample *restrict samples,
     const float4 a = out[at], b = out[at + pairs];
     const float sa = boxes[samples[at].slot].w / n1, sb = boxes[samples[at + pairs].slot].w / n1;
     const float spacing = fmin(sa, sb);
-    const float ta = exp(-spacing * a.w), tb = exp(-spacing * b.w);
-    const float4 fa = (1.0f - ta) * (float4)(a.xyz, 1.0f), fb = (1.0f - tb) * (float4)(b.xyz, 1.0f);
+    const float xa = spacing * a.w, xb = spacing * b.w, ta = exp(-xa), tb = exp(-xb);
+    const float alpha = ONE_MINUS_EXP(float, xa), beta = ONE_MINUS_EXP(float, xb);
+    const float4 fa = alpha * (float4)(a.xyz, 1.0f), fb = beta * (float4)(b.xyz, 1.0f);
     const float u = uniform4(seed, STREAM_POINTS, step, i, 1u).w;
     const float4 g = sign(fa - fb) * (edge * u * 0.25f / (float)pairs);
 
-    dout[at] = (float4)(g.xyz * (1.0f - ta), spacing * ta * (dot(g.xyz, a.xyz) + g.w));
-    dout[at + pairs] = (float4)(-g.xyz * (1.0f - tb), -spacing * tb * (dot(g.xyz, b.xyz) + g.w));
+    dout[at] = (float4)(g.xyz * alpha, spacing * ta * (dot(g.xyz, a.xyz) + g.w));
+    dout[at + pairs] = (float4)(-g.xyz * beta, -spacing * tb * (dot(g.xyz, b.xyz) + g.w));
 }

@@ -35,7 +35,7 @@ static double difference(const double a[4], const double b[4], double spacing, d
                          bool of_b)
 {
     double low[2][4], high[2][4];
-    const double h = 1e-6 * fmax(1, fabs(of_b ? b[c] : a[c]));
+    const double h = 1e-7 * fmax(1e-3, fabs(of_b ? b[c] : a[c])); /* well inside the kinks */
 
     for (int k = 0; k < 4; k++) {
         low[0][k] = high[0][k] = a[k];
