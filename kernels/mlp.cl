@@ -80,6 +80,9 @@
 #error "TS and VW must divide NB"
 #endif
 
+/* Rows of a block that are worked on: the count, up to whole tiles and whole vectors. */
+#define PADDED(count) (((((count) + TS - 1) / TS * TS) + VW - 1) / VW * VW)
+
 #if LS > 1
 #define GROUP_SYNC() barrier(CLK_LOCAL_MEM_FENCE)
 #else
@@ -158,13 +161,14 @@ HELPER vf cos_unit(vf x)
     return MAD(p, q, (vf)(1.0f));
 }
 
-/* gamma(x) of NB samples: x [3][NB] -> out [pad][NB]; rows 0..2 x, 3 + 6k + a sin, 6 + 6k + a cos of
- * 2^k x_a, the rest zero. Bands double the angle of the one before; every fifth starts afresh, so that
- * rounding does not grow past 2^5 ulp. */
-HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad, int lid)
+/* gamma(x) of the first `rows` samples: x [3][NB] -> out [pad][NB]; rows 0..2 x, 3 + 6k + a sin,
+ * 6 + 6k + a cos of 2^k x_a, the rest zero. Bands double the angle of the one before; every sixth starts
+ * afresh, so that rounding does not grow past 2^5 ulp. */
+HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad, int rows,
+                   int lid)
 {
     (void)level;
-    for (int s = lid * VW; s < NB; s += STEP_N) {
+    for (int s = lid * VW; s < rows; s += STEP_N) {
 #pragma unroll
         for (int a = 0; a < 3; a++) {
             const vf value = VLOAD(x + a * NB + s);
@@ -173,7 +177,7 @@ HELPER void encode(const __local float *x, int bands, int level, __local float *
             VSTORE(value, out + a * NB + s);
 #pragma unroll
             for (int k = 0; k < bands; k++) {
-                if (k > 0 && k % 5 == 0) {
+                if (k > 0 && k % 6 == 0) {
                     sine = sin(value * (float)(1 << k));
                     cosine = cos(value * (float)(1 << k));
                 } else if (k > 0) {
@@ -339,9 +343,10 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
 
     for (uint block = begin; block < end; block += NB) {
         const int count = (int)min((uint)NB, end - block), tiles = (count + TS - 1) / TS;
+        const int rows = PADDED(count);
 
         GROUP_SYNC();
-        for (int s = lid; s < NB; s += LS) {
+        for (int s = lid; s < rows; s += LS) {
             const uint cell = min(block + (uint)s, total - 1u);
             float4 xi = (float4)(0.5f);
 
@@ -353,12 +358,12 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
             at[2 * NB + s] = 2.0f * (convert_float(cell / (n1 * n1)) + xi.z) / (float)n1 - 1.0f;
         }
         GROUP_SYNC();
-        encode(at, BANDS, level, enc, ENC_PAD, lid);
+        encode(at, BANDS, level, enc, ENC_PAD, rows, lid);
         GROUP_SYNC();
         TRUNK_FORWARD(0, none)
         head(h, WIDTH, w + SIGMA_W, w + SIGMA_B, 1, at, tiles * TS, lid);
         GROUP_SYNC();
-        for (int s = lid * VW; s < NB; s += STEP_N)
+        for (int s = lid * VW; s < rows; s += STEP_N)
             VSTORE(density_value(VLOAD(at + s)), at + s);
         GROUP_SYNC();
         for (int s = lid; s < count; s += LS) {
@@ -373,15 +378,16 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
 
 /* ---- samples: where they are, in their leaf ---- */
 
-/* ids [NB], local position at [3][NB], direction along [3][NB]; samples past count repeat the last. */
+/* ids, local position at [3][NB], direction along [3][NB] of `rows` samples; those past count repeat the
+ * last. */
 HELPER void load_samples(const __global cln_sample *samples, const __global uint *order,
                          const __global float4 *ray_o, const __global float4 *ray_d, float4 box,
-                         uint start, int count, __local uint *ids, __local float *at,
+                         uint start, int count, int rows, __local uint *ids, __local float *at,
                          __local float *along, int lid)
 {
     const float scale = 2.0f / box.w;
 
-    for (int s = lid; s < NB; s += LS) {
+    for (int s = lid; s < rows; s += LS) {
         const uint id = order[start + (uint)min(s, count - 1)];
         const cln_sample sample = samples[id];
         const float4 d = ray_d[sample.ray];
@@ -402,10 +408,11 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
 /* Encodings of the samples just loaded. */
 #if VIEW > 0
 #define ENCODE_SAMPLES(box)                                                                        \
-    encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, lid);                             \
-    encode(along, VIEW_BANDS, 0, dir, DIR_PAD, lid);
+    encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, rows, lid);                       \
+    encode(along, VIEW_BANDS, 0, dir, DIR_PAD, rows, lid);
 #else
-#define ENCODE_SAMPLES(box) encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, lid);
+#define ENCODE_SAMPLES(box)                                                                        \
+    encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, rows, lid);
 #endif
 
 /* ---- forward ---- */
@@ -440,12 +447,12 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
     const __global float *w = params + (size_t)slice.slot * PARAMS;                                \
     for (uint block = 0; block < slice.count; block += NB) {                                       \
         const int count = (int)min((uint)NB, slice.count - block);                                 \
-        const int tiles = (count + TS - 1) / TS;                                                   \
+        const int tiles = (count + TS - 1) / TS, rows = PADDED(count);                             \
         __global float *kept = acts + (size_t)(slice.start + block) * ACTS;                        \
                                                                                                    \
         GROUP_SYNC();                                                                              \
         load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,  \
-                     ids, at, along, lid);                                                         \
+                     rows, ids, at, along, lid);                                                   \
         GROUP_SYNC();                                                                              \
         ENCODE_SAMPLES(boxes[slice.slot])                                                          \
         GROUP_SYNC();                                                                              \
@@ -459,7 +466,7 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
                 raw[3 * NB + s] += NOISE * normal_number(step_key, ids[s]);                        \
         }                                                                                          \
         GROUP_SYNC();                                                                              \
-        for (int s = lid * VW; s < NB; s += STEP_N) {                                              \
+        for (int s = lid * VW; s < rows; s += STEP_N) {                                            \
             for (int k = 0; k < 3; k++)                                                            \
                 VSTORE(1.0f / (1.0f + exp(-VLOAD(raw + k * NB + s))), raw + k * NB + s);           \
             VSTORE(density_value(VLOAD(raw + 3 * NB + s)), raw + 3 * NB + s);                      \
@@ -667,13 +674,13 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
 
     for (uint block = 0; block < slice.count; block += NB) {
         const int first = block == 0, count = (int)min((uint)NB, slice.count - block);
-        const int tiles = (count + TS - 1) / TS;
+        const int tiles = (count + TS - 1) / TS, rows = PADDED(count);
         const __global float *x = acts + (size_t)(slice.start + block) * ACTS;
         const __global float *x_last = x + (DEPTH - 1) * WIDTH;
 
         GROUP_SYNC();
-        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count, ids,
-                     at, along, lid);
+        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,
+                     rows, ids, at, along, lid);
         GROUP_SYNC();
         ENCODE_SAMPLES(boxes[slice.slot])
         for (int s = lid; s < tiles * TS; s += LS) {
@@ -684,7 +691,7 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
             dhead[s] = s < count ? (float4)(raw.xyz, g.w) : (float4)(0.0f);
         }
         GROUP_SYNC();
-        for (int s = lid * VW; s < NB; s += STEP_N)
+        for (int s = lid * VW; s < rows; s += STEP_N)
             VSTORE(density_gradient(VLOAD(slope + s)), slope + s);
         GROUP_SYNC();
         for (int s = lid; s < tiles * TS; s += LS)

@@ -19,26 +19,29 @@ typedef struct mlp_case {
     bool view, skip, by_level;
     int density, rrelu;
     double lower, upper;
-    bool exact; /* samples at t = 0 of rays with exact origins */
+    bool exact;   /* samples at t = 0 of rays with exact origins */
+    double noise; /* std of the density noise */
 } mlp_case;
 
 enum { SOFT = CLN_DENSITY_SOFTPLUS, RELU = CLN_DENSITY_RELU, EXP = CLN_DENSITY_EXP };
 enum { ELEMENT = CLN_RRELU_ELEMENT, NEURON = CLN_RRELU_NEURON, MEAN = CLN_RRELU_MEAN };
 
 static const mlp_case cases[] = {
-    {"small, default", 0, 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false},
-    {"small, plain", 1, 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false},
-    {"small, wide vectors", 2, 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, false},
-    {"small, items", 3, 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, false},
-    {"small, gpu", 4, 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false},
-    {"no view, plain", 1, 16, 3, 16, 2, 0, 0, 0, 0, RELU, MEAN, -.3, -.1, false},
-    {"no view, gpu", 4, 32, 6, 16, 5, 0, 0, 1, 0, SOFT, NEURON, -.3, -.1, true},
-    {"fast preset", 0, 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true},
-    {"skip, items", 3, 32, 7, 64, 8, 4, 1, 1, 1, SOFT, ELEMENT, -.3, -.1, true},
-    {"paper preset", 0, 64, 8, 256, 10, 4, 1, 1, 0, SOFT, ELEMENT, -.3, -.1, true},
-    {"paper preset, gpu", 4, 64, 8, 256, 10, 4, 1, 1, 1, EXP, MEAN, 0, 0, true},
-    {"wide, wide vectors", 2, 128, 4, 128, 10, 4, 1, 0, 1, SOFT, MEAN, -.3, -.1, true},
-    {"widest, gpu", 4, 256, 2, 256, 7, 4, 1, 0, 0, SOFT, NEURON, -.3, -.1, true},
+    {"small, default", 0, 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0},
+    {"small, plain", 1, 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
+    {"small, wide vectors", 2, 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, false, 0},
+    {"small, items", 3, 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, false, 0},
+    {"small, gpu", 4, 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
+    {"no view, plain", 1, 16, 3, 16, 2, 0, 0, 0, 0, RELU, MEAN, -.3, -.1, false, 0},
+    {"no view, gpu", 4, 32, 6, 16, 5, 0, 0, 1, 0, SOFT, NEURON, -.3, -.1, true, 0},
+    {"fast preset", 0, 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
+    {"skip, items", 3, 32, 7, 64, 8, 4, 1, 1, 1, SOFT, ELEMENT, -.3, -.1, true, 0},
+    {"paper preset", 0, 64, 8, 256, 10, 4, 1, 1, 0, SOFT, ELEMENT, -.3, -.1, true, 0},
+    {"paper preset, gpu", 4, 64, 8, 256, 10, 4, 1, 1, 1, EXP, MEAN, 0, 0, true, 0},
+    {"wide, wide vectors", 2, 128, 4, 128, 10, 4, 1, 0, 1, SOFT, MEAN, -.3, -.1, true, 0},
+    {"noise, default", 0, 16, 2, 16, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 1},
+    {"noise, gpu", 4, 32, 3, 32, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0.3},
+    {"widest, gpu", 4, 256, 2, 256, 7, 4, 1, 0, 0, SOFT, NEURON, -.3, -.1, true, 0},
 };
 
 static cln_config config_of(const mlp_case *c)
@@ -57,6 +60,7 @@ static cln_config config_of(const mlp_case *c)
     config.rrelu_scope = c->rrelu;
     config.rrelu_lower = c->lower;
     config.rrelu_upper = c->upper;
+    config.density_noise = c->noise;
     return config;
 }
 
@@ -175,6 +179,17 @@ static uint32_t hash(uint32_t x)
     return x;
 }
 
+/* mlp.cl's density noise: one normal number per sample and step (Box-Muller on two hashes). */
+static double noise_of(uint32_t step_key, uint32_t sample)
+{
+    const uint32_t a = hash((step_key ^ 0x27D4EB2Fu) + sample * 0x9E3779B9u);
+    uint32_t b = a * 0x85EBCA6Bu + 0x165667B1u;
+
+    b = (b ^ b >> 16) * 0x21F0AAADu;
+    b ^= b >> 15;
+    return sqrt(-2 * log(((a >> 8) + 1) * 0x1p-24)) * cos(2 * M_PI * (b >> 8) * 0x1p-24);
+}
+
 /* [depth][width], then [view_width] */
 static void make_slopes(const mlp_case *c, const cln_network *net, uint32_t step_key,
                         uint32_t sample, double *slopes)
@@ -223,17 +238,20 @@ static void run_reference(const mlp_case *c, const cln_config *config, const mlp
 {
     const cln_network *net = &d->model.net;
     double slopes[8 * 256 + 256], *use = training && c->rrelu != MEAN ? slopes : NULL;
-    float *boxes = NULL;
+    float *boxes = NULL, *params = test_alloc((size_t)net->params, sizeof *params);
 
     assert_ok(cln_octree_boxes(&d->model.tree, &boxes));
     for (uint32_t i = 0; i < d->n; i++) {
         const int slot = d->samples[i].slot;
-        const float *box = boxes + 4 * slot, *params = d->model.params + slot * net->params;
+        const float *box = boxes + 4 * slot;
         const sample_input in = input_of(d, i, box);
         const double dout[4] = {d->dout[i][0], d->dout[i][1], d->dout[i][2], d->dout[i][3]};
         ref_network r;
 
         make_reference(c, config, net, d->model.tree.level[d->model.tree.leaf[slot]], &r);
+        memcpy(params, d->model.params + slot * net->params, (size_t)net->params * sizeof *params);
+        if (training) /* noise on the head's output is noise on its bias */
+            params[net->sigma_b] += (float)(c->noise * noise_of(step_key, i));
         if (use)
             make_slopes(c, net, step_key, i, slopes);
         ref_forward(&r, params, in.local, in.dir, use, (c->lower + c->upper) / 2, out[i]);
@@ -242,6 +260,7 @@ static void run_reference(const mlp_case *c, const cln_config *config, const mlp
                          grads + slot * net->params);
     }
     free(boxes);
+    free(params);
 }
 
 /* ---- comparisons ---- */
