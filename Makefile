@@ -3,7 +3,8 @@
 #   make demo               install what is missing, generate, train two minutes, evaluate, render
 #   make test               install what is missing, run the whole suite
 #   make lint | fmt         check, or apply, the house style
-#   make bench              install what is missing, build and run the benches
+#   make bench-programs     what the scripts in bench/ need (docs/benches.md)
+#   make bench              install what is missing, build the benches' programs, time the leaf networks
 #   make install            PREFIX=/usr/local DESTDIR=
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
@@ -27,7 +28,9 @@ CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
 # json_query.c is a program of its own, for cli.sh
 TEST_SRC := $(filter-out tests/json_query.c,$(wildcard tests/*.c))
-BENCH_SRC := $(wildcard bench/*.c)
+# bench-table: runs side by side, for the scene benches
+TABLE_SRC := bench/table.c bench/plot.c
+BENCH_SRC := $(filter-out $(TABLE_SRC),$(wildcard bench/*.c))
 LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
@@ -35,7 +38,8 @@ DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
             $(filter-out %/make_scene.o,$(DATA_OBJ))
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) tests/json_query.c
+TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) tests/json_query.c
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 
 SAY = $(if $V,,@echo "  $1";)
@@ -59,6 +63,9 @@ $B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench: $(BENCH_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/obj/%.o: %.c
@@ -123,10 +130,13 @@ fmt:
 	@tests/deps.sh lint
 	$(CLANG_FORMAT) -i $(ALL_SRC) $(wildcard host/*/*.h include/*.h tests/*.h bench/*.h data/*.h)
 
-bench:
-	@tests/deps.sh build
-	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/bench
+bench: bench-programs
 	build/bench $(BENCH)
+
+bench-programs:
+	@tests/deps.sh build
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query build/bench \
+	    build/bench-table
 
 install: all
 	install -d $(DESTDIR)$(PREFIX)/bin
@@ -140,4 +150,4 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test lint fmt bench install clean
+.PHONY: all FORCE deps demo test lint fmt bench bench-programs install clean

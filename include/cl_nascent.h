@@ -61,13 +61,16 @@ typedef struct cln_callbacks {
 typedef struct cln_train_desc {
     const char *scene; /* NULL with resume: the run's own */
     const char *run;
-    const char *preset; /* for the record: "fast", "paper" */
+    const char *preset; /* for the record: "fast", "paper", "nerf", "kilonerf" */
     bool resume;
     bool skip_selftest;
     cln_config
         config; /* with resume: what the run should now have; the network's shape must agree */
     cln_device_desc device;
     const char *command; /* command line, for run.json; may be NULL */
+    /* The integer program of each structure decision goes to this file, in LP format, over the one
+     * before; NULL = nowhere. */
+    const char *dump_program;
     cln_callbacks callbacks;
 } cln_train_desc;
 
@@ -108,7 +111,7 @@ typedef struct cln_eval_desc {
     const char *scene; /* NULL = the one it was trained on */
     const char *split; /* "train", "val", "test" */
     int max_images;    /* evenly chosen; 0 = all */
-    bool save_images;  /* renders, truths and errors under RUN/eval/ */
+    bool save_images;  /* renders, truths, errors and pictures of the tree under RUN/eval/ */
     cln_device_desc device;
     cln_callbacks callbacks;
 } cln_eval_desc;
@@ -143,6 +146,24 @@ typedef struct cln_render_result {
 /* OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (to look at),
  * NAME.opacity.png; names as the dataset's, or orbit_0000. */
 cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
+
+typedef struct cln_export_desc {
+    const char *run;
+    const char *octree; /* the PLY file to write */
+    const char *colour; /* "level" or "error"; NULL = "level" */
+    bool overwrite;     /* else a file that is there is CLN_OUTPUT */
+} cln_export_desc;
+
+enum { CLN_LEVELS = 6 }; /* levels that a tree can have */
+
+typedef struct cln_export_result {
+    int64_t step;
+    int leaves, levels[CLN_LEVELS]; /* active leaves, and how many of each level */
+} cln_export_result;
+
+/* The active leaves of the newest checkpoint as boxes in the scene's coordinates (docs/formats.md). Needs
+ * no device. */
+cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text (the caller frees it) about a scene or a run. */
 cln_status cln_info_scene(const char *scene, const cln_config *config, char **json);

@@ -27,6 +27,7 @@ enum { CLN_LISTS_CSR, CLN_LISTS_PADDED };
 enum { CLN_CDF_SIGMA, CLN_CDF_WEIGHT };
 enum { CLN_ALLOCATE_CHORD, CLN_ALLOCATE_WEIGHT };
 enum { CLN_CULL_GUARDED, CLN_CULL_MEAN };
+enum { CLN_WEIGHT_MASK, CLN_WEIGHT_VISIBILITY };
 enum { CLN_LOSS_L2, CLN_LOSS_HUBER };
 enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 
@@ -55,18 +56,45 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "bound of the initial weights")
 
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
-#define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                          \
-    INT(start_level, "start-level", 1, 2, 0, 5, "level of the full tree at the first step")   \
-    TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.03,4:0.1,5:0.4",                       \
-         "growth: LEVEL:FRACTION of the budget, comma separated")                             \
-    ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                    \
-         "cull empty leaves with the two guards, or by the mean density alone")               \
-    REAL(cull_mean, "cull-mean", 0.01, 0.5, 0, 1e6,                                           \
-         "cull below this mean density of seen samples")                                      \
-    REAL(cull_max, "cull-max", 0.05, 0.05, 0, 1e6,                                            \
-         "guard: and only where every sample's density x spacing is below this")              \
-    INT(cull_strikes, "cull-strikes", 2, 2, 1, 100, "guard: in this many consecutive checks") \
-    REAL(cull_from, "cull-from", 0.067, 0.02, 0, 1, "no culling before this fraction of the budget")
+#define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                            \
+    INT(start_level, "start-level", 1, 2, 0, 5, "level of the full tree at the first step")     \
+    TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.03,4:0.1,5:0.4",                         \
+         "growth: LEVEL:FRACTION of the budget, comma separated")                               \
+    ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                      \
+         "cull empty leaves with the two guards, or by the mean density alone")                 \
+    REAL(cull_mean, "cull-mean", 0.01, 0.5, 0, 1e6,                                             \
+         "cull below this mean density of seen samples")                                        \
+    REAL(cull_max, "cull-max", 0.05, 0.05, 0, 1e6,                                              \
+         "guard: and only where every sample's density x spacing is below this")                \
+    INT(cull_strikes, "cull-strikes", 2, 2, 1, 100, "guard: in this many consecutive checks")   \
+    REAL(cull_from, "cull-from", 0.067, 0.02, 0, 1,                                             \
+         "no culling before this fraction of the budget")                                       \
+    ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
+         "mean density of a leaf: over samples that a view sees, or weighted by how well")      \
+    BOOL(adaptive, "adaptive", true, true,                                                      \
+         "split and merge single leaves by the integer program, besides growth by level")       \
+    INT(max_leaves, "max-leaves", 1024, 2048, 1, 262144, "adaptive: most leaves")               \
+    INT(max_level, "max-level", 5, 5, 0, 5, "adaptive: deepest level")                          \
+    REAL(structure_from, "structure-from", 0.233, 0.14, 0, 1,                                   \
+         "adaptive: no change before this fraction of the budget")                              \
+    REAL(structure_every, "structure-every", 0.0334, 0.05, 1e-4, 1,                             \
+         "adaptive: fraction of the budget from one decision to the next")                      \
+    REAL(structure_until, "structure-until", 0.6, 0.6, 0, 1,                                    \
+         "adaptive: the tree is frozen from this fraction of the budget on")                    \
+    REAL(structure_wait, "structure-wait", 0.95, 0, 0, 1,                                       \
+         "adaptive: wait while the error still falls below this share of what it was")          \
+    INT(split_samples, "split-samples", 2000, 2000, 0, 1000000000,                              \
+        "adaptive: no split of a leaf that met fewer samples since the last decision")          \
+    REAL(split_factor, "split-factor", 0.75, 0.75, 0, 100,                                      \
+         "adaptive: cost of a split leaf, as a share of the leaf's")                            \
+    REAL(merge_factor, "merge-factor", 1.1, 1.1, 0, 100,                                        \
+         "adaptive: cost of a merged leaf, as a multiple of its children's")                    \
+    INT(distil_steps, "distil-steps", 500, 500, 0, 1000000,                                     \
+        "merge: most steps of training the new leaf on samples of the old ones")                \
+    INT(distil_samples, "distil-samples", 256, 256, 8, 65536, "merge: samples per step")        \
+    REAL(distil_lr, "distil-lr", 1e-3, 1e-3, 1e-8, 1, "merge: learning rate")                   \
+    REAL(distil_stop, "distil-stop", 1e-4, 1e-4, 0, 1, "merge: stop at this loss")              \
+    TEXT(tree_from, "tree-from", "", "", "take over the tree of this run and keep it as it is")
 
 /* Stage 1 and stage 2 sampling (method.md sections 4 to 7). */
 #define CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                           \

@@ -8,6 +8,8 @@
  *
  * RAY_BACKGROUND 0 | 1   one background for all rays, or one each
  * LOSS 0 l2 | 1 huber;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built in
+ * MEASURES 0 | 1 | 3   per sample for the structure optimisation (12.3): nothing; its share of the ray's
+ *                      error; and T sigma delta, T delta (density weighted by transmittance)
  */
 #ifndef LOSS
 #define RAY_BACKGROUND 1
@@ -15,6 +17,13 @@
 #define CAUCHY 1
 #define OPACITY 1
 #define DISTORT 1
+#define MEASURES 3
+#endif
+
+#if MEASURES > 0
+#define MEASURE_ARGUMENT , __global float *restrict measures /* [sample][MEASURES] */
+#else
+#define MEASURE_ARGUMENT
 #endif
 
 /* sigma delta >= 0, clamped; a NaN stays visible (clamp() would hide it). */
@@ -65,7 +74,8 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
                               const __global float4 *restrict targets,     /* [ray] */
                               __global float4 *restrict dout,              /* [sample] */
                               __global cln_ray_result *restrict results, uint n, float scale,
-                              float huber, float cauchy, float opacity_weight, float distort)
+                              float huber, float cauchy, float opacity_weight,
+                              float distort MEASURE_ARGUMENT)
 {
     const uint r = get_global_id(0);
 
@@ -75,6 +85,9 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
     const float4 back = BACKGROUND(r);
     float through = 1.0f, opacity = 0.0f, moment = 0.0f, loss, extra = 0.0f;
     float4 colour = (float4)(0.0f), g, difference;
+#if MEASURES > 0
+    float length = 0.0f; /* of the ray in the leaves it was sampled in: their deltas sum to chords */
+#endif
 
     for (uint i = begin; i < end; i++) { /* T_i and alpha_i are kept in dout until the way back */
         const float4 o = out[i];
@@ -87,6 +100,9 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         opacity += weight;
         moment = MAD(weight, samples[i].t, moment);
         through *= 1.0f - alpha;
+#if MEASURES > 0
+        length += samples[i].delta;
+#endif
     }
     colour = MAD((float4)(through), back, colour);
     difference = colour - targets[r];
@@ -141,6 +157,14 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         d.w = delta * (kept.x * (1.0f - kept.y) * gain - rest) + direct;
         rest = MAD(weight, gain, rest);
         dout[i] = d * scale;
+#if MEASURES > 0
+        /* what was seen through blames the leaves that it was seen through, by length */
+        measures[i * MEASURES] = square * (weight + through * delta / fmax(length, CLN_MIN_CHORD));
+#endif
+#if MEASURES == 3
+        measures[i * 3u + 1u] = kept.x * o.w * delta;
+        measures[i * 3u + 2u] = kept.x * delta;
+#endif
     }
     const cln_ray_result result = {colour.x, colour.y,     colour.z, moment / fmax(opacity, 1e-10f),
                                    opacity,  loss + extra, square,   0.0f};

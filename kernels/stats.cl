@@ -1,5 +1,15 @@
-/* What the structure decisions need from the cached stage-1 densities (method.md 12.3): per leaf the
- * mean over samples that some training view sees, and the peak. */
+/* What the structure decisions need (method.md 12.3): from the cached stage-1 densities, per leaf the
+ * mean over samples that some training view sees, and the peak; from a training step, sums over its
+ * samples of what composite.cl measured (twins: host/reference/composite.c, stats in the tests).
+ *
+ * MEASURES 0 | 1 | 3   numbers per sample (composite.cl);  LS   work-items per leaf
+ */
+#ifndef MEASURES
+#define MEASURES 3
+#define LS 4
+#endif
+
+#define SUMS 3 /* pairs kept per leaf, whatever is measured */
 
 /* seen[leaf][cell] = 1 if the cell's centre projects into a view. */
 __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
@@ -44,3 +54,57 @@ __kernel void stats_leaf(const __global ushort *restrict density, const __global
         }
     stats[leaf] = (float2)(count ? sum / (float)count : 0.0f, peak);
 }
+
+#if MEASURES > 0
+/* sums[leaf][q] += sum of measures[sample][q] over the leaf's samples among the first `composited`, met[leaf]
+ * += their number. One group per leaf, partial sums added in order; {sum, compensation} (Kahan), since a
+ * sum grows over thousands of steps. */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+leaf_measure(const __global uint *restrict begin, const __global uint *restrict end, /* [leaf] */
+             const __global uint *restrict order,       /* [grouped sample] -> sample */
+             const __global float *restrict measures,   /* [sample][MEASURES] */
+             __global float2 *restrict sums,            /* [leaf][SUMS] */
+             __global int *restrict met,                /* [leaf] */
+             uint composited)
+{
+    __local float part[LS * MEASURES];
+    __local int counts[LS];
+    const uint leaf = get_group_id(0), lid = get_local_id(0);
+    float sum[MEASURES];
+    int count = 0;
+
+    for (int q = 0; q < MEASURES; q++)
+        sum[q] = 0.0f;
+    for (uint i = begin[leaf] + lid; i < end[leaf]; i += LS) {
+        const uint id = order[i];
+
+        if (id >= composited)
+            continue;
+        for (int q = 0; q < MEASURES; q++)
+            sum[q] += measures[id * MEASURES + q];
+        count++;
+    }
+    for (int q = 0; q < MEASURES; q++)
+        part[lid * MEASURES + q] = sum[q];
+    counts[lid] = count;
+#if LS > 1
+    barrier(CLK_LOCAL_MEM_FENCE);
+#endif
+    if (lid > 0)
+        return;
+    for (int other = 1; other < LS; other++)
+        count += counts[other];
+    met[leaf] = min(met[leaf], INT_MAX - count) + count;
+    for (int q = 0; q < MEASURES; q++) {
+        const float2 old = sums[leaf * SUMS + q];
+        float add = part[q];
+
+        for (int other = 1; other < LS; other++)
+            add += part[other * MEASURES + q];
+        add -= old.y;
+        const float total = old.x + add;
+
+        sums[leaf * SUMS + q] = (float2)(total, (total - old.x) - add);
+    }
+}
+#endif

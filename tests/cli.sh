@@ -1,7 +1,7 @@
 #!/bin/bash
 # The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind, its
 # exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
-#   tests/cli.sh [SECTION...]      sections: usage devices scenes train resume results damage output memory
+#   tests/cli.sh [SECTION...]      sections: usage devices scenes train structure resume results damage output memory
 #   BUILD=build/sanitize           the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -22,7 +22,8 @@ unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR
 # A network small enough for a second's training, on a tree that grows and is culled on the way.
 small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
     --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
-    --log-every 1 --cull-from 0.3)
+    --log-every 1 --cull-from 0.3 --max-leaves 60 --structure-from 0.5 --structure-every 0.1
+    --structure-until 0.95 --split-samples 0 --distil-steps 20)
 steps=300
 
 # ---- checks ----
@@ -119,8 +120,17 @@ printed_another() {
     [ -n "$d" ] && [ "$d" != "$whole" ]
 }
 
+# Rows of the steps, and of the structure decisions, of a run.
+step_rows() {
+    grep -v '"event"' "$1/metrics.jsonl"
+}
+
+decision_rows() {
+    grep '"event":"structure"' "$1/metrics.jsonl"
+}
+
 every_step_once() {
-    cmp -s <("$query" -l step <"$1/metrics.jsonl") <(seq "$2")
+    cmp -s <(step_rows "$1" | "$query" -l step) <(seq "$2")
 }
 
 rows_of() {
@@ -173,10 +183,10 @@ section_usage() {
     expect "--version" 0 "" "$cln" --version
     check "--version names the program" grep -q '^cl-nascent [0-9]' "$work/out"
     expect "--help" 0 "" "$cln" --help
-    for c in train eval render info devices selftest; do
+    for c in train eval render info export devices selftest; do
         check "--help names $c" grep -qw "$c" "$work/out"
     done
-    for c in train eval render info devices selftest; do
+    for c in train eval render info export devices selftest; do
         expect "$c --help" 0 "" "$cln" $c --help
         check "$c --help goes to stdout alone" [ -s "$work/out" -a ! -s "$work/err" ]
     done
@@ -188,6 +198,8 @@ section_usage() {
     expect "word that is not offered" 2 "loss l2" "$cln" train s -o r --loss l3
     expect "train without an output" 2 "output|-o" "$cln" train s
     expect "eval without a run" 2 "RUN" "$cln" eval
+    expect "export without a file" 2 "--octree" "$cln" export r
+    expect "export in a colour that is not offered" 2 "colour level" "$cln" export r --octree f --colour red
     check "wrong usage leaves stdout empty" [ ! -s "$work/out" ]
 }
 
@@ -301,8 +313,8 @@ section_train() {
         check "a run leaves $f" [ -s "$work/whole/$f" ]
     done
     check "metrics.jsonl has every step once" every_step_once "$work/whole" $steps
-    check "its losses are numbers" [ "$("$query" -l loss <"$work/whole/metrics.jsonl" | grep -cE '^[0-9.e+-]+$')" = $steps ]
-    check "training makes the loss smaller" eval '"$query" -l loss <"$work/whole/metrics.jsonl" |
+    check "its losses are numbers" [ "$(step_rows "$work/whole" | "$query" -l loss | grep -cE '^[0-9.e+-]+$')" = $steps ]
+    check "training makes the loss smaller" eval 'step_rows "$work/whole" | "$query" -l loss |
         awk "NR <= 20 { a += \$1 } { last[NR % 20] = \$1 } END { for (i in last) b += last[i]; exit !(b < 0.7 * a) }"'
     check "run.json says done" [ "$("$query" state <"$work/whole/run.json")" = "done" ]
 
@@ -332,6 +344,41 @@ section_train() {
     check "distorted images" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
     run "$cln" train "$work/blender" -o "$work/splat" "${small[@]}" --steps 60 --stage1 splat --json
     check "--stage1 splat" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
+}
+
+# The adaptive tree on the demo object: what a decision costs in PSNR, its program against a MIP solver,
+# and what the tree looks like from outside.
+section_structure() {
+    local r=$work/grown lp=$work/last.lp
+    scene demo --size 80 --train 24 --test 3
+    run "$cln" train "$work/demo" -o "$r" --skip-selftest --progress none --width 16 --view-width 16 \
+        --steps 1000 --start-level 2 --level-at 3:0.2 --n1 8 --rays 512 --refresh-every 64 --log-every 100 \
+        --cull-from 0.1 --max-leaves 150 --structure-from 0.4 --structure-every 0.1 \
+        --structure-until 0.95 --split-samples 100 --dump-program "$lp" -v
+    check "train with an adaptive tree" [ $rc = 0 ]
+    cp "$work/err" "$work/grown.log"
+    check "six decisions are rows" [ "$(decision_rows "$r" | wc -l)" = 6 ]
+    check "six decisions are in the log" [ "$(grep -c 'objective' "$work/grown.log")" = 6 ]
+    decision_rows "$r" | "$query" -l psnr_before >"$work/before"
+    decision_rows "$r" | "$query" -l psnr_after >"$work/after"
+    decision_rows "$r" | "$query" -l psnr_pretrained >"$work/pretrained"
+    decision_rows "$r" | "$query" -l merged >"$work/merged"
+    decision_rows "$r" | "$query" -l split >"$work/split"
+    paste "$work/before" "$work/after" "$work/pretrained" "$work/merged" "$work/split" >"$work/out"
+    check "there were splits and merges" awk '{ m += $4; s += $5 } END { exit !(m > 0 && s > 0) }' "$work/out"
+    check "a split alone costs less than 0.05 dB" awk '$4 == 0 && $5 > 0 && $1 - $2 >= 0.05 { bad = 1 } END { exit bad }' "$work/out"
+    check "merges cost less than 0.3 dB once trained" awk '$4 > 0 && $1 - $3 >= 0.3 { bad = 1 } END { exit bad }' "$work/out"
+    decision_rows "$r" | "$query" -l leaves >"$work/leaves"
+    check "leaves stay in the budget" awk '$1 > 150 { bad = 1 } END { exit bad }' "$work/leaves"
+    if command -v glpsol >/dev/null; then
+        run glpsol --lp "$lp" --output "$work/solution"
+        check "a MIP solver finds the same optimum" awk \
+            -v want="$(decision_rows "$r" | tail -1 | "$query" objective)" \
+            '/^Objective:/ { found = 1; d = $4 - want } END { exit !(found && d * d <= 1e-10 * want * want) }' \
+            "$work/solution"
+    else
+        skip "a MIP solver finds the same optimum" "no glpsol"
+    fi
 }
 
 section_resume() {
@@ -378,7 +425,7 @@ section_resume() {
 }
 
 section_results() {
-    local frames
+    local frames leaves
     baseline
     expect "eval" 0 "" "$cln" eval "$work/whole"
     check "eval prints a table with the names" grep -q 'r_002' "$work/out"
@@ -401,6 +448,9 @@ section_results() {
     for f in .png .truth.png .error.png; do
         check "eval leaves NAME$f" [ -s "$work/whole/eval/00000300-test/test_r_001$f" ]
     done
+    check "eval leaves pictures of the tree" [ -s "$work/whole/eval/00000300-test/test_r_000.tree.png" ]
+    check "and says what they show" [ "$("$query" leaves <"$work/whole/eval/00000300-test/tree.json")" = \
+        "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
     check "the mean is the images' mean" awk -v m="$(json mean.psnr)" -v a="$(json images.0.psnr)" \
         -v b="$(json images.1.psnr)" -v c="$(json images.2.psnr)" \
         'BEGIN { d = m - (a + b + c) / 3; exit !(d < 1e-9 && d > -1e-9) }'
@@ -432,6 +482,31 @@ section_results() {
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 -o "$work/orbit" --json
     check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
     expect "eval of what is no run" 3 "blender" "$cln" eval "$work/blender"
+
+    expect "export, without any device" 0 "" env OCL_ICD_VENDORS="$work/nowhere" \
+        "$cln" export "$work/whole" --octree "$work/tree.ply" --json
+    check "export --json is one document" [ "$(json schema)" = cl-nascent.export/1 ]
+    leaves=$(json leaves)
+    check "it has the run's leaves" [ "$leaves" = "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
+    check "of six levels" [ "$(json levels)" = "array 6" ]
+    check "the file is PLY with eight vertices a leaf" \
+        grep -aqx "element vertex $((8 * leaves))" "$work/tree.ply"
+    check "and as long as it should be" [ "$(stat -c %s "$work/tree.ply")" = \
+        $(($(sed '/^end_header$/q' "$work/tree.ply" | wc -c) + leaves * (8 * 20 + 6 * 17))) ]
+    cp "$work/tree.ply" "$work/before.ply"
+    expect "export to a file that is there" 7 "tree.ply --overwrite" \
+        "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error
+    check "it is left as it was" cmp -s "$work/tree.ply" "$work/before.ply"
+    expect "export --overwrite" 0 "" "$cln" export "$work/whole" --octree "$work/tree.ply" --overwrite
+    check "export says how many leaves" grep -q "leaves" "$work/out"
+    check "same model, same bytes" cmp -s "$work/tree.ply" "$work/before.ply"
+    expect "export by error" 0 "" \
+        "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error --overwrite
+    check "it says so" grep -aq "coloured by error" "$work/tree.ply"
+    expect "export of what is no run" 3 "blender" "$cln" export "$work/blender" --octree "$work/none.ply"
+    expect "export of a run that is not there" 3 "nowhere" \
+        "$cln" export "$work/nowhere" --octree "$work/none.ply"
+    check "nothing is written then" [ ! -e "$work/none.ply" ]
     expect "info RUN" 0 "" "$cln" info "$work/whole"
     check "info RUN tells the digest" grep -q "${whole:-none}" "$work/out"
     check "the report holds pictures and refers to nothing outside" eval \
@@ -530,7 +605,7 @@ for program in "$cln" "$make_scene" "$query"; do
     fi
 done
 sections=("$@")
-[ $# = 0 ] && sections=(usage devices scenes train resume results damage output memory)
+[ $# = 0 ] && sections=(usage devices scenes train structure resume results damage output memory)
 for s in "${sections[@]}"; do
     if [ "$(type -t "section_$s")" != function ]; then
         echo "cli.sh: no section $s" >&2

@@ -135,6 +135,7 @@ static inline cln_config engine_config(void)
     config.view_bands = 1;
     config.start_level = 1;
     config.level_at[0] = 0;
+    config.adaptive = false;
     config.n1 = 6;
     config.rays = 256;
     config.batch_samples = 2048;

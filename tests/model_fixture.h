@@ -63,6 +63,15 @@ static inline void make_model(int64_t step, cln_model *model)
         model->adam_steps[i] = (int32_t)draw(&counter);
     for (size_t i = 0; i < leaves * N1 * N1 * N1; i++)
         model->density[i] = (uint16_t)draw(&counter);
+    fill(model->sums, leaves * CLN_MEASURES * 2, &counter);
+    fill(model->error, leaves, &counter);
+    fill(model->saved, leaves, &counter);
+    for (size_t i = 0; i < leaves; i++)
+        model->met[i] = (int32_t)draw(&counter);
+    model->sum_rays = step * 3;
+    model->sum_square = 1.0 / 7;
+    model->last_square = 2.0 / 7;
+    model->decisions = 5;
     model->tree.strikes[model->tree.leaf[0]] = 1;
     model->centre[0] = 0.1 + 0.2;
     model->centre[1] = -1.0 / 3;

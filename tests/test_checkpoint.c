@@ -63,6 +63,12 @@ static void same_model(const cln_model *a, const cln_model *b, bool training)
     same_bytes(a->adam_v, b->adam_v, floats);
     same_bytes(a->adam_steps, b->adam_steps, leaves * 4);
     same_bytes(a->density, b->density, leaves * N1 * N1 * N1 * 2);
+    same_bytes(a->sums, b->sums, leaves * CLN_MEASURES * 2 * sizeof(float));
+    same_bytes(a->met, b->met, leaves * 4);
+    same_bytes(a->saved, b->saved, leaves * 4);
+    assert_int_equal(a->sum_rays, b->sum_rays);
+    assert_true(a->sum_square == b->sum_square && a->last_square == b->last_square);
+    assert_int_equal(a->decisions, b->decisions);
 }
 
 /* ---- round trips ---- */
@@ -241,7 +247,7 @@ static void test_edited_by_hand(void **state)
                                            {"\"level\": 2", "\"level\": 5"},
                                            {"\"seed\": 42", "\"seed\": 43"},
                                            {"\"has_alpha\": false", "\"has_alpha\": true "},
-                                           {"checkpoint/1", "checkpoint/2"}};
+                                           {"checkpoint/2", "checkpoint/3"}};
     const char *run = *state, *path = scratch_path(run, "checkpoint/00000002.json");
     size_t bytes = 0;
     char *text = NULL;
@@ -328,7 +334,7 @@ static void forge(const char *run, int count, const cln_tensor *tensors)
 
 static void test_forged(void **state)
 {
-    enum { OCTREE, PARAMS, M, V, STEPS, DENSITY, COUNT };
+    enum { OCTREE, PARAMS, M, V, STEPS, DENSITY, ERROR, SUMS, MET, SAVED, COUNT };
     const char *run = *state;
     cln_model model;
     int32_t *rows = NULL, *bad_rows = NULL;
@@ -349,6 +355,10 @@ static void test_forged(void **state)
     good[V] = (cln_tensor){"adam_v", CLN_DTYPE_F32, 2, {leaves, stride}, model.adam_v};
     good[STEPS] = (cln_tensor){"adam_steps", CLN_DTYPE_I32, 1, {leaves}, model.adam_steps};
     good[DENSITY] = (cln_tensor){"density", CLN_DTYPE_BF16, 4, {leaves, 3, 3, 3}, model.density};
+    good[ERROR] = (cln_tensor){"leaf_error", CLN_DTYPE_F32, 1, {leaves}, model.error};
+    good[SUMS] = (cln_tensor){"leaf_sums", CLN_DTYPE_F32, 3, {leaves, CLN_MEASURES, 2}, model.sums};
+    good[MET] = (cln_tensor){"leaf_met", CLN_DTYPE_I32, 1, {leaves}, model.met};
+    good[SAVED] = (cln_tensor){"leaf_saved", CLN_DTYPE_F32, 1, {leaves}, model.saved};
     forge(run, COUNT, good);
     expect_step(run, 2, 0, "forged, but right");
 #define FORGED(what, change)           \
@@ -363,7 +373,7 @@ static void test_forged(void **state)
         FORGED("tensor missing", bad[i].name = "other");
         FORGED("one row less", bad[i].shape[0]--);
         FORGED("no rows", bad[i].shape[0] = 0);
-        if (i != STEPS)
+        if (good[i].dims > 1)
             FORGED("one dimension less",
                    (bad[i].dims--, bad[i].shape[bad[i].dims - 1] *= good[i].shape[bad[i].dims]));
     }

@@ -88,18 +88,89 @@ static void test_presets(void **state)
     assert_int_equal(paper.stage1, CLN_STAGE1_SPLAT);
     assert_int_equal(fast.stage1, CLN_STAGE1_GATHER);
     assert_string_equal(paper.background, "white");
-    assert_failed(cln_config_preset("slow", &config), CLN_USAGE, "--preset|slow|fast|paper");
+    assert_failed(cln_config_preset("slow", &config), CLN_USAGE,
+                  "--preset|slow|fast|paper|nerf|kilonerf");
     assert_same(&paper, &config);
     assert_int_equal(cln_config_check(&paper), CLN_OK);
     assert_int_equal(cln_config_check(&fast), CLN_OK);
 }
 
+/* Is `word` one of "a b c"? */
+static bool is_among(const char *words, const char *word)
+{
+    const size_t length = strlen(word);
+
+    for (const char *at = strstr(words, word); at; at = strstr(at + 1, word)) {
+        if ((at == words || at[-1] == ' ') && (at[length] == ' ' || at[length] == 0))
+            return true;
+    }
+    return false;
+}
+
+/* The baselines: their shape, and that they are the fast preset in every row not named here. */
+static void test_baselines(void **state)
+{
+    static const struct {
+        const char *name, *rows;
+    } cases[] = {
+        {"nerf",
+         "start-level level-at adaptive cull-from width depth skip view-width bands view-bands "
+         "rrelu-lower rrelu-upper lr lr-final beta2 epsilon n1 refresh-every cdf "
+         "samples-per-leaf samples-per-ray min-leaf-samples"},
+        {"kilonerf", "start-level level-at adaptive width depth skip view-width bands view-bands "
+                     "rrelu-lower rrelu-upper"},
+    };
+    const cln_config fast = preset("fast"), nerf = preset("nerf"), kilonerf = preset("kilonerf");
+    double fraction[6];
+
+    (void)state;
+    for (size_t k = 0; k < sizeof cases / sizeof cases[0]; k++) {
+        const cln_config config = preset(cases[k].name);
+
+        assert_int_equal(cln_config_check(&config), CLN_OK);
+        assert_false(config.adaptive);
+        assert_true(config.rrelu_lower == 0 && config.rrelu_upper == 0); /* ReLU */
+        assert_int_equal(config.bands, 10);
+        assert_int_equal(config.view_bands, 4);
+        assert_true(config.view_dependence);
+        assert_int_equal(cln_config_levels(&config, fraction), CLN_OK);
+        for (int level = 0; level < 6; level++)
+            assert_true(fraction[level] == 2); /* the tree does not grow */
+        for (int i = 0; i < cln_config_row_count; i++) {
+            if (!is_among(cases[k].rows, cln_config_rows[i].option))
+                assert_same_row(&fast, &config, &cln_config_rows[i]);
+        }
+    }
+    assert_int_equal(nerf.start_level, 0);
+    assert_true(nerf.cull_from == 1); /* its one leaf stays */
+    assert_int_equal(nerf.width, 256);
+    assert_int_equal(nerf.depth, 8);
+    assert_int_equal(nerf.view_width, 128);
+    assert_true(nerf.skip);
+    assert_int_equal(nerf.samples_per_leaf, 64);
+    assert_int_equal(nerf.samples_per_ray, 64);
+    assert_int_equal(nerf.cdf, CLN_CDF_WEIGHT);
+    assert_true(nerf.lr == 5e-4 && nerf.lr_final == 5e-5);
+    assert_int_equal(nerf.min_leaf_samples, 1);
+    assert_int_equal(kilonerf.start_level, 4);
+    assert_int_equal(kilonerf.width, 32);
+    assert_int_equal(kilonerf.depth, 2);
+    assert_int_equal(kilonerf.view_width, 32);
+    assert_false(kilonerf.skip);
+    assert_true(kilonerf.cull_from < 1); /* empty cells go */
+}
+
+static const char *const preset_names[] = {"paper", "fast", "nerf", "kilonerf"};
+enum { PRESETS = sizeof preset_names / sizeof preset_names[0] };
+
 /* The table itself: names unique, help there, presets inside the ranges. */
 static void test_rows(void **state)
 {
-    const cln_config both[2] = {preset("paper"), preset("fast")};
+    cln_config all[PRESETS];
 
     (void)state;
+    for (int p = 0; p < PRESETS; p++)
+        all[p] = preset(preset_names[p]);
     assert_true(cln_config_row_count > 60);
     for (int i = 0; i < cln_config_row_count; i++) {
         const cln_config_row *row = &cln_config_rows[i];
@@ -109,8 +180,8 @@ static void test_rows(void **state)
         assert_non_null(row->group);
         assert_int_equal(strspn(row->option, "abcdefghijklmnopqrstuvwxyz0123456789-"),
                          strlen(row->option));
-        for (int p = 0; p < 2; p++) {
-            const char *field = (const char *)&both[p] + row->offset;
+        for (int p = 0; p < PRESETS; p++) {
+            const char *field = (const char *)&all[p] + row->offset;
             double value = 0;
 
             if (row->type == CLN_ROW_INT)
@@ -132,13 +203,13 @@ static void test_rows(void **state)
     assert_null(cln_config_find(""));
 }
 
-/* Text of every row of one preset, set into the other one, gives the first. */
+/* Text of every row of one preset, set into another one, gives the first. */
 static void test_round_trip(void **state)
 {
     (void)state;
-    for (int p = 0; p < 2; p++) {
-        const cln_config from = preset(p ? "paper" : "fast");
-        cln_config to = preset(p ? "fast" : "paper");
+    for (int p = 0; p < PRESETS; p++) {
+        const cln_config from = preset(preset_names[p]);
+        cln_config to = preset(preset_names[(p + 1) % PRESETS]);
 
         for (int i = 0; i < cln_config_row_count; i++) {
             char text[CLN_TEXT_BYTES];
@@ -595,6 +666,9 @@ static void test_check(void **state)
         {"background", "red", "--background"},
         {"bbox", "0,0,0,1,1", "--bbox|minx"},
         {"bbox", "0,0,0,1,-1,1", "--bbox|along y"},
+        {"structure-from", "0.9", "--structure-from|0.9|--structure-until|--no-adaptive"},
+        {"structure-until", "0.01", "--structure-from|--structure-until 0.01"},
+        {"max-level", "1", "--max-level|1|--start-level 2|--no-adaptive"},
     };
 
     (void)state;
@@ -603,6 +677,30 @@ static void test_check(void **state)
 
         assert_int_equal(cln_config_set(&config, row_of(cases[i].option), cases[i].value), CLN_OK);
         assert_failed(cln_config_check(&config), CLN_USAGE, cases[i].words);
+    }
+    for (int max = 3; max <= 4; max++) {
+        cln_config config = preset("fast");
+
+        config.max_level = max;
+        snprintf(config.level_at, sizeof config.level_at, "3:0.1,4:0.2");
+        if (max == 4)
+            assert_int_equal(cln_config_check(&config), CLN_OK);
+        else
+            assert_failed(cln_config_check(&config), CLN_USAGE,
+                          "--max-level: 3|level 4|--level-at '3:0.1,4:0.2'|--no-adaptive");
+    }
+    /* What the adaptive rows say counts only where the tree adapts. */
+    for (int kept = 0; kept < 3; kept++) {
+        cln_config config = preset("fast");
+
+        config.max_level = 1;
+        config.structure_from = 0.9;
+        config.adaptive = kept == 0;
+        snprintf(config.tree_from, sizeof config.tree_from, "%s", kept == 1 ? "run" : "");
+        if (kept == 0)
+            assert_failed(cln_config_check(&config), CLN_USAGE, "--structure-from");
+        else
+            assert_int_equal(cln_config_check(&config), CLN_OK);
     }
     for (int width = 16; width <= 256; width *= 2) {
         cln_config config = preset("fast");
@@ -617,6 +715,7 @@ int test_group_config(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_presets),
+        cmocka_unit_test(test_baselines),
         cmocka_unit_test(test_rows),
         cmocka_unit_test(test_round_trip),
         cmocka_unit_test(test_round_trip_extremes),

@@ -11,7 +11,7 @@
 #include "engine/viewer.h"
 #include "tests.h"
 
-/* Column `key` of a run's metrics.jsonl; returns the number of rows. */
+/* Column `key` of a run's metrics.jsonl, events aside; returns the number of rows. */
 static int metrics(const char *run, const char *key, double *out, int most)
 {
     char name[64], line[4096];
@@ -24,6 +24,10 @@ static int metrics(const char *run, const char *key, double *out, int most)
     while (fgets(line, sizeof line, f)) {
         json_t *row = json_loads(line, 0, NULL);
 
+        if (json_object_get(row, "event")) {
+            json_decref(row);
+            continue;
+        }
         assert_true(json_is_number(json_object_get(row, key)));
         assert_true(rows < most);
         out[rows++] = json_number_value(json_object_get(row, key));
@@ -187,7 +191,7 @@ static double psnr_of(cln_viewer *v, const int *views, int count)
     double psnr = 0;
 
     assert_ok(cln_pipeline_upload(&v->pipeline, &v->model, false));
-    assert_ok(cln_evaluate(&v->pipeline, v->scene, views, count, NULL, NULL, &result));
+    assert_ok(cln_evaluate(&v->pipeline, NULL, v->scene, views, count, NULL, NULL, &result));
     psnr = result.psnr;
     cln_eval_free(&result);
     return psnr;
@@ -257,12 +261,166 @@ static void test_culling(void **state)
     assert_true(isfinite(all.psnr_test));
     run = engine_json("culled/run.json");
     left_out = json_dumps(engine_at(run, "left_out"), 0);
-    assert_non_null(strstr(left_out, "7 empty leaves of 8"));
+    assert_non_null(strstr(left_out, "87.5% of the cube"));
     free(left_out);
     json_decref(run);
     assert_fails(engine_train("cut", false, &config, &stop, &part), CLN_SIGINT, "");
     assert_ok(engine_train("cut", true, &config, NULL, &part));
     assert_int_equal(part.digest, all.digest);
+}
+
+/* Rows of the structure decisions of a run; the sums of their column `key`. */
+static int decisions(const char *run, const char *key, double *sum)
+{
+    char name[64], line[4096];
+    FILE *f = NULL;
+    int rows = 0;
+
+    *sum = 0;
+    snprintf(name, sizeof name, "%s/metrics.jsonl", run);
+    f = fopen(engine_path(name), "r");
+    assert_non_null(f);
+    while (fgets(line, sizeof line, f)) {
+        json_t *row = json_loads(line, 0, NULL);
+        const char *event = json_string_value(json_object_get(row, "event"));
+
+        if (event && strcmp(event, "structure") == 0) {
+            assert_true(json_is_number(json_object_get(row, key)));
+            *sum += json_number_value(json_object_get(row, key));
+            rows++;
+        }
+        json_decref(row);
+    }
+    fclose(f);
+    return rows;
+}
+
+static cln_config adaptive_config(void)
+{
+    cln_config config = engine_config();
+
+    config.adaptive = true;
+    config.start_level = 2;
+    config.max_leaves = 90;
+    config.structure_from = 0.2;
+    config.structure_every = 0.2;
+    config.structure_until = 0.9;
+    config.split_samples = 0;
+    config.merge_factor = 0.9; /* so that there is both, in a few steps */
+    config.distil_steps = 30;
+    config.distil_samples = 32;
+    return config;
+}
+
+/* The integer program at work: merges to meet the budget, then splits and merges inside it; the same bits
+ * when interrupted on the way, before, between and after decisions. */
+static void test_adaptive(void **state)
+{
+    static const int stops[] = {5, 6, 13, 25};
+    cln_config config = adaptive_config();
+    cln_train_result whole, part;
+    double sum = 0, leaves[STEPS];
+
+    NEED_DEVICE();
+    assert_ok(engine_train("adaptive", false, &config, NULL, &whole));
+    assert_true(whole.leaves <= 90 && isfinite(whole.psnr_test));
+    assert_int_equal(decisions("adaptive", "merged", &sum), 4);
+    assert_true(sum >= 1);
+    decisions("adaptive", "split", &sum);
+    assert_true(sum >= 1);
+    decisions("adaptive", "distil_steps", &sum);
+    assert_true(sum >= 25);
+    metrics("adaptive", "leaves", leaves, STEPS);
+    assert_int_equal((int)leaves[5], 64);
+    assert_true((int)leaves[6] != 64 && leaves[6] <= 90);
+    for (size_t i = 0; i < sizeof stops / sizeof stops[0]; i++) {
+        engine_stop stop = {.signal = SIGINT, .step = stops[i]};
+        char run[32];
+
+        snprintf(run, sizeof run, "adaptive-%d", stops[i]);
+        assert_fails(engine_train(run, false, &config, &stop, &part), CLN_SIGINT, "");
+        assert_ok(engine_train(run, true, &config, NULL, &part));
+        assert_int_equal(part.digest, whole.digest);
+        assert_int_equal(decisions(run, "leaves", &sum), 4);
+    }
+}
+
+/* An error that still falls makes the tree wait; densities weighted by visibility are another measure. */
+static void test_adaptive_waits(void **state)
+{
+    cln_config config = adaptive_config();
+    cln_train_result waits, weighted, again;
+    engine_stop stop = {.signal = SIGINT, .step = 14};
+    double sum = 0;
+
+    NEED_DEVICE();
+    config.structure_wait = 1;
+    assert_ok(engine_train("waits", false, &config, NULL, &waits));
+    assert_true(decisions("waits", "leaves", &sum) < 4);
+    config.structure_wait = 0;
+    config.density_weight = CLN_WEIGHT_VISIBILITY;
+    assert_ok(engine_train("weighted", false, &config, NULL, &weighted));
+    assert_true(weighted.leaves <= 90);
+    assert_fails(engine_train("weighted-cut", false, &config, &stop, &again), CLN_SIGINT, "");
+    assert_ok(engine_train("weighted-cut", true, &config, NULL, &again));
+    assert_int_equal(again.digest, weighted.digest);
+}
+
+/* A budget that no choice meets is said, and merges bring the tree as near as they can. */
+static void test_adaptive_infeasible(void **state)
+{
+    cln_config config = adaptive_config();
+    cln_train_result result;
+    double sum = 0;
+    FILE *f = NULL;
+    char line[4096] = "";
+
+    NEED_DEVICE();
+    config.max_leaves = 3;
+    assert_ok(engine_train("infeasible", false, &config, NULL, &result));
+    assert_true(decisions("infeasible", "merged", &sum) >= 1);
+    assert_true(result.leaves <= 8);
+    f = fopen(engine_path("infeasible/metrics.jsonl"), "r");
+    while (fgets(line, sizeof line, f) && !strstr(line, "\"infeasible\":true"))
+        ;
+    assert_non_null(strstr(line, "\"infeasible\":true"));
+    fclose(f);
+}
+
+/* The tree of another run, kept as it is. */
+static void test_tree_from(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result, base;
+
+    NEED_DEVICE();
+    config.adaptive = true;
+    snprintf(config.tree_from, sizeof config.tree_from, "%s", engine_path("adaptive"));
+    assert_ok(engine_train("taken", false, &config, NULL, &result));
+    config = adaptive_config();
+    assert_ok(engine_train("adaptive-again", false, &config, NULL, &base));
+    assert_int_equal(result.leaves, base.leaves);
+    assert_int_not_equal(result.digest, base.digest);
+}
+
+/* Memory of culled leaves is given back. */
+static void test_memory_given_back(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+    double memory[STEPS];
+
+    NEED_DEVICE();
+    config.start_level = 3;
+    config.n1 = 8;
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.4;
+    config.refresh_every = 4;
+    assert_ok(engine_train("returned", false, &config, NULL, &result));
+    assert_int_equal(result.leaves, 1);
+    assert_int_equal(metrics("returned", "dev_mem", memory, STEPS), STEPS);
+    assert_true(memory[STEPS - 1] < 0.5 * memory[5]);
 }
 
 /* ---- stage 1 by projection ---- */
@@ -404,6 +562,11 @@ int test_group_engine(void)
         cmocka_unit_test(test_split_keeps_pictures),
         cmocka_unit_test(test_growth),
         cmocka_unit_test(test_culling),
+        cmocka_unit_test(test_adaptive),
+        cmocka_unit_test(test_adaptive_waits),
+        cmocka_unit_test(test_adaptive_infeasible),
+        cmocka_unit_test(test_tree_from),
+        cmocka_unit_test(test_memory_given_back),
         cmocka_unit_test(test_splat),
         cmocka_unit_test(test_splat_in_bands),
         cmocka_unit_test(test_too_little_memory),

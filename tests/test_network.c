@@ -414,6 +414,64 @@ static void test_fold_touches(void **state)
     free(b);
 }
 
+/* Unfolding: the parent computes in the child's octant what the child does, once its top band is zero. */
+static void check_unfold(const cln_config *c, int octant)
+{
+    enum { GRID = 5 };
+    ref_network r = {.density = c->density, .kappa = c->density_scale};
+    float *child = NULL, *parent = NULL;
+    double worst = 0;
+
+    r.bias = cln_network_density_bias(c);
+    bands_at(c, 0, &r);
+    assert_int_equal(cln_network_layout(c, &r.net), CLN_OK);
+    child = calloc((size_t)r.net.params, sizeof *child);
+    parent = calloc((size_t)r.net.params, sizeof *parent);
+    cln_network_init(&r.net, c, child);
+    for (int layer = 0; layer < r.net.depth; layer++) {
+        const int rows = layer == 0                  ? r.net.trunk_w[0]
+                         : layer == r.net.skip_layer ? r.net.trunk_w[layer] + c->width * c->width
+                                                     : -1;
+        const int top = 3 + 6 * (c->bands - 1);
+
+        for (int i = 0; rows >= 0 && i < 6 * c->width; i++)
+            child[rows + top * c->width + i] = 0;
+    }
+    cln_network_unfold(&r.net, child, octant, parent);
+    for (int i = 0; i < GRID * GRID * GRID; i++) {
+        const int cell[3] = {i % GRID, i / GRID % GRID, i / GRID / GRID};
+        const double dir[3] = {0.48, -0.6, 0.64};
+        double inner[3], outer[3], want[4], got[4];
+
+        for (int a = 0; a < 3; a++) {
+            inner[a] = -1 + 2.0 * cell[a] / (GRID - 1);
+            outer[a] = 0.5 * inner[a] + (octant >> a & 1 ? 0.5 : -0.5);
+        }
+        ref_forward(&r, child, inner, dir, NULL, -0.2, want);
+        ref_forward(&r, parent, outer, dir, NULL, -0.2, got);
+        for (int k = 0; k < 4; k++)
+            worst = fmax(worst, fabs(want[k] - got[k]) / (k == 3 ? c->density_scale : 1));
+    }
+    if (!(worst < 3e-6)) /* rounding of the weights to float */
+        fail_msg("unfold of octant %d: off by %.3g", octant, worst);
+    free(child);
+    free(parent);
+}
+
+static void test_unfold(void **state)
+{
+    (void)state;
+    for (int octant = 0; octant < 8; octant++) {
+        const cln_config paper = shape(64, 8, 32, 10, 2, true);
+        const cln_config fast = shape(32, 3, 32, 6, 2, false);
+        const cln_config one = shape(16, 2, 16, 1, 1, false);
+
+        check_unfold(&paper, octant);
+        check_unfold(&fast, octant);
+        check_unfold(&one, octant);
+    }
+}
+
 int test_group_network(void)
 {
     const struct CMUnitTest tests[] = {
@@ -425,6 +483,7 @@ int test_group_network(void)
         cmocka_unit_test(test_density_bias),
         cmocka_unit_test(test_fold),
         cmocka_unit_test(test_fold_touches),
+        cmocka_unit_test(test_unfold),
     };
 
     return cmocka_run_group_tests_name("network", tests, NULL, NULL);

@@ -237,6 +237,60 @@ static void test_cull_collapses(void **state)
     cln_octree_free(&tree);
 }
 
+/* Merging: groups become their parent, which comes from the heaviest sibling; slots stay in order. */
+static void test_merge(void **state)
+{
+    uint8_t split[8] = {0, 0, 1}, cull[15] = {0}, merge[16] = {0};
+    float weight[16];
+    cln_octree tree;
+    cln_octree_change change;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(1, &tree), CLN_OK);
+    assert_int_equal(cln_octree_split(&tree, split, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    assert_int_equal(tree.leaf_count, 15);
+    cull[4] = 1; /* third child of node 3 */
+    assert_int_equal(cln_octree_cull(&tree, cull, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    for (int s = 0; s < 14; s++) {
+        weight[s] = (float)(s * 5 % 9);
+        assert_int_equal(cln_octree_can_merge(&tree, s), s >= 2 && s <= 8);
+    }
+    merge[3] = 1; /* one mark is enough */
+    assert_int_equal(cln_octree_merge(&tree, merge, weight, &change), CLN_OK);
+    check_tree(&tree);
+    assert_int_equal(tree.leaf_count, 8);
+    assert_int_equal(change.count, 8);
+    for (int s = 0; s < 8; s++) {
+        /* of slots 2..8 the heaviest is 7: weight 8; it was child 6, after the culled third one */
+        assert_int_equal(change.from[s], s < 2 ? s : s == 2 ? 7 : s + 6);
+        assert_int_equal(change.octant[s], s == 2 ? CLN_MERGED - 6 : CLN_COPIED);
+        assert_int_equal(tree.level[tree.leaf[s]], 1);
+    }
+    cln_octree_change_free(&change);
+    /* up to the root, which has no siblings */
+    assert_int_equal(cln_octree_merge(&tree, merge, weight, &change), CLN_OK);
+    assert_int_equal(tree.leaf_count, 1);
+    assert_int_equal(change.octant[0], CLN_MERGED - 7);
+    cln_octree_change_free(&change);
+    merge[0] = 1;
+    assert_false(cln_octree_can_merge(&tree, 0));
+    assert_int_equal(cln_octree_merge(&tree, merge, weight, &change), CLN_INTERNAL);
+    cln_clear_error();
+    check_tree(&tree);
+    /* a group with an inner sibling is refused and left alone */
+    cln_octree_free(&tree);
+    assert_int_equal(cln_octree_create(1, &tree), CLN_OK);
+    assert_int_equal(cln_octree_split(&tree, split, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    assert_int_equal(cln_octree_merge(&tree, merge, weight, &change), CLN_INTERNAL);
+    cln_clear_error();
+    assert_int_equal(tree.leaf_count, 15);
+    check_tree(&tree);
+    cln_octree_free(&tree);
+}
+
 static void same_tree(const cln_octree *a, const cln_octree *b)
 {
     size_t n = (size_t)a->node_count;
@@ -401,6 +455,7 @@ int test_group_octree(void)
         cmocka_unit_test(test_split),
         cmocka_unit_test(test_split_stops_at_deepest),
         cmocka_unit_test(test_cull_collapses),
+        cmocka_unit_test(test_merge),
         cmocka_unit_test(test_random_histories),
         cmocka_unit_test(test_unpack_refuses),
         cmocka_unit_test(test_unpack_fuzz),

@@ -90,6 +90,7 @@ static void other_value(const cln_config_row *row, const char *fast, const char 
 {
     static const char *const texts[][2] = {{"level-at", "4:0.5"},
                                            {"eval-at", "30s"},
+                                           {"tree-from", "other/run"},
                                            {"bbox", "-1,-1,-1,1,1,1"},
                                            {"background", "black"}};
     char words[CLN_TEXT_BYTES], *save = NULL;
@@ -127,10 +128,10 @@ static void other_value(const cln_config_row *row, const char *fast, const char 
 /* Values that belong together are checked after all are set, so some rows need another with them. */
 static const char *companion(const char *option)
 {
-    static const char *const with[][2] = {{"start-level", "--level-at="},
-                                          {"rrelu-lower", "--rrelu-upper=1"},
-                                          {"rrelu-upper", "--rrelu-lower=-1"},
-                                          {"lr-final", "--lr=1"}};
+    static const char *const with[][2] = {
+        {"start-level", "--level-at="},      {"rrelu-lower", "--rrelu-upper=1"},
+        {"rrelu-upper", "--rrelu-lower=-1"}, {"structure-from", "--structure-until=1"},
+        {"max-level", "--no-adaptive"},      {"lr-final", "--lr=1"}};
 
     for (size_t i = 0; i < sizeof with / sizeof with[0]; i++) {
         if (strcmp(with[i][0], option) == 0)
@@ -199,7 +200,7 @@ static void presets_are_the_base(void **state)
     assert_int_equal(l.options.config.depth, fast.depth);
     assert_string_equal(l.options.preset, "fast");
     done(&l);
-    assert_refused("train s -o r --preset=slow", "--preset|slow|fast|paper");
+    assert_refused("train s -o r --preset=slow", "--preset|slow|fast|paper|nerf|kilonerf");
 }
 
 static void repeated_options_the_last_counts(void **state)
@@ -238,7 +239,8 @@ static void every_other_option_is_read(void **state)
 {
     line l;
     const cln_options *o = parsed(&l, "train scene -o run -d gpu --kernel-dir k --tune VW=8 "
-                                      "--skip-selftest --json --progress=bar -qvv");
+                                      "--skip-selftest --dump-program p.lp --json --progress=bar "
+                                      "-qvv");
 
     (void)state;
     assert_string_equal(o->command->name, "train");
@@ -248,6 +250,7 @@ static void every_other_option_is_read(void **state)
     assert_string_equal(o->device.kernel_dir, "k");
     assert_string_equal(o->device.tune, "VW=8");
     assert_true(o->skip_selftest && o->json && o->quiet);
+    assert_string_equal(o->dump_program, "p.lp");
     assert_int_equal(o->verbose, 2);
     assert_string_equal(o->progress, "bar");
     done(&l);
@@ -269,6 +272,13 @@ static void every_other_option_is_read(void **state)
     assert_int_equal(o->image_width, 64);
     assert_int_equal(o->image_height, 48);
     assert_true(o->overwrite && o->z_depth);
+    done(&l);
+
+    o = parsed(&l, "export run --octree tree.ply --colour error --overwrite");
+    assert_string_equal(o->operand, "run");
+    assert_string_equal(o->octree, "tree.ply");
+    assert_string_equal(o->colour, "error");
+    assert_true(o->overwrite);
     done(&l);
 
     o = parsed(&l, "devices --no-test");
@@ -300,6 +310,13 @@ static void what_is_not_given_has_its_default(void **state)
     o = parsed(&l, "render run");
     assert_int_equal(o->orbit_frames, 0);
     assert_null(o->output);
+    done(&l);
+    o = parsed(&l, "export run --octree tree.ply");
+    assert_string_equal(o->colour, "level");
+    assert_false(o->overwrite);
+    done(&l);
+    o = parsed(&l, "train s -o r");
+    assert_null(o->dump_program);
     done(&l);
     o = parsed(&l, "devices");
     assert_true(o->test);
@@ -503,6 +520,12 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train -o r", "SCENE|--resume"},
         {"train s t -o r", "'t'|one SCENE|'s'"},
         {"eval", "eval: a RUN is missing"},
+        {"export --octree f", "export: a RUN is missing"},
+        {"export r", "--octree FILE"},
+        {"export r --octree", "--octree needs a value"},
+        {"export r --octree f --colour red", "--colour|'red'|level|error"},
+        {"export r --octree f -d cpu", "-d: there is no such option"},
+        {"eval r --octree f", "--octree is no option of eval|export"},
         {"devices here", "'here'"},
         {"eval r --max-images many", "--max-images|'many'"},
         {"eval r --max-images 1.5", "--max-images|'1.5'|whole"},

@@ -292,6 +292,97 @@ static void null_figures_are_dashes(void **state)
     free(page);
 }
 
+/* Events are no rows of training: they are marks in the curves and a table of their own. */
+static void decisions_are_marks_and_a_table(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    cln_report_data data;
+    char *page = NULL;
+    FILE *f = NULL;
+
+    put_run(run, "done", "nothing");
+    put_metrics(run, 20); /* from 64 leaves in the row of step 225 to 512 in that of step 250 */
+    page = page_of(run);
+    assert_int_equal(count_of(page, "class='event'"), 3); /* a level more, it seems */
+    assert_int_equal(count_of(page, "class='mark'"), 0);
+    assert_has_not(page, "The octree");
+    free(page);
+
+    f = fopen(scratch_path(run, "metrics.jsonl"), "a");
+    assert_non_null(f);
+    fputs("{\"event\":\"other\",\"step\":225,\"leaves\":9,\"psnr_test\":99}\n"
+          "{\"event\":\"structure\",\"step\":225,\"seconds\":9.5,\"wall_seconds\":10,"
+          "\"leaves_before\":64,\"leaves\":1234,\"split\":170,\"merged\":3,\"kept\":40,"
+          "\"budget\":2048,\"infeasible\":true,\"objective\":0.5,\"objective_before\":0.7,"
+          "\"psnr_before\":21.25,\"psnr_after\":21.5,\"psnr_pretrained\":null,"
+          "\"distil_steps\":0,\"work_seconds\":1.5}\n"
+          "{\"event\":\"structure\",\"step\":\"no number\"}\n",
+          f);
+    assert_int_equal(fclose(f), 0);
+    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(data.rows.count, 20);
+    assert_int_equal(data.decision_count, 2);
+    assert_true(data.decisions[0].split == 170 && data.decisions[0].over_budget);
+    assert_true(isnan(data.decisions[1].step) && !data.decisions[1].over_budget);
+    cln_report_data_free(&data);
+    page = page_of(run);
+    assert_has(page, "The octree");
+    assert_has(page, "<tr><td>00:10<td class=n>225<td class=n>64<td class=n>170<td class=n>3"
+                     "<td class=n>1,234<td class=n>21.25<td class=n>21.50<td class=n>&ndash;"
+                     "<td class=n>1.5<td>over budget\n");
+    assert_int_equal(count_of(page, "class='mark'"), 5); /* one in each curve */
+    assert_int_equal(count_of(page, "class='event'"), 0);
+    assert_has(page, "512</b><span>leaves"); /* of the rows of training */
+    free(page);
+}
+
+static json_t *tree_of(json_t *error)
+{
+    return json_pack("{s:s s:i s:i s:[i,i,i,i,i,i] s:o s:[s]}", "schema", "cl-nascent.tree/1",
+                     "step", 25, "leaves", 1213, "leaves_by_level", 0, 0, 0, 12, 1200, 1, "error",
+                     error, "views", "test/r<0>.png");
+}
+
+static void the_tree_is_shown_with_its_legend(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+    int warnings = 0;
+
+    put_run(run, "done", "nothing");
+    put_eval(run, 25, "test", 20, json_pack("[o]", one_image("test/r<0>.png", 20)));
+    put_picture(run, "00000025-test", "test_r<0>.png");
+    put_picture(run, "00000025-test", "test_r<0>.tree.png");
+    put_picture(run, "00000025-test", "test_r<0>.tree-error.png");
+    put_json(run, "eval/00000025-test/tree.json",
+             tree_of(json_pack("{s:f s:f}", "low", 1e-5, "high", 0.01)));
+    page = page_of(run);
+    assert_has(page, "1,213 leaves with a network at step 25.");
+    assert_has(page, "background:#f0e442'></span>level 3: 12 leaves</span>");
+    assert_has(page, "background:#d55e00'></span>level 5: 1 leaf</span>");
+    assert_has_not(page, "level 2:");
+    assert_has(page, "error 1e-05<i class=ramp style='background:linear-gradient(90deg,#0d0887,");
+    assert_has(page, "#f0f921)'></i>0.01</span>");
+    assert_has(page, "alt=\"level of test/r&lt;0&gt;.png\"");
+    assert_has(page, "alt=\"leaf error of test/r&lt;0&gt;.png\"");
+    assert_int_equal(count_of(page, "data:image/png;base64,"), 4); /* the render twice */
+    free(page);
+
+    put_json(run, "eval/00000025-test/tree.json", tree_of(json_null()));
+    page = page_of(run);
+    assert_has(page, "level 4: 1,200 leaves");
+    assert_has_not(page, "linear-gradient");
+    assert_int_equal(count_of(page, "data:image/png;base64,"), 3);
+    free(page);
+
+    put_text(run, "eval/00000025-test/tree.json", "{ broken");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    page = page_of(run);
+    assert_int_equal(warnings, 1);
+    assert_has_not(page, "The octree");
+    free(page);
+}
+
 /* Without a test split the newest of what there is; test before val before train. */
 static void shown_views_are_the_most_held_out(void **state)
 {
@@ -607,6 +698,8 @@ int test_group_report(void)
         ON_DISK(hostile_texts_stay_text),
         ON_DISK(missing_and_damaged_files_give_a_page),
         ON_DISK(null_figures_are_dashes),
+        ON_DISK(decisions_are_marks_and_a_table),
+        ON_DISK(the_tree_is_shown_with_its_legend),
         ON_DISK(shown_views_are_the_most_held_out),
         ON_DISK(many_views_are_sampled_by_rank),
         ON_DISK(long_runs_stay_small),

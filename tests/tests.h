@@ -12,8 +12,11 @@ int test_group_checkpoint(void);
 int test_group_composite(void);
 int test_group_config(void);
 int test_group_engine(void);
+int test_group_export(void);
 int test_group_help(void);
 int test_group_image(void);
+int test_group_integer_program(void);
+int test_group_measure(void);
 int test_group_mlp(void);
 int test_group_model(void);
 int test_group_network(void);
@@ -34,6 +37,7 @@ int test_group_splat(void);
 int test_group_structure(void);
 int test_group_trace(void);
 int test_group_train(void);
+int test_group_tree_from(void);
 
 /* The table, in the files' order; ends with a NULL name. */
 typedef struct test_group {

@@ -1,6 +1,7 @@
-/* The option table as data. See config.h. The rows are expanded once into descriptions and once per
- * preset into values; everything else walks the descriptions. What several rows mean together, and the
- * small languages inside TEXT rows, are in config_check.c. */
+/* The option table as data. See config.h. The rows are expanded once into descriptions and once for
+ * each of the presets fast and paper into values; the baselines nerf and kilonerf are rows over fast.
+ * Everything else walks the descriptions. What several rows mean together, and the small languages
+ * inside TEXT rows, are in config_check.c. */
 #include "base/config.h"
 
 #include <limits.h>
@@ -56,6 +57,68 @@ static const cln_config preset_paper = {
     CLN_CONFIG_LIST(PAPER_NUMBER, PAPER_NUMBER, PAPER_BOOL, PAPER_ENUM, PAPER_TEXT)};
 static const cln_config preset_fast = {
     CLN_CONFIG_LIST(FAST_NUMBER, FAST_NUMBER, FAST_BOOL, FAST_ENUM, FAST_TEXT)};
+
+/* ---- baselines: other methods' shapes in this program ----
+ *
+ * Each is the fast preset but for these rows, so that a comparison has the same rays, budget, loss and
+ * machine, and differs in what holds the scene. They are not the authors' programs: density activation,
+ * batch and losses are this program's. */
+typedef struct setting {
+    const char *option, *value;
+} setting;
+
+/* NeRF (Mildenhall et al., arXiv 2003.08934, section 5 and appendix A; bmild/nerf: run_nerf.py): one
+ * network for the whole cube, 8 x 256 with the encoding again at layer 5, view layer 128, 10 and 4
+ * frequencies, ReLU, Adam and its rates as there. Left out: the linear layer before the view layer
+ * (method.md section 1) and the coarse network. Stage 1 stands in for that one, with 64 cells along an
+ * axis for its 64 samples of a ray and a refresh at least every 64 steps, for it is never stale; and
+ * stage 2 follows the compositing weight, as NeRF's fine samples do. An opaque ray gets 64 of them: the
+ * 8 that the fast preset gives a leaf are not enough for one that is the whole cube. No culling, as
+ * there is one leaf. */
+static const setting nerf[] = {
+    {"start-level", "0"},
+    {"level-at", ""},
+    {"adaptive", "no"},
+    {"cull-from", "1"},
+    {"width", "256"},
+    {"depth", "8"},
+    {"skip", "yes"},
+    {"view-width", "128"},
+    {"bands", "10"},
+    {"view-bands", "4"},
+    {"rrelu-lower", "0"},
+    {"rrelu-upper", "0"},
+    {"lr", "5e-4"},
+    {"lr-final", "5e-5"},
+    {"beta2", "0.999"},
+    {"epsilon", "1e-7"},
+    {"n1", "64"},
+    {"refresh-every", "64"},
+    {"cdf", "weight"},
+    {"samples-per-leaf", "64"},
+    {"samples-per-ray", "64"},
+    {"min-leaf-samples", "1"},
+};
+
+/* KiloNeRF (Reiser et al., arXiv 2103.13744; creiser/kilonerf: cfgs/): a uniform grid of networks, each
+ * two layers of 32 and a view layer of 32, 10 and 4 frequencies, ReLU. Here 16^3 cells over the cube,
+ * there a grid per scene over a tight box (lego: 9 x 16 x 10). From scratch: KiloNeRF trains a NeRF first
+ * and distils it into the grid, and then fine-tunes with a weight on the view layer; without that teacher
+ * this is its shape, not its quality. Culling and stage 1 are its occupancy grid. */
+static const setting kilonerf[] = {
+    {"start-level", "4"}, {"level-at", ""},     {"adaptive", "no"},   {"width", "32"},
+    {"depth", "2"},       {"skip", "no"},       {"view-width", "32"}, {"bands", "10"},
+    {"view-bands", "4"},  {"rrelu-lower", "0"}, {"rrelu-upper", "0"},
+};
+
+static const struct {
+    const char *name;
+    const setting *settings; /* [count], over the fast preset */
+    size_t count;
+} baselines[] = {
+    {"nerf", nerf, sizeof nerf / sizeof nerf[0]},
+    {"kilonerf", kilonerf, sizeof kilonerf / sizeof kilonerf[0]},
+};
 
 /* ---- rows ---- */
 
@@ -170,17 +233,6 @@ const char *cln_config_nearest(const char *option)
     return nearest;
 }
 
-cln_status cln_config_preset(const char *name, cln_config *out)
-{
-    if (strcmp(name, "paper") == 0)
-        *out = preset_paper;
-    else if (strcmp(name, "fast") == 0)
-        *out = preset_fast;
-    else
-        return cln_fail(CLN_USAGE, "--preset: '%s' is not one of fast|paper", name);
-    return CLN_OK;
-}
-
 /* ---- values from and to text ---- */
 
 static bool read_bool(const char *text, bool *value)
@@ -243,6 +295,38 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
     }
     return CLN_OK;
 }
+
+/* ---- presets ---- */
+
+static void take_baseline(const setting *settings, size_t count, cln_config *out)
+{
+    *out = preset_fast;
+    for (size_t i = 0; i < count; i++) {
+        const cln_config_row *row = cln_config_find(settings[i].option);
+        const cln_status st = row ? cln_config_set(out, row, settings[i].value) : CLN_INTERNAL;
+
+        CLN_ASSERT(st == CLN_OK);
+    }
+}
+
+cln_status cln_config_preset(const char *name, cln_config *out)
+{
+    for (size_t i = 0; i < sizeof baselines / sizeof baselines[0]; i++) {
+        if (strcmp(name, baselines[i].name) == 0) {
+            take_baseline(baselines[i].settings, baselines[i].count, out);
+            return CLN_OK;
+        }
+    }
+    if (strcmp(name, "paper") == 0)
+        *out = preset_paper;
+    else if (strcmp(name, "fast") == 0)
+        *out = preset_fast;
+    else
+        return cln_fail(CLN_USAGE, "--preset: '%s' is not one of fast|paper|nerf|kilonerf", name);
+    return CLN_OK;
+}
+
+/* ---- parsers outside the table ---- */
 
 cln_status cln_parse_seconds(const char *text, double *seconds)
 {

@@ -27,7 +27,8 @@ extern const int cln_config_row_count;
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);
 
-/* *out = preset "paper" or "fast"; CLN_USAGE for another name. */
+/* *out = preset "fast" or "paper", or a baseline: "nerf" (one network) or "kilonerf" (a uniform grid of
+ * small ones, from scratch), both fast in all else. CLN_USAGE for another name. */
 cln_status cln_config_preset(const char *name, cln_config *out);
 
 /* Sets one value from text, range-checked, independent of LC_NUMERIC. REAL rows "time-limit" and

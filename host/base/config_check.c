@@ -157,6 +157,38 @@ static cln_status check_bbox(const char *text)
     return CLN_OK;
 }
 
+/* The adaptive rows among themselves and against the growth by level. With --tree-from none of them, nor
+ * the growth, has a meaning: that tree is kept as it is. */
+static cln_status check_adaptive(const cln_config *config, const double fraction[LEVELS])
+{
+    int deepest = config->start_level;
+
+    if (!config->adaptive || config->tree_from[0])
+        return CLN_OK;
+    if (config->structure_from > config->structure_until)
+        return cln_fail(
+            CLN_USAGE,
+            "--structure-from: %g is above --structure-until %g, so that the tree would "
+            "never adapt; swap them, or give --no-adaptive",
+            config->structure_from, config->structure_until);
+    if (config->max_level < config->start_level)
+        return cln_fail(CLN_USAGE,
+                        "--max-level: %d is below --start-level %d; lower that, too, or give "
+                        "--no-adaptive",
+                        config->max_level, config->start_level);
+    for (int level = 0; level < LEVELS; level++) {
+        if (fraction[level] <= 1)
+            deepest = level;
+    }
+    if (config->max_level < deepest)
+        return cln_fail(
+            CLN_USAGE,
+            "--max-level: %d is below level %d of --level-at '%s'; shorten that, too, or "
+            "give --no-adaptive",
+            config->max_level, deepest, config->level_at);
+    return CLN_OK;
+}
+
 cln_status cln_config_check(const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -177,6 +209,7 @@ cln_status cln_config_check(const cln_config *config)
         return cln_fail(CLN_USAGE, "--lr-final: %g is above --lr %g; give both", config->lr_final,
                         config->lr);
     CLN_TRY(cln_config_levels(config, fraction));
+    CLN_TRY(check_adaptive(config, fraction));
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
     CLN_TRY(cln_config_background(config, rgb));
     CLN_TRY(check_bbox(config->bbox));

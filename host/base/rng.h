@@ -15,7 +15,8 @@ enum {
     CLN_STREAM_SAMPLES = 4,    /* device: jitter of stage-2 samples */
     CLN_STREAM_BACKGROUND = 5, /* host: random background */
     CLN_STREAM_POINTS = 6,     /* device: random points of the regularisers */
-    CLN_STREAM_SCENE = 7       /* host: generated scenes */
+    CLN_STREAM_SCENE = 7,      /* host: generated scenes */
+    CLN_STREAM_DISTIL = 8      /* host: points that merged leaves learn from */
 };
 
 /* out[4] = philox4x32-10(counter, key). */

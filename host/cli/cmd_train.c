@@ -50,6 +50,7 @@ cln_status cln_cmd_train(const cln_options *options)
                            .preset = options->resume ? NULL : options->preset,
                            .resume = options->resume != NULL,
                            .skip_selftest = options->skip_selftest,
+                           .dump_program = options->dump_program,
                            .config = options->config,
                            .device = options->device,
                            .command = options->line};

@@ -31,6 +31,10 @@ const cln_command cln_commands[] = {
      "What is in a scene or a run",
      "A folder with a run.json of ours is a run, anything else a scene, read as train would read it.",
      cln_cmd_info},
+    {"export", CLN_EXPORT, "RUN", true, "export RUN --octree FILE.ply [OPTIONS]",
+     "The octree of a run as boxes, for programs that show meshes",
+     "The active leaves of the newest checkpoint, in the scene's coordinates. Needs no device.",
+     cln_cmd_export},
     {"devices", CLN_DEVICES, NULL, false, "devices [OPTIONS]",
      "The OpenCL devices, what they have, and whether they compute rightly",
      "The row number is what -d takes.",
@@ -44,7 +48,7 @@ const cln_command cln_commands[] = {
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
 #define ON_DEVICE (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_SELFTEST)
-#define EVERY     (ON_DEVICE | CLN_INFO | CLN_DEVICES)
+#define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES)
 #define AT(field) offsetof(cln_options, field)
 
 /* Rows by kind. */
@@ -65,8 +69,9 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 const cln_arg cln_args[] = {
     TEXT(CLN_TRAIN | CLN_RENDER, "output", 'o', output, "DIR", NULL, NULL,
          "folder to write; train: the new run; render: by default RUN/render/SPLIT or /orbit"),
-    WORD(CLN_TRAIN, "preset", preset, "fast|paper", "fast",
-         "defaults of the options below: chosen for a CPU, or the paper's"),
+    WORD(CLN_TRAIN, "preset", preset, "fast|paper|nerf|kilonerf", "fast",
+         "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
+         "inside the same program: one network, a uniform grid of small ones"),
     TEXT(CLN_TRAIN, "resume", 0, resume, "RUN", NULL, NULL,
          "go on with a run, with its settings; options given override, and --steps, --epochs and "
          "--time-limit take +N to extend its budget"),
@@ -78,6 +83,9 @@ const cln_arg cln_args[] = {
          "kernel parameters over those of the device's class: VW=8,TS=6,..."),
     FLAG(CLN_TRAIN, "skip-selftest", 0, skip_selftest,
          "do not check the kernels on this device first"),
+    TEXT(CLN_TRAIN, "dump-program", 0, dump_program, "FILE", NULL, NULL,
+         "write the integer program of each structure decision to this file, in LP format; that of "
+         "the last one stays"),
 
     WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test", "test",
          "which views of the scene; render: their poses"),
@@ -88,7 +96,8 @@ const cln_arg cln_args[] = {
     NUMBER(CLN_EVAL, "min-psnr", min_psnr, CLN_ARG_REAL, "DB", 0, 200, "0",
            "exit with code 9 if the mean PSNR is below this"),
     SWITCH(CLN_EVAL, "save-images", save_images, "yes",
-           "leave renders, truths and error images in RUN/eval/ and show them in the report"),
+           "leave renders, truths, error images and pictures of the tree in RUN/eval/ and show "
+           "them in the report"),
 
     NUMBER(CLN_RENDER, "orbit", orbit_frames, CLN_ARG_OPTINT, "FRAMES", 1, 100000, "60 frames",
            "a circle around the scene instead of a split's poses"),
@@ -102,10 +111,15 @@ const cln_arg cln_args[] = {
            "orbit: image height (0 = as the training images)"),
     NUMBER(CLN_RENDER, "fov", fov, CLN_ARG_REAL, "DEG", 0, 175, "0",
            "orbit: horizontal field of view (0 = as the training images)"),
-    FLAG(CLN_RENDER, "overwrite", 0, overwrite,
-         "render again what is there already; otherwise such frames are skipped"),
+    FLAG(CLN_RENDER | CLN_EXPORT, "overwrite", 0, overwrite,
+         "replace what is there already; otherwise render skips such frames, and export refuses"),
     FLAG(CLN_RENDER, "z-depth", 0, z_depth,
          "depth along the optical axis instead of along the ray"),
+
+    TEXT(CLN_EXPORT, "octree", 0, octree, "FILE", NULL, NULL,
+         "write the active leaves to this PLY file, as boxes with level and error"),
+    WORD(CLN_EXPORT, "colour", colour, "level|error", "level",
+         "what the boxes' colours show: the level, or the error on a logarithmic scale"),
 
     SWITCH(CLN_DEVICES, "test", test, "yes", "run the quick self-test on each device"),
     FLAG(CLN_SELFTEST, "quick", 0, quick, "only the checks that take about a second"),

@@ -15,7 +15,8 @@ enum {
     CLN_EVAL = 4,
     CLN_RENDER = 8,
     CLN_INFO = 16,
-    CLN_SELFTEST = 32
+    CLN_SELFTEST = 32,
+    CLN_EXPORT = 64
 };
 
 typedef struct cln_command {

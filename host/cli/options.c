@@ -435,6 +435,8 @@ static cln_status settle(parser *p)
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(
             cln_fail(CLN_USAGE, "%s: a %s is missing", out->command->name, out->command->operand));
+    if (bit == CLN_EXPORT && !out->octree)
+        CLN_TRY(cln_fail(CLN_USAGE, "export: say what to write: --octree FILE.ply"));
     if (bit & (CLN_TRAIN | CLN_INFO))
         CLN_TRY(apply_settings(p));
 done:
@@ -481,6 +483,7 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
     *out = (cln_options){.preset = "fast",
                          .split = "test",
                          .progress = "auto",
+                         .colour = "level",
                          .test = true,
                          .save_images = true,
                          .elevation = 25,

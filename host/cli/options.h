@@ -14,6 +14,7 @@ typedef struct cln_options {
     char *line;          /* the whole command line, quoted for a shell */
 
     const char *output, *resume, *scene, *preset, *split, *progress;
+    const char *dump_program, *octree, *colour;
     cln_device_desc device;
     bool json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
     int verbose, max_images;

@@ -226,6 +226,22 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
         spec, count);
 }
 
+/* A device may be listed and yet be of no use: lost, or without a compiler (embedded profiles). */
+static cln_status check_usable(const cln_device *device)
+{
+    cl_bool available = CL_TRUE, compiler = CL_TRUE;
+
+    clGetDeviceInfo(device->id, CL_DEVICE_AVAILABLE, sizeof available, &available, NULL);
+    clGetDeviceInfo(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof compiler, &compiler, NULL);
+    if (available && compiler)
+        return CLN_OK;
+    return cln_fail(CLN_NO_DEVICE,
+                    "%s (%s): its driver says that %s; choose another with --device, "
+                    "`cl-nascent devices` lists them",
+                    device->info.name, device->info.platform,
+                    available ? "it has no OpenCL C compiler" : "it is not available now");
+}
+
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
 {
     cln_status st = CLN_OK;
@@ -242,6 +258,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     CLN_TRY(cln_alloc(&device, 1, sizeof *device, "device"));
     device->id = ids[index];
     cln_device_describe(device->id, &device->info);
+    CLN_TRY(check_usable(device));
     clGetDeviceInfo(device->id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof local, &local, NULL);
     clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof group, &group, NULL);
     device->max_group = group ? group : 1;

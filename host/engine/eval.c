@@ -28,8 +28,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         cln_pipeline_scene(&viewer.pipeline, viewer.scene, viewer.model.centre, viewer.model.half));
     if (desc->save_images)
         CLN_TRY(cln_record_folder(desc->run, viewer.model.step, name, &folder));
-    CLN_TRY(cln_evaluate(&viewer.pipeline, viewer.scene, views, count, folder, &desc->callbacks,
-                         result));
+    CLN_TRY(cln_evaluate(&viewer.pipeline, &viewer.model, viewer.scene, views, count, folder,
+                         &desc->callbacks, result));
     result->step = viewer.model.step;
     result->train_seconds = viewer.model.train_seconds;
     result->digest = cln_model_digest(&viewer.model);

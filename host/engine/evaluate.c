@@ -8,10 +8,13 @@
 
 #include "base/files.h"
 #include "base/memory.h"
+#include "engine/tree_picture.h"
 #include "io/image.h"
 #include "io/metrics_image.h"
 #include "io/names.h"
 #include "io/run_folder.h"
+
+enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
 
 void cln_eval_free(cln_eval_result *result)
 {
@@ -103,10 +106,30 @@ done:
     return st;
 }
 
-cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *views, int count,
-                        const char *folder, const cln_callbacks *callbacks, cln_eval_result *result)
+/* If view i of `count` is one of those: its pictures of the tree, and its name to `drawn`. */
+static cln_status draw_tree(const cln_model *model, const cln_view *view, int i, int count,
+                            const cln_picture *picture, const char *folder, json_t *drawn)
 {
     cln_status st = CLN_OK;
+    bool wanted = false;
+
+    for (int k = 0; k < TREE_VIEWS; k++)
+        wanted |= i == (int)((int64_t)k * count / TREE_VIEWS);
+    if (!wanted)
+        return CLN_OK;
+    CLN_TRY(cln_tree_save(model, view, picture, folder));
+    json_array_append_new(drawn, json_string(view->name));
+done:
+    return st;
+}
+
+cln_status cln_evaluate(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
+                        const int *views, int count, const char *folder,
+                        const cln_callbacks *callbacks, cln_eval_result *result)
+{
+    cln_status st = CLN_OK;
+    const bool tree = model && folder;
+    json_t *drawn = json_array();
 
     CLN_TRY(cln_alloc(&result->images, (size_t)count, sizeof *result->images, "evaluation"));
     result->count = count;
@@ -128,6 +151,8 @@ cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *view
         CLN_TRY(cln_render_view(p, views[i], scene->background, false, callbacks, &picture));
         image->seconds = cln_now() - start;
         st = measure(scene, views[i], &picture, folder, image);
+        if (st == CLN_OK && tree)
+            st = draw_tree(model, &scene->views[views[i]], i, count, &picture, folder, drawn);
         cln_picture_free(&picture);
         CLN_TRY(st);
         result->psnr += image->psnr / count;
@@ -139,7 +164,10 @@ cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *view
             callbacks->work("eval", i + 1, count, callbacks->user);
     }
     result->psnr_of_mean_mse = cln_psnr(result->mse);
+    if (tree)
+        CLN_TRY(cln_tree_describe(model, drawn, folder));
 done:
+    json_decref(drawn);
     return st;
 }
 

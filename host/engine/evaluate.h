@@ -11,11 +11,12 @@ cln_status cln_evaluate_choose(const cln_scene *scene, cln_split split, int most
                                int *count);
 
 /* Renders the given views (their pixels must be loaded) and fills `result` (digest, step and train
- * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go.
- * Prepares the densities for pictures. */
-cln_status cln_evaluate(cln_pipeline *p, const cln_scene *scene, const int *views, int count,
-                        const char *folder, const cln_callbacks *callbacks,
-                        cln_eval_result *result);
+ * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go, and
+ * of a few views pictures of the tree, which is `model`'s (NULL: none), with tree.json. Prepares the
+ * densities for pictures. */
+cln_status cln_evaluate(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
+                        const int *views, int count, const char *folder,
+                        const cln_callbacks *callbacks, cln_eval_result *result);
 
 /* The document of RUN/eval/STEP-SPLIT.json (docs/formats.md). */
 cln_status cln_evaluate_json(const cln_eval_result *result, json_t **out);

@@ -79,14 +79,64 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
     const cl_float cauchy = (float)p->config.cauchy, opacity = (float)p->config.opacity_entropy;
     const cl_float distort = (float)p->config.distortion_loss;
+    const size_t measured = (size_t)cln_pipeline_measures(&p->config);
 
     CLN_TRY(cln_buffer_reserve(p->device, &p->dout, (size_t)sample_count * 4 * sizeof(float),
                                "sample gradients"));
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
-                       wg, CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
-                       CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem),
-                       CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays), CLN_ARG(scale),
-                       CLN_ARG(huber), CLN_ARG(cauchy), CLN_ARG(opacity), CLN_ARG(distort)));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->measures,
+                               (size_t)sample_count * measured * sizeof(float), "measures"));
+    /* the last argument is there only if something is measured */
+    CLN_TRY(cln_launch(
+        p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
+        (const cln_arg[]){CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
+                          CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem),
+                          CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays),
+                          CLN_ARG(scale), CLN_ARG(huber), CLN_ARG(cauchy), CLN_ARG(opacity),
+                          CLN_ARG(distort), CLN_ARG(p->measures.mem)},
+        measured > 0 ? 14 : 13));
+done:
+    return st;
+}
+
+cln_status cln_stage_measure(cln_pipeline *p, uint32_t samples)
+{
+    const cl_uint n = samples;
+
+    if (cln_pipeline_measures(&p->config) == 0)
+        return CLN_OK;
+    return CLN_LAUNCH(p->device, p->k.leaf_measure, CLN_STAGE_STRUCTURE, (size_t)p->leaves,
+                      (size_t)p->tune.ls, CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+                      CLN_ARG(p->values[0].mem), CLN_ARG(p->measures.mem),
+                      CLN_ARG(p->leaf_sums.mem), CLN_ARG(p->leaf_met.mem), CLN_ARG(n));
+}
+
+cln_status cln_stage_measure_reset(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->leaves;
+
+    if (cln_pipeline_measures(&p->config) == 0)
+        return CLN_OK;
+    CLN_TRY(
+        cln_buffer_zero(p->device, &p->leaf_sums, leaves * CLN_MEASURES * 2 * sizeof(cl_float)));
+    CLN_TRY(cln_buffer_zero(p->device, &p->leaf_met, leaves * sizeof(cl_int)));
+done:
+    return st;
+}
+
+cln_status cln_stage_distil_gradient(cln_pipeline *p, uint32_t samples, double scale)
+{
+    cln_status st = CLN_OK;
+    const cl_uint n = samples;
+    const cl_float factor = (cl_float)scale;
+    const size_t wg = (size_t)p->tune.wg;
+
+    CLN_TRY(
+        cln_buffer_reserve(p->device, &p->dout, (size_t)n * 4 * sizeof(float), "sample gradients"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->losses, (size_t)n * sizeof(float), "losses"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.distil_gradient, CLN_STAGE_STRUCTURE, cln_groups(n, wg), wg,
+                       CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem), CLN_ARG(p->targets.mem),
+                       CLN_ARG(p->dout.mem), CLN_ARG(p->losses.mem), CLN_ARG(n), CLN_ARG(factor)));
 done:
     return st;
 }

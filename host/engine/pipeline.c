@@ -17,6 +17,25 @@ done:
     return st;
 }
 
+/* Room for `bytes`; a buffer that is much larger is given back first (leaves that were culled or merged). */
+static cln_status fit(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what)
+{
+    if (buffer->bytes > bytes + bytes / 4 + 65536)
+        cln_buffer_free(device, buffer);
+    return cln_buffer_reserve(device, buffer, bytes, what);
+}
+
+static cln_status fit_and_put(cln_device *device, cln_buffer *buffer, const void *data,
+                              size_t bytes, const char *what)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(fit(device, buffer, bytes, what));
+    CLN_TRY(cln_buffer_write(device, buffer, 0, data, bytes));
+done:
+    return st;
+}
+
 static size_t cells(const cln_pipeline *p)
 {
     return (size_t)p->config.n1 * (size_t)p->config.n1 * (size_t)p->config.n1;
@@ -30,13 +49,22 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
     const size_t transposed = leaves * (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, 1024);
 
-    CLN_TRY(
-        put(device, &p->adam_m, model->adam_m, weights * sizeof(float), "Adam's first moments"));
-    CLN_TRY(
-        put(device, &p->adam_v, model->adam_v, weights * sizeof(float), "Adam's second moments"));
-    CLN_TRY(put(device, &p->adam_steps, model->adam_steps, leaves * sizeof(cl_int), "step counts"));
-    CLN_TRY(cln_buffer_reserve(device, &p->norms, leaves * sizeof(float), "norms"));
-    CLN_TRY(cln_buffer_reserve(device, &p->transposed, transposed, "transposed weights"));
+    CLN_TRY(fit_and_put(device, &p->adam_m, model->adam_m, weights * sizeof(float),
+                        "Adam's first moments"));
+    CLN_TRY(fit_and_put(device, &p->adam_v, model->adam_v, weights * sizeof(float),
+                        "Adam's second moments"));
+    CLN_TRY(fit_and_put(device, &p->adam_steps, model->adam_steps, leaves * sizeof(cl_int),
+                        "step counts"));
+    CLN_TRY(fit(device, &p->norms, leaves * sizeof(float), "norms"));
+    CLN_TRY(fit(device, &p->transposed, transposed, "transposed weights"));
+    if (cln_pipeline_measures(&p->config) > 0) {
+        CLN_TRY(fit_and_put(device, &p->leaf_sums, model->sums,
+                            leaves * 2 * CLN_MEASURES * sizeof(float), "measures of leaves"));
+        CLN_TRY(fit_and_put(device, &p->leaf_met, model->met, leaves * sizeof(cl_int),
+                            "measures of leaves"));
+    }
+    cln_buffer_free(device, &p->grads); /* sized by the leaves of the batches so far */
+    cln_buffer_free(device, &p->seen);  /* of the leaves before */
     CLN_TRY(CLN_LAUNCH(device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts, (size_t)p->tune.ls,
                        CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem), CLN_ARG(parts)));
 done:
@@ -57,10 +85,9 @@ cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool tra
     CLN_TRY(cln_octree_map(&model->tree, p->depth, &map));
     CLN_TRY(put(device, &p->boxes, boxes, leaves * 4 * sizeof(float), "leaf boxes"));
     CLN_TRY(put(device, &p->map, map, sizeof(int32_t) << (3 * p->depth), "leaf map"));
-    CLN_TRY(put(device, &p->params, model->params, leaves * (size_t)p->net.params * sizeof(float),
-                "network weights"));
-    CLN_TRY(cln_buffer_reserve(device, &p->density, leaves * cells(p) * sizeof(uint16_t),
-                               "stage-1 densities"));
+    CLN_TRY(fit_and_put(device, &p->params, model->params,
+                        leaves * (size_t)p->net.params * sizeof(float), "network weights"));
+    CLN_TRY(fit(device, &p->density, leaves * cells(p) * sizeof(uint16_t), "stage-1 densities"));
     if (model->density)
         CLN_TRY(cln_buffer_write(device, &p->density, 0, model->density,
                                  leaves * cells(p) * sizeof(uint16_t)));
@@ -93,6 +120,11 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
                                 leaves * sizeof(int32_t)));
         CLN_TRY(cln_buffer_read(device, &p->density, 0, model->density,
                                 leaves * cells(p) * sizeof(uint16_t)));
+        if (cln_pipeline_measures(&p->config) > 0) {
+            CLN_TRY(cln_buffer_read(device, &p->leaf_sums, 0, model->sums,
+                                    leaves * 2 * CLN_MEASURES * sizeof(float)));
+            CLN_TRY(cln_buffer_read(device, &p->leaf_met, 0, model->met, leaves * sizeof(cl_int)));
+        }
     }
 done:
     return st;
@@ -178,4 +210,23 @@ cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, c
     }
 done:
     return st;
+}
+
+cln_status cln_pipeline_points(cln_pipeline *p, const float *origins, const float *directions,
+                               const float *targets, uint32_t rays)
+{
+    cln_status st = CLN_OK;
+    const size_t bytes = (size_t)rays * 4 * sizeof(float);
+
+    CLN_TRY(put(p->device, &p->ray_o, origins, bytes, "points"));
+    CLN_TRY(put(p->device, &p->ray_d, directions, bytes, "points"));
+    if (targets)
+        CLN_TRY(put(p->device, &p->targets, targets, bytes, "targets"));
+done:
+    return st;
+}
+
+cln_status cln_pipeline_samples(cln_pipeline *p, const cln_sample *samples, uint32_t n)
+{
+    return put(p->device, &p->samples, samples, (size_t)n * sizeof *samples, "samples");
 }

@@ -47,6 +47,10 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
         row(out, "activations", samples * 4.0 * cln_pipeline_acts(net),
             samples * 4.0 * cln_pipeline_acts(net), "--batch-samples, --width or --depth");
     }
+    if (training && cln_pipeline_measures(config) > 0)
+        row(out, "measures",
+            n * (8.0 * CLN_MEASURES + 4) + samples * 4 * cln_pipeline_measures(config),
+            samples * 4 * cln_pipeline_measures(config), "--batch-samples, or --no-adaptive");
     row(out, "stage-1 densities", n * cells * (training ? 3 : 2), 2 * n * cells, "--n1");
     row(out, "samples", samples * (16 + 32 + 16 + scratch), samples * 16, "--batch-samples");
     row(out, "rays", rays * (16 * 5 + 32 + 20 + 16.0 * 96) + 96.0 * views + n * 36, rays * 16 * 96,

@@ -7,7 +7,7 @@
 #include <jansson.h>
 #include "engine/stages.h"
 
-enum { CLN_PLAN_ROWS = 8 };
+enum { CLN_PLAN_ROWS = 9 };
 
 typedef struct cln_plan {
     struct {

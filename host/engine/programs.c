@@ -10,6 +10,13 @@
 
 #include "base/memory.h"
 
+int cln_pipeline_measures(const cln_config *config)
+{
+    if (config->density_weight == CLN_WEIGHT_VISIBILITY)
+        return CLN_MEASURES;
+    return config->adaptive && !config->tree_from[0] ? 1 : 0;
+}
+
 int cln_pipeline_acts(const cln_network *net)
 {
     return net->depth * net->width + (net->view_dependence ? net->view_width : 0);
@@ -147,6 +154,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
          c->allocate, c->cdf, c->lists);
     line(&t, "#define LOSS %d\n#define CAUCHY %d\n#define OPACITY %d\n#define DISTORT %d", c->loss,
          c->cauchy > 0, c->opacity_entropy > 0, c->distortion_loss > 0);
+    line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
     line(&t, "#define PART 1024\n#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
     *out = t.text;
     return t.st;
@@ -198,6 +206,11 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
         BUILD(regularise);
         CLN_REGULARISE_KERNEL_LIST(X)
     }
+    if (cln_pipeline_measures(config) > 0) {
+        BUILD(distil);
+        CLN_MEASURE_KERNEL_LIST(X)
+        CLN_DISTIL_KERNEL_LIST(X)
+    }
 #undef X
 #undef BUILD
 done:
@@ -221,7 +234,8 @@ void cln_pipeline_free(cln_pipeline *p)
         &p->acts,          &p->grads,         &p->batch_views, &p->splat_counts, &p->splat_starts,
         &p->grids,         &p->list_start,    &p->list_count,  &p->list_t,       &p->list_sigma,
         &p->padded_t,      &p->padded_sigma,  &p->keys64[0],   &p->keys64[1],    &p->sums,
-        &p->digit_counts,  &p->keys[0],       &p->keys[1],     &p->values[0],    &p->values[1]};
+        &p->digit_counts,  &p->keys[0],       &p->keys[1],     &p->values[0],    &p->values[1],
+        &p->leaf_sums,     &p->leaf_met,      &p->measures,    &p->losses};
 
     if (!device)
         return;
@@ -232,6 +246,8 @@ void cln_pipeline_free(cln_pipeline *p)
     CLN_KERNEL_LIST(X)
     CLN_SPLAT_KERNEL_LIST(X)
     CLN_REGULARISE_KERNEL_LIST(X)
+    CLN_MEASURE_KERNEL_LIST(X)
+    CLN_DISTIL_KERNEL_LIST(X)
 #undef X
     cln_kernel_free(&p->k.sort64_count);
     cln_kernel_free(&p->k.sort64_scatter);
@@ -246,6 +262,7 @@ void cln_pipeline_free(cln_pipeline *p)
     cln_program_free(&p->adam);
     cln_program_free(&p->stats);
     cln_program_free(&p->regularise);
+    cln_program_free(&p->distil);
     free(p->host_pixels);
     free(p->host_cameras);
     memset(p, 0, sizeof *p);

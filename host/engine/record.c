@@ -29,8 +29,8 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
 {
     const cln_config *c = &t->model.config;
     const cln_pipeline *p = &t->pipeline;
-    const int depth = t->model.tree.leaf_count ? cln_octree_depth(&t->model.tree) : 0;
-    const int full = 1 << (3 * depth), empty = full - t->model.tree.leaf_count;
+    const cln_octree *tree = &t->model.tree;
+    double empty = 1; /* share of the cube */
     json_t *list = json_array();
 
     *out = list;
@@ -61,8 +61,14 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
         say(list, "%g%% of the passages through leaves that stage 1 finds empty",
             100 * (1 - c->empty_share));
+    if (!c->adaptive)
+        say(list, "the structure optimisation (whole levels only)");
+    else if (c->tree_from[0])
+        say(list, "the structure optimisation (the tree of %s)", c->tree_from);
+    for (int s = 0; s < tree->leaf_count; s++)
+        empty -= 1.0 / (1 << (3 * tree->level[tree->leaf[s]]));
     if (empty > 0)
-        say(list, "%d empty leaves of %d", empty, full);
+        say(list, "%.1f%% of the cube (empty leaves)", 100 * empty);
     return CLN_OK;
 }
 
@@ -192,6 +198,29 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         json_object_set_new(row, "psnr_test", cln_json_real(t->psnr_test));
     CLN_TRY(cln_metrics_add(t->metrics, row));
     memcpy(t->interval.stage_seconds, t->device->stage_seconds, sizeof t->interval.stage_seconds);
+done:
+    json_decref(row);
+    return st;
+}
+
+cln_status cln_record_decision(cln_trainer *t, const cln_decision *d)
+{
+    cln_status st = CLN_OK;
+    json_t *row = json_pack(
+        "{s:s, s:I, s:f, s:f, s:i, s:i, s:i, s:i, s:i, s:i, s:b, s:o, s:o, s:o, s:o, s:o, s:i, "
+        "s:f}",
+        "event", "structure", "step", (json_int_t)t->model.step, "seconds", t->model.train_seconds,
+        "wall_seconds", cln_now() - t->began, "leaves_before", d->leaves_before, "leaves",
+        d->leaves, "split", d->splits, "merged", d->merges, "kept", d->keeps, "budget", d->budget,
+        "infeasible", d->infeasible, "objective", cln_json_real(d->objective), "objective_before",
+        cln_json_real(d->objective_before), "psnr_before", cln_json_real(d->psnr_before),
+        "psnr_after", cln_json_real(d->psnr_after), "psnr_pretrained",
+        cln_json_real(d->psnr_pretrained), "distil_steps", d->distil_steps, "work_seconds",
+        d->work_seconds);
+
+    if (!row)
+        return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
+    CLN_TRY(cln_metrics_add(t->metrics, row));
 done:
     json_decref(row);
     return st;

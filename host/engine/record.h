@@ -4,6 +4,7 @@
 #define CLN_RECORD_H
 
 #include "engine/evaluate.h"
+#include "engine/maintain.h"
 #include "engine/trainer.h"
 
 /* run.json at the start (state "running"), and at the end with state and result. */
@@ -12,6 +13,9 @@ cln_status cln_record_end(cln_trainer *t, const char *state);
 
 /* One row for the interval that ends now. */
 cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
+
+/* The row of a structure decision, "event": "structure". */
+cln_status cln_record_decision(cln_trainer *t, const cln_decision *decision);
 
 /* RUN/eval/STEP-SPLIT.json, and the folder beside it for pictures. */
 cln_status cln_record_eval(const char *run, const cln_eval_result *result);

@@ -52,6 +52,59 @@ static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
     return CLN_OK;
 }
 
+/* A tree is taken over by a new run alone; what a run began with, it keeps. */
+static cln_status check_same_tree(const cln_config *saved, const cln_config *wanted)
+{
+    if (strcmp(saved->tree_from, wanted->tree_from) == 0)
+        return CLN_OK;
+    return cln_fail(
+        CLN_USAGE,
+        "--tree-from '%s': the run to resume has %s%s%s; leave it out or start a new run",
+        wanted->tree_from, saved->tree_from[0] ? "the tree of '" : "a tree of its own",
+        saved->tree_from, saved->tree_from[0] ? "'" : "");
+}
+
+/* Leaves are boxes of the cube: in another cube they would be other boxes of the scene. */
+static cln_status check_same_cube(const char *run, const cln_model *other, const cln_scene *scene)
+{
+    bool same = fabs(other->half - scene->half) <= 1e-6 * scene->half;
+
+    for (int a = 0; a < 3; a++)
+        same = same && fabs(other->centre[a] - scene->centre[a]) <= 1e-6 * scene->half;
+    if (same)
+        return CLN_OK;
+    return cln_fail(
+        CLN_USAGE,
+        "--tree-from '%s': its cube has its centre at %g,%g,%g and half %g, this scene's "
+        "%g,%g,%g and %g; give both runs the same scene and --bbox",
+        run, other->centre[0], other->centre[1], other->centre[2], other->half, scene->centre[0],
+        scene->centre[1], scene->centre[2], scene->half);
+}
+
+/* A new model on the tree of the run config.tree_from: its leaves, none of its weights. */
+static cln_status create_on_tree_of(const cln_config *config, const cln_scene *scene,
+                                    cln_model *out)
+{
+    cln_status st = CLN_OK;
+    const char *run = config->tree_from;
+    cln_model other = {0};
+
+    st = cln_checkpoint_read(run, false, &other);
+    if (st != CLN_OK)
+        cln_note("reading the tree for --tree-from");
+    CLN_TRY(st);
+    CLN_TRY(check_same_cube(run, &other, scene));
+    if (other.tree.leaf_count == 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "--tree-from '%s': its tree has no leaf left; give another run",
+                         run));
+    CLN_TRY(cln_model_create_on(config, &other.tree, out));
+    cln_info("tree of %s, kept as it is: %d leaves down to level %d", run, out->tree.leaf_count,
+             out->level);
+done:
+    cln_model_free(&other);
+    return st;
+}
+
 static cln_status load_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -59,13 +112,17 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
     if (t->desc->resume) {
         CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
         CLN_TRY(check_shape(&t->model.config, config));
+        CLN_TRY(check_same_tree(&t->model.config, config));
         t->model.config = *config;
         t->model.rays = t->model.rays < config->rays ? t->model.rays : config->rays;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
                  t->model.train_seconds, t->model.tree.leaf_count);
     } else {
-        CLN_TRY(cln_model_create(config, &t->model));
+        if (config->tree_from[0])
+            CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
+        else
+            CLN_TRY(cln_model_create(config, &t->model));
         memcpy(t->model.centre, t->scene->centre, sizeof t->model.centre);
         t->model.half = t->scene->half;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);

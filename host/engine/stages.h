@@ -46,6 +46,12 @@
     X(stats_seen, stats)          \
     X(stats_leaf, stats)
 
+/* Built only when the structure optimisation measures. */
+#define CLN_MEASURE_KERNEL_LIST(X) X(leaf_measure, stats)
+
+/* Built only when leaves may merge. */
+#define CLN_DISTIL_KERNEL_LIST(X) X(distil_gradient, distil)
+
 /* Built only when stage 1 splats. sort64 is scan.cl with 64-bit keys. */
 #define CLN_SPLAT_KERNEL_LIST(X) \
     X(splat_count, splat)        \
@@ -68,12 +74,15 @@ typedef struct cln_pipeline {
     bool distortion;     /* built in */
     bool ray_background; /* one background per ray (random_background with alpha) */
 
-    cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise;
+    cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise,
+        distil;
     struct {
 #define X(kernel, program) cl_kernel kernel;
         CLN_KERNEL_LIST(X)
         CLN_SPLAT_KERNEL_LIST(X)
         CLN_REGULARISE_KERNEL_LIST(X)
+        CLN_MEASURE_KERNEL_LIST(X)
+        CLN_DISTIL_KERNEL_LIST(X)
 #undef X
         cl_kernel sort64_count, sort64_scatter;
     } k;
@@ -88,6 +97,7 @@ typedef struct cln_pipeline {
     cln_buffer density;                           /* bfloat16 [leaf][n1^3] */
     cln_buffer seen;                              /* uchar [leaf][n1^3] */
     cln_buffer leaf_stats;                        /* float2 [leaf] */
+    cln_buffer leaf_sums, leaf_met; /* float2 [leaf][CLN_MEASURES], int [leaf]; if measured */
 
     /* A batch of rays. */
     int view_count, training_views;  /* the first ones are for training */
@@ -102,8 +112,10 @@ typedef struct cln_pipeline {
     cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
     cln_buffer out, dout;                                      /* float4 [sample] */
-    cln_buffer acts;  /* float [sample][net acts], grouped order; training only */
-    cln_buffer grads; /* float [slice][net.params]; training only */
+    cln_buffer measures; /* float [sample][numbers measured] */
+    cln_buffer losses;   /* float [sample]; distillation only */
+    cln_buffer acts;     /* float [sample][net acts], grouped order; training only */
+    cln_buffer grads;    /* float [slice][net.params]; training only */
 
     /* Splatting: lists of one view (or band of it). */
     cln_buffer batch_views, grids, list_start, list_count, list_t, list_sigma, padded_t,
@@ -128,6 +140,9 @@ void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
 
 /* The "#define" lines of a program of this pipeline (programs.c); the caller frees *text. */
 cln_status cln_pipeline_defines(const cln_pipeline *p, char **text);
+
+/* Numbers that a training step measures per sample: 0, 1 or CLN_MEASURES. */
+int cln_pipeline_measures(const cln_config *config);
 
 /* Floats of kept pre-activations per sample, and of transposed weights per leaf. */
 int cln_pipeline_acts(const cln_network *net);
@@ -187,6 +202,18 @@ cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth);
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
 cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key);
 cln_status cln_stage_adam(cln_pipeline *p, double lr);
+
+/* Adds what composite_train measured of the first `samples` samples to leaf_sums and leaf_met; nothing
+ * if nothing is measured. Reset: both to zero. Read: leaf_sums [leaf][CLN_MEASURES][2], leaf_met. */
+cln_status cln_stage_measure(cln_pipeline *p, uint32_t samples);
+cln_status cln_stage_measure_reset(cln_pipeline *p);
+
+/* Points instead of rays, for the distillation of merged leaves: rays of their own (origin = the point,
+ * [n][4] both), and samples on them. Gradient: kernels/distil.cl; targets [ray][4] in p->targets. */
+cln_status cln_pipeline_points(cln_pipeline *p, const float *origins, const float *directions,
+                               const float *targets, uint32_t rays);
+cln_status cln_pipeline_samples(cln_pipeline *p, const cln_sample *samples, uint32_t n);
+cln_status cln_stage_distil_gradient(cln_pipeline *p, uint32_t samples, double scale);
 
 /* Cached densities of leaves [first, first + count); jitter: random positions in the cells, else centres. */
 cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,

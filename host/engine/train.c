@@ -1,6 +1,6 @@
-/* Training: the step loop and what happens between steps (growth, culling, refresh, evaluation,
- * checkpoints). The stages of a step are in sampling.c, splat.c and networks.c; what the run folder
- * gets is in record.c. Every decision is a function of the seed, the step and the model, so that a run
+/* Training: the step loop, evaluations and checkpoints. What happens to the tree between steps is in
+ * maintain.c, the stages of a step are in sampling.c, splat.c and networks.c; what the run folder gets is
+ * in record.c. Every decision is a function of the seed, the step and the model, so that a run
  * interrupted and resumed equals one that was not, bit for bit (budgets in time excepted). */
 #include <math.h>
 #include <signal.h>
@@ -11,10 +11,10 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "engine/batch.h"
+#include "engine/maintain.h"
 #include "engine/record.h"
 #include "engine/trainer.h"
 #include "io/report.h"
-#include "model/structure.h"
 
 /* ---- budgets and schedules ---- */
 
@@ -45,136 +45,6 @@ static int64_t steps_of_epochs(const cln_trainer *t)
     const double pixels = (double)t->batch.first[t->batch.train_views];
 
     return (int64_t)fmax(1, ceil(c->epochs * pixels / 10 / c->rays));
-}
-
-/* ---- structure ---- */
-
-/* The model's tree has changed: carry weights over on the host, send all back. */
-static cln_status apply_change(cln_trainer *t, const cln_octree_change *change)
-{
-    cln_status st = CLN_OK;
-
-    CLN_TRY(cln_model_apply(&t->model, change));
-    CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
-    CLN_TRY(cln_stage_seen(&t->pipeline));
-done:
-    return st;
-}
-
-static cln_status cull(cln_trainer *t)
-{
-    cln_status st = CLN_OK;
-    const size_t leaves = (size_t)t->pipeline.leaves;
-    float *pairs = NULL;
-    uint8_t *marks = NULL;
-    cln_leaf_stats stats = {0};
-    cln_octree_change change = {0};
-
-    CLN_TRY(cln_alloc(&pairs, leaves * 4, sizeof *pairs, "leaf statistics"));
-    CLN_TRY(cln_alloc(&marks, leaves, 1, "leaf marks"));
-    CLN_TRY(cln_stage_stats(&t->pipeline, pairs));
-    stats.mean = pairs + 2 * leaves;
-    stats.peak = pairs + 3 * leaves;
-    for (size_t i = 0; i < leaves; i++) {
-        stats.mean[i] = pairs[2 * i];
-        stats.peak[i] = pairs[2 * i + 1];
-    }
-    if (cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks) > 0) {
-        CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
-        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
-        CLN_TRY(apply_change(t, &change));
-        cln_debug("step %lld: culled %d of %zu leaves", (long long)t->model.step,
-                  (int)leaves - t->pipeline.leaves, leaves);
-    }
-done:
-    free(pairs);
-    free(marks);
-    cln_octree_change_free(&change);
-    return st;
-}
-
-/* One level finer, by the exact split; not if it would not fit the device. */
-static cln_status grow(cln_trainer *t, bool *grown)
-{
-    cln_status st = CLN_OK;
-    cln_pipeline *p = &t->pipeline;
-    cln_octree_change change = {0};
-    cln_plan plan;
-    char text[1536];
-
-    *grown = false;
-    cln_plan_make(t->device, &t->model.config, &p->net, &p->tune, 8 * p->leaves,
-                  t->scene->view_count, true, &plan);
-    if (t->full)
-        return CLN_OK;
-    if (cln_plan_check(t->device, &plan) != CLN_OK) {
-        snprintf(text, sizeof text, "%s", cln_error_text());
-        cln_clear_error();
-        cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * p->leaves,
-                 text);
-        t->full = true;
-        return CLN_OK;
-    }
-    CLN_TRY(cln_pipeline_download(p, &t->model, true));
-    CLN_TRY(cln_octree_split(&t->model.tree, NULL, &change));
-    t->model.level++;
-    t->model.growth_step = t->model.step;
-    t->plan = plan;
-    p->max_entries = plan.max_entries;
-    cln_stage_splat_release(p); /* room for the leaves; the next batch takes what the plan says */
-    CLN_TRY(apply_change(t, &change));
-    cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
-              p->leaves);
-    *grown = true;
-done:
-    cln_octree_change_free(&change);
-    return st;
-}
-
-/* Steps from one refresh to the next: soon after a growth, when densities and emptiness change fast, then
- * ever more rarely up to refresh_every (instant-ngp refreshes all cells in its first steps, too). */
-static int64_t refresh_interval(const cln_trainer *t)
-{
-    const int64_t interval = (t->model.refresh_step - t->model.growth_step) / 4;
-    const int64_t most = t->model.config.refresh_every;
-
-    return interval < 32 ? (most < 32 ? most : 32) : interval < most ? interval : most;
-}
-
-/* A rolling refresh takes this many steps from part to part, and parts (instant-ngp's sixteen). */
-enum { PARTS = 16 };
-
-/* Growth, refresh and culling that are due before the next step. Single leaves split or merged by the
- * integer program (model/structure.h) will come in here, after the refresh. */
-static cln_status maintain(cln_trainer *t, double fraction)
-{
-    cln_status st = CLN_OK;
-    const cln_config *c = &t->model.config;
-    const int64_t refresh_age = t->model.step - t->model.refresh_step;
-    cln_pipeline *p = &t->pipeline;
-    bool grown = false, full = false;
-
-    if (t->model.level < cln_structure_level(c, fraction))
-        CLN_TRY(grow(t, &grown));
-    if (grown || t->model.step == 0 ||
-        (!c->rolling_refresh && refresh_age >= refresh_interval(t))) {
-        CLN_TRY(
-            cln_stage_refresh(p, 0, p->leaves, true, (uint64_t)c->seed, (uint32_t)t->model.step));
-        t->model.refresh_step = t->model.step;
-        full = true;
-    } else if (c->rolling_refresh && t->model.step % PARTS == 0) {
-        const int part = (int)(t->model.step / PARTS % PARTS);
-        const int first = (int)((int64_t)p->leaves * part / PARTS);
-        const int end = (int)((int64_t)p->leaves * (part + 1) / PARTS);
-
-        CLN_TRY(cln_stage_refresh(p, first, end - first, true, (uint64_t)c->seed,
-                                  (uint32_t)t->model.step));
-        full = part == PARTS - 1;
-    }
-    if (full && !grown && fraction >= c->cull_from && t->model.step > 0)
-        CLN_TRY(cull(t));
-done:
-    return st;
 }
 
 /* ---- one step ---- */
@@ -215,7 +85,7 @@ static cln_status step(cln_trainer *t, double fraction)
                                    .step = number,
                                    .max_samples =
                                        t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
-    uint32_t samples = 0, slices = 0;
+    uint32_t samples = 0, measured = 0, slices = 0;
     int rays = 0;
     double loss = 0, square = 0;
 
@@ -224,6 +94,7 @@ static cln_status step(cln_trainer *t, double fraction)
                                t->batch.backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, t->model.rays));
     CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples));
+    measured = samples;
     CLN_TRY(cln_stage_regularise(p, &sampling, rays, &samples));
     CLN_TRY(cln_stage_group(p, samples, &slices));
     CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
@@ -231,6 +102,7 @@ static cln_status step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
     CLN_TRY(cln_stage_backward(p, slices, key));
     CLN_TRY(cln_stage_adam(p, learning_rate(c, fraction)));
+    CLN_TRY(cln_stage_measure(p, measured));
     CLN_TRY(
         cln_buffer_read(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
     CLN_TRY(cln_device_finish(t->device));
@@ -238,6 +110,8 @@ static cln_status step(cln_trainer *t, double fraction)
         loss += t->results[i].loss;
         square += t->results[i].square_error;
     }
+    t->model.sum_square += square;
+    t->model.sum_rays += rays;
     loss /= rays;
     square /= rays;
     if (!isfinite(loss)) {
@@ -297,7 +171,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         return CLN_OK;
     /* the pictures' densities are not training's: put those back afterwards */
     CLN_TRY(cln_buffer_read(t->device, &t->pipeline.density, 0, t->model.density, bytes));
-    rendered = cln_evaluate(&t->pipeline, t->scene, t->eval_views, t->eval_count, folder,
+    rendered = cln_evaluate(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count, folder,
                             &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
         cln_clear_error();
@@ -324,6 +198,7 @@ static cln_status checkpoint(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     const size_t weights = (size_t)t->pipeline.leaves * (size_t)t->pipeline.net.params;
+    const bool measured = cln_pipeline_measures(&t->model.config) > 0;
 
     CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
     for (size_t i = 0; i < weights; i++)
@@ -334,6 +209,9 @@ static cln_status checkpoint(cln_trainer *t)
                           (long long)t->model.step);
             goto done;
         }
+    /* for those who look at the tree: the error since the last decision; decisions measure their own */
+    for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
+        t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
     t->saved_at = cln_now();
 done:
@@ -418,7 +296,7 @@ cln_status cln_trainer_run(cln_trainer *t)
         const double began = cln_now(), before = t->model.train_seconds;
         const double fraction = cln_trainer_fraction(t);
 
-        CLN_TRY(maintain(t, fraction));
+        CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(step(t, fraction));
         t->model.train_seconds += cln_now() - began;
         report_progress(t, fraction);

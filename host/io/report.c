@@ -199,6 +199,7 @@ static cln_status put_page(FILE *to, const char *run, const cln_report_data *dat
     put_headline(to, data);
     cln_report_curves(to, data);
     CLN_TRY(cln_report_views(to, run, data));
+    CLN_TRY(cln_report_tree(to, run, data));
     cln_report_stages(to, data);
     put_left_out(to, data->run);
     cln_report_settings(to, data);

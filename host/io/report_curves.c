@@ -9,7 +9,7 @@
 #include "io/progress.h"
 #include "io/svg.h"
 
-enum { EVENTS = 16, TABLE_ROWS = 16 };
+enum { EVENTS = 16, MARKS = 64, TABLE_ROWS = 16 };
 
 static const char train_colour[] = "#2f6da8";
 static const char train_faint[] = "#c3d5e6";
@@ -36,10 +36,24 @@ void cln_report_number(FILE *to, double value, int decimals)
 
 /* ---- error against run time ---- */
 
+/* Where decisions on the structure stand on an axis; returns how many, at most MARKS. */
+static int find_marks(const cln_report_data *data, bool over_steps, double x[MARKS])
+{
+    int count = 0;
+
+    for (int i = 0; i < data->decision_count && count < MARKS; i++) {
+        const double at = over_steps ? data->decisions[i].step : data->decisions[i].seconds;
+        if (isfinite(at))
+            x[count++] = at;
+    }
+    return count;
+}
+
 /* PSNR of train and test over an axis, with the full evaluations as rings. */
 static bool put_psnr(FILE *to, const cln_report_data *data, bool over_steps)
 {
     curve raw, smooth, test, full;
+    double marks[MARKS];
     const cln_report_rows *r = &data->rows;
     const double *x = over_steps ? r->step : r->seconds;
     cln_series series[] = {
@@ -54,7 +68,9 @@ static bool put_psnr(FILE *to, const cln_report_data *data, bool over_steps)
                        .width = 560,
                        .height = 330,
                        .series_count = 4,
-                       .series = series};
+                       .series = series,
+                       .mark_count = find_marks(data, over_steps, marks),
+                       .marks = marks};
 
     series[0].count = cln_report_decimate(r->count, x, r->psnr_train, raw.x, raw.y);
     series[1].count = cln_report_decimate(r->count, x, r->smooth, smooth.x, smooth.y);
@@ -71,23 +87,34 @@ static bool put_psnr(FILE *to, const cln_report_data *data, bool over_steps)
     return cln_svg_chart(to, &chart);
 }
 
-/* Where the tree grew by half or more between two rows. */
-static int find_growth(const cln_report_rows *r, double seconds[EVENTS])
+static bool was_decided(const cln_report_data *data, double after, double until)
 {
+    for (int i = 0; i < data->decision_count; i++) {
+        if (data->decisions[i].step >= after && data->decisions[i].step < until)
+            return true;
+    }
+    return false;
+}
+
+/* Where the tree grew by half or more between two rows, and not by a decision on single leaves. */
+static int find_growth(const cln_report_data *data, double seconds[EVENTS])
+{
+    const cln_report_rows *r = &data->rows;
     int count = 0;
 
     for (int i = 1; i < r->count && count < EVENTS; i++) {
-        if (r->leaves[i] > 1.5 * r->leaves[i - 1])
+        if (r->leaves[i] > 1.5 * r->leaves[i - 1] && !was_decided(data, r->step[i - 1], r->step[i]))
             seconds[count++] = r->seconds[i];
     }
     return count;
 }
 
-static void put_small(FILE *to, const cln_report_rows *r, const char *title, const double *y,
+static void put_small(FILE *to, const cln_report_data *data, const char *title, const double *y,
                       cln_series_style style, cln_axis axis)
 {
     curve c;
-    double growth[EVENTS];
+    const cln_report_rows *r = &data->rows;
+    double growth[EVENTS], marks[MARKS];
     cln_series series = {NULL, other_colour, style, 0, c.x, c.y};
     cln_chart chart = {.title = title,
                        .x_label = "training time",
@@ -98,10 +125,12 @@ static void put_small(FILE *to, const cln_report_rows *r, const char *title, con
                        .y_from_zero = true,
                        .series_count = 1,
                        .series = &series,
-                       .lines = growth};
+                       .lines = growth,
+                       .marks = marks};
 
     series.count = cln_report_decimate(r->count, r->seconds, y, c.x, c.y);
-    chart.line_count = find_growth(r, growth);
+    chart.line_count = find_growth(data, growth);
+    chart.mark_count = find_marks(data, false, marks);
     cln_svg_chart(to, &chart);
 }
 
@@ -192,13 +221,16 @@ void cln_report_curves(FILE *to, const cln_report_data *data)
     }
     put_psnr(to, data, true);
     fputs("</div>\n<div class=three>\n", to);
-    put_small(to, r, "Leaves", r->leaves, CLN_SERIES_STEPS, CLN_AXIS_COUNT);
-    put_small(to, r, "Rays per second", r->rays_per_s, CLN_SERIES_LINE, CLN_AXIS_COUNT);
-    put_small(to, r, "Samples per ray", r->samples_per_ray, CLN_SERIES_LINE, CLN_AXIS_NUMBER);
+    put_small(to, data, "Leaves", r->leaves, CLN_SERIES_STEPS, CLN_AXIS_COUNT);
+    put_small(to, data, "Rays per second", r->rays_per_s, CLN_SERIES_LINE, CLN_AXIS_COUNT);
+    put_small(to, data, "Samples per ray", r->samples_per_ray, CLN_SERIES_LINE, CLN_AXIS_NUMBER);
     fputs("</div>\n<p class=soft>Train PSNR is that of each batch of training rays, pale as "
           "measured, "
-          "dark smoothed. Dashed lines: a level more.</p>\n",
+          "dark smoothed. Dashed lines: a level more.",
           to);
+    if (data->decision_count > 0)
+        fputs(" Marks at the foot: decisions on single leaves.", to);
+    fputs("</p>\n", to);
     put_points(to, data);
 }
 

@@ -88,6 +88,31 @@ static void add_row(cln_report_rows *rows, const json_t *row)
     add_stages(rows, json_object_get(row, "stages"));
 }
 
+static cln_report_decision decision_of(const json_t *row)
+{
+    return (cln_report_decision){.step = cln_json_number(row, "step"),
+                                 .seconds = cln_json_number(row, "seconds"),
+                                 .leaves_before = cln_json_number(row, "leaves_before"),
+                                 .leaves = cln_json_number(row, "leaves"),
+                                 .split = cln_json_number(row, "split"),
+                                 .merged = cln_json_number(row, "merged"),
+                                 .budget = cln_json_number(row, "budget"),
+                                 .psnr_before = cln_json_number(row, "psnr_before"),
+                                 .psnr_after = cln_json_number(row, "psnr_after"),
+                                 .psnr_pretrained = cln_json_number(row, "psnr_pretrained"),
+                                 .work_seconds = cln_json_number(row, "work_seconds"),
+                                 .over_budget = json_is_true(json_object_get(row, "infeasible"))};
+}
+
+/* A row of training, or an event; of those only decisions on the structure are shown. */
+static void add_line(cln_report_data *data, const json_t *row)
+{
+    if (!json_object_get(row, "event"))
+        add_row(&data->rows, row);
+    else if (strcmp(cln_json_text(row, "event"), "structure") == 0)
+        data->decisions[data->decision_count++] = decision_of(row);
+}
+
 /* Exponential mean, forwards then backwards (so without delay), over about 2 % of the rows. */
 static void smooth(int count, const double *from, double *to)
 {
@@ -108,9 +133,10 @@ static void smooth(int count, const double *from, double *to)
     }
 }
 
-static cln_status read_metrics(const char *run, cln_report_rows *rows)
+static cln_status read_metrics(const char *run, cln_report_data *data)
 {
     cln_status st = CLN_OK;
+    cln_report_rows *rows = &data->rows;
     cln_status before = cln_error_status();
     double **const columns[] = {&rows->step,
                                 &rows->seconds,
@@ -136,13 +162,14 @@ static cln_status read_metrics(const char *run, cln_report_rows *rows)
     lines = count_lines(text);
     for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++)
         CLN_TRY(cln_alloc(columns[c], (size_t)lines, sizeof(double), "report: metrics"));
+    CLN_TRY(cln_alloc(&data->decisions, (size_t)lines, sizeof *data->decisions, "report: metrics"));
     line = text;
     while (*line) {
         size_t length = strcspn(line, "\n");
         json_t *row = json_loadb(line, length, 0, NULL);
 
         if (json_is_object(row))
-            add_row(rows, row); /* a last line that was cut off is none */
+            add_line(data, row); /* a last line that was cut off is none */
         json_decref(row);
         line += length + (line[length] == '\n');
     }
@@ -273,6 +300,27 @@ done:
     return st;
 }
 
+/* What the shown evaluation's pictures of the tree are of. */
+static cln_status read_tree(const char *run, cln_report_data *data)
+{
+    cln_status st = CLN_OK;
+    cln_status before = cln_error_status();
+    char *path = NULL;
+
+    if (data->shown < 0)
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&path, "%s/eval/%s/tree.json", run, data->evals[data->shown].stem));
+    if (cln_is_file(path) && cln_json_read(path, false, &data->tree) != CLN_OK)
+        skip_file(before);
+    if (!json_is_object(data->tree)) {
+        json_decref(data->tree);
+        data->tree = NULL;
+    }
+done:
+    free(path);
+    return st;
+}
+
 cln_status cln_report_data_read(const char *run, cln_report_data *out)
 {
     cln_status st = CLN_OK;
@@ -287,8 +335,9 @@ cln_status cln_report_data_read(const char *run, cln_report_data *out)
         json_decref(out->run);
         out->run = json_object();
     }
-    CLN_TRY(read_metrics(run, &out->rows));
+    CLN_TRY(read_metrics(run, out));
     CLN_TRY(read_evals(run, out));
+    CLN_TRY(read_tree(run, out));
 done:
     free(path);
     if (st != CLN_OK)
@@ -310,6 +359,8 @@ void cln_report_data_free(cln_report_data *data)
         json_decref(data->evals[i].document);
     }
     free(data->evals);
+    free(data->decisions);
+    json_decref(data->tree);
     json_decref(data->run);
     *data = (cln_report_data){.shown = -1};
 }

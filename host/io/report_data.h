@@ -4,12 +4,13 @@
 #define CLN_REPORT_DATA_H
 
 #include <jansson.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include "base/status.h"
 
 enum { CLN_REPORT_STAGES = 32, CLN_REPORT_POINTS = 600 };
 
-/* Columns of metrics.jsonl; NaN where a row has none. */
+/* Columns of metrics.jsonl's rows of training; NaN where a row has none. */
 typedef struct cln_report_rows {
     int count;
     double *step, *seconds, *wall, *psnr_train, *psnr_test; /* [count] */
@@ -21,6 +22,14 @@ typedef struct cln_report_rows {
         double seconds; /* over all rows */
     } stages[CLN_REPORT_STAGES];
 } cln_report_rows;
+
+/* A row of metrics.jsonl with the event "structure": a decision of the integer program. NaN where it has
+ * no number. */
+typedef struct cln_report_decision {
+    double step, seconds, leaves_before, leaves, split, merged, budget;
+    double psnr_before, psnr_after, psnr_pretrained, work_seconds;
+    bool over_budget; /* the budget could not be met */
+} cln_report_decision;
 
 /* One eval/NNNNNNNN-SPLIT.json. */
 typedef struct cln_report_eval {
@@ -34,10 +43,13 @@ typedef struct cln_report_eval {
 typedef struct cln_report_data {
     json_t *run; /* an empty object if there is none */
     cln_report_rows rows;
+    int decision_count;
+    cln_report_decision *decisions; /* in the file's order */
     int eval_count;
     cln_report_eval *evals; /* by step, then split */
     int shown;              /* the eval whose views are shown: latest, test before val before train;
                                -1 = none */
+    json_t *tree;           /* tree.json beside its pictures; NULL if there is none */
 } cln_report_data;
 
 cln_status cln_report_data_read(const char *run, cln_report_data *out);

@@ -15,8 +15,7 @@
 
 enum { SHOWN = 6, LISTED = 400, PICTURE_WIDTH = 400 };
 
-/* An <img> of the file, or a note that there is none; only lack of memory is an error. */
-static cln_status put_picture(FILE *to, const char *path, const char *view, const char *what)
+cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what)
 {
     cln_status st = CLN_OK;
     cln_status before = cln_error_status();
@@ -65,7 +64,7 @@ static cln_status put_view(FILE *to, const char *folder, const json_t *image)
     for (size_t i = 0; i < sizeof pictures / sizeof pictures[0]; i++) {
         free(path);
         CLN_TRY(cln_asprintf(&path, "%s/%s%s", folder, file, pictures[i].suffix));
-        CLN_TRY(put_picture(to, path, name, pictures[i].what));
+        CLN_TRY(cln_report_picture(to, path, name, pictures[i].what));
     }
     fputs("</div></div>\n", to);
 done:

@@ -149,12 +149,14 @@ done:
     return st;
 }
 
-/* Is this whole line a row of ours up to `step`? */
+/* Is this whole line a row of ours up to `step`? An event is of the beginning of the next step: a run that
+ * goes on from its step meets it again. */
 static bool keep_row(const char *line, size_t length, int64_t step)
 {
     json_t *row = json_loadb(line, length, 0, NULL);
     const json_t *at = json_object_get(row, "step");
-    bool keep = json_is_integer(at) && json_integer_value(at) <= step;
+    json_int_t last = json_object_get(row, "event") ? step - 1 : step;
+    bool keep = json_is_integer(at) && json_integer_value(at) <= last;
 
     json_decref(row);
     return keep;

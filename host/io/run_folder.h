@@ -19,8 +19,9 @@ cln_status cln_run_read(const char *run, json_t **document);
 /* Any JSON document at RUN/name, atomically (folders made as needed). */
 cln_status cln_run_write_json(const char *run, const char *name, const json_t *document);
 
-/* metrics.jsonl: one object per line, appended and flushed. On resume rows with "step" beyond `step`
- * are cut off first, so that an interrupted run leaves the same rows as one that was not. NaN and
+/* metrics.jsonl: one object per line, appended and flushed. On resume rows with "step" beyond `step` (and
+ * events, which have a key "event", of `step` itself: they happen as the step after it begins) are cut off
+ * first, so that an interrupted run leaves the same rows as one that was not. NaN and
  * infinities are written as null by cln_json_real. */
 typedef struct cln_metrics cln_metrics;
 cln_status cln_metrics_open(const char *run, int64_t step, cln_metrics **out);

@@ -167,6 +167,11 @@ static void put_axes(const plot *p)
             fprintf(p->to, "<path class='event' d='M%.1f %dV%.1f'/>", place_x(p, chart->lines[i]),
                     TOP, bottom);
     }
+    for (int i = 0; i < chart->mark_count; i++) {
+        if (chart->marks[i] >= 0 && chart->marks[i] <= p->x.max)
+            fprintf(p->to, "<path class='mark' d='M%.1f %.1fv-9'/>", place_x(p, chart->marks[i]),
+                    bottom);
+    }
 }
 
 static void put_line(const plot *p, const cln_series *s)

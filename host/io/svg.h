@@ -34,6 +34,8 @@ typedef struct cln_chart {
     const cln_series *series;
     int line_count; /* dashed vertical lines at x */
     const double *lines;
+    int mark_count; /* short marks at the foot of the plot at x */
+    const double *marks;
 } cln_chart;
 
 /* False (and nothing written) if there is no finite point to draw. x starts at 0. */

@@ -26,9 +26,9 @@
 #include "io/run_folder.h"
 #include "io/safetensors.h"
 
-#define SCHEMA "cl-nascent.checkpoint/1"
+#define SCHEMA "cl-nascent.checkpoint/2"
 #define FOLDER "checkpoint"
-enum { KEEP = 2, MAX_TENSORS = 6, ROW = 8, NAME_BYTES = 64 };
+enum { KEEP = 2, SHOWN_TENSORS = 3, MAX_TENSORS = 10, ROW = 8, NAME_BYTES = 64 };
 
 /* ---- the JSON half ---- */
 
@@ -64,7 +64,7 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     hex_of(cln_model_digest(model), model_hex);
     document = json_pack(
         "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
-        " s:b, s:b, s:s, s:s, s:s, s:O}",
+        " s:b, s:b, s:s, s:s, s:s, s:O, s:{s:I, s:f, s:f, s:i}}",
         "schema", SCHEMA, "version", CLN_VERSION, "step", (json_int_t)model->step, "refresh_step",
         (json_int_t)model->refresh_step, "growth_step", (json_int_t)model->growth_step,
         "train_seconds", model->train_seconds, "rays", model->rays, "level", model->level,
@@ -73,7 +73,9 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         "half", model->half, "background", (double)model->background[0],
         (double)model->background[1], (double)model->background[2], "has_alpha", model->has_alpha,
         "has_distortion", model->has_distortion, "tensors", tensors, "tensors_digest", data_hex,
-        "model_digest", model_hex, "config", config);
+        "model_digest", model_hex, "config", config, "measured", "rays",
+        (json_int_t)model->sum_rays, "square", model->sum_square, "last_square", model->last_square,
+        "decisions", model->decisions);
     if (!document)
         CLN_TRY(cln_fail(CLN_INTERNAL, "checkpoint of step %" PRId64 ": a setting is not finite",
                          model->step));
@@ -115,7 +117,8 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     const json_t *cube = json_object_get(document, "cube");
     const json_t *alpha = json_object_get(document, "has_alpha");
     const json_t *distortion = json_object_get(document, "has_distortion");
-    int64_t rays = 0, level = 0;
+    const json_t *measured = json_object_get(document, "measured");
+    int64_t rays = 0, level = 0, decisions = 0;
     double channel = 0;
 
     CLN_TRY(get_int(document, path, "step", 0, INT64_MAX, &out->step));
@@ -125,6 +128,11 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     CLN_TRY(get_int(document, path, "level", 0, CLN_MAX_LEVEL, &level));
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
                      &out->train_seconds));
+    CLN_TRY(get_int(measured, path, "rays", 0, INT64_MAX, &out->sum_rays));
+    CLN_TRY(get_int(measured, path, "decisions", 0, INT32_MAX, &decisions));
+    CLN_TRY(get_real(json_object_get(measured, "square"), path, "square", &out->sum_square));
+    CLN_TRY(
+        get_real(json_object_get(measured, "last_square"), path, "last_square", &out->last_square));
     CLN_TRY(get_real(json_object_get(cube, "half"), path, "half", &out->half));
     for (size_t a = 0; a < 3; a++) {
         CLN_TRY(get_real(json_array_get(json_object_get(cube, "centre"), a), path, "centre",
@@ -142,6 +150,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     out->has_distortion = json_is_true(distortion);
     out->rays = (int)rays;
     out->level = (int)level;
+    out->decisions = (int)decisions;
     CLN_TRY(cln_config_from_json(json_object_get(document, "config"), &out->config));
     CLN_TRY(cln_network_layout(&out->config, &out->net));
 done:
@@ -184,14 +193,18 @@ static cln_status write_tensors(const char *path, const cln_model *model, uint64
     cln_status st = CLN_OK;
     int32_t *rows = NULL;
     int64_t leaves = model->tree.leaf_count, stride = model->net.params, n1 = model->config.n1;
-    int count = 2;
+    int count = SHOWN_TENSORS;
     cln_tensor tensors[MAX_TENSORS] = {
         {"octree", CLN_DTYPE_I32, 2, {model->tree.node_count, ROW}, NULL},
         {"params", CLN_DTYPE_F32, 2, {leaves, stride}, model->params},
+        {"leaf_error", CLN_DTYPE_F32, 1, {leaves}, model->error},
         {"adam_m", CLN_DTYPE_F32, 2, {leaves, stride}, model->adam_m},
         {"adam_v", CLN_DTYPE_F32, 2, {leaves, stride}, model->adam_v},
         {"adam_steps", CLN_DTYPE_I32, 1, {leaves}, model->adam_steps},
-        {"density", CLN_DTYPE_BF16, 4, {leaves, n1, n1, n1}, model->density}};
+        {"density", CLN_DTYPE_BF16, 4, {leaves, n1, n1, n1}, model->density},
+        {"leaf_sums", CLN_DTYPE_F32, 3, {leaves, CLN_MEASURES, 2}, model->sums},
+        {"leaf_met", CLN_DTYPE_I32, 1, {leaves}, model->met},
+        {"leaf_saved", CLN_DTYPE_F32, 1, {leaves}, model->saved}};
 
     CLN_TRY(cln_octree_pack(&model->tree, &rows));
     tensors[0].data = rows;
@@ -252,7 +265,7 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
     cln_safetensors *file = NULL;
     char hex[17];
     int64_t n1 = out->config.n1, shape[4] = {0, out->net.params};
-    int64_t grid[4] = {0, n1, n1, n1};
+    int64_t grid[4] = {0, n1, n1, n1}, sums[3] = {0, CLN_MEASURES, 2};
 
     CLN_TRY(cln_safetensors_read(path, &file));
     hex_of(cln_safetensors_digest(file), hex);
@@ -260,13 +273,17 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its digest is %s, not %s as its .json says", path,
                          hex, digest));
     CLN_TRY(read_tree(file, path, &out->tree));
-    shape[0] = grid[0] = out->tree.leaf_count;
+    shape[0] = grid[0] = sums[0] = out->tree.leaf_count;
     CLN_TRY(take_tensor(file, path, "params", CLN_DTYPE_F32, 2, shape, &out->params));
+    CLN_TRY(take_tensor(file, path, "leaf_error", CLN_DTYPE_F32, 1, shape, &out->error));
     if (training) {
         CLN_TRY(take_tensor(file, path, "adam_m", CLN_DTYPE_F32, 2, shape, &out->adam_m));
         CLN_TRY(take_tensor(file, path, "adam_v", CLN_DTYPE_F32, 2, shape, &out->adam_v));
         CLN_TRY(take_tensor(file, path, "adam_steps", CLN_DTYPE_I32, 1, shape, &out->adam_steps));
         CLN_TRY(take_tensor(file, path, "density", CLN_DTYPE_BF16, 4, grid, &out->density));
+        CLN_TRY(take_tensor(file, path, "leaf_sums", CLN_DTYPE_F32, 3, sums, &out->sums));
+        CLN_TRY(take_tensor(file, path, "leaf_met", CLN_DTYPE_I32, 1, shape, &out->met));
+        CLN_TRY(take_tensor(file, path, "leaf_saved", CLN_DTYPE_F32, 1, shape, &out->saved));
     }
 done:
     cln_safetensors_free(file);

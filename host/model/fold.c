@@ -1,5 +1,6 @@
 /* The exact split by folding (method.md section 11): weights of a child that compute on the
- * child's local coordinates what the parent computes on its own, so a split changes no picture.
+ * child's local coordinates what the parent computes on its own, so a split changes no picture; and
+ * its inverse, unfolding, which a merge starts from.
  *
  * With x = x'/2 + o (o = -1/2 or +1/2 per axis), band k >= 1 of the parent is band k-1 of the
  * child, its (sin, cos) pair of weights turned by the angle 2^k o; the identity rows are halved
@@ -11,7 +12,11 @@
  *   sin(x/2)  4.9e-5   1.1e-6   6.8e-8   1.3e-8
  *   cos(x/2)  1.0e-3   3.3e-5   2.5e-6   6.2e-7
  * All else is exact but for the rounding to float; sums are in double. Only layers that read the
- * position encoding change: layer 0 and the skip layer. */
+ * position encoding change: layer 0 and the skip layer.
+ *
+ * Unfolding writes a child's function in its parent's coordinates, x' = 2 x - s with s = -1 or +1: band k
+ * becomes band k+1, turned by 2^k s; the identity is exact. The child's top band has no place and is
+ * left out: what it carried is for the training after a merge. */
 #include "model/network.h"
 
 #include <math.h>
@@ -67,37 +72,66 @@ static double fold_axis(int bands, int axis, double sign, const double (*turn)[2
     return bias;
 }
 
-/* The encoding rows of one layer, [enc][width], and the layer's bias, [width]. */
-static void fold_rows(const cln_network *net, int octant, const float *rows, const float *bias,
-                      float *out_rows, float *out_bias)
+/* The same for unfolding; turn[k]: cos, sin of 2^k. */
+static double unfold_axis(int bands, int axis, double sign, const double (*turn)[2],
+                          const double *in, double *out)
 {
-    double turn[MAX_BANDS][2]; /* cos, sin of 2^k / 2 */
+    out[axis] = 2 * in[axis];
+    for (int k = 0; k + 1 < bands; k++) {
+        int sin_row = 3 + PAIR * k + axis, cos_row = sin_row + 3;
+        double cos_phi = turn[k][0], sin_phi = sign * turn[k][1];
+
+        out[sin_row + PAIR] = in[sin_row] * cos_phi + in[cos_row] * sin_phi;
+        out[cos_row + PAIR] = in[cos_row] * cos_phi - in[sin_row] * sin_phi;
+    }
+    return -sign * in[axis];
+}
+
+typedef double change_axis(int bands, int axis, double sign, const double (*turn)[2],
+                           const double *in, double *out);
+
+/* The encoding rows of one layer, [enc][width], and the layer's bias, [width]. angle: of band 0. */
+static void change_rows(const cln_network *net, change_axis *change, double angle, int octant,
+                        const float *rows, const float *bias, float *out_rows, float *out_bias)
+{
+    double turn[MAX_BANDS][2];
     int w = net->width;
 
     for (int k = 0; k < net->bands; k++) {
-        turn[k][0] = cos(ldexp(0.5, k));
-        turn[k][1] = sin(ldexp(0.5, k));
+        turn[k][0] = cos(ldexp(angle, k));
+        turn[k][1] = sin(ldexp(angle, k));
     }
     for (int n = 0; n < w; n++) {
         double in[MAX_ENC], out[MAX_ENC] = {0}, sum = bias[n];
         for (int r = 0; r < net->enc; r++)
             in[r] = rows[r * w + n];
         for (int a = 0; a < 3; a++)
-            sum += fold_axis(net->bands, a, (octant >> a) & 1 ? 1 : -1, turn, in, out);
+            sum += change(net->bands, a, (octant >> a) & 1 ? 1 : -1, turn, in, out);
         for (int r = 0; r < net->enc; r++)
             out_rows[r * w + n] = (float)out[r];
         out_bias[n] = (float)sum;
     }
 }
 
-void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child)
+static void change_network(const cln_network *net, change_axis *change, double angle, int octant,
+                           const float *from, float *to)
 {
-    memcpy(child, parent, (size_t)net->params * sizeof *child);
-    fold_rows(net, octant, parent + net->trunk_w[0], parent + net->trunk_b[0],
-              child + net->trunk_w[0], child + net->trunk_b[0]);
+    memcpy(to, from, (size_t)net->params * sizeof *to);
+    change_rows(net, change, angle, octant, from + net->trunk_w[0], from + net->trunk_b[0],
+                to + net->trunk_w[0], to + net->trunk_b[0]);
     if (net->skip_layer >= 0) {
         int offset = net->trunk_w[net->skip_layer] + net->width * net->width;
         int bias = net->trunk_b[net->skip_layer];
-        fold_rows(net, octant, parent + offset, parent + bias, child + offset, child + bias);
+        change_rows(net, change, angle, octant, from + offset, from + bias, to + offset, to + bias);
     }
+}
+
+void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child)
+{
+    change_network(net, fold_axis, 0.5, octant, parent, child);
+}
+
+void cln_network_unfold(const cln_network *net, const float *child, int octant, float *parent)
+{
+    change_network(net, unfold_axis, 1, octant, child, parent);
 }

@@ -2,6 +2,7 @@
  * way to and from the disk is checkpoint.c; decides nothing and evaluates nothing. */
 #include "model/model.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
@@ -15,6 +16,10 @@ void cln_model_free(cln_model *model)
     free(model->adam_v);
     free(model->adam_steps);
     free(model->density);
+    free(model->sums);
+    free(model->met);
+    free(model->error);
+    free(model->saved);
     memset(model, 0, sizeof *model);
 }
 
@@ -25,7 +30,13 @@ static size_t cells_of(const cln_model *model)
     return n * n * n;
 }
 
-cln_status cln_model_create(const cln_config *config, cln_model *out)
+static void fill_nan(float *array, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        array[i] = NAN;
+}
+
+cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out)
 {
     cln_status st = CLN_OK;
     size_t leaves = 0, stride = 0;
@@ -33,9 +44,9 @@ cln_status cln_model_create(const cln_config *config, cln_model *out)
     memset(out, 0, sizeof *out);
     out->config = *config;
     out->half = 1;
-    out->level = config->start_level;
     CLN_TRY(cln_network_layout(config, &out->net));
-    CLN_TRY(cln_octree_create(config->start_level, &out->tree));
+    CLN_TRY(cln_octree_copy(tree, &out->tree));
+    out->level = cln_octree_depth(&out->tree);
     leaves = (size_t)out->tree.leaf_count;
     stride = (size_t)out->net.params;
     CLN_TRY(cln_alloc(&out->params, leaves * stride, sizeof *out->params, "weights"));
@@ -43,6 +54,12 @@ cln_status cln_model_create(const cln_config *config, cln_model *out)
     CLN_TRY(cln_alloc(&out->adam_v, leaves * stride, sizeof *out->adam_v, "Adam's state"));
     CLN_TRY(cln_alloc(&out->adam_steps, leaves, sizeof *out->adam_steps, "Adam's state"));
     CLN_TRY(cln_alloc(&out->density, leaves * cells_of(out), sizeof *out->density, "densities"));
+    CLN_TRY(cln_alloc(&out->sums, leaves * 2 * CLN_MEASURES, sizeof *out->sums, "measures"));
+    CLN_TRY(cln_alloc(&out->met, leaves, sizeof *out->met, "measures"));
+    CLN_TRY(cln_alloc(&out->error, leaves, sizeof *out->error, "measures"));
+    CLN_TRY(cln_alloc(&out->saved, leaves, sizeof *out->saved, "measures"));
+    fill_nan(out->error, leaves);
+    fill_nan(out->saved, leaves);
     cln_network_init(&out->net, config, out->params);
     for (size_t s = 1; s < leaves; s++) /* the same for all: no seams at step 0 */
         memcpy(out->params + s * stride, out->params, stride * sizeof *out->params);
@@ -52,21 +69,69 @@ done:
     return st;
 }
 
-/* *array = [change->count][stride] floats: kept leaves copied, new ones left zero. */
-static cln_status carry(const cln_octree_change *change, size_t stride, float **array)
+cln_status cln_model_create(const cln_config *config, cln_model *out)
 {
     cln_status st = CLN_OK;
-    float *fresh = NULL;
+    cln_octree tree = {0};
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(cln_octree_create(config->start_level, &tree));
+    CLN_TRY(cln_model_create_on(config, &tree, out));
+done:
+    cln_octree_free(&tree);
+    return st;
+}
+
+void cln_model_restart_measures(cln_model *model)
+{
+    size_t leaves = (size_t)model->tree.leaf_count;
+
+    if (model->sums) {
+        memset(model->sums, 0, leaves * 2 * CLN_MEASURES * sizeof *model->sums);
+        memset(model->met, 0, leaves * sizeof *model->met);
+    }
+    model->sum_rays = 0;
+    model->sum_square = 0;
+}
+
+/* *array = [change->count][stride] floats: kept leaves copied, new ones set to `fresh`. */
+static cln_status carry(const cln_octree_change *change, size_t stride, float fresh, float **array)
+{
+    cln_status st = CLN_OK;
+    float *carried = NULL;
 
     if (!*array)
         return CLN_OK;
-    CLN_TRY(cln_alloc(&fresh, (size_t)change->count * stride, sizeof *fresh, "weights"));
-    for (int s = 0; s < change->count; s++)
-        if (change->octant[s] < 0)
-            memcpy(fresh + (size_t)s * stride, *array + (size_t)change->from[s] * stride,
-                   stride * sizeof *fresh);
+    CLN_TRY(cln_alloc(&carried, (size_t)change->count * stride, sizeof *carried, "weights"));
+    for (int s = 0; s < change->count; s++) {
+        float *to = carried + (size_t)s * stride;
+
+        if (change->octant[s] == CLN_COPIED)
+            memcpy(to, *array + (size_t)change->from[s] * stride, stride * sizeof *to);
+        else
+            for (size_t i = 0; i < stride; i++)
+                to[i] = fresh;
+    }
     free(*array);
-    *array = fresh;
+    *array = carried;
+done:
+    return st;
+}
+
+/* The same for one whole number a leaf; new ones are zero. */
+static cln_status carry_counts(const cln_octree_change *change, int32_t **array)
+{
+    cln_status st = CLN_OK;
+    int32_t *carried = NULL;
+
+    if (!*array)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&carried, (size_t)change->count, sizeof *carried, "counts of leaves"));
+    for (int s = 0; s < change->count; s++)
+        if (change->octant[s] == CLN_COPIED)
+            carried[s] = (*array)[change->from[s]];
+    free(*array);
+    *array = carried;
 done:
     return st;
 }
@@ -88,52 +153,71 @@ static void densities_of_child(int n, const uint16_t *parent, int octant, uint16
         }
 }
 
+/* The parent's grid of what its child's knows: nearest cell in the child's octant, and its edge beyond. */
+static void densities_of_parent(int n, const uint16_t *child, int octant, uint16_t *parent)
+{
+    for (int z = 0; z < n; z++)
+        for (int y = 0; y < n; y++)
+            for (int x = 0; x < n; x++) {
+                const int at[3] = {x, y, z};
+                int cell[3];
+
+                for (int a = 0; a < 3; a++) {
+                    cell[a] = 2 * at[a] + 1 - ((octant >> a) & 1) * n;
+                    cell[a] = cell[a] < 0 ? 0 : cell[a] >= n ? n - 1 : cell[a];
+                }
+                *parent++ = child[((size_t)cell[2] * n + cell[1]) * n + cell[0]];
+            }
+}
+
 cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
 {
     cln_status st = CLN_OK;
     size_t stride = (size_t)model->net.params, cells = cells_of(model);
     size_t count = (size_t)change->count;
+    int n1 = model->config.n1;
     float *params = NULL;
-    int32_t *steps = NULL;
     uint16_t *density = NULL;
 
     CLN_ASSERT(change->count == model->tree.leaf_count);
     CLN_TRY(cln_alloc(&params, count * stride, sizeof *params, "weights"));
-    if (model->adam_steps)
-        CLN_TRY(cln_alloc(&steps, count, sizeof *steps, "Adam's state"));
     if (model->density)
         CLN_TRY(cln_alloc(&density, count * cells, sizeof *density, "densities"));
-    CLN_TRY(carry(change, stride, &model->adam_m));
-    CLN_TRY(carry(change, stride, &model->adam_v));
+    CLN_TRY(carry(change, stride, 0, &model->adam_m));
+    CLN_TRY(carry(change, stride, 0, &model->adam_v));
+    CLN_TRY(carry_counts(change, &model->adam_steps));
+    CLN_TRY(carry(change, 2 * CLN_MEASURES, 0, &model->sums));
+    CLN_TRY(carry_counts(change, &model->met));
+    CLN_TRY(carry(change, 1, NAN, &model->error));
+    CLN_TRY(carry(change, 1, NAN, &model->saved));
     for (size_t s = 0; s < count; s++) {
-        size_t from = (size_t)change->from[s];
+        const float *from = model->params + (size_t)change->from[s] * stride;
+        const uint16_t *old = density ? model->density + (size_t)change->from[s] * cells : NULL;
+        uint16_t *grid = density ? density + s * cells : NULL;
         int octant = change->octant[s];
 
-        if (octant >= 0)
-            cln_network_fold(&model->net, model->params + from * stride, octant,
-                             params + s * stride);
-        else
-            memcpy(params + s * stride, model->params + from * stride, stride * sizeof *params);
-        if (steps && octant < 0)
-            steps[s] = model->adam_steps[from];
-        if (density && octant >= 0)
-            densities_of_child(model->config.n1, model->density + from * cells, octant,
-                               density + s * cells);
-        else if (density)
-            memcpy(density + s * cells, model->density + from * cells, cells * sizeof *density);
+        if (octant >= 0) {
+            cln_network_fold(&model->net, from, octant, params + s * stride);
+            if (grid)
+                densities_of_child(n1, old, octant, grid);
+        } else if (octant == CLN_COPIED) {
+            memcpy(params + s * stride, from, stride * sizeof *params);
+            if (grid)
+                memcpy(grid, old, cells * sizeof *grid);
+        } else {
+            cln_network_unfold(&model->net, from, CLN_MERGED - octant, params + s * stride);
+            if (grid)
+                densities_of_parent(n1, old, CLN_MERGED - octant, grid);
+        }
     }
     free(model->params);
-    free(model->adam_steps);
     free(model->density);
     model->params = params;
-    model->adam_steps = steps;
     model->density = density;
     params = NULL;
-    steps = NULL;
     density = NULL;
 done:
     free(params);
-    free(steps);
     free(density);
     return st;
 }

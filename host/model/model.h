@@ -26,16 +26,35 @@ typedef struct cln_model {
     double train_seconds; /* budget used so far */
     int rays;             /* adapted batch size of the next step */
     int level;            /* growth reached so far */
+    /* What the structure optimisation has measured (method.md 12.3); kept with the training state. */
+    float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
+    int32_t *met;       /* [slot] samples since the last decision */
+    float *error;       /* [slot] e_b of the last decision; NaN before the first */
+    float *saved;       /* [slot] cost of the children that were merged into it; NaN = none */
+    int64_t sum_rays;   /* rays behind `sums` */
+    double sum_square;  /* their summed square errors */
+    double last_square; /* mean square error of the interval before; 0 = none */
+    int decisions;      /* structure decisions that came due so far */
 } cln_model;
 
-/* A new model: full tree at config.start_level, initial weights, training state zero. */
+/* Of each leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */
+enum { CLN_MEASURES = 3 };
+
+/* A new model: full tree at config.start_level, or a copy of `tree`; initial weights, training state
+ * zero. */
 cln_status cln_model_create(const cln_config *config, cln_model *out);
+cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out);
 void cln_model_free(cln_model *model); /* accepts a zeroed model */
 
-/* Applies a change of structure (already made in model->tree by octree.h): copies or folds params,
- * zeroes adam state of new leaves, copies or zeroes (for new leaves) adam_steps; resizes density
- * (kept leaves copied, new ones from the parent's octant, nearest cell, until the next refresh). */
+/* Applies a change of structure (already made in model->tree by octree.h): copies, folds or unfolds
+ * params, zeroes adam state of new leaves, copies or zeroes (for new leaves) adam_steps; resizes density
+ * (kept leaves copied, new ones from the parent's octant or the merged child, nearest cell, until the
+ * next refresh) and what was measured (new leaves start afresh). */
 cln_status cln_model_apply(cln_model *model, const cln_octree_change *change);
+
+/* Starts a new interval of measuring: sums, samples and rays back to zero. Not between a change of the
+ * tree and cln_model_apply. */
+void cln_model_restart_measures(cln_model *model);
 
 /* Digest of parameters and tree: what `info` prints as model_digest. */
 uint64_t cln_model_digest(const cln_model *model);

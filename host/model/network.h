@@ -53,4 +53,8 @@ double cln_network_density_bias(const cln_config *config);
  * fitted to 7e-5. parent, child: [params], may not overlap. */
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child);
 
+/* The inverse: weights of the parent that compute what its child `octant` computes, there and beyond, but
+ * for the child's top band, which is left out. What a merge starts from. */
+void cln_network_unfold(const cln_network *net, const float *child, int octant, float *parent);
+
 #endif

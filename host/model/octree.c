@@ -140,7 +140,7 @@ static void renumber(cln_octree *tree, int32_t *leaf, cln_octree_change *change)
         int node = leaf[s], old = tree->slot[node];
         if (old >= 0) {
             change->from[s] = old;
-            change->octant[s] = -1;
+            change->octant[s] = CLN_COPIED;
         } else {
             int parent = tree->parent[node];
             change->from[s] = tree->slot[parent];
@@ -236,6 +236,93 @@ cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_cha
     leaf = NULL;
 done:
     free(leaf);
+    return st;
+}
+
+bool cln_octree_can_merge(const cln_octree *tree, int slot)
+{
+    int parent = tree->parent[tree->leaf[slot]];
+
+    if (parent < 0)
+        return false;
+    for (int i = 0; i < 8; i++)
+        if (tree->state[tree->child[parent] + i] == CLN_NODE_INNER)
+            return false;
+    return true;
+}
+
+/* The heaviest ACTIVE one of eight siblings, the first of equals. */
+static int heaviest(const cln_octree *tree, int first, const float *weight)
+{
+    int best = -1;
+
+    for (int c = first; c < first + 8; c++)
+        if (tree->state[c] == CLN_NODE_ACTIVE &&
+            (best < 0 || weight[tree->slot[c]] > weight[tree->slot[best]]))
+            best = c;
+    return best;
+}
+
+cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
+                            cln_octree_change *change)
+{
+    cln_status st = CLN_OK;
+    int32_t *leaf = NULL;
+    int8_t *octant = NULL; /* [node] of the heaviest child of a merged node, -1 of others */
+    int old_count = tree->leaf_count, left = 0;
+
+    memset(change, 0, sizeof *change);
+    CLN_TRY(cln_alloc(&leaf, (size_t)old_count, sizeof *leaf, "octree leaves"));
+    CLN_TRY(cln_alloc(&octant, (size_t)tree->node_count, sizeof *octant, "octree leaves"));
+    memset(octant, -1, (size_t)tree->node_count * sizeof *octant);
+    for (int s = 0; s < old_count; s++) {
+        int node = tree->leaf[s];
+
+        if (merge[s] && !cln_octree_can_merge(tree, s))
+            CLN_TRY(cln_fail(CLN_INTERNAL, "octree leaf %d cannot be merged", s));
+        if (merge[s] && octant[tree->parent[node]] < 0) {
+            int parent = tree->parent[node], first = tree->child[parent];
+            octant[parent] = (int8_t)(heaviest(tree, first, weight) - first);
+        }
+    }
+    for (int s = 0; s < old_count; s++) {
+        int parent = tree->parent[tree->leaf[s]];
+        left += parent < 0 || octant[parent] < 0;
+    }
+    for (int i = 0; i < tree->node_count; i++)
+        left += octant[i] >= 0;
+    CLN_TRY(change_alloc(left, change));
+    for (int i = 0; i < tree->node_count; i++) {
+        if (octant[i] < 0)
+            continue;
+        tree->slot[i] = tree->slot[tree->child[i] + octant[i]];
+        for (int c = 0; c < 8; c++)
+            tree->state[tree->child[i] + c] = CLN_NODE_CULLED;
+        tree->state[i] = CLN_NODE_ACTIVE;
+        tree->strikes[i] = 0;
+        tree->child[i] = -1;
+    }
+    renumber(tree, leaf, change);
+    leaf = NULL;
+    for (int s = 0; s < tree->leaf_count; s++)
+        if (octant[tree->leaf[s]] >= 0)
+            change->octant[s] = (int8_t)(CLN_MERGED - octant[tree->leaf[s]]);
+done:
+    free(leaf);
+    free(octant);
+    return st;
+}
+
+cln_status cln_octree_copy(const cln_octree *tree, cln_octree *out)
+{
+    cln_status st = CLN_OK;
+    int32_t *rows = NULL;
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(cln_octree_pack(tree, &rows));
+    CLN_TRY(cln_octree_unpack(rows, tree->node_count, out));
+done:
+    free(rows);
     return st;
 }
 

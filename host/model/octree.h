@@ -11,6 +11,7 @@
 #ifndef CLN_OCTREE_H
 #define CLN_OCTREE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include "base/status.h"
 
@@ -30,8 +31,11 @@ typedef struct cln_octree {
     int32_t *leaf;      /* [slot] node */
 } cln_octree;
 
-/* What became of the slots in a change of structure: new slot s comes from old slot from[s]; as a copy
- * (octant[s] = -1) or as its child octant[s] in 0..7 (a split: fold). Merging will add a third kind. */
+/* What became of the slots in a change of structure: new slot s comes from old slot from[s], as
+ *   octant[s] = CLN_COPIED             the same leaf
+ *   octant[s] = k in 0..7              its child k (a split: fold)
+ *   octant[s] = CLN_MERGED - k         its parent, of which it was child k (a merge: unfold) */
+enum { CLN_COPIED = -1, CLN_MERGED = -2 };
 typedef struct cln_octree_change {
     int count;      /* new leaf_count */
     int32_t *from;  /* [count] */
@@ -48,6 +52,18 @@ cln_status cln_octree_split(cln_octree *tree, const uint8_t *split, cln_octree_c
 /* Turns every marked ACTIVE leaf into CULLED; a parent whose eight children are all CULLED becomes a
  * CULLED leaf itself (its children stay in the arrays, unreachable). */
 cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
+
+/* Does the ACTIVE leaf belong to a group that may merge: it has siblings, none of them INNER? */
+bool cln_octree_can_merge(const cln_octree *tree, int slot);
+
+/* Replaces every sibling group with a marked leaf (merge[slot] != 0) by its parent as one ACTIVE leaf
+ * (the children stay in the arrays as CULLED nodes, unreachable). The change names the sibling of the
+ * largest weight[slot] as the one that the parent comes from. CLN_INTERNAL if a group may not merge. */
+cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
+                            cln_octree_change *change);
+
+/* An independent copy. */
+cln_status cln_octree_copy(const cln_octree *tree, cln_octree *out);
 
 /* Deepest level that has an ACTIVE leaf (0 if there is none). */
 int cln_octree_depth(const cln_octree *tree);

@@ -1,6 +1,5 @@
-/* Decisions about the tree: culling of empty leaves and growth by schedule. See structure.h;
- * carries nothing out. The program that optimises single leaves (method.md 12.2, 12.3) will
- * stand here beside cln_structure_cull and read the same statistics. */
+/* Decisions about the tree: culling of empty leaves and growth by schedule. See structure.h; carries
+ * nothing out. Splits and merges of single leaves are integer_program.c's. */
 #include "model/structure.h"
 
 #include <string.h>

@@ -1,7 +1,5 @@
-/* Decisions about the tree (method.md section 12): which leaves are empty, when levels grow. Today:
- * culling (12.3) and growth of the whole tree by schedule. The optimisation of single leaves by the
- * integer program (12.2, 12.3 "MIP") belongs here too: it will take the same cln_leaf_stats and return
- * split / merge marks beside `cull`. Carries nothing out: octree.h does. */
+/* Decisions about the tree (method.md section 12): which leaves are empty (12.3), when whole levels grow. The
+ * optimisation of single leaves is integer_program.h's. Carries nothing out: octree.h does. */
 #ifndef CLN_STRUCTURE_H
 #define CLN_STRUCTURE_H
 

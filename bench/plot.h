@@ -1,0 +1,19 @@
+/* PSNR over training seconds for several runs, as one stand-alone SVG file: a logarithmic time axis, since
+ * the runs of a bench differ by factors, and a legend beside the plot. The report's own charts are io/svg.h;
+ * they have a style sheet around them and an axis from 0. */
+#ifndef BENCH_PLOT_H
+#define BENCH_PLOT_H
+
+#include <stdio.h>
+
+typedef struct plot_line {
+    const char *label;
+    int count;
+    const double *seconds, *psnr; /* [count] ascending; points that are not finite are left out */
+    double end_seconds, end_psnr; /* the last evaluation: a ring, not on the line; NaN = none */
+} plot_line;
+
+/* A plot without any finite point has its axes alone. Numbers in the C locale: the caller's business. */
+void plot_write(FILE *to, const char *title, const plot_line *lines, int count);
+
+#endif

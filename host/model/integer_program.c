@@ -1,0 +1,434 @@
+/* The integer program of the structure optimisation, solved exactly. See integer_program.h.
+ *
+ * A group's leaves meet in the rows of the group only, groups in the budget row only. So what a
+ * group can do is a short list of ways, each with the leaves it then has and its cost:
+ *
+ *   merge      1 leaf           if it may merge
+ *   split k    m + 7 k leaves   its k members that gain most by a split, k = 0..those that may
+ *
+ * less those that cost no less than another way with no more leaves. Choosing one way per group
+ * under the budget is a multiple-choice knapsack: going through the groups, cost[c] is the least
+ * cost of those so far with c leaves in all, and one byte per group and c remembers the way. Only
+ * the c that a group can reach, and from which the groups after it still fit, have a byte: about
+ * 1 MB at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves). Ties go to fewer
+ * leaves, then to the earlier way; among members, to the lower slot. Measures nothing, changes no
+ * tree. */
+#include "model/integer_program.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "base/number.h"
+
+enum { SIBLINGS = 8, WAYS = SIBLINGS + 2, MERGE = -1 };
+
+/* The sum over all leaves stays finite. */
+static const double LARGEST_COST = 1e300;
+
+typedef struct way {
+    double cost;
+    int leaves;
+    int splits; /* how many of by_gain, or MERGE */
+} way;
+
+/* ACTIVE siblings; the root as a leaf is a group of its own. */
+typedef struct group {
+    int count, slot[SIBLINGS];              /* rising */
+    double keep[SIBLINGS], split[SIBLINGS]; /* costs [member] */
+    double merge;                           /* cost of the whole group */
+    bool may_split[SIBLINGS], may_merge;
+    int splittable, by_gain[SIBLINGS]; /* members that may split, largest gain first */
+    int way_count;
+    way ways[WAYS]; /* leaves rise, cost falls */
+} group;
+
+typedef struct program {
+    int count;
+    group *groups;    /* in the order of their first slots */
+    int fewest, most; /* leaves, if every group takes its first or its last way */
+} program;
+
+/* The leaf counts that the groups up to one can have; its bytes start at `start`. */
+typedef struct span {
+    int low, high;
+    size_t start;
+} span;
+
+static cln_status check_number(int slot, const char *what, double value)
+{
+    if (value >= 0 && value <= LARGEST_COST)
+        return CLN_OK;
+    return cln_fail(CLN_INTERNAL, "integer program: slot %d: %s is %g, not in 0..%g", slot, what,
+                    value, LARGEST_COST);
+}
+
+/* The siblings of a leaf; whether it is the first of them. */
+static bool gather(const cln_octree *tree, int slot, group *g)
+{
+    int parent = tree->parent[tree->leaf[slot]];
+
+    memset(g, 0, sizeof *g);
+    if (parent < 0) {
+        g->slot[g->count++] = slot;
+        return true;
+    }
+    g->may_merge = true;
+    for (int i = 0; i < SIBLINGS; i++) {
+        int sibling = tree->child[parent] + i;
+        if (tree->state[sibling] == CLN_NODE_ACTIVE)
+            g->slot[g->count++] = tree->slot[sibling];
+        else if (tree->state[sibling] == CLN_NODE_INNER)
+            g->may_merge = false;
+    }
+    return g->slot[0] == slot;
+}
+
+static cln_status set_costs(const cln_program_desc *desc, group *g)
+{
+    cln_status st = CLN_OK;
+    double errors = 0, density = 0;
+
+    for (int i = 0; i < g->count; i++) {
+        int slot = g->slot[i], level = desc->tree->level[desc->tree->leaf[slot]];
+        const cln_leaf_measure *m = &desc->measures[slot];
+
+        CLN_TRY(check_number(slot, "error", m->error));
+        CLN_TRY(check_number(slot, "density", m->density));
+        g->keep[i] = m->error * m->density;
+        g->split[i] = isnan(m->saved) ? desc->split_factor * g->keep[i] : m->saved;
+        CLN_TRY(check_number(slot, "the cost of keeping it", g->keep[i]));
+        CLN_TRY(check_number(slot, "the cost of its split", g->split[i]));
+        g->may_split[i] = m->may_split && level < desc->max_level && level < CLN_MAX_LEVEL;
+        errors += m->error;
+        density = fmax(density, m->density);
+    }
+    g->merge = desc->merge_factor * errors * density;
+    CLN_TRY(check_number(g->slot[0], "the cost of its group's merge", g->merge));
+done:
+    return st;
+}
+
+static void sort_by_gain(group *g)
+{
+    for (int i = 0; i < g->count; i++) {
+        double gain = g->keep[i] - g->split[i];
+        int at = g->splittable;
+
+        if (!g->may_split[i])
+            continue;
+        for (; at > 0; at--) {
+            int other = g->by_gain[at - 1];
+            if (g->keep[other] - g->split[other] >= gain)
+                break;
+            g->by_gain[at] = other;
+        }
+        g->by_gain[at] = i;
+        g->splittable++;
+    }
+}
+
+/* Summed anew for every number of splits, in slot order: what is left of a cost after taking gains
+ * off could be mere rounding. */
+static double cost_of_splits(const group *g, int splits)
+{
+    bool split[SIBLINGS] = {false};
+    double cost = 0;
+
+    for (int k = 0; k < splits; k++)
+        split[g->by_gain[k]] = true;
+    for (int i = 0; i < g->count; i++)
+        cost += split[i] ? g->split[i] : g->keep[i];
+    return cost;
+}
+
+/* Ways come with rising leaves. */
+static void add_way(group *g, int leaves, double cost, int splits)
+{
+    if (g->way_count > 0) {
+        const way *last = &g->ways[g->way_count - 1];
+        if (cost >= last->cost)
+            return;
+        if (leaves == last->leaves)
+            g->way_count--;
+    }
+    g->ways[g->way_count++] = (way){cost, leaves, splits};
+}
+
+static void list_ways(group *g)
+{
+    if (g->may_merge && g->count > 1)
+        add_way(g, 1, g->merge, MERGE);
+    add_way(g, g->count, cost_of_splits(g, 0), 0);
+    if (g->may_merge && g->count == 1) /* frees no leaf: only if it is cheaper than keeping */
+        add_way(g, 1, g->merge, MERGE);
+    for (int k = 1; k <= g->splittable; k++)
+        add_way(g, g->count + 7 * k, cost_of_splits(g, k), k);
+}
+
+static void free_program(program *p)
+{
+    free(p->groups);
+    memset(p, 0, sizeof *p);
+}
+
+static cln_status make_program(const cln_program_desc *desc, program *p)
+{
+    cln_status st = CLN_OK;
+    int leaves = desc->tree->leaf_count;
+
+    memset(p, 0, sizeof *p);
+    CLN_TRY(cln_alloc(&p->groups, (size_t)leaves, sizeof *p->groups, "sibling groups"));
+    for (int s = 0; s < leaves; s++) {
+        group *g = &p->groups[p->count];
+
+        if (!gather(desc->tree, s, g))
+            continue;
+        CLN_TRY(set_costs(desc, g));
+        sort_by_gain(g);
+        list_ways(g);
+        p->fewest += g->ways[0].leaves;
+        p->most += g->ways[g->way_count - 1].leaves;
+        p->count++;
+    }
+done:
+    if (st != CLN_OK)
+        free_program(p);
+    return st;
+}
+
+/* The knapsack: the way of each group, for fewest <= max_leaves < most. */
+static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
+{
+    cln_status st = CLN_OK;
+    span *spans = NULL;    /* [group + 1], the first before any group */
+    double *cost = NULL;   /* [leaves] */
+    uint8_t *taken = NULL; /* [group][its span] */
+    size_t cells = 0;
+    int leaves = 0;
+
+    CLN_TRY(cln_alloc(&spans, (size_t)p->count + 1, sizeof *spans, "integer program"));
+    for (int i = 0; i < p->count; i++) {
+        const group *g = &p->groups[i];
+        span *after = &spans[i + 1];
+        int room = 0;
+
+        after->low = spans[i].low + g->ways[0].leaves;
+        after->high = spans[i].high + g->ways[g->way_count - 1].leaves;
+        room = max_leaves - (p->fewest - after->low);
+        if (after->high > room)
+            after->high = room;
+        after->start = cells;
+        cells += (size_t)(after->high - after->low) + 1;
+    }
+    CLN_TRY(cln_alloc(&cost, (size_t)max_leaves + 1, sizeof *cost, "integer program"));
+    CLN_TRY(cln_alloc(&taken, cells, sizeof *taken, "integer program"));
+
+    /* Every way has a leaf, so going down a cell is overwritten only after its last use. */
+    for (int i = 0; i < p->count; i++) {
+        const group *g = &p->groups[i];
+        const span *before = &spans[i], *after = &spans[i + 1];
+
+        for (int c = after->high; c >= after->low; c--) {
+            double least = INFINITY;
+            int best = 0;
+
+            for (int w = 0; w < g->way_count; w++) {
+                int from = c - g->ways[w].leaves;
+                if (from < before->low || from > before->high)
+                    continue;
+                if (cost[from] + g->ways[w].cost < least) {
+                    least = cost[from] + g->ways[w].cost;
+                    best = w;
+                }
+            }
+            cost[c] = least;
+            taken[after->start + (size_t)(c - after->low)] = (uint8_t)best;
+        }
+    }
+    leaves = spans[p->count].low;
+    for (int c = leaves + 1; c <= spans[p->count].high; c++)
+        if (cost[c] < cost[leaves])
+            leaves = c;
+    for (int i = p->count - 1; i >= 0; i--) {
+        const span *after = &spans[i + 1];
+
+        CLN_ASSERT(leaves >= after->low && leaves <= after->high);
+        chosen[i] = taken[after->start + (size_t)(leaves - after->low)];
+        leaves -= p->groups[i].ways[chosen[i]].leaves;
+    }
+    CLN_ASSERT(leaves == 0);
+done:
+    free(spans);
+    free(cost);
+    free(taken);
+    return st;
+}
+
+static void mark(const group *g, const way *w, cln_program_result *out)
+{
+    if (w->splits == MERGE) {
+        for (int i = 0; i < g->count; i++)
+            out->merge[g->slot[i]] = 1;
+        out->merges++;
+    } else {
+        for (int k = 0; k < w->splits; k++)
+            out->split[g->slot[g->by_gain[k]]] = 1;
+        out->splits += w->splits;
+        out->keeps += g->count - w->splits;
+    }
+    out->leaves += w->leaves;
+    out->objective += w->cost;
+    out->cost_before += cost_of_splits(g, 0);
+}
+
+void cln_program_result_free(cln_program_result *result)
+{
+    free(result->split);
+    free(result->merge);
+    memset(result, 0, sizeof *result);
+}
+
+cln_status cln_program_solve(const cln_program_desc *desc, cln_program_result *out)
+{
+    cln_status st = CLN_OK;
+    program p = {0};
+    uint8_t *chosen = NULL; /* [group] */
+    size_t slots = (size_t)desc->tree->leaf_count;
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(make_program(desc, &p));
+    CLN_TRY(cln_alloc(&out->split, slots, sizeof *out->split, "split marks"));
+    CLN_TRY(cln_alloc(&out->merge, slots, sizeof *out->merge, "merge marks"));
+    CLN_TRY(cln_alloc(&chosen, (size_t)p.count, sizeof *chosen, "integer program"));
+
+    /* If not even all first ways together meet the budget, they are what comes nearest to it: no
+     * split, and every merge that frees leaves, so that an order of merges would change nothing. */
+    out->infeasible = p.fewest > desc->max_leaves;
+    if (!out->infeasible && p.most > desc->max_leaves)
+        CLN_TRY(choose(&p, desc->max_leaves, chosen));
+    else if (!out->infeasible) /* the budget does not bind: the cheapest of each */
+        for (int i = 0; i < p.count; i++)
+            chosen[i] = (uint8_t)(p.groups[i].way_count - 1);
+    for (int i = 0; i < p.count; i++)
+        mark(&p.groups[i], &p.groups[i].ways[chosen[i]], out);
+done:
+    free(chosen);
+    free_program(&p);
+    if (st != CLN_OK)
+        cln_program_result_free(out);
+    return st;
+}
+
+/* " + cost xSLOT". No cost is below 0; a negative zero's sign would be a second one to a reader. */
+static void write_term(FILE *f, double cost, char variable, int slot)
+{
+    char number[CLN_NUMBER_BYTES];
+
+    cln_number_write(fabs(cost), number);
+    fprintf(f, " + %s %c%d", number, variable, slot);
+}
+
+static void write_objective(FILE *f, const program *p)
+{
+    fprintf(f, "Minimize\n obj:\n");
+    for (int i = 0; i < p->count; i++) {
+        const group *g = &p->groups[i];
+
+        for (int k = 0; k < g->count; k++) {
+            fputc(' ', f);
+            write_term(f, g->keep[k], 'n', g->slot[k]);
+            if (g->may_split[k])
+                write_term(f, g->split[k], 's', g->slot[k]);
+            if (g->may_merge)
+                write_term(f, g->merge / g->count, 'g', g->slot[k]);
+            fputc('\n', f);
+        }
+    }
+}
+
+static void write_rows(FILE *f, const program *p, int max_leaves)
+{
+    fprintf(f, "Subject To\n");
+    for (int i = 0; i < p->count; i++) {
+        const group *g = &p->groups[i];
+
+        for (int k = 0; k < g->count; k++) {
+            int slot = g->slot[k];
+
+            fprintf(f, " one%d: n%d", slot, slot);
+            if (g->may_split[k])
+                fprintf(f, " + s%d", slot);
+            if (g->may_merge)
+                fprintf(f, " + g%d", slot);
+            fprintf(f, " = 1\n");
+        }
+        for (int k = 1; k < g->count && g->may_merge; k++)
+            fprintf(f, " same%d: g%d - g%d = 0\n", g->slot[k], g->slot[0], g->slot[k]);
+    }
+    fprintf(f, " budget:\n");
+    for (int i = 0; i < p->count; i++) {
+        const group *g = &p->groups[i];
+
+        for (int k = 0; k < g->count; k++) {
+            fprintf(f, "  + n%d", g->slot[k]);
+            if (g->may_split[k])
+                fprintf(f, " + 8 s%d", g->slot[k]);
+            if (g->may_merge && k == 0)
+                fprintf(f, " + g%d", g->slot[k]);
+            fputc('\n', f);
+        }
+    }
+    fprintf(f, "  <= %d\n", max_leaves);
+}
+
+static void write_binaries(FILE *f, const program *p)
+{
+    fprintf(f, "Binary\n");
+    for (int i = 0; i < p->count; i++) {
+        const group *g = &p->groups[i];
+
+        for (int k = 0; k < g->count; k++) {
+            fprintf(f, " n%d", g->slot[k]);
+            if (g->may_split[k])
+                fprintf(f, " s%d", g->slot[k]);
+            if (g->may_merge)
+                fprintf(f, " g%d", g->slot[k]);
+            fputc('\n', f);
+        }
+    }
+}
+
+/* Keywords begin their lines and nothing else does: that is how glpsol tells them from names. */
+cln_status cln_program_write_lp(const cln_program_desc *desc, const char *path)
+{
+    cln_status st = CLN_OK;
+    program p = {0};
+    cln_atomic_file *file = NULL, *finished = NULL;
+    FILE *f = NULL;
+
+    CLN_TRY(make_program(desc, &p));
+    if (p.count == 0)
+        CLN_TRY(cln_fail(CLN_INTERNAL, "%s: a tree without leaves has no integer program", path));
+    CLN_TRY(cln_atomic_open(path, &file));
+    f = cln_atomic_stream(file);
+    fprintf(f,
+            "\\ Structure optimisation of an octree of %d leaves; by slot: n = the leaf stays,\n"
+            "\\ s = it is split into eight, g = it is merged with its siblings.\n"
+            "\\ The g of a group are equal (rows same...), so in the budget the first of them\n"
+            "\\ stands for all with 1, instead of each of the m with 1/m.\n",
+            desc->tree->leaf_count);
+    write_objective(f, &p);
+    write_rows(f, &p, desc->max_leaves);
+    write_binaries(f, &p);
+    fprintf(f, "End\n");
+    finished = file; /* ended by the commit, whatever comes of it; that sees failed writes too */
+    file = NULL;
+    CLN_TRY(cln_atomic_commit(finished));
+done:
+    cln_atomic_abandon(file);
+    free_program(&p);
+    return st;
+}

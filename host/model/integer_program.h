@@ -1,0 +1,53 @@
+/* The integer program of the structure optimisation (method.md 12.2, 12.3; NAScenT section 4, after ACORN
+ * and NeAT): which ACTIVE leaves split, which full sibling groups merge, under a budget of leaves.
+ * Solved exactly: siblings couple inside their group only and groups through one row of the program
+ * only, so it is a multiple-choice knapsack over sibling groups. Decides; carries nothing out
+ * (octree.h does), measures nothing.
+ *
+ *   min  sum_b keep_b n_b + split_b s_b + merge_b g_b                     n_b, s_b, g_b binary
+ *   s.t. n_b + s_b + g_b = 1                                              every leaf b
+ *        g_b = g_q for siblings b, q; g_b = 0 unless no sibling of b is an INNER node
+ *        sum_b n_b + 8 s_b + g_b / m_b <= max_leaves                      m_b ACTIVE siblings, b too
+ *
+ *   keep_b  = e_b d_b
+ *   split_b = saved_b if it is not NaN, else split_factor e_b d_b
+ *   merge_b = merge_factor / m_b * (sum of the group's e) * (largest d of the group) */
+#ifndef CLN_INTEGER_PROGRAM_H
+#define CLN_INTEGER_PROGRAM_H
+
+#include <stdbool.h>
+#include "model/octree.h"
+
+/* What is known of one ACTIVE leaf. */
+typedef struct cln_leaf_measure {
+    double error;   /* e_b: aggregated reprojection error, >= 0 */
+    double density; /* D_b, >= 0 */
+    double saved;   /* cost of its children, measured before they were merged; NaN = not known */
+    bool may_split; /* enough samples met it; the depth limit is checked here */
+} cln_leaf_measure;
+
+typedef struct cln_program_desc {
+    const cln_octree *tree;
+    const cln_leaf_measure *measures; /* [slot] */
+    int max_leaves, max_level;
+    double split_factor, merge_factor;
+} cln_program_desc;
+
+typedef struct cln_program_result {
+    uint8_t *split, *merge;        /* [slot] marks; merge: on every ACTIVE leaf of a group */
+    int splits, merges, keeps;     /* leaves split; groups merged; leaves kept */
+    int leaves;                    /* ACTIVE leaves afterwards */
+    double objective, cost_before; /* of the solution; of keeping every leaf */
+    bool infeasible;               /* no choice meets the budget: merges alone, cheapest first */
+} cln_program_result;
+
+/* The optimum; among equal ones always the same. CLN_MEMORY; CLN_INTERNAL for a measure that is
+ * negative or not finite. */
+cln_status cln_program_solve(const cln_program_desc *desc, cln_program_result *out);
+void cln_program_result_free(cln_program_result *result); /* accepts a zeroed one */
+
+/* The same program as text in CPLEX's LP format, for a MIP solver (cbc, glpsol --lp): variables nSLOT,
+ * sSLOT, gSLOT. CLN_OUTPUT. */
+cln_status cln_program_write_lp(const cln_program_desc *desc, const char *path);
+
+#endif

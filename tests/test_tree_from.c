@@ -1,0 +1,145 @@
+/* --tree-from: a run on another run's tree has its leaves and keeps them whatever the rows about growth,
+ * culling and adaptation say, learns, and goes on after an interruption as if there had been none; what
+ * cannot be taken over is refused with nothing written. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "engine_fixture.h"
+#include "tests.h"
+
+/* Settings of a run on the tree of `run`, with all that would change a tree switched on. */
+static cln_config config_on(const char *run)
+{
+    cln_config config = engine_config();
+    const int length = snprintf(config.tree_from, sizeof config.tree_from, "%s", engine_path(run));
+
+    if (length >= (int)sizeof config.tree_from)
+        skip(); /* a temporary folder with a long name */
+    config.start_level = 0;
+    snprintf(config.level_at, sizeof config.level_at, "1:0.1,2:0.3");
+    config.refresh_every = 4;
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.2;
+    config.adaptive = true;
+    config.structure_from = 0.1;
+    config.structure_every = 0.1;
+    config.structure_until = 0.9;
+    config.structure_wait = 0;
+    config.split_samples = 0;
+    return config;
+}
+
+/* "[0,8,0,0,0,0]": leaves by level. */
+static void assert_levels(const char *run, const char *wanted)
+{
+    char *text = NULL, *levels = NULL;
+    json_t *about = NULL;
+
+    assert_ok(cln_info_run(engine_path(run), &text));
+    about = engine_parse(text);
+    levels = json_dumps(engine_at(about, "leaves_by_level"), JSON_COMPACT);
+    assert_string_equal(levels, wanted);
+    free(levels);
+    json_decref(about);
+}
+
+static void test_keeps_the_tree(void **state)
+{
+    cln_config config;
+    cln_train_result result;
+    json_t *run = NULL;
+
+    NEED_DEVICE();
+    config = config_on("whole");
+    config.width = config.view_width = 32; /* the tree alone is taken, the network is another */
+    config.seed = 7;
+    assert_ok(engine_train("on-whole", false, &config, NULL, &result));
+    assert_int_equal(result.leaves, 8);
+    assert_levels("on-whole", "[0,8,0,0,0,0]");
+    assert_true(result.psnr_test > 5 && result.psnr_test < 60);
+    run = engine_json("on-whole/run.json");
+    assert_string_equal(json_string_value(engine_at(run, "config.tree_from")), config.tree_from);
+    json_decref(run);
+}
+
+/* One culled down to a single leaf of level 1: no full tree at any level. */
+static void test_keeps_a_culled_tree(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.2;
+    config.refresh_every = 4;
+    config.adaptive = false;
+    assert_ok(engine_train("culled", false, &config, NULL, &result));
+    assert_levels("culled", "[0,1,0,0,0,0]");
+    config = config_on("culled");
+    assert_ok(engine_train("on-culled", false, &config, NULL, &result));
+    assert_int_equal(result.leaves, 1);
+    assert_levels("on-culled", "[0,1,0,0,0,0]");
+}
+
+/* On the tree it would have had anyway, with nothing else different: the same bits. */
+static void test_same_as_its_own(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result own, taken;
+
+    NEED_DEVICE();
+    config.adaptive = false;
+    assert_ok(engine_train("own", false, &config, NULL, &own));
+    snprintf(config.tree_from, sizeof config.tree_from, "%.*s", (int)sizeof config.tree_from - 1,
+             engine_path("own"));
+    assert_ok(engine_train("taken", false, &config, NULL, &taken));
+    assert_int_equal(taken.digest, own.digest);
+}
+
+static void test_resumed(void **state)
+{
+    cln_config config;
+    engine_stop stop = {.signal = SIGINT, .step = 13};
+    cln_train_result all, part;
+
+    NEED_DEVICE();
+    config = config_on("whole");
+    assert_ok(engine_train("straight", false, &config, NULL, &all));
+    assert_fails(engine_train("halted", false, &config, &stop, &part), CLN_SIGINT, "--resume");
+    assert_ok(engine_train("halted", true, &config, NULL, &part));
+    assert_int_equal(part.digest, all.digest);
+    assert_int_equal(part.leaves, 8);
+    config.steps = 2 * STEPS;
+    config.tree_from[0] = 0;
+    assert_fails(engine_train("halted", true, &config, NULL, &part), CLN_USAGE, "new run");
+}
+
+static void test_refused(void **state)
+{
+    cln_config config;
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config = config_on("whole");
+    snprintf(config.bbox, sizeof config.bbox, "-2,-2,-2,2,2,2");
+    assert_fails(engine_train("never", false, &config, NULL, &result), CLN_USAGE, "--bbox");
+    config = config_on("scene");
+    assert_fails(engine_train("never", false, &config, NULL, &result), CLN_CHECKPOINT,
+                 "--tree-from");
+    assert_false(cln_is_dir(engine_path("never")));
+}
+
+int test_group_tree_from(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_keeps_the_tree),  cmocka_unit_test(test_keeps_a_culled_tree),
+        cmocka_unit_test(test_same_as_its_own), cmocka_unit_test(test_resumed),
+        cmocka_unit_test(test_refused),
+    };
+
+    return cmocka_run_group_tests_name("tree_from", tests, engine_setup, engine_teardown);
+}
