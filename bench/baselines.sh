@@ -2,7 +2,7 @@
 # The adaptive tree against what it should beat, for the same time on one scene. Two tables:
 #   methods   the presets nerf (one network), kilonerf (a uniform grid, from scratch) and fast
 #   levels    whole levels 3, 4, 5, without their empty leaves, each beside an adaptive tree of at most as
-#             many leaves as that one ended with, which starts a level coarser
+#             many leaves as that one ended with, which is adapted from a level coarser instead
 # Nothing else should run on the machine.
 #
 #   bench/baselines.sh SCENE OUT LIMIT [TRAIN OPTIONS]
@@ -38,7 +38,8 @@ for part in ${PARTS:-methods levels}; do
             leaves=$(bench_value "level-$level" result.leaves)
             # shellcheck disable=SC2046
             bench_train "adaptive-$level" "adaptive, at most $leaves leaves" fast --adaptive \
-                $(bench_growth $((level - 1))) --max-level 5 "$@" --max-leaves "$leaves"
+                $(bench_growth $((level - 1))) --structure-from "$(bench_growth_at "$level")" \
+                --max-level 5 "$@" --max-leaves "$leaves"
         done
         bench_table "Whole levels and adaptive trees of as many leaves: PSNR over training time, dB"
         ;;

@@ -156,6 +156,8 @@ bench_network() {
         printf " --lr %g --lr-final %g", lr, lr / 20 }'
 }
 
+growth=${GROWTH:-3:0.08 4:0.25 5:0.4}
+
 # A tree that grows to a level, whole levels at a time, as the fast preset's would: from level 2, or at once
 # where that is the level. GROWTH: LEVEL:FRACTION of the budget.
 bench_growth() {
@@ -163,10 +165,21 @@ bench_growth() {
     if [ "$1" -lt 2 ]; then
         start=$1
     fi
-    for point in ${GROWTH:-3:0.03 4:0.1 5:0.4}; do
+    for point in $growth; do
         if [ "${point%%:*}" -gt "$start" ] && [ "${point%%:*}" -le "$1" ]; then
             at=$at${at:+,}$point
         fi
     done
     echo "--start-level $start --level-at=$at"
+}
+
+# The fraction of the budget at which whole level $1 comes.
+bench_growth_at() {
+    for point in $growth; do
+        if [ "${point%%:*}" = "$1" ]; then
+            echo "${point#*:}"
+            return
+        fi
+    done
+    echo 0
 }

@@ -58,7 +58,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
 #define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                            \
     INT(start_level, "start-level", 1, 2, 0, 5, "level of the full tree at the first step")     \
-    TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.03,4:0.1,5:0.4",                         \
+    TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
          "growth: LEVEL:FRACTION of the budget, comma separated")                               \
     ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                      \
          "cull empty leaves with the two guards, or by the mean density alone")                 \
@@ -75,11 +75,11 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "split and merge single leaves by the integer program, besides growth by level")       \
     INT(max_leaves, "max-leaves", 1024, 2048, 1, 262144, "adaptive: most leaves")               \
     INT(max_level, "max-level", 5, 5, 0, 5, "adaptive: deepest level")                          \
-    REAL(structure_from, "structure-from", 0.233, 0.14, 0, 1,                                   \
+    REAL(structure_from, "structure-from", 0.233, 0.4, 0, 1,                                    \
          "adaptive: no change before this fraction of the budget")                              \
     REAL(structure_every, "structure-every", 0.0334, 0.05, 1e-4, 1,                             \
          "adaptive: fraction of the budget from one decision to the next")                      \
-    REAL(structure_until, "structure-until", 0.6, 0.6, 0, 1,                                    \
+    REAL(structure_until, "structure-until", 0.6, 0.7, 0, 1,                                    \
          "adaptive: the tree is frozen from this fraction of the budget on")                    \
     REAL(structure_wait, "structure-wait", 0.95, 0, 0, 1,                                       \
          "adaptive: wait while the error still falls below this share of what it was")          \
@@ -146,7 +146,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
         "a leaf with fewer samples in a batch is not updated")                                     \
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \
     REAL(huber_delta, "huber-delta", 0.1, 0.1, 1e-6, 10, "where huber turns linear")               \
-    BOOL(random_background, "random-background", false, false,                                     \
+    BOOL(random_background, "random-background", false, true,                                      \
          "a random background colour per ray, for images with alpha")                              \
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \

@@ -186,8 +186,7 @@ static int64_t refresh_interval(const cln_trainer *t)
 
 enum { PROBE_RAYS = 2048 };
 
-/* PSNR over the same training rays every time, with evaluation's sampling. */
-static cln_status probe(cln_trainer *t, double *psnr)
+cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
@@ -287,7 +286,7 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
     cln_plan plan;
     uint8_t *fresh = NULL;
 
-    CLN_TRY(probe(t, &d->psnr_before));
+    CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
     CLN_TRY(cln_distil_prepare(t, merge, &distil));
     CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
     make_plan(t, leaves_after, &plan);
@@ -297,7 +296,7 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
     adopt_plan(t, &plan);
     CLN_TRY(send_back(t));
     CLN_TRY(refresh_marked(t, fresh));
-    CLN_TRY(probe(t, &d->psnr_after));
+    CLN_TRY(cln_maintain_probe(t, &d->psnr_after));
     d->psnr_pretrained = d->psnr_after;
     if (distil.nets > 0) {
         CLN_TRY(cln_distil_train(t, &distil, &d->distil_steps));
@@ -305,7 +304,7 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
         for (int n = 0; n < distil.nets; n++)
             fresh[t->model.tree.slot[distil.nodes[n]]] = 1;
         CLN_TRY(refresh_marked(t, fresh));
-        CLN_TRY(probe(t, &d->psnr_pretrained));
+        CLN_TRY(cln_maintain_probe(t, &d->psnr_pretrained));
     }
 done:
     free(fresh);
@@ -362,11 +361,15 @@ done:
 
 static void say(const cln_trainer *t, const cln_decision *d)
 {
+    char psnr[96] = "";
+
+    if (d->splits + d->merges > 0)
+        snprintf(psnr, sizeof psnr, "; PSNR of a fixed batch %.2f -> %.2f%s dB", d->psnr_before,
+                 d->psnr_pretrained, d->merges ? " (merged ones trained)" : "");
     cln_info("step %lld: %d leaves -> %d: %d split, %d groups merged, %d kept; objective %.4g -> "
-             "%.4g; PSNR of a fixed batch %.2f -> %.2f%s dB; %.1f s",
+             "%.4g%s; %.1f s",
              (long long)t->model.step, d->leaves_before, d->leaves, d->splits, d->merges, d->keeps,
-             d->objective_before, d->objective, d->psnr_before, d->psnr_pretrained,
-             d->merges ? " (merged ones trained)" : "", d->work_seconds);
+             d->objective_before, d->objective, psnr, d->work_seconds);
     if (d->infeasible)
         cln_warn("no choice of splits and merges meets --max-leaves %d; only merges were made",
                  d->budget);

@@ -282,6 +282,27 @@ static cln_status stopped(const cln_trainer *t, const char *when)
         (long long)t->model.step, t->desc->run);
 }
 
+/* A step that is taken back: drivers compile a kernel when it is first launched, which may take seconds and
+ * is no training. */
+static cln_status warm_up(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    double psnr = 0;
+    const cln_model before = t->model; /* its numbers; the arrays are not touched by a step */
+
+    CLN_TRY(cln_stage_refresh(&t->pipeline, 0, 1, true, 0, 0));
+    CLN_TRY(step(t, 0));
+    if (t->model.config.adaptive)
+        CLN_TRY(cln_maintain_probe(t, &psnr));
+    t->model = before;
+    memset(&t->interval, 0, sizeof t->interval);
+    memset(t->device->stage_seconds, 0, sizeof t->device->stage_seconds);
+    CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
+    CLN_TRY(cln_stage_seen(&t->pipeline));
+done:
+    return st;
+}
+
 cln_status cln_trainer_run(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -290,6 +311,7 @@ cln_status cln_trainer_run(cln_trainer *t)
 
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = steps_of_epochs(t);
+    CLN_TRY(warm_up(t));
     t->interval.began_seconds = t->model.train_seconds;
     t->saved_at = cln_now();
     while (cln_trainer_fraction(t) < 1 && t->signal == 0) {
