@@ -89,6 +89,8 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "adaptive: cost of a split leaf, as a share of the leaf's")                            \
     REAL(merge_factor, "merge-factor", 1.1, 1.1, 0, 100,                                        \
          "adaptive: cost of a merged leaf, as a multiple of its children's")                    \
+    REAL(cost_density, "cost-density", 1, 1, 0, 4,                                              \
+         "adaptive: power of the mean density in a leaf's cost, error x density^power")         \
     INT(distil_steps, "distil-steps", 500, 500, 0, 1000000,                                     \
         "merge: most steps of training the new leaf on samples of the old ones")                \
     INT(distil_samples, "distil-samples", 256, 256, 8, 65536, "merge: samples per step")        \
@@ -146,7 +148,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
         "a leaf with fewer samples in a batch is not updated")                                     \
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \
     REAL(huber_delta, "huber-delta", 0.1, 0.1, 1e-6, 10, "where huber turns linear")               \
-    BOOL(random_background, "random-background", false, true,                                      \
+    BOOL(random_background, "random-background", false, false,                                     \
          "a random background colour per ray, for images with alpha")                              \
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \

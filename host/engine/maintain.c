@@ -226,12 +226,15 @@ done:
 /* ---- decisions ---- */
 
 /* Cost e d of each merged leaf's children, by node of the parent, before they are gone. */
-static void save_costs(const cln_octree *tree, const float *error, const float *mean,
-                       const uint8_t *merge, double *cost)
+static void save_costs(const cln_model *model, const float *mean, const uint8_t *merge,
+                       double *cost)
 {
+    const cln_octree *tree = &model->tree;
+
     for (int s = 0; s < tree->leaf_count; s++)
         if (merge[s])
-            cost[tree->parent[tree->leaf[s]]] += (double)error[s] * mean[s];
+            cost[tree->parent[tree->leaf[s]]] +=
+                model->error[s] * pow(fmax(mean[s], 0), model->config.cost_density);
 }
 
 /* The tree of the model after merges and splits; fresh[slot]: new leaves; merged ones are also the
@@ -253,7 +256,7 @@ static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8
     CLN_TRY(leaf_stats(t, &mean, &peak));
     for (size_t s = 0; s < old; s++)
         by_node[tree->leaf[s]] = split[s];
-    save_costs(tree, m->error, mean, merge, cost);
+    save_costs(m, mean, merge, cost);
     CLN_TRY(cln_octree_merge(tree, merge, mean, &merges));
     CLN_TRY(cln_model_apply(m, &merges));
     CLN_TRY(cln_alloc(&marks, (size_t)tree->leaf_count, 1, "leaf marks"));
@@ -349,7 +352,7 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
     for (size_t i = 0; i < leaves; i++) {
         m->error[i] = m->sums[i * CLN_MEASURES * 2] / (float)m->sum_rays;
         (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
-                                       .density = mean[i],
+                                       .density = pow(fmax(mean[i], 0), m->config.cost_density),
                                        .saved = m->saved[i],
                                        .may_split = m->met[i] >= m->config.split_samples};
     }
@@ -408,6 +411,8 @@ static cln_status decide(cln_trainer *t)
     if (r.splits + r.merges > 0) {
         CLN_TRY(cln_maintain_restructure(t, r.split, r.merge, r.leaves, &d));
         m->last_square = 0;
+        if (8 * r.splits + r.merges > r.leaves / 8) /* a growth: densities change fast again */
+            m->growth_step = m->step;
     } else {
         m->last_square = square;
         cln_model_restart_measures(m);

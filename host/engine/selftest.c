@@ -176,6 +176,8 @@ static cln_status run_checks(cln_checks *c)
     CLN_TRY(cln_check_rays(c));
     CLN_TRY(cln_check_networks(c));
     CLN_TRY(cln_check_composite(c));
+    if (cln_pipeline_measures(&c->p->config) > 0)
+        CLN_TRY(cln_check_structure(c));
 done:
     return st;
 }

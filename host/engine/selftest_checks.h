@@ -1,5 +1,5 @@
 /* What the parts of the self-test share: selftest.c runs them on one pipeline after the other,
- * selftest_rays.c and selftest_networks.c hold the checks. Private to these three. */
+ * selftest_rays.c, selftest_networks.c and selftest_structure.c hold the checks. Private to these. */
 #ifndef CLN_SELFTEST_CHECKS_H
 #define CLN_SELFTEST_CHECKS_H
 
@@ -40,5 +40,6 @@ cln_status cln_check_rays(cln_checks *c);
 cln_status cln_check_densities(cln_checks *c);
 cln_status cln_check_networks(cln_checks *c);
 cln_status cln_check_composite(cln_checks *c);
+cln_status cln_check_structure(cln_checks *c); /* only where the pipeline measures */
 
 #endif

@@ -347,7 +347,7 @@ typedef struct batch {
     float out[RAYS * MOST][4], dout[RAYS * MOST][4], targets[RAYS][4], backgrounds[RAYS][4];
     float ray_d[RAYS][4];
     cln_ray_result pictures[RAYS], results[RAYS];
-    float got[RAYS * MOST * 4];
+    float got[RAYS * MOST * 4], shares[RAYS * MOST];
     double want[RAYS * MOST * 4], ref_out[MOST][4], ref_t[MOST], ref_delta[MOST], ref_grad[MOST][4];
 } batch;
 
@@ -402,6 +402,8 @@ static cln_status run_batch(cln_pipeline *p, batch *b)
     CLN_TRY(cln_stage_composite_train(p, RAYS, n));
     CLN_TRY(cln_buffer_read(device, &p->results, 0, b->results, sizeof b->results));
     CLN_TRY(cln_buffer_read(device, &p->dout, 0, b->dout, n * sizeof *b->dout));
+    if (cln_pipeline_measures(&p->config) == 1)
+        CLN_TRY(cln_buffer_read(device, &p->measures, 0, b->shares, n * sizeof *b->shares));
 done:
     return st;
 }
@@ -464,6 +466,30 @@ static void compare_batch(cln_checks *c, batch *b)
                       GRADIENT[0], GRADIENT[1]);
 }
 
+/* A sample's share of its ray's error: by weight, and by length of what the ray saw through. */
+static void compare_shares(cln_checks *c, batch *b)
+{
+    double background[3], target[3], rgb[3], weights[MOST], depth, opacity;
+
+    for (int r = 0; r < RAYS; r++) {
+        const int n = widen(c->p, b, r, background, target);
+        double square = 0, length = 0, through = 1;
+
+        ref_composite(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta, background, rgb,
+                      &depth, &opacity, weights);
+        for (int k = 0; k < 3; k++)
+            square += (rgb[k] - target[k]) * (rgb[k] - target[k]) / 3;
+        for (int i = 0; i < n; i++) {
+            length += b->ref_delta[i];
+            through *= exp(-b->ref_out[i][3] * b->ref_delta[i]);
+        }
+        for (int i = 0; i < n; i++)
+            b->want[b->starts[r] + (uint32_t)i] =
+                square * (weights[i] + through * b->ref_delta[i] / length);
+    }
+    cln_check_compare(c, "shares of the error", b->shares, b->want, b->starts[RAYS], 1e-9, 1e-3);
+}
+
 cln_status cln_check_composite(cln_checks *c)
 {
     cln_status st = CLN_OK;
@@ -473,6 +499,8 @@ cln_status cln_check_composite(cln_checks *c)
     make_batch(b);
     CLN_TRY(run_batch(c->p, b));
     compare_batch(c, b);
+    if (cln_pipeline_measures(&c->p->config) == 1)
+        compare_shares(c, b);
 done:
     free(b);
     return st;

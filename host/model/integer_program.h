@@ -47,7 +47,8 @@ cln_status cln_program_solve(const cln_program_desc *desc, cln_program_result *o
 void cln_program_result_free(cln_program_result *result); /* accepts a zeroed one */
 
 /* The same program as text in CPLEX's LP format, for a MIP solver (cbc, glpsol --lp): variables nSLOT,
- * sSLOT, gSLOT. CLN_OUTPUT. */
+ * sSLOT, gSLOT; the budget row counts a merge once, on its group's first g. CLN_OUTPUT; CLN_INTERNAL for a
+ * tree without leaves. */
 cln_status cln_program_write_lp(const cln_program_desc *desc, const char *path);
 
 #endif
