@@ -31,7 +31,7 @@ static cln_status fit_and_put(cln_device *device, cln_buffer *buffer, const void
     cln_status st = CLN_OK;
 
     CLN_TRY(fit(device, buffer, bytes, what));
-    CLN_TRY(cln_buffer_write(device, buffer, 0, data, bytes));
+    CLN_TRY(put(device, buffer, data, bytes, what));
 done:
     return st;
 }
