@@ -11,8 +11,9 @@
 #include "engine/viewer.h"
 #include "tests.h"
 
-/* Column `key` of a run's metrics.jsonl, events aside; returns the number of rows. */
-static int metrics(const char *run, const char *key, double *out, int most)
+/* Column `key` of a run's metrics.jsonl, of the steps (event NULL) or of one kind of event; returns the
+ * number of rows. */
+static int column(const char *run, const char *event, const char *key, double *out, int most)
 {
     char name[64], line[4096];
     FILE *f = NULL;
@@ -23,18 +24,22 @@ static int metrics(const char *run, const char *key, double *out, int most)
     assert_non_null(f);
     while (fgets(line, sizeof line, f)) {
         json_t *row = json_loads(line, 0, NULL);
+        const char *is = json_string_value(json_object_get(row, "event"));
 
-        if (json_object_get(row, "event")) {
-            json_decref(row);
-            continue;
+        if (is && event ? strcmp(is, event) == 0 : is == event) {
+            assert_true(json_is_number(json_object_get(row, key)));
+            assert_true(rows < most);
+            out[rows++] = json_number_value(json_object_get(row, key));
         }
-        assert_true(json_is_number(json_object_get(row, key)));
-        assert_true(rows < most);
-        out[rows++] = json_number_value(json_object_get(row, key));
         json_decref(row);
     }
     fclose(f);
     return rows;
+}
+
+static int metrics(const char *run, const char *key, double *out, int most)
+{
+    return column(run, NULL, key, out, most);
 }
 
 static void assert_every_step_once(const char *run, int steps)
@@ -269,29 +274,15 @@ static void test_culling(void **state)
     assert_int_equal(part.digest, all.digest);
 }
 
-/* Rows of the structure decisions of a run; the sums of their column `key`. */
+/* Rows of the structure decisions of a run; the sum of their column `key`. */
 static int decisions(const char *run, const char *key, double *sum)
 {
-    char name[64], line[4096];
-    FILE *f = NULL;
-    int rows = 0;
+    double values[STEPS];
+    const int rows = column(run, "structure", key, values, STEPS);
 
     *sum = 0;
-    snprintf(name, sizeof name, "%s/metrics.jsonl", run);
-    f = fopen(engine_path(name), "r");
-    assert_non_null(f);
-    while (fgets(line, sizeof line, f)) {
-        json_t *row = json_loads(line, 0, NULL);
-        const char *event = json_string_value(json_object_get(row, "event"));
-
-        if (event && strcmp(event, "structure") == 0) {
-            assert_true(json_is_number(json_object_get(row, key)));
-            *sum += json_number_value(json_object_get(row, key));
-            rows++;
-        }
-        json_decref(row);
-    }
-    fclose(f);
+    for (int i = 0; i < rows; i++)
+        *sum += values[i];
     return rows;
 }
 

@@ -29,14 +29,6 @@ static void draw(const cln_trainer *t, int32_t node, uint32_t index, uint32_t wh
                  (uint32_t)node * 65536u + index, what, out);
 }
 
-/* Box of a node: minimum and side, normalised units. */
-static void box_of(const cln_octree *tree, int32_t node, float box[4])
-{
-    box[3] = 2.0f / (float)(1 << tree->level[node]);
-    for (int a = 0; a < 3; a++)
-        box[a] = -1 + box[3] * (float)tree->pos[node][a];
-}
-
 /* Pinhole test: is the point before the camera and inside its image? */
 static bool sees(const cln_device_camera *c, const float point[3])
 {
@@ -107,7 +99,7 @@ static cln_status make_points(const cln_trainer *t, cln_distil *d, int net)
     float box[4], u[4];
     int views[DIRECTIONS], view_count = 0, *order = NULL;
 
-    box_of(&t->model.tree, node, box);
+    cln_octree_box(&t->model.tree, node, box);
     d->lengths[net] = sqrtf(3) * box[3] / 32;
     view_count = choose_views(t, node, box, views);
     CLN_TRY(cln_alloc(&order, (size_t)d->pool, sizeof *order, "points of a merge"));

@@ -47,13 +47,12 @@ static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box 
     for (int s = 0; s < tree->leaf_count; s++) {
         cln_ply_box *box = &(*out)[s];
         const int node = tree->leaf[s], level = tree->level[node];
-        const double side = 2.0 / (1 << level);
+        float cube[4];
 
+        cln_octree_box(tree, node, cube);
         for (int a = 0; a < 3; a++) {
-            const double lower = -1 + side * tree->pos[node][a];
-
-            box->min[a] = (float)(model->centre[a] + model->half * lower);
-            box->max[a] = (float)(model->centre[a] + model->half * (lower + side));
+            box->min[a] = (float)(model->centre[a] + model->half * cube[a]);
+            box->max[a] = (float)(model->centre[a] + model->half * (cube[a] + cube[3]));
         }
         box->level = (uint8_t)level;
         box->error = model->error ? model->error[s] : NAN;

@@ -390,18 +390,20 @@ cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
     return CLN_OK;
 }
 
+void cln_octree_box(const cln_octree *tree, int node, float box[4])
+{
+    box[3] = 2.0f / (float)(1 << tree->level[node]);
+    for (int a = 0; a < 3; a++)
+        box[a] = -1 + box[3] * (float)tree->pos[node][a];
+}
+
 cln_status cln_octree_boxes(const cln_octree *tree, float **boxes)
 {
     cln_status st = CLN_OK;
 
     CLN_TRY(cln_alloc(boxes, (size_t)tree->leaf_count, 4 * sizeof **boxes, "leaf boxes"));
-    for (int s = 0; s < tree->leaf_count; s++) {
-        int node = tree->leaf[s];
-        float side = 2.0f / (float)(1 << tree->level[node]);
-        for (int a = 0; a < 3; a++)
-            (*boxes)[4 * s + a] = -1 + side * (float)tree->pos[node][a];
-        (*boxes)[4 * s + 3] = side;
-    }
+    for (int s = 0; s < tree->leaf_count; s++)
+        cln_octree_box(tree, tree->leaf[s], *boxes + 4 * (size_t)s);
 done:
     return st;
 }

@@ -76,6 +76,9 @@ int cln_octree_find(const cln_octree *tree, const double point[3]);
  * (slot + 1 = 0 for culled). The caller frees *map ([n^3]). */
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map);
 
+/* Minimum and side of a node's box, normalised units; exact. */
+void cln_octree_box(const cln_octree *tree, int node, float box[4]);
+
 /* Per-slot geometry for the kernels: {min x, min y, min z, side} in normalised units; [slot][4]. */
 cln_status cln_octree_boxes(const cln_octree *tree, float **boxes);
 
