@@ -134,9 +134,11 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 
 /* Loss, regularisers, optimiser, batch (method.md sections 10, 11). */
 #define CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                              \
-    INT(rays, "rays", 8192, 2048, 16, 1048576, "most rays in a batch")                             \
+    INT(rays, "rays", 8192, 2048, 16, 1048576, "rays in a batch")                                  \
+    REAL(leaf_samples, "leaf-samples", 0, 0, 0, 10000,                                             \
+         "more rays, up to 8 times, until a leaf meets this many samples on average")              \
     INT(batch_samples, "batch-samples", 262144, 65536, 256, 16777216,                              \
-        "samples per batch aimed at by adapting the rays")                                         \
+        "samples per batch; fewer rays where it would be more")                                    \
     REAL(lr, "lr", 5e-4, 1e-2, 1e-8, 1, "learning rate at the start")                              \
     REAL(lr_final, "lr-final", 5e-6, 2e-4, 1e-9, 1, "learning rate at the end of the budget")      \
     ENUM(lr_schedule, "lr-schedule", CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP, "step|exp",              \

@@ -51,6 +51,9 @@ cln_status cln_config_from_json(const json_t *object, cln_config *out);
 /* Checks between values that no single row can make (widths, level_at syntax and order). CLN_USAGE. */
 cln_status cln_config_check(const cln_config *config);
 
+/* The most rays a batch ever has: --rays, or 8 times that with --leaf-samples. */
+int cln_config_most_rays(const cln_config *config);
+
 /* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */
 cln_status cln_config_levels(const cln_config *config, double fraction[6]);
 

@@ -38,6 +38,11 @@ static bool read_level(const char *part, long long *level, double *fraction)
            *end == 0;
 }
 
+int cln_config_most_rays(const cln_config *config)
+{
+    return config->leaf_samples > 0 ? 8 * config->rays : config->rays;
+}
+
 cln_status cln_config_levels(const cln_config *config, double fraction[LEVELS])
 {
     const char *at = config->level_at;

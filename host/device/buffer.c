@@ -118,32 +118,78 @@ void cln_buffer_free(cln_device *device, cln_buffer *buffer)
     buffer->bytes = 0;
 }
 
-cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t offset,
-                            const void *data, size_t bytes)
+/* The queue is in order: what was enqueued before a call that waited is done. */
+static void settle(cln_device *device)
+{
+    for (int i = 0; i < device->pending_count; i++) {
+        cl_ulong start = 0, end = 0;
+        const cl_event event = device->pending[i].event;
+
+        if (clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_START, sizeof start, &start,
+                                    NULL) == CL_SUCCESS &&
+            clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_END, sizeof end, &end, NULL) ==
+                CL_SUCCESS &&
+            end > start)
+            device->stage_seconds[device->pending[i].stage] += 1e-9 * (double)(end - start);
+        clReleaseEvent(event);
+    }
+    device->pending_count = 0;
+}
+
+static cln_status move_in(cln_device *device, const cln_buffer *buffer, size_t offset,
+                          const void *data, size_t bytes, cl_bool wait)
 {
     cln_status st = CLN_OK;
 
     if (bytes == 0)
         return CLN_OK;
     CLN_ASSERT(offset + bytes <= buffer->bytes);
-    CLN_CL(clEnqueueWriteBuffer(device->queue, buffer->mem, CL_TRUE, offset, bytes, data, 0, NULL,
-                                NULL));
+    CLN_CL(
+        clEnqueueWriteBuffer(device->queue, buffer->mem, wait, offset, bytes, data, 0, NULL, NULL));
+    if (wait)
+        settle(device);
 done:
     return st;
+}
+
+static cln_status move_out(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
+                           size_t bytes, cl_bool wait)
+{
+    cln_status st = CLN_OK;
+
+    if (bytes == 0)
+        return CLN_OK;
+    CLN_ASSERT(offset + bytes <= buffer->bytes);
+    CLN_CL(
+        clEnqueueReadBuffer(device->queue, buffer->mem, wait, offset, bytes, data, 0, NULL, NULL));
+    if (wait)
+        settle(device);
+done:
+    return st;
+}
+
+cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t offset,
+                            const void *data, size_t bytes)
+{
+    return move_in(device, buffer, offset, data, bytes, CL_TRUE);
 }
 
 cln_status cln_buffer_read(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
                            size_t bytes)
 {
-    cln_status st = CLN_OK;
+    return move_out(device, buffer, offset, data, bytes, CL_TRUE);
+}
 
-    if (bytes == 0)
-        return CLN_OK;
-    CLN_ASSERT(offset + bytes <= buffer->bytes);
-    CLN_CL(clEnqueueReadBuffer(device->queue, buffer->mem, CL_TRUE, offset, bytes, data, 0, NULL,
-                               NULL));
-done:
-    return st;
+cln_status cln_buffer_send(cln_device *device, const cln_buffer *buffer, size_t offset,
+                           const void *data, size_t bytes)
+{
+    return move_in(device, buffer, offset, data, bytes, CL_FALSE);
+}
+
+cln_status cln_buffer_fetch(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
+                            size_t bytes)
+{
+    return move_out(device, buffer, offset, data, bytes, CL_FALSE);
 }
 
 cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t bytes)
@@ -160,24 +206,6 @@ done:
     return st;
 }
 
-static cln_status settle(cln_device *device)
-{
-    for (int i = 0; i < device->pending_count; i++) {
-        cl_ulong start = 0, end = 0;
-        const cl_event event = device->pending[i].event;
-
-        if (clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_START, sizeof start, &start,
-                                    NULL) == CL_SUCCESS &&
-            clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_END, sizeof end, &end, NULL) ==
-                CL_SUCCESS &&
-            end > start)
-            device->stage_seconds[device->pending[i].stage] += 1e-9 * (double)(end - start);
-        clReleaseEvent(event);
-    }
-    device->pending_count = 0;
-    return CLN_OK;
-}
-
 cln_status cln_device_finish(cln_device *device)
 {
     cln_status st = CLN_OK;
@@ -185,6 +213,15 @@ cln_status cln_device_finish(cln_device *device)
     CLN_CL(clFinish(device->queue));
 done:
     settle(device);
+    return st;
+}
+
+cln_status cln_device_flush(cln_device *device)
+{
+    cln_status st = CLN_OK;
+
+    CLN_CL(clFlush(device->queue));
+done:
     return st;
 }
 

@@ -71,8 +71,10 @@ typedef struct cln_device {
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out);
 void cln_device_close(cln_device *device); /* accepts NULL */
 
-/* Waits for all work and adds the events' times to stage_seconds. */
+/* Waits for all work and adds the events' times to stage_seconds (as every read and write that waits). */
 cln_status cln_device_finish(cln_device *device);
+/* What is enqueued starts now, if it has not yet. */
+cln_status cln_device_flush(cln_device *device);
 
 /* "VW=8,NV=2,..."; at most 255 characters. */
 void cln_tune_text(const cln_tune *tune, char out[256]);
@@ -111,6 +113,12 @@ cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t
                             const void *data, size_t bytes);
 cln_status cln_buffer_read(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
                            size_t bytes);
+/* The same without waiting. Send: `data` must stay as it is, fetch: it is there, once a later cln_buffer_read,
+ * cln_buffer_write or cln_device_finish has returned. */
+cln_status cln_buffer_send(cln_device *device, const cln_buffer *buffer, size_t offset,
+                           const void *data, size_t bytes);
+cln_status cln_buffer_fetch(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
+                            size_t bytes);
 cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t bytes);
 
 /* ---- launches ---- */

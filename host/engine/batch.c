@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/memory.h"
 #include "base/rng.h"
 
@@ -12,11 +13,11 @@ cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cl
     cln_status st = CLN_OK;
 
     memset(out, 0, sizeof *out);
-    out->capacity = config->rays;
+    out->capacity = cln_config_most_rays(config);
     out->train_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    CLN_TRY(cln_alloc(&out->pixels, (size_t)config->rays, sizeof *out->pixels, "batch"));
-    CLN_TRY(cln_alloc(&out->targets, (size_t)config->rays, sizeof *out->targets, "batch"));
-    CLN_TRY(cln_alloc(&out->backgrounds, (size_t)config->rays, sizeof *out->backgrounds, "batch"));
+    CLN_TRY(cln_alloc(&out->pixels, (size_t)out->capacity, sizeof *out->pixels, "batch"));
+    CLN_TRY(cln_alloc(&out->targets, (size_t)out->capacity, sizeof *out->targets, "batch"));
+    CLN_TRY(cln_alloc(&out->backgrounds, (size_t)out->capacity, sizeof *out->backgrounds, "batch"));
     CLN_TRY(cln_alloc(&out->first, (size_t)out->train_views + 1, sizeof *out->first, "batch"));
     for (int i = 0; i < out->train_views; i++) {
         const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;

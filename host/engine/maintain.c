@@ -73,6 +73,7 @@ static cln_status cull(cln_trainer *t)
     cln_leaf_stats stats = {0};
     cln_octree_change change = {0};
 
+    CLN_TRY(cln_trainer_catch_up(t));
     CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
     CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
     if (cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks) > 0) {
@@ -129,6 +130,7 @@ static cln_status grow(cln_trainer *t, bool *grown)
         t->full = true;
         return CLN_OK;
     }
+    CLN_TRY(cln_trainer_catch_up(t));
     CLN_TRY(cln_pipeline_download(p, &t->model, true));
     cln_model_restart_measures(&t->model);
     CLN_TRY(cln_octree_split(&t->model.tree, NULL, &change));
@@ -200,6 +202,8 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
     int used = 0;
     double square = 0;
 
+    CLN_TRY(cln_trainer_catch_up(t));
+    t->drawn = false;
     cln_batch_draw(&t->batch, t->scene, c, p->ray_background, UINT32_MAX, rays);
     CLN_TRY(
         cln_pipeline_batch(p, t->batch.pixels, rays, t->batch.targets[0], t->batch.backgrounds[0]));
@@ -440,7 +444,7 @@ static bool decision_comes(cln_trainer *t, double fraction)
     if (due <= t->model.decisions)
         return false;
     t->model.decisions = due;
-    return t->model.sum_rays > 0;
+    return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
 }
 
 /* method.md 11: only when the error no longer falls, by comparison with the interval before. */
@@ -448,9 +452,11 @@ static cln_status wait_or_decide(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
-    const double square = m->sum_square / (double)m->sum_rays;
     const double wait = m->config.structure_wait;
+    double square = 0;
 
+    CLN_TRY(cln_trainer_catch_up(t));
+    square = m->sum_square / (double)m->sum_rays;
     if (wait <= 0 || (m->last_square > 0 && square >= wait * m->last_square))
         return decide(t);
     cln_debug("step %lld: mean square error %.4g after %.4g: the tree waits", (long long)m->step,

@@ -17,6 +17,18 @@ done:
     return st;
 }
 
+/* Without waiting. */
+static cln_status put_soon(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes,
+                           const char *what)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_buffer_reserve(device, buffer, bytes, what));
+    CLN_TRY(cln_buffer_send(device, buffer, 0, data, bytes));
+done:
+    return st;
+}
+
 /* Room for `bytes`; a buffer that is much larger is given back first (leaves that were culled or merged). */
 static cln_status fit(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what)
 {
@@ -192,14 +204,14 @@ cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, c
     const size_t rays = (size_t)n, vector = 4 * sizeof(float);
     const size_t all = rays + (size_t)cln_pipeline_extra_rays(p);
 
-    CLN_TRY(put(device, &p->pixels, pixels, rays * sizeof *pixels, "pixels"));
+    CLN_TRY(put_soon(device, &p->pixels, pixels, rays * sizeof *pixels, "pixels"));
     CLN_TRY(cln_buffer_reserve(device, &p->ray_o, all * vector, "rays"));
     CLN_TRY(cln_buffer_reserve(device, &p->ray_d, all * vector, "rays"));
     CLN_TRY(cln_buffer_reserve(device, &p->results, rays * sizeof(cln_ray_result), "ray results"));
-    CLN_TRY(put(device, &p->backgrounds, backgrounds, (p->ray_background ? rays : 1) * vector,
-                "backgrounds"));
+    CLN_TRY(put_soon(device, &p->backgrounds, backgrounds, (p->ray_background ? rays : 1) * vector,
+                     "backgrounds"));
     if (targets)
-        CLN_TRY(put(device, &p->targets, targets, rays * vector, "targets"));
+        CLN_TRY(put_soon(device, &p->targets, targets, rays * vector, "targets"));
     if (p->config.stage1 == CLN_STAGE1_SPLAT) {
         free(p->host_pixels);
         p->host_rays = 0;

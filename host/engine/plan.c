@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/memory.h"
 #include "io/progress.h"
 
@@ -27,7 +28,7 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
     const double room_for = device->info.max_alloc / (4.0 * cln_pipeline_acts(net));
     const double wanted = training ? 2.0 * config->batch_samples : config->batch_samples;
     const double samples = training && wanted > room_for ? floor(room_for) : wanted;
-    const double rays = config->rays > 16384 ? config->rays : 16384;
+    const double rays = fmax(cln_config_most_rays(config), 16384);
     const double slices = n + samples / tune->sl;
     const double scratch = 4.0 * 256 / tune->chunk; /* of the sort, bytes an element */
 

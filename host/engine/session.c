@@ -114,7 +114,8 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_shape(&t->model.config, config));
         CLN_TRY(check_same_tree(&t->model.config, config));
         t->model.config = *config;
-        t->model.rays = t->model.rays < config->rays ? t->model.rays : config->rays;
+        t->model.rays = t->model.rays < cln_config_most_rays(config) ? t->model.rays
+                                                                     : cln_config_most_rays(config);
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
                  t->model.train_seconds, t->model.tree.leaf_count);
@@ -190,7 +191,7 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_viewer_compare(t->desc->run, t->scene));
     t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
-    CLN_TRY(cln_alloc(&t->results, (size_t)config.rays, sizeof *t->results, "ray results"));
+    CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results, "ray results"));
     CLN_TRY(cln_evaluate_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                 &t->eval_count));
     cln_info("building kernels for %s", t->device->info.name);

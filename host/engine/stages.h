@@ -162,7 +162,8 @@ cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const dou
                               double half);
 
 /* A batch's pixels (pad = index of the view among the batch's views; for splatting, rays are in order of
- * pad, then y), and in training its targets and backgrounds ([n][4], [1][4] or [n][4]). */
+ * pad, then y), and in training its targets and backgrounds ([n][4], [1][4] or [n][4]). Does not wait: the arrays
+ * must stay until cln_stage_sample has returned. */
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
                               const float *backgrounds);
 

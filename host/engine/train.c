@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "engine/batch.h"
@@ -58,18 +59,74 @@ static uint32_t mix(uint32_t x)
     return x ^ x >> 15;
 }
 
-/* Rays for the next step so that samples come near `wanted`: integers only, bounded change. */
-static int adapt_rays(const cln_config *c, int64_t wanted, int rays, uint32_t samples)
+/* Rays for the next step: --rays, more where leaves would meet too few samples, fewer where samples would pass
+ * what is aimed at. Integers only, bounded change. */
+static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
 {
-    int64_t next = samples ? (int64_t)rays * wanted / samples : 2 * (int64_t)rays;
+    const cln_config *c = &t->model.config;
+    const int64_t met = samples ? samples : 1, most = cln_config_most_rays(c);
+    const int64_t by_leaf = (int64_t)(c->leaf_samples * t->pipeline.leaves) * rays / met;
+    int64_t next = by_leaf > c->rays ? by_leaf : c->rays;
 
+    next = next < most ? next : most;
+    if (next * met > (int64_t)t->plan.batch_samples * rays)
+        next = (int64_t)t->plan.batch_samples * rays / met;
     if (next > rays + rays / 4)
         next = rays + rays / 4 + 1;
     if (next < rays / 2)
         next = rays / 2;
-    return next < 16 ? 16 : next > c->rays ? c->rays : (int)next;
+    return next < 16 ? 16 : (int)next;
 }
 
+/* Adds the results of the step before, which the host has by now. */
+static cln_status account(cln_trainer *t)
+{
+    double loss = 0, square = 0;
+
+    if (!t->owed.due)
+        return CLN_OK;
+    t->owed.due = false;
+    for (int i = 0; i < t->owed.rays; i++) {
+        loss += t->results[i].loss;
+        square += t->results[i].square_error;
+    }
+    t->model.sum_square += square;
+    t->model.sum_rays += t->owed.rays;
+    loss /= t->owed.rays;
+    if (!isfinite(loss))
+        return cln_fail(
+            CLN_DIVERGED,
+            "training diverged: the loss of step %lld is not finite; the last checkpoint is "
+            "kept, resume from it with a lower --lr",
+            (long long)t->owed.step);
+    t->interval.steps++;
+    t->interval.loss += loss;
+    t->interval.square += square / t->owed.rays;
+    t->interval.rays += t->owed.rays;
+    t->interval.samples += t->owed.samples;
+    return CLN_OK;
+}
+
+cln_status cln_trainer_catch_up(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+
+    if (t->owed.due)
+        CLN_TRY(cln_device_finish(t->device));
+    CLN_TRY(account(t));
+done:
+    return st;
+}
+
+static void draw(cln_trainer *t)
+{
+    cln_batch_draw(&t->batch, t->scene, &t->model.config, t->pipeline.ray_background,
+                   (uint32_t)t->model.step, t->model.rays);
+    t->drawn = true;
+}
+
+/* The host waits once, for the number of samples; the results of a step are looked at in the next one, and the
+ * next batch is drawn while the device works. */
 static cln_status step(cln_trainer *t, double fraction)
 {
     cln_status st = CLN_OK;
@@ -87,13 +144,15 @@ static cln_status step(cln_trainer *t, double fraction)
                                        t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
     uint32_t samples = 0, measured = 0, slices = 0;
     int rays = 0;
-    double loss = 0, square = 0;
 
-    cln_batch_draw(&t->batch, t->scene, c, p->ray_background, number, t->model.rays);
+    if (!t->drawn)
+        draw(t);
+    t->drawn = false;
     CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],
                                t->batch.backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, t->model.rays));
     CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples));
+    CLN_TRY(account(t));
     measured = samples;
     CLN_TRY(cln_stage_regularise(p, &sampling, rays, &samples));
     CLN_TRY(cln_stage_group(p, samples, &slices));
@@ -104,31 +163,15 @@ static cln_status step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_adam(p, learning_rate(c, fraction)));
     CLN_TRY(cln_stage_measure(p, measured));
     CLN_TRY(
-        cln_buffer_read(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
-    CLN_TRY(cln_device_finish(t->device));
-    for (int i = 0; i < rays; i++) {
-        loss += t->results[i].loss;
-        square += t->results[i].square_error;
-    }
-    t->model.sum_square += square;
-    t->model.sum_rays += rays;
-    loss /= rays;
-    square /= rays;
-    if (!isfinite(loss)) {
-        st = cln_fail(
-            CLN_DIVERGED,
-            "training diverged: the loss of step %lld is not finite; the last checkpoint is "
-            "kept, resume from it with a lower --lr",
-            (long long)t->model.step);
-        goto done;
-    }
-    t->interval.steps++;
-    t->interval.loss += loss;
-    t->interval.square += square;
-    t->interval.rays += rays;
-    t->interval.samples += samples;
-    t->model.rays = adapt_rays(c, (int64_t)t->plan.batch_samples, rays, samples);
+        cln_buffer_fetch(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
+    CLN_TRY(cln_device_flush(t->device));
+    t->owed.due = true;
+    t->owed.step = t->model.step;
+    t->owed.rays = rays;
+    t->owed.samples = samples;
+    t->model.rays = adapt_rays(t, rays, samples);
     t->model.step++;
+    draw(t);
 done:
     return st;
 }
@@ -282,6 +325,16 @@ static cln_status stopped(const cln_trainer *t, const char *when)
         (long long)t->model.step, t->desc->run);
 }
 
+/* The rest of the newest step, as training time. */
+static cln_status wait_for_step(cln_trainer *t)
+{
+    const double began = cln_now();
+    const cln_status st = cln_trainer_catch_up(t);
+
+    t->model.train_seconds += cln_now() - began;
+    return st;
+}
+
 /* A step that is taken back: drivers compile a kernel when it is first launched, which may take seconds and
  * is no training. */
 static cln_status warm_up(cln_trainer *t)
@@ -292,9 +345,11 @@ static cln_status warm_up(cln_trainer *t)
 
     CLN_TRY(cln_stage_refresh(&t->pipeline, 0, 1, true, 0, 0));
     CLN_TRY(step(t, 0));
+    CLN_TRY(cln_trainer_catch_up(t));
     if (t->model.config.adaptive)
         CLN_TRY(cln_maintain_probe(t, &psnr));
     t->model = before;
+    t->drawn = false;
     memset(&t->interval, 0, sizeof t->interval);
     memset(t->device->stage_seconds, 0, sizeof t->device->stage_seconds);
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
@@ -317,16 +372,22 @@ cln_status cln_trainer_run(cln_trainer *t)
     while (cln_trainer_fraction(t) < 1 && t->signal == 0) {
         const double began = cln_now(), before = t->model.train_seconds;
         const double fraction = cln_trainer_fraction(t);
+        bool row = false;
 
         CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(step(t, fraction));
         t->model.train_seconds += cln_now() - began;
         report_progress(t, fraction);
         evaluated = false;
-        if (evaluation_due(t, before))
+        row = t->model.step % c->log_every == 0 || cln_trainer_fraction(t) >= 1;
+        if (evaluation_due(t, before)) {
+            CLN_TRY(wait_for_step(t));
             CLN_TRY(evaluate(t, NULL, &evaluated));
-        if (evaluated || t->model.step % c->log_every == 0 || cln_trainer_fraction(t) >= 1)
+        }
+        if (evaluated || row) {
+            CLN_TRY(wait_for_step(t));
             CLN_TRY(log_row(t, fraction, evaluated));
+        }
         if (evaluated && c->target_psnr > 0 && t->psnr_test >= c->target_psnr) {
             cln_info("target reached: %.2f dB test PSNR at %.0f s", t->psnr_test,
                      t->model.train_seconds);
@@ -334,10 +395,12 @@ cln_status cln_trainer_run(cln_trainer *t)
         }
         poll_signal(t);
         if (t->save_wanted || cln_now() - t->saved_at >= c->save_every) {
+            CLN_TRY(wait_for_step(t));
             CLN_TRY(checkpoint(t));
             t->save_wanted = false;
         }
     }
+    CLN_TRY(wait_for_step(t));
     CLN_TRY(checkpoint(t));
     if (t->signal)
         CLN_TRY(stopped(t, "after a checkpoint"));

@@ -19,7 +19,14 @@ typedef struct cln_trainer {
     cln_pipeline pipeline;
     cln_plan plan;
     cln_batch batch;
-    cln_ray_result *results;      /* [config.rays] */
+    cln_ray_result *results; /* [config.rays] */
+    bool drawn;              /* batch is that of the next step */
+    struct {                 /* results that are still on their way */
+        bool due;
+        int64_t step;
+        int rays;
+        uint32_t samples;
+    } owed;
     int64_t steps;                /* budget in steps; 0 = time alone */
     bool full;                    /* the next level does not fit the device: said once */
     double began, saved_at;       /* monotonic seconds */
@@ -45,6 +52,10 @@ typedef struct cln_trainer {
 
 /* Fraction 0..1 of the budget used so far. */
 double cln_trainer_fraction(const cln_trainer *t);
+
+/* Waits for the newest step's results and adds them to the model's and the interval's sums; nothing if they
+ * are there. CLN_DIVERGED. Whoever reads or restarts those sums calls this first. */
+cln_status cln_trainer_catch_up(cln_trainer *t);
 
 /* Runs until a budget is used up, the target is reached or a signal comes; checkpoints and final
  * evaluation included. */
