@@ -79,7 +79,8 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
      const __global float *restrict norms,                                   /* [leaf] */
      __global float *restrict params, __global float *restrict m, __global float *restrict v,
      __global float *restrict transposed, /* [leaf][WT_PARAMS] */
-     uint parts, uint min_samples, float lr, float beta1, float beta2, float epsilon, float view_l2)
+     uint parts, uint min_samples, float lr, float beta1, float beta2, float epsilon, float view_l2,
+     float decay1, float decay2) /* -log(beta) */
 {
     const uint leaf = get_group_id(0) / parts, part = get_group_id(0) % parts;
     const size_t base = (size_t)leaf * PARAMS;
@@ -88,7 +89,8 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
     if (end[leaf] - begin[leaf] < min_samples)
         return;
     const float t = (float)steps[leaf];
-    const float rate = lr / -expm1(t * log(beta1)), second = 1.0f / -expm1(t * log(beta2));
+    const float rate = lr / ONE_MINUS_EXP(float, t * decay1);
+    const float second = 1.0f / ONE_MINUS_EXP(float, t * decay2);
     __global float *wt = transposed + (size_t)leaf * WT_PARAMS;
 
     for (uint p = part * PART + get_local_id(0) * VW; p < min((part + 1u) * PART, (uint)PARAMS);

@@ -21,15 +21,19 @@
 #if VW == 1
 typedef float vf;
 typedef uint vu;
+typedef int vi;
 #define VLOAD(p)     (*(p))
 #define VSTORE(v, p) (*(p) = (v))
 #define V_TO_FLOAT   convert_float
+#define V_TO_INT     convert_int
 #else
 typedef CLN_PASTE(float, VW) vf;
 typedef CLN_PASTE(uint, VW) vu;
+typedef CLN_PASTE(int, VW) vi;
 #define VLOAD(p)     CLN_PASTE(vload, VW)(0, p)
 #define VSTORE(v, p) CLN_PASTE(vstore, VW)(v, 0, p)
 #define V_TO_FLOAT   CLN_PASTE(convert_float, VW)
+#define V_TO_INT     CLN_PASTE(convert_int, VW)
 #endif
 
 /* Lane numbers 0 .. VW-1, and the sum over lanes in a fixed order. */

@@ -6,8 +6,9 @@
  *                     cells a line can meet in the map                            -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
- * Stage 1 is read through one interface, segment_open() and segment_point(): the stage-1 points of one
- * passage, ascending in t, with their densities. Two ways give them:
+ * Stage 1 is read through one interface: segment_open(), segment_depth() and segment_bins(): the stage-1 points of
+ * one passage, ascending in t, with their densities; a bin reaches half way to the neighbours, and the last one to
+ * the chord's end. Lanes run over points. Two ways give them:
  *   STAGE1 1 (gather)  n1-spaced points on the chord, nearest cell of the leaf's cached densities
  *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel of
  *                      the leaf's level (splat.cl)
@@ -126,6 +127,7 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, fl
     const float scale = (float)n1 / box.w;
     segment s;
 
+    (void)density;
     s.start = 0;
     s.count = (uint)fmax(1.0f, ceil((t_out - t_in) * scale));
     s.t_in = t_in;
@@ -136,17 +138,45 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, fl
     return s;
 }
 
-HELPER float segment_point(STAGE1_ARGUMENTS, const segment *s, uint j, float *sigma)
+/* Densities of points j .. j + VW - 1; beyond the last one zero. */
+HELPER vf segment_points(STAGE1_ARGUMENTS, const segment *s, uint j)
 {
-    const float ahead = ((float)j + 0.5f) * s->step;
-    const int last = (int)n1 - 1;
-    const float3 p = MAD((float3)(ahead), s->along, s->at);
-    const uint x = (uint)clamp((int)p.x, 0, last), y = (uint)clamp((int)p.y, 0, last),
-               z = (uint)clamp((int)p.z, 0, last);
+    const vi last = (vi)((int)n1 - 1), none = (vi)(0);
+    const vf number = V_TO_FLOAT(V_IOTA + j), ahead = (number + 0.5f) * s->step;
+    const vi x = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.x), (vf)(s->at.x))), none, last);
+    const vi y = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.y), (vf)(s->at.y))), none, last);
+    const vi z = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.z), (vf)(s->at.z))), none, last);
+    int cell[VW];
+    float sigma[VW];
 
     (void)boxes;
-    *sigma = as_float((uint)density[s->cache + (z * n1 + y) * n1 + x] << 16);
-    return s->t_in + ahead;
+    VSTORE((z * (int)n1 + y) * (int)n1 + x, cell);
+#pragma unroll
+    for (int l = 0; l < VW; l++)
+        sigma[l] = as_float((uint)density[s->cache + (uint)cell[l]] << 16);
+    return select((vf)(0.0f), VLOAD(sigma), number < (float)s->count);
+}
+
+/* Optical depth of a passage, by stage 1. */
+HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float t_out)
+{
+    vf sum = (vf)(0.0f);
+
+    (void)t_in;
+    (void)t_out;
+    for (uint j = 0; j < s->count; j += VW)
+        sum += segment_points(STAGE1_PASS, s, j);
+    return V_SUM(sum) * s->step;
+}
+
+/* Bins j .. j + VW - 1: right edges and densities; beyond the last one the chord's end and zero. */
+HELPER void segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, float right[VW],
+                         float sigma[VW])
+{
+    const vf end = V_TO_FLOAT(V_IOTA + (j + 1u));
+
+    VSTORE(select((vf)(t_out), MAD(end, (vf)(s->step), (vf)(s->t_in)), end < (float)s->count), right);
+    VSTORE(segment_points(STAGE1_PASS, s, j), sigma);
 }
 #else
 #define STAGE1_ARGUMENTS                                                                           \
@@ -180,11 +210,32 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, uint begin, uint end, float t_in, 
     return s;
 }
 
-HELPER float segment_point(STAGE1_ARGUMENTS, const segment *s, uint j, float *sigma)
+/* Bins j .. j + VW - 1: right edges and densities; beyond the last one the chord's end and zero. */
+HELPER void segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, float right[VW],
+                         float sigma[VW])
 {
     (void)list_start;
-    *sigma = list_sigma[s->start + j];
-    return list_t[s->start + j];
+    for (uint l = 0; l < VW; l++) {
+        const uint k = s->start + j + l;
+
+        right[l] = j + l + 1u < s->count ? 0.5f * (list_t[k] + list_t[k + 1u]) : t_out;
+        sigma[l] = j + l < s->count ? list_sigma[k] : 0.0f;
+    }
+}
+
+/* Optical depth of a passage, by stage 1. */
+HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float t_out)
+{
+    float tau = 0.0f, edge = t_in, right[VW], sigma[VW];
+
+    for (uint j = 0; j < s->count; j += VW) {
+        segment_bins(STAGE1_PASS, s, j, t_out, right, sigma);
+        for (uint l = 0; l < VW; l++) {
+            tau = MAD(sigma[l], right[l] - edge, tau);
+            edge = right[l];
+        }
+    }
+    return tau;
 }
 #endif
 
@@ -224,31 +275,6 @@ HELPER float alpha_of(float tau)
         return tau * MAD(tau, MAD(tau, MAD(tau, MAD(tau, 8.3333333e-3f, -4.1666667e-2f),
                                            1.6666667e-1f), -0.5f), 1.0f);
     return 1.0f - exp(-tau);
-}
-
-/* Right edge of point j's bin: half way to the next point, or the chord's end. */
-#define BIN_EDGE(s, j, t, next, t_out) ((j) + 1u < (s).count ? 0.5f * ((t) + (next)) : (t_out))
-
-/* Optical depth of a passage, by stage 1. */
-HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float t_out)
-{
-    float tau = 0.0f, edge = t_in, sigma = 0.0f, t = 0.0f;
-
-    if (s->count > 0)
-        t = segment_point(STAGE1_PASS, s, 0, &sigma);
-    for (uint j = 0; j < s->count; j++) {
-        float next_sigma = 0.0f, next = t_out;
-
-        if (j + 1u < s->count)
-            next = segment_point(STAGE1_PASS, s, j + 1u, &next_sigma);
-        const float right = BIN_EDGE(*s, j, t, next, t_out);
-
-        tau = MAD(sigma, right - edge, tau);
-        edge = right;
-        t = next;
-        sigma = next_sigma;
-    }
-    return tau;
 }
 
 /* ---- intervals ---- */
@@ -341,79 +367,67 @@ __kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray
         const segment s = SEGMENT_OF(r, o, d, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
         const uint bins = max(1u, s.count);
         const float even = uniform_share / length;
-        float mass = 0.0f, floor_mass = 0.0f, edge, t = v.t_out, sigma = 0.0f, through, cdf = 0.0f;
-        float steered = 0.0f; /* (1 - uniform_share) / mass */
-        float left = v.t_in, last = 0.0f;
+        float mass, floor_mass, edge = v.t_in, through = 1.0f, cdf = 0.0f;
+        float left = v.t_in, last = 0.0f, right[VW], sigma[VW];
         uint k = 0;
 
         /* total mass, with a little everywhere so that no bin is unreachable */
 #if CDF == 1
         floor_mass = EMPTY_BIN / length;
+        mass = alpha_of(segment_depth(STAGE1_PASS, &s, v.t_in, v.t_out)) + EMPTY_BIN;
 #else
-        for (uint j = 0; j < s.count; j++) {
-            segment_point(STAGE1_PASS, &s, j, &sigma);
-            floor_mass += sigma;
+        floor_mass = 0.0f;
+        for (uint j = 0; j < s.count; j += VW) {
+            segment_bins(STAGE1_PASS, &s, j, v.t_out, right, sigma);
+            for (uint l = 0; l < VW; l++)
+                floor_mass += sigma[l];
         }
         floor_mass = EMPTY_BIN * fmax(1.0f, floor_mass / (float)bins);
+        mass = MAD(floor_mass, length, segment_depth(STAGE1_PASS, &s, v.t_in, v.t_out));
 #endif
-        for (int pass = 0; pass < 2; pass++) {
-            steered = (1.0f - uniform_share) / mass; /* of the first pass */
-            edge = v.t_in;
-            through = 1.0f;
-            sigma = 0.0f;
-            t = v.t_out;
-            if (s.count > 0)
-                t = segment_point(STAGE1_PASS, &s, 0, &sigma);
-            for (uint j = 0; j < bins; j++) {
-                float next_sigma = 0.0f, next = v.t_out;
+        const float steered = (1.0f - uniform_share) / mass;
 
-                if (j + 1u < s.count)
-                    next = segment_point(STAGE1_PASS, &s, j + 1u, &next_sigma);
-                const float right = BIN_EDGE(s, j, t, next, v.t_out), width = right - edge;
+        for (uint j = 0; k < count; j += VW) {
+            segment_bins(STAGE1_PASS, &s, j, v.t_out, right, sigma);
+            for (uint l = 0; l < VW && k < count; l++) {
+                const float width = right[l] - edge;
 #if CDF == 1
-                const float alpha = alpha_of(fmin(sigma * width, CLN_MAX_OPTICAL_DEPTH));
+                const float alpha = alpha_of(fmin(sigma[l] * width, CLN_MAX_OPTICAL_DEPTH));
                 const float p = MAD(through, alpha, floor_mass * width);
 
                 through *= 1.0f - alpha;
 #else
-                const float p = (sigma + floor_mass) * width;
+                const float p = (sigma[l] + floor_mass) * width;
 #endif
-                if (pass == 0) {
-                    mass += p;
-                } else {
-                    const float q = MAD(p, steered, even * width);
-                    const float next_cdf = cdf + q;
+                const float q = MAD(p, steered, even * width), next_cdf = cdf + q;
 
-                    while (k < count) {
-                        const float u = ((float)k + random.x) / (float)count;
+                while (k < count) {
+                    const float u = ((float)k + random.x) / (float)count;
 
-                        if (u >= next_cdf && j + 1u < bins)
-                            break;
-                        const float where =
-                            clamp(edge + width * clamp((u - cdf) / q, 0.0f, 1.0f), v.t_in, v.t_out);
+                    if (u >= next_cdf && j + l + 1u < bins)
+                        break;
+                    const float where =
+                        clamp(edge + width * clamp((u - cdf) / q, 0.0f, 1.0f), v.t_in, v.t_out);
 
-                        if (k > 0) { /* the sample before ends half way to this one */
-                            const float middle = 0.5f * (last + where);
+                    if (k > 0) { /* the sample before ends half way to this one */
+                        const float middle = 0.5f * (last + where);
 
-                            samples[at].t = last;
-                            samples[at].delta = middle - left;
-                            left = middle;
-                            at++;
-                        }
-                        samples[at].ray = r;
-                        samples[at].slot = v.slot;
-                        last = where;
-                        k++;
-                        drawn++;
-                        random = random.yzwx; /* the next sample's number to the front */
-                        if (jitter && (drawn & 3u) == 0)
-                            random = uniform4(seed, STREAM_SAMPLES, step, r, drawn >> 2);
+                        samples[at].t = last;
+                        samples[at].delta = middle - left;
+                        left = middle;
+                        at++;
                     }
-                    cdf = next_cdf;
+                    samples[at].ray = r;
+                    samples[at].slot = v.slot;
+                    last = where;
+                    k++;
+                    drawn++;
+                    random = random.yzwx; /* the next sample's number to the front */
+                    if (jitter && (drawn & 3u) == 0)
+                        random = uniform4(seed, STREAM_SAMPLES, step, r, drawn >> 2);
                 }
-                edge = right;
-                t = next;
-                sigma = next_sigma;
+                cdf = next_cdf;
+                edge = right[l];
             }
         }
         samples[at].t = last;

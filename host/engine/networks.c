@@ -2,6 +2,7 @@
  * stage 1 and the statistics that structure decisions need. */
 #include "engine/stages.h"
 
+#include <math.h>
 #include <string.h>
 
 cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count)
@@ -167,6 +168,7 @@ cln_status cln_stage_adam(cln_pipeline *p, double lr)
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, 1024);
     const cl_float rate = (float)lr, beta1 = (float)p->config.beta1, beta2 = (float)p->config.beta2;
     const cl_float epsilon = (float)p->config.epsilon, view_l2 = (float)p->config.view_l2;
+    const cl_float decay1 = (float)-log(p->config.beta1), decay2 = (float)-log(p->config.beta2);
 
     CLN_TRY(CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
                        CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
@@ -178,7 +180,7 @@ cln_status cln_stage_adam(cln_pipeline *p, double lr)
                        CLN_ARG(p->params.mem), CLN_ARG(p->adam_m.mem), CLN_ARG(p->adam_v.mem),
                        CLN_ARG(p->transposed.mem), CLN_ARG(parts), CLN_ARG(min_samples),
                        CLN_ARG(rate), CLN_ARG(beta1), CLN_ARG(beta2), CLN_ARG(epsilon),
-                       CLN_ARG(view_l2)));
+                       CLN_ARG(view_l2), CLN_ARG(decay1), CLN_ARG(decay2)));
 done:
     return st;
 }
