@@ -191,7 +191,8 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_viewer_compare(t->desc->run, t->scene));
     t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
-    CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results, "ray results"));
+    CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
+                      "ray results"));
     CLN_TRY(cln_evaluate_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                 &t->eval_count));
     cln_info("building kernels for %s", t->device->info.name);
