@@ -14,7 +14,7 @@
 #include "engine/maintain.h"
 #include "engine/record.h"
 #include "engine/trainer.h"
-#include "io/report.h"
+#include "io/progress.h"
 
 /* ---- budgets and schedules ---- */
 
@@ -59,7 +59,7 @@ static uint32_t mix(uint32_t x)
 }
 
 /* Rays for the next step so that samples come near `wanted`: integers only, bounded change. */
-static int adapt_rays(const cln_config *c, int64_t wanted, int rays, uint32_t samples)
+static int adapt_rays(int most, int64_t wanted, int rays, uint32_t samples)
 {
     int64_t next = samples ? (int64_t)rays * wanted / samples : 2 * (int64_t)rays;
 
@@ -67,7 +67,7 @@ static int adapt_rays(const cln_config *c, int64_t wanted, int rays, uint32_t sa
         next = rays + rays / 4 + 1;
     if (next < rays / 2)
         next = rays / 2;
-    return next < 16 ? 16 : next > c->rays ? c->rays : (int)next;
+    return next < 16 ? 16 : next > most ? most : (int)next;
 }
 
 static cln_status step(cln_trainer *t, double fraction)
@@ -127,7 +127,8 @@ static cln_status step(cln_trainer *t, double fraction)
     t->interval.square += square;
     t->interval.rays += rays;
     t->interval.samples += samples;
-    t->model.rays = adapt_rays(c, (int64_t)t->plan.batch_samples, rays, samples);
+    t->model.rays = adapt_rays(c->rays < t->plan.max_rays ? c->rays : t->plan.max_rays,
+                               (int64_t)t->plan.batch_samples, rays, samples);
     t->model.step++;
 done:
     return st;
@@ -263,9 +264,16 @@ static void report_progress(const cln_trainer *t, double fraction)
 static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
 {
     cln_status st = CLN_OK;
+    char peak[32], limit[32];
 
     t->psnr_train = -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10));
     CLN_TRY(cln_record_row(t, learning_rate(&t->model.config, fraction), evaluated));
+    if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
+        cln_format_bytes(cln_peak_rss(), peak);
+        cln_format_bytes(t->host_plan.limit, limit);
+        cln_warn("host memory: %s at its peak, more than the %s of --host-mem", peak, limit);
+        t->host_full = true;
+    }
     t->interval.steps = 0;
     t->interval.rays = t->interval.samples = 0;
     t->interval.loss = t->interval.square = 0;
