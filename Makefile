@@ -33,7 +33,9 @@ TEST_SRC := $(filter-out tests/json_query.c,$(wildcard tests/*.c))
 TABLE_SRC := bench/table.c bench/plot.c
 # bench-peers: the leaf networks beside libraries for small products, as far as they are installed
 PEER_MAIN := bench/peer_gemm.c
-BENCH_SRC := $(filter-out $(TABLE_SRC) $(PEER_MAIN),$(wildcard bench/*.c))
+# bench-growth: cost over leaves, samples, pixels, for bench/growth.sh
+GROWTH_SRC := bench/growth.c bench/plot.c
+BENCH_SRC := $(filter-out $(TABLE_SRC) $(GROWTH_SRC) $(PEER_MAIN),$(wildcard bench/*.c))
 LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
@@ -42,7 +44,8 @@ TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.
             $(filter-out %/make_scene.o,$(DATA_OBJ))
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o)
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) tests/json_query.c
+GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth.c $(PEER_MAIN) tests/json_query.c
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 
 SAY = $(if $V,,@echo "  $1";)
@@ -69,6 +72,9 @@ $B/bench: $(BENCH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 # A peer is a file in bench/peers, a header that shows that it is there, and what to link.
@@ -168,7 +174,7 @@ bench: bench-programs
 bench-programs:
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query build/bench \
-	    build/bench-table
+	    build/bench-table build/bench-growth
 
 install: all
 	install -d $(DESTDIR)$(PREFIX)/bin

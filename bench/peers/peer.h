@@ -31,7 +31,7 @@ typedef struct peer {
     cln_status (*forward)(void *own); /* data->out, if there is no fetch */
     cln_status (*train)(void *own); /* forward, input and weight gradients: data->dw; NULL = none */
     cln_status (*fetch)(void *own); /* what forward left elsewhere to data->out; NULL = nothing */
-    void (*release)(void *own);       /* accepts NULL */
+    void (*release)(void *own);     /* accepts NULL */
 } peer;
 
 extern const peer peer_xsmm, peer_onednn, peer_openblas, peer_clblast;
