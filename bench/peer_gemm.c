@@ -112,7 +112,8 @@ static void see(error *e, double got, double want)
 {
     const double off = fabs(got - want);
 
-    e->worst = !(off <= e->worst) ? off : e->worst; /* NaN, too */
+    if (!isnan(e->worst) && !(off <= e->worst)) /* a NaN stays */
+        e->worst = off;
     e->square += want * want;
     e->n++;
 }
