@@ -4,6 +4,7 @@
 #   make test               install what is missing, run the whole suite
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
+#   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
 #   make bench              install what is missing, build the benches' programs, time the leaf networks
 #   make install            PREFIX=/usr/local DESTDIR=
 #   make deps | clean       install what the build needs; remove build/
@@ -30,7 +31,11 @@ DATA_SRC := $(wildcard data/*.c)
 TEST_SRC := $(filter-out tests/json_query.c,$(wildcard tests/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/table.c bench/plot.c
-BENCH_SRC := $(filter-out $(TABLE_SRC),$(wildcard bench/*.c))
+# bench-peers: the leaf networks beside libraries for small products, as far as they are installed
+PEER_MAIN := bench/peer_gemm.c
+# bench-growth: cost over leaves, samples, pixels, for bench/growth.sh
+GROWTH_SRC := bench/growth.c bench/plot.c
+BENCH_SRC := $(filter-out $(TABLE_SRC) $(GROWTH_SRC) $(PEER_MAIN),$(wildcard bench/*.c))
 LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
@@ -39,7 +44,8 @@ TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.
             $(filter-out %/make_scene.o,$(DATA_OBJ))
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o)
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) tests/json_query.c
+GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth.c $(PEER_MAIN) tests/json_query.c
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 
 SAY = $(if $V,,@echo "  $1";)
@@ -67,6 +73,38 @@ $B/bench: $(BENCH_OBJ) $B/libcl-nascent.a
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+# A peer is a file in bench/peers, a header that shows that it is there, and what to link.
+PEERS := xsmm onednn openblas clblast
+PEER_HEADER_xsmm := libxsmm.h
+PEER_HEADER_onednn := oneapi/dnnl/dnnl.h
+PEER_HEADER_openblas := cblas.h
+PEER_HEADER_clblast := clblast_c.h
+PEER_LIBS_xsmm := -lxsmm -ldl
+PEER_LIBS_onednn := -ldnnl
+PEER_LIBS_openblas = $(shell pkg-config --libs openblas 2>/dev/null)
+PEER_LIBS_clblast := -lclblast
+PEER_PACKAGES := libxsmm-dev libdnnl-dev libopenblas-dev libclblast-dev
+PEER_CFLAGS_openblas = $(shell pkg-config --cflags openblas 2>/dev/null)
+found_peer = $(shell $(CC) $(PEER_CFLAGS_$1) -fsyntax-only -include $(PEER_HEADER_$1) -x c /dev/null \
+               2>/dev/null && echo $1)
+
+bench-peers:
+	@tests/deps.sh build
+	@$(MAKE) --no-print-directory $B/bench-peers FOUND="$(strip $(foreach p,$(PEERS),$(call found_peer,$p)))"
+
+# One command, as these need flags of their own: this processor's instructions, OpenMP, vectorised
+# activations (which trapping mathematics would forbid), each its library.
+$B/bench-peers: $(PEER_MAIN) $(wildcard bench/peers/*) bench/bench.c bench/bench.h $B/libcl-nascent.a FORCE
+	@echo "  peers: $(or $(FOUND),none)$(if $(filter-out $(FOUND),$(PEERS)),; not installed: $(filter-out \
+	    $(FOUND),$(PEERS)) (of $(PEER_PACKAGES)))"
+	$(call SAY,LINK $@)$(CC) $(CFLAGS_ALL) -O3 -march=native -fno-trapping-math -fopenmp -Ibench \
+	    $(foreach p,$(FOUND),-DPEER_$(shell echo $p | tr a-z A-Z) $(PEER_CFLAGS_$p)) $(PEER_MAIN) bench/bench.c \
+	    bench/peers/cpu.c $(FOUND:%=bench/peers/%.c) $B/libcl-nascent.a \
+	    $(foreach p,$(FOUND),$(PEER_LIBS_$p)) $(LDLIBS_ALL) -o $@
 
 $B/obj/%.o: %.c
 	@mkdir -p $(@D)
@@ -136,7 +174,7 @@ bench: bench-programs
 bench-programs:
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query build/bench \
-	    build/bench-table
+	    build/bench-table build/bench-growth
 
 install: all
 	install -d $(DESTDIR)$(PREFIX)/bin
@@ -150,4 +188,4 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test lint fmt bench bench-programs install clean
+.PHONY: all FORCE deps demo test lint fmt bench bench-programs bench-peers install clean

@@ -2,8 +2,10 @@
 #include "bench.h"
 
 #include <stdio.h>
-
 #include <stdlib.h>
+
+#include "base/memory.h"
+#include "base/rng.h"
 
 enum { REPEATS = 5 };
 
@@ -83,5 +85,57 @@ done:
     cln_kernel_free(&p.kernel);
     cln_program_free(&program);
     cln_buffer_free(device, &p.out);
+    return st;
+}
+
+static cln_status put(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_buffer_reserve(device, buffer, bytes, "bench"));
+    CLN_TRY(cln_buffer_write(device, buffer, 0, data, bytes));
+done:
+    return st;
+}
+
+cln_status bench_fill_leaves(cln_pipeline *p, const cln_model *model, int leaves, int per_leaf,
+                             uint32_t *slices, float (**origins)[4])
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)leaves * (size_t)per_leaf;
+    float(*o)[4] = NULL, (*d)[4] = NULL, *boxes = NULL;
+    cln_sample *samples = NULL;
+
+    CLN_TRY(cln_octree_boxes(&model->tree, &boxes));
+    CLN_TRY(cln_alloc(&o, n, sizeof *o, "rays"));
+    CLN_TRY(cln_alloc(&d, n, sizeof *d, "rays"));
+    CLN_TRY(cln_alloc(&samples, n, sizeof *samples, "samples"));
+    for (size_t i = 0; i < n; i++) {
+        const int leaf = (int)(i * 7919 % (size_t)leaves); /* a prime: every leaf, in mixed order */
+        float u[4];
+
+        cln_uniform4(1, CLN_STREAM_SCENE, 0, (uint32_t)i, 0, u);
+        for (int a = 0; a < 3; a++)
+            o[i][a] = boxes[4 * leaf + a] + u[a] * boxes[4 * leaf + 3];
+        d[i][2] = 1;
+        samples[i] = (cln_sample){.ray = (cln_u32)i, .slot = leaf};
+    }
+    CLN_TRY(put(p->device, &p->ray_o, o, n * sizeof *o));
+    CLN_TRY(put(p->device, &p->ray_d, d, n * sizeof *d));
+    CLN_TRY(put(p->device, &p->samples, samples, n * sizeof *samples));
+    CLN_TRY(cln_stage_group(p, (uint32_t)n, slices));
+    for (size_t i = 0; i < n; i++)
+        for (int a = 0; a < 4; a++)
+            d[i][a] = 1e-3f;
+    CLN_TRY(put(p->device, &p->dout, d, n * sizeof *d));
+    if (origins) {
+        *origins = o;
+        o = NULL;
+    }
+done:
+    free(boxes);
+    free(o);
+    free(d);
+    free(samples);
     return st;
 }

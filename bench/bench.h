@@ -7,6 +7,12 @@
 /* FLOP/s of the FMA ceiling of this device, now (the machine may be busy: take it in the same run). */
 cln_status bench_peak(cln_device *device, double *flops);
 
+/* `per_leaf` samples in each of the first `leaves` leaves of an uploaded model, at random places and in mixed
+ * order, each on a ray of its own, grouped; and gradients of their outputs, for the backward pass. *origins:
+ * the places, [sample][4], which the caller frees; NULL = not wanted. */
+cln_status bench_fill_leaves(cln_pipeline *p, const cln_model *model, int leaves, int per_leaf,
+                             uint32_t *slices, float (**origins)[4]);
+
 typedef struct bench_time {
     double min, median, max; /* seconds of one call */
     int calls;

@@ -1,5 +1,5 @@
-/* PSNR over training seconds for several runs, as one stand-alone SVG file: a logarithmic time axis, since
- * the runs of a bench differ by factors, and a legend beside the plot. The report's own charts are io/svg.h;
+/* Several lines as one stand-alone SVG file: PSNR over training seconds, with a logarithmic time axis, since the
+ * runs of a bench differ by factors, or anything over what it grows with; and a legend beside the plot. The report's own charts are io/svg.h;
  * they have a style sheet around them and an axis from 0. */
 #ifndef BENCH_PLOT_H
 #define BENCH_PLOT_H
@@ -15,5 +15,10 @@ typedef struct plot_line {
 
 /* A plot without any finite point has its axes alone. Numbers in the C locale: the caller's business. */
 void plot_write(FILE *to, const char *title, const plot_line *lines, int count);
+
+/* The same with other quantities: `seconds` is a number of x, `psnr` one of y, both axes logarithmic. end: what
+ * end_psnr is, which is then written in the legend alone. */
+void plot_write_scaling(FILE *to, const char *title, const char *x, const char *end,
+                        const plot_line *lines, int count);
 
 #endif

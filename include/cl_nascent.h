@@ -23,6 +23,7 @@ typedef struct cln_device_desc {
     const char
         *kernel_dir;  /* read kernels from here instead of the embedded ones; NULL = embedded */
     const char *tune; /* "VW=8,TS=6,..." over the device-class defaults; NULL = defaults */
+    const char *max_alloc; /* no buffer larger than this ("256M"), as if the device had no more */
 } cln_device_desc;
 
 typedef struct cln_device_info {
@@ -79,7 +80,8 @@ typedef struct cln_train_result {
     double seconds; /* training seconds, evaluation not counted */
     double psnr_train, psnr_test;
     int leaves;
-    uint64_t digest; /* model_digest */
+    double device_peak, host_peak; /* most bytes of device buffers, and of the process */
+    uint64_t digest;               /* model_digest */
 } cln_train_result;
 
 /* Trains until a budget is used up. Leaves RUN/ as docs/formats.md says. *result is filled as far as it

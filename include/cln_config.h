@@ -189,7 +189,9 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
     INT(holdout, "holdout", 8, 8, 0, 1000000,                                               \
         "every Nth image is test where no split is named (0 = none)")                       \
     REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                           \
-         "device memory to stay under, bytes or 512M, 4G (0 = by the device)")
+         "device memory to stay under, bytes or 512M, 4G (0 = by the device)")              \
+    REAL(host_mem, "host-mem", 0, 0, 0, 1e15,                                               \
+         "host memory to stay under, bytes or 512M, 4G (0 = what the machine has)")
 
 #define CLN_CONFIG_LIST(INT, REAL, BOOL, ENUM, TEXT) \
     CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)  \

@@ -592,10 +592,54 @@ section_output() {
 }
 
 section_memory() {
+    local r limit psnr
     blender
     expect "too little device memory: the plan is printed" 5 "device-mem [0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --device-mem 1M
     check "and nothing written" [ ! -e "$work/never" ]
+    expect "too little host memory for the images" 5 "--host-mem --downscale.[0-9]" \
+        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 100K
+    expect "too little host memory for the rest: the plan is printed" 5 "--host-mem images.[0-9]" \
+        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 200M
+    expect "too small a largest buffer, by name" 5 "weights iB.in.one.buffer" \
+        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --max-alloc 64K
+    check "nothing written by any of them" [ ! -e "$work/never" ]
+
+    # the plan comes before the first buffer; both peaks are told
+    run "$cln" train "$work/blender" -o "$work/planned" "${small[@]}" --steps 20 --no-adaptive --level-at "" -v
+    check "the plan is said before anything is allocated" awk '/memory plan:/ { planned = NR }
+        /buffer for/ && !first { first = NR } END { exit !(planned && first > planned) }' "$work/err"
+    check "host memory, too" grep -q "host memory, estimated: .*images" "$work/err"
+    check "peaks are printed at the end" grep -qE "^peak memory +[0-9.]+ [KMG]iB device, [0-9.]+ [KMG]iB host" "$work/out"
+    r=$work/planned/run.json
+    check "the peak is below the plan" number_above "$("$query" plan.total <"$r")" "$("$query" result.device_peak <"$r")"
+
+    # a limit with room for level 1 and a half: growth by level and by the integer program stay below it
+    limit=$(awk -v a="$("$query" plan.total <"$r")" 'BEGIN { printf "%.0f", a + 60000 }')
+    run "$cln" train "$work/blender" -o "$work/level" "${small[@]}" --steps 60 --no-adaptive --device-mem "$limit" --json
+    check "growth by level stops at the limit" [ "$(json state)" = "done" -a "$(json leaves)" -le 8 ]
+    check "with a warning" grep -q "the tree stays at level 1" "$work/err"
+    check "the peak is below the limit" number_above "$limit" "$(json device_peak)"
+    run "$cln" train "$work/blender" -o "$work/few" "${small[@]}" --steps 1 --level-at ""
+    limit=$(awk -v a="$("$query" plan.total <"$work/few/run.json")" 'BEGIN { printf "%.0f", a + 1e6 }')
+    run "$cln" train "$work/blender" -o "$work/more" "${small[@]}" --steps 60 --level-at "" --cull-from 1 \
+        --device-mem "$limit" --max-leaves 4000 --json
+    check "the integer program trains on" [ "$(json state)" = "done" ]
+    check "its peak is below the limit" number_above "$limit" "$(json device_peak)"
+    check "its budget of leaves is smaller" eval \
+        'decision_rows "$work/more" | "$query" -l budget | awk "\$1 >= 4000 { bad = 1 } END { exit bad || !NR }"'
+
+    # batches cut by a small largest buffer: as good, and pictures the same
+    train buffers --no-adaptive --json
+    psnr=$(json psnr_test)
+    train cut --no-adaptive --json --max-alloc 1M
+    check "--max-alloc cuts the batches" grep -q "batches are cut to" "$work/err"
+    check "the training is as good" number_above "$(json psnr_test)" "$(awk -v p="$psnr" 'BEGIN { print p - 1 }')"
+    check "of less memory" number_above "$("$query" result.device_peak <"$work/buffers/run.json")" "$(json device_peak)"
+    run "$cln" eval "$work/buffers" --json --progress none
+    cp "$work/out" "$work/whole.json"
+    run "$cln" eval "$work/buffers" --json --progress none --max-alloc 512K
+    check "pictures in smaller batches are the same" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
 }
 
 for program in "$cln" "$make_scene" "$query"; do

@@ -15,7 +15,7 @@ cd "$(dirname "$0")/.." || exit 1
 ORDER="cli engine model scene device io reference base"
 passed=0 failed=0 skipped=0
 c_files=$(ls host/*/*.c data/*.c tests/*.c bench/*.c 2>/dev/null)
-all_files=$(ls host/*/*.[ch] include/*.h data/*.[ch] tests/*.[ch] tests/*.sh bench/*.[ch] kernels/* 2>/dev/null)
+all_files=$(ls host/*/*.[ch] include/*.h data/*.[ch] tests/*.[ch] tests/*.sh bench/*.[ch] bench/peers/*.[ch] kernels/* 2>/dev/null)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 

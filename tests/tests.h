@@ -22,6 +22,7 @@ int test_group_model(void);
 int test_group_network(void);
 int test_group_octree(void);
 int test_group_options(void);
+int test_group_plan(void);
 int test_group_rays(void);
 int test_group_reference(void);
 int test_group_reference_rays(void);

@@ -166,7 +166,7 @@ static bool row_is_seconds(const cln_config_row *row)
 
 static bool row_is_bytes(const cln_config_row *row)
 {
-    return row_is(row, "device-mem");
+    return row_is(row, "device-mem") || row_is(row, "host-mem");
 }
 
 /* Records "--rays: 'x' is not a whole number from 16 to 1048576" and returns st. */

@@ -32,7 +32,7 @@ const char *cln_config_nearest(const char *option);
 cln_status cln_config_preset(const char *name, cln_config *out);
 
 /* Sets one value from text, range-checked, independent of LC_NUMERIC. REAL rows "time-limit" and
- * "save-every" take 90s 10m 2h, "device-mem" takes 512M 4G; BOOL takes yes|no|true|false|1|0.
+ * "save-every" take 90s 10m 2h, "device-mem" and "host-mem" take 512M 4G; BOOL takes yes|no|true|false|1|0.
  * CLN_USAGE names the option, the text and the legal range; *config is then untouched. */
 cln_status cln_config_set(cln_config *config, const cln_config_row *row, const char *text);
 

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *what)
 {
@@ -40,4 +41,9 @@ cln_status cln_asprintf(char **out, const char *fmt, ...)
     va_end(args);
 done:
     return st;
+}
+
+double cln_host_memory(void)
+{
+    return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
 }

@@ -16,4 +16,7 @@ cln_status cln_strdup(char **out, const char *text);
 /* *out = printf-style text. */
 cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
+/* Bytes of memory that this machine has. */
+double cln_host_memory(void);
+
 #endif

@@ -14,15 +14,16 @@ static const char *state_of(cln_status st)
 static cln_status print_result(const cln_options *options, const char *run, cln_status trained,
                                const cln_train_result *r)
 {
-    char digest[32], step[32], duration[32], train[32], test[32], leaves[32];
+    char digest[32], step[32], duration[32], train[32], test[32], leaves[32], device[32], host[32];
 
     cln_format_digest(r->digest, digest);
     if (options->json)
         return cln_print_json(json_pack(
-            "{s:s s:s s:s s:I s:o s:o s:o s:i s:s}", "schema", "cl-nascent.train/1", "run", run,
-            "state", state_of(trained), "step", (json_int_t)r->step, "seconds",
+            "{s:s s:s s:s s:I s:o s:o s:o s:i s:f s:f s:s}", "schema", "cl-nascent.train/1", "run",
+            run, "state", state_of(trained), "step", (json_int_t)r->step, "seconds",
             cln_json_real(r->seconds), "psnr_train", cln_json_real(r->psnr_train), "psnr_test",
-            cln_json_real(r->psnr_test), "leaves", r->leaves, "model_digest", digest));
+            cln_json_real(r->psnr_test), "leaves", r->leaves, "device_peak", r->device_peak,
+            "host_peak", r->host_peak, "model_digest", digest));
     cln_format_count((double)r->step, step);
     cln_format_duration(r->seconds, duration);
     cln_format_real(r->psnr_train, 2, train);
@@ -33,6 +34,9 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     printf("PSNR          %s train%s%s%s\n", train, isfinite(r->psnr_test) ? ", " : "",
            isfinite(r->psnr_test) ? test : "", isfinite(r->psnr_test) ? " test" : "");
     printf("leaves        %s\n", leaves);
+    cln_format_bytes(r->device_peak, device);
+    cln_format_bytes(r->host_peak, host);
+    printf("peak memory   %s device, %s host\n", device, host);
     printf("model digest  %s\n", digest);
     printf("report        %s/report.html\n", run);
     return CLN_OK;

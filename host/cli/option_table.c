@@ -81,6 +81,9 @@ const cln_arg cln_args[] = {
          "read the kernels from here instead of from the program"),
     TEXT(ON_DEVICE, "tune", 0, device.tune, "LIST", NULL, NULL,
          "kernel parameters over those of the device's class: VW=8,TS=6,..."),
+    TEXT(ON_DEVICE, "max-alloc", 0, device.max_alloc, "SIZE", NULL, NULL,
+         "no buffer larger than this (512K, 64M, 4G), as if the device allowed no more: batches are "
+         "cut to it"),
     FLAG(CLN_TRAIN, "skip-selftest", 0, skip_selftest,
          "do not check the kernels on this device first"),
     TEXT(CLN_TRAIN, "dump-program", 0, dump_program, "FILE", NULL, NULL,

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
 
 typedef struct cln_pending {
@@ -105,6 +106,7 @@ cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t byt
     device->allocated += bytes;
     if (device->allocated > device->peak)
         device->peak = device->allocated;
+    cln_debug("buffer for %s: %zu bytes, %zu in all", what, bytes, device->allocated);
     return CLN_OK;
 }
 

@@ -10,6 +10,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "device/device_list.h"
 
 const char *const cln_stage_names[CLN_STAGES] = {
@@ -17,6 +18,8 @@ const char *const cln_stage_names[CLN_STAGES] = {
     CLN_STAGE_LIST(X)
 #undef X
 };
+
+enum { MIN_ALLOC = 65536 };
 
 static const struct {
     const char *name;
@@ -226,6 +229,21 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
         spec, count);
 }
 
+/* --max-alloc: for drivers that promise more than they keep, and to see what a smaller device does. */
+static cln_status limit_alloc(cln_device *device, const char *text)
+{
+    double bytes = 0;
+
+    if (!cln_bytes_read(text, &bytes) || bytes < MIN_ALLOC)
+        return cln_fail(
+            CLN_USAGE,
+            "--max-alloc: '%s' is not a size of %d or more: give bytes, or 512K, 64M, 4G", text,
+            MIN_ALLOC);
+    if (bytes < device->info.max_alloc)
+        device->info.max_alloc = bytes;
+    return CLN_OK;
+}
+
 /* A device may be listed and yet be of no use: lost, or without a compiler (embedded profiles). */
 static cln_status check_usable(const cln_device *device)
 {
@@ -263,6 +281,8 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof group, &group, NULL);
     device->max_group = group ? group : 1;
     device->local_mem = (size_t)local;
+    if (desc->max_alloc)
+        CLN_TRY(limit_alloc(device, desc->max_alloc));
     device->max_alloc = (size_t)device->info.max_alloc;
     device->tune = default_tune(device->id, strcmp(device->info.type, "cpu") == 0);
     if (desc->tune)

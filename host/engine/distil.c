@@ -308,8 +308,7 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
     const int min_samples = p->config.min_leaf_samples;
-    const size_t room = t->plan.max_samples / (size_t)t->model.config.distil_samples;
-    const int most = room < 1 ? 1 : room > 64 ? 64 : (int)room;
+    const int most = t->plan.distil_nets;
 
     *steps = 0;
     p->config.min_leaf_samples = 1;

@@ -95,34 +95,51 @@ done:
     return st;
 }
 
-/* Takes over the memory plan of a tree with `leaves` leaves. */
-static void adopt_plan(cln_trainer *t, const cln_plan *plan)
+/* The memory plans of a tree with `leaves` leaves. */
+typedef struct plans {
+    cln_plan device, host;
+} plans;
+
+static void make_plans(const cln_trainer *t, int leaves, plans *out)
 {
-    t->plan = *plan;
-    t->pipeline.max_entries = plan->max_entries;
+    const cln_plan_desc desc = {&t->pipeline, t->scene, leaves, true};
+
+    cln_plan_device(&desc, &out->device);
+    cln_plan_host(&desc, &out->device, &out->host);
+}
+
+static cln_status check_plans(const cln_trainer *t, const plans *p)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_plan_check(t->device, &p->device));
+    CLN_TRY(cln_plan_check_host(&p->host));
+done:
+    return st;
+}
+
+static void adopt_plans(cln_trainer *t, const plans *p)
+{
+    t->plan = p->device;
+    t->host_plan = p->host;
+    cln_plan_apply(&p->device, &t->pipeline);
     cln_stage_splat_release(&t->pipeline); /* the next batch takes what the plan says */
 }
 
-static void make_plan(cln_trainer *t, int leaves, cln_plan *plan)
-{
-    cln_plan_make(t->device, &t->model.config, &t->pipeline.net, &t->pipeline.tune, leaves,
-                  t->scene->view_count, true, plan);
-}
-
-/* One level finer, by the exact split; not if it would not fit the device. */
+/* One level finer, by the exact split; not if it would not fit in memory. */
 static cln_status grow(cln_trainer *t, bool *grown)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
     cln_octree_change change = {0};
-    cln_plan plan;
+    plans next;
     char text[1536];
 
     *grown = false;
     if (t->full)
         return CLN_OK;
-    make_plan(t, 8 * p->leaves, &plan);
-    if (cln_plan_check(t->device, &plan) != CLN_OK) {
+    make_plans(t, 8 * p->leaves, &next);
+    if (check_plans(t, &next) != CLN_OK) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
         cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * p->leaves,
@@ -137,7 +154,7 @@ static cln_status grow(cln_trainer *t, bool *grown)
     t->model.level++;
     t->model.growth_step = t->model.step;
     t->model.last_square = 0;
-    adopt_plan(t, &plan);
+    adopt_plans(t, &next);
     CLN_TRY(apply_change(t, &change));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
               p->leaves);
@@ -193,7 +210,8 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     cln_pipeline *p = &t->pipeline;
-    const int rays = c->rays < PROBE_RAYS ? c->rays : PROBE_RAYS;
+    const int wanted = c->rays < PROBE_RAYS ? c->rays : PROBE_RAYS;
+    const int rays = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
     const cln_sampling sampling = {.t_min = (float)c->render_t_min,
                                    .empty_weight = (float)c->empty_weight,
                                    .empty_share = c->empty_weight > 0 ? 0 : 1,
@@ -290,17 +308,17 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
 {
     cln_status st = CLN_OK;
     cln_distil distil = {0};
-    cln_plan plan;
+    plans next;
     uint8_t *fresh = NULL;
 
     CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
     CLN_TRY(cln_distil_prepare(t, merge, &distil));
     CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
-    make_plan(t, leaves_after, &plan);
+    make_plans(t, leaves_after, &next);
     CLN_TRY(change_model(t, split, merge, &fresh));
     CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
     cln_model_restart_measures(&t->model);
-    adopt_plan(t, &plan);
+    adopt_plans(t, &next);
     CLN_TRY(send_back(t));
     CLN_TRY(refresh_marked(t, fresh));
     CLN_TRY(cln_maintain_probe(t, &d->psnr_after));
@@ -319,15 +337,14 @@ done:
     return st;
 }
 
-/* --max-leaves, or fewer where the device has no room for them. */
+/* --max-leaves, or fewer where there is no memory for them. */
 static int leaf_budget(cln_trainer *t)
 {
     const int wanted = t->model.config.max_leaves, leaves = t->pipeline.leaves;
     int n = wanted;
-    cln_plan plan;
+    plans p;
 
-    for (make_plan(t, n, &plan); n > leaves && cln_plan_check(t->device, &plan) != CLN_OK;
-         make_plan(t, n, &plan)) {
+    for (make_plans(t, n, &p); n > leaves && check_plans(t, &p) != CLN_OK; make_plans(t, n, &p)) {
         cln_clear_error();
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }

@@ -103,7 +103,7 @@ static const char *text_of(const json_t *object, const char *key, const char *ot
 cln_status cln_record_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    json_t *config = NULL, *scene = NULL, *plan = NULL, *before = NULL;
+    json_t *config = NULL, *scene = NULL, *plan = NULL, *host_plan = NULL, *before = NULL;
     const char *path = t->desc->scene, *preset = t->desc->preset;
     char now[32], tune[256];
 
@@ -116,17 +116,18 @@ cln_status cln_record_start(cln_trainer *t)
     CLN_TRY(cln_config_to_json(&t->model.config, &config));
     CLN_TRY(cln_scene_describe(t->scene, &scene));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
+    CLN_TRY(cln_plan_json(&t->host_plan, &host_plan));
     json_object_del(scene, "cameras"); /* the per-view list is long */
     json_object_set_new(scene, "path", json_string(path));
     cln_utc_now(now);
     cln_tune_text(&t->pipeline.tune, tune);
-    t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:s, s:n}",
+    t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:n}",
                        "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
                        t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
                        "device", device_json(&t->device->info), "dataset", scene, "state",
                        "running", "started", text_of(before, "started", now), "ended", "plan", plan,
-                       "tune", tune, "result");
-    config = scene = plan = NULL;
+                       "host_plan", host_plan, "tune", tune, "result");
+    config = scene = plan = host_plan = NULL;
     if (!t->run) {
         st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");
         goto done;
@@ -137,6 +138,7 @@ done:
     json_decref(config);
     json_decref(scene);
     json_decref(plan);
+    json_decref(host_plan);
     json_decref(before);
     return st;
 }
@@ -154,14 +156,17 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     json_object_set_new(t->run, "state", json_string(state));
     json_object_set_new(t->run, "ended", json_string(now));
     json_object_set_new(t->run, "result",
-                        json_pack("{s:I, s:f, s:o, s:o, s:i, s:f, s:s}", "step",
+                        json_pack("{s:I, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:s}", "step",
                                   (json_int_t)t->model.step, "seconds", t->model.train_seconds,
                                   "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
                                   cln_json_real(t->psnr_test), "leaves", t->model.tree.leaf_count,
                                   "params", (double)t->model.tree.leaf_count * t->model.net.learned,
-                                  "model_digest", digest));
+                                  "device_peak", (double)t->device->peak, "host_peak",
+                                  cln_peak_rss(), "model_digest", digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
+    CLN_TRY(cln_plan_json(&t->host_plan, &plan));
+    json_object_set_new(t->run, "host_plan", plan);
     CLN_TRY(add_left_out(t));
     CLN_TRY(cln_run_write(t->desc->run, t->run));
     CLN_TRY(cln_report_write(t->desc->run));

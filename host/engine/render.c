@@ -7,8 +7,6 @@
 
 #include "base/memory.h"
 
-enum { BATCH_RAYS = 16384 };
-
 void cln_picture_free(cln_picture *picture)
 {
     free(picture->rgb);
@@ -28,12 +26,14 @@ static cln_status render_batch(cln_pipeline *p, const cln_pixel *pixels, int n,
                                int *done_rays)
 {
     cln_status st = CLN_OK;
-    const cln_sampling sampling = {.jitter = false,
-                                   .t_min = (float)p->config.render_t_min,
-                                   .uniform_share = 0,
-                                   .empty_weight = (float)p->config.empty_weight,
-                                   .empty_share = p->config.empty_weight > 0 ? 0 : 1,
-                                   .max_samples = (size_t)p->config.batch_samples};
+    const size_t wanted = (size_t)p->config.batch_samples;
+    const cln_sampling sampling = {
+        .jitter = false,
+        .t_min = (float)p->config.render_t_min,
+        .uniform_share = 0,
+        .empty_weight = (float)p->config.empty_weight,
+        .empty_share = p->config.empty_weight > 0 ? 0 : 1,
+        .max_samples = p->max_samples > 0 && p->max_samples < wanted ? p->max_samples : wanted};
     uint32_t samples = 0, slices = 0;
 
     CLN_TRY(cln_pipeline_batch(p, pixels, n, NULL, backgrounds));
@@ -55,6 +55,8 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
     cln_status st = CLN_OK;
     const cln_device_camera *camera = &p->host_cameras[view];
     const int width = camera->width, total = camera->width * camera->height;
+    const int most =
+        p->max_rays > 0 && p->max_rays < CLN_RENDER_RAYS ? p->max_rays : CLN_RENDER_RAYS;
     cln_pixel *pixels = NULL;
     cln_ray_result *results = NULL;
     float(*backgrounds)[4] = NULL;
@@ -65,13 +67,13 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
     CLN_TRY(cln_alloc(&out->rgb, (size_t)total * 3, sizeof *out->rgb, "picture"));
     CLN_TRY(cln_alloc(&out->depth, (size_t)total, sizeof *out->depth, "picture"));
     CLN_TRY(cln_alloc(&out->opacity, (size_t)total, sizeof *out->opacity, "picture"));
-    CLN_TRY(cln_alloc(&pixels, BATCH_RAYS, sizeof *pixels, "ray batch"));
-    CLN_TRY(cln_alloc(&results, BATCH_RAYS, sizeof *results, "ray batch"));
-    CLN_TRY(cln_alloc(&backgrounds, BATCH_RAYS, sizeof *backgrounds, "ray batch"));
-    for (int i = 0; i < BATCH_RAYS; i++)
+    CLN_TRY(cln_alloc(&pixels, (size_t)most, sizeof *pixels, "ray batch"));
+    CLN_TRY(cln_alloc(&results, (size_t)most, sizeof *results, "ray batch"));
+    CLN_TRY(cln_alloc(&backgrounds, (size_t)most, sizeof *backgrounds, "ray batch"));
+    for (int i = 0; i < most; i++)
         memcpy(backgrounds[i], background, 3 * sizeof(float));
     for (int first = 0, done_rays = 0; first < total; first += done_rays) {
-        const int n = total - first < BATCH_RAYS ? total - first : BATCH_RAYS;
+        const int n = total - first < most ? total - first : most;
         const int signal =
             callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
 

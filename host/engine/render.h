@@ -5,6 +5,8 @@
 
 #include "engine/stages.h"
 
+enum { CLN_RENDER_RAYS = 16384 }; /* most rays of a batch */
+
 typedef struct cln_picture {
     int width, height;
     float *rgb;     /* [height][width][3] */

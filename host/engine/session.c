@@ -13,6 +13,7 @@
 #include "engine/selftest.h"
 #include "engine/trainer.h"
 #include "engine/viewer.h"
+#include "io/progress.h"
 
 cln_status cln_run_config(const char *run, cln_config *config, char **scene)
 {
@@ -114,8 +115,6 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_shape(&t->model.config, config));
         CLN_TRY(check_same_tree(&t->model.config, config));
         t->model.config = *config;
-        t->model.rays = t->model.rays < cln_config_most_rays(config) ? t->model.rays
-                                                                     : cln_config_most_rays(config);
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
                  t->model.train_seconds, t->model.tree.leaf_count);
@@ -129,12 +128,47 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
         t->model.has_distortion = t->scene->has_distortion;
-        t->model.rays =
-            config->rays < config->batch_samples / 32 ? config->rays : config->batch_samples / 32;
-        t->model.rays = t->model.rays < 16 ? 16 : t->model.rays;
     }
 done:
     return st;
+}
+
+/* The memory plans, and the first batch's rays under them. */
+static cln_status plan(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const cln_plan_desc desc = {&t->pipeline, t->scene, t->model.tree.leaf_count, true};
+    const cln_config *c = &t->model.config;
+    const int wanted = t->desc->resume ? cln_config_most_rays(c) : c->rays;
+    int most = 0, first = 0;
+
+    cln_plan_device(&desc, &t->plan);
+    cln_plan_host(&desc, &t->plan, &t->host_plan);
+    CLN_TRY(cln_plan_check(t->device, &t->plan));
+    CLN_TRY(cln_plan_check_host(&t->host_plan));
+    cln_plan_apply(&t->plan, &t->pipeline);
+    most = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
+    first = t->desc->resume ? t->model.rays : (int)(t->plan.batch_samples / 32);
+    t->model.rays = first < 16 ? 16 : first > most ? most : first;
+    t->device->peak = t->device->allocated; /* the self-test's is not this run's */
+done:
+    return st;
+}
+
+static void say_plans(const cln_trainer *t)
+{
+    char text[1024], largest[32];
+
+    cln_plan_text(&t->plan, text, sizeof text);
+    cln_info("memory plan: %s", text);
+    cln_plan_text(&t->host_plan, text, sizeof text);
+    cln_info("host memory, estimated: %s", text);
+    if (t->plan.batch_samples == (size_t)t->model.config.batch_samples &&
+        t->plan.max_rays >= t->model.config.rays)
+        return;
+    cln_format_bytes((double)t->device->max_alloc, largest);
+    cln_info("batches are cut to %zu samples and %d rays: the device's largest buffer has %s",
+             t->plan.batch_samples, t->plan.max_rays, largest);
 }
 
 static void say_what_runs(cln_trainer *t)
@@ -150,8 +184,7 @@ static void say_what_runs(cln_trainer *t)
              t->scene->bounds_rule);
     cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
              t->device->info.compute_units);
-    cln_plan_text(&t->plan, text, sizeof text);
-    cln_info("memory plan: %s", text);
+    say_plans(t);
     if (cln_record_left_out(t, &list) == CLN_OK) {
         text[0] = 0;
         for (size_t i = 0; i < json_array_size(list) && used < sizeof text; i++)
@@ -198,11 +231,7 @@ static cln_status prepare(cln_trainer *t)
     cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion,
                                 config.random_background && t->scene->has_alpha, &t->pipeline));
-    cln_plan_make(t->device, &config, &t->pipeline.net, &t->pipeline.tune, t->model.tree.leaf_count,
-                  t->scene->view_count, true, &t->plan);
-    CLN_TRY(cln_plan_check(t->device, &t->plan));
-    t->device->limit = (size_t)t->plan.limit;
-    t->pipeline.max_entries = t->plan.max_entries;
+    CLN_TRY(plan(t));
     say_what_runs(t);
     CLN_TRY(cln_run_open(t->desc->run, t->desc->resume));
     CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, t->model.centre, t->model.half));
@@ -230,6 +259,8 @@ done:
     result->psnr_train = t.psnr_train;
     result->psnr_test = t.psnr_test;
     result->leaves = t.model.tree.leaf_count;
+    result->device_peak = t.device ? (double)t.device->peak : 0;
+    result->host_peak = cln_peak_rss();
     if (t.model.params)
         result->digest = cln_model_digest(&t.model);
     state = st == CLN_OK                            ? "done"

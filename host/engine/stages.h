@@ -100,6 +100,8 @@ typedef struct cln_pipeline {
     cln_buffer leaf_sums, leaf_met; /* float2 [leaf][CLN_MEASURES], int [leaf]; if measured */
 
     /* A batch of rays. */
+    int max_rays; /* of a batch, and samples (memory plan); 0 = any number */
+    size_t max_samples;
     int view_count, training_views;  /* the first ones are for training */
     cln_buffer cameras;              /* cln_device_camera [view] */
     cln_buffer pixels;               /* cln_pixel [ray] */

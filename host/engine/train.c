@@ -15,7 +15,7 @@
 #include "engine/maintain.h"
 #include "engine/record.h"
 #include "engine/trainer.h"
-#include "io/report.h"
+#include "io/progress.h"
 
 /* ---- budgets and schedules ---- */
 
@@ -64,7 +64,8 @@ static uint32_t mix(uint32_t x)
 static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
 {
     const cln_config *c = &t->model.config;
-    const int64_t met = samples ? samples : 1, most = cln_config_most_rays(c);
+    const int64_t met = samples ? samples : 1, allowed = cln_config_most_rays(c);
+    const int64_t most = allowed < t->plan.max_rays ? allowed : t->plan.max_rays;
     const int64_t by_leaf = (int64_t)(c->leaf_samples * t->pipeline.leaves) * rays / met;
     int64_t next = by_leaf > c->rays ? by_leaf : c->rays;
 
@@ -306,9 +307,16 @@ static void report_progress(const cln_trainer *t, double fraction)
 static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
 {
     cln_status st = CLN_OK;
+    char peak[32], limit[32];
 
     t->psnr_train = -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10));
     CLN_TRY(cln_record_row(t, learning_rate(&t->model.config, fraction), evaluated));
+    if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
+        cln_format_bytes(cln_peak_rss(), peak);
+        cln_format_bytes(t->host_plan.limit, limit);
+        cln_warn("host memory: %s at its peak, more than the %s of --host-mem", peak, limit);
+        t->host_full = true;
+    }
     t->interval.steps = 0;
     t->interval.rays = t->interval.samples = 0;
     t->interval.loss = t->interval.square = 0;

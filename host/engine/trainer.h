@@ -17,7 +17,7 @@ typedef struct cln_trainer {
     cln_scene *scene;
     cln_model model;
     cln_pipeline pipeline;
-    cln_plan plan;
+    cln_plan plan, host_plan;
     cln_batch batch;
     cln_ray_result *results; /* [config.rays] */
     bool drawn;              /* batch is that of the next step */
@@ -28,7 +28,8 @@ typedef struct cln_trainer {
         uint32_t samples;
     } owed;
     int64_t steps;                /* budget in steps; 0 = time alone */
-    bool full;                    /* the next level does not fit the device: said once */
+    bool full;                    /* the next level does not fit in memory: said once */
+    bool host_full;               /* more host memory than --host-mem: said once */
     double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */

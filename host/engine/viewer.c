@@ -76,7 +76,8 @@ cln_status cln_viewer_start(cln_viewer *viewer, const cln_device_desc *device, b
     const cln_config *config = &viewer->model.config;
     cln_pipeline *p = &viewer->pipeline;
     char text[1024];
-    cln_plan plan;
+    const cln_plan_desc desc = {p, viewer->scene, viewer->model.tree.leaf_count, false};
+    cln_plan plan, host_plan;
 
     CLN_TRY(cln_device_open(device, &viewer->device));
     cln_info("device: %s (%s, %d compute units)", viewer->device->info.name,
@@ -84,13 +85,13 @@ cln_status cln_viewer_start(cln_viewer *viewer, const cln_device_desc *device, b
     cln_debug("building kernels for %s", viewer->device->info.name);
     CLN_TRY(cln_pipeline_create(viewer->device, config, distortion,
                                 config->random_background && viewer->scene->has_alpha, p));
-    cln_plan_make(viewer->device, config, &p->net, &p->tune, viewer->model.tree.leaf_count,
-                  viewer->scene->view_count, false, &plan);
+    cln_plan_device(&desc, &plan);
+    cln_plan_host(&desc, &plan, &host_plan);
     CLN_TRY(cln_plan_check(viewer->device, &plan));
+    CLN_TRY(cln_plan_check_host(&host_plan));
     cln_plan_text(&plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
-    viewer->device->limit = (size_t)plan.limit;
-    p->max_entries = plan.max_entries;
+    cln_plan_apply(&plan, p);
     CLN_TRY(cln_pipeline_upload(p, &viewer->model, false));
 done:
     return st;

@@ -140,8 +140,9 @@ static void put_bytes(FILE *to, const char *name, double bytes)
     fprintf(to, "<td class=n>%s\n", text);
 }
 
-static void put_plan(FILE *to, const json_t *plan)
+static void put_plan(FILE *to, const json_t *run)
 {
+    const json_t *plan = json_object_get(run, "plan"), *result = json_object_get(run, "result");
     const char *key = NULL;
     json_t *bytes = NULL;
     double total = 0;
@@ -162,6 +163,10 @@ static void put_plan(FILE *to, const json_t *plan)
     put_bytes(to, "together", total);
     if (cln_json_number(plan, "limit") > 0)
         put_bytes(to, "limit", cln_json_number(plan, "limit"));
+    if (cln_json_number(result, "device_peak") > 0)
+        put_bytes(to, "used at most", cln_json_number(result, "device_peak"));
+    if (cln_json_number(result, "host_peak") > 0)
+        put_bytes(to, "the process at most", cln_json_number(result, "host_peak"));
     fputs("</table></section>\n", to);
 }
 
@@ -200,7 +205,7 @@ void cln_report_machine(FILE *to, const cln_report_data *data)
         return;
     fputs("<h2>Machine and data</h2>\n<div class=settings>\n", to);
     put_device(to, data->run);
-    put_plan(to, json_object_get(data->run, "plan"));
+    put_plan(to, data->run);
     put_data(to, json_object_get(data->run, "dataset"));
     fputs("</div>\n", to);
 }

@@ -28,6 +28,11 @@ int cln_natural_compare(const char *a, const char *b);
  * checked, then brought to the downscaled size. Fills downscale, has_alpha, has_distortion. */
 cln_status cln_scene_size_views(cln_scene *scene, int downscale);
 
+/* images.c: CLN_MEMORY, with the --downscale that would do, if the images of the wanted splits and two that
+ * are being read need more than `limit` bytes (0: than the machine has). */
+cln_status cln_scene_check_memory(const cln_scene *scene, const bool wanted[CLN_SPLITS],
+                                  double limit);
+
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits. */
 cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]);
 

@@ -6,12 +6,14 @@
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "io/image.h"
+#include "io/progress.h"
 
 enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600 };
 static const size_t FILE_MAX_BYTES = (size_t)1 << 30;
@@ -81,6 +83,38 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
 done:
     free(frame);
     return st;
+}
+
+cln_status cln_scene_check_memory(const cln_scene *scene, const bool wanted[CLN_SPLITS],
+                                  double limit)
+{
+    const double room = limit > 0 ? limit : cln_host_memory();
+    double kept = 0, largest = 0, reading = 0;
+    char need[32], have[32], advice[64] = "leave images out";
+    int images = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+
+        if (!wanted[v->split])
+            continue;
+        images++;
+        kept += (double)v->camera.width * v->camera.height * v->channels;
+        largest = fmax(largest, (double)v->file_width * v->file_height * v->channels);
+    }
+    reading = 2 * THREADS * largest; /* the file or the row filters, and the pixels */
+    if (kept + reading <= room)
+        return CLN_OK;
+    cln_format_bytes(kept + reading, need);
+    cln_format_bytes(room, have);
+    if (room > reading)
+        snprintf(advice, sizeof advice, "use --downscale %.0f",
+                 ceil(scene->downscale * sqrt(kept / (room - reading))));
+    return cln_fail(CLN_MEMORY,
+                    "%s: %d images, with --downscale %d, need %s of host memory, %s is %s; %s, or "
+                    "raise --host-mem",
+                    scene->folder, images, scene->downscale, need,
+                    limit > 0 ? "--host-mem" : "this machine's", have, advice);
 }
 
 /* One reading of all files. Indices are handed out in order and none after a failure, so the lowest

@@ -109,6 +109,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config->bbox));
     CLN_TRY(cln_scene_check_seen(scene));
+    CLN_TRY(cln_scene_check_memory(scene, desc->pixels, desc->config->host_mem));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));
 done:
     return st;
