@@ -47,6 +47,7 @@ TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth.c $(PEER_MAIN) tests/json_query.c
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
+TUNE_ROWS := $(wildcard data/tune/*.txt)
 
 SAY = $(if $V,,@echo "  $1";)
 
@@ -110,20 +111,25 @@ $B/obj/%.o: %.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -MMD -MP -c $< -o $@
 
-# Each kernel file becomes one C string literal per line, so that -pedantic's limit on literal length
-# does not matter and build logs can name file and line.
-$B/kernels_embed.c: $(KERNELS) Makefile
+# Each kernel file, and file of tuning rows, becomes one C string literal per line, so that -pedantic's
+# limit on literal length does not matter and build logs can name file and line.
+$B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	@mkdir -p $(@D)
-	@{ echo '/* Generated from kernels/ and include/device_abi.h by make. */'; \
+	@{ echo '/* Generated from kernels/, include/device_abi.h and data/tune/ by make. */'; \
 	   echo '#include "device/kernel_source.h"'; \
-	   for f in $(KERNELS); do \
+	   for f in $(KERNELS) $(TUNE_ROWS); do \
 	     n=$$(basename $$f | tr . _); \
 	     echo "static const char *const $${n}[] = {"; \
-	     sed -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/.*/"&\\n",/' $$f; \
+	     sed -e 's/\\/\\\\/g' -e 's/["?]/\\&/g' -e 's/.*/"&\\n",/' $$f; \
 	     echo '0};'; \
 	   done; \
 	   echo 'const cln_kernel_source cln_kernel_sources[] = {'; \
 	   for f in $(KERNELS); do \
+	     n=$$(basename $$f); echo "{\"$$n\", $$(echo $$n | tr . _)},"; \
+	   done; \
+	   echo '{0, 0}};'; \
+	   echo 'const cln_kernel_source cln_tune_sources[] = {'; \
+	   for f in $(TUNE_ROWS); do \
 	     n=$$(basename $$f); echo "{\"$$n\", $$(echo $$n | tr . _)},"; \
 	   done; \
 	   echo '{0, 0}};'; } > $@
@@ -179,6 +185,8 @@ bench-programs:
 install: all
 	install -d $(DESTDIR)$(PREFIX)/bin
 	install -m 755 $B/cl-nascent $(DESTDIR)$(PREFIX)/bin/cl-nascent
+	install -d $(DESTDIR)$(PREFIX)/share/cl-nascent/tune
+	install -m 644 $(TUNE_ROWS) $(DESTDIR)$(PREFIX)/share/cl-nascent/tune/
 	$(if $(wildcard docs/cl-nascent.1),install -d $(DESTDIR)$(PREFIX)/share/man/man1)
 	$(if $(wildcard docs/cl-nascent.1),install -m 644 docs/cl-nascent.1 $(DESTDIR)$(PREFIX)/share/man/man1/)
 

@@ -21,8 +21,12 @@
 typedef struct cln_device_desc {
     const char *spec;
     const char
-        *kernel_dir;  /* read kernels from here instead of the embedded ones; NULL = embedded */
-    const char *tune; /* "VW=8,TS=6,..." over the device-class defaults; NULL = defaults */
+        *kernel_dir; /* read kernels from here instead of the embedded ones; NULL = embedded */
+    /* Kernel parameters, the first that there is of: tune ("VW=8,TS=6,...", over those of the device's
+     * class), a row of tune_file that fits device and network, such a row of the program's own, those
+     * of the class. NULL = none. */
+    const char *tune;
+    const char *tune_file; /* rows of the user, docs/formats.md "Tuning rows" */
     const char *max_alloc; /* no buffer larger than this ("256M"), as if the device had no more */
 } cln_device_desc;
 
@@ -32,11 +36,16 @@ typedef struct cln_device_info {
     double global_mem, max_alloc; /* bytes */
     int compute_units;
     char verdict[256]; /* "ok" or what is wrong; empty if not tested */
+    /* The kernel parameters for the fast preset's networks, and where they come from; empty if the device
+     * cannot be used, or was not asked. */
+    char network[32], tune[256], tune_from[512];
 } cln_device_info;
 
-/* All OpenCL devices. test: run the quick self-test on each. No device at all is CLN_NO_DEVICE with
+/* All OpenCL devices. desc: tune_file, and where kernels are; its spec is not looked at. NULL: only what
+ * the loader tells of them. test: run the quick self-test on each. No device at all is CLN_NO_DEVICE with
  * what to install. The caller frees *out. */
-cln_status cln_devices_list(bool test, cln_device_info **out, int *count);
+cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_device_info **out,
+                            int *count);
 
 /* Numbers of a running training, for a progress display. */
 typedef struct cln_train_progress {
@@ -170,6 +179,42 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 /* JSON text (the caller frees it) about a scene or a run. */
 cln_status cln_info_scene(const char *scene, const cln_config *config, char **json);
 cln_status cln_info_run(const char *run, char **json);
+
+/* ---- tuning ---- */
+
+/* A set of kernel parameters that the tuner tried. */
+typedef struct cln_tune_try {
+    char tune[256];
+    enum { CLN_SET_REFUSED, CLN_SET_SLOWER, CLN_SET_TAKEN, CLN_SET_UNDECIDED } verdict;
+    char reason[512];        /* why it was refused */
+    double seconds, against; /* of a step, and of the best set before it at the same time; NaN */
+} cln_tune_try;
+
+typedef struct cln_tune_desc {
+    cln_device_desc device; /* tune: where the search begins; NULL = those of the device's class */
+    cln_config config;      /* whose networks, sampling and batch */
+    double budget;          /* seconds */
+    int max_tries;          /* most sets tried; 0 = as many as the budget allows */
+    const char *file;       /* the row goes here, over one for the same; NULL = nowhere */
+    cln_callbacks callbacks;
+} cln_tune_desc;
+
+typedef struct cln_tune_result {
+    cln_device_info device;
+    char network[32], tune[256]; /* what for, and the best set */
+    char row[1024];              /* the same as a line of a file of rows */
+    double seconds;              /* of a step with it */
+    double gain;                 /* over the set the search began with: its seconds / these */
+    int rays, samples, leaves;   /* of the step that was timed */
+    bool complete;               /* the search ended by itself, not by the budget */
+    cln_tune_try *tries;         /* in order; the first that was taken is where it began */
+    int count;
+} cln_tune_result;
+
+/* Looks for the kernel parameters that make a training step fastest on a device. A set is timed only after
+ * it has passed the self-test's checks with these very networks. CLN_CHECK if not even the plain ones do. */
+cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result);
+void cln_tune_free(cln_tune_result *result);
 
 typedef void cln_check_sink(const char *name, bool passed, bool skipped, const char *detail,
                             void *user);

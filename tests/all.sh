@@ -37,7 +37,7 @@ part() {
 # and run the same host code: they are left out.
 sanitized() {
     local groups
-    groups=$(build/sanitize/tests -l | grep -v -x -E 'mlp|train')
+    groups=$(build/sanitize/tests -l | grep -v -x -E 'mlp|train|tuner')
     # shellcheck disable=SC2086
     build/sanitize/tests $groups
 }

@@ -1,7 +1,8 @@
 #!/bin/bash
 # The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind, its
 # exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
-#   tests/cli.sh [SECTION...]      sections: usage devices scenes train structure resume results damage output memory
+#   tests/cli.sh [SECTION...]      sections: usage devices tune scenes train structure resume results damage output
+#                                  memory
 #   BUILD=build/sanitize           the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -17,7 +18,8 @@ children="" child=0 whole=""
 trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work"; rm -rf "$work"' EXIT
 passed=0 failed=0 skipped=0
 export LC_ALL=C
-unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR
+unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE
+export XDG_CONFIG_HOME=$work/config # no rows of the user's
 
 # A network small enough for a second's training, on a tree that grows and is culled on the way.
 small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
@@ -183,10 +185,10 @@ section_usage() {
     expect "--version" 0 "" "$cln" --version
     check "--version names the program" grep -q '^cl-nascent [0-9]' "$work/out"
     expect "--help" 0 "" "$cln" --help
-    for c in train eval render info export devices selftest; do
+    for c in train eval render info export devices selftest tune; do
         check "--help names $c" grep -qw "$c" "$work/out"
     done
-    for c in train eval render info export devices selftest; do
+    for c in train eval render info export devices selftest tune; do
         expect "$c --help" 0 "" "$cln" $c --help
         check "$c --help goes to stdout alone" [ -s "$work/out" -a ! -s "$work/err" ]
     done
@@ -200,6 +202,8 @@ section_usage() {
     expect "eval without a run" 2 "RUN" "$cln" eval
     expect "export without a file" 2 "--octree" "$cln" export r
     expect "export in a colour that is not offered" 2 "colour level" "$cln" export r --octree f --colour red
+    expect "tune with a budget that is none" 2 "budget 1" "$cln" tune --budget 0
+    expect "tune with an option of train" 2 "lr train" "$cln" tune --lr 1
     check "wrong usage leaves stdout empty" [ ! -s "$work/out" ]
 }
 
@@ -232,6 +236,50 @@ section_devices() {
         "$cln" selftest --quick --kernel-dir "$work/kernels"
     expect "--kernel-dir that is not there" 3 "$work/nowhere" \
         "$cln" selftest --quick --kernel-dir "$work/nowhere"
+}
+
+# Kernel parameters: the tuner's row, where parameters come from, and that wrong kernels are noticed.
+section_tune() {
+    local rows=$work/config/cl-nascent/tune.txt net=(--width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1)
+    blender
+    expect "tune" 0 "" "$cln" tune "${net[@]}" --budget 2 --progress none
+    check "tune prints the row" grep -q '| W16-D2-V16 | VW=' "$work/out"
+    check "and writes it to the user's file" grep -qF "$(tail -1 "$work/out")" "$rows"
+    expect "a run with such networks uses it" 0 "" \
+        "$cln" train "$work/blender" -o "$work/tuned" "${small[@]}" --steps 2
+    check "train says so" grep -q "kernel parameters: VW=.*$rows, line 3" "$work/err"
+    check "run.json says so" eval '"$query" tune_from <"$work/tuned/run.json" | grep -q "^$rows, line 3"'
+    expect "--tune goes before it" 0 "" \
+        "$cln" train "$work/blender" -o "$work/given" "${small[@]}" --steps 2 --tune VW=4
+    check "run.json says so" eval '"$query" tune_from <"$work/given/run.json" | grep -q "^--tune"'
+    echo '* | * | W32-* | VW=4,NV=1,TS=4' >>"$rows"
+    expect "devices" 0 "" "$cln" devices --no-test --json
+    check "it names the parameters" grep -q '"VW=4,NV=1,LS=1,TS=4,' "$work/out"
+    check "and where they come from" [ "$(json devices.0.tune_from)" = "$rows, line 4" ]
+    expect "tune again, to a file of one's own" 0 "" "$cln" tune "${net[@]}" --budget 1 --json \
+        --progress none --tune VW=4,TS=5 -o "$work/rows/mine.txt"
+    check "tune --json is one document" [ "$(json schema)" = cl-nascent.tune/1 ]
+    check "the file has its row" grep -qF "$(json row)" "$work/rows/mine.txt"
+    check "the first set is where it began" grep -q '^VW=4,NV=[0-9]*,LS=1,TS=5,' <<<"$(json tries.0.tune)"
+
+    echo '* | * | * | VW=8,XX=1' >"$work/wrong.txt"
+    expect "a row that is wrong: file, line, reason" 3 "wrong.txt line.1 XX VW" \
+        "$cln" devices --tune-file "$work/wrong.txt"
+    expect "the same by the environment" 3 "wrong.txt" \
+        env CL_NASCENT_TUNE_FILE="$work/wrong.txt" "$cln" selftest --quick
+    expect "a file of rows that is not there" 3 "nowhere --tune-file" \
+        "$cln" train "$work/blender" -o "$work/never" "${small[@]}" --tune-file "$work/nowhere"
+    check "train writes nothing then" [ ! -e "$work/never" ]
+
+    # a compiler that gets sums of products wrong
+    mkdir -p "$work/off" && cp kernels/lanes.h "$work/off/"
+    printf '#undef MAD\n#define MAD(a, b, c) (1.001f * fma((a), (b), (c)))\n' >>"$work/off/lanes.h"
+    expect "train on a device that fails the self-test: device, case, way out" 10 \
+        "fast.preset:.[a-z]+: does.not.compute --skip-selftest $("$cln" devices --no-test --json | "$query" devices.0.name | cut -d' ' -f1)" \
+        "$cln" train "$work/blender" -o "$work/refused" "${small[@]:1}" --steps 2 --kernel-dir "$work/off"
+    check "it wrote nothing" [ ! -e "$work/refused" ]
+    expect "--skip-selftest trains all the same" 0 "" \
+        "$cln" train "$work/blender" -o "$work/forced" "${small[@]}" --steps 2 --kernel-dir "$work/off"
 }
 
 # bad_scene NAME WORDS: $work/bad must be refused, by info and before train writes anything
@@ -649,7 +697,7 @@ for program in "$cln" "$make_scene" "$query"; do
     fi
 done
 sections=("$@")
-[ $# = 0 ] && sections=(usage devices scenes train structure resume results damage output memory)
+[ $# = 0 ] && sections=(usage devices tune scenes train structure resume results damage output memory)
 for s in "${sections[@]}"; do
     if [ "$(type -t "section_$s")" != function ]; then
         echo "cli.sh: no section $s" >&2

@@ -59,6 +59,7 @@ static inline cln_device *test_device(const tune_set *set)
         }
         assert_ok(st);
         test_device_tune = test_device_open->tune;
+        test_device_open->tune_exact = true; /* the sets below, and no other */
     }
     test_device_open->tune = test_device_tune;
     assert_ok(cln_tune_parse(set->text, &test_device_open->tune));

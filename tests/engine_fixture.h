@@ -210,6 +210,24 @@ static inline cln_status engine_train(const char *run, bool resume, const cln_co
     return cln_train(&desc, result);
 }
 
+/* A kernel folder whose lanes.h has these lines at its end; skips outside the source tree. */
+static inline const char *engine_kernels_with(const char *name, const char *lines)
+{
+    char file[128], *text = NULL, *more = NULL;
+    size_t bytes = 0;
+
+    if (!cln_is_file("kernels/lanes.h"))
+        skip();
+    assert_ok(cln_read_file("kernels/lanes.h", (size_t)1 << 20, &text, &bytes));
+    assert_true(asprintf(&more, "%s\n%s\n", text, lines) > 0);
+    snprintf(file, sizeof file, "%s/lanes.h", name);
+    assert_ok(cln_make_dirs(engine_path(name)));
+    scratch_put(engine_path(file), more, strlen(more));
+    free(text);
+    free(more);
+    return engine_path(name);
+}
+
 /* A JSON file of the group's folder; the caller drops the reference. */
 static inline json_t *engine_json(const char *name)
 {

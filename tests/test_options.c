@@ -77,6 +77,7 @@ static int setup(void **state)
     (void)state;
     unsetenv("CL_NASCENT_DEVICE");
     unsetenv("CL_NASCENT_KERNEL_DIR");
+    unsetenv("CL_NASCENT_TUNE_FILE");
     unsetenv("CI");
     setenv("TERM", "xterm", 1);
     return 0;
@@ -288,6 +289,12 @@ static void every_other_option_is_read(void **state)
     assert_true(o->quick);
     assert_string_equal(o->device.spec, "0");
     done(&l);
+    o = parsed(&l, "tune -o rows.txt --budget 5.5 --preset paper --width 128 -d 0");
+    assert_string_equal(o->output, "rows.txt");
+    assert_true(o->budget == 5.5);
+    assert_int_equal(o->config.width, 128);
+    assert_int_equal(o->config.depth, 8);
+    done(&l);
     o = parsed(&l, "info scene --downscale 4");
     assert_int_equal(o->config.downscale, 4);
     done(&l);
@@ -371,6 +378,45 @@ static void environment_gives_way_to_the_line(void **state)
     parsed(&l, "selftest");
     assert_null(l.options.device.spec);
     done(&l);
+}
+
+/* The standard file of rows is read if it is there; one that is named must be, but for tune's own. */
+static void tune_file_is_found(void **state)
+{
+    char *folder = NULL, path[PATH_MAX + 32];
+    void *scratch = NULL;
+    line l;
+
+    (void)state;
+    assert_int_equal(scratch_make(&scratch), 0);
+    folder = scratch;
+    setenv("XDG_CONFIG_HOME", folder, 1);
+    snprintf(path, sizeof path, "%s/cl-nascent/tune.txt", folder);
+    parsed(&l, "selftest");
+    assert_null(l.options.device.tune_file);
+    assert_string_equal(l.options.tune_path, path);
+    done(&l);
+    *strrchr(path, '/') = 0;
+    assert_int_equal(cln_make_dirs(path), CLN_OK);
+    path[strlen(path)] = '/';
+    scratch_put(path, "", 0);
+    parsed(&l, "devices");
+    assert_string_equal(l.options.device.tune_file, path);
+    done(&l);
+    setenv("CL_NASCENT_TUNE_FILE", "mine.txt", 1);
+    parsed(&l, "eval run");
+    assert_string_equal(l.options.device.tune_file, "mine.txt");
+    done(&l);
+    parsed(&l, "eval run --tune-file other.txt");
+    assert_string_equal(l.options.device.tune_file, "other.txt");
+    done(&l);
+    parsed(&l, "tune --tune-file other.txt");
+    assert_null(l.options.device.tune_file);
+    assert_string_equal(l.options.tune_path, "other.txt");
+    done(&l);
+    unsetenv("CL_NASCENT_TUNE_FILE");
+    unsetenv("XDG_CONFIG_HOME");
+    assert_int_equal(scratch_remove(&scratch), 0);
 }
 
 static void terminals_that_cannot_redraw_get_lines(void **state)
@@ -580,6 +626,7 @@ int test_group_options(void)
         cmocka_unit_test(orbit_takes_only_digits_for_its_value),
         cmocka_unit_test(two_dashes_end_the_options),
         cmocka_unit_test_setup_teardown(environment_gives_way_to_the_line, setup, setup),
+        cmocka_unit_test_setup_teardown(tune_file_is_found, setup, setup),
         cmocka_unit_test_setup_teardown(terminals_that_cannot_redraw_get_lines, setup, setup),
         cmocka_unit_test(the_line_is_kept_as_it_could_be_typed_again),
         cmocka_unit_test_setup_teardown(resume_starts_from_the_runs_settings, scratch_make,

@@ -371,7 +371,7 @@ static void test_selftest_passes(void **state)
     assert_ok(cln_selftest(&device, true, on_check, &t));
     assert_true(t.passed > 30);
     assert_int_equal(t.failed, 0);
-    assert_ok(cln_devices_list(true, &devices, &count));
+    assert_ok(cln_devices_list(&device, true, &devices, &count));
     assert_true(count > 0);
     for (int i = 0; i < count; i++)
         assert_true(devices[i].verdict[0] != 0 && devices[i].name[0] != 0);

@@ -39,6 +39,8 @@ int test_group_structure(void);
 int test_group_trace(void);
 int test_group_train(void);
 int test_group_tree_from(void);
+int test_group_tune(void);
+int test_group_tuner(void);
 
 /* The table, in the files' order; ends with a NULL name. */
 typedef struct test_group {

@@ -1,4 +1,5 @@
-/* `cl-nascent devices`: every OpenCL device, what it has, and the verdict of a quick self-test. */
+/* `cl-nascent devices`: every OpenCL device, what it has, its kernel parameters, and the verdict of a
+ * quick self-test. */
 #include "cli/commands.h"
 
 #include <stdio.h>
@@ -8,11 +9,13 @@
 
 static json_t *device_json(int index, const cln_device_info *d)
 {
-    return json_pack("{s:i s:s s:s s:s s:s s:s s:s s:o s:o s:i s:s*}", "index", index, "name",
-                     d->name, "type", d->type, "vendor", d->vendor, "platform", d->platform,
-                     "version", d->version, "driver", d->driver, "global_mem",
-                     cln_json_real(d->global_mem), "max_alloc", cln_json_real(d->max_alloc),
-                     "compute_units", d->compute_units, "verdict", *d->verdict ? d->verdict : NULL);
+    return json_pack(
+        "{s:i s:s s:s s:s s:s s:s s:s s:o s:o s:i s:s* s:s* s:s* s:s*}", "index", index, "name",
+        d->name, "type", d->type, "vendor", d->vendor, "platform", d->platform, "version",
+        d->version, "driver", d->driver, "global_mem", cln_json_real(d->global_mem), "max_alloc",
+        cln_json_real(d->max_alloc), "compute_units", d->compute_units, "verdict",
+        *d->verdict ? d->verdict : NULL, "tune", *d->tune ? d->tune : NULL, "tune_from",
+        *d->tune_from ? d->tune_from : NULL, "tune_network", *d->network ? d->network : NULL);
 }
 
 static void print_device(int index, const cln_device_info *d)
@@ -27,6 +30,9 @@ static void print_device(int index, const cln_device_info *d)
     printf("    platform   %s (%s)\n", d->platform, d->vendor);
     printf("    version    %s\n", d->version);
     printf("    driver     %s\n", d->driver);
+    if (*d->tune)
+        printf("    kernels    %s\n               from %s, for networks of %s\n", d->tune,
+               d->tune_from, d->network);
     if (*d->verdict)
         printf("    self-test  %s\n", d->verdict);
 }
@@ -38,7 +44,7 @@ cln_status cln_cmd_devices(const cln_options *options)
     json_t *list = NULL;
     int count = 0;
 
-    CLN_TRY(cln_devices_list(options->test, &devices, &count));
+    CLN_TRY(cln_devices_list(&options->device, options->test, &devices, &count));
     if (options->json) {
         list = json_array();
         for (int i = 0; i < count; i++)

@@ -14,5 +14,6 @@ cln_status cln_cmd_info(const struct cln_options *options);
 cln_status cln_cmd_export(const struct cln_options *options);
 cln_status cln_cmd_devices(const struct cln_options *options);
 cln_status cln_cmd_selftest(const struct cln_options *options);
+cln_status cln_cmd_tune(const struct cln_options *options);
 
 #endif

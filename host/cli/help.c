@@ -206,7 +206,7 @@ void cln_version_print(FILE *to, bool verbose)
     if (!verbose)
         return;
     fprintf(to, "jansson %s\n", jansson_version_str());
-    if (cln_devices_list(false, &devices, &count) != CLN_OK) {
+    if (cln_devices_list(NULL, false, &devices, &count) != CLN_OK) {
         cln_clear_error();
         fprintf(to, "OpenCL: no device\n");
     }

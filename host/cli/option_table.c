@@ -43,11 +43,17 @@ const cln_command cln_commands[] = {
      "The kernels on one device against the float64 reference",
      "Exit code 10 if a check fails.",
      cln_cmd_selftest},
+    {"tune", CLN_TUNE, NULL, false, "tune [OPTIONS]",
+     "Finds the kernel parameters that are fastest on a device",
+     "For the networks of a preset, or of the options given. Sets of parameters are timed only after "
+     "they have passed against the float64 reference; the best becomes a row in your own file, "
+     "which the other commands read.",
+     cln_cmd_tune},
 };
 /* clang-format on */
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
-#define ON_DEVICE (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_SELFTEST)
+#define ON_DEVICE (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_SELFTEST | CLN_TUNE)
 #define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES)
 #define AT(field) offsetof(cln_options, field)
 
@@ -67,9 +73,10 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
     {name, 0, kind, value, NULL, min, max, false, NULL, standard, commands, AT(field), help}
 
 const cln_arg cln_args[] = {
-    TEXT(CLN_TRAIN | CLN_RENDER, "output", 'o', output, "DIR", NULL, NULL,
-         "folder to write; train: the new run; render: by default RUN/render/SPLIT or /orbit"),
-    WORD(CLN_TRAIN, "preset", preset, "fast|paper|nerf|kilonerf", "fast",
+    TEXT(CLN_TRAIN | CLN_RENDER | CLN_TUNE, "output", 'o', output, "PATH", NULL, NULL,
+         "folder to write; train: the new run; render: by default RUN/render/SPLIT or /orbit; tune: "
+         "the file to put the row in, by default that of --tune-file"),
+    WORD(CLN_TRAIN | CLN_TUNE, "preset", preset, "fast|paper|nerf|kilonerf", "fast",
          "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
          "inside the same program: one network, a uniform grid of small ones"),
     TEXT(CLN_TRAIN, "resume", 0, resume, "RUN", NULL, NULL,
@@ -80,7 +87,11 @@ const cln_arg cln_args[] = {
     TEXT(ON_DEVICE, "kernel-dir", 0, device.kernel_dir, "DIR", "CL_NASCENT_KERNEL_DIR", NULL,
          "read the kernels from here instead of from the program"),
     TEXT(ON_DEVICE, "tune", 0, device.tune, "LIST", NULL, NULL,
-         "kernel parameters over those of the device's class: VW=8,TS=6,..."),
+         "kernel parameters over those of the device's class: VW=8,TS=6,...; tune: where the search "
+         "begins"),
+    TEXT(ON_DEVICE | CLN_DEVICES, "tune-file", 0, device.tune_file, "FILE", "CL_NASCENT_TUNE_FILE",
+         "cl-nascent/tune.txt in $XDG_CONFIG_HOME or ~/.config",
+         "your rows of kernel parameters, which go before the program's own"),
     TEXT(ON_DEVICE, "max-alloc", 0, device.max_alloc, "SIZE", NULL, NULL,
          "no buffer larger than this (512K, 64M, 4G), as if the device allowed no more: batches are "
          "cut to it"),
@@ -125,10 +136,12 @@ const cln_arg cln_args[] = {
          "what the boxes' colours show: the level, or the error on a logarithmic scale"),
 
     SWITCH(CLN_DEVICES, "test", test, "yes", "run the quick self-test on each device"),
+    NUMBER(CLN_TUNE, "budget", budget, CLN_ARG_REAL, "SECONDS", 1, 1e6, "60",
+           "time to search in; what is best by then is taken"),
     FLAG(CLN_SELFTEST, "quick", 0, quick, "only the checks that take about a second"),
 
     FLAG(EVERY, "json", 0, json, "results as one JSON document on standard output"),
-    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER, "progress", progress, "auto|bar|line|none", "auto",
+    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE, "progress", progress, "auto|bar|line|none", "auto",
          "a live line on a terminal, plain lines now and then, or neither"),
     FLAG(EVERY, "quiet", 'q', quiet, "no log but warnings, no progress"),
     COUNT(EVERY, "verbose", 'v', verbose, "log more"),
@@ -142,6 +155,11 @@ _Static_assert(sizeof cln_args / sizeof cln_args[0] <= CLN_ARGS_MAX, "parser kee
 /* Rows that `info SCENE` needs to read a scene as train would. */
 static const char *const info_rows[] = {"downscale", "bbox", "background", "holdout"};
 
+/* Rows that shape the networks and the work, for `tune`. */
+static const char *const tune_rows[] = {"width",      "depth",           "view-width", "bands",
+                                        "view-bands", "view-dependence", "skip",       "stage1",
+                                        "rays",       "batch-samples"};
+
 /* ---- names ---- */
 
 bool cln_command_takes_arg(const cln_command *command, const cln_arg *arg)
@@ -149,17 +167,27 @@ bool cln_command_takes_arg(const cln_command *command, const cln_arg *arg)
     return (arg->commands & (command ? command->bit : EVERY)) != 0;
 }
 
-bool cln_command_takes_row(const cln_command *command, const cln_config_row *row)
+static bool is_among(const char *const *names, size_t count, const char *name)
 {
-    if (command && command->bit == CLN_TRAIN)
-        return true;
-    if (!command || command->bit != CLN_INFO)
-        return false;
-    for (size_t i = 0; i < sizeof info_rows / sizeof info_rows[0]; i++) {
-        if (strcmp(info_rows[i], row->option) == 0)
+    for (size_t i = 0; i < count; i++) {
+        if (strcmp(names[i], name) == 0)
             return true;
     }
     return false;
+}
+
+bool cln_command_takes_row(const cln_command *command, const cln_config_row *row)
+{
+    switch (command ? command->bit : 0) {
+    case CLN_TRAIN:
+        return true;
+    case CLN_INFO:
+        return is_among(info_rows, sizeof info_rows / sizeof info_rows[0], row->option);
+    case CLN_TUNE:
+        return is_among(tune_rows, sizeof tune_rows / sizeof tune_rows[0], row->option);
+    default:
+        return false;
+    }
 }
 
 const cln_arg *cln_arg_find(const cln_command *command, const char *name, size_t length)

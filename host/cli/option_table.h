@@ -16,7 +16,8 @@ enum {
     CLN_RENDER = 8,
     CLN_INFO = 16,
     CLN_SELFTEST = 32,
-    CLN_EXPORT = 64
+    CLN_EXPORT = 64,
+    CLN_TUNE = 128
 };
 
 typedef struct cln_command {

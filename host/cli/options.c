@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
 
@@ -421,6 +422,27 @@ static void settle_progress(parser *p)
         p->out->progress = "line";
 }
 
+/* --tune-file and its variable name a file that must be there (but for tune, which makes it); the standard
+ * one need not be. */
+static cln_status settle_tune_file(parser *p)
+{
+    cln_status st = CLN_OK;
+    cln_options *out = p->out;
+    const char *config = getenv("XDG_CONFIG_HOME"), *home = getenv("HOME");
+    const bool given = out->device.tune_file != NULL;
+
+    if (given)
+        CLN_TRY(cln_strdup(&out->tune_path, out->device.tune_file));
+    else if (config && config[0] == '/')
+        CLN_TRY(cln_path_join(&out->tune_path, config, "cl-nascent/tune.txt"));
+    else if (home && *home)
+        CLN_TRY(cln_path_join(&out->tune_path, home, ".config/cl-nascent/tune.txt"));
+    if ((!given || out->command->bit == CLN_TUNE) && out->tune_path)
+        out->device.tune_file = cln_is_file(out->tune_path) ? out->tune_path : NULL;
+done:
+    return st;
+}
+
 static cln_status settle(parser *p)
 {
     cln_status st = CLN_OK;
@@ -428,6 +450,7 @@ static cln_status settle(parser *p)
     unsigned bit = out->command->bit;
 
     settle_progress(p);
+    CLN_TRY(settle_tune_file(p));
     if (bit == CLN_TRAIN)
         CLN_TRY(check_train(p));
     else if (bit == CLN_RENDER)
@@ -437,7 +460,7 @@ static cln_status settle(parser *p)
             cln_fail(CLN_USAGE, "%s: a %s is missing", out->command->name, out->command->operand));
     if (bit == CLN_EXPORT && !out->octree)
         CLN_TRY(cln_fail(CLN_USAGE, "export: say what to write: --octree FILE.ply"));
-    if (bit & (CLN_TRAIN | CLN_INFO))
+    if (bit & (CLN_TRAIN | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:
     return st;
@@ -487,7 +510,8 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
                          .test = true,
                          .save_images = true,
                          .elevation = 25,
-                         .radius = 1};
+                         .radius = 1,
+                         .budget = 60};
     CLN_TRY(cln_alloc(&p.settings, (size_t)argc + 1, sizeof *p.settings, "options"));
     CLN_TRY(quote_line(argc, argv, &out->line));
     CLN_TRY(parse_first(&p));
@@ -505,5 +529,6 @@ done:
 void cln_options_free(cln_options *options)
 {
     free(options->line);
-    options->line = NULL;
+    free(options->tune_path);
+    options->line = options->tune_path = NULL;
 }

@@ -12,6 +12,7 @@ typedef struct cln_options {
     bool help, version;
     const char *operand; /* SCENE or RUN as given; NULL without */
     char *line;          /* the whole command line, quoted for a shell */
+    char *tune_path;     /* the user's rows, there or not; NULL without a home */
 
     const char *output, *resume, *scene, *preset, *split, *progress;
     const char *dump_program, *octree, *colour;
@@ -19,10 +20,10 @@ typedef struct cln_options {
     bool json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
     int verbose, max_images;
     int orbit_frames; /* 0 = no orbit */
-    double elevation, radius, fov, min_psnr;
+    double elevation, radius, fov, min_psnr, budget;
     int image_width, image_height;
 
-    cln_config config; /* train, info: preset or resumed run, then the options given */
+    cln_config config; /* train, info, tune: preset or resumed run, then the options given */
 } cln_options;
 
 /* Reads a command line into *out, which the caller frees also on failure. CLN_USAGE sentences name

@@ -1,5 +1,5 @@
-/* Listing, picking and opening devices; tuning parameters. Programs are in program.c, buffers and
- * launches in buffer.c. */
+/* Listing, picking and opening devices. Tuning parameters are in tune.c, programs in program.c, buffers
+ * and launches in buffer.c. */
 #include "device/device.h"
 
 #include <ctype.h>
@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "device/device_list.h"
+#include "device/tune.h"
 
 const char *const cln_stage_names[CLN_STAGES] = {
 #define X(name, text) text,
@@ -20,73 +21,6 @@ const char *const cln_stage_names[CLN_STAGES] = {
 };
 
 enum { MIN_ALLOC = 65536 };
-
-static const struct {
-    const char *name;
-    size_t offset;
-    int cpu, gpu, min, max;
-} tune_rows[] = {
-#define X(field, name, cpu, gpu, min, max, meaning) \
-    {name, offsetof(cln_tune, field), cpu, gpu, min, max},
-    CLN_TUNE_LIST(X)
-#undef X
-};
-enum { TUNE_ROWS = sizeof tune_rows / sizeof tune_rows[0] };
-
-static int *tune_field(cln_tune *tune, int row)
-{
-    return (int *)((char *)tune + tune_rows[row].offset);
-}
-
-void cln_tune_text(const cln_tune *tune, char out[256])
-{
-    int used = 0;
-
-    for (int i = 0; i < TUNE_ROWS; i++)
-        used += snprintf(out + used, 256 - (size_t)used, "%s%s=%d", i ? "," : "", tune_rows[i].name,
-                         *tune_field((cln_tune *)tune, i));
-}
-
-cln_status cln_tune_parse(const char *text, cln_tune *tune)
-{
-    while (*text) {
-        const size_t length = strcspn(text, "=,");
-        int row = 0;
-        char *end = NULL;
-        long value = 0;
-
-        while (row < TUNE_ROWS && (strlen(tune_rows[row].name) != length ||
-                                   strncmp(tune_rows[row].name, text, length) != 0))
-            row++;
-        if (row == TUNE_ROWS || text[length] != '=')
-            return cln_fail(CLN_USAGE,
-                            "--tune: '%.*s' is no tuning parameter; use VW, NV, LS, TS, NB, SL, WG "
-                            "or CHUNK with =NUMBER, comma separated",
-                            (int)length, text);
-        value = strtol(text + length + 1, &end, 10);
-        if (end == text + length + 1 || (*end && *end != ',') || value < tune_rows[row].min ||
-            value > tune_rows[row].max)
-            return cln_fail(CLN_USAGE, "--tune: %s takes a whole number from %d to %d",
-                            tune_rows[row].name, tune_rows[row].min, tune_rows[row].max);
-        *tune_field(tune, row) = (int)value;
-        text = *end ? end + 1 : end;
-    }
-    return CLN_OK;
-}
-
-static cln_tune default_tune(cl_device_id id, bool cpu)
-{
-    cln_tune tune;
-    cl_uint native = 0;
-
-    for (int i = 0; i < TUNE_ROWS; i++)
-        *tune_field(&tune, i) = cpu ? tune_rows[i].cpu : tune_rows[i].gpu;
-    if (tune.vw == 0) {
-        clGetDeviceInfo(id, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, sizeof native, &native, NULL);
-        tune.vw = native >= 16 ? 16 : native >= 8 ? 8 : 4;
-    }
-    return tune;
-}
 
 double cln_now(void)
 {
@@ -284,9 +218,14 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     if (desc->max_alloc)
         CLN_TRY(limit_alloc(device, desc->max_alloc));
     device->max_alloc = (size_t)device->info.max_alloc;
-    device->tune = default_tune(device->id, strcmp(device->info.type, "cpu") == 0);
-    if (desc->tune)
+    cln_tune_class_default(device->id, strcmp(device->info.type, "cpu") == 0, &device->tune);
+    if (desc->tune) {
         CLN_TRY(cln_tune_parse(desc->tune, &device->tune));
+        snprintf(device->tune_from, sizeof device->tune_from, "--tune");
+    }
+    if (desc->tune_file)
+        CLN_TRY(cln_tune_rows_read(desc->tune_file, &device->rows[0]));
+    CLN_TRY(cln_tune_rows_shipped(&device->rows[1]));
     CLN_TRY(cln_strdup(&device->kernel_dir, desc->kernel_dir));
     device->context = clCreateContext(NULL, 1, &device->id, NULL, NULL, &code);
     CLN_CL(code);
@@ -313,6 +252,8 @@ void cln_device_close(cln_device *device)
     }
     if (device->context)
         clReleaseContext(device->context);
+    cln_tune_rows_free(device->rows[0]);
+    cln_tune_rows_free(device->rows[1]);
     free(device->pending);
     free(device->kernel_dir);
     free(device);

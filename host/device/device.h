@@ -1,6 +1,7 @@
 /* OpenCL, wrapped once: pick a device, build programs, own buffers, launch kernels, account for time and
  * memory. Every OpenCL call's failure comes out as a cln_status with the call's and the code's name.
- * Devices differ by the parameters in cln_tune, not by code. One thread at a time per cln_device. */
+ * Devices differ by the parameters in cln_tune (more: tune.h), not by code. One thread at a time per
+ * cln_device. */
 #ifndef CLN_DEVICE_H
 #define CLN_DEVICE_H
 
@@ -26,6 +27,8 @@ typedef struct cln_tune {
     CLN_TUNE_LIST(X)
 #undef X
 } cln_tune;
+
+enum { CLN_TUNE_TEXT = 256, CLN_TUNE_FROM = 512 }; /* bytes of such texts */
 
 /* Stages whose device time is accounted for, in the order of the pipeline. */
 #define CLN_STAGE_LIST(X)            \
@@ -57,7 +60,10 @@ typedef struct cln_device {
     cl_context context;
     cl_command_queue queue;
     cln_device_info info;
-    cln_tune tune;
+    cln_tune tune; /* those of its class, with --tune over them; cln_tune_choose has the rest */
+    char tune_from[CLN_TUNE_FROM]; /* where `tune` comes from, or "": the rows go before it */
+    bool tune_exact; /* `tune` or nothing (self-test, tuner, tests): no rows, no falling back */
+    struct cln_tune_rows *rows[2]; /* the user's (may be NULL), data/tune */
     char *kernel_dir;
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
     size_t allocated, peak;                 /* bytes of live buffers, and the most so far */
@@ -76,8 +82,8 @@ cln_status cln_device_finish(cln_device *device);
 /* What is enqueued starts now, if it has not yet. */
 cln_status cln_device_flush(cln_device *device);
 
-/* "VW=8,NV=2,..."; at most 255 characters. */
-void cln_tune_text(const cln_tune *tune, char out[256]);
+/* "VW=8,NV=2,...", all of them. */
+void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT]);
 /* Applies "VW=8,TS=6"; CLN_USAGE names what is wrong and the range. */
 cln_status cln_tune_parse(const char *text, cln_tune *tune);
 

@@ -1,5 +1,5 @@
-/* The kernel sources embedded by the Makefile (build/kernels_embed.c): one string per source line,
- * ended by NULL; the table is ended by {NULL, NULL}. */
+/* The kernel sources, and the tuning rows of data/tune, embedded by the Makefile (build/kernels_embed.c):
+ * one string per source line, ended by NULL; a table is ended by {NULL, NULL}. */
 #ifndef CLN_KERNEL_SOURCE_H
 #define CLN_KERNEL_SOURCE_H
 
@@ -9,5 +9,6 @@ typedef struct cln_kernel_source {
 } cln_kernel_source;
 
 extern const cln_kernel_source cln_kernel_sources[];
+extern const cln_kernel_source cln_tune_sources[]; /* "pocl.txt" */
 
 #endif

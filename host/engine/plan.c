@@ -263,7 +263,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
     }
     row(out, "batches and pictures", "--rays or the size with --downscale");
-    add(out, (d->training ? 80.0 * c->rays : 0) + 80.0 * CLN_RENDER_RAYS);
+    add(out, (d->training ? 80.0 * cln_config_most_rays(c) : 0) + 80.0 * CLN_RENDER_RAYS);
     add(out, picture_bytes * view_pixels(d->scene));
 }
 

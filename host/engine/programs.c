@@ -8,7 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
+#include "device/tune.h"
 
 int cln_pipeline_measures(const cln_config *config)
 {
@@ -47,15 +49,13 @@ static int common(int a, int b)
     return multiple;
 }
 
-/* Vectors, tiles and blocks that divide this network and fit the local memory. */
-static void fit_tune(const cln_device *device, const cln_network *net, cln_tune *tune)
+void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune *tune)
 {
     const int view = net->view_dependence ? net->view_width : net->width;
     const int narrow = net->width < view ? net->width : view;
     const size_t local = device->local_mem * 7 / 8;
     int step = 0;
 
-    *tune = device->tune;
     while (tune->vw > narrow)
         tune->vw /= 2;
     while (tune->vw > 1 && (net->width % tune->vw || view % tune->vw))
@@ -160,8 +160,8 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     return t.st;
 }
 
-cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
-                               bool ray_background, cln_pipeline *out)
+static cln_status create(cln_device *device, const cln_config *config, bool distortion,
+                         bool ray_background, const cln_tune *tune, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
     char *defines = NULL, *wide = NULL;
@@ -172,7 +172,8 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
     out->distortion = distortion;
     out->ray_background = ray_background;
     CLN_TRY(cln_network_layout(config, &out->net));
-    fit_tune(device, &out->net, &out->tune);
+    out->tune = *tune;
+    cln_pipeline_fit(device, &out->net, &out->tune);
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         st =
             cln_fail(CLN_MEMORY,
@@ -218,6 +219,37 @@ done:
     free(wide);
     if (st != CLN_OK)
         cln_pipeline_free(out);
+    return st;
+}
+
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
+                               bool ray_background, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+    cln_network net;
+    cln_tune tune;
+    char network[32], from[CLN_TUNE_FROM], list[CLN_TUNE_TEXT];
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(cln_network_layout(config, &net));
+    cln_network_text(&net, network);
+    cln_tune_choose(device, network, &tune, from);
+    st = create(device, config, distortion, ray_background, &tune, out);
+    if ((st == CLN_BUILD || st == CLN_MEMORY) && !device->tune_exact) {
+        cln_tune_text(&tune, list);
+        cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
+                 "used, which are slower",
+                 list, from, network, cln_error_text());
+        cln_clear_error();
+        cln_tune_plain(&tune);
+        snprintf(from, sizeof from, "plain, because others could not be used");
+        st = create(device, config, distortion, ray_background, &tune, out);
+    }
+    CLN_TRY(st);
+    snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,
+             memcmp(&tune, &out->tune, sizeof tune) != 0 ? ", fitted to " : "",
+             memcmp(&tune, &out->tune, sizeof tune) != 0 ? network : "");
+done:
     return st;
 }
 

@@ -105,7 +105,7 @@ cln_status cln_record_start(cln_trainer *t)
     cln_status st = CLN_OK;
     json_t *config = NULL, *scene = NULL, *plan = NULL, *host_plan = NULL, *before = NULL;
     const char *path = t->desc->scene, *preset = t->desc->preset;
-    char now[32], tune[256];
+    char now[32], tune[CLN_TUNE_TEXT];
 
     if (t->desc->resume)
         CLN_TRY(cln_run_read(t->desc->run, &before));
@@ -121,12 +121,13 @@ cln_status cln_record_start(cln_trainer *t)
     json_object_set_new(scene, "path", json_string(path));
     cln_utc_now(now);
     cln_tune_text(&t->pipeline.tune, tune);
-    t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:n}",
-                       "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
-                       t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
-                       "device", device_json(&t->device->info), "dataset", scene, "state",
-                       "running", "started", text_of(before, "started", now), "ended", "plan", plan,
-                       "host_plan", host_plan, "tune", tune, "result");
+    t->run =
+        json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:s, s:n}",
+                  "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
+                  t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
+                  "device", device_json(&t->device->info), "dataset", scene, "state", "running",
+                  "started", text_of(before, "started", now), "ended", "plan", plan, "host_plan",
+                  host_plan, "tune", tune, "tune_from", t->pipeline.tune_from, "result");
     config = scene = plan = host_plan = NULL;
     if (!t->run) {
         st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");

@@ -184,6 +184,8 @@ static void say_what_runs(cln_trainer *t)
              t->scene->bounds_rule);
     cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
              t->device->info.compute_units);
+    cln_tune_text(&t->pipeline.tune, text);
+    cln_info("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
     say_plans(t);
     if (cln_record_left_out(t, &list) == CLN_OK) {
         text[0] = 0;
@@ -214,10 +216,16 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
+    if (t->desc->resume)
+        CLN_TRY(cln_viewer_keep_tune(t->desc->run, t->device));
     CLN_TRY(cln_scene_load(&scene, &t->scene));
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
-        CLN_TRY(cln_selftest_device(t->device, true, NULL, NULL));
+        st = cln_selftest_device(t->device, true, NULL, NULL);
+        if (st == CLN_CHECK)
+            cln_note("checking the device before training; --skip-selftest trains on it all the "
+                     "same, and what comes out may be wrong");
+        CLN_TRY(st);
     }
     CLN_TRY(load_model(t, &config));
     if (t->desc->resume)

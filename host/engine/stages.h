@@ -70,9 +70,10 @@ typedef struct cln_pipeline {
     cln_device *device;
     cln_config config;
     cln_network net;
-    cln_tune tune;       /* the device's, fitted to the network's shape and the local memory */
-    bool distortion;     /* built in */
-    bool ray_background; /* one background per ray (random_background with alpha) */
+    cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
+    char tune_from[CLN_TUNE_FROM]; /* where from, as a phrase */
+    bool distortion;               /* built in */
+    bool ray_background;           /* one background per ray (random_background with alpha) */
 
     cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise,
         distil;
@@ -135,10 +136,15 @@ typedef struct cln_pipeline {
     cln_buffer sums, digit_counts, keys[2], values[2];
 } cln_pipeline;
 
-/* Programs for this network and scene; no buffers yet. CLN_BUILD, CLN_MEMORY, CLN_CL. */
+/* Programs for this network and scene; no buffers yet. Kernel parameters as cln_tune_choose says; where no
+ * program can be made with them, plain ones with a warning (not if device->tune_exact). CLN_BUILD,
+ * CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
                                bool ray_background, cln_pipeline *out);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
+
+/* Makes vectors, tiles and blocks divide this network and fit the device's groups and local memory. */
+void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune *tune);
 
 /* The "#define" lines of a program of this pipeline (programs.c); the caller frees *text. */
 cln_status cln_pipeline_defines(const cln_pipeline *p, char **text);

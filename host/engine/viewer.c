@@ -30,6 +30,45 @@ done:
     return st;
 }
 
+static bool same_text(const json_t *object, const char *key, const char *text)
+{
+    const char *saved = json_string_value(json_object_get(object, key));
+
+    return saved && strcmp(saved, text) == 0;
+}
+
+cln_status cln_viewer_keep_tune(const char *run, cln_device *device)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const json_t *saved = NULL;
+    const char *list = NULL, *from = NULL;
+    cln_tune tune = device->tune; /* for what an older program did not know */
+
+    if (device->tune_from[0])
+        return CLN_OK;
+    CLN_TRY(cln_run_read(run, &document));
+    saved = json_object_get(document, "device");
+    list = json_string_value(json_object_get(document, "tune"));
+    from = json_string_value(json_object_get(document, "tune_from"));
+    if (!list || !same_text(saved, "name", device->info.name) ||
+        !same_text(saved, "platform", device->info.platform) ||
+        !same_text(saved, "driver", device->info.driver))
+        goto done;
+    if (cln_tune_parse(list, &tune) != CLN_OK) {
+        cln_warn("%s/run.json: tune: its kernel parameters are not understood (%s); others are "
+                 "chosen, and results may differ in the last bits",
+                 run, cln_error_text());
+        cln_clear_error();
+        goto done;
+    }
+    device->tune = tune;
+    snprintf(device->tune_from, sizeof device->tune_from, "%.400s", from ? from : "the run");
+done:
+    json_decref(document);
+    return st;
+}
+
 cln_status cln_viewer_split(const cln_scene *scene, const char *name, cln_split *split)
 {
     for (int s = 0; s < CLN_SPLITS; s++) {
@@ -54,6 +93,7 @@ cln_status cln_viewer_open(const char *run, const char *scene, const bool pixels
     cln_scene_desc desc = {.config = &out->model.config};
 
     memset(out, 0, sizeof *out);
+    out->run = run;
     memcpy(desc.pixels, pixels, sizeof desc.pixels);
     CLN_TRY(cln_run_config(run, &recorded, &own_scene));
     desc.path = scene ? scene : own_scene;
@@ -82,9 +122,12 @@ cln_status cln_viewer_start(cln_viewer *viewer, const cln_device_desc *device, b
     CLN_TRY(cln_device_open(device, &viewer->device));
     cln_info("device: %s (%s, %d compute units)", viewer->device->info.name,
              viewer->device->info.platform, viewer->device->info.compute_units);
+    CLN_TRY(cln_viewer_keep_tune(viewer->run, viewer->device));
     cln_debug("building kernels for %s", viewer->device->info.name);
     CLN_TRY(cln_pipeline_create(viewer->device, config, distortion,
                                 config->random_background && viewer->scene->has_alpha, p));
+    cln_tune_text(&p->tune, text);
+    cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);
     cln_plan_host(&desc, &plan, &host_plan);
     CLN_TRY(cln_plan_check(viewer->device, &plan));

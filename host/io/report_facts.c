@@ -122,6 +122,7 @@ static void put_device(FILE *to, const json_t *run)
         fprintf(to, "<tr><td class=soft>memory<td>%s, largest allocation %s\n", global, largest);
     }
     put_fact(to, "tuning", cln_json_text(run, "tune"));
+    put_fact(to, "tuning from", cln_json_text(run, "tune_from"));
     fputs("</table></section>\n", to);
 }
 

@@ -4,6 +4,7 @@
 #include "model/network.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 #include "base/rng.h"
 
@@ -87,6 +88,11 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out)
     *out = net;
 done:
     return st;
+}
+
+void cln_network_text(const cln_network *net, char out[32])
+{
+    snprintf(out, 32, "W%d-D%d-V%d", net->width, net->depth, net->view_width);
 }
 
 /* count uniforms in +-bound; `block` tells the matrices and biases of a network apart. */

@@ -42,6 +42,9 @@ int cln_network_rows(const cln_network *net, int layer);
 
 cln_status cln_network_layout(const cln_config *config, cln_network *out);
 
+/* "W32-D3-V16": width, depth, width of the view layer (V0: none); at most 31 characters. */
+void cln_network_text(const cln_network *net, char out[32]);
+
 /* Initial weights of one leaf, [params] (method.md section 2); the same for every leaf. */
 void cln_network_init(const cln_network *net, const cln_config *config, float *params);
 

@@ -1,0 +1,80 @@
+/* `cl-nascent tune`: settings -> cln_tune_search; what was tried, the best set, and where its row went. */
+#include "cli/commands.h"
+
+#include <stdio.h>
+#include "cli/console.h"
+#include "io/run_folder.h"
+
+static const char *const verdicts[] = {[CLN_SET_REFUSED] = "refused",
+                                       [CLN_SET_SLOWER] = "not faster",
+                                       [CLN_SET_TAKEN] = "taken",
+                                       [CLN_SET_UNDECIDED] = "not timed"};
+
+static json_t *try_json(const cln_tune_try *try)
+{
+    return json_pack("{s:s s:s s:s* s:o s:o}", "tune", try->tune, "verdict", verdicts[try->verdict],
+                     "reason", *try->reason ? try->reason : NULL, "seconds",
+                     cln_json_real(try->seconds), "against", cln_json_real(try->against));
+}
+
+static cln_status print_json(const cln_tune_result *r, const char *file)
+{
+    json_t *tries = json_array();
+
+    for (int i = 0; i < r->count; i++)
+        json_array_append_new(tries, try_json(&r->tries[i]));
+    return cln_print_json(json_pack(
+        "{s:s s:s s:s s:s s:s s:s s:s* s:o s:o s:i s:i s:i s:b s:o}", "schema", "cl-nascent.tune/1",
+        "device", r->device.name, "driver", r->device.driver, "network", r->network, "tune",
+        r->tune, "row", r->row, "file", file, "seconds", cln_json_real(r->seconds), "gain",
+        cln_json_real(r->gain), "rays", r->rays, "samples", r->samples, "leaves", r->leaves,
+        "complete", r->complete, "tries", tries));
+}
+
+static void print_result(const cln_tune_result *r, const char *file)
+{
+    int count[4] = {0};
+
+    for (int i = 0; i < r->count; i++) {
+        count[r->tries[i].verdict]++;
+        if (r->tries[i].verdict == CLN_SET_REFUSED)
+            printf("refused     %s: %s\n", r->tries[i].tune, r->tries[i].reason);
+    }
+    printf("device      %s (driver %s)\n", r->device.name, r->device.driver);
+    printf("networks    %s; a step of %d rays, %d samples in %d leaves\n", r->network, r->rays,
+           r->samples, r->leaves);
+    printf("tried       %d sets: %d refused, %d not faster, %d not timed; %s\n", r->count,
+           count[CLN_SET_REFUSED], count[CLN_SET_SLOWER], count[CLN_SET_UNDECIDED],
+           r->complete ? "no better one is known" : "--budget ended the search");
+    printf("best        %s\n", r->tune);
+    printf("time        %.4g ms a step, %.2f times as fast as where the search began\n",
+           1e3 * r->seconds, r->gain);
+    if (file)
+        printf("written to  %s\n", file);
+    printf("%s\n", r->row);
+}
+
+cln_status cln_cmd_tune(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    cln_console console = {0};
+    cln_tune_result result = {0};
+    cln_tune_desc desc = {.device = options->device,
+                          .config = options->config,
+                          .budget = options->budget,
+                          .file = options->output ? options->output : options->tune_path};
+
+    CLN_TRY(cln_console_open(options, &console));
+    desc.callbacks = console.callbacks;
+    st = cln_tune_search(&desc, &result);
+    cln_console_close(&console);
+    CLN_TRY(st);
+    if (options->json)
+        CLN_TRY(print_json(&result, desc.file));
+    else
+        print_result(&result, desc.file);
+done:
+    cln_console_close(&console);
+    cln_tune_free(&result);
+    return st;
+}
