@@ -56,10 +56,11 @@ cln_status cln_tune_parse(const char *text, cln_tune *tune)
                                    strncmp(tune_rows[row].name, text, length) != 0))
             row++;
         if (row == TUNE_ROWS || text[length] != '=')
-            return cln_fail(CLN_USAGE,
-                            "--tune: '%.*s' is no tuning parameter; use VW, NV, LS, TS, NB, SL, WG "
-                            "or CHUNK with =NUMBER, comma separated",
-                            (int)length, text);
+            return cln_fail(
+                CLN_USAGE,
+                "--tune: '%.*s' is no tuning parameter; use VW, NV, LS, TS, NB, SL, WG, "
+                "CHUNK, NATIVE or HALF with =NUMBER, comma separated",
+                (int)length, text);
         value = strtol(text + length + 1, &end, 10);
         if (end == text + length + 1 || (*end && *end != ',') || value < tune_rows[row].min ||
             value > tune_rows[row].max)

@@ -24,7 +24,8 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
 {
     const double n = leaves, params = 4.0 * net->params,
                  cells = (double)config->n1 * config->n1 * config->n1;
-    const double room_for = device->info.max_alloc / (4.0 * cln_pipeline_acts(net));
+    const double act_bytes = (double)cln_pipeline_act_bytes(net, tune);
+    const double room_for = device->info.max_alloc / act_bytes;
     const double wanted = training ? 2.0 * config->batch_samples : config->batch_samples;
     const double samples = training && wanted > room_for ? floor(room_for) : wanted;
     const double rays = config->rays > 16384 ? config->rays : 16384;
@@ -44,8 +45,8 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
             n * params, "--width, --depth or --view-width");
         row(out, "weight gradients", slices * params, slices * params,
             "--width, --depth or --batch-samples");
-        row(out, "activations", samples * 4.0 * cln_pipeline_acts(net),
-            samples * 4.0 * cln_pipeline_acts(net), "--batch-samples, --width or --depth");
+        row(out, "activations", samples * act_bytes, samples * act_bytes,
+            "--batch-samples, --width or --depth");
     }
     if (training && cln_pipeline_measures(config) > 0)
         row(out, "measures",
