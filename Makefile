@@ -4,7 +4,7 @@
 #   make test               install what is missing, run the whole suite
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
-#   make bench              install what is missing, build the benches' programs, time the leaf networks
+#   make bench              install what is missing, time every kernel (bench/results/, docs/benches.md)
 #   make install            PREFIX=/usr/local DESTDIR=
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
@@ -30,14 +30,14 @@ DATA_SRC := $(wildcard data/*.c)
 TEST_SRC := $(filter-out tests/json_query.c,$(wildcard tests/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/table.c bench/plot.c
-BENCH_SRC := $(filter-out $(TABLE_SRC),$(wildcard bench/*.c))
+BENCH_SRC := $(wildcard bench/bench*.c)
 LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
             $(filter-out %/make_scene.o,$(DATA_OBJ))
-BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o)
+BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) tests/json_query.c
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
@@ -62,7 +62,7 @@ $B/json-query: $B/obj/tests/json_query.o
 $B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
-$B/bench: $(BENCH_OBJ) $B/libcl-nascent.a
+$B/bench-kernels: $(BENCH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
@@ -131,12 +131,12 @@ fmt:
 	$(CLANG_FORMAT) -i $(ALL_SRC) $(wildcard host/*/*.h include/*.h tests/*.h bench/*.h data/*.h)
 
 bench: bench-programs
-	build/bench $(BENCH)
+	build/bench-kernels --results bench/results $(BENCH)
 
 bench-programs:
 	@tests/deps.sh build
-	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query build/bench \
-	    build/bench-table
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
+	    build/bench-kernels build/bench-table
 
 install: all
 	install -d $(DESTDIR)$(PREFIX)/bin

@@ -18,8 +18,10 @@ static const char *const dashes[] = {"", " stroke-dasharray='6 3'", " stroke-das
 enum { COLOURS = sizeof colours / sizeof colours[0], DASHES = sizeof dashes / sizeof dashes[0] };
 
 /* What people divide a logarithmic time axis into, seconds. */
-static const double ticks[] = {0.1, 0.2, 0.5,  1,    2,    5,     10,    30,    60,     120,
-                               300, 600, 1800, 3600, 7200, 18000, 36000, 86400, 172800, 432000};
+static const double ticks[] = {1e-6, 1e-5, 1e-4,  2e-4,  5e-4,  1e-3,   2e-3,  5e-3,
+                               0.01, 0.02, 0.05,  0.1,   0.2,   0.5,    1,     2,
+                               5,    10,   30,    60,    120,   300,    600,   1800,
+                               3600, 7200, 18000, 36000, 86400, 172800, 432000};
 
 typedef struct frame {
     double x0, x1;         /* natural logarithm of seconds */
@@ -72,7 +74,11 @@ static double place_y(const frame *f, double psnr)
 
 static void put_time(FILE *to, double seconds)
 {
-    if (seconds < 60)
+    if (seconds < 1e-3)
+        fprintf(to, "%g us", seconds * 1e6);
+    else if (seconds < 0.1)
+        fprintf(to, "%g ms", seconds * 1e3);
+    else if (seconds < 60)
         fprintf(to, "%g s", seconds);
     else if (seconds < 3600)
         fprintf(to, "%g min", seconds / 60);
@@ -82,7 +88,7 @@ static void put_time(FILE *to, double seconds)
         fprintf(to, "%g d", seconds / 86400);
 }
 
-static void put_axes(FILE *to, const frame *f)
+static void put_axes(FILE *to, const frame *f, const char *x_label)
 {
     const int bottom = HEIGHT - BOTTOM, right = WIDTH - RIGHT;
     const int rows = (int)round((f->y1 - f->y0) / f->y_step);
@@ -108,7 +114,7 @@ static void put_axes(FILE *to, const frame *f)
         fputs("</text>\n", to);
     }
     fprintf(to, "<path stroke='#8b949b' d='M%d %dH%d'/>", LEFT, bottom, right);
-    fprintf(to, "<text x='%d' y='%d' text-anchor='end'>training time</text>\n", right, HEIGHT - 8);
+    fprintf(to, "<text x='%d' y='%d' text-anchor='end'>%s</text>\n", right, HEIGHT - 8, x_label);
 }
 
 static void put_dot(FILE *to, double x, double y, bool ring, const char *colour)
@@ -160,7 +166,7 @@ static void put_legend(FILE *to, const plot_line *line, int row, const char *col
     fputc('\n', to);
 }
 
-void plot_write(FILE *to, const char *title, const plot_line *lines, int count)
+void plot_write(FILE *to, const plot_text *text, const plot_line *lines, int count)
 {
     const frame f = find_frame(lines, count);
     const int legend = TOP + 8 + LEGEND_ROW * count + 10;
@@ -171,13 +177,13 @@ void plot_write(FILE *to, const char *title, const plot_line *lines, int count)
             "font-family='sans-serif' font-size='12' fill='#333'>\n",
             WIDTH, height, WIDTH, height);
     fputs("<title>", to);
-    cln_html_text(to, title);
+    cln_html_text(to, text->title);
     fprintf(to, "</title>\n<rect width='%d' height='%d' fill='#fff'/>\n", WIDTH, height);
     fputs("<text x='10' y='22' font-size='14' font-weight='bold'>", to);
-    cln_html_text(to, title);
+    cln_html_text(to, text->title);
     fputs("</text>\n", to);
-    fprintf(to, "<text x='%d' y='22' text-anchor='end'>at the end, dB</text>\n", WIDTH - 10);
-    put_axes(to, &f);
+    fprintf(to, "<text x='%d' y='22' text-anchor='end'>%s</text>\n", WIDTH - 10, text->legend);
+    put_axes(to, &f, text->x_label);
     for (int i = 0; i < count; i++) {
         const char *colour = colours[i % COLOURS], *dash = dashes[i / COLOURS % DASHES];
 

@@ -1,5 +1,5 @@
-/* PSNR over training seconds for several runs, as one stand-alone SVG file: a logarithmic time axis, since
- * the runs of a bench differ by factors, and a legend beside the plot. The report's own charts are io/svg.h;
+/* Decibels over seconds for several runs or kernels, as one stand-alone SVG file: a logarithmic time axis,
+ * since what a bench compares differs by factors, and a legend beside the plot. The report's own charts are io/svg.h;
  * they have a style sheet around them and an axis from 0. */
 #ifndef BENCH_PLOT_H
 #define BENCH_PLOT_H
@@ -13,7 +13,11 @@ typedef struct plot_line {
     double end_seconds, end_psnr; /* the last evaluation: a ring, not on the line; NaN = none */
 } plot_line;
 
+typedef struct plot_text {
+    const char *title, *x_label, *legend; /* legend: what the numbers in it are */
+} plot_text;
+
 /* A plot without any finite point has its axes alone. Numbers in the C locale: the caller's business. */
-void plot_write(FILE *to, const char *title, const plot_line *lines, int count);
+void plot_write(FILE *to, const plot_text *text, const plot_line *lines, int count);
 
 #endif

@@ -127,6 +127,11 @@ void ref_encode(int bands, const double x[3], const double *weights, int pad, do
 void ref_forward(const ref_network *r, const float *params, const double local[3],
                  const double dir[3], const double *slopes, double slope, double out[4]);
 
+/* The smallest pre-activation of one sample: below rounding errors, float32 may find it on the other side
+ * of zero, where the gradient is another one. */
+double ref_margin(const ref_network *r, const float *params, const double local[3],
+                  const double dir[3], const double *slopes, double slope);
+
 /* Adds dL/dparams of one sample to grad[params] given dL/dout[4]. */
 void ref_backward(const ref_network *r, const float *params, const double local[3],
                   const double dir[3], const double *slopes, double slope, const double dout[4],
