@@ -5,7 +5,7 @@
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
 #   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
-#   make bench              install what is missing, build the benches' programs, time the leaf networks
+#   make bench              install what is missing, time every kernel (bench/results/, docs/benches.md)
 #   make install            PREFIX=/usr/local DESTDIR=
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
@@ -35,14 +35,14 @@ TABLE_SRC := bench/table.c bench/plot.c
 PEER_MAIN := bench/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth.sh
 GROWTH_SRC := bench/growth.c bench/plot.c
-BENCH_SRC := $(filter-out $(TABLE_SRC) $(GROWTH_SRC) $(PEER_MAIN),$(wildcard bench/*.c))
+BENCH_SRC := $(wildcard bench/bench*.c)
 LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
             $(filter-out %/make_scene.o,$(DATA_OBJ))
-BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o)
+BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth.c $(PEER_MAIN) tests/json_query.c
@@ -69,7 +69,7 @@ $B/json-query: $B/obj/tests/json_query.o
 $B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
-$B/bench: $(BENCH_OBJ) $B/libcl-nascent.a
+$B/bench-kernels: $(BENCH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
@@ -99,12 +99,12 @@ bench-peers:
 
 # One command, as these need flags of their own: this processor's instructions, OpenMP, vectorised
 # activations (which trapping mathematics would forbid), each its library.
-$B/bench-peers: $(PEER_MAIN) $(wildcard bench/peers/*) bench/bench.c bench/bench.h $B/libcl-nascent.a FORCE
+$B/bench-peers: $(PEER_MAIN) $(wildcard bench/peers/*) $B/libcl-nascent.a FORCE
 	@echo "  peers: $(or $(FOUND),none)$(if $(filter-out $(FOUND),$(PEERS)),; not installed: $(filter-out \
 	    $(FOUND),$(PEERS)) (of $(PEER_PACKAGES)))"
 	$(call SAY,LINK $@)$(CC) $(CFLAGS_ALL) -O3 -march=native -fno-trapping-math -fopenmp -Ibench \
-	    $(foreach p,$(FOUND),-DPEER_$(shell echo $p | tr a-z A-Z) $(PEER_CFLAGS_$p)) $(PEER_MAIN) bench/bench.c \
-	    bench/peers/cpu.c $(FOUND:%=bench/peers/%.c) $B/libcl-nascent.a \
+	    $(foreach p,$(FOUND),-DPEER_$(shell echo $p | tr a-z A-Z) $(PEER_CFLAGS_$p)) $(PEER_MAIN) \
+	    bench/peers/timing.c bench/peers/cpu.c $(FOUND:%=bench/peers/%.c) $B/libcl-nascent.a \
 	    $(foreach p,$(FOUND),$(PEER_LIBS_$p)) $(LDLIBS_ALL) -o $@
 
 $B/obj/%.o: %.c
@@ -175,12 +175,12 @@ fmt:
 	$(CLANG_FORMAT) -i $(ALL_SRC) $(wildcard host/*/*.h include/*.h tests/*.h bench/*.h data/*.h)
 
 bench: bench-programs
-	build/bench $(BENCH)
+	build/bench-kernels --results bench/results $(BENCH)
 
 bench-programs:
 	@tests/deps.sh build
-	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query build/bench \
-	    build/bench-table build/bench-growth
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
+	    build/bench-kernels build/bench-table build/bench-growth
 
 install: all
 	install -d $(DESTDIR)$(PREFIX)/bin

@@ -1,13 +1,168 @@
-/* Timing for the benches. See bench.h. */
+/* Ceilings, timing and comparison for the kernel benches. See bench.h. */
 #include "bench.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "base/config.h"
 #include "base/memory.h"
-#include "base/rng.h"
 
-enum { REPEATS = 5 };
+enum { REPEATS = 5, LONG_REPEATS = 3, ROWS = 1024 };
+
+/* ---- ceilings ---- */
+
+/* Beyond the caches, there and back. */
+static size_t copy_bytes(const bench *b)
+{
+    return (size_t)(b->device->tune.ls == 1 ? 64 : 256) << 20;
+}
+
+typedef struct probe {
+    bench *b;
+    cl_int rounds;
+    size_t groups, local;
+} probe;
+
+static cln_status fma_body(void *context)
+{
+    cln_status st = CLN_OK;
+    const probe *p = context;
+    const cl_float factor = 0.999999f;
+
+    CLN_TRY(CLN_LAUNCH(p->b->device, p->b->peak_fma, CLN_STAGE_OTHER, p->groups, p->local,
+                       CLN_ARG(p->b->out.mem), CLN_ARG(factor), CLN_ARG(p->rounds)));
+    CLN_TRY(cln_device_finish(p->b->device));
+done:
+    return st;
+}
+
+static cln_status copy_body(void *context)
+{
+    cln_status st = CLN_OK;
+    const probe *p = context;
+
+    CLN_TRY(CLN_LAUNCH(p->b->device, p->b->peak_copy, CLN_STAGE_OTHER, p->groups, p->local,
+                       CLN_ARG(p->b->in.mem), CLN_ARG(p->b->out.mem), CLN_ARG(p->rounds)));
+    CLN_TRY(cln_device_finish(p->b->device));
+done:
+    return st;
+}
+
+/* One launch of each probe, for the best rates of a row. */
+static cln_status probe_ceilings(bench *b, double *fma, double *copy)
+{
+    cln_status st = CLN_OK;
+    const bool cpu = b->device->tune.ls == 1;
+    const size_t vector = (size_t)b->device->tune.vw * sizeof(float);
+    probe f = {.b = b,
+               .rounds = cpu ? 1000000 : 20000,
+               .groups = (size_t)b->device->info.compute_units * (cpu ? 8 : 32),
+               .local = cpu ? 1 : 256};
+    probe c = {.b = b, .local = f.local, .rounds = cpu ? 2048 : 16};
+    double start = 0, middle = 0;
+
+    c.groups = copy_bytes(b) / (vector * c.local * (size_t)c.rounds);
+    start = cln_now();
+    CLN_TRY(fma_body(&f));
+    middle = cln_now();
+    CLN_TRY(copy_body(&c));
+    *fma = fmax(*fma, 2.0 * 12 * b->device->tune.vw * (double)f.rounds *
+                          (double)(f.groups * f.local) / (middle - start));
+    *copy = fmax(*copy, 2.0 * (double)(c.groups * c.local * (size_t)c.rounds * vector) /
+                            (cln_now() - middle));
+done:
+    return st;
+}
+
+cln_status bench_open(bench *b, const cln_device_desc *desc)
+{
+    cln_status st = CLN_OK;
+    char defines[32];
+
+    CLN_TRY(cln_device_open(desc, &b->device));
+    CLN_TRY(cln_alloc(&b->rows, ROWS, sizeof *b->rows, "rows"));
+    snprintf(defines, sizeof defines, "#define VW %d\n", b->device->tune.vw);
+    CLN_TRY(cln_program_build(b->device, "peak", defines, &b->peak));
+    CLN_TRY(cln_kernel_create(&b->peak, "peak_fma", &b->peak_fma));
+    CLN_TRY(cln_kernel_create(&b->peak, "peak_copy", &b->peak_copy));
+    CLN_TRY(cln_buffer_reserve(b->device, &b->in, copy_bytes(b), "copy probe"));
+    CLN_TRY(cln_buffer_reserve(b->device, &b->out, copy_bytes(b), "copy probe"));
+    CLN_TRY(cln_buffer_zero(b->device, &b->in, copy_bytes(b)));
+done:
+    return st;
+}
+
+void bench_close(bench *b)
+{
+    cln_pipeline_free(&b->pipeline);
+    cln_kernel_free(&b->peak_fma);
+    cln_kernel_free(&b->peak_copy);
+    cln_program_free(&b->peak);
+    if (b->device) {
+        cln_buffer_free(b->device, &b->in);
+        cln_buffer_free(b->device, &b->out);
+    }
+    cln_device_close(b->device);
+    free(b->rows);
+}
+
+/* ---- pipelines ---- */
+
+cln_status bench_small_config(cln_config *out)
+{
+    cln_status st = CLN_OK;
+
+    memset(out, 0, sizeof *out); /* padding, too: settings are compared as bytes */
+    CLN_TRY(cln_config_preset("fast", out));
+    out->width = out->view_width = 16;
+    out->depth = out->bands = 2;
+    out->view_bands = 1;
+    out->level_at[0] = 0;
+    out->min_leaf_samples = 1;
+done:
+    return st;
+}
+
+cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, const char *tune,
+                          cln_pipeline **out)
+{
+    cln_status st = CLN_OK;
+    const cln_tune kept = b->device->tune;
+    cln_tune wanted = kept;
+
+    *out = &b->pipeline;
+    CLN_TRY(cln_tune_parse(tune ? tune : "", &wanted));
+    if (b->pipeline.device && memcmp(config, &b->config, sizeof *config) == 0 &&
+        memcmp(&wanted, &b->tune, sizeof wanted) == 0 && distortion == b->distortion)
+        return CLN_OK;
+    cln_pipeline_free(&b->pipeline);
+    b->config = *config;
+    b->tune = b->device->tune = wanted;
+    b->distortion = distortion;
+    st = cln_pipeline_create(b->device, config, distortion, false, &b->pipeline);
+    b->device->tune = kept;
+    CLN_TRY(st);
+    b->pipeline.max_entries = (size_t)1 << 26;
+done:
+    return st;
+}
+
+cln_status bench_measuring(bench *b, cln_config *config, cln_pipeline **p)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(bench_small_config(config));
+    config->adaptive = true;
+    config->density_weight = CLN_WEIGHT_MASK;
+    config->n1 = 2;
+    CLN_TRY(bench_pipeline(b, config, false, NULL, p));
+done:
+    return st;
+}
+
+/* ---- timing ---- */
 
 static int by_value(const void *a, const void *b)
 {
@@ -16,126 +171,116 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-cln_status bench_run(bench_body *body, void *context, double budget, bench_time *out)
-{
-    cln_status st = CLN_OK;
-    double times[REPEATS], start = 0, probe = 0;
-
-    CLN_TRY(body(context));
-    start = cln_now();
-    CLN_TRY(body(context));
-    probe = cln_now() - start;
-    out->calls = probe > 0 ? (int)(budget / REPEATS / probe) : 1;
-    out->calls = out->calls < 1 ? 1 : out->calls;
-    for (int r = 0; r < REPEATS; r++) {
-        start = cln_now();
-        for (int i = 0; i < out->calls; i++)
-            CLN_TRY(body(context));
-        times[r] = (cln_now() - start) / out->calls;
-    }
-    qsort(times, REPEATS, sizeof times[0], by_value);
-    out->min = times[0];
-    out->median = times[REPEATS / 2];
-    out->max = times[REPEATS - 1];
-done:
-    return st;
-}
-
-typedef struct peak {
-    cln_device *device;
-    cl_kernel kernel;
-    cln_buffer out;
-    cl_int rounds;
-    size_t groups, local;
-} peak;
-
-static cln_status peak_body(void *context)
-{
-    cln_status st = CLN_OK;
-    peak *p = context;
-    const cl_float factor = 0.999999f;
-
-    CLN_TRY(CLN_LAUNCH(p->device, p->kernel, CLN_STAGE_OTHER, p->groups, p->local,
-                       CLN_ARG(p->out.mem), CLN_ARG(factor), CLN_ARG(p->rounds)));
-    CLN_TRY(cln_device_finish(p->device));
-done:
-    return st;
-}
-
-cln_status bench_peak(cln_device *device, double *flops)
-{
-    cln_status st = CLN_OK;
-    const bool cpu = device->tune.ls == 1;
-    peak p = {.device = device,
-              .rounds = cpu ? 200000 : 20000,
-              .groups = (size_t)device->info.compute_units * (cpu ? 8 : 32),
-              .local = cpu ? 1 : 256};
-    cln_program program = {0};
-    bench_time time;
-    char defines[32];
-
-    snprintf(defines, sizeof defines, "#define VW %d\n", device->tune.vw);
-    CLN_TRY(cln_program_build(device, "peak", defines, &program));
-    CLN_TRY(cln_kernel_create(&program, "peak_fma", &p.kernel));
-    CLN_TRY(cln_buffer_reserve(device, &p.out, p.groups * p.local * sizeof(float), "peak"));
-    CLN_TRY(bench_run(peak_body, &p, 0.5, &time));
-    *flops =
-        2.0 * 12 * device->tune.vw * (double)p.rounds * (double)(p.groups * p.local) / time.min;
-done:
-    cln_kernel_free(&p.kernel);
-    cln_program_free(&program);
-    cln_buffer_free(device, &p.out);
-    return st;
-}
-
-static cln_status put(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes)
+/* Seconds of `calls` calls. */
+static cln_status time_calls(bench *b, bench_body *body, bench_body *before, void *context,
+                             cln_stage stage, int calls, double *seconds)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_buffer_reserve(device, buffer, bytes, "bench"));
-    CLN_TRY(cln_buffer_write(device, buffer, 0, data, bytes));
-done:
-    return st;
-}
+    *seconds = 0;
+    for (int i = 0; i < calls; i++) {
+        double start = 0;
 
-cln_status bench_fill_leaves(cln_pipeline *p, const cln_model *model, int leaves, int per_leaf,
-                             uint32_t *slices, float (**origins)[4])
-{
-    cln_status st = CLN_OK;
-    const size_t n = (size_t)leaves * (size_t)per_leaf;
-    float(*o)[4] = NULL, (*d)[4] = NULL, *boxes = NULL;
-    cln_sample *samples = NULL;
-
-    CLN_TRY(cln_octree_boxes(&model->tree, &boxes));
-    CLN_TRY(cln_alloc(&o, n, sizeof *o, "rays"));
-    CLN_TRY(cln_alloc(&d, n, sizeof *d, "rays"));
-    CLN_TRY(cln_alloc(&samples, n, sizeof *samples, "samples"));
-    for (size_t i = 0; i < n; i++) {
-        const int leaf = (int)(i * 7919 % (size_t)leaves); /* a prime: every leaf, in mixed order */
-        float u[4];
-
-        cln_uniform4(1, CLN_STREAM_SCENE, 0, (uint32_t)i, 0, u);
-        for (int a = 0; a < 3; a++)
-            o[i][a] = boxes[4 * leaf + a] + u[a] * boxes[4 * leaf + 3];
-        d[i][2] = 1;
-        samples[i] = (cln_sample){.ray = (cln_u32)i, .slot = leaf};
-    }
-    CLN_TRY(put(p->device, &p->ray_o, o, n * sizeof *o));
-    CLN_TRY(put(p->device, &p->ray_d, d, n * sizeof *d));
-    CLN_TRY(put(p->device, &p->samples, samples, n * sizeof *samples));
-    CLN_TRY(cln_stage_group(p, (uint32_t)n, slices));
-    for (size_t i = 0; i < n; i++)
-        for (int a = 0; a < 4; a++)
-            d[i][a] = 1e-3f;
-    CLN_TRY(put(p->device, &p->dout, d, n * sizeof *d));
-    if (origins) {
-        *origins = o;
-        o = NULL;
+        if (before) {
+            CLN_TRY(before(context));
+            CLN_TRY(cln_device_finish(b->device));
+        }
+        start = stage < CLN_STAGES ? b->device->stage_seconds[stage] : cln_now();
+        CLN_TRY(body(context));
+        CLN_TRY(cln_device_finish(b->device));
+        *seconds += (stage < CLN_STAGES ? b->device->stage_seconds[stage] : cln_now()) - start;
     }
 done:
-    free(boxes);
-    free(o);
-    free(d);
-    free(samples);
     return st;
+}
+
+/* Times of `row`, with the probes in turn. */
+static cln_status measure(bench *b, bench_body *body, bench_body *before, void *context,
+                          cln_stage stage, bench_row *row)
+{
+    cln_status st = CLN_OK;
+    double times[REPEATS], probed = 0;
+    int calls = 1, repeats = REPEATS;
+
+    CLN_TRY(probe_ceilings(b, &row->fma, &row->copy));
+    CLN_TRY(time_calls(b, body, before, context, stage, 1, &probed));
+    CLN_TRY(time_calls(b, body, before, context, stage, 1, &probed));
+    if (probed > b->budget)
+        repeats = LONG_REPEATS;
+    else if (probed > 0)
+        calls = (int)fmin(fmax(1, b->budget / REPEATS / probed), 100000);
+    row->fma = row->copy = 0; /* warm-up */
+    for (int r = 0; r < repeats; r++) {
+        CLN_TRY(probe_ceilings(b, &row->fma, &row->copy));
+        CLN_TRY(time_calls(b, body, before, context, stage, calls, &times[r]));
+        times[r] /= calls;
+    }
+    qsort(times, (size_t)repeats, sizeof times[0], by_value);
+    row->time = (bench_time){times[0], times[repeats / 2], times[repeats - 1]};
+done:
+    return st;
+}
+
+/* ---- comparison ---- */
+
+void bench_compare(bench_errors *errors, const float *got, const double *want, size_t n,
+                   double nmse, double worst)
+{
+    const cln_error e = cln_check_error(got, want, n);
+
+    errors->compared += n;
+    errors->nmse = fmax(errors->nmse, e.nmse);
+    errors->worst = fmax(errors->worst, e.worst);
+    errors->failed = errors->failed || !(e.nmse <= nmse && e.worst <= worst);
+}
+
+void bench_equal(bench_errors *errors, size_t wrong, size_t n)
+{
+    errors->compared += n;
+    errors->exact = true;
+    errors->failed = errors->failed || wrong > 0;
+    if (wrong > 0)
+        errors->nmse = errors->worst = (double)wrong / (double)(n ? n : 1);
+}
+
+/* ---- rows ---- */
+
+void bench_name(const bench_family *family, int part, const char *shape, char out[BENCH_NAME])
+{
+    snprintf(out, BENCH_NAME, "%s/%s", family->parts[part].kernel, shape);
+    for (char *c = out; *c; c++)
+        *c = *c == ' ' ? '-' : *c;
+}
+
+cln_status bench_add(bench *b, int part, bench_body *body, bench_body *before, void *context,
+                     cln_stage stage, bench_work work, const bench_errors *errors)
+{
+    cln_status st = CLN_OK;
+    bench_row *row = &b->rows[b->row_count];
+
+    CLN_ASSERT(b->row_count < ROWS);
+    memset(row, 0, sizeof *row);
+    row->family = b->family->name;
+    row->kernel = b->family->parts[part].kernel;
+    row->kernels = b->family->parts[part].kernels;
+    memcpy(row->shape, b->shape, sizeof row->shape);
+    bench_name(b->family, part, b->shape, row->name);
+    row->work = work;
+    row->errors = *errors;
+    cln_tune_text(&b->pipeline.tune, row->tune);
+    CLN_TRY(measure(b, body, before, context, stage, row));
+    b->row_count++;
+    b->report(b, row);
+done:
+    if (st != CLN_OK)
+        cln_note("timing %s", row->name);
+    return st;
+}
+
+double bench_share(const bench_row *row, const char **bound)
+{
+    const double compute = row->work.flop / row->fma, move = row->work.bytes / row->copy;
+
+    *bound = compute > move ? "fma" : "copy";
+    return fmax(compute, move) / row->time.min;
 }

@@ -1,184 +1,353 @@
-/* Leaf networks: forward and training (forward + backward + Adam) as a share of the FMA ceiling measured in
- * the same run, for several shapes, leaves and samples per leaf. Prints a table and appends one CSV row per
- * case to the file given as second argument.
+/* Leaf networks: densities, forward, backward, both together, Adam; the same with other arithmetic; the upload
+ * that transposes the weights. What is compared: bench_network_checks.c.
  *
- *   build/bench-networks [DEVICE [CSV [TUNE [CASE [KERNEL_DIR]]]]]     "" or - leaves one out
- *
- * FLOP counted: 2 per weight and sample forward, twice that again backward, less the input gradient of the
- * encodings, which nobody needs. Padding, encodings and activations are not counted. */
+ * Samples lie at exact local coordinates (float32's rounding of a position is multiplied by 2^bands, which
+ * is no error of the network); slopes of RReLU are drawn as the setting says, from a range of one value. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/config.h"
 #include "base/memory.h"
-#include "base/rng.h"
-#include "bench.h"
+#include "bench_network.h"
 
-static const struct {
-    int width, depth, view, bands, view_bands, level, samples;
-} cases[] = {
-    {16, 2, 16, 4, 1, 3, 128},   {32, 3, 32, 6, 2, 3, 128},   {32, 3, 32, 6, 2, 4, 16},
-    {32, 3, 32, 6, 2, 4, 48},    {32, 3, 32, 6, 2, 3, 512},   {64, 4, 64, 6, 2, 2, 1536},
-    {64, 8, 64, 10, 4, 2, 1536}, {64, 8, 256, 10, 4, 2, 512}, {128, 4, 128, 10, 4, 1, 1536},
+typedef struct network_shape {
+    int width, depth, view, bands, view_bands, leaves,
+        samples;                         /* view 0: none; samples of a leaf */
+    const char *preset, *variant, *tune; /* of arithmetic alone */
+} network_shape;
+
+/* Widths without V have no view layer. With one band the trunk is nearly alone: layers of 64 x 64. */
+static const network_shape shapes[] = {
+    {16, 2, 16, 4, 1, 1, 1, 0, 0, 0},       {16, 2, 16, 4, 1, 512, 128, 0, 0, 0},
+    {32, 3, 32, 6, 2, 64, 1, 0, 0, 0},      {32, 3, 32, 6, 2, 4096, 16, 0, 0, 0},
+    {32, 3, 32, 6, 2, 2048, 48, 0, 0, 0},   {32, 3, 32, 6, 2, 1024, 96, 0, 0, 0},
+    {32, 3, 32, 6, 2, 512, 128, 0, 0, 0},   {32, 3, 32, 6, 2, 512, 512, 0, 0, 0},
+    {64, 4, 64, 6, 2, 64, 1536, 0, 0, 0},   {64, 8, 0, 1, 0, 64, 1536, 0, 0, 0},
+    {64, 8, 0, 1, 0, 1024, 96, 0, 0, 0},    {64, 8, 0, 1, 0, 2048, 48, 0, 0, 0},
+    {64, 8, 0, 10, 0, 64, 1536, 0, 0, 0},   {64, 8, 0, 10, 0, 1024, 96, 0, 0, 0},
+    {64, 8, 0, 10, 0, 2048, 48, 0, 0, 0},   {64, 8, 64, 10, 4, 64, 1536, 0, 0, 0},
+    {64, 8, 256, 10, 4, 64, 512, 0, 0, 0},  {64, 8, 256, 10, 4, 64, 1536, 0, 0, 0},
+    {64, 8, 256, 10, 4, 1024, 96, 0, 0, 0}, {128, 4, 128, 10, 4, 8, 1536, 0, 0, 0},
 };
 
-typedef struct bench {
-    cln_pipeline p;
-    uint32_t samples, slices;
-    bool training;
-} bench;
+/* The presets' own networks. */
+static const network_shape arithmetic[] = {
+    {0, 0, 0, 0, 0, 512, 128, "fast", "strict", ""},
+    {0, 0, 0, 0, 0, 512, 128, "fast", "native", "NATIVE=1"},
+    {0, 0, 0, 0, 0, 512, 128, "fast", "half", "HALF=1"},
+    {0, 0, 0, 0, 0, 512, 128, "fast", "native and half", "NATIVE=1,HALF=1"},
+    {0, 0, 0, 0, 0, 64, 512, "paper", "strict", ""},
+    {0, 0, 0, 0, 0, 64, 512, "paper", "native", "NATIVE=1"},
+    {0, 0, 0, 0, 0, 64, 512, "paper", "half", "HALF=1"},
+    {0, 0, 0, 0, 0, 64, 512, "paper", "native and half", "NATIVE=1,HALF=1"},
+};
+
+static const network_shape uploads[] = {
+    {32, 3, 32, 6, 2, 1, 1, 0, 0, 0},
+    {32, 3, 32, 6, 2, 512, 1, 0, 0, 0},
+    {64, 8, 256, 10, 4, 64, 1, 0, 0, 0},
+};
+
+enum { ARITHMETIC_PARTS = FORWARD };
+static const bench_part parts[] = {
+    {"mlp_density", "mlp_density"},
+    {"mlp_forward_eval", "mlp_forward_eval"},
+    {"mlp_training", "mlp_forward_train mlp_backward"},
+    {"mlp_forward_train", "mlp_forward_train"},
+    {"mlp_backward", "mlp_backward"},
+    {"adam", "adam_count adam"},
+};
+static const bench_part upload_parts[] = {{"transpose", "transpose"}};
+
+enum { CELLS = 131072 }; /* at most about so many are refreshed */
+
+/* ---- a model with so many leaves, and samples in all of them ---- */
+
+static cln_status config_of(const network_shape *s, cln_config *config)
+{
+    cln_status st = CLN_OK;
+
+    memset(config, 0, sizeof *config);
+    CLN_TRY(cln_config_preset(s->preset ? s->preset : "fast", config));
+    config->adaptive = false; /* structure kernels are not built */
+    config->stage1 = CLN_STAGE1_GATHER;
+    config->n1 = 12;
+    config->min_leaf_samples = 1;
+    config->rrelu_lower = config->rrelu_upper = -0.2;
+    if (s->preset)
+        goto done;
+    config->width = s->width;
+    config->depth = s->depth;
+    config->view_dependence = s->view > 0;
+    config->view_width = s->view > 0 ? s->view : 16;
+    config->bands = s->bands;
+    config->view_bands = s->view_bands;
+done:
+    return st;
+}
+
+static cln_status make_tree(int leaves, cln_octree *tree)
+{
+    cln_status st = CLN_OK;
+    cln_octree_change change = {0};
+    uint8_t *cull = NULL;
+    int level = 0;
+
+    while (1 << (3 * level) < leaves)
+        level++;
+    CLN_TRY(cln_octree_create(level, tree));
+    if (tree->leaf_count > leaves) {
+        CLN_TRY(cln_alloc(&cull, (size_t)tree->leaf_count, 1, "bench"));
+        memset(cull + leaves, 1, (size_t)(tree->leaf_count - leaves));
+        CLN_TRY(cln_octree_cull(tree, cull, &change));
+    }
+done:
+    cln_octree_change_free(&change);
+    free(cull);
+    return st;
+}
+
+/* Leaves' weights are one random sequence, turned by the leaf's number. */
+static cln_status make_model(const cln_config *config, int leaves, cln_model *model)
+{
+    cln_status st = CLN_OK;
+    cln_octree tree = {0};
+    float *base = NULL;
+    const double scale = sqrt(2.0 / config->width);
+
+    CLN_TRY(make_tree(leaves, &tree));
+    CLN_TRY(cln_model_create_on(config, &tree, model));
+    const size_t n = (size_t)model->net.params;
+
+    CLN_TRY(cln_alloc(&base, n, sizeof *base, "bench"));
+    for (size_t i = 0; i < n; i++)
+        base[i] = (float)(scale * cln_check_uniform(1, (uint32_t)i, -1, 1));
+    for (size_t s = 0; s < (size_t)leaves; s++)
+        for (size_t i = 0; i < n; i++)
+            model->params[s * n + i] = base[(i + 16 * s) % n];
+done:
+    cln_octree_free(&tree);
+    free(base);
+    return st;
+}
+
+static cln_status make_samples(network_run *r, int per_leaf)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = r->p;
+    const uint32_t leaves = (uint32_t)p->leaves;
+    const size_t n = (size_t)p->leaves * (size_t)per_leaf;
+    float(*boxes)[4] = NULL;
+
+    r->n = (uint32_t)n;
+    CLN_TRY(cln_octree_boxes(&r->model.tree, (float **)&boxes));
+    CLN_TRY(cln_alloc(&r->ray_o, n, sizeof *r->ray_o, "bench"));
+    CLN_TRY(cln_alloc(&r->ray_d, n, sizeof *r->ray_d, "bench"));
+    CLN_TRY(cln_alloc(&r->dout, n, sizeof *r->dout, "bench"));
+    CLN_TRY(cln_alloc(&r->samples, n, sizeof *r->samples, "bench"));
+    for (uint32_t i = 0; i < r->n; i++) {
+        const uint32_t slot = (uint32_t)((uint64_t)i * 7919 % leaves);
+        double length = 0;
+
+        for (uint32_t a = 0; a < 3; a++) {
+            const double part = floor(cln_check_uniform(2, 3 * i + a, 0, 1024)) / 1024;
+
+            r->ray_o[i][a] = (float)(boxes[slot][a] + part * boxes[slot][3]);
+            r->ray_d[i][a] = (float)cln_check_uniform(3, 3 * i + a, -1, 1);
+            length += (double)r->ray_d[i][a] * r->ray_d[i][a];
+            r->dout[i][a] = (float)cln_check_uniform(4, 3 * i + a, -1e-3, 1e-3);
+        }
+        for (int a = 0; a < 3; a++)
+            r->ray_d[i][a] = (float)(r->ray_d[i][a] / sqrt(length));
+        r->dout[i][3] = (float)cln_check_uniform(5, i, -1e-5, 1e-5);
+        r->samples[i] = (cln_sample){.ray = i, .slot = (cln_i32)slot};
+    }
+    network_drop_kinks(r);
+    CLN_TRY(cln_pipeline_points(p, r->ray_o[0], r->ray_d[0], NULL, r->n));
+    CLN_TRY(cln_pipeline_samples(p, r->samples, r->n));
+    CLN_TRY(cln_check_put(p->device, &p->dout, r->dout, n * sizeof *r->dout));
+    CLN_TRY(cln_stage_group(p, r->n, &r->slice_count));
+    CLN_TRY(cln_alloc(&r->slices, r->slice_count, sizeof *r->slices, "bench"));
+    CLN_TRY(
+        cln_buffer_read(p->device, &p->slices, 0, r->slices, r->slice_count * sizeof *r->slices));
+done:
+    free(boxes);
+    return st;
+}
+
+static cln_status start(bench *b, const network_shape *s, network_run *r)
+{
+    cln_status st = CLN_OK;
+    cln_config config;
+
+    CLN_TRY(config_of(s, &config));
+    CLN_TRY(make_model(&config, s->leaves, &r->model));
+    CLN_TRY(bench_pipeline(b, &config, false, s->tune, &r->p));
+    CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
+    r->refreshed = CELLS / (config.n1 * config.n1 * config.n1);
+    r->refreshed = r->refreshed < s->leaves ? r->refreshed : s->leaves;
+    CLN_TRY(make_samples(r, s->samples));
+done:
+    return st;
+}
+
+static void finish(bench *b, network_run *r)
+{
+    cln_pipeline_free(&b->pipeline); /* its buffers are of this shape's size */
+    cln_model_free(&r->model);
+    free(r->samples);
+    free(r->ray_o);
+    free(r->ray_d);
+    free(r->dout);
+    free(r->slices);
+}
+
+/* ---- what is timed ---- */
 
 static cln_status body(void *context)
 {
     cln_status st = CLN_OK;
-    bench *b = context;
+    const network_run *r = context;
 
-    CLN_TRY(cln_stage_forward(&b->p, b->samples, b->slices, b->training, 1));
-    if (b->training)
-        CLN_TRY(cln_stage_backward(&b->p, b->slices, 1));
-    CLN_TRY(cln_device_finish(b->p.device));
-done:
-    return st;
-}
-
-static cln_status adam_body(void *context)
-{
-    cln_status st = CLN_OK;
-    bench *b = context;
-
-    CLN_TRY(cln_stage_adam(&b->p, 1e-9));
-    CLN_TRY(cln_device_finish(b->p.device));
-done:
-    return st;
-}
-
-/* `per_leaf` samples at random places of every leaf, in random order, on as many rays. */
-static cln_status fill(bench *b, const cln_model *model, int per_leaf)
-{
-    cln_status st = CLN_OK;
-    cln_pipeline *p = &b->p;
-    const size_t n = (size_t)p->leaves * (size_t)per_leaf, vector = 4 * sizeof(float);
-    float(*o)[4] = NULL, (*d)[4] = NULL, *boxes = NULL;
-    cln_sample *samples = NULL;
-
-    b->samples = (uint32_t)n;
-    CLN_TRY(cln_octree_boxes(&model->tree, &boxes));
-    CLN_TRY(cln_alloc(&o, n, sizeof *o, "rays"));
-    CLN_TRY(cln_alloc(&d, n, sizeof *d, "rays"));
-    CLN_TRY(cln_alloc(&samples, n, sizeof *samples, "samples"));
-    for (size_t i = 0; i < n; i++) {
-        const int leaf = (int)(i * 7919 % (size_t)p->leaves);
-        float u[4];
-
-        cln_uniform4(1, CLN_STREAM_SCENE, 0, (uint32_t)i, 0, u);
-        for (int a = 0; a < 3; a++)
-            o[i][a] = boxes[4 * leaf + a] + u[a] * boxes[4 * leaf + 3];
-        d[i][2] = 1;
-        samples[i] = (cln_sample){.ray = (cln_u32)i, .slot = leaf};
+    switch (r->part) {
+    case DENSITY:
+        CLN_TRY(cln_stage_refresh(r->p, 0, r->refreshed, false, 0, 0));
+        break;
+    case EVAL:
+        CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, false, 1));
+        break;
+    case FORWARD:
+        CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
+        break;
+    case TRAINING:
+        CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
+        CLN_TRY(cln_stage_backward(r->p, r->slice_count, 1));
+        break;
+    case BACKWARD:
+        CLN_TRY(cln_stage_backward(r->p, r->slice_count, 1));
+        break;
+    default:
+        CLN_TRY(cln_stage_adam(r->p, 1e-9));
+        break;
     }
-    CLN_TRY(cln_buffer_reserve(p->device, &p->ray_o, n * vector, "rays"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->ray_d, n * vector, "rays"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->samples, n * sizeof *samples, "samples"));
-    CLN_TRY(cln_buffer_write(p->device, &p->ray_o, 0, o, n * vector));
-    CLN_TRY(cln_buffer_write(p->device, &p->ray_d, 0, d, n * vector));
-    CLN_TRY(cln_buffer_write(p->device, &p->samples, 0, samples, n * sizeof *samples));
-    CLN_TRY(cln_stage_group(p, b->samples, &b->slices));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->dout, n * vector, "gradients"));
-    for (size_t i = 0; i < n; i++)
-        for (int a = 0; a < 4; a++)
-            o[i][a] = 1e-3f;
-    CLN_TRY(cln_buffer_write(p->device, &p->dout, 0, o, n * vector));
 done:
-    free(boxes);
-    free(o);
-    free(d);
-    free(samples);
     return st;
 }
 
-static cln_status run(cln_device *device, int number, double peak, FILE *csv)
+static bench_work work_of(const network_run *r)
 {
-    cln_status st = CLN_OK;
-    bench b;
-    cln_config config;
-    cln_model model = {0};
-    bench_time forward, train, adam;
-    double flop = 0, free_flop = 0;
-    char tune[256];
+    const cln_network *net = &r->p->net;
+    const cln_tune *tune = &r->p->tune;
+    const double n = r->n, leaves = r->p->leaves, slices = r->slice_count;
+    const double n1 = r->p->config.n1;
+    bench_work a, back;
 
-    memset(&b, 0, sizeof b);
-    CLN_TRY(cln_config_preset("fast", &config));
-    config.width = cases[number].width;
-    config.depth = cases[number].depth;
-    config.view_width = cases[number].view;
-    config.bands = cases[number].bands;
-    config.view_bands = cases[number].view_bands;
-    config.start_level = cases[number].level;
-    config.level_at[0] = 0;
-    config.min_leaf_samples = 1;
-    CLN_TRY(cln_model_create(&config, &model));
-    CLN_TRY(cln_pipeline_create(device, &config, false, false, &b.p));
-    CLN_TRY(cln_pipeline_upload(&b.p, &model, true));
-    CLN_TRY(fill(&b, &model, cases[number].samples));
-    CLN_TRY(bench_run(body, &b, 0.5, &forward));
-    b.training = true;
-    CLN_TRY(bench_run(body, &b, 0.5, &train));
-    CLN_TRY(bench_run(adam_body, &b, 0.2, &adam));
-    flop = 2.0 * b.p.net.learned * b.samples;
-    free_flop = 2.0 * b.samples * (b.p.net.enc * b.p.net.width + b.p.net.dir * b.p.net.view_width);
-    printf("W%d-D%d-V%d L%d/%d %6d leaves x %5d | forward %6.1f GFLOP/s %5.1f %% %6.2f M/s | train "
-           "%6.1f GFLOP/s %5.1f %% %6.2f M/s | adam %.2f ms\n",
-           config.width, config.depth, config.view_width, config.bands, config.view_bands,
-           b.p.leaves, cases[number].samples, flop / forward.min * 1e-9,
-           100 * flop / forward.min / peak, b.samples / forward.min * 1e-6,
-           (3 * flop - free_flop) / train.min * 1e-9,
-           100 * (3 * flop - free_flop) / train.min / peak, b.samples / train.min * 1e-6,
-           adam.min * 1e3);
-    fflush(stdout);
-    cln_tune_text(&b.p.tune, tune);
-    if (csv)
-        fprintf(csv, "%s,%s,\"%s\",%d,%d,%d,%d,%d,%d,%d,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g,%.4g\n",
-                device->info.name, device->info.driver, tune, config.width, config.depth,
-                config.view_width, config.bands, config.view_bands, b.p.leaves,
-                cases[number].samples, peak, forward.min, forward.median, forward.max, train.min,
-                train.median, train.max, adam.min);
-done:
-    cln_pipeline_free(&b.p);
-    cln_model_free(&model);
-    return st;
+    switch (r->part) {
+    case DENSITY:
+        return bench_work_density(net, r->refreshed * n1 * n1 * n1, r->refreshed);
+    case EVAL:
+    case FORWARD:
+        return bench_work_forward(net, tune, r->part == FORWARD, n, leaves, slices);
+    case BACKWARD:
+        return bench_work_backward(net, tune, n, leaves, slices);
+    case TRAINING:
+        a = bench_work_forward(net, tune, true, n, leaves, slices);
+        back = bench_work_backward(net, tune, n, leaves, slices);
+        return (bench_work){a.flop + back.flop, a.bytes + back.bytes};
+    default:
+        return bench_work_adam(net, leaves, slices);
+    }
 }
 
-static const char *argument(int argc, char **argv, int i)
-{
-    return argc > i && argv[i][0] && strcmp(argv[i], "-") != 0 ? argv[i] : NULL;
-}
-
-int main(int argc, char **argv)
+static cln_status run_network(bench *b, const network_shape *s)
 {
     cln_status st = CLN_OK;
-    const cln_device_desc desc = {.spec = argument(argc, argv, 1),
-                                  .tune = argument(argc, argv, 3),
-                                  .kernel_dir = argument(argc, argv, 5)};
-    cln_device *device = NULL;
-    FILE *csv = argument(argc, argv, 2) ? fopen(argument(argc, argv, 2), "a") : NULL;
-    double peak = 0;
-    const int only = argument(argc, argv, 4) ? atoi(argument(argc, argv, 4)) : -1;
+    network_run r = {0};
 
-    CLN_TRY(cln_device_open(&desc, &device));
-    for (int i = 0; i < (int)(sizeof cases / sizeof cases[0]); i++) {
-        if (only >= 0 && i != only)
+    CLN_TRY(start(b, s, &r));
+    for (r.part = 0; r.part < b->family->part_count; r.part++) {
+        bench_errors errors = {0};
+
+        if (!b->wanted[r.part])
             continue;
-        CLN_TRY(bench_peak(device, &peak));
-        if (i == 0 || only >= 0)
-            printf("%s: FMA ceiling %.0f GFLOP/s\n", device->info.name, peak * 1e-9);
-        CLN_TRY(run(device, i, peak, csv));
+        CLN_TRY(network_check(&r, body, &errors));
+        CLN_TRY(bench_add(b, r.part, body, NULL, &r, CLN_STAGES, work_of(&r), &errors));
     }
 done:
-    if (st != CLN_OK)
-        fprintf(stderr, "bench-networks: %s\n", cln_error_text());
-    if (csv)
-        fclose(csv);
-    cln_device_close(device);
-    return cln_status_exit_code(st);
+    finish(b, &r);
+    return st;
 }
+
+/* ---- upload ---- */
+
+static cln_status upload_body(void *context)
+{
+    const network_run *r = context;
+
+    return cln_pipeline_upload(r->p, &r->model, true);
+}
+
+static cln_status run_upload(bench *b, int shape)
+{
+    cln_status st = CLN_OK;
+    bench_errors errors = {0};
+    network_run r = {0};
+
+    CLN_TRY(start(b, &uploads[shape], &r));
+    CLN_TRY(network_check_transposed(&r, &errors));
+    CLN_TRY(bench_add(b, 0, upload_body, NULL, &r, CLN_STAGES,
+                      bench_work_upload(&r.p->net, r.p->leaves), &errors));
+done:
+    finish(b, &r);
+    return st;
+}
+
+/* ---- families ---- */
+
+static void shape_text(const network_shape *s, char out[64])
+{
+    char view[16] = "";
+
+    if (s->view)
+        snprintf(view, sizeof view, "-V%d", s->view);
+    if (s->preset)
+        snprintf(out, 64, "%s %dx%d %s", s->preset, s->leaves, s->samples, s->variant);
+    else
+        snprintf(out, 64, "W%d-D%d%s-L%d %dx%d", s->width, s->depth, view, s->bands, s->leaves,
+                 s->samples);
+}
+
+static void network_text(int shape, char out[64])
+{
+    shape_text(&shapes[shape], out);
+}
+
+static void arithmetic_text(int shape, char out[64])
+{
+    shape_text(&arithmetic[shape], out);
+}
+
+static void upload_text(int shape, char out[64])
+{
+    shape_text(&uploads[shape], out);
+}
+
+static cln_status run_shape(bench *b, int shape)
+{
+    return run_network(b, &shapes[shape]);
+}
+
+static cln_status run_arithmetic(bench *b, int shape)
+{
+    return run_network(b, &arithmetic[shape]);
+}
+
+const bench_family bench_networks = {
+    "networks", parts, NETWORK_PARTS, sizeof shapes / sizeof shapes[0], network_text, run_shape};
+const bench_family bench_arithmetic = {"arithmetic",     parts,
+                                       ARITHMETIC_PARTS, sizeof arithmetic / sizeof arithmetic[0],
+                                       arithmetic_text,  run_arithmetic};
+const bench_family bench_upload = {"upload",    upload_parts, 1, sizeof uploads / sizeof uploads[0],
+                                   upload_text, run_upload};

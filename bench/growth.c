@@ -313,8 +313,8 @@ static cln_status write_plot(const run *runs, int count, int series, const char 
              series_units[series]);
     CLN_TRY(cln_asprintf(&path, "%s-%s.svg", base, series_names[series]));
     CLN_TRY(cln_atomic_open(path, &file));
-    plot_write_scaling(cln_atomic_stream(file), title, series_units[series], "power of the work",
-                       plots, used);
+    plot_write_scaling(cln_atomic_stream(file),
+                       &(plot_text){title, series_units[series], "power of the work"}, plots, used);
     st = cln_atomic_commit(file);
 done:
     free(lines);

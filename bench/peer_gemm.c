@@ -20,7 +20,7 @@
 
 #include "base/config.h"
 #include "base/memory.h"
-#include "bench.h"
+#include "peers/timing.h"
 #include "peers/peer.h"
 #include "reference/reference.h"
 

@@ -19,8 +19,10 @@ static const char *const dashes[] = {"", " stroke-dasharray='6 3'", " stroke-das
 enum { COLOURS = sizeof colours / sizeof colours[0], DASHES = sizeof dashes / sizeof dashes[0] };
 
 /* What people divide a logarithmic time axis into, seconds. */
-static const double ticks[] = {0.1, 0.2, 0.5,  1,    2,    5,     10,    30,    60,     120,
-                               300, 600, 1800, 3600, 7200, 18000, 36000, 86400, 172800, 432000};
+static const double ticks[] = {1e-6, 1e-5, 1e-4,  2e-4,  5e-4,  1e-3,   2e-3,  5e-3,
+                               0.01, 0.02, 0.05,  0.1,   0.2,   0.5,    1,     2,
+                               5,    10,   30,    60,    120,   300,    600,   1800,
+                               3600, 7200, 18000, 36000, 86400, 172800, 432000};
 
 /* And what plain numbers are: 1, 2 and 5 times a power of ten. */
 enum { DECADES = 12 };
@@ -93,7 +95,11 @@ static double place_y(const frame *f, double psnr)
 
 static void put_time(FILE *to, double seconds)
 {
-    if (seconds < 60)
+    if (seconds < 1e-3)
+        fprintf(to, "%g us", seconds * 1e6);
+    else if (seconds < 0.1)
+        fprintf(to, "%g ms", seconds * 1e3);
+    else if (seconds < 60)
         fprintf(to, "%g s", seconds);
     else if (seconds < 3600)
         fprintf(to, "%g min", seconds / 60);
@@ -208,8 +214,8 @@ static void put_legend(FILE *to, const plot_line *line, int row, const char *col
     fputc('\n', to);
 }
 
-static void put_plot(FILE *to, const frame *f, const char *title, const char *x, const char *end,
-                     const plot_line *lines, int count)
+static void put_plot(FILE *to, const frame *f, const plot_text *text, const plot_line *lines,
+                     int count)
 {
     const int legend = TOP + 8 + LEGEND_ROW * count + 10;
     const int height = legend > HEIGHT ? legend : HEIGHT;
@@ -219,13 +225,13 @@ static void put_plot(FILE *to, const frame *f, const char *title, const char *x,
             "font-family='sans-serif' font-size='12' fill='#333'>\n",
             WIDTH, height, WIDTH, height);
     fputs("<title>", to);
-    cln_html_text(to, title);
+    cln_html_text(to, text->title);
     fprintf(to, "</title>\n<rect width='%d' height='%d' fill='#fff'/>\n", WIDTH, height);
     fputs("<text x='10' y='22' font-size='14' font-weight='bold'>", to);
-    cln_html_text(to, title);
+    cln_html_text(to, text->title);
     fputs("</text>\n", to);
-    fprintf(to, "<text x='%d' y='22' text-anchor='end'>%s</text>\n", WIDTH - 10, end);
-    put_axes(to, f, x);
+    fprintf(to, "<text x='%d' y='22' text-anchor='end'>%s</text>\n", WIDTH - 10, text->legend);
+    put_axes(to, f, text->x_label);
     for (int i = 0; i < count; i++) {
         const char *colour = colours[i % COLOURS], *dash = dashes[i / COLOURS % DASHES];
 
@@ -235,17 +241,16 @@ static void put_plot(FILE *to, const frame *f, const char *title, const char *x,
     fputs("</svg>\n", to);
 }
 
-void plot_write(FILE *to, const char *title, const plot_line *lines, int count)
+void plot_write(FILE *to, const plot_text *text, const plot_line *lines, int count)
 {
     const frame f = find_frame(lines, count, false);
 
-    put_plot(to, &f, title, "training time", "at the end, dB", lines, count);
+    put_plot(to, &f, text, lines, count);
 }
 
-void plot_write_scaling(FILE *to, const char *title, const char *x, const char *end,
-                        const plot_line *lines, int count)
+void plot_write_scaling(FILE *to, const plot_text *text, const plot_line *lines, int count)
 {
     const frame f = find_frame(lines, count, true);
 
-    put_plot(to, &f, title, x, end, lines, count);
+    put_plot(to, &f, text, lines, count);
 }

@@ -1,5 +1,6 @@
-/* Several lines as one stand-alone SVG file: PSNR over training seconds, with a logarithmic time axis, since the
- * runs of a bench differ by factors, or anything over what it grows with; and a legend beside the plot. The report's own charts are io/svg.h;
+/* Several lines as one stand-alone SVG file: decibels over seconds, with a logarithmic time axis, since what a
+ * bench compares differs by factors, or anything over what it grows with; and a legend beside the plot. The report's
+ * own charts are io/svg.h;
  * they have a style sheet around them and an axis from 0. */
 #ifndef BENCH_PLOT_H
 #define BENCH_PLOT_H
@@ -13,12 +14,15 @@ typedef struct plot_line {
     double end_seconds, end_psnr; /* the last evaluation: a ring, not on the line; NaN = none */
 } plot_line;
 
-/* A plot without any finite point has its axes alone. Numbers in the C locale: the caller's business. */
-void plot_write(FILE *to, const char *title, const plot_line *lines, int count);
+typedef struct plot_text {
+    const char *title, *x_label, *legend; /* legend: what the numbers in it are */
+} plot_text;
 
-/* The same with other quantities: `seconds` is a number of x, `psnr` one of y, both axes logarithmic. end: what
- * end_psnr is, which is then written in the legend alone. */
-void plot_write_scaling(FILE *to, const char *title, const char *x, const char *end,
-                        const plot_line *lines, int count);
+/* A plot without any finite point has its axes alone. Numbers in the C locale: the caller's business. */
+void plot_write(FILE *to, const plot_text *text, const plot_line *lines, int count);
+
+/* The same with other quantities: `seconds` is a number of x, `psnr` one of y, both axes logarithmic; end_psnr is
+ * written in the legend alone. */
+void plot_write_scaling(FILE *to, const plot_text *text, const plot_line *lines, int count);
 
 #endif

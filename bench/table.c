@@ -372,7 +372,8 @@ static cln_status write_plot(const bench *b, const char *base, const char *title
     }
     CLN_TRY(cln_asprintf(&path, "%s.svg", base));
     CLN_TRY(cln_atomic_open(path, &file));
-    plot_write(cln_atomic_stream(file), title, lines, b->run_count);
+    plot_write(cln_atomic_stream(file), &(plot_text){title, "training time", "at the end, dB"},
+               lines, b->run_count);
     st = cln_atomic_commit(file);
 done:
     free(lines);

@@ -2,7 +2,8 @@
  * many work-items instead. Only what the kernels use; no control flow on vector comparisons (scalar
  * comparisons give 1, vector ones -1; select() on the sign is the same in both).
  *
- * VW  1 | 2 | 4 | 8 | 16   floats per vector
+ * VW      1 | 2 | 4 | 8 | 16   floats per vector
+ * NATIVE  0 | 1                EXP, LOG, SIN, COS: the library's, or what the device has (precision unspecified)
  */
 #ifndef CLN_LANES_H
 #define CLN_LANES_H
@@ -74,10 +75,25 @@ HELPER float v_sum16(float16 v)
 #error "VW must be 1, 2, 4, 8 or 16"
 #endif
 
+#ifndef NATIVE
+#define NATIVE 0
+#endif
+#if NATIVE
+#define EXP(x) native_exp(x)
+#define LOG(x) native_log(x)
+#define SIN(x) native_sin(x)
+#define COS(x) native_cos(x)
+#else
+#define EXP(x) exp(x)
+#define LOG(x) log(x)
+#define SIN(x) sin(x)
+#define COS(x) cos(x)
+#endif
+
 /* 1 - exp(-x) for x >= 0 to 1e-6 relative, for floats and vectors alike (T is the type): a series where
  * the difference would cancel. The library's expm1 is several times slower on PoCL. */
 #define ONE_MINUS_EXP(T, x)                                                                        \
-    select((T)(1.0f) - exp(-(x)),                                                                  \
+    select((T)(1.0f) - EXP(-(x)),                                                                  \
            (x) * MAD((x), MAD((x), MAD((x), MAD((x), (T)(8.3333333e-3f), (T)(-4.1666667e-2f)),     \
                                        (T)(1.6666667e-1f)),                                        \
                               (T)(-0.5f)),                                                         \

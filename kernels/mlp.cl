@@ -26,6 +26,7 @@
  *   DENSITY 0 softplus | 1 relu | 2 exp;  KAPPA BIAS: sigma = KAPPA f(s + BIAS)
  *   SLOPE_LOWER SLOPE_UPPER, RRELU 0 element | 1 neuron | 2 mean;  BANDS_BY_LEVEL 0 | 1
  *   NOISE_ON 0 | 1, NOISE   density noise in training: left out or not; its std
+ *   HALF 0 | 1   pre-activations are kept for the way back as 32 or as 16 bits
  *
  * Rules: barriers only at a kernel's top level (helpers are called by all work-items, no barrier in
  * them); loop bounds around a barrier depend on the slice alone; rows past a block's count hold
@@ -62,6 +63,7 @@
 #define BANDS_BY_LEVEL 0
 #define NOISE_ON 1
 #define NOISE 1.0f
+#define HALF 0
 #endif
 
 #define TK 4                       /* rows of a weight-gradient tile; every K is a multiple of it */
@@ -78,6 +80,22 @@
 #endif
 #if NB % TS || NB % VW
 #error "TS and VW must divide NB"
+#endif
+
+/* Kept pre-activations in memory: OpenCL 1.2 loads and stores halves without any half arithmetic. */
+#if HALF
+#define kept_type half
+#if VW == 1
+#define KEPT_LOAD(p)     vload_half(0, p)
+#define KEPT_STORE(v, p) vstore_half(v, 0, p)
+#else
+#define KEPT_LOAD(p)     CLN_PASTE(vload_half, VW)(0, p)
+#define KEPT_STORE(v, p) CLN_PASTE(vstore_half, VW)(v, 0, p)
+#endif
+#else
+#define kept_type        float
+#define KEPT_LOAD(p)     VLOAD(p)
+#define KEPT_STORE(v, p) VSTORE(v, p)
 #endif
 
 /* Rows of a block that are worked on: the count, up to whole tiles and whole vectors. */
@@ -178,8 +196,8 @@ HELPER void encode(const __local float *x, int bands, int level, __local float *
 #pragma unroll
             for (int k = 0; k < bands; k++) {
                 if (k > 0 && k % 6 == 0) {
-                    sine = sin(value * (float)(1 << k));
-                    cosine = cos(value * (float)(1 << k));
+                    sine = SIN(value * (float)(1 << k));
+                    cosine = COS(value * (float)(1 << k));
                 } else if (k > 0) {
                     const vf twice = 2.0f * sine;
 
@@ -205,16 +223,16 @@ HELPER vf density_value(vf z)
 {
     z += BIAS;
 #if DENSITY == 0
-    const vf e = exp(-fabs(z)); /* log(1 + e), as a series where the sum would round e away */
+    const vf e = EXP(-fabs(z)); /* log(1 + e), as a series where the sum would round e away */
     const vf series =
         e * MAD(e, MAD(e, MAD(e, MAD(e, (vf)(0.2f), (vf)(-0.25f)), (vf)(0.33333333f)), (vf)(-0.5f)),
                 (vf)(1.0f));
 
-    return KAPPA * (select((vf)(0.0f), z, !(z <= 0.0f)) + select(log(1.0f + e), series, e < 0.06f));
+    return KAPPA * (select((vf)(0.0f), z, !(z <= 0.0f)) + select(LOG(1.0f + e), series, e < 0.06f));
 #elif DENSITY == 1
     return KAPPA * select((vf)(0.0f), z, !(z <= 0.0f));
 #else
-    return KAPPA * exp(select(z, (vf)(80.0f), z > 80.0f));
+    return KAPPA * EXP(select(z, (vf)(80.0f), z > 80.0f));
 #endif
 }
 
@@ -238,7 +256,7 @@ HELPER vf density_gradient(vf sigma)
 HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, const __local float *in2,
                   int in2_rows, const __global float *w,
                   const __global float *bias, int n_out, __local float *out, int tiles, int count,
-                  __global float *acts, int train, uint step_key, const __local uint *ids, uint layer,
+                  __global kept_type *acts, int train, uint step_key, const __local uint *ids, uint layer,
                   int lid)
 {
     for (int n = lid * VW; n < n_out; n += TILE_N) {
@@ -263,7 +281,7 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, cons
                     const int m = n + j * STEP_N;
 
                     if (train && s < count)
-                        VSTORE(acc[i][j], acts + s * ACTS + m);
+                        KEPT_STORE(acc[i][j], acts + s * ACTS + m);
                     VSTORE(activate(acc[i][j], negative_slope(train, key, m)),
                            out + s * n_out + m);
                 }
@@ -339,7 +357,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
     const int lid = (int)get_local_id(0);
     const int level = (int)(1.5f - log2(boxes[leaf].w));
     const uint step_key = 0u;
-    __global float *none = 0;
+    __global kept_type *none = 0;
 
     for (uint block = begin; block < end; block += NB) {
         const int count = (int)min((uint)NB, end - block), tiles = (count + TS - 1) / TS;
@@ -425,7 +443,7 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
         const __global cln_sample *restrict samples, /* [sample] */                                \
         const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */  \
         __global float4 *restrict out,              /* [sample] r, g, b, sigma */                  \
-        __global float *restrict acts,              /* [grouped sample][ACTS], training only */    \
+        __global kept_type *restrict acts,          /* [grouped sample][ACTS], training only */    \
         uint n_slices, uint step_key
 
 #if VIEW > 0
@@ -448,7 +466,7 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
     for (uint block = 0; block < slice.count; block += NB) {                                       \
         const int count = (int)min((uint)NB, slice.count - block);                                 \
         const int tiles = (count + TS - 1) / TS, rows = PADDED(count);                             \
-        __global float *kept = acts + (size_t)(slice.start + block) * ACTS;                        \
+        __global kept_type *kept = acts + (size_t)(slice.start + block) * ACTS;                    \
                                                                                                    \
         GROUP_SYNC();                                                                              \
         load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,  \
@@ -468,7 +486,7 @@ HELPER void load_samples(const __global cln_sample *samples, const __global uint
         GROUP_SYNC();                                                                              \
         for (int s = lid * VW; s < rows; s += STEP_N) {                                            \
             for (int k = 0; k < 3; k++)                                                            \
-                VSTORE(1.0f / (1.0f + exp(-VLOAD(raw + k * NB + s))), raw + k * NB + s);           \
+                VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw + k * NB + s))), raw + k * NB + s);           \
             VSTORE(density_value(VLOAD(raw + 3 * NB + s)), raw + 3 * NB + s);                      \
         }                                                                                          \
         GROUP_SYNC();                                                                              \
@@ -501,7 +519,7 @@ HELPER float normal_number(uint step_key, uint sample)
     y ^= y >> 16;
     y *= 0x21F0AAADu;
     y ^= y >> 15;
-    return sqrt(-2.0f * log((convert_float(x >> 8) + 1.0f) * 0x1p-24f)) *
+    return sqrt(-2.0f * LOG((convert_float(x >> 8) + 1.0f) * 0x1p-24f)) *
            cospi(2.0f * convert_float(y >> 8) * 0x1p-24f);
 }
 
@@ -518,14 +536,14 @@ __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_eval(F
 /* ---- backward ---- */
 
 /* h = act(x) for one layer's kept pre-activations x [s][ACTS]. */
-HELPER void restore(const __global float *x, int width, int count, __local float *h, uint step_key,
+HELPER void restore(const __global kept_type *x, int width, int count, __local float *h, uint step_key,
                     const __local uint *ids, uint layer, int lid)
 {
     for (int s = 0; s < count; s++) {
         const uint key = slope_key(step_key, ids[s], layer);
 
         for (int n = lid * VW; n < width; n += STEP_N)
-            VSTORE(activate(VLOAD(x + s * ACTS + n), negative_slope(1, key, n)), h + s * width + n);
+            VSTORE(activate(KEPT_LOAD(x + s * ACTS + n), negative_slope(1, key, n)), h + s * width + n);
     }
 }
 
@@ -566,7 +584,7 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k, 
 
 /* out[s][k] = act'(x[s][k]) (sum_n d[s][n] wt[n][k] + ds[s] extra[k]); extra may be absent (0). */
 HELPER void input_gradient(const __local float *d, int n_in, const __global float *wt,
-                           const __global float *x, const __local float4 *dout,
+                           const __global kept_type *x, const __local float4 *dout,
                            const __global float *extra, __local float *out, int tiles, int count,
                            uint step_key, const __local uint *ids, uint layer, int lid)
 {
@@ -594,7 +612,7 @@ HELPER void input_gradient(const __local float *d, int n_in, const __global floa
 #pragma unroll
                 for (int j = 0; j < NV; j++) {
                     const int m = n + j * STEP_N;
-                    const vf g = activate_gradient(VLOAD(x + s * ACTS + m),
+                    const vf g = activate_gradient(KEPT_LOAD(x + s * ACTS + m),
                                                    negative_slope(1, key, m));
 
                     VSTORE(acc[i][j] * g, out + (t * TS + i) * WIDTH + m);
@@ -618,7 +636,7 @@ HELPER void head_gradient(const __local float *a, int width, const __local float
 }
 
 /* d[s][n] = act'(x[s][n]) sum_k dout[s][k] w[k][n], k over the colour head's three rows. */
-HELPER void colour_input_gradient(const __global float *w, int width, const __global float *x,
+HELPER void colour_input_gradient(const __global float *w, int width, const __global kept_type *x,
                                   const __local float4 *dout, __local float *d, int padded,
                                   int count, uint step_key, const __local uint *ids, uint layer,
                                   int lid)
@@ -633,7 +651,7 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
 
             sum = MAD((vf)(g.y), VLOAD(w + width + n), sum);
             sum = MAD((vf)(g.z), VLOAD(w + 2 * width + n), sum);
-            VSTORE(sum * activate_gradient(VLOAD(x + row * ACTS + n), negative_slope(1, key, n)),
+            VSTORE(sum * activate_gradient(KEPT_LOAD(x + row * ACTS + n), negative_slope(1, key, n)),
                    d + s * width + n);
         }
     }
@@ -649,7 +667,7 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
              const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */
              const __global float4 *restrict out,        /* [sample] r, g, b, sigma */
              const __global float4 *restrict dout,       /* [sample] gradient of it */
-             const __global float *restrict acts,        /* [grouped sample][ACTS] */
+             const __global kept_type *restrict acts,    /* [grouped sample][ACTS] */
              __global float *restrict grads,             /* [slice][PARAMS] */
              uint n_slices, uint step_key)
 {
@@ -675,8 +693,8 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
     for (uint block = 0; block < slice.count; block += NB) {
         const int first = block == 0, count = (int)min((uint)NB, slice.count - block);
         const int tiles = (count + TS - 1) / TS, rows = PADDED(count);
-        const __global float *x = acts + (size_t)(slice.start + block) * ACTS;
-        const __global float *x_last = x + (DEPTH - 1) * WIDTH;
+        const __global kept_type *x = acts + (size_t)(slice.start + block) * ACTS;
+        const __global kept_type *x_last = x + (DEPTH - 1) * WIDTH;
 
         GROUP_SYNC();
         load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,
@@ -736,7 +754,7 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
                 for (int k = 0; k < 3; k++)
                     sum = MAD((vf)(((const __local float *)(dhead + s))[k]),
                               VLOAD(w + COLOUR_W + k * WIDTH + n), sum);
-                VSTORE(sum * activate_gradient(VLOAD(x_last + row * ACTS + n),
+                VSTORE(sum * activate_gradient(KEPT_LOAD(x_last + row * ACTS + n),
                                                negative_slope(1, key, n)),
                        d0 + s * WIDTH + n);
             }

@@ -1,8 +1,11 @@
-/* The FMA ceiling, for benches alone: what the arithmetic units can do with vectors of VW floats, so that
- * a kernel's rate has its limit beside it.
+/* The two ceilings, for benches alone, so that a kernel's rate has its limit beside it: what the arithmetic
+ * units can do with vectors of VW floats, and what memory can move.
  *
- * Rules that keep the figure honest: CHAINS independent accumulators hide the latency of an FMA; the
- * result depends on all of them and is stored; the factor is not a constant, or the loop would fold.
+ * Rules that keep the figures honest:
+ *   CHAINS independent accumulators hide the latency of an FMA; the result depends on all of them and is
+ *   stored; the factor is not a constant, or the loop would fold
+ *   the copy goes through more memory than any cache holds (the host's business), neighbouring work-items
+ *   touch neighbouring vectors, and a lone one goes straight on
  */
 #define CHAINS 12
 
@@ -23,4 +26,14 @@ __kernel void peak_fma(__global float *restrict out, float factor, int rounds)
     for (int i = 0; i < CHAINS; i++)
         sum += acc[i];
     out[get_global_id(0)] = V_SUM(sum);
+}
+
+/* Each group copies local_size * rounds vectors. */
+__kernel void peak_copy(const __global float *restrict in, __global float *restrict out, int rounds)
+{
+    const size_t local_size = get_local_size(0);
+    size_t at = get_group_id(0) * local_size * (size_t)rounds + get_local_id(0);
+
+    for (int r = 0; r < rounds; r++, at += local_size)
+        VSTORE(VLOAD(in + at * VW), out + at * VW);
 }

@@ -34,6 +34,13 @@ static const tune_set tune_sets[] = {
 };
 enum { TUNE_SETS = sizeof tune_sets / sizeof tune_sets[0] };
 
+/* Other arithmetic, for the tests of the kernels that have it. */
+static const tune_set native_set = {"native", "NATIVE=1"};
+static const tune_set half_sets[] = {
+    {"half", "HALF=1"},
+    {"half, gpu", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64,HALF=1"},
+};
+
 /* Fails the test with the standing error's sentence if st is not CLN_OK. */
 static inline void assert_ok(cln_status st)
 {

@@ -1,153 +1,20 @@
-/* The float64 way from a ray's stage-1 points to its stage-2 samples, for the tests of both ways to those
- * points (test_sampling.c: gather, test_splat.c), and the comparison with what the device made. Discrete
- * results (leaves, counts) must be equal; a ray on which float32 may decide otherwise (it passes within
- * NEAR of an edge, or a count is within NEAR of the next) is left out, counted and capped. */
+/* The device's stage-2 samples against the float64 way (reference/ray_samples.c), for the tests of both ways
+ * to stage 1's points (test_sampling.c: gather, test_splat.c). Discrete results (leaves, counts) must be
+ * equal; a ray on which float32 may decide otherwise is left out, counted and capped. */
 #ifndef CLN_TESTS_SAMPLING_TEST_H
 #define CLN_TESTS_SAMPLING_TEST_H
 
 #include "device_test.h"
-#include "reference/reference.h"
+#include "engine/selftest_checks.h"
 
-enum { MOST_INTERVALS = 64, MOST_POINTS = 512, MOST_SAMPLES = 2048 };
-static const double NEAR = 4e-6;
-
-/* Stage-1 points of passage `interval` of ray r, ascending; returns their number. *close is set if
- * rounding may give others. */
-typedef int points_fn(void *user, int r, const double o[3], const double d[3],
-                      const ref_interval *interval, double *t, double *sigma, bool *close);
-
+/* What the samples of a batch are made from. */
 typedef struct ray_source {
     const cln_octree *tree;
     const cln_config *config;
     cln_sampling sampling;
-    points_fn *points;
+    ref_points_fn *points;
     void *user;
 } ray_source;
-
-typedef struct ray_samples {
-    bool close; /* float32 may decide otherwise somewhere */
-    int n;
-    double t[MOST_SAMPLES], delta[MOST_SAMPLES];
-    int slot[MOST_SAMPLES];
-} ray_samples;
-
-static inline bool near_integer(double x, double within)
-{
-    return fabs(x - round(x)) < within;
-}
-
-/* Other leaves when the ray is moved a little? */
-static inline bool near_edges(const cln_octree *tree, const double o[3], const double d[3],
-                              const ref_interval *iv, int n)
-{
-    ref_interval other[MOST_INTERVALS];
-
-    for (int k = 0; k < 6; k++) {
-        double moved[3] = {o[0], o[1], o[2]};
-        int m = 0;
-
-        moved[k / 2] += k % 2 ? NEAR : -NEAR;
-        m = ref_intervals(tree, moved, d, other, MOST_INTERVALS);
-        if (m != n)
-            return true;
-        for (int i = 0; i < n; i++) {
-            if (other[i].slot != iv[i].slot)
-                return true;
-        }
-    }
-    return false;
-}
-
-static inline double leaf_side(const cln_octree *tree, int slot)
-{
-    return 2.0 / (1 << tree->level[tree->leaf[slot]]);
-}
-
-/* Optical depth of a passage: points' densities times their share of the chord. */
-static inline double passage_depth(const ref_interval *v, int m, const double *t,
-                                   const double *sigma)
-{
-    double tau = 0;
-
-    for (int j = 0; j < m; j++) {
-        const double left = j == 0 ? v->t_in : (t[j - 1] + t[j]) / 2;
-        const double right = j == m - 1 ? v->t_out : (t[j] + t[j + 1]) / 2;
-
-        tau += sigma[j] * (right - left);
-    }
-    return tau;
-}
-
-/* Is the number of samples of this passage one that rounding could change? */
-static inline bool close_count(const ref_sampling *s, double length, double side, double tau_in,
-                               double tau)
-{
-    const double weight = exp(-tau_in) * -expm1(-tau);
-
-    if (s->t_min > 0 && fabs(exp(-tau_in) / s->t_min - 1) < 1e-3)
-        return true;
-    if (!s->by_weight)
-        return near_integer(s->samples_per_leaf * length / (sqrt(3) * side), 1e-3);
-    if (s->empty_weight > 0 && fabs(weight / s->empty_weight - 1) < 1e-3)
-        return true;
-    return near_integer(s->samples_per_ray * weight + 0.5, 1e-3);
-}
-
-static inline ref_sampling reference_sampling(const ray_source *from)
-{
-    const cln_config *c = from->config;
-
-    return (ref_sampling){.by_weight = c->allocate == CLN_ALLOCATE_WEIGHT,
-                          .cdf_weight = c->cdf == CLN_CDF_WEIGHT,
-                          .samples_per_leaf = c->samples_per_leaf,
-                          .samples_per_ray = c->samples_per_ray,
-                          .uniform_share = from->sampling.uniform_share,
-                          .t_min = from->sampling.t_min,
-                          .empty_weight = from->sampling.empty_weight,
-                          .empty_share = from->sampling.empty_share};
-}
-
-/* Samples of one ray, all passages. */
-static inline void reference_ray(const ray_source *from, int r, const float fo[4],
-                                 const float fd[4], ray_samples *out)
-{
-    const double o[3] = {fo[0], fo[1], fo[2]}, d[3] = {fd[0], fd[1], fd[2]};
-    const cln_sampling *s = &from->sampling;
-    const ref_sampling rule = reference_sampling(from);
-    ref_interval iv[MOST_INTERVALS];
-    const int n = ref_intervals(from->tree, o, d, iv, MOST_INTERVALS);
-    double tau = 0;
-    uint32_t drawn = 0;
-
-    out->n = 0;
-    out->close = near_edges(from->tree, o, d, iv, n);
-    for (int i = 0; i < n; i++) {
-        const double side = leaf_side(from->tree, iv[i].slot), length = iv[i].t_out - iv[i].t_in;
-        double t[MOST_POINTS], sigma[MOST_POINTS], xi[256], at[256], delta[256], passage = 0;
-        const int m = from->points(from->user, r, o, d, &iv[i], t, sigma, &out->close);
-        float u[4];
-        int count = 0;
-
-        passage = passage_depth(&iv[i], m, t, sigma);
-        cln_uniform4(s->seed, CLN_STREAM_SAMPLES, s->step, (uint32_t)r,
-                     CLN_DRAW_ROULETTE + (uint32_t)i, u);
-        count = ref_sample_count(&rule, length, side, tau, passage, u[0]);
-        out->close = out->close || close_count(&rule, length, side, tau, passage);
-        tau += passage;
-        for (int k = 0; k < count; k++, drawn++) {
-            cln_uniform4(s->seed, CLN_STREAM_SAMPLES, s->step, (uint32_t)r, drawn >> 2, u);
-            xi[k] = s->jitter ? (double)u[drawn & 3] : 0.5;
-        }
-        ref_sample_positions(&rule, iv[i].t_in, iv[i].t_out, m, t, sigma, count, xi, at);
-        ref_deltas(iv[i].t_in, iv[i].t_out, count, at, delta);
-        assert_true(out->n + count <= MOST_SAMPLES);
-        for (int k = 0; k < count; k++) {
-            out->t[out->n] = at[k];
-            out->delta[out->n] = delta[k];
-            out->slot[out->n++] = iv[i].slot;
-        }
-    }
-}
 
 /* Runs the stage twice, the second time into guarded buffers that start as NaN: the same bytes. */
 typedef struct device_samples {
@@ -215,8 +82,8 @@ static inline void check_samples(const cln_octree *tree, const device_samples *d
             if (i + 1 == d->starts[r + 1] || d->samples[i + 1].slot != s->slot) {
                 const double from[3] = {o[r][0], o[r][1], o[r][2]};
                 const double along[3] = {dir[r][0], dir[r][1], dir[r][2]};
-                ref_interval iv[MOST_INTERVALS];
-                const int n = ref_intervals(tree, from, along, iv, MOST_INTERVALS);
+                ref_interval iv[REF_MOST_INTERVALS];
+                const int n = ref_intervals(tree, from, along, iv, REF_MOST_INTERVALS);
 
                 chord = 0;
                 for (int k = 0; k < n; k++) {
@@ -241,14 +108,17 @@ static inline double compare_samples(const char *name, const ray_source *from,
     float *t = test_alloc(d->n, sizeof *t), *delta = test_alloc(d->n, sizeof *delta);
     double *want_t = test_alloc(d->n, sizeof *want_t),
            *want_delta = test_alloc(d->n, sizeof *want_t);
-    ray_samples *ray = test_alloc(1, sizeof *ray);
+    ref_samples *ray = test_alloc(1, sizeof *ray);
+    ref_way way = cln_check_way(from->tree, from->config, &from->sampling);
     size_t n = 0;
     int left_out = 0;
 
+    way.points = from->points;
+    way.user = from->user;
     for (int r = 0; r < d->rays; r++) {
         const uint32_t first = d->starts[r], count = d->starts[r + 1] - first;
 
-        reference_ray(from, r, o[r], dir[r], ray);
+        ref_ray_samples(&way, r, o[r], dir[r], ray);
         if (ray->close) {
             left_out++;
             continue;

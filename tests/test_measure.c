@@ -59,27 +59,19 @@ static void make_batch(batch *b)
 /* The three numbers of every sample of ray r, in double. */
 static void measure_ray(const batch *b, int r, double (*want)[3])
 {
-    const uint32_t begin = b->starts[r], end = b->starts[r + 1];
-    double through = 1, length = 0, square = 0, rgb[3] = {0, 0, 0}, weight[MOST];
+    const uint32_t begin = b->starts[r], n = b->starts[r + 1] - begin;
+    double out[MOST][4], delta[MOST], background[3], target[3];
 
-    for (uint32_t i = begin; i < end; i++) {
-        const double depth = fmin((double)b->out[i][3] * b->sample[i].delta, 80);
-
-        weight[i - begin] = through * -expm1(-depth);
-        want[i][1] = through * b->out[i][3] * b->sample[i].delta;
-        want[i][2] = through * b->sample[i].delta;
-        for (int k = 0; k < 3; k++)
-            rgb[k] += weight[i - begin] * b->out[i][k];
-        through *= exp(-depth);
-        length += b->sample[i].delta;
+    for (uint32_t i = 0; i < n; i++) {
+        delta[i] = b->sample[begin + i].delta;
+        for (int k = 0; k < 4; k++)
+            out[i][k] = b->out[begin + i][k];
     }
     for (int k = 0; k < 3; k++) {
-        const double miss = rgb[k] + through * b->background[k] - b->targets[r][k];
-
-        square += miss * miss / 3;
+        background[k] = b->background[k];
+        target[k] = b->targets[r][k];
     }
-    for (uint32_t i = begin; i < end; i++)
-        want[i][0] = square * (weight[i - begin] + through * b->sample[i].delta / length);
+    ref_measures((int)n, (const double(*)[4])out, delta, background, target, want + begin);
 }
 
 static void check_shares(const tune_set *set, const batch *b, int weight)

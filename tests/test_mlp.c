@@ -14,7 +14,7 @@
 
 typedef struct mlp_case {
     const char *name;
-    int set; /* of tune_sets */
+    const tune_set *set;
     int width, depth, view_width, bands, view_bands;
     bool view, skip, by_level;
     int density, rrelu;
@@ -27,21 +27,27 @@ enum { SOFT = CLN_DENSITY_SOFTPLUS, RELU = CLN_DENSITY_RELU, EXP = CLN_DENSITY_E
 enum { ELEMENT = CLN_RRELU_ELEMENT, NEURON = CLN_RRELU_NEURON, MEAN = CLN_RRELU_MEAN };
 
 static const mlp_case cases[] = {
-    {"small, default", 0, 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0},
-    {"small, plain", 1, 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
-    {"small, wide vectors", 2, 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, false, 0},
-    {"small, items", 3, 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, false, 0},
-    {"small, gpu", 4, 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
-    {"no view, plain", 1, 16, 3, 16, 2, 0, 0, 0, 0, RELU, MEAN, -.3, -.1, false, 0},
-    {"no view, gpu", 4, 32, 6, 16, 5, 0, 0, 1, 0, SOFT, NEURON, -.3, -.1, true, 0},
-    {"fast preset", 0, 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
-    {"skip, items", 3, 32, 7, 64, 8, 4, 1, 1, 1, SOFT, ELEMENT, -.3, -.1, true, 0},
-    {"paper preset", 0, 64, 8, 256, 10, 4, 1, 1, 0, SOFT, ELEMENT, -.3, -.1, true, 0},
-    {"paper preset, gpu", 4, 64, 8, 256, 10, 4, 1, 1, 1, EXP, MEAN, 0, 0, true, 0},
-    {"wide, wide vectors", 2, 128, 4, 128, 10, 4, 1, 0, 1, SOFT, MEAN, -.3, -.1, true, 0},
-    {"noise, default", 0, 16, 2, 16, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 1},
-    {"noise, gpu", 4, 32, 3, 32, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0.3},
-    {"widest, gpu", 4, 256, 2, 256, 7, 4, 1, 0, 0, SOFT, NEURON, -.3, -.1, true, 0},
+    {"small, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0},
+    {"small, plain", &tune_sets[1], 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
+    {"small, wide vectors", &tune_sets[2], 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, false,
+     0},
+    {"small, items", &tune_sets[3], 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, false, 0},
+    {"small, gpu", &tune_sets[4], 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
+    {"no view, plain", &tune_sets[1], 16, 3, 16, 2, 0, 0, 0, 0, RELU, MEAN, -.3, -.1, false, 0},
+    {"no view, gpu", &tune_sets[4], 32, 6, 16, 5, 0, 0, 1, 0, SOFT, NEURON, -.3, -.1, true, 0},
+    {"fast preset", &tune_sets[0], 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
+    {"skip, items", &tune_sets[3], 32, 7, 64, 8, 4, 1, 1, 1, SOFT, ELEMENT, -.3, -.1, true, 0},
+    {"paper preset", &tune_sets[0], 64, 8, 256, 10, 4, 1, 1, 0, SOFT, ELEMENT, -.3, -.1, true, 0},
+    {"paper preset, gpu", &tune_sets[4], 64, 8, 256, 10, 4, 1, 1, 1, EXP, MEAN, 0, 0, true, 0},
+    {"wide, wide vectors", &tune_sets[2], 128, 4, 128, 10, 4, 1, 0, 1, SOFT, MEAN, -.3, -.1, true,
+     0},
+    {"noise, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 1},
+    {"noise, gpu", &tune_sets[4], 32, 3, 32, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0.3},
+    {"fast preset, native", &native_set, 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
+    {"fast preset, half", &half_sets[0], 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
+    {"no view, half, gpu", &half_sets[1], 32, 6, 16, 5, 0, 0, 1, 0, SOFT, ELEMENT, -.3, -.1, true,
+     0},
+    {"widest, gpu", &tune_sets[4], 256, 2, 256, 7, 4, 1, 0, 0, SOFT, NEURON, -.3, -.1, true, 0},
 };
 
 static cln_config config_of(const mlp_case *c)
@@ -277,6 +283,9 @@ static void upload(cln_pipeline *p, const mlp_data *d, uint32_t *slices)
 
 /* Bounds: about ten times the worst measured over all cases and sets. */
 static const bounds forward_bounds = {1e-11, 2e-5}, gradient_bounds = {1e-11, 2e-4};
+/* Pre-activations of 11 bits are off by up to 2^-12, and so are the activations of which weight gradients are
+ * sums of products (measured: 9e-8 and 6.5e-3). The outputs do not know: the same bounds. */
+static const bounds half_bounds = {1e-6, 5e-2};
 
 static void compare_outputs(const mlp_case *c, float (*got)[4], double (*want)[4], uint32_t n)
 {
@@ -288,13 +297,13 @@ static void compare_outputs(const mlp_case *c, float (*got)[4], double (*want)[4
         g[i] = got[i / 3][i % 3];
         w[i] = want[i / 3][i % 3];
     }
-    snprintf(what, sizeof what, "%s, %s: colour", c->name, tune_sets[c->set].name);
+    snprintf(what, sizeof what, "%s, %s: colour", c->name, c->set->name);
     compare(what, g, w, 3 * n, forward_bounds);
     for (uint32_t i = 0; i < n; i++) {
         g[i] = got[i][3];
         w[i] = want[i][3];
     }
-    snprintf(what, sizeof what, "%s, %s: density", c->name, tune_sets[c->set].name);
+    snprintf(what, sizeof what, "%s, %s: density", c->name, c->set->name);
     compare(what, g, w, n, forward_bounds);
     free(g);
     free(w);
@@ -303,7 +312,7 @@ static void compare_outputs(const mlp_case *c, float (*got)[4], double (*want)[4
 /* Sums the slices of each leaf in double, then compares block by block over all leaves. */
 static void compare_gradients(const mlp_case *c, const cln_network *net, int leaves,
                               const cln_slice *slices, uint32_t slice_count, const float *got,
-                              const double *want)
+                              const double *want, bounds allowed)
 {
     int starts[32], blocks = 0;
     double *sums = test_alloc((size_t)(leaves * net->params), sizeof *sums);
@@ -337,9 +346,8 @@ static void compare_gradients(const mlp_case *c, const cln_network *net, int lea
             g[i] = (float)sums[at];
             w[i] = want[at];
         }
-        snprintf(what, sizeof what, "%s, %s: gradient block %d", c->name, tune_sets[c->set].name,
-                 b);
-        compare(what, g, w, (size_t)(leaves * size), gradient_bounds);
+        snprintf(what, sizeof what, "%s, %s: gradient block %d", c->name, c->set->name, b);
+        compare(what, g, w, (size_t)(leaves * size), allowed);
         free(g);
         free(w);
     }
@@ -349,7 +357,7 @@ static void compare_gradients(const mlp_case *c, const cln_network *net, int lea
 static void check_case(const mlp_case *c)
 {
     const cln_config config = config_of(c);
-    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    cln_pipeline *p = test_pipeline(c->set, &config, false, false);
     const uint32_t step_key = 0x12345u;
     mlp_data d = {0};
     uint32_t slices = 0;
@@ -375,7 +383,7 @@ static void check_case(const mlp_case *c)
     run_reference(c, &config, &d, true, step_key, want, want_grads);
     grad_bytes = slices * (size_t)p->net.params * sizeof *grads;
     for (int pass = 0; pass < 2; pass++) {
-        const size_t acts = (size_t)cln_pipeline_acts(&p->net) * sizeof(float);
+        const size_t acts = cln_pipeline_act_bytes(&p->net, &p->tune);
 
         test_fill(p->device, &p->out, NULL, d.n * sizeof *out);
         test_fill(p->device, &p->acts, NULL, d.n * acts);
@@ -387,14 +395,15 @@ static void check_case(const mlp_case *c)
         again = test_read(p->device, &p->grads, grad_bytes, "grads");
         if (pass == 0) {
             compare_outputs(c, out, want, d.n);
-            compare_gradients(c, &p->net, 22, slice, slices, again, want_grads);
+            compare_gradients(c, &p->net, 22, slice, slices, again, want_grads,
+                              p->tune.half ? half_bounds : gradient_bounds);
             grads = again;
             again = NULL;
         }
         free(out);
     }
     if (memcmp(grads, again, grad_bytes) != 0)
-        fail_msg("%s, %s: a second launch gave other gradients", c->name, tune_sets[c->set].name);
+        fail_msg("%s, %s: a second launch gave other gradients", c->name, c->set->name);
     free(grads);
     free(again);
     free(want);
@@ -415,7 +424,7 @@ static void test_networks(void **state)
 static void test_no_samples(void **state)
 {
     const cln_config config = config_of(&cases[0]);
-    cln_pipeline *p = test_pipeline(&tune_sets[cases[0].set], &config, false, false);
+    cln_pipeline *p = test_pipeline(cases[0].set, &config, false, false);
     cln_model model;
     uint32_t slices = 7;
 
@@ -445,7 +454,7 @@ static void check_densities(const mlp_case *c, int n1, bool jitter)
     uint16_t *got = NULL;
 
     config.n1 = n1;
-    p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    p = test_pipeline(c->set, &config, false, false);
     make_data(c, &config, &p->tune, &d);
     assert_ok(cln_pipeline_upload(p, &d.model, false));
     test_fill(p->device, &p->density, NULL, (size_t)(22 * cells) * sizeof *got);

@@ -54,45 +54,15 @@ static cln_sampling sampling_of(const sampling_case *c)
 
 /* ---- stage 1 by gather ---- */
 
-typedef struct gather_data {
-    const cln_model *model;
-    const float *boxes; /* [slot][4] */
-    float *cache;       /* [slot][n1^3] */
-} gather_data;
-
-static int gather_points(void *user, int r, const double o[3], const double d[3],
-                         const ref_interval *v, double *t, double *sigma, bool *close)
+/* *cache: the model's densities as floats, which the caller frees. */
+static ref_gather_cache make_gather(const cln_model *model, const float *boxes, float **cache)
 {
-    const gather_data *g = user;
-    const int n1 = g->model->config.n1;
-    const float *box = g->boxes + 4 * v->slot;
-    const double scale = n1 / (double)box[3];
-    const int m =
-        ref_gather(o, d, v, box, g->cache + v->slot * n1 * n1 * n1, n1, t, sigma, MOST_POINTS);
+    const int n1 = model->config.n1, cells = n1 * n1 * n1;
 
-    (void)r;
-    assert_true(m <= MOST_POINTS);
-    *close = *close || near_integer((v->t_out - v->t_in) * scale, 1e-3);
-    for (int j = 0; j < m; j++) {
-        for (int a = 0; a < 3; a++) {
-            const double cell = (o[a] + t[j] * d[a] - box[a]) * scale;
-
-            *close =
-                *close || (near_integer(cell, NEAR / 4 * scale) && cell > 0.5 && cell < n1 - 0.5);
-        }
-    }
-    return m;
-}
-
-static void make_gather(const cln_model *model, float *boxes, gather_data *g)
-{
-    const int cells = model->config.n1 * model->config.n1 * model->config.n1;
-
-    g->model = model;
-    g->boxes = boxes;
-    g->cache = test_alloc((size_t)(model->tree.leaf_count * cells), sizeof *g->cache);
+    *cache = test_alloc((size_t)(model->tree.leaf_count * cells), sizeof **cache);
     for (int i = 0; i < model->tree.leaf_count * cells; i++)
-        g->cache[i] = ref_from_bf16(model->density[i]);
+        (*cache)[i] = ref_from_bf16(model->density[i]);
+    return (ref_gather_cache){.n1 = n1, .boxes = boxes, .cache = *cache};
 }
 
 /* ---- rays ---- */
@@ -162,15 +132,15 @@ static void check_random(const sampling_case *c)
     const cln_config config = config_of(c);
     cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
     float(*o)[4] = test_alloc(RANDOM_RAYS, sizeof *o), (*d)[4] = test_alloc(RANDOM_RAYS, sizeof *d);
-    float *boxes = NULL;
+    float *boxes = NULL, *cache = NULL;
     device_samples got;
-    gather_data gather;
+    ref_gather_cache gather;
     cln_model model;
-    ray_source from = {.config = &config, .sampling = sampling_of(c), .points = gather_points};
+    ray_source from = {.config = &config, .sampling = sampling_of(c), .points = ref_gather_points};
 
     make_sampling_model(&config, &model);
     assert_ok(cln_octree_boxes(&model.tree, &boxes));
-    make_gather(&model, boxes, &gather);
+    gather = make_gather(&model, boxes, &cache);
     from.tree = &model.tree;
     from.user = &gather;
     random_rays(o, d);
@@ -184,7 +154,7 @@ static void check_random(const sampling_case *c)
     compare_samples(c->name, &from, &got, o, d, 0.05);
     device_samples_free(&got);
     cln_model_free(&model);
-    free(gather.cache);
+    free(cache);
     free(boxes);
     free(o);
     free(d);
@@ -227,8 +197,8 @@ static void check_special(int set, int level)
     run_stage(p, SPECIAL_RAYS, &sampling, &got);
     for (int r = 0; r < SPECIAL_RAYS; r++) {
         const double from[3] = {o[r][0], o[r][1], o[r][2]}, along[3] = {d[r][0], d[r][1], d[r][2]};
-        ref_interval iv[MOST_INTERVALS];
-        const int n = ref_intervals(&model.tree, from, along, iv, MOST_INTERVALS);
+        ref_interval iv[REF_MOST_INTERVALS];
+        const int n = ref_intervals(&model.tree, from, along, iv, REF_MOST_INTERVALS);
         /* float32 knows a point 1e4 away to 1e-3 */
         const double within = 1e-5 + 2e-7 * fabs(special[r][0]);
         double length = 0, filled = 0;
@@ -293,8 +263,8 @@ static void test_exact_slots(void **state)
     run_stage(p, 64, &sampling, &got);
     for (int r = 0; r < 64; r++) {
         const double from[3] = {o[r][0], o[r][1], o[r][2]}, along[3] = {d[r][0], d[r][1], d[r][2]};
-        ref_interval iv[MOST_INTERVALS];
-        const int n = ref_intervals(&model.tree, from, along, iv, MOST_INTERVALS);
+        ref_interval iv[REF_MOST_INTERVALS];
+        const int n = ref_intervals(&model.tree, from, along, iv, REF_MOST_INTERVALS);
         int i = -1;
 
         assert_int_equal(n, 4);

@@ -141,7 +141,7 @@ static uint32_t list_of(const splat_lists *l, const cln_pixel *pixel, int level)
     return grid[0] + pixel->y / grid[1] * grid[2] + pixel->x / grid[1];
 }
 
-/* points_fn: entries of the ray's list inside the chord. */
+/* ref_points_fn: entries of the ray's list inside the chord. */
 static int splat_points(void *user, int r, const double o[3], const double d[3],
                         const ref_interval *v, double *t, double *sigma, bool *close)
 {
@@ -155,9 +155,9 @@ static int splat_points(void *user, int r, const double o[3], const double d[3],
     for (uint32_t i = l->start[list]; i < l->start[list + 1]; i++) {
         const double at = l->t[i];
 
-        *close = *close || fabs(at - v->t_in) < NEAR || fabs(at - v->t_out) < NEAR;
+        *close = *close || fabs(at - v->t_in) < REF_NEAR || fabs(at - v->t_out) < REF_NEAR;
         if (at >= v->t_in && at < v->t_out) {
-            assert_true(m < MOST_POINTS);
+            assert_true(m < REF_MOST_POINTS);
             t[m] = at;
             sigma[m++] = l->sigma[i];
         }
@@ -446,20 +446,20 @@ static void test_splat_like_gather(void **state)
     for (int r = 0; r < RAYS; r++) {
         const double o[3] = {run.o[r][0], run.o[r][1], run.o[r][2]};
         const double d[3] = {run.d[r][0], run.d[r][1], run.d[r][2]};
-        ref_interval iv[MOST_INTERVALS];
-        const int n = ref_intervals(&run.model.tree, o, d, iv, MOST_INTERVALS);
+        ref_interval iv[REF_MOST_INTERVALS];
+        const int n = ref_intervals(&run.model.tree, o, d, iv, REF_MOST_INTERVALS);
 
         for (int i = 0; i < n; i++) {
-            double t[MOST_POINTS], sigma[MOST_POINTS];
+            double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS];
             bool close = false;
             int m = splat_points(&lists, r, o, d, &iv[i], t, sigma, &close);
 
             if (m == 0) /* no sample fell on this list's part of the chord */
                 continue;
-            splat += passage_depth(&iv[i], m, t, sigma);
+            splat += ref_passage_depth(&iv[i], m, t, sigma);
             m = ref_gather(o, d, &iv[i], boxes + 4 * iv[i].slot, cache + iv[i].slot * cells, 16, t,
-                           sigma, MOST_POINTS);
-            gather += passage_depth(&iv[i], m, t, sigma);
+                           sigma, REF_MOST_POINTS);
+            gather += ref_passage_depth(&iv[i], m, t, sigma);
         }
     }
     assert_true(gather > 100);

@@ -20,7 +20,9 @@
     X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")      \
     X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")      \
     X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")      \
-    X(chunk, "CHUNK", 1024, 64, 16, 65536, "elements one work-item scans or sorts in turn")
+    X(chunk, "CHUNK", 1024, 64, 16, 65536, "elements a work-item takes in turn")     \
+    X(native, "NATIVE", 0, 0, 0, 1, "native_exp and the like in networks")           \
+    X(half, "HALF", 0, 0, 0, 1, "activations kept for backward in 16 bits")
 
 typedef struct cln_tune {
 #define X(field, name, cpu, gpu, min, max, meaning) int field;

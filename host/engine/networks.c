@@ -48,7 +48,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const cl_uint slices = slice_count, key = step_key;
-    const size_t n = sample_count, acts = (size_t)cln_pipeline_acts(&p->net) * sizeof(float);
+    const size_t n = sample_count, acts = cln_pipeline_act_bytes(&p->net, &p->tune);
 
     CLN_TRY(cln_buffer_reserve(device, &p->out, n * 4 * sizeof(float), "sample colours"));
     CLN_TRY(cln_buffer_reserve(device, &p->acts, training ? n * acts : 0, "activations"));

@@ -114,7 +114,7 @@ static sizes find_sizes(const cln_plan_desc *d)
     const double largest = (double)p->device->max_alloc;
     sizes s = {.leaves = d->leaves,
                .params = 4.0 * p->net.params,
-               .acts = 4.0 * cln_pipeline_acts(&p->net),
+               .acts = (double)cln_pipeline_act_bytes(&p->net, &p->tune),
                .cells = (double)c->n1 * c->n1 * c->n1,
                .measures = d->training ? cln_pipeline_measures(c) : 0,
                .extra_rays = d->training ? cln_pipeline_extra_rays(p) : 0,

@@ -24,6 +24,11 @@ int cln_pipeline_acts(const cln_network *net)
     return net->depth * net->width + (net->view_dependence ? net->view_width : 0);
 }
 
+size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune)
+{
+    return (size_t)cln_pipeline_acts(net) * (tune->half ? sizeof(cl_half) : sizeof(cl_float));
+}
+
 int cln_pipeline_transposed(const cln_network *net)
 {
     return (net->depth - 1) * net->width * net->width +
@@ -155,6 +160,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define LOSS %d\n#define CAUCHY %d\n#define OPACITY %d\n#define DISTORT %d", c->loss,
          c->cauchy > 0, c->opacity_entropy > 0, c->distortion_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
+    line(&t, "#define NATIVE %d\n#define HALF %d", tune->native, tune->half);
     line(&t, "#define PART 1024\n#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
     *out = t.text;
     return t.st;

@@ -1,10 +1,12 @@
 /* What the parts of the self-test share: selftest.c runs them on one pipeline after the other,
- * selftest_rays.c, selftest_networks.c and selftest_structure.c hold the checks. Private to these. */
+ * selftest_rays.c, selftest_networks.c and selftest_structure.c hold the checks. The comparison with float64
+ * and the reference's side of a pipeline serve tests and benches, too. */
 #ifndef CLN_SELFTEST_CHECKS_H
 #define CLN_SELFTEST_CHECKS_H
 
 #include "engine/selftest.h"
 #include "engine/stages.h"
+#include "reference/reference.h"
 
 typedef struct cln_checks {
     cln_pipeline *p;
@@ -19,6 +21,22 @@ typedef struct cln_checks {
 /* Reports a check. */
 void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt, ...)
     __attribute__((format(printf, 4, 5)));
+
+/* How far n values are from float64: NMSE, and the worst element in units of the reference's rms, which is
+ * element `at`. Infinite where a value is not finite, or is not zero though the reference is all zero. */
+typedef struct cln_error {
+    double nmse, worst;
+    size_t at;
+} cln_error;
+cln_error cln_check_error(const float *got, const double *want, size_t n);
+
+/* The reference's side of a pipeline: leaf `slot` of a model; the rules of a batch's samples. */
+ref_network cln_check_network(const cln_config *config, const cln_model *model, int slot);
+ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cln_sampling *s);
+
+/* Is got, values what a stable sort makes of keys with the values 0 .. n - 1? *wrong: places that are not. */
+cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
+                            uint32_t n, uint32_t *wrong);
 
 /* Reports a comparison with float64 by two bounds: NMSE, and the worst element in units of the
  * reference's rms (the one misses one bad element in many, the other a small error everywhere). Values

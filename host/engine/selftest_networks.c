@@ -8,15 +8,13 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "reference/reference.h"
 
 static const double FORWARD[2] = {1e-9, 1e-3}, GRADIENT[2] = {1e-8, 1e-3};
 
-static ref_network reference_of(const cln_checks *c, int slot)
+ref_network cln_check_network(const cln_config *config, const cln_model *model, int slot)
 {
-    const cln_config *config = &c->p->config;
-    const int level = c->model->tree.level[c->model->tree.leaf[slot]];
-    ref_network r = {.net = c->p->net,
+    const int level = model->tree.level[model->tree.leaf[slot]];
+    ref_network r = {.net = model->net,
                      .density = config->density,
                      .kappa = (float)config->density_scale,
                      .bias = (float)cln_network_density_bias(config)};
@@ -55,7 +53,7 @@ cln_status cln_check_densities(cln_checks *c)
     for (int i = 0; i < 2 * cells; i++) {
         const int slot = slots[i / cells], cell = i % cells;
         const int at[3] = {cell % n1, cell / n1 % n1, cell / (n1 * n1)};
-        const ref_network r = reference_of(c, slot);
+        const ref_network r = cln_check_network(&c->p->config, c->model, slot);
         const double along[3] = {0, 0, 1};
         double local[3], out[4];
 
@@ -159,7 +157,7 @@ static void run_reference(const cln_checks *c, data *d)
 
     for (uint32_t i = 0; i < d->n; i++) {
         const int slot = d->samples[i].slot;
-        const ref_network r = reference_of(c, slot);
+        const ref_network r = cln_check_network(&c->p->config, c->model, slot);
         double local[3], dir[3], dout[4];
 
         for (int a = 0; a < 3; a++) {
@@ -469,23 +467,14 @@ static void compare_batch(cln_checks *c, batch *b)
 /* A sample's share of its ray's error: by weight, and by length of what the ray saw through. */
 static void compare_shares(cln_checks *c, batch *b)
 {
-    double background[3], target[3], rgb[3], weights[MOST], depth, opacity;
+    double background[3], target[3], measures[MOST][3];
 
     for (int r = 0; r < RAYS; r++) {
         const int n = widen(c->p, b, r, background, target);
-        double square = 0, length = 0, through = 1;
 
-        ref_composite(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta, background, rgb,
-                      &depth, &opacity, weights);
-        for (int k = 0; k < 3; k++)
-            square += (rgb[k] - target[k]) * (rgb[k] - target[k]) / 3;
-        for (int i = 0; i < n; i++) {
-            length += b->ref_delta[i];
-            through *= exp(-b->ref_out[i][3] * b->ref_delta[i]);
-        }
+        ref_measures(n, (const double(*)[4])b->ref_out, b->ref_delta, background, target, measures);
         for (int i = 0; i < n; i++)
-            b->want[b->starts[r] + (uint32_t)i] =
-                square * (weights[i] + through * b->ref_delta[i] / length);
+            b->want[b->starts[r] + (uint32_t)i] = measures[i][0];
     }
     cln_check_compare(c, "shares of the error", b->shares, b->want, b->starts[RAYS], 1e-9, 1e-3);
 }

@@ -8,7 +8,6 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "reference/reference.h"
 
 static uint32_t bits_of(uint32_t stream, uint32_t index)
 {
@@ -51,7 +50,27 @@ done:
     return st;
 }
 
-/* Sorted, stable (values are the places before), and every value still with its key. */
+cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
+                            uint32_t n, uint32_t *wrong)
+{
+    cln_status st = CLN_OK;
+    bool *seen = NULL;
+
+    *wrong = 0;
+    CLN_TRY(cln_alloc(&seen, n, sizeof *seen, "self-test"));
+    for (uint32_t i = 0; i < n; i++) {
+        const uint32_t from = values[i];
+
+        *wrong += from >= n || seen[from] || got[i] != keys[from];
+        *wrong += i > 0 && (got[i] < got[i - 1] || (got[i] == got[i - 1] && from <= values[i - 1]));
+        if (from < n)
+            seen[from] = true;
+    }
+done:
+    free(seen);
+    return st;
+}
+
 cln_status cln_check_sort(cln_checks *c, bool wide)
 {
     enum { N = 5003, VALUES = 97 };
@@ -60,14 +79,12 @@ cln_status cln_check_sort(cln_checks *c, bool wide)
     const size_t bytes = N * (wide ? sizeof(uint64_t) : sizeof(uint32_t));
     uint64_t *keys = NULL, *got = NULL;
     uint32_t *narrow = NULL, *values = NULL, wrong = 0;
-    bool *seen = NULL;
     cln_buffer key_buffers[2] = {{0}, {0}}, value_buffers[2] = {{0}, {0}};
 
     CLN_TRY(cln_alloc(&keys, N, sizeof *keys, "self-test"));
     CLN_TRY(cln_alloc(&got, N, sizeof *got, "self-test"));
     CLN_TRY(cln_alloc(&narrow, N, sizeof *narrow, "self-test"));
     CLN_TRY(cln_alloc(&values, N, sizeof *values, "self-test"));
-    CLN_TRY(cln_alloc(&seen, N, sizeof *seen, "self-test"));
     for (uint32_t i = 0; i < N; i++) {
         keys[i] = (uint64_t)(bits_of(3, i) % VALUES) * 0x9E3779B97F4A7C15ull >> (wide ? 12 : 40);
         narrow[i] = (uint32_t)keys[i];
@@ -79,16 +96,9 @@ cln_status cln_check_sort(cln_checks *c, bool wide)
         cln_stage_sort(c->p, key_buffers, value_buffers, N, wide ? 52 : 24, wide, CLN_STAGE_OTHER));
     CLN_TRY(cln_buffer_read(device, &key_buffers[0], 0, wide ? (void *)got : narrow, bytes));
     CLN_TRY(cln_buffer_read(device, &value_buffers[0], 0, values, N * sizeof *values));
-    for (uint32_t i = 0; i < N; i++) {
-        const uint32_t from = values[i];
-
-        if (!wide)
-            got[i] = narrow[i];
-        wrong += from >= N || seen[from] || got[i] != keys[from];
-        wrong += i > 0 && (got[i] < got[i - 1] || (got[i] == got[i - 1] && from <= values[i - 1]));
-        if (from < N)
-            seen[from] = true;
-    }
+    for (uint32_t i = 0; i < N && !wide; i++)
+        got[i] = narrow[i];
+    CLN_TRY(cln_check_sorted(keys, got, values, N, &wrong));
     cln_check_say(c, wide ? "sort, 64 bit" : "sort, 32 bit", wrong == 0, "%u of %d places wrong",
                   wrong, N);
 done:
@@ -100,11 +110,26 @@ done:
     free(got);
     free(narrow);
     free(values);
-    free(seen);
     return st;
 }
 
 /* ---- rays and samples ---- */
+
+ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cln_sampling *s)
+{
+    return (ref_way){.tree = tree,
+                     .rule = {.by_weight = config->allocate == CLN_ALLOCATE_WEIGHT,
+                              .cdf_weight = config->cdf == CLN_CDF_WEIGHT,
+                              .samples_per_leaf = config->samples_per_leaf,
+                              .samples_per_ray = config->samples_per_ray,
+                              .uniform_share = s->uniform_share,
+                              .t_min = s->t_min,
+                              .empty_weight = s->empty_weight,
+                              .empty_share = s->empty_share},
+                     .jitter = s->jitter,
+                     .seed = s->seed,
+                     .step = s->step};
+}
 
 enum { VIEWS = 3, SIDE = 40, STEP = 4, RAYS = VIEWS * (SIDE / STEP) * (SIDE / STEP) };
 

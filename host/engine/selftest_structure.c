@@ -64,7 +64,6 @@ done:
     return st;
 }
 
-/* Against the derivatives written out: 2 (alpha - alpha*) delta exp(-sigma delta), 2/3 alpha* (c - c*). */
 static cln_status check_distil(cln_checks *c, data *d)
 {
     cln_status st = CLN_OK;
@@ -83,16 +82,14 @@ static cln_status check_distil(cln_checks *c, data *d)
     }
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const float *target = d->targets[d->samples[i].ray], *out = d->out[i];
-        const double tau = (double)out[3] * d->samples[i].delta, miss = -expm1(-tau) - target[3];
+        double wide_out[4], wide_target[4];
 
-        d->want_losses[i] = miss * miss;
-        for (int k = 0; k < 3; k++) {
-            const double off = (double)out[k] - target[k];
-
-            d->want_losses[i] += target[3] * off * off / 3;
-            d->want[4 * i + (uint32_t)k] = 2.0 / 3 * target[3] * off;
+        for (int k = 0; k < 4; k++) {
+            wide_out[k] = out[k];
+            wide_target[k] = target[k];
         }
-        d->want[4 * i + 3] = 2 * miss * d->samples[i].delta * exp(-tau);
+        d->want_losses[i] =
+            ref_distil(wide_out, wide_target, d->samples[i].delta, d->want + 4 * (size_t)i);
     }
     CLN_TRY(cln_check_put(p->device, &p->samples, d->samples, sizeof d->samples));
     CLN_TRY(cln_check_put(p->device, &p->out, d->out, sizeof d->out));

@@ -117,7 +117,7 @@ typedef struct cln_pipeline {
     cln_buffer out, dout;                                      /* float4 [sample] */
     cln_buffer measures; /* float [sample][numbers measured] */
     cln_buffer losses;   /* float [sample]; distillation only */
-    cln_buffer acts;     /* float [sample][net acts], grouped order; training only */
+    cln_buffer acts;     /* float or half [sample][net acts], grouped order; training only */
     cln_buffer grads;    /* float [slice][net.params]; training only */
 
     /* Splatting: lists of one view (or band of it). */
@@ -152,8 +152,9 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **text);
 /* Numbers that a training step measures per sample: 0, 1 or CLN_MEASURES. */
 int cln_pipeline_measures(const cln_config *config);
 
-/* Floats of kept pre-activations per sample, and of transposed weights per leaf. */
+/* Kept pre-activations per sample, and the bytes they take (tune.half); transposed weights per leaf. */
 int cln_pipeline_acts(const cln_network *net);
+size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune);
 int cln_pipeline_transposed(const cln_network *net);
 
 /* Uploads tree and weights, and the training state if `training`; densities if the model has them.

@@ -160,6 +160,22 @@ void ref_forward(const ref_network *r, const float *params, const double local[3
     out[3] = f.sigma;
 }
 
+double ref_margin(const ref_network *r, const float *params, const double local[3],
+                  const double dir[3], const double *slopes, double slope)
+{
+    const cln_network *net = &r->net;
+    double margin = INFINITY;
+    pass f;
+
+    run_forward(r, params, local, dir, slopes, slope, &f);
+    for (int i = 0; i < net->depth; i++)
+        for (int n = 0; n < net->width; n++)
+            margin = fmin(margin, fabs(f.x[i][n]));
+    for (int n = 0; n < net->view_width; n++)
+        margin = fmin(margin, fabs(f.view_x[n]));
+    return margin;
+}
+
 /* d[n] *= act'(x[n]) */
 static void activation_back(const cln_network *net, const double *slopes, double slope, int layer,
                             int width, const double *x, double *d)

@@ -67,6 +67,48 @@ void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int 
 /* delta of n ascending samples in the chord: method.md 9's rule; sums to t_out - t_in. */
 void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta);
 
+/* ---- a ray's whole way to its samples ---- */
+
+enum { REF_MOST_INTERVALS = 64, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
+#define REF_NEAR 4e-6 /* a ray that passes an edge closer than this may be decided otherwise */
+
+/* Stage-1 points of one passage of ray r, ascending; returns their number, at most REF_MOST_POINTS. *close
+ * is set if rounding may give others. */
+typedef int ref_points_fn(void *user, int r, const double o[3], const double d[3],
+                          const ref_interval *interval, double *t, double *sigma, bool *close);
+
+/* The points by gather; user: */
+typedef struct ref_gather_cache {
+    int n1;
+    const float *boxes; /* [slot][4] */
+    const float *cache; /* [slot][n1^3] densities */
+} ref_gather_cache;
+ref_points_fn ref_gather_points;
+
+typedef struct ref_way {
+    const cln_octree *tree;
+    ref_sampling rule;
+    bool jitter;
+    uint64_t seed;
+    uint32_t step;
+    ref_points_fn *points;
+    void *user;
+} ref_way;
+
+typedef struct ref_samples {
+    bool close; /* float32 may decide otherwise somewhere */
+    int n;
+    double t[REF_MOST_SAMPLES], delta[REF_MOST_SAMPLES];
+    int slot[REF_MOST_SAMPLES];
+} ref_samples;
+
+/* Optical depth of a passage: points' densities times their share of the chord. */
+double ref_passage_depth(const ref_interval *v, int m, const double *t, const double *sigma);
+
+/* Samples of ray r of a batch, all passages. */
+void ref_ray_samples(const ref_way *way, int r, const float o[4], const float d[4],
+                     ref_samples *out);
+
 /* ---- leaf networks (method.md 1) ---- */
 
 typedef struct ref_network {
@@ -84,6 +126,11 @@ void ref_encode(int bands, const double x[3], const double *weights, int pad, do
  * `slope` everywhere. out[4] = colour r, g, b in 0..1 and sigma. */
 void ref_forward(const ref_network *r, const float *params, const double local[3],
                  const double dir[3], const double *slopes, double slope, double out[4]);
+
+/* The smallest pre-activation of one sample: below rounding errors, float32 may find it on the other side
+ * of zero, where the gradient is another one. */
+double ref_margin(const ref_network *r, const float *params, const double local[3],
+                  const double dir[3], const double *slopes, double slope);
 
 /* Adds dL/dparams of one sample to grad[params] given dL/dout[4]. */
 void ref_backward(const ref_network *r, const float *params, const double local[3],
@@ -111,6 +158,20 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
 double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
                        const double *delta, const double background[3], const double target[3],
                        double (*grad)[4]);
+
+/* ---- single samples and points (method.md 10, 11, 12.3) ---- */
+
+/* Of each sample of a ray: its share of the ray's mean square error, T sigma delta, T delta. */
+void ref_measures(int n, const double (*out)[4], const double *delta, const double background[3],
+                  const double target[3], double (*measures)[3]);
+
+/* (alpha - alpha*)^2 + alpha* |c - c*|^2 / 3 of one point, target = c*, alpha*; and its gradient. */
+double ref_distil(const double out[4], const double target[4], double delta, double grad[4]);
+
+/* d/dsigma of 1 - exp(-0.05 sigma); gradient of a quarter of |f_a - f_b|, f = alpha (r, g, b, 1). */
+double ref_sparsity_gradient(double sigma);
+void ref_edge_gradient(const double a[4], const double b[4], double spacing, double grad_a[4],
+                       double grad_b[4]);
 
 /* ---- Adam (method.md 11) ---- */
 

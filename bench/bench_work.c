@@ -1,0 +1,165 @@
+/* FLOP and bytes of every bench: the one place where they are counted.
+ *
+ *   FLOP   What the method needs and no more: a multiply-add is 2, exp, sqrt and divide 1 each. Networks: 2
+ *          per weight (and bias) and sample forward; backward once as much for the inputs' gradients, less
+ *          those of the encodings, which nobody needs, and once for the weights'. Encodings, activations, padding
+ *          and what is computed again are not counted. Where work is choosing and moving (scan, sort, rays,
+ *          tree walk, projection), FLOP is 0.
+ *   bytes  What has to move at least: every input read once, every output written once, whatever passes, caches or
+ *          write-allocation make of it. A share of the copy ceiling above 1 means that it stayed in caches.
+ *
+ * Sizes of structs are include/device_abi.h's: sample 16, interval 16, ray 32 (two float4), pixel 16, result 32. */
+#include "bench.h"
+
+enum { SAMPLE = 16, INTERVAL = 16, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
+
+static double density_weights(const cln_network *net)
+{
+    double n = net->learned - 3.0 * net->colour_width - 3;
+
+    if (net->view_dependence)
+        n -= (double)(net->width + net->dir + 1) * net->view_width;
+    return n;
+}
+
+bench_work bench_work_density(const cln_network *net, double cells, double leaves)
+{
+    return (bench_work){.flop = 2 * density_weights(net) * cells,
+                        .bytes = 2 * cells + leaves * WORD * density_weights(net)};
+}
+
+bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool training, double n,
+                              double leaves, double slices)
+{
+    const double kept = training ? (double)cln_pipeline_act_bytes(net, tune) : 0;
+
+    return (bench_work){.flop = 2.0 * net->learned * n,
+                        .bytes = n * (SAMPLE + WORD + RAY + COLOUR + kept) +
+                                 slices * (double)sizeof(cln_slice) + leaves * WORD * net->params};
+}
+
+bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
+                               double leaves, double slices)
+{
+    const double encoded = (double)net->enc * net->width * (net->skip_layer >= 0 ? 2 : 1) +
+                           (net->view_dependence ? (double)net->dir * net->view_width : 0);
+
+    return (bench_work){
+        .flop = (4.0 * net->learned - 2 * encoded) * n,
+        .bytes =
+            n * (SAMPLE + WORD + RAY + 2 * COLOUR + (double)cln_pipeline_act_bytes(net, tune)) +
+            leaves * WORD * ((double)net->params + cln_pipeline_transposed(net)) +
+            slices * ((double)sizeof(cln_slice) + WORD * (double)net->params)};
+}
+
+/* 13 a weight: two moments 7, the step 6; and the slices' sum. */
+bench_work bench_work_adam(const cln_network *net, double leaves, double slices)
+{
+    const double weights = leaves * net->params;
+
+    return (bench_work){.flop = 13 * weights + (slices - leaves) * net->params,
+                        .bytes = WORD * (6 * weights + slices * net->params +
+                                         leaves * cln_pipeline_transposed(net))};
+}
+
+/* Weights and both moments from host to device, the weights once more for their transposed copy. */
+bench_work bench_work_upload(const cln_network *net, double leaves)
+{
+    return (bench_work){.bytes =
+                            WORD * leaves * (7.0 * net->params + cln_pipeline_transposed(net))};
+}
+
+bench_work bench_work_scan(double n)
+{
+    return (bench_work){.bytes = WORD * (2 * n + 1)};
+}
+
+/* As if one pass were enough. */
+bench_work bench_work_sort(double n, bool wide)
+{
+    return (bench_work){.bytes = 2 * n * (WORD + (wide ? 8 : 4))};
+}
+
+bench_work bench_work_group(double n, double leaves, double slices)
+{
+    return (bench_work){.bytes = n * (SAMPLE + WORD) + leaves * 3 * WORD +
+                                 slices * (double)sizeof(cln_slice)};
+}
+
+bench_work bench_work_rays(double rays)
+{
+    return (bench_work){.bytes = rays * (PIXEL + RAY)};
+}
+
+/* cells: of stage 1, 2 bytes each; no more than there are, and n1 a passage. */
+bench_work bench_work_intervals(double rays, double intervals, double cells)
+{
+    return (bench_work){.bytes = rays * (RAY + 3 * WORD) + intervals * INTERVAL + 2 * cells};
+}
+
+bench_work bench_work_samples(double rays, double intervals, double cells, double n)
+{
+    return (bench_work){.bytes = rays * (RAY + 2 * WORD) + intervals * INTERVAL + 2 * cells +
+                                 n * SAMPLE};
+}
+
+/* Every view looks at every cell. */
+bench_work bench_work_project(double cells, double views, double entries)
+{
+    return (bench_work){.bytes = views * 2 * cells + entries * (8 + WORD)};
+}
+
+/* Keys and values in; lists' depths, densities, starts and lengths out; padded: those once more. */
+bench_work bench_work_lists(double entries, double cells, double lists, double padded)
+{
+    return (bench_work){.bytes = entries * (8 + WORD + 2 * WORD) + 2 * cells + lists * 2 * WORD +
+                                 padded * 2 * WORD};
+}
+
+/* Per sample: depth 1, alpha 2, weight 1, colour 8, distance 2, opacity 1, transmittance 2. */
+bench_work bench_work_composite(double rays, double n)
+{
+    return (bench_work){.flop = 17 * n,
+                        .bytes = n * (SAMPLE + COLOUR) + rays * (WORD + RAY / 2 + RESULT)};
+}
+
+/* And back: weight 1, gain 5, colours 4, density 6, rest 2, scale 4; a measure 5. */
+bench_work bench_work_composite_train(double rays, double n, double measures)
+{
+    return (bench_work){.flop = (17 + 22 + 5 * measures) * n,
+                        .bytes = n * (SAMPLE + 2 * COLOUR + WORD * measures) +
+                                 rays * (WORD + COLOUR + RESULT)};
+}
+
+bench_work bench_work_seen(double cells, double views)
+{
+    return (bench_work){.bytes = cells + views * (double)sizeof(cln_device_camera)};
+}
+
+bench_work bench_work_stats(double cells, double leaves)
+{
+    return (bench_work){.bytes = 3 * cells + leaves * 2 * WORD};
+}
+
+bench_work bench_work_leaf_measure(double n, double leaves, double measures)
+{
+    return (bench_work){.flop = n * measures,
+                        .bytes =
+                            n * WORD * (1 + measures) + leaves * WORD * (2 + 2 + 4 * measures)};
+}
+
+/* Per point: alpha 3, miss 1, differences 3, loss 9, gradients 13. */
+bench_work bench_work_distil(double n)
+{
+    return (bench_work){.flop = 29 * n, .bytes = n * (SAMPLE + 3 * COLOUR + WORD)};
+}
+
+bench_work bench_work_points(double points, double pairs)
+{
+    return (bench_work){.bytes = (points + pairs) * RAY + (points + 2 * pairs) * SAMPLE};
+}
+
+bench_work bench_work_points_gradient(double points, double pairs)
+{
+    return (bench_work){.bytes = points * 2 * COLOUR + pairs * 2 * (SAMPLE + 2 * COLOUR)};
+}

@@ -1,0 +1,130 @@
+/* The whole way of one ray, from its leaves over stage 1's points to its stage-2 samples, put together from
+ * rays.c and sampling.c; and whether float32 may decide otherwise on it, so that whoever compares a
+ * device's discrete results can leave such rays out. See reference.h. */
+#include <math.h>
+#include "base/rng.h"
+#include "device_abi.h"
+#include "reference/reference.h"
+
+static bool near_integer(double x, double within)
+{
+    return fabs(x - round(x)) < within;
+}
+
+/* Other leaves when the ray is moved a little? */
+static bool near_edges(const cln_octree *tree, const double o[3], const double d[3],
+                       const ref_interval *iv, int n)
+{
+    ref_interval other[REF_MOST_INTERVALS];
+
+    for (int k = 0; k < 6; k++) {
+        double moved[3] = {o[0], o[1], o[2]};
+        int m = 0;
+
+        moved[k / 2] += k % 2 ? REF_NEAR : -REF_NEAR;
+        m = ref_intervals(tree, moved, d, other, REF_MOST_INTERVALS);
+        if (m != n)
+            return true;
+        for (int i = 0; i < n; i++) {
+            if (other[i].slot != iv[i].slot)
+                return true;
+        }
+    }
+    return false;
+}
+
+static double leaf_side(const cln_octree *tree, int slot)
+{
+    return 2.0 / (1 << tree->level[tree->leaf[slot]]);
+}
+
+double ref_passage_depth(const ref_interval *v, int m, const double *t, const double *sigma)
+{
+    double tau = 0;
+
+    for (int j = 0; j < m; j++) {
+        const double left = j == 0 ? v->t_in : (t[j - 1] + t[j]) / 2;
+        const double right = j == m - 1 ? v->t_out : (t[j] + t[j + 1]) / 2;
+
+        tau += sigma[j] * (right - left);
+    }
+    return tau;
+}
+
+/* Is the number of samples of this passage one that rounding could change? */
+static bool close_count(const ref_sampling *s, double length, double side, double tau_in,
+                        double tau)
+{
+    const double weight = exp(-tau_in) * -expm1(-tau);
+
+    if (s->t_min > 0 && fabs(exp(-tau_in) / s->t_min - 1) < 1e-3)
+        return true;
+    if (!s->by_weight)
+        return near_integer(s->samples_per_leaf * length / (sqrt(3) * side), 1e-3);
+    if (s->empty_weight > 0 && fabs(weight / s->empty_weight - 1) < 1e-3)
+        return true;
+    return near_integer(s->samples_per_ray * weight + 0.5, 1e-3);
+}
+
+int ref_gather_points(void *user, int r, const double o[3], const double d[3],
+                      const ref_interval *v, double *t, double *sigma, bool *close)
+{
+    const ref_gather_cache *g = user;
+    const int n1 = g->n1;
+    const float *box = g->boxes + 4 * v->slot;
+    const double scale = n1 / (double)box[3];
+    const int m =
+        ref_gather(o, d, v, box, g->cache + v->slot * n1 * n1 * n1, n1, t, sigma, REF_MOST_POINTS);
+
+    (void)r;
+    CLN_ASSERT(m <= REF_MOST_POINTS);
+    *close = *close || near_integer((v->t_out - v->t_in) * scale, 1e-3);
+    for (int j = 0; j < m; j++) {
+        for (int a = 0; a < 3; a++) {
+            const double cell = (o[a] + t[j] * d[a] - box[a]) * scale;
+
+            *close = *close ||
+                     (near_integer(cell, REF_NEAR / 4 * scale) && cell > 0.5 && cell < n1 - 0.5);
+        }
+    }
+    return m;
+}
+
+void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float fd[4],
+                     ref_samples *out)
+{
+    const double o[3] = {fo[0], fo[1], fo[2]}, d[3] = {fd[0], fd[1], fd[2]};
+    ref_interval iv[REF_MOST_INTERVALS];
+    const int n = ref_intervals(way->tree, o, d, iv, REF_MOST_INTERVALS);
+    double tau = 0;
+    uint32_t drawn = 0;
+
+    out->n = 0;
+    out->close = near_edges(way->tree, o, d, iv, n);
+    for (int i = 0; i < n; i++) {
+        const double side = leaf_side(way->tree, iv[i].slot), length = iv[i].t_out - iv[i].t_in;
+        double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], xi[256], at[256], delta[256];
+        const int m = way->points(way->user, r, o, d, &iv[i], t, sigma, &out->close);
+        const double passage = ref_passage_depth(&iv[i], m, t, sigma);
+        float u[4];
+        int count = 0;
+
+        cln_uniform4(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
+                     CLN_DRAW_ROULETTE + (uint32_t)i, u);
+        count = ref_sample_count(&way->rule, length, side, tau, passage, u[0]);
+        out->close = out->close || close_count(&way->rule, length, side, tau, passage);
+        tau += passage;
+        CLN_ASSERT(count <= 256 && out->n + count <= REF_MOST_SAMPLES);
+        for (int k = 0; k < count; k++, drawn++) {
+            cln_uniform4(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r, drawn >> 2, u);
+            xi[k] = way->jitter ? (double)u[drawn & 3] : 0.5;
+        }
+        ref_sample_positions(&way->rule, iv[i].t_in, iv[i].t_out, m, t, sigma, count, xi, at);
+        ref_deltas(iv[i].t_in, iv[i].t_out, count, at, delta);
+        for (int k = 0; k < count; k++) {
+            out->t[out->n] = at[k];
+            out->delta[out->n] = delta[k];
+            out->slot[out->n++] = iv[i].slot;
+        }
+    }
+}
