@@ -19,7 +19,9 @@
     X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")      \
     X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")      \
     X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")      \
-    X(chunk, "CHUNK", 1024, 64, 16, 65536, "elements one work-item scans or sorts in turn")
+    X(sg, "SG", 1, 256, 1, 1024, "work-items of a scan, sort or sum group; 2^k")     \
+    X(db, "DB", 12, 8, 1, 12, "most bits of a digit of the sort")                    \
+    X(chunk, "CHUNK", 1024, 2048, 16, 65536, "fewest elements a scan or sort group takes in turn")
 
 typedef struct cln_tune {
 #define X(field, name, cpu, gpu, min, max, meaning) int field;

@@ -29,7 +29,8 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
     const double samples = training && wanted > room_for ? floor(room_for) : wanted;
     const double rays = config->rays > 16384 ? config->rays : 16384;
     const double slices = n + samples / tune->sl;
-    const double scratch = 4.0 * 256 / tune->chunk; /* of the sort, bytes an element */
+    /* of the sort: bytes an element, and at least */
+    const double scratch = 4.0 / CLN_SORT_PER_DIGIT, table = 4.0 * ((1 << tune->db) + 1);
 
     memset(out, 0, sizeof *out);
     out->limit = 0.9 * device->info.global_mem;
@@ -52,19 +53,20 @@ void cln_plan_make(const cln_device *device, const cln_config *config, const cln
             n * (8.0 * CLN_MEASURES + 4) + samples * 4 * cln_pipeline_measures(config),
             samples * 4 * cln_pipeline_measures(config), "--batch-samples, or --no-adaptive");
     row(out, "stage-1 densities", n * cells * (training ? 3 : 2), 2 * n * cells, "--n1");
-    row(out, "samples", samples * (16 + 32 + 16 + scratch), samples * 16, "--batch-samples");
+    row(out, "samples", samples * (16 + 32 + 16 + scratch) + table, samples * 16,
+        "--batch-samples");
     row(out, "rays", rays * (16 * 5 + 32 + 20 + 16.0 * 96) + 96.0 * views + n * 36, rays * 16 * 96,
         "--rays");
     if (config->stage1 == CLN_STAGE1_SPLAT) {
         /* Keys and values twice, t and sigma: 32 bytes an entry; padded lists are checked as made. */
         const double room = out->limit - out->total;
         const double most = device->info.max_alloc / fmax(8, scratch);
-        double entries = 0.5 * room / (32 + scratch);
+        double entries = 0.5 * (room - table) / (32 + scratch);
 
         entries = entries < 1 ? 1 : entries > most ? most : entries;
         entries = entries > (double)(1u << 28) ? (double)(1u << 28) : entries;
         out->max_entries = (size_t)entries;
-        row(out, "projected samples", entries * (32 + scratch), entries * fmax(8, scratch),
+        row(out, "projected samples", entries * (32 + scratch) + table, entries * fmax(8, scratch),
             "--n1, or --stage1 gather");
     }
 }
