@@ -6,6 +6,7 @@
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
 #   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
 #   make bench              install what is missing, time every kernel (bench/results/, docs/benches.md)
+#   make bench-sort         the sort beside other sorts (needs g++)
 #   make install            PREFIX=/usr/local DESTDIR=
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
@@ -71,6 +72,10 @@ $B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
 
 $B/bench-kernels: $(BENCH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench-sort: bench/peer_sort.cpp $B/libcl-nascent.a
+	$(call SAY,CXX $@)$(CXX) -std=c++17 -D_GNU_SOURCE -O3 -march=native -fopenmp -Wall -Wextra -Iinclude -Ihost \
+	    $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
@@ -177,6 +182,11 @@ fmt:
 bench: bench-programs
 	build/bench-kernels --results bench/results $(BENCH)
 
+bench-sort:
+	@tests/deps.sh build peers
+	@$(MAKE) --no-print-directory build/bench-sort
+	build/bench-sort $(BENCH)
+
 bench-programs:
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
@@ -196,4 +206,4 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test lint fmt bench bench-programs bench-peers install clean
+.PHONY: all FORCE deps demo test lint fmt bench bench-programs bench-peers bench-sort install clean

@@ -6,14 +6,13 @@
 #include "base/memory.h"
 #include "bench.h"
 
-static const bench_part scan_parts[] = {{"scan", "scan_sums scan_chunks scan_write"}};
-static const bench_part sort_parts[] = {
-    {"sort", "sort_count sort_scatter scan_sums scan_chunks scan_write"}};
+static const bench_part scan_parts[] = {{"scan", "scan_sums scan_write"}};
+static const bench_part sort_parts[] = {{"sort", "sort_count sort_scatter scan_sums scan_write"}};
 static const bench_part sort64_parts[] = {
-    {"sort64", "sort64_count sort64_scatter scan_sums scan_chunks scan_write"}};
+    {"sort64", "sort64_varying sort64_count sort64_scatter sort64_buckets scan_sums scan_write"}};
 static const bench_part group_parts[] = {
     {"group", "group_keys group_bounds group_slice_counts group_slices sort_count sort_scatter "
-              "scan_sums scan_chunks scan_write"}};
+              "scan_sums scan_write"}};
 
 static uint32_t bits_of(uint32_t stream, uint32_t index)
 {

@@ -99,7 +99,7 @@ void bench_scene_free(bench_scene *s)
 enum { RAYS_PART, INTERVALS_PART, SAMPLES_PART };
 static const bench_part parts[] = {
     {"rays_make", "rays_make"},
-    {"intervals_fill", "intervals_fill scan_sums scan_chunks scan_write"},
+    {"intervals_fill", "intervals_fill scan_sums scan_write"},
     {"samples_emit", "samples_emit"},
 };
 

@@ -11,8 +11,8 @@
 
 enum { PROJECT_PART, LISTS_PART };
 static const bench_part parts[] = {
-    {"splat_emit", "splat_count splat_emit scan_sums scan_chunks scan_write"},
-    {"splat_lists", "sort64_count sort64_scatter scan_sums scan_chunks scan_write splat_bounds "
+    {"splat_emit", "splat_count splat_emit scan_sums scan_write"},
+    {"splat_lists", "sort64_count sort64_scatter scan_sums scan_write splat_bounds "
                     "splat_read splat_lengths splat_pad"},
 };
 

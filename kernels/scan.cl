@@ -1,112 +1,398 @@
 /* Prefix sums and a stable radix sort, the two primitives under grouping and splatting (method.md 6, 8).
- * One work-item takes one chunk of consecutive elements in turn, so the result does not depend on how
- * many run at once.
+ * A work-group takes one chunk of consecutive elements in turn. Sums are of integers and a stable sort
+ * has one result: how chunks are cut, and how many groups run at once, changes no bit.
  *
  *   scan:  out[i] = sum of in[0 .. i-1], out[n] = the total          (in may be out; n + 1 outputs)
- *   sort:  LSD radix, 8 bits a pass, values travel with their keys; equal keys keep their order
+ *   sort:  radix, from the lowest digit up; values travel with their keys; equal keys keep their order
  *
+ *   a digit: bits of the key in one or two pieces, (key >> shift & mask) | (key >> shift2 & mask2);
+ *   bits that are the same in all keys are in none (sort.c)
  *   counts of a pass, digit-major: counts[digit][chunk]; its scan is where each chunk's digit goes
  *
- * KEY_BITS  32 | 64: width of the sort's keys
+ *   SG = 1 (CPUs): many elements go through a line of LINE elements per digit, written when it is full,
+ *   past the caches: single writes would read every line first, and again after it was evicted. If that
+ *   takes several passes, the first is by the highest digit, and its buckets are then sorted in cache.
+ *   SG > 1 (GPUs): a tile of SG * ITEMS elements is sorted in local memory, RANK_BITS of the digit at a
+ *   time, and then written: neighbours go to neighbouring places.
+ *
+ * KEY_BITS  32 | 64        width of the sort's keys
+ * SG        power of two   work-items of a group
+ * DB        1 .. 12        most bits of a digit
+ * LINE_BITS                the same where lines are written
  */
 #ifndef KEY_BITS
 #define KEY_BITS 32
 #endif
+#ifndef SG
+#define SG 1
+#define DB 8
+#define LINE_BITS 9
+#endif
 #if KEY_BITS == 64
 typedef ulong key_type;
+typedef ulong4 key_vector;
 #else
 typedef uint key_type;
+typedef uint8 key_vector;
 #endif
-#define DIGITS 256u
+#if SG & (SG - 1)
+#error "SG must be a power of two"
+#endif
 
-__kernel void scan_sums(const __global uint *restrict in, /* [n] */
-                        __global uint *restrict sums,     /* [ceil(n / chunk)] */
-                        uint n, uint chunk)
+#define DIGITS    (1u << DB)
+#define ITEMS     8u /* elements a work-item holds at a time */
+#define TILE      (SG * ITEMS)
+#define RANK_BITS 4u
+#define RANKS     (1u << RANK_BITS)
+#define LINE      16u /* elements of a digit written at a time: of values 64 bytes */
+#define LINES     (1u << (DB < LINE_BITS ? DB : LINE_BITS))
+
+/* Whole lines pass the caches by, where that is known to work: CPUs, compiled by clang. */
+#if defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
+#if __has_builtin(__builtin_nontemporal_store)
+#define STREAMS           1
+#define STREAM(value, to) __builtin_nontemporal_store(value, to)
+#define STREAM_END()      __sync_synchronize() /* such stores are ordered by nothing else */
+#endif
+#endif
+#ifndef STREAMS
+#define STREAMS           0
+#define STREAM(value, to) (*(to) = (value))
+#define STREAM_END()
+#endif
+
+#define GROUP __attribute__((reqd_work_group_size(SG, 1, 1)))
+#if SG > 1
+#define SYNC() barrier(CLK_LOCAL_MEM_FENCE)
+#else
+#define SYNC()
+#endif
+
+/* Sum of `value` over the work-items before this one; *total over all. scratch[2 * SG]. */
+HELPER uint group_scan(uint value, uint lid, __local uint *scratch, uint *total)
 {
-    const uint c = get_global_id(0);
-    const uint begin = min(n, c * chunk), end = min(n, begin + chunk);
-    uint sum = 0;
+#if SG > 1
+    uint from = 0;
 
-    if (begin >= n)
-        return;
-    for (uint i = begin; i < end; i++)
+    scratch[lid] = value;
+    SYNC();
+    for (uint step = 1; step < SG; step *= 2) {
+        const uint sum = scratch[from + lid] + (lid >= step ? scratch[from + lid - step] : 0u);
+
+        from = SG - from;
+        scratch[from + lid] = sum;
+        SYNC();
+    }
+    *total = scratch[from + SG - 1u];
+    value = scratch[from + lid] - value;
+    SYNC(); /* scratch may be written again */
+    return value;
+#else
+    *total = value;
+    return 0;
+#endif
+}
+
+GROUP __kernel void scan_sums(const __global uint *restrict in, /* [n] */
+                              __global uint *restrict sums,     /* [ceil(n / chunk)] */
+                              uint n, uint chunk)
+{
+    __local uint scratch[2 * SG];
+    const uint c = get_group_id(0), lid = get_local_id(0);
+    const uint begin = min(n, c * chunk), end = min(n, begin + chunk);
+    uint sum = 0, total;
+
+    for (uint i = begin + lid; i < end; i += SG)
         sum += in[i];
-    sums[c] = sum;
+    group_scan(sum, lid, scratch, &total);
+    if (lid == 0)
+        sums[c] = total;
 }
 
-/* One work-item: exclusive scan of the chunks' sums in place. */
-__kernel void scan_chunks(__global uint *restrict sums, uint chunks)
+/* A single chunk starts from 0 and needs no sums. */
+GROUP __kernel void scan_write(const __global uint *in,   /* [n], may be out */
+                               const __global uint *sums, /* [chunks] scanned */
+                               __global uint *out,        /* [n + 1] */
+                               uint n, uint chunk)
 {
-    uint sum = 0;
-
-    if (get_global_id(0) != 0)
-        return;
-    for (uint i = 0; i < chunks; i++) {
-        const uint value = sums[i];
-
-        sums[i] = sum;
-        sum += value;
-    }
-}
-
-__kernel void scan_write(const __global uint *in,            /* [n], may be out */
-                         const __global uint *restrict sums, /* [chunks] scanned */
-                         __global uint *out,                 /* [n + 1] */
-                         uint n, uint chunk)
-{
-    const uint c = get_global_id(0);
+    __local uint scratch[2 * SG];
+    const uint c = get_group_id(0), lid = get_local_id(0);
     const uint begin = min(n, c * chunk), end = min(n, begin + chunk);
-    uint sum;
+    uint sum = n > chunk ? sums[c] : 0u;
 
-    if (begin >= n)
-        return;
-    sum = sums[c];
-    for (uint i = begin; i < end; i++) {
-        const uint value = in[i];
+    for (uint tile = begin; tile < end; tile += TILE) {
+        const uint first = min(end, tile + lid * ITEMS), last = min(end, first + ITEMS);
+        uint own = 0, total, at;
 
-        out[i] = sum;
-        sum += value;
+        for (uint i = first; i < last; i++)
+            own += in[i];
+        at = sum + group_scan(own, lid, scratch, &total);
+        for (uint i = first; i < last; i++) {
+            const uint value = in[i];
+
+            out[i] = at;
+            at += value;
+        }
+        sum += total;
     }
-    if (end == n)
+    if (end == n && lid == 0)
         out[n] = sum;
 }
 
-__kernel void sort_count(const __global key_type *restrict keys, /* [n] */
-                         __global uint *restrict counts,         /* [DIGITS][chunks] */
-                         uint n, uint chunk, uint chunks, uint shift)
+#if KEY_BITS == 64
+/* masks[chunk]: the bits in which keys of the chunk differ from the first key of all. */
+GROUP __kernel void sort_varying(const __global key_type *restrict keys, /* [n] */
+                                 __global ulong *restrict masks, uint n, uint chunk)
 {
-    const uint c = get_global_id(0);
+    __local key_type parts[SG];
+    const uint c = get_group_id(0), lid = get_local_id(0);
     const uint begin = min(n, c * chunk), end = min(n, begin + chunk);
-    uint digits[DIGITS];
+    const key_type first = keys[0];
+    key_type mask = 0;
 
-    if (c >= chunks)
+    for (uint i = begin + lid; i < end; i += SG)
+        mask |= keys[i] ^ first;
+    parts[lid] = mask;
+    SYNC();
+    if (lid > 0)
         return;
-    for (uint d = 0; d < DIGITS; d++)
-        digits[d] = 0;
-    for (uint i = begin; i < end; i++)
-        digits[(uint)(keys[i] >> shift) & (DIGITS - 1u)]++;
-    for (uint d = 0; d < DIGITS; d++)
-        counts[d * chunks + c] = digits[d];
+    for (uint i = 1; i < SG; i++)
+        mask |= parts[i];
+    masks[c] = mask;
+}
+#endif
+
+HELPER uint digit_of(key_type key, uint shift, uint mask, uint shift2, uint mask2)
+{
+    return ((uint)(key >> shift) & mask) | ((uint)(key >> shift2) & mask2);
 }
 
-__kernel void sort_scatter(const __global key_type *restrict keys, const __global uint *restrict values,
-                           const __global uint *restrict starts, /* [DIGITS][chunks] scanned */
-                           __global key_type *restrict keys_out, __global uint *restrict values_out,
-                           uint n, uint chunk, uint chunks, uint shift)
+GROUP __kernel void sort_count(const __global key_type *restrict keys, /* [n] */
+                               __global uint *restrict counts,         /* [digits][chunks] */
+                               uint n, uint chunk, uint chunks, uint digits, uint shift, uint mask, uint shift2, uint mask2)
 {
-    const uint c = get_global_id(0);
+    __local uint count[DIGITS];
+    const uint c = get_group_id(0), lid = get_local_id(0);
     const uint begin = min(n, c * chunk), end = min(n, begin + chunk);
-    uint digits[DIGITS];
 
-    if (c >= chunks)
-        return;
-    for (uint d = 0; d < DIGITS; d++)
-        digits[d] = starts[d * chunks + c];
-    for (uint i = begin; i < end; i++) {
-        const key_type key = keys[i];
-        const uint to = digits[(uint)(key >> shift) & (DIGITS - 1u)]++;
+    for (uint d = lid; d < digits; d += SG)
+        count[d] = 0;
+    SYNC();
+    for (uint i = begin + lid; i < end; i += SG)
+#if SG > 1
+        atomic_inc(&count[digit_of(keys[i], shift, mask, shift2, mask2)]);
+#else
+        count[digit_of(keys[i], shift, mask, shift2, mask2)]++;
+#endif
+    SYNC();
+    for (uint d = lid; d < digits; d += SG)
+        counts[d * chunks + c] = count[d];
+}
 
-        keys_out[to] = key;
-        values_out[to] = values[i];
+#define SCATTER_ARGUMENTS                                                                          \
+    const __global key_type *restrict keys, const __global uint *restrict values,                  \
+        const __global uint *restrict starts, /* [digits][chunks] scanned */                       \
+        __global key_type *restrict keys_out, __global uint *restrict values_out, uint n,          \
+        uint chunk, uint chunks, uint digits, uint shift, uint mask, uint shift2, uint mask2, uint stream
+
+#if SG == 1
+
+/* A digit's elements on their way out, place j of the output in slot j % LINE. */
+typedef struct __attribute__((aligned(64))) digit_line {
+    key_type keys[LINE];
+    uint values[LINE];
+    uint first, at; /* the chunk's places of this digit: its first one, the next one */
+} digit_line;
+
+/* Places from .. to - 1, one by one: the ends of what a chunk has of a digit. */
+HELPER void write_places(const __local digit_line *line, __global key_type *keys,
+                         __global uint *values, uint from, uint to)
+{
+    for (uint j = from; j < to; j++) {
+        keys[j] = line->keys[j % LINE];
+        values[j] = line->values[j % LINE];
     }
 }
+
+/* The whole line, to places from `from`, a multiple of LINE. */
+HELPER void write_line(const __local digit_line *line, __global key_type *keys,
+                       __global uint *values, uint from)
+{
+#pragma unroll
+    for (uint j = 0; j < LINE; j += 32u / sizeof(key_type))
+        STREAM(*(const __local key_vector *)(line->keys + j),
+               (__global key_vector *)(keys + from + j));
+#pragma unroll
+    for (uint j = 0; j < LINE; j += 8u)
+        STREAM(*(const __local uint8 *)(line->values + j), (__global uint8 *)(values + from + j));
+}
+
+GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
+{
+    __local uint at[DIGITS];
+    __local digit_line lines[LINES];
+    const uint c = get_group_id(0);
+    const uint begin = min(n, c * chunk), end = min(n, begin + chunk);
+
+    if (!STREAMS || !stream) {
+        for (uint d = 0; d < digits; d++)
+            at[d] = starts[d * chunks + c];
+        for (uint i = begin; i < end; i++) {
+            const key_type key = keys[i];
+            const uint to = at[digit_of(key, shift, mask, shift2, mask2)]++;
+
+            keys_out[to] = key;
+            values_out[to] = values[i];
+        }
+        return;
+    }
+    for (uint d = 0; d < digits; d++)
+        lines[d].first = lines[d].at = starts[d * chunks + c];
+    for (uint i = begin; i < end; i++) {
+        const key_type key = keys[i];
+        __local digit_line *line = &lines[digit_of(key, shift, mask, shift2, mask2)];
+        const uint to = line->at++;
+
+        line->keys[to % LINE] = key;
+        line->values[to % LINE] = values[i];
+        if (to % LINE == LINE - 1u) {
+            const uint from = to + 1u - LINE;
+
+            if (from >= line->first)
+                write_line(line, keys_out, values_out, from);
+            else /* the chunk before has the line's other places */
+                write_places(line, keys_out, values_out, line->first, to + 1u);
+        }
+    }
+    for (uint d = 0; d < digits; d++)
+        write_places(&lines[d], keys_out, values_out,
+                     max(lines[d].first, lines[d].at / LINE * LINE), lines[d].at);
+    STREAM_END();
+}
+
+#if KEY_BITS == 64
+/* After a pass by the keys' highest digit: group b sorts bucket b from the lowest digit up, in cache. A
+ * digit is key >> shifts[pass] & mask. The result is in `keys` after an even number of passes, else in
+ * `spare_keys`. The loop over elements is written for few registers. */
+GROUP __kernel void sort_buckets(__global key_type *keys, __global uint *values,
+                                 __global key_type *spare_keys, __global uint *spare_values,
+                                 const __global uint *restrict starts, /* [buckets * chunks + 1] */
+                                 const __global uint *restrict shifts, /* [passes] */
+                                 uint chunks, uint passes, uint mask)
+{
+    __local uint counts[2 * DIGITS];
+    const uint b = get_group_id(0), begin = starts[b * chunks], end = starts[(b + 1u) * chunks];
+
+    for (uint d = 0; d <= mask; d++)
+        counts[d] = 0;
+    for (uint i = begin; i < end; i++)
+        counts[(uint)(keys[i] >> shifts[0]) & mask]++;
+    for (uint p = 0; p < passes; p++) {
+        const uint odd = p % 2u, shift = shifts[p], next = shifts[min(p + 1u, passes - 1u)];
+        const __global key_type *from_keys = odd ? spare_keys : keys;
+        const __global uint *from_values = odd ? spare_values : values;
+        __global key_type *to_keys = odd ? keys : spare_keys;
+        __global uint *to_values = odd ? values : spare_values;
+        __local uint *at = counts + odd * DIGITS, *count = counts + (1u - odd) * DIGITS;
+        uint sum = begin;
+
+        for (uint d = 0; d <= mask; d++) {
+            const uint value = at[d];
+
+            at[d] = sum;
+            sum += value;
+            count[d] = 0;
+        }
+        for (uint i = begin; i < end; i++) {
+            const key_type key = from_keys[i];
+            const uint value = from_values[i];
+            const uint to = at[(uint)(key >> shift) & mask]++;
+
+            to_keys[to] = key;
+            to_values[to] = value;
+            count[(uint)(key >> next) & mask]++;
+        }
+    }
+}
+#endif
+
+#else
+
+GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
+{
+    __local key_type tile_keys[TILE];
+    __local uint tile_values[TILE];
+    __local ushort ranks[RANKS * SG]; /* [part of a digit][work-item] */
+    __local uint at[DIGITS], first[DIGITS], scratch[2 * SG];
+    const uint c = get_group_id(0), lid = get_local_id(0);
+    const uint begin = min(n, c * chunk), end = min(n, begin + chunk);
+
+    for (uint d = lid; d < digits; d += SG)
+        at[d] = starts[d * chunks + c];
+    for (uint tile = begin; tile < end; tile += TILE) {
+        const uint count = min(end - tile, TILE);
+
+        for (uint i = lid; i < count; i += SG) {
+            tile_keys[i] = keys[tile + i];
+            tile_values[i] = values[tile + i];
+        }
+        SYNC();
+        /* Stable counting sorts of the tile, from the digit's low end. */
+        for (uint shift_in = 0; (1u << shift_in) < digits; shift_in += RANK_BITS) {
+            const uint own = min(count, lid * ITEMS), mine = min(count, own + ITEMS) - own;
+            key_type held_keys[ITEMS];
+            uint held_values[ITEMS], part[ITEMS], rank[ITEMS], sum = 0, total;
+
+            for (uint r = 0; r < RANKS; r++)
+                ranks[r * SG + lid] = 0;
+            for (uint j = 0; j < mine; j++) {
+                held_keys[j] = tile_keys[own + j];
+                held_values[j] = tile_values[own + j];
+                part[j] = (digit_of(held_keys[j], shift, mask, shift2, mask2) >> shift_in) % RANKS * SG + lid;
+                rank[j] = ranks[part[j]]++;
+            }
+            SYNC();
+            for (uint r = 0; r < RANKS; r++)
+                sum += ranks[lid * RANKS + r];
+            sum = group_scan(sum, lid, scratch, &total);
+            for (uint r = 0; r < RANKS; r++) {
+                const uint value = ranks[lid * RANKS + r];
+
+                ranks[lid * RANKS + r] = (ushort)sum;
+                sum += value;
+            }
+            SYNC();
+            for (uint j = 0; j < mine; j++) {
+                const uint to = ranks[part[j]] + rank[j];
+
+                tile_keys[to] = held_keys[j];
+                tile_values[to] = held_values[j];
+            }
+            SYNC();
+        }
+        for (uint i = lid; i < count; i += SG) {
+            const uint d = digit_of(tile_keys[i], shift, mask, shift2, mask2);
+
+            if (i == 0 || digit_of(tile_keys[i - 1u], shift, mask, shift2, mask2) != d)
+                first[d] = i;
+        }
+        SYNC();
+        for (uint i = lid; i < count; i += SG) {
+            const key_type key = tile_keys[i];
+            const uint d = digit_of(key, shift, mask, shift2, mask2), to = at[d] + (i - first[d]);
+
+            keys_out[to] = key;
+            values_out[to] = tile_values[i];
+        }
+        SYNC();
+        for (uint i = lid; i < count; i += SG) {
+            const uint d = digit_of(tile_keys[i], shift, mask, shift2, mask2);
+
+            if (i + 1u == count || digit_of(tile_keys[i + 1u], shift, mask, shift2, mask2) != d)
+                at[d] += i + 1u - first[d];
+        }
+        SYNC();
+    }
+}
+
+#endif

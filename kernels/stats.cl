@@ -2,11 +2,13 @@
  * mean over samples that some training view sees, and the peak; from a training step, sums over its
  * samples of what composite.cl measured (float64 twins: tests/test_measure.c).
  *
- * MEASURES 0 | 1 | 3   numbers per sample (composite.cl);  LS   work-items per leaf
+ * MEASURES 0 | 1 | 3   numbers per sample (composite.cl)
+ * LS, SG               work-items per leaf of leaf_measure and of stats_leaf, SG a power of two
  */
 #ifndef MEASURES
 #define MEASURES 3
 #define LS 4
+#define SG 4
 #endif
 
 #define SUMS 3 /* pairs kept per leaf, whatever is measured */
@@ -34,25 +36,43 @@ __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
     seen[i] = found;
 }
 
-/* stats[leaf] = (mean of seen, peak); 0 for a leaf that nobody sees. */
-__kernel void stats_leaf(const __global ushort *restrict density, const __global uchar *restrict seen,
-                         __global float2 *restrict stats, uint cells, uint leaves)
+/* stats[leaf] = (mean of seen, peak); 0 for a leaf that nobody sees. One group per leaf, its partial sums
+ * added as a tree. */
+__kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
+stats_leaf(const __global ushort *restrict density, /* [leaf][cells] */
+           const __global uchar *restrict seen,     /* [leaf][cells] */
+           __global float2 *restrict stats, uint cells)
 {
-    const uint leaf = get_global_id(0);
+    __local float sums[SG], peaks[SG];
+    __local uint counts[SG];
+    const uint leaf = get_group_id(0), lid = get_local_id(0);
+    const size_t first = (size_t)leaf * cells;
     float sum = 0.0f, peak = 0.0f;
     uint count = 0;
 
-    if (leaf >= leaves)
-        return;
-    for (uint i = 0; i < cells; i++)
-        if (seen[(size_t)leaf * cells + i]) {
-            const float sigma = as_float((uint)density[(size_t)leaf * cells + i] << 16);
+    for (uint i = lid; i < cells; i += SG)
+        if (seen[first + i]) {
+            const float sigma = as_float((uint)density[first + i] << 16);
 
             sum += sigma;
             peak = fmax(peak, sigma);
             count++;
         }
-    stats[leaf] = (float2)(count ? sum / (float)count : 0.0f, peak);
+    sums[lid] = sum;
+    peaks[lid] = peak;
+    counts[lid] = count;
+#if SG > 1
+    for (uint half_group = SG / 2; half_group > 0; half_group /= 2) {
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (lid < half_group) {
+            sums[lid] += sums[lid + half_group];
+            peaks[lid] = fmax(peaks[lid], peaks[lid + half_group]);
+            counts[lid] += counts[lid + half_group];
+        }
+    }
+#endif
+    if (lid == 0)
+        stats[leaf] = (float2)(counts[0] ? sums[0] / (float)counts[0] : 0.0f, peaks[0]);
 }
 
 #if MEASURES > 0

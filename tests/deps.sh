@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs the Debian packages that are missing for: build, test, lint (any of them as arguments).
+# Installs the Debian packages that are missing for: build, test, lint, peers (any of them as arguments).
 # Names them before it installs; says and does nothing if all are there. "a|b" is satisfied by either
 # and installed as the first. Not a package manager for other systems: there it names what is needed.
 set -eu
@@ -7,6 +7,7 @@ set -eu
 build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
 test="libcmocka-dev glpk-utils"
 lint="clang-14|clang clang-format-14|clang-format"
+peers="g++"
 
 wanted=""
 for what in "$@"; do
@@ -14,8 +15,9 @@ for what in "$@"; do
     build) wanted="$wanted gcc|clang $build" ;;
     test) wanted="$wanted $test" ;;
     lint) wanted="$wanted $lint" ;;
+    peers) wanted="$wanted $peers" ;;
     *)
-        echo "usage: tests/deps.sh [build] [test] [lint]" >&2
+        echo "usage: tests/deps.sh [build] [test] [lint] [peers]" >&2
         exit 2
         ;;
     esac

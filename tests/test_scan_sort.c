@@ -1,6 +1,7 @@
 /* scan.cl and group.cl through their stages: prefix sums, the stable radix sort, samples grouped by leaf,
- * against plain loops on the host. Results are integers and must be equal. Sizes run round the chunk length of every parameter set,
- * from 0 up; keys have long runs of equals, so that instability shows in the values. */
+ * against plain loops on the host. Results are integers and must be equal. Sizes run round the chunk
+ * length of every parameter set, from 0 up, and over a million; keys have long runs of equals, so that
+ * instability shows in the values. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -26,11 +27,13 @@ static cln_pipeline *pipeline_of(int set)
     return test_pipeline(&tune_sets[set], &config, false, false);
 }
 
-/* 0, 1, around one chunk, around several, and many. */
-static int sizes_of(const cln_pipeline *p, uint32_t sizes[10])
+/* 0, 1, around one chunk (of the least size, and as large as the widest digit makes it), and many. */
+enum { MOST_SIZES = 12 };
+static int sizes_of(const cln_pipeline *p, uint32_t sizes[MOST_SIZES])
 {
-    const uint32_t chunk = (uint32_t)p->tune.chunk, group = chunk * (uint32_t)p->tune.wg;
-    const uint32_t all[] = {0, 1, chunk - 1, chunk, chunk + 1, 3 * chunk + 7, group + 1, 20011};
+    const uint32_t chunk = (uint32_t)p->tune.chunk, wide = CLN_SORT_PER_DIGIT << p->tune.db;
+    const uint32_t all[] = {0,        1,    2,        chunk - 1,    chunk, chunk + 1,
+                            wide - 1, wide, wide + 1, 3 * wide + 7, 20011};
 
     memcpy(sizes, all, sizeof all);
     return sizeof all / sizeof all[0];
@@ -70,12 +73,14 @@ static void test_scan(void **state)
     (void)state;
     for (int set = 0; set < TUNE_SETS; set++) {
         cln_pipeline *p = pipeline_of(set);
-        uint32_t sizes[10];
+        uint32_t sizes[MOST_SIZES];
 
         for (int i = 0, count = sizes_of(p, sizes); i < count; i++) {
             check_scan(p, sizes[i], false);
             check_scan(p, sizes[i], true);
         }
+        check_scan(p, 300007, false); /* several chunks for every set */
+        check_scan(p, 300007, true);
     }
 }
 
@@ -93,8 +98,69 @@ static int by_key_then_value(const void *a, const void *b)
     return x->value < y->value ? -1 : x->value > y->value;
 }
 
+typedef enum kind {
+    RANDOM,
+    FEW,      /* 37 different ones: long runs of equals */
+    EQUAL,    /* one key */
+    SORTED,   /* ascending, each key several times */
+    REVERSED, /* descending, likewise */
+    ONE_BIT,  /* differ in one bit in the middle */
+    TOP_BITS, /* differ in the three highest */
+    EXTREME,  /* 0, 1, the highest bit, all bits */
+    GAPS,     /* differ in every third bit */
+    RAYS,     /* ray << 32 | bits of a float in [2, 6], as splatting has them: 50 bits */
+    ISLANDS,  /* differ in three groups of bits, far apart: 50 bits */
+    ONE_LOW,  /* random low halves; of all keys but one the high half is 0 */
+    KINDS
+} kind;
+static const char *const kinds[KINDS] = {"random",   "few",     "equal",    "sorted",
+                                         "reversed", "one bit", "top bits", "extreme",
+                                         "gaps",     "rays",    "islands",  "one low"};
+
+/* Key i of n, in 64 bits; the highest `bits` of it are sorted by. */
+static uint64_t key_of(kind k, uint32_t i, uint32_t n)
+{
+    const uint64_t random = (uint64_t)random_bits(2 * (int)i) << 32 | random_bits(2 * (int)i + 1);
+    const uint64_t extremes[] = {0, (uint64_t)1 << 40, (uint64_t)1 << 63, ~(uint64_t)0};
+    const float t = 2 + 4 * (float)(random >> 40) * 0x1p-24f;
+    uint32_t t_bits = 0;
+
+    memcpy(&t_bits, &t, sizeof t_bits);
+    switch (k) {
+    case FEW:
+        return random % 37 * 0x9E3779B97F4A7C15ull;
+    case EQUAL:
+        return 0x9E3779B97F4A7C15ull;
+    case SORTED:
+        return (uint64_t)(i / 3) << 44;
+    case REVERSED:
+        return (uint64_t)((n - i) / 3) << 44;
+    case ONE_BIT:
+        return 0x9E3779B97F4A7C15ull ^ (random & (uint64_t)1 << 59);
+    case TOP_BITS:
+        return random >> 61 << 61;
+    case EXTREME:
+        return extremes[random % 4];
+    case GAPS:
+        return random & 0x9249249249249249ull;
+    case RAYS:
+        return ((uint64_t)cln_bounded((uint32_t)(random >> 8), 160000) << 32 | t_bits) << 14;
+    case ISLANDS:
+        return (random & 0x3FC00001FF1FFull) << 14;
+    case ONE_LOW:
+        return i == n / 2 ? random : random >> 32;
+    default:
+        return random;
+    }
+}
+
+static uint64_t junk(uint32_t i)
+{
+    return (uint64_t)random_bits((int)i) * 0x9E3779B97F4A7C15ull;
+}
+
 /* Values are the places before sorting, so a stable sort is the sort by (key, value). */
-static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, int spread)
+static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, kind k)
 {
     const size_t size = wide ? sizeof(uint64_t) : sizeof(uint32_t);
     cln_buffer keys[2] = {{0}, {0}}, values[2] = {{0}, {0}};
@@ -103,14 +169,11 @@ static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, int spr
     uint32_t *in_values = test_alloc(n, sizeof *in_values), *got_values = NULL;
 
     for (uint32_t i = 0; i < n; i++) {
-        const uint64_t random =
-            (uint64_t)random_bits(2 * (int)i) << 32 | random_bits(2 * (int)i + 1);
-
-        all[i].key =
-            (spread ? random % (uint64_t)spread * 0x9E3779B97F4A7C15ull : random) >> (64 - bits);
+        all[i].key = key_of(k, i, n) >> (64 - bits);
         all[i].value = in_values[i] = i;
-        if (wide)
-            memcpy(in_keys + i * size, &all[i].key, size);
+        if (wide) /* what is above the bits to sort by must not matter */
+            memcpy(in_keys + i * size, &(uint64_t){all[i].key | (bits < 64 ? junk(i) << bits : 0)},
+                   size);
         else
             memcpy(in_keys + i * size, &(uint32_t){(uint32_t)all[i].key}, size);
     }
@@ -128,10 +191,14 @@ static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, int spr
         uint64_t key = 0;
 
         memcpy(&key, got_keys + i * size, size); /* little endian, as the device */
+        if (got_values[i] < n && memcmp(&key, in_keys + got_values[i] * size, size) != 0)
+            fail_msg("sort of %u %s keys by %d bits: value %u has lost its key", n, kinds[k], bits,
+                     got_values[i]);
+        key &= ~(uint64_t)0 >> (64 - bits);
         if (key != all[i].key || got_values[i] != all[i].value)
-            fail_msg("sort of %u by %d bits: place %u has key %llx of %u, not %llx of %u", n, bits,
-                     i, (unsigned long long)key, got_values[i], (unsigned long long)all[i].key,
-                     all[i].value);
+            fail_msg("sort of %u %s keys by %d bits: place %u has key %llx of %u, not %llx of %u",
+                     n, kinds[k], bits, i, (unsigned long long)key, got_values[i],
+                     (unsigned long long)all[i].key, all[i].value);
     }
     for (int b = 0; b < 2; b++) {
         cln_buffer_free(p->device, &keys[b]);
@@ -151,15 +218,68 @@ static void test_sort(void **state)
     (void)state;
     for (int set = 0; set < TUNE_SETS; set++) {
         cln_pipeline *p = pipeline_of(set);
-        uint32_t sizes[10];
+        uint32_t sizes[MOST_SIZES];
 
         for (int i = 0, count = sizes_of(p, sizes); i < count; i++) {
             for (int b = 0; b < 5; b++)
-                check_sort(p, sizes[i], narrow_bits[b], false, b % 2 ? 0 : 37);
+                check_sort(p, sizes[i], narrow_bits[b], false, b % 2 ? RANDOM : FEW);
             for (int b = 0; b < 4; b++)
-                check_sort(p, sizes[i], wide_bits[b], true, b % 2 ? 0 : 37);
+                check_sort(p, sizes[i], wide_bits[b], true, b % 2 ? RANDOM : FEW);
+        }
+        for (kind k = 0; k < KINDS; k++) {
+            check_sort(p, 5003, 32, false, k);
+            check_sort(p, 5003, 64, true, k);
+            check_sort(p, 40009, 64, true, k); /* enough to look which bits vary */
         }
     }
+}
+
+/* A million and more: whole lines are written, buckets sorted; and where they cannot be, since one would
+ * be too large. */
+static void test_large_sort(void **state)
+{
+    const uint32_t n = (1u << 20) + 77;
+
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++) {
+        cln_pipeline *p = pipeline_of(set);
+
+        check_sort(p, n, 64, true, RANDOM);
+        check_sort(p, n, 50, true, RAYS);
+        check_sort(p, n, 50, true, ISLANDS);
+        check_sort(p, n, 64, true, ONE_LOW);
+        check_sort(p, n, 32, false, RANDOM);
+        for (kind k = 0; set == 0 && k < KINDS; k++)
+            check_sort(p, n, 64, true, k);
+    }
+}
+
+/* Keys that are all the same take no pass, so the spare buffers stay as they were. */
+static void test_no_pass(void **state)
+{
+    enum { N = 40009 };
+    cln_pipeline *p = pipeline_of(0);
+    cln_buffer keys[2] = {{0}, {0}}, values[2] = {{0}, {0}};
+    uint64_t *in_keys = test_alloc(N, sizeof *in_keys);
+    unsigned char *spare = NULL;
+
+    (void)state;
+    for (int i = 0; i < N; i++)
+        in_keys[i] = 0x123456789ABCDEFull;
+    for (int b = 0; b < 2; b++) {
+        test_fill(p->device, &keys[b], b ? NULL : in_keys, N * sizeof *in_keys);
+        test_fill(p->device, &values[b], NULL, N * sizeof(uint32_t));
+    }
+    assert_ok(cln_stage_sort(p, keys, values, N, 64, true, CLN_STAGE_SORT));
+    spare = test_read(p->device, &keys[1], N * sizeof *in_keys, "spare keys");
+    for (size_t i = 0; i < N * sizeof *in_keys; i++)
+        assert_int_equal(spare[i], 0xFF);
+    for (int b = 0; b < 2; b++) {
+        cln_buffer_free(p->device, &keys[b]);
+        cln_buffer_free(p->device, &values[b]);
+    }
+    free(in_keys);
+    free(spare);
 }
 
 /* ---- samples grouped by leaf ---- */
@@ -251,8 +371,8 @@ static void test_grouping(void **state)
 int test_group_scan_sort(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_scan),
-        cmocka_unit_test(test_sort),
+        cmocka_unit_test(test_scan),       cmocka_unit_test(test_sort),
+        cmocka_unit_test(test_large_sort), cmocka_unit_test(test_no_pass),
         cmocka_unit_test(test_grouping),
     };
 

@@ -472,18 +472,17 @@ static void test_splat_like_gather(void **state)
 }
 
 /* stats.cl: which cells some training view sees, and mean and peak of each leaf over them. */
-static void test_stats(void **state)
+static void check_stats(const tune_set *set)
 {
     const cln_config config = config_of(8, CLN_LISTS_CSR);
     const int cells = 8 * 8 * 8;
-    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+    cln_pipeline *p = test_pipeline(set, &config, false, false);
     float *stats = NULL, *boxes = NULL;
     double *want = NULL;
     uint8_t *seen = NULL;
     int leaves = 0, wrong = 0, unseen = 0;
     splat_run run;
 
-    (void)state;
     run_splat(p, &config, false, 1 << 24, &run);
     leaves = run.model.tree.leaf_count;
     assert_ok(cln_octree_boxes(&run.model.tree, &boxes));
@@ -539,6 +538,13 @@ static void test_stats(void **state)
     free(seen);
     free(boxes);
     free_run(&run);
+}
+
+static void test_stats(void **state)
+{
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++)
+        check_stats(&tune_sets[set]);
 }
 
 int test_group_splat(void)

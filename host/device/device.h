@@ -12,16 +12,18 @@
 
 /* Tuning parameters: X(field, name, cpu, gpu, min, max, meaning). From this list: the struct, the
  * defaults, the parser of "VW=8,TS=6" and its range check, the text form. */
-#define CLN_TUNE_LIST(X)                                                             \
-    X(vw, "VW", 0, 1, 1, 16, "floats per vector; cpu 0 = the device's native width") \
-    X(nv, "NV", 2, 1, 1, 8, "vectors per work-item in a tile")                       \
-    X(ls, "LS", 1, 64, 1, 1024, "work-items of a network work-group")                \
-    X(ts, "TS", 6, 8, 1, 32, "samples of a register tile")                           \
-    X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")      \
-    X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")      \
-    X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")      \
-    X(chunk, "CHUNK", 1024, 64, 16, 65536, "elements a work-item takes in turn")     \
-    X(native, "NATIVE", 0, 0, 0, 1, "native_exp and the like in networks")           \
+#define CLN_TUNE_LIST(X)                                                                           \
+    X(vw, "VW", 0, 1, 1, 16, "floats per vector; cpu 0 = the device's native width")               \
+    X(nv, "NV", 2, 1, 1, 8, "vectors per work-item in a tile")                                     \
+    X(ls, "LS", 1, 64, 1, 1024, "work-items of a network work-group")                              \
+    X(ts, "TS", 6, 8, 1, 32, "samples of a register tile")                                         \
+    X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")                    \
+    X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")                    \
+    X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")                    \
+    X(sg, "SG", 1, 256, 1, 1024, "work-items of a scan, sort or sum group; 2^k")                   \
+    X(db, "DB", 12, 8, 1, 12, "most bits of a digit of the sort")                                  \
+    X(chunk, "CHUNK", 1024, 2048, 16, 65536, "fewest elements a scan or sort group takes in turn") \
+    X(native, "NATIVE", 0, 0, 0, 1, "native_exp and the like in networks")                         \
     X(half, "HALF", 0, 0, 0, 1, "activations kept for backward in 16 bits")
 
 typedef struct cln_tune {

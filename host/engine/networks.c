@@ -221,9 +221,9 @@ cln_status cln_stage_stats(cln_pipeline *p, float *stats)
     const size_t bytes = (size_t)leaves * 2 * sizeof(float);
 
     CLN_TRY(cln_buffer_reserve(p->device, &p->leaf_stats, bytes, "leaf statistics"));
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, leaves, 1,
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, leaves, (size_t)p->tune.sg,
                        CLN_ARG(p->density.mem), CLN_ARG(p->seen.mem), CLN_ARG(p->leaf_stats.mem),
-                       CLN_ARG(cells), CLN_ARG(leaves)));
+                       CLN_ARG(cells)));
     CLN_TRY(cln_buffer_read(p->device, &p->leaf_stats, 0, stats, bytes));
 done:
     return st;

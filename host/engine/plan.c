@@ -47,7 +47,7 @@ static int largest_row(const cln_plan *plan)
 typedef struct sizes {
     double leaves, params, acts, cells, measures; /* params and acts: bytes */
     double rays, extra_rays, samples, slices, points;
-    double chunk, slice;
+    double widest, sums, slice; /* counts of a digit of the sort, bytes of a scan's sums */
     bool distil;
 } sizes;
 
@@ -57,10 +57,10 @@ static double passages(void)
     return 3.0 * (1 << CLN_MAX_LEVEL);
 }
 
-/* Bytes of a radix sort's digit counts for n elements. */
-static double digits(double n, double chunk)
+/* Bytes of a radix sort's digit counts for n elements (sort.c). */
+static double digits(double n, double widest)
 {
-    return 4 * (256 * ceil(n / chunk) + 1);
+    return 4 * (n / CLN_SORT_PER_DIGIT + widest + 1);
 }
 
 /* Most slices that n samples make: one a leaf that has any, and one for every `slice` samples. */
@@ -82,7 +82,7 @@ static double samples_of(double most, double leaves, double slice)
 static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest)
 {
     const cln_config *c = &d->pipeline->config;
-    double per_sample = fmax(16, 4 * 256 / s->chunk), least = passages() * c->samples_per_leaf;
+    double per_sample = 16, least = passages() * c->samples_per_leaf;
     double wanted = c->batch_samples, room = 0;
 
     if (d->training) {
@@ -118,7 +118,8 @@ static sizes find_sizes(const cln_plan_desc *d)
                .cells = (double)c->n1 * c->n1 * c->n1,
                .measures = d->training ? cln_pipeline_measures(c) : 0,
                .extra_rays = d->training ? cln_pipeline_extra_rays(p) : 0,
-               .chunk = p->tune.chunk,
+               .widest = 1 << p->tune.db,
+               .sums = 8.0 * CLN_SORT_PARTS * (p->device->info.compute_units + 1) + 512,
                .slice = p->tune.sl,
                .distil = d->training && c->adaptive && !c->tree_from[0]};
 
@@ -171,8 +172,8 @@ static void add_samples(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     for (int i = 0; i < (s->distil ? 5 : 4); i++)
         add(out, 4 * n); /* keys and values twice, losses */
     add(out, 16 * s->slices);
-    add(out, digits(n, s->chunk));
-    add(out, digits(n, s->chunk) / s->chunk + 64); /* sums of the scans */
+    add(out, digits(n, s->widest));
+    add(out, s->sums);
 }
 
 static void add_rays(const cln_plan_desc *d, const sizes *s, cln_plan *out)
@@ -276,7 +277,7 @@ static void add_splatting(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     const cln_config *c = &d->pipeline->config;
     const double views = d->training ? c->views_per_batch : 1, levels = CLN_MAX_LEVEL + 1;
     const double runs = ceil(s->leaves * s->cells / 4096);
-    const double scratch = 4 * 256 / s->chunk; /* of the sort, bytes an element */
+    const double scratch = 4.0 / CLN_SORT_PER_DIGIT; /* of the sort, bytes an element */
     double entries = 0, most = 0, room = 0;
     cln_plan host = {.count = 0};
 
@@ -292,7 +293,7 @@ static void add_splatting(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add_host(d, s, &host);
         room = fmin(room, host.limit - host.total - out->total);
     }
-    entries = 0.5 * room / (32 + scratch);
+    entries = (0.5 * room - digits(0, s->widest)) / (32 + scratch);
     entries = fmax(1, fmin(fmin(entries, most), 1u << 28));
     out->max_entries = (size_t)entries;
     row(out, "projected samples", "--n1, or use --stage1 gather");
@@ -301,8 +302,8 @@ static void add_splatting(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, 4 * entries); /* values */
         add(out, 4 * entries); /* t, sigma */
     }
-    add(out, digits(entries, s->chunk));
-    add(out, digits(entries, s->chunk) / s->chunk + 64);
+    add(out, digits(entries, s->widest));
+    add(out, s->sums);
 }
 
 void cln_plan_device(const cln_plan_desc *d, cln_plan *out)

@@ -44,6 +44,17 @@ static size_t bytes_per_sample(const cln_network *net)
            (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 2 + 6);
 }
 
+/* Local memory of the largest work-group of scan.cl with 64-bit keys: SG = 1, places and counts of digits
+ * and lines of output; else a tile and its ranks. */
+static size_t sort_local(const cln_tune *tune, int line_bits)
+{
+    const size_t sg = (size_t)tune->sg, digits = (size_t)1 << tune->db;
+
+    if (sg == 1)
+        return digits * 8 + ((size_t)1 << line_bits) * 256;
+    return digits * 8 + sg * (8 * (8 + 4) + 16 * 2 + 2 * 4);
+}
+
 /* Least common multiple of small numbers. */
 static int common(int a, int b)
 {
@@ -81,6 +92,23 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
     while (tune->nb > step && (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->nb -= step;
     tune->sl = tune->sl < tune->nb ? tune->nb : tune->sl / tune->nb * tune->nb;
+}
+
+/* A power of two of work-items and digits that fit the local memory. */
+static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
+{
+    const size_t local = device->local_mem * 7 / 8;
+
+    *line_bits = 10;
+    while (tune->sg & (tune->sg - 1))
+        tune->sg &= tune->sg - 1;
+    while (tune->sg > 1 &&
+           ((size_t)tune->sg > device->max_group || sort_local(tune, *line_bits) > local))
+        tune->sg /= 2;
+    while (*line_bits > 4 && sort_local(tune, *line_bits) > local)
+        --*line_bits;
+    while (tune->db > 4 && sort_local(tune, *line_bits) > local)
+        tune->db--;
 }
 
 /* Text that grows; a failed allocation shows up in `st`. */
@@ -133,6 +161,8 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     t.st = cln_alloc(&t.text, t.capacity, 1, "kernel defines");
     line(&t, "#define VW %d\n#define NV %d\n#define LS %d\n#define TS %d\n#define NB %d", tune->vw,
          tune->nv, tune->ls, tune->ts, tune->nb);
+    line(&t, "#define SG %d\n#define DB %d\n#define LINE_BITS %d", tune->sg, tune->db,
+         p->line_bits);
     line(&t, "#define WIDTH %d\n#define DEPTH %d\n#define BANDS %d\n#define ENC_PAD %d", net->width,
          net->depth, net->bands, net->enc_pad);
     line(&t, "#define SKIP (%d)", net->skip_layer);
@@ -180,6 +210,7 @@ static cln_status create(cln_device *device, const cln_config *config, bool dist
     CLN_TRY(cln_network_layout(config, &out->net));
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);
+    fit_sort(device, &out->tune, &out->line_bits);
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         st =
             cln_fail(CLN_MEMORY,
@@ -206,6 +237,9 @@ static cln_status create(cln_device *device, const cln_config *config, bool dist
         BUILD(splat);
         CLN_TRY(cln_program_build(device, "scan", wide, &out->sort64));
         CLN_SPLAT_KERNEL_LIST(X)
+        CLN_TRY(cln_kernel_create(&out->sort64, "sort_varying", &out->k.sort64_varying));
+        if (out->tune.sg == 1)
+            CLN_TRY(cln_kernel_create(&out->sort64, "sort_buckets", &out->k.sort64_buckets));
         CLN_TRY(cln_kernel_create(&out->sort64, "sort_count", &out->k.sort64_count));
         CLN_TRY(cln_kernel_create(&out->sort64, "sort_scatter", &out->k.sort64_scatter));
     }
@@ -287,6 +321,8 @@ void cln_pipeline_free(cln_pipeline *p)
     CLN_MEASURE_KERNEL_LIST(X)
     CLN_DISTIL_KERNEL_LIST(X)
 #undef X
+    cln_kernel_free(&p->k.sort64_varying);
+    cln_kernel_free(&p->k.sort64_buckets);
     cln_kernel_free(&p->k.sort64_count);
     cln_kernel_free(&p->k.sort64_scatter);
     cln_program_free(&p->scan);

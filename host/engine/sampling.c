@@ -1,75 +1,10 @@
-/* Stages from pixels to samples: rays, intervals, stage-2 samples; scan and sort under them. */
+/* Stages from pixels to samples: rays, intervals, stage-2 samples. */
 #include "engine/stages.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
-
-cln_status cln_stage_scan(cln_pipeline *p, const cln_buffer *in, const cln_buffer *out, uint32_t n,
-                          cln_stage stage, uint32_t *total)
-{
-    cln_status st = CLN_OK;
-    cln_device *device = p->device;
-    const cl_uint count = n, chunk = (cl_uint)p->tune.chunk;
-    const cl_uint chunks = (cl_uint)cln_groups(n, chunk);
-    const size_t wg = 1;
-
-    CLN_TRY(cln_buffer_reserve(device, &p->sums, (chunks + 1) * sizeof(cl_uint), "scan sums"));
-    if (n == 0)
-        CLN_TRY(cln_buffer_zero(device, out, sizeof(cl_uint)));
-    CLN_TRY(CLN_LAUNCH(device, p->k.scan_sums, stage, chunks, wg, CLN_ARG(in->mem),
-                       CLN_ARG(p->sums.mem), CLN_ARG(count), CLN_ARG(chunk)));
-    CLN_TRY(CLN_LAUNCH(device, p->k.scan_chunks, stage, n ? 1 : 0, 1, CLN_ARG(p->sums.mem),
-                       CLN_ARG(chunks)));
-    CLN_TRY(CLN_LAUNCH(device, p->k.scan_write, stage, chunks, wg, CLN_ARG(in->mem),
-                       CLN_ARG(p->sums.mem), CLN_ARG(out->mem), CLN_ARG(count), CLN_ARG(chunk)));
-    if (total)
-        CLN_TRY(cln_buffer_read(device, out, (size_t)n * sizeof(cl_uint), total, sizeof *total));
-done:
-    return st;
-}
-
-static void swap(cln_buffer pair[2])
-{
-    const cln_buffer first = pair[0];
-
-    pair[0] = pair[1];
-    pair[1] = first;
-}
-
-cln_status cln_stage_sort(cln_pipeline *p, cln_buffer *keys, cln_buffer *values, uint32_t n,
-                          int bits, bool wide, cln_stage stage)
-{
-    cln_status st = CLN_OK;
-    cln_device *device = p->device;
-    const cl_uint count = n, chunk = (cl_uint)p->tune.chunk;
-    const cl_uint chunks = (cl_uint)cln_groups(n, chunk);
-    const size_t key_bytes = wide ? sizeof(cl_ulong) : sizeof(cl_uint);
-    cl_kernel count_kernel = wide ? p->k.sort64_count : p->k.sort_count;
-    cl_kernel scatter_kernel = wide ? p->k.sort64_scatter : p->k.sort_scatter;
-
-    if (n == 0)
-        return CLN_OK;
-    CLN_TRY(cln_buffer_reserve(device, &keys[1], n * key_bytes, "sort keys"));
-    CLN_TRY(cln_buffer_reserve(device, &values[1], n * sizeof(cl_uint), "sort values"));
-    CLN_TRY(cln_buffer_reserve(device, &p->digit_counts,
-                               (256 * (size_t)chunks + 1) * sizeof(cl_uint), "sort counts"));
-    for (cl_uint shift = 0; (int)shift < bits; shift += 8) {
-        CLN_TRY(CLN_LAUNCH(device, count_kernel, stage, chunks, 1, CLN_ARG(keys[0].mem),
-                           CLN_ARG(p->digit_counts.mem), CLN_ARG(count), CLN_ARG(chunk),
-                           CLN_ARG(chunks), CLN_ARG(shift)));
-        CLN_TRY(cln_stage_scan(p, &p->digit_counts, &p->digit_counts, 256 * chunks, stage, NULL));
-        CLN_TRY(CLN_LAUNCH(device, scatter_kernel, stage, chunks, 1, CLN_ARG(keys[0].mem),
-                           CLN_ARG(values[0].mem), CLN_ARG(p->digit_counts.mem),
-                           CLN_ARG(keys[1].mem), CLN_ARG(values[1].mem), CLN_ARG(count),
-                           CLN_ARG(chunk), CLN_ARG(chunks), CLN_ARG(shift)));
-        swap(keys);
-        swap(values);
-    }
-done:
-    return st;
-}
 
 cln_status cln_stage_rays(cln_pipeline *p, int n)
 {

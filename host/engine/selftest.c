@@ -113,8 +113,8 @@ typedef struct shape {
 static const shape shapes[] = {
     {"fast preset", "fast", NULL, false, false, false, true},
     {"width 16", "fast", NULL, true, true, true, true},
-    {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64", true, false,
-     true, false},
+    {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=64,DB=8,CHUNK=64",
+     true, false, true, false},
     {"paper preset", "paper", NULL, false, true, false, false},
 };
 

@@ -18,8 +18,9 @@ cln_status cln_check_scan(cln_checks *c)
 {
     cln_status st = CLN_OK;
     cln_device *device = c->p->device;
-    const uint32_t chunk = (uint32_t)c->p->tune.chunk, sizes[] = {0, 1, chunk - 1, 3 * chunk + 7};
-    const uint32_t most = sizes[3];
+    const uint32_t chunk = (uint32_t)c->p->tune.chunk,
+                   sizes[] = {0, 1, chunk - 1, 3 * chunk + 7, 6 * chunk + 40009};
+    const uint32_t most = sizes[4];
     uint32_t *in = NULL, *out = NULL, total = 0, wrong = 0;
     cln_buffer from = {0}, to = {0};
 
@@ -28,7 +29,7 @@ cln_status cln_check_scan(cln_checks *c)
     for (uint32_t i = 0; i < most; i++)
         in[i] = bits_of(2, i);
     CLN_TRY(cln_check_put(device, &from, in, most * sizeof *in));
-    for (int s = 0; s < 4; s++) {
+    for (int s = 0; s < 5; s++) {
         const uint32_t n = sizes[s];
         uint32_t sum = 0;
 
@@ -71,36 +72,39 @@ done:
     return st;
 }
 
+/* Sorted, stable (values are the places before), and every value still with its key. Of wide keys so many
+ * that the bits which vary are looked for. */
 cln_status cln_check_sort(cln_checks *c, bool wide)
 {
-    enum { N = 5003, VALUES = 97 };
+    enum { VALUES = 97 };
     cln_status st = CLN_OK;
+    const uint32_t n = wide ? 33333 : 5003;
     cln_device *device = c->p->device;
-    const size_t bytes = N * (wide ? sizeof(uint64_t) : sizeof(uint32_t));
+    const size_t bytes = n * (wide ? sizeof(uint64_t) : sizeof(uint32_t));
     uint64_t *keys = NULL, *got = NULL;
     uint32_t *narrow = NULL, *values = NULL, wrong = 0;
     cln_buffer key_buffers[2] = {{0}, {0}}, value_buffers[2] = {{0}, {0}};
 
-    CLN_TRY(cln_alloc(&keys, N, sizeof *keys, "self-test"));
-    CLN_TRY(cln_alloc(&got, N, sizeof *got, "self-test"));
-    CLN_TRY(cln_alloc(&narrow, N, sizeof *narrow, "self-test"));
-    CLN_TRY(cln_alloc(&values, N, sizeof *values, "self-test"));
-    for (uint32_t i = 0; i < N; i++) {
+    CLN_TRY(cln_alloc(&keys, n, sizeof *keys, "self-test"));
+    CLN_TRY(cln_alloc(&got, n, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&narrow, n, sizeof *narrow, "self-test"));
+    CLN_TRY(cln_alloc(&values, n, sizeof *values, "self-test"));
+    for (uint32_t i = 0; i < n; i++) {
         keys[i] = (uint64_t)(bits_of(3, i) % VALUES) * 0x9E3779B97F4A7C15ull >> (wide ? 12 : 40);
         narrow[i] = (uint32_t)keys[i];
         values[i] = i;
     }
     CLN_TRY(cln_check_put(device, &key_buffers[0], wide ? (void *)keys : narrow, bytes));
-    CLN_TRY(cln_check_put(device, &value_buffers[0], values, N * sizeof *values));
+    CLN_TRY(cln_check_put(device, &value_buffers[0], values, n * sizeof *values));
     CLN_TRY(
-        cln_stage_sort(c->p, key_buffers, value_buffers, N, wide ? 52 : 24, wide, CLN_STAGE_OTHER));
+        cln_stage_sort(c->p, key_buffers, value_buffers, n, wide ? 52 : 24, wide, CLN_STAGE_OTHER));
     CLN_TRY(cln_buffer_read(device, &key_buffers[0], 0, wide ? (void *)got : narrow, bytes));
-    CLN_TRY(cln_buffer_read(device, &value_buffers[0], 0, values, N * sizeof *values));
-    for (uint32_t i = 0; i < N && !wide; i++)
+    CLN_TRY(cln_buffer_read(device, &value_buffers[0], 0, values, n * sizeof *values));
+    for (uint32_t i = 0; i < n && !wide; i++)
         got[i] = narrow[i];
-    CLN_TRY(cln_check_sorted(keys, got, values, N, &wrong));
-    cln_check_say(c, wide ? "sort, 64 bit" : "sort, 32 bit", wrong == 0, "%u of %d places wrong",
-                  wrong, N);
+    CLN_TRY(cln_check_sorted(keys, got, values, n, &wrong));
+    cln_check_say(c, wide ? "sort, 64 bit" : "sort, 32 bit", wrong == 0, "%u of %u places wrong",
+                  wrong, n);
 done:
     for (int b = 0; b < 2; b++) {
         cln_buffer_free(device, &key_buffers[b]);

@@ -23,7 +23,6 @@
 /* X(kernel, program): every kernel of the pipeline. */
 #define CLN_KERNEL_LIST(X)        \
     X(scan_sums, scan)            \
-    X(scan_chunks, scan)          \
     X(scan_write, scan)           \
     X(sort_count, scan)           \
     X(sort_scatter, scan)         \
@@ -72,8 +71,9 @@ typedef struct cln_pipeline {
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* where from, as a phrase */
-    bool distortion;               /* built in */
-    bool ray_background;           /* one background per ray (random_background with alpha) */
+    int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
+    bool distortion;     /* built in */
+    bool ray_background; /* one background per ray (random_background with alpha) */
 
     cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise,
         distil;
@@ -85,7 +85,7 @@ typedef struct cln_pipeline {
         CLN_MEASURE_KERNEL_LIST(X)
         CLN_DISTIL_KERNEL_LIST(X)
 #undef X
-        cl_kernel sort64_count, sort64_scatter;
+        cl_kernel sort64_varying, sort64_count, sort64_scatter, sort64_buckets;
     } k;
 
     /* The tree and its networks. */
@@ -244,8 +244,12 @@ cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups
 cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *group);
 void cln_stage_splat_release(cln_pipeline *p); /* frees what grows with the entries */
 
-/* Primitives (scan.cl). scan: out[0..n] of in[0..n-1]; *total (may be NULL) reads back out[n].
- * sort: stable by the low `bits` bits of the keys [2], values [2]; the result is again in keys[0], values[0]. */
+/* Elements of the sort per entry of its table of counts, and most chunks per compute unit. */
+enum { CLN_SORT_PER_DIGIT = 4, CLN_SORT_PARTS = 8 };
+
+/* Primitives (sort.c, scan.cl). scan: out[0..n] of in[0..n-1]; *total (may be NULL) reads back out[n].
+ * sort: stable by the low `bits` bits of the keys [2], values [2]; the result is again in keys[0], values[0].
+ * Of many 64-bit keys it reads back in which bits they differ, and leaves out the others. */
 cln_status cln_stage_scan(cln_pipeline *p, const cln_buffer *in, const cln_buffer *out, uint32_t n,
                           cln_stage stage, uint32_t *total);
 cln_status cln_stage_sort(cln_pipeline *p, cln_buffer *keys, cln_buffer *values, uint32_t n,
