@@ -16,7 +16,7 @@ enum { REPEATS = 5, LONG_REPEATS = 3, ROWS = 1024 };
 /* Beyond the caches, there and back. */
 static size_t copy_bytes(const bench *b)
 {
-    return (size_t)(b->device->tune.ls == 1 ? 64 : 256) << 20;
+    return (size_t)(b->usual.ls == 1 ? 64 : 256) << 20;
 }
 
 typedef struct probe {
@@ -54,8 +54,8 @@ done:
 static cln_status probe_ceilings(bench *b, double *fma, double *copy)
 {
     cln_status st = CLN_OK;
-    const bool cpu = b->device->tune.ls == 1;
-    const size_t vector = (size_t)b->device->tune.vw * sizeof(float);
+    const bool cpu = b->usual.ls == 1;
+    const size_t vector = (size_t)b->usual.vw * sizeof(float);
     probe f = {.b = b,
                .rounds = cpu ? 1000000 : 20000,
                .groups = (size_t)b->device->info.compute_units * (cpu ? 8 : 32),
@@ -68,8 +68,8 @@ static cln_status probe_ceilings(bench *b, double *fma, double *copy)
     CLN_TRY(fma_body(&f));
     middle = cln_now();
     CLN_TRY(copy_body(&c));
-    *fma = fmax(*fma, 2.0 * 12 * b->device->tune.vw * (double)f.rounds *
-                          (double)(f.groups * f.local) / (middle - start));
+    *fma = fmax(*fma, 2.0 * 12 * b->usual.vw * (double)f.rounds * (double)(f.groups * f.local) /
+                          (middle - start));
     *copy = fmax(*copy, 2.0 * (double)(c.groups * c.local * (size_t)c.rounds * vector) /
                             (cln_now() - middle));
 done:
@@ -81,9 +81,12 @@ cln_status bench_open(bench *b, const cln_device_desc *desc)
     cln_status st = CLN_OK;
     char defines[32];
 
-    CLN_TRY(cln_device_open(desc, &b->device));
+    CLN_TRY(cln_device_open(&(cln_device_desc){.spec = desc->spec, .kernel_dir = desc->kernel_dir},
+                            &b->device));
+    b->usual = b->device->tune;
+    CLN_TRY(cln_tune_parse(desc->tune ? desc->tune : "", &b->device->tune));
     CLN_TRY(cln_alloc(&b->rows, ROWS, sizeof *b->rows, "rows"));
-    snprintf(defines, sizeof defines, "#define VW %d\n", b->device->tune.vw);
+    snprintf(defines, sizeof defines, "#define VW %d\n", b->usual.vw);
     CLN_TRY(cln_program_build(b->device, "peak", defines, &b->peak));
     CLN_TRY(cln_kernel_create(&b->peak, "peak_fma", &b->peak_fma));
     CLN_TRY(cln_kernel_create(&b->peak, "peak_copy", &b->peak_copy));

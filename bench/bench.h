@@ -61,7 +61,8 @@ enum { BENCH_PARTS = 8 }; /* most parts of a family */
 typedef struct bench {
     cln_device *device;
     double budget; /* seconds of timing a row */
-    /* probes of the ceilings */
+    /* probes of the ceilings: with the device's usual vectors, whatever --tune says */
+    cln_tune usual;
     cln_program peak;
     cl_kernel peak_fma, peak_copy;
     cln_buffer in, out;
