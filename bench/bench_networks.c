@@ -169,6 +169,7 @@ static cln_status make_samples(network_run *r, int per_leaf)
     CLN_TRY(cln_pipeline_samples(p, r->samples, r->n));
     CLN_TRY(cln_check_put(p->device, &p->dout, r->dout, n * sizeof *r->dout));
     CLN_TRY(cln_stage_group(p, r->n, &r->slice_count));
+    CLN_TRY(cln_stage_slices(p, &r->slice_count));
     CLN_TRY(cln_alloc(&r->slices, r->slice_count, sizeof *r->slices, "bench"));
     CLN_TRY(
         cln_buffer_read(p->device, &p->slices, 0, r->slices, r->slice_count * sizeof *r->slices));

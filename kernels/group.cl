@@ -1,7 +1,9 @@
 /* Samples grouped by leaf, so that a work-group meets one leaf's weights (method.md 8): after a stable
  * sort by slot, leaves own runs of samples; runs are cut into slices of at most `slice` samples.
  *
- *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices */
+ *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices
+ *
+ * The host does not know how many slices there are, only the most there can be: the rest are empty ones. */
 
 __kernel void group_keys(const __global cln_sample *restrict samples, __global uint *restrict keys,
                          __global uint *restrict values, uint n)
@@ -39,10 +41,16 @@ __kernel void group_slice_counts(const __global uint *restrict begin, const __gl
 
 __kernel void group_slices(const __global uint *restrict begin, const __global uint *restrict end,
                            const __global uint *restrict starts, /* [leaf + 1] */
-                           __global cln_slice *restrict slices, uint leaves, uint slice)
+                           __global cln_slice *restrict slices, /* [most] */
+                           uint leaves, uint slice, uint most)
 {
     const uint leaf = get_global_id(0);
 
+    if (leaf < most && leaf >= starts[leaves]) {
+        const cln_slice none = {0, 0u, 0u, 0u};
+
+        slices[leaf] = none;
+    }
     if (leaf >= leaves)
         return;
     for (uint s = starts[leaf], at = begin[leaf]; s < starts[leaf + 1u]; s++, at += slice) {

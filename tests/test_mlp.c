@@ -279,6 +279,7 @@ static void upload(cln_pipeline *p, const mlp_data *d, uint32_t *slices)
     test_fill(p->device, &p->ray_d, d->ray_d, d->n * sizeof *d->ray_d);
     test_fill(p->device, &p->dout, d->dout, d->n * sizeof *d->dout);
     assert_ok(cln_stage_group(p, d->n, slices));
+    assert_ok(cln_stage_slices(p, slices));
 }
 
 /* Bounds: about ten times the worst measured over all cases and sets. */

@@ -287,7 +287,7 @@ static void test_no_pass(void **state)
 /* Samples of each leaf in their own order, in slices that cover every sample once. */
 static void check_groups(cln_pipeline *p, const int *counts, int leaves)
 {
-    uint32_t n = 0, at = 0, slices = 0, *order = NULL, *begin = NULL, *end = NULL;
+    uint32_t n = 0, at = 0, slices = 0, most = 0, *order = NULL, *begin = NULL, *end = NULL;
     cln_sample *samples = NULL;
     cln_slice *slice = NULL;
 
@@ -315,12 +315,14 @@ static void check_groups(cln_pipeline *p, const int *counts, int leaves)
         test_fill(p->device, &p->keys[b], NULL, n * sizeof *order);
         test_fill(p->device, &p->values[b], NULL, n * sizeof *order);
     }
-    test_fill(p->device, &p->slices, NULL, (n + 1) * sizeof *slice);
-    assert_ok(cln_stage_group(p, n, &slices));
+    test_fill(p->device, &p->slices, NULL, (2 * n + 1) * sizeof *slice);
+    assert_ok(cln_stage_group(p, n, &most));
+    assert_ok(cln_stage_slices(p, &slices));
+    assert_true(slices <= most && most <= 2 * n);
     order = test_read(p->device, &p->values[0], n * sizeof *order, "order");
     begin = test_read(p->device, &p->begin, (size_t)leaves * sizeof *begin, "begin");
     end = test_read(p->device, &p->end, (size_t)leaves * sizeof *end, "end");
-    slice = test_read(p->device, &p->slices, (n + 1) * sizeof *slice, "slices");
+    slice = test_read(p->device, &p->slices, (2 * n + 1) * sizeof *slice, "slices");
     free(test_read(p->device, &p->slice_starts, (size_t)(leaves + 1) * sizeof *begin, "slices"));
     at = 0;
     for (uint32_t i = 0, s = 0; s < (uint32_t)leaves; s++) {
@@ -343,6 +345,8 @@ static void check_groups(cln_pipeline *p, const int *counts, int leaves)
         }
         assert_true(s + 1 < (uint32_t)leaves || i == slices);
     }
+    for (uint32_t i = slices; i < most; i++)
+        assert_int_equal(slice[i].count, 0);
     free(samples);
     free(order);
     free(begin);

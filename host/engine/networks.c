@@ -11,9 +11,10 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
     cln_device *device = p->device;
     const cl_uint n = sample_count, leaves = (cl_uint)p->leaves, slice = (cl_uint)p->tune.sl;
     const size_t wg = (size_t)p->tune.wg, bytes = (size_t)n * sizeof(cl_uint);
+    const cl_uint most = (n < leaves ? n : leaves) + n / slice;
     int bits = 1;
 
-    *slice_count = 0;
+    *slice_count = most;
     while (bits < 32 && (leaves - 1) >> bits)
         bits++;
     for (int b = 0; b < 2; b++) {
@@ -32,14 +33,20 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
     CLN_TRY(CLN_LAUNCH(device, p->k.group_slice_counts, CLN_STAGE_GROUP, cln_groups(leaves, wg), wg,
                        CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_counts.mem),
                        CLN_ARG(leaves), CLN_ARG(slice)));
-    CLN_TRY(cln_stage_scan(p, &p->slice_counts, &p->slice_starts, leaves, CLN_STAGE_GROUP,
-                           slice_count));
-    CLN_TRY(cln_buffer_reserve(device, &p->slices, *slice_count * sizeof(cln_slice), "slices"));
-    CLN_TRY(CLN_LAUNCH(device, p->k.group_slices, CLN_STAGE_GROUP, cln_groups(leaves, wg), wg,
-                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem),
-                       CLN_ARG(p->slices.mem), CLN_ARG(leaves), CLN_ARG(slice)));
+    CLN_TRY(cln_stage_scan(p, &p->slice_counts, &p->slice_starts, leaves, CLN_STAGE_GROUP, NULL));
+    CLN_TRY(cln_buffer_reserve(device, &p->slices, most * sizeof(cln_slice), "slices"));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_slices, CLN_STAGE_GROUP,
+                       cln_groups(most > leaves ? most : leaves, wg), wg, CLN_ARG(p->begin.mem),
+                       CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem), CLN_ARG(p->slices.mem),
+                       CLN_ARG(leaves), CLN_ARG(slice), CLN_ARG(most)));
 done:
     return st;
+}
+
+cln_status cln_stage_slices(cln_pipeline *p, uint32_t *slice_count)
+{
+    return cln_buffer_read(p->device, &p->slice_starts, (size_t)p->leaves * sizeof(cl_uint),
+                           slice_count, sizeof *slice_count);
 }
 
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,

@@ -306,6 +306,7 @@ cln_status cln_check_networks(cln_checks *c)
     CLN_TRY(cln_check_put(p->device, &p->ray_d, d.ray_d, d.n * sizeof *d.ray_d));
     CLN_TRY(cln_check_put(p->device, &p->dout, d.dout, d.n * sizeof *d.dout));
     CLN_TRY(cln_stage_group(p, d.n, &d.slices));
+    CLN_TRY(cln_stage_slices(p, &d.slices));
     CLN_TRY(cln_alloc(&d.slice, d.slices, sizeof *d.slice, "self-test"));
     CLN_TRY(cln_buffer_read(p->device, &p->slices, 0, d.slice, d.slices * sizeof *d.slice));
     for (uint32_t s = 0; s < d.slices; s++)

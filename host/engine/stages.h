@@ -202,8 +202,11 @@ cln_status cln_stage_regularise(cln_pipeline *p, const cln_sampling *sampling, i
 cln_status cln_stage_regularise_gradient(cln_pipeline *p, const cln_sampling *sampling,
                                          uint32_t samples);
 
-/* Reads back the number of slices. */
+/* *slice_count: the most slices that there can be, min(samples, leaves) + samples / SL; those behind the last one
+ * (slice_starts[leaves]) are empty. */
 cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count);
+/* Reads back how many slices there are. */
+cln_status cln_stage_slices(cln_pipeline *p, uint32_t *slice_count);
 
 /* step_key: any number that differs between steps (slopes of RReLU, density noise). */
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
