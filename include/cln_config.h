@@ -87,9 +87,9 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
         "adaptive: no split of a leaf that met fewer samples since the last decision")          \
     REAL(split_factor, "split-factor", 0.75, 0.75, 0, 100,                                      \
          "adaptive: cost of a split leaf, as a share of the leaf's")                            \
-    REAL(merge_factor, "merge-factor", 1.1, 1.1, 0, 100,                                        \
+    REAL(merge_factor, "merge-factor", 1.1, 1.7, 0, 100,                                        \
          "adaptive: cost of a merged leaf, as a multiple of its children's")                    \
-    REAL(cost_density, "cost-density", 1, 1, 0, 4,                                              \
+    REAL(cost_density, "cost-density", 1, 0, 0, 4,                                              \
          "adaptive: power of the mean density in a leaf's cost, error x density^power")         \
     INT(distil_steps, "distil-steps", 500, 500, 0, 1000000,                                     \
         "merge: most steps of training the new leaf on samples of the old ones")                \
@@ -135,7 +135,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 /* Loss, regularisers, optimiser, batch (method.md sections 10, 11). */
 #define CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                              \
     INT(rays, "rays", 8192, 2048, 16, 1048576, "rays in a batch")                                  \
-    REAL(leaf_samples, "leaf-samples", 0, 0, 0, 10000,                                             \
+    REAL(leaf_samples, "leaf-samples", 0, 24, 0, 10000,                                            \
          "more rays, up to 8 times, until a leaf meets this many samples on average")              \
     INT(batch_samples, "batch-samples", 262144, 65536, 256, 16777216,                              \
         "samples per batch; fewer rays where it would be more")                                    \
