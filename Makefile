@@ -2,6 +2,8 @@
 #   make                    build/cl-nascent
 #   make demo               install what is missing, generate, train two minutes, evaluate, render
 #   make test               install what is missing, run the whole suite
+#   make test-devices       the cases of docs/devices.md on every OpenCL device found
+#   make grind              the kernels under Oclgrind: races and bad accesses fail
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
 #   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
@@ -175,6 +177,12 @@ test:
 	@tests/deps.sh build test lint
 	@MAKE="$(MAKE)" tests/all.sh
 
+test-devices grind:
+	@tests/deps.sh build test
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
+	    build/device-cases build/tests
+	@tests/devices.sh $(if $(filter grind,$@),grind)
+
 lint:
 	@tests/deps.sh build test lint
 	@tests/lint.sh
@@ -210,4 +218,4 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test lint fmt bench bench-programs bench-peers bench-sort install clean
+.PHONY: all FORCE deps demo test test-devices grind lint fmt bench bench-programs bench-peers bench-sort install clean
