@@ -2,6 +2,8 @@
 #   make                    build/cl-nascent
 #   make demo               install what is missing, generate, train two minutes, evaluate, render
 #   make test               install what is missing, run the whole suite
+#   make test-devices       the cases of docs/devices.md on every OpenCL device found
+#   make grind              the kernels under Oclgrind: races and bad accesses fail
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
 #   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
@@ -28,8 +30,9 @@ LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
 LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
 CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
-# json_query.c is a program of its own, for cli.sh
-TEST_SRC := $(filter-out tests/json_query.c,$(wildcard tests/*.c))
+# json_query.c and device_cases.c are programs of their own, for cli.sh and devices.sh
+TEST_OWN := tests/json_query.c tests/device_cases.c
+TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/table.c bench/plot.c
 # bench-peers: the leaf networks beside libraries for small products, as far as they are installed
@@ -46,7 +49,7 @@ TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth.c $(PEER_MAIN) tests/json_query.c
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth.c $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 TUNE_ROWS := $(wildcard data/tune/*.txt)
 
@@ -65,6 +68,9 @@ $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -lcmocka -o $@
 
 $B/json-query: $B/obj/tests/json_query.o
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/device-cases: $B/obj/tests/device_cases.o $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
@@ -171,6 +177,12 @@ test:
 	@tests/deps.sh build test lint
 	@MAKE="$(MAKE)" tests/all.sh
 
+test-devices grind:
+	@tests/deps.sh build test
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
+	    build/device-cases build/tests
+	@tests/devices.sh $(if $(filter grind,$@),grind)
+
 lint:
 	@tests/deps.sh build test lint
 	@tests/lint.sh
@@ -206,4 +218,4 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test lint fmt bench bench-programs bench-peers bench-sort install clean
+.PHONY: all FORCE deps demo test test-devices grind lint fmt bench bench-programs bench-peers bench-sort install clean

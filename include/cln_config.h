@@ -73,7 +73,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "mean density of a leaf: over samples that a view sees, or weighted by how well")      \
     BOOL(adaptive, "adaptive", true, true,                                                      \
          "split and merge single leaves by the integer program, besides growth by level")       \
-    INT(max_leaves, "max-leaves", 1024, 2048, 1, 262144, "adaptive: most leaves")               \
+    INT(max_leaves, "max-leaves", 1024, 4096, 1, 262144, "adaptive: most leaves")               \
     INT(max_level, "max-level", 5, 5, 0, 5, "adaptive: deepest level")                          \
     REAL(structure_from, "structure-from", 0.233, 0.4, 0, 1,                                    \
          "adaptive: no change before this fraction of the budget")                              \

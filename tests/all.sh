@@ -1,8 +1,9 @@
 #!/bin/bash
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
-# AddressSanitizer and UndefinedBehaviorSanitizer, and the command line end to end. Each part ends with a
-# line "N passed, N failed[, N skipped]"; their sum is the last line here, and the exit status is
-# non-zero if anything failed. A part that breaks without saying so counts as one failure.
+# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, and the devices side by
+# side. Each part ends with a line "N passed, N failed[, N skipped]"; their sum is the last line here, and
+# the exit status is non-zero if anything failed. A part that breaks without saying so counts as one
+# failure.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
@@ -47,10 +48,11 @@ export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:suppressions=$PWD/tests/
 export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
 
 part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent build/make-scene \
-    build/json-query build/tests
+    build/json-query build/device-cases build/tests
 part lint tests/lint.sh
 part unit build/tests
 part "command line" tests/cli.sh
+part devices tests/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests
 part "sanitized unit" sanitized

@@ -12,14 +12,9 @@ BUILD=${BUILD:-build}
 here=$PWD
 cln=$here/$BUILD/cl-nascent
 make_scene=$here/$BUILD/make-scene
-query=$here/build/json-query
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-cli-XXXXXX")
 children="" child=0 whole=""
 trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work"; rm -rf "$work"' EXIT
-passed=0 failed=0 skipped=0
-export LC_ALL=C
-unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE
-export XDG_CONFIG_HOME=$work/config # no rows of the user's
 
 # A network small enough for a second's training, on a tree that grows and is culled on the way.
 small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
@@ -28,67 +23,12 @@ small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --vi
     --structure-until 0.95 --split-samples 0 --distil-steps 20)
 steps=300
 
-# ---- checks ----
+. tests/checks.sh
 
-ok() {
-    passed=$((passed + 1))
-    echo "ok      $1"
-}
-
-bad() {
-    failed=$((failed + 1))
-    echo "FAILED  $1${2:+ ($2)}"
-    for f in out err; do
-        [ -s "$work/$f" ] && tail -n 15 "$work/$f" | cut -c -400 | sed "s/^/        $f: /"
-    done
-}
-
-skip() {
-    skipped=$((skipped + 1))
-    echo "skipped $1: $2"
-}
-
-# check NAME COMMAND...: the command (a test) succeeds
-check() {
-    local name=$1
-    shift
-    if "$@"; then ok "$name"; else bad "$name" "$*"; fi
-}
-
-run() {
-    "$@" >"$work/out" 2>"$work/err"
-    rc=$?
-}
-
-# expect NAME CODE WORDS COMMAND...: exit code, and every word (a grep -E pattern) on stderr
-expect() {
-    local name=$1 code=$2 words=$3 word
-    shift 3
-    run "$@"
-    if [ $rc != "$code" ]; then
-        bad "$name" "exit code $rc, not $code"
-        return 1
-    fi
-    for word in $words; do
-        if ! grep -qiE -- "$word" "$work/err"; then
-            bad "$name" "nothing about '$word' on stderr"
-            return 1
-        fi
-    done
-    ok "$name"
-}
-
-# The value at a path of the JSON document on the last stdout.
-json() {
-    "$query" "$1" <"$work/out" 2>>"$work/err"
-}
+# ---- checks of its own ----
 
 digest() {
     "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
-}
-
-number_above() {
-    awk -v a="$1" -v b="$2" 'BEGIN { exit !(a + 0 > b + 0) }'
 }
 
 same_tree() {
@@ -707,5 +647,4 @@ for s in "${sections[@]}"; do
     "section_$s"
     echo "-- $s: $((SECONDS - started)) s"
 done
-echo "$passed passed, $failed failed$([ $skipped = 0 ] || echo ", $skipped skipped")"
-[ $failed = 0 ]
+count

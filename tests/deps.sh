@@ -5,7 +5,7 @@
 set -eu
 
 build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
-test="libcmocka-dev glpk-utils"
+test="libcmocka-dev glpk-utils oclgrind"
 lint="clang-14|clang clang-format-14|clang-format"
 peers="g++"
 

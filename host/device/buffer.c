@@ -75,6 +75,7 @@ cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t byt
 {
     cln_status st = CLN_OK;
     cl_int code = CL_SUCCESS;
+    const cl_uint nan = 0xFFFFFFFFu;
 
     if (bytes < 16)
         bytes = 16;
@@ -107,7 +108,11 @@ cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t byt
     if (device->allocated > device->peak)
         device->peak = device->allocated;
     cln_debug("buffer for %s: %zu bytes, %zu in all", what, bytes, device->allocated);
-    return CLN_OK;
+    if (device->spoil)
+        CLN_CL(clEnqueueFillBuffer(device->queue, buffer->mem, &nan, sizeof nan, 0, bytes / 4 * 4,
+                                   0, NULL, NULL));
+done:
+    return st;
 }
 
 void cln_buffer_free(cln_device *device, cln_buffer *buffer)

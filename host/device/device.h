@@ -71,6 +71,7 @@ typedef struct cln_device {
     char *kernel_dir;
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
     size_t allocated, peak;                 /* bytes of live buffers, and the most so far */
+    bool spoil;   /* tests: new buffers start as NaN, so that what was never written shows */
     size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
     struct cln_pending *pending;      /* events not yet accounted for */

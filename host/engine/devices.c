@@ -44,7 +44,7 @@ static cln_status judge(int row, const cln_device_desc *given, bool test, cln_de
     if (st == CLN_OK)
         st = tell_tune(device, info);
     if (st == CLN_OK && test)
-        st = cln_selftest_device(device, true, NULL, NULL);
+        st = cln_selftest_device(device, &(cln_selftest_plan){.shapes = CLN_SHAPES_QUICK});
     if (test)
         snprintf(info->verdict, sizeof info->verdict, "%s", st == CLN_OK ? "ok" : cln_error_text());
     cln_clear_error();

@@ -15,6 +15,13 @@
 
 /* ---- verdicts ---- */
 
+static void report(const cln_checks *c, const char *name, bool passed, bool skipped,
+                   const char *detail)
+{
+    if (c->plan->sink)
+        c->plan->sink(name, passed, skipped, detail, c->plan->user);
+}
+
 void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt, ...)
 {
     char full[96], detail[256];
@@ -26,8 +33,7 @@ void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt
     snprintf(full, sizeof full, "%s: %s", c->shape, name);
     if (!passed && c->failed++ == 0)
         snprintf(c->first, sizeof c->first, "%s: %s", full, detail);
-    if (c->sink)
-        c->sink(full, passed, false, detail, c->user);
+    report(c, full, passed, false, detail);
 }
 
 cln_error cln_check_error(const float *got, const double *want, size_t n)
@@ -54,20 +60,52 @@ cln_error cln_check_error(const float *got, const double *want, size_t n)
     return e;
 }
 
+bool cln_compare_values(const float *got, const double *want, size_t n, double nmse, double worst,
+                        char text[256])
+{
+    const cln_error e = cln_check_error(got, want, n);
+    const bool within = e.nmse <= nmse && e.worst <= worst;
+
+    if (within)
+        snprintf(text, 256, "%.1f %% of the bound, %zu elements",
+                 100 * fmax(e.nmse / nmse, e.worst / worst), n);
+    else
+        snprintf(text, 256,
+                 "NMSE %.2g (bound %.0g), worst %.2g rms (bound %.0g): element %zu of %zu is %.6g, "
+                 "should be %.6g",
+                 e.nmse, nmse, e.worst, worst, e.at, n, (double)got[e.at], want[e.at]);
+    return within;
+}
+
 void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want,
                        size_t n, double nmse, double worst)
 {
-    const cln_error e = cln_check_error(got, want, n);
+    char text[256];
+    const bool within = cln_compare_values(got, want, n, nmse, worst, text);
 
-    if (e.nmse <= nmse && e.worst <= worst)
-        cln_check_say(c, name, true, "%.1f %% of the bound, %zu elements",
-                      100 * fmax(e.nmse / nmse, e.worst / worst), n);
-    else
-        cln_check_say(
-            c, name, false,
-            "NMSE %.2g (bound %.0g), worst %.2g rms (bound %.0g): element %zu of %zu is %.6g, "
-            "should be %.6g",
-            e.nmse, nmse, e.worst, worst, e.at, n, (double)got[e.at], want[e.at]);
+    cln_check_say(c, name, within, "%s", text);
+    cln_check_values(c, name, got, n, nmse, worst);
+}
+
+static void put_out(const cln_checks *c, const char *name, cln_output output)
+{
+    char full[96];
+
+    snprintf(full, sizeof full, "%s: %s", c->shape, name);
+    output.name = full;
+    if (c->plan->outputs)
+        c->plan->outputs(&output, c->plan->user);
+}
+
+void cln_check_values(cln_checks *c, const char *name, const float *values, size_t n, double nmse,
+                      double worst)
+{
+    put_out(c, name, (cln_output){.n = n, .values = values, .nmse = nmse, .worst = worst});
+}
+
+void cln_check_numbers(cln_checks *c, const char *name, const uint32_t *numbers, size_t n)
+{
+    put_out(c, name, (cln_output){.discrete = true, .n = n, .numbers = numbers});
 }
 
 double cln_check_uniform(uint32_t stream, uint32_t index, double low, double high)
@@ -107,22 +145,33 @@ typedef struct shape {
     const char *name, *preset, *tune; /* tune NULL: the device's */
     bool small;                       /* the smallest network instead of the preset's */
     bool splat, distortion;
-    bool quick; /* part of the quick self-test */
+    bool in[CLN_SHAPES_TINY + 1]; /* which sets it is part of */
 } shape;
 
+/* clang-format off */
+#define QUICK {[CLN_SHAPES_QUICK] = true, [CLN_SHAPES_ALL] = true}
+#define FULL {[CLN_SHAPES_ALL] = true}
+#define TINY {[CLN_SHAPES_TINY] = true}
+/* clang-format on */
+
+/* The tiny ones are small in every respect: a simulator runs a million times slower than a device. */
 static const shape shapes[] = {
-    {"fast preset", "fast", NULL, false, false, false, true},
-    {"width 16", "fast", NULL, true, true, true, true},
+    {"fast preset", "fast", .in = QUICK},
+    {"width 16", "fast", .small = true, .splat = true, .distortion = true, .in = QUICK},
     {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=64,DB=8,CHUNK=64",
-     true, false, true, false},
-    {"paper preset", "paper", NULL, false, true, false, false},
+     .small = true, .distortion = true, .in = FULL},
+    {"paper preset", "paper", .splat = true, .in = FULL},
+    {"tiny, splatting", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
+     .small = true, .splat = true, .distortion = true, .in = TINY},
+    {"tiny, gathering", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
+     .small = true, .in = TINY},
 };
 
 /* The settings that the checks need: little work, and slopes that the reference can follow. */
 static void prepare(cln_config *config)
 {
     config->start_level = 1;
-    config->n1 = 6;
+    config->n1 = 5; /* odd: points between two opposite faces stand on no border of cells */
     config->splat_min_alpha = 0;
     /* the code of random slopes, with the same slope for all: no hash to redo here */
     if (config->rrelu_scope != CLN_RRELU_MEAN)
@@ -137,6 +186,8 @@ static cln_status config_of(const shape *s, cln_config *config)
     config->stage1 = s->splat ? CLN_STAGE1_SPLAT : CLN_STAGE1_GATHER;
     config->rrelu_scope = s->small ? CLN_RRELU_NEURON : config->rrelu_scope;
     prepare(config);
+    if (s->in[CLN_SHAPES_TINY])
+        config->n1 = 3;
     if (s->small) {
         config->width = config->view_width = 16;
         config->depth = config->bands = 2;
@@ -147,6 +198,7 @@ static cln_status config_of(const shape *s, cln_config *config)
         config->loss = CLN_LOSS_HUBER;
         config->opacity_entropy = 0.05;
         config->distortion_loss = 0.1;
+        config->sparsity = config->edge = 0.1;
     }
 done:
     return st;
@@ -220,6 +272,7 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
     cln_pipeline pipeline = {0};
 
     c->shape = s->name;
+    c->tiny = s->in[CLN_SHAPES_TINY];
     CLN_TRY(config_of(s, &config));
     if (s->tune) {
         CLN_TRY(cln_tune_parse(s->tune, &device->tune));
@@ -227,14 +280,13 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
     }
     clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof largest, &largest, NULL);
     if ((size_t)device->tune.ls > largest || (size_t)device->tune.wg > largest) {
-        if (c->sink)
-            c->sink(s->name, false, true, "the device allows no work-groups of this size", c->user);
+        report(c, s->name, false, true, "the device allows no work-groups of this size");
         goto done;
     }
     st = cln_pipeline_create(device, &config, s->distortion, s->small, &pipeline);
-    if (st == CLN_MEMORY && !s->quick) { /* a network that training would refuse, too */
-        if (c->sink)
-            c->sink(s->name, false, true, cln_error_text(), c->user);
+    if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
+        /* a network that training would refuse, too */
+        report(c, s->name, false, true, cln_error_text());
         cln_clear_error();
         st = CLN_OK;
         goto done;
@@ -258,13 +310,14 @@ static cln_status verdict(const cln_device *device, const cln_checks *c)
                     device->info.name, c->first, c->failed > 1 ? ", and more" : "");
 }
 
-cln_status cln_selftest_device(cln_device *device, bool quick, cln_check_sink *sink, void *user)
+cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan)
 {
     cln_status st = CLN_OK;
-    cln_checks c = {.sink = sink, .user = user};
+    cln_checks c = {.plan = plan};
 
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
-        if ((shapes[i].quick || !quick) && (sink || c.failed == 0)) /* without a list one will do */
+        if (shapes[i].in[plan->shapes] &&
+            (plan->sink || c.failed == 0)) /* without a list one will do */
             CLN_TRY(run_shape(device, &shapes[i], &c));
     CLN_TRY(verdict(device, &c));
 done:
@@ -275,7 +328,8 @@ cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln
                                void *user)
 {
     cln_status st = CLN_OK;
-    cln_checks c = {.shape = "these networks", .sink = sink, .user = user};
+    const cln_selftest_plan plan = {.sink = sink, .user = user};
+    cln_checks c = {.shape = "these networks", .plan = &plan};
     cln_pipeline pipeline = {0};
     cln_config small = *config;
 
@@ -288,13 +342,32 @@ done:
     return st;
 }
 
+cln_status cln_selftest_training(cln_device *device, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+    const cln_selftest_plan plan = {.shapes = CLN_SHAPES_QUICK};
+    cln_config fast;
+
+    CLN_TRY(cln_selftest_device(device, &plan));
+    CLN_TRY(cln_config_preset("fast", &fast));
+    if (fast.width != config->width || fast.depth != config->depth ||
+        fast.view_width != config->view_width || fast.bands != config->bands ||
+        fast.view_bands != config->view_bands || fast.skip != config->skip ||
+        fast.view_dependence != config->view_dependence || fast.density != config->density)
+        CLN_TRY(cln_selftest_config(device, config, NULL, NULL));
+done:
+    return st;
+}
+
 cln_status cln_selftest(const cln_device_desc *desc, bool quick, cln_check_sink *sink, void *user)
 {
     cln_status st = CLN_OK;
     cln_device *device = NULL;
+    const cln_selftest_plan plan = {
+        .shapes = quick ? CLN_SHAPES_QUICK : CLN_SHAPES_ALL, .sink = sink, .user = user};
 
     CLN_TRY(cln_device_open(desc, &device));
-    CLN_TRY(cln_selftest_device(device, quick, sink, user));
+    CLN_TRY(cln_selftest_device(device, &plan));
 done:
     cln_device_close(device);
     return st;

@@ -12,8 +12,8 @@ typedef struct cln_checks {
     cln_pipeline *p;
     const cln_model *model;
     const char *shape; /* name of the pipeline, before the check's in reports */
-    cln_check_sink *sink;
-    void *user;
+    const cln_selftest_plan *plan;
+    bool tiny; /* as little work as shows anything */
     int failed;
     char first[512]; /* of the failed ones */
 } cln_checks;
@@ -38,11 +38,15 @@ ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cl
 cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
                             uint32_t n, uint32_t *wrong);
 
-/* Reports a comparison with float64 by two bounds: NMSE, and the worst element in units of the
- * reference's rms (the one misses one bad element in many, the other a small error everywhere). Values
- * that are not finite fail; an all-zero reference must be met exactly. */
+/* Reports a comparison with float64 (cln_compare_values), and the values as outputs. */
 void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want,
                        size_t n, double nmse, double worst);
+
+/* Outputs that have no float64 reference, for plan->outputs alone: floats, and whole numbers that are
+ * the same on every device. */
+void cln_check_values(cln_checks *c, const char *name, const float *values, size_t n, double nmse,
+                      double worst);
+void cln_check_numbers(cln_checks *c, const char *name, const uint32_t *numbers, size_t n);
 
 /* A uniform number in [low, high), always the same for (stream, index). */
 double cln_check_uniform(uint32_t stream, uint32_t index, double low, double high);

@@ -90,11 +90,11 @@ typedef struct data {
 } data;
 
 /* Leaves without samples, with one, and with more than a block. */
-static uint32_t samples_of(int slot)
+static uint32_t samples_of(const cln_checks *c, int slot)
 {
     static const uint32_t counts[] = {0, 1, 7, 48, 50, 101, 130, 17};
 
-    return counts[slot % 8];
+    return c->tiny ? (counts[slot % 8] + 3) / 4 : counts[slot % 8];
 }
 
 static cln_status make_data(const cln_checks *c, data *d)
@@ -104,7 +104,7 @@ static cln_status make_data(const cln_checks *c, data *d)
     uint32_t at = 0;
 
     for (int s = 0; s < leaves; s++)
-        d->n += samples_of(s);
+        d->n += samples_of(c, s);
     CLN_TRY(cln_octree_boxes(&c->model->tree, (float **)&d->boxes));
     CLN_TRY(cln_alloc(&d->samples, d->n, sizeof *d->samples, "self-test"));
     CLN_TRY(cln_alloc(&d->ray_o, d->n, sizeof *d->ray_o, "self-test"));
@@ -116,7 +116,7 @@ static cln_status make_data(const cln_checks *c, data *d)
                       "self-test"));
     for (uint32_t round = 0; at < d->n; round++) /* leaves in turn, so that grouping has work */
         for (int s = 0; s < leaves; s++)
-            if (round < samples_of(s)) {
+            if (round < samples_of(c, s)) {
                 double length = 0;
 
                 for (uint32_t a = 0; a < 3; a++) {
@@ -249,6 +249,8 @@ static cln_status check_adam(cln_checks *c, const data *d)
     float *got = NULL;
     double *want = NULL, *grad = NULL, *m = NULL, *v = NULL;
     int changed = 0, idle = 0;
+    bool within = false;
+    char text[256];
 
     CLN_TRY(cln_alloc(&got, (size_t)all, sizeof *got, "self-test"));
     CLN_TRY(cln_alloc(&want, (size_t)all, sizeof *want, "self-test"));
@@ -265,7 +267,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
     for (int s = 0; s < p->leaves; s++) {
         const int at = s * params;
 
-        if ((int)samples_of(s) >= config->min_leaf_samples) {
+        if ((int)samples_of(c, s) >= config->min_leaf_samples) {
             ref_adam(params, want + at, grad + at, m + at, v + at, 1, lr, (float)config->beta1,
                      (float)config->beta2, (float)config->epsilon);
             continue;
@@ -279,7 +281,9 @@ static cln_status check_adam(cln_checks *c, const data *d)
         got[i] -= c->model->params[i];
         want[i] -= c->model->params[i];
     }
-    cln_check_compare(c, "adam", got, want, (size_t)all, 1e-6, 1e-2);
+    /* no outputs: the first step is nearly the gradient's sign, on each device of its own gradient */
+    within = cln_compare_values(got, want, (size_t)all, 1e-6, 1e-2, text);
+    cln_check_say(c, "adam", within, "%s", text);
     cln_check_say(c, "adam: leaves with few samples stay", changed == 0 && idle > 0,
                   "%d weights of %d leaves changed", changed, idle);
 done:
@@ -288,6 +292,20 @@ done:
     free(grad);
     free(m);
     free(v);
+    return st;
+}
+
+/* The samples by leaf. */
+static cln_status put_out_order(cln_checks *c, uint32_t n)
+{
+    cln_status st = CLN_OK;
+    uint32_t *order = NULL;
+
+    CLN_TRY(cln_alloc(&order, n, sizeof *order, "self-test"));
+    CLN_TRY(cln_buffer_read(c->p->device, &c->p->values[0], 0, order, n * sizeof *order));
+    cln_check_numbers(c, "grouping: order", order, n);
+done:
+    free(order);
     return st;
 }
 
@@ -307,6 +325,7 @@ cln_status cln_check_networks(cln_checks *c)
     CLN_TRY(cln_check_put(p->device, &p->dout, d.dout, d.n * sizeof *d.dout));
     CLN_TRY(cln_stage_group(p, d.n, &d.slices));
     CLN_TRY(cln_stage_slices(p, &d.slices));
+    CLN_TRY(put_out_order(c, d.n));
     CLN_TRY(cln_alloc(&d.slice, d.slices, sizeof *d.slice, "self-test"));
     CLN_TRY(cln_buffer_read(p->device, &p->slices, 0, d.slice, d.slices * sizeof *d.slice));
     for (uint32_t s = 0; s < d.slices; s++)

@@ -221,7 +221,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_scene_load(&scene, &t->scene));
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
-        st = cln_selftest_device(t->device, true, NULL, NULL);
+        st = cln_selftest_training(t->device, &config);
         if (st == CLN_CHECK)
             cln_note("checking the device before training; --skip-selftest trains on it all the "
                      "same, and what comes out may be wrong");

@@ -1,0 +1,72 @@
+#!/bin/bash
+# What cli.sh and devices.sh share: checks that count themselves, and the environment of a fresh user. To be
+# sourced from the repository's root with $work, a folder of the script's own; no program by itself.
+# shellcheck disable=SC2154
+query=$PWD/build/json-query
+passed=0 failed=0 skipped=0
+export LC_ALL=C
+unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE
+export XDG_CONFIG_HOME=$work/config # no rows of the user's
+
+ok() {
+    passed=$((passed + 1))
+    echo "ok      $1"
+}
+
+bad() {
+    failed=$((failed + 1))
+    echo "FAILED  $1${2:+ ($2)}"
+    for f in out err; do
+        [ -s "$work/$f" ] && tail -n 15 "$work/$f" | cut -c -400 | sed "s/^/        $f: /"
+    done
+}
+
+skip() {
+    skipped=$((skipped + 1))
+    echo "skipped $1: $2"
+}
+
+# check NAME COMMAND...: the command (a test) succeeds
+check() {
+    local name=$1
+    shift
+    if "$@"; then ok "$name"; else bad "$name" "$*"; fi
+}
+
+run() {
+    "$@" >"$work/out" 2>"$work/err"
+    rc=$?
+}
+
+# expect NAME CODE WORDS COMMAND...: exit code, and every word (a grep -E pattern) on stderr
+expect() {
+    local name=$1 code=$2 words=$3 word
+    shift 3
+    run "$@"
+    if [ $rc != "$code" ]; then
+        bad "$name" "exit code $rc, not $code"
+        return 1
+    fi
+    for word in $words; do
+        if ! grep -qiE -- "$word" "$work/err"; then
+            bad "$name" "nothing about '$word' on stderr"
+            return 1
+        fi
+    done
+    ok "$name"
+}
+
+# The value at a path of the JSON document on the last stdout.
+json() {
+    "$query" "$1" <"$work/out" 2>>"$work/err"
+}
+
+number_above() {
+    awk -v a="$1" -v b="$2" 'BEGIN { exit !(a + 0 > b + 0) }'
+}
+
+# The last line of a script, and its exit status.
+count() {
+    echo "$passed passed, $failed failed$([ $skipped = 0 ] || echo ", $skipped skipped")"
+    [ $failed = 0 ]
+}
