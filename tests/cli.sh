@@ -342,7 +342,7 @@ section_structure() {
     run "$cln" train "$work/demo" -o "$r" --skip-selftest --progress none --width 16 --view-width 16 \
         --steps 1000 --start-level 2 --level-at 3:0.2 --n1 8 --rays 512 --refresh-every 64 --log-every 100 \
         --cull-from 0.1 --max-leaves 150 --structure-from 0.4 --structure-every 0.1 \
-        --structure-until 0.95 --split-samples 100 --dump-program "$lp" -v
+        --structure-until 0.95 --split-samples 100 --cost-density 1 --merge-factor 1.1 --dump-program "$lp" -v
     check "train with an adaptive tree" [ $rc = 0 ]
     cp "$work/err" "$work/grown.log"
     check "six decisions are rows" [ "$(decision_rows "$r" | wc -l)" = 6 ]
@@ -618,9 +618,9 @@ section_memory() {
         'decision_rows "$work/more" | "$query" -l budget | awk "\$1 >= 4000 { bad = 1 } END { exit bad || !NR }"'
 
     # batches cut by a small largest buffer: as good, and pictures the same
-    train buffers --no-adaptive --json
+    train buffers --no-adaptive --leaf-samples 0 --json
     psnr=$(json psnr_test)
-    train cut --no-adaptive --json --max-alloc 1M
+    train cut --no-adaptive --leaf-samples 0 --json --max-alloc 1M
     check "--max-alloc cuts the batches" grep -q "batches are cut to" "$work/err"
     check "the training is as good" number_above "$(json psnr_test)" "$(awk -v p="$psnr" 'BEGIN { print p - 1 }')"
     check "of less memory" number_above "$("$query" result.device_peak <"$work/buffers/run.json")" "$(json device_peak)"
