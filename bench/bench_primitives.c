@@ -243,7 +243,7 @@ static cln_status group_body(void *context)
 }
 
 /* Order by slot, then number; slices cover every leaf's run in order. */
-static cln_status check_group(const group *g, const cln_sample *samples, bench_errors *errors)
+static cln_status check_group(group *g, const cln_sample *samples, bench_errors *errors)
 {
     cln_status st = CLN_OK;
     cln_device *device = g->p->device;
@@ -255,6 +255,7 @@ static cln_status check_group(const group *g, const cln_sample *samples, bench_e
     CLN_TRY(cln_alloc(&order, g->n, sizeof *order, "bench"));
     CLN_TRY(cln_alloc(&keys, g->n, sizeof *keys, "bench"));
     CLN_TRY(cln_alloc(&got, g->n, sizeof *got, "bench"));
+    CLN_TRY(cln_stage_slices(g->p, &g->slices));
     CLN_TRY(cln_alloc(&slices, g->slices, sizeof *slices, "bench"));
     CLN_TRY(cln_buffer_read(device, &g->p->values[0], 0, order, g->n * sizeof *order));
     CLN_TRY(cln_buffer_read(device, &g->p->slices, 0, slices, g->slices * sizeof *slices));
