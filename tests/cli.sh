@@ -620,7 +620,7 @@ section_memory() {
     # batches cut by a small largest buffer: as good, and pictures the same
     train buffers --no-adaptive --leaf-samples 0 --json
     psnr=$(json psnr_test)
-    train cut --no-adaptive --leaf-samples 0 --json --max-alloc 1M
+    train small-buffers --no-adaptive --leaf-samples 0 --json --max-alloc 1M
     check "--max-alloc cuts the batches" grep -q "batches are cut to" "$work/err"
     check "the training is as good" number_above "$(json psnr_test)" "$(awk -v p="$psnr" 'BEGIN { print p - 1 }')"
     check "of less memory" number_above "$("$query" result.device_peak <"$work/buffers/run.json")" "$(json device_peak)"
