@@ -8,6 +8,7 @@
 
 #include "base/config.h"
 #include "base/memory.h"
+#include "base/number.h"
 
 enum { REPEATS = 5, LONG_REPEATS = 3, ROWS = 1024 };
 
@@ -167,13 +168,6 @@ done:
 
 /* ---- timing ---- */
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 /* Seconds of `calls` calls. */
 static cln_status time_calls(bench *b, bench_body *body, bench_body *before, void *context,
                              cln_stage stage, int calls, double *seconds)
@@ -218,7 +212,7 @@ static cln_status measure(bench *b, bench_body *body, bench_body *before, void *
         CLN_TRY(time_calls(b, body, before, context, stage, calls, &times[r]));
         times[r] /= calls;
     }
-    qsort(times, (size_t)repeats, sizeof times[0], by_value);
+    cln_reals_sort(times, repeats);
     row->time = (bench_time){times[0], times[repeats / 2], times[repeats - 1]};
 done:
     return st;

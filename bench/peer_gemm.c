@@ -20,6 +20,7 @@
 
 #include "base/config.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "peers/timing.h"
 #include "peers/peer.h"
 #include "reference/reference.h"
@@ -367,19 +368,12 @@ done:
     return st;
 }
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 static double median(const double *values, int n)
 {
     double sorted[MAX_ROUNDS];
 
     memcpy(sorted, values, (size_t)n * sizeof *sorted);
-    qsort(sorted, (size_t)n, sizeof *sorted, by_value);
+    cln_reals_sort(sorted, n);
     return n % 2 ? sorted[n / 2] : 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]);
 }
 

@@ -5,16 +5,10 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/rng.h"
 
 enum { REPEATS = 5 };
-
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
 
 cln_status bench_run(bench_body *body, void *context, double budget, bench_time *out)
 {
@@ -33,7 +27,7 @@ cln_status bench_run(bench_body *body, void *context, double budget, bench_time 
             CLN_TRY(body(context));
         times[r] = (cln_now() - start) / out->calls;
     }
-    qsort(times, REPEATS, sizeof times[0], by_value);
+    cln_reals_sort(times, REPEATS);
     out->min = times[0];
     out->median = times[REPEATS / 2];
     out->max = times[REPEATS - 1];

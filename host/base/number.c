@@ -101,3 +101,15 @@ bool cln_reals_read(const char *text, int count, double *out)
     }
     return true;
 }
+
+static int by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+void cln_reals_sort(double *values, int count)
+{
+    qsort(values, (size_t)count, sizeof *values, by_value);
+}

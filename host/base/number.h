@@ -1,5 +1,5 @@
 /* Numbers from and to text in the C locale, whatever LC_NUMERIC says, with the units that options take.
- * These only tell whether a text is a number; the caller writes the sentence (base/config.h). */
+ * The readers only tell whether a text is a number; the caller writes the sentence (base/config.h). */
 #ifndef CLN_NUMBER_H
 #define CLN_NUMBER_H
 
@@ -22,5 +22,8 @@ bool cln_bytes_read(const char *text, double *bytes);
 
 /* Exactly `count` numbers, comma separated. On false *out is untouched. */
 bool cln_reals_read(const char *text, int count, double *out);
+
+/* Ascending; none of them NaN. */
+void cln_reals_sort(double *values, int count);
 
 #endif

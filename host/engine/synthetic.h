@@ -37,9 +37,4 @@ cln_status cln_synthetic_step(cln_synthetic *s, cln_pipeline *p);
 /* Halves the rays until a step takes at most `seconds` (or 256 are left). */
 cln_status cln_synthetic_settle(cln_synthetic *s, cln_pipeline *p, double seconds);
 
-/* For the networks alone: `per_leaf` samples at random places of every leaf, in random order, each on a
- * ray of its own, grouped, with gradients. The pipeline must have the model. */
-cln_status cln_synthetic_samples(cln_pipeline *p, const cln_model *model, int per_leaf,
-                                 uint32_t *samples, uint32_t *slices);
-
 #endif

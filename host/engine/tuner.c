@@ -19,6 +19,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "device/tune.h"
 #include "engine/selftest.h"
 #include "engine/synthetic.h"
@@ -191,19 +192,12 @@ done:
     return st;
 }
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 static double median(const double *values, int n)
 {
     double sorted[PAIRS];
 
     memcpy(sorted, values, (size_t)n * sizeof *values);
-    qsort(sorted, (size_t)n, sizeof *sorted, by_value);
+    cln_reals_sort(sorted, n);
     return sorted[n / 2];
 }
 
