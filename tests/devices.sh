@@ -168,13 +168,14 @@ section_broken() {
 # Oclgrind 21.10 simulates what clang 14 makes of the source, and stops at two things in it:
 #   -Drestrict=   `restrict` of inlined helpers leaves llvm.experimental.noalias.scope.decl calls, which it
 #                 takes for an undefined function
+#   --max-errors   by default errors after the first thousand are not logged; which come first is by chance
 #   no --uninitialized   its shadow of a global buffer is made anew by every write of the host, with that
 #                 write's size, and kept when the buffer's number is used again: the rest then counts as
 #                 unwritten; and `freeze` instructions end a kernel. device-cases fills new buffers with NaN
 #                 instead, so what nothing wrote fails a comparison.
 simulate() {
     rm -f "$work/log"
-    run timeout 900 oclgrind --log "$work/log" --max-errors 40 --build-options -Drestrict= --data-races \
+    run timeout 900 oclgrind --log "$work/log" --max-errors 100000 --build-options -Drestrict= --data-races \
         --inst-counts "$cases" -s tiny "$@"
     touch "$work/log"
 }
