@@ -4,7 +4,7 @@
 
 #include "bench.h"
 
-enum { DENSITY, EVAL, TRAINING, FORWARD, BACKWARD, ADAM, NETWORK_PARTS };
+enum { DENSITY, EVAL, TRAINING, FORWARD, BACKWARD, ADAM, UPDATE, NETWORK_PARTS };
 
 typedef struct network_run {
     cln_pipeline *p;

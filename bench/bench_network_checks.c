@@ -199,7 +199,7 @@ done:
     return st;
 }
 
-/* The first update of one leaf: the step itself, since weights would hide its error behind their size. */
+/* The first update of one leaf, in one pass or two: the step itself, since weights would hide its error behind their size. */
 static cln_status check_adam(const network_run *r, bench_errors *errors)
 {
     cln_status st = CLN_OK;
@@ -219,7 +219,10 @@ static cln_status check_adam(const network_run *r, bench_errors *errors)
     CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
     CLN_TRY(cln_stage_backward(r->p, r->slice_count, 1));
     CLN_TRY(read_gradient(r, slot, grad));
-    CLN_TRY(cln_stage_adam(r->p, lr));
+    if (r->part == UPDATE)
+        CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, lr));
+    else
+        CLN_TRY(cln_stage_adam(r->p, lr));
     CLN_TRY(cln_buffer_read(r->p->device, &r->p->params, (size_t)slot * n * sizeof *got, got,
                             n * sizeof *got));
     for (size_t i = 0; i < n; i++)
@@ -244,8 +247,12 @@ cln_status network_check(network_run *r, bench_body *body, bench_errors *errors)
 {
     cln_status st = CLN_OK;
 
-    if (r->part == ADAM)
-        return check_adam(r, errors);
+    if (r->part == UPDATE) /* after Adam's runs */
+        CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
+    if (r->part == ADAM || r->part == UPDATE) {
+        CLN_TRY(check_adam(r, errors));
+        goto done;
+    }
     if (r->part == BACKWARD)
         CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
     CLN_TRY(body(r));

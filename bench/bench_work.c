@@ -44,22 +44,36 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
     const double encoded = (double)net->enc * net->width * (net->skip_layer >= 0 ? 2 : 1) +
                            (net->view_dependence ? (double)net->dir * net->view_width : 0);
 
-    return (bench_work){
-        .flop = (4.0 * net->learned - 2 * encoded) * n,
-        .bytes =
-            n * (SAMPLE + WORD + RAY + 2 * COLOUR + (double)cln_pipeline_act_bytes(net, tune)) +
-            leaves * WORD * ((double)net->params + cln_pipeline_transposed(net)) +
-            slices * ((double)sizeof(cln_slice) + WORD * (double)net->params)};
+    const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
+
+    return (bench_work){.flop = (4.0 * net->learned - 2 * encoded) * n,
+                        .bytes = n * (SAMPLE + WORD + RAY + 2 * COLOUR +
+                                      (double)cln_pipeline_act_bytes(net, tune)) +
+                                 leaves * WORD * (net->params + transposed) +
+                                 slices * ((double)sizeof(cln_slice) + WORD * (double)net->params)};
 }
 
 /* 13 a weight: two moments 7, the step 6; and the slices' sum. */
-bench_work bench_work_adam(const cln_network *net, double leaves, double slices)
+bench_work bench_work_adam(const cln_network *net, const cln_tune *tune, double leaves,
+                           double slices)
 {
     const double weights = leaves * net->params;
+    const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
 
     return (bench_work){.flop = 13 * weights + (slices - leaves) * net->params,
-                        .bytes = WORD * (6 * weights + slices * net->params +
-                                         leaves * cln_pipeline_transposed(net))};
+                        .bytes = WORD * (6 * weights + slices * net->params + leaves * transposed)};
+}
+
+/* Both, without the way of the gradients of leaves of one slice through memory. */
+bench_work bench_work_update(const cln_network *net, const cln_tune *tune, double n, double leaves,
+                             double slices)
+{
+    const bench_work back = bench_work_backward(net, tune, n, leaves, slices);
+    const bench_work adam = bench_work_adam(net, tune, leaves, slices);
+    const double saved = tune->leaf ? 2 * leaves : leaves;
+
+    return (bench_work){.flop = back.flop + adam.flop,
+                        .bytes = back.bytes + adam.bytes - WORD * saved * net->params};
 }
 
 /* Weights and both moments from host to device, the weights once more for their transposed copy. */

@@ -1,5 +1,6 @@
 /* Samples grouped by leaf, so that a work-group meets one leaf's weights (method.md 8): after a stable
- * sort by slot, leaves own runs of samples; runs are cut into slices of at most `slice` samples.
+ * sort by slot, leaves own runs of samples; runs are cut into as few slices of at most `slice` samples as
+ * there can be, all about as long: of several, none is shorter than half of `slice`.
  *
  *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices
  *
@@ -53,9 +54,12 @@ __kernel void group_slices(const __global uint *restrict begin, const __global u
     }
     if (leaf >= leaves)
         return;
-    for (uint s = starts[leaf], at = begin[leaf]; s < starts[leaf + 1u]; s++, at += slice) {
-        const cln_slice out = {(int)leaf, at, min(slice, end[leaf] - at), 0u};
+    const uint first = starts[leaf], count = starts[leaf + 1u] - first, all = end[leaf] - begin[leaf];
 
-        slices[s] = out;
+    for (uint s = 0, at = begin[leaf]; s < count; s++) {
+        const cln_slice out = {(int)leaf, at, all / count + (s < all % count), 0u};
+
+        slices[first + s] = out;
+        at += out.count;
     }
 }

@@ -100,8 +100,8 @@ HELPER float v_sum16(float16 v)
                      (T)(1.0f)),                                                                   \
            (x) < (T)(0.15f))
 
-/* fma where it is one instruction, else a multiply and an add. */
-#ifdef FP_FAST_FMAF
+/* fma where it is one instruction, else a multiply and an add. PoCL 3.1 does not say so in the standard's way. */
+#if defined(FP_FAST_FMAF) || defined(__FMA__)
 #define MAD(a, b, c) fma(a, b, c)
 #else
 #define MAD(a, b, c) mad(a, b, c)

@@ -1,5 +1,5 @@
 /* The leaf networks, batched over leaves: densities on the stage-1 grid, forward, backward with weight
- * gradients (method.md 1, 4, 8; layout: host/model/network.h; float64 twin: host/reference/network.c).
+ * gradients and, where it can be, their update (method.md 1, 4, 8, 11). Parameters: network.h.
  *
  *   layer:      out[s][n] = act(b[n] + sum_k in[s][k] w[k][n])
  *   input grad: din[s][k] = sum_n d[s][n] w[k][n]      with a transposed copy wt[n][k]
@@ -7,248 +7,18 @@
  *
  * All three are one micro-kernel with lanes over the contiguous index: T x NV vectors of accumulators in
  * registers, one vector load of B and T broadcasts of A per step. One work-group takes a slice: a run
- * of samples that lie in the same leaf, NB at a time, all layers while they are in cache. A slice's
- * weight gradient goes to its own buffer; adam.cl adds the slices of a leaf in order (no atomics).
+ * of samples that lie in the same leaf, NB at a time, all layers while they are in cache.
  *
  *        samples of a leaf, grouped      work-group's local memory, NB samples
  *        |--- slice ---|--- slice -|     enc [ENC_PAD][NB]   h [NB][WIDTH]   d [NB][WIDTH]
  *        |NB|NB|NB|rest|NB|NB|rest |     dir [DIR_PAD][NB]   v [NB][VIEW]
  *
- * Encodings stand row by row, so that lanes run over samples where they are made; the micro-kernel reads
- * them with other strides.
- *
- * Parameters, from the host (engine/programs.c); the defaults below let the file compile alone.
- *   VW NV LS TS NB   lanes.h; vectors per tile; work-items; samples per tile; samples in local memory
- *   WIDTH DEPTH BANDS ENC_PAD SKIP   trunk; SKIP = layer that reads the encoding again, or -1
- *   VIEW VIEW_BANDS DIR_PAD          view layer; VIEW 0 = none
- *   COLOUR                           inputs of the colour head: VIEW, or WIDTH without view layer
- *   TRUNK_W(i) TRUNK_B(i) SIGMA_W SIGMA_B VIEW_W VIEW_B COLOUR_W COLOUR_B PARAMS   offsets, floats
- *   DENSITY 0 softplus | 1 relu | 2 exp;  KAPPA BIAS: sigma = KAPPA f(s + BIAS)
- *   SLOPE_LOWER SLOPE_UPPER, RRELU 0 element | 1 neuron | 2 mean;  BANDS_BY_LEVEL 0 | 1
- *   NOISE_ON 0 | 1, NOISE   density noise in training: left out or not; its std
- *   HALF 0 | 1   pre-activations are kept for the way back as 32 or as 16 bits
+ * Most leaves have one slice: its gradient is the leaf's, and the work-group that has it takes Adam's step with it
+ * at once. Gradients of slices that share a leaf go to buffers, and adam.cl adds them in order (no atomics).
  *
  * Rules: barriers only at a kernel's top level (helpers are called by all work-items, no barrier in
  * them); loop bounds around a barrier depend on the slice alone; rows past a block's count hold
  * garbage that never leaves its own row. */
-#ifndef WIDTH
-#define NV 1
-#define LS 1
-#define TS 4
-#define NB 16
-#define WIDTH 16
-#define DEPTH 2
-#define BANDS 2
-#define ENC_PAD 16
-#define SKIP (-1)
-#define VIEW 16
-#define VIEW_BANDS 1
-#define DIR_PAD 12
-#define COLOUR 16
-#define TRUNK_W(i) ((i) == 0 ? 0 : 272)
-#define TRUNK_B(i) ((i) == 0 ? 256 : 528)
-#define SIGMA_W 544
-#define SIGMA_B 560
-#define VIEW_W 576
-#define VIEW_B 1024
-#define COLOUR_W 1040
-#define COLOUR_B 1088
-#define PARAMS 1104
-#define DENSITY 0
-#define KAPPA 10.0f
-#define BIAS (-2.97f)
-#define SLOPE_LOWER (-0.3f)
-#define SLOPE_UPPER (-0.1f)
-#define RRELU 0
-#define BANDS_BY_LEVEL 0
-#define NOISE_ON 1
-#define NOISE 1.0f
-#define HALF 0
-#endif
-
-#define TK 4                       /* rows of a weight-gradient tile; every K is a multiple of it */
-#define STEP_N (LS * VW)           /* distance of a work-item's vectors */
-#define TILE_N (LS * VW * NV)      /* neurons of one tile, over the group */
-#define ACTS (DEPTH * WIDTH + VIEW) /* pre-activations kept per sample: [trunk layers | view] */
-#define WT_TRUNK(i) (((i) - 1) * WIDTH * WIDTH)
-#define WT_VIEW ((DEPTH - 1) * WIDTH * WIDTH)
-#define WT_PARAMS ((DEPTH - 1) * WIDTH * WIDTH + VIEW * WIDTH)
-#define SLOPE_MEAN (0.5f * (SLOPE_LOWER + SLOPE_UPPER))
-
-#if WIDTH % (VW * NV * LS) || (VIEW > 0 && VIEW % (VW * NV * LS))
-#error "VW * NV * LS must divide WIDTH and VIEW"
-#endif
-#if NB % TS || NB % VW
-#error "TS and VW must divide NB"
-#endif
-
-/* Kept pre-activations in memory: OpenCL 1.2 loads and stores halves without any half arithmetic. */
-#if HALF
-#define kept_type half
-#if VW == 1
-#define KEPT_LOAD(p)     vload_half(0, p)
-#define KEPT_STORE(v, p) vstore_half(v, 0, p)
-#else
-#define KEPT_LOAD(p)     CLN_PASTE(vload_half, VW)(0, p)
-#define KEPT_STORE(v, p) CLN_PASTE(vstore_half, VW)(v, 0, p)
-#endif
-#else
-#define kept_type        float
-#define KEPT_LOAD(p)     VLOAD(p)
-#define KEPT_STORE(v, p) VSTORE(v, p)
-#endif
-
-/* Rows of a block that are worked on: the count, up to whole tiles and whole vectors. */
-#define PADDED(count) (((((count) + TS - 1) / TS * TS) + VW - 1) / VW * VW)
-
-#if LS > 1
-#define GROUP_SYNC() barrier(CLK_LOCAL_MEM_FENCE)
-#else
-#define GROUP_SYNC()
-#endif
-
-/* acc[i][j] += sum over r < R of a[i * ai + r * ar] * B[r * ldb + j vectors]. */
-#define TILE_MAD(T, a, ai, ar, B, ldb, R)                                                          \
-    for (int r_ = 0; r_ < (R); r_++) {                                                             \
-        vf b_[NV];                                                                                 \
-        _Pragma("unroll") for (int j_ = 0; j_ < NV; j_++) b_[j_] =                                 \
-            VLOAD((B) + r_ * (ldb) + j_ * STEP_N);                                                 \
-        _Pragma("unroll") for (int i_ = 0; i_ < (T); i_++)                                         \
-        {                                                                                          \
-            const vf a_ = (vf)((a)[i_ * (ai) + r_ * (ar)]);                                        \
-            _Pragma("unroll") for (int j_ = 0; j_ < NV; j_++) acc[i_][j_] =                        \
-                MAD(a_, b_[j_], acc[i_][j_]);                                                      \
-        }                                                                                          \
-    }
-
-/* ---- activations and encodings ---- */
-
-HELPER vf negative_slope(int train, uint key, int neuron)
-{
-#if RRELU == 2
-    return (vf)(SLOPE_MEAN);
-#else
-    if (!train)
-        return (vf)(SLOPE_MEAN);
-    return MAD(uniform_lanes(key, (uint)neuron), (vf)(SLOPE_UPPER - SLOPE_LOWER),
-               (vf)(SLOPE_LOWER));
-#endif
-}
-
-/* Key of the slopes of one layer: of this sample (element) or of all samples of the step (neuron). */
-HELPER uint slope_key(uint step_key, uint sample, uint layer)
-{
-#if RRELU == 0
-    return (step_key + sample * 0x85EBCA6Bu) ^ (layer * 0xC2B2AE35u + 0x165667B1u);
-#else
-    return step_key ^ (layer * 0xC2B2AE35u + 0x165667B1u);
-#endif
-}
-
-HELPER vf activate(vf x, vf slope)
-{
-    return select(x * slope, x, x > (vf)(0.0f));
-}
-
-HELPER vf activate_gradient(vf x, vf slope)
-{
-    return select(slope, (vf)(1.0f), x > (vf)(0.0f));
-}
-
-/* sin and cos of |x| <= 1, to 2e-7: Taylor to x^11 and x^12. */
-HELPER vf sin_unit(vf x)
-{
-    const vf q = x * x;
-    vf p = MAD(q, (vf)(-2.5052108e-8f), (vf)(2.7557319e-6f));
-
-    p = MAD(p, q, (vf)(-1.9841270e-4f));
-    p = MAD(p, q, (vf)(8.3333333e-3f));
-    p = MAD(p, q, (vf)(-1.6666667e-1f));
-    return MAD(p * q, x, x);
-}
-
-HELPER vf cos_unit(vf x)
-{
-    const vf q = x * x;
-    vf p = MAD(q, (vf)(2.0876757e-9f), (vf)(-2.7557319e-7f));
-
-    p = MAD(p, q, (vf)(2.4801587e-5f));
-    p = MAD(p, q, (vf)(-1.3888889e-3f));
-    p = MAD(p, q, (vf)(4.1666667e-2f));
-    p = MAD(p, q, (vf)(-0.5f));
-    return MAD(p, q, (vf)(1.0f));
-}
-
-/* gamma(x) of the first `rows` samples: x [3][NB] -> out [pad][NB]; rows 0..2 x, 3 + 6k + a sin,
- * 6 + 6k + a cos of 2^k x_a, the rest zero. Bands double the angle of the one before; every sixth starts
- * afresh, so that rounding does not grow past 2^5 ulp. */
-HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad, int rows,
-                   int lid)
-{
-    (void)level;
-    for (int s = lid * VW; s < rows; s += STEP_N) {
-#pragma unroll
-        for (int a = 0; a < 3; a++) {
-            const vf value = VLOAD(x + a * NB + s);
-            vf sine = sin_unit(value), cosine = cos_unit(value);
-
-            VSTORE(value, out + a * NB + s);
-#pragma unroll
-            for (int k = 0; k < bands; k++) {
-                if (k > 0 && k % 6 == 0) {
-                    sine = SIN(value * (float)(1 << k));
-                    cosine = COS(value * (float)(1 << k));
-                } else if (k > 0) {
-                    const vf twice = 2.0f * sine;
-
-                    sine = twice * cosine;
-                    cosine = MAD(twice * -0.5f, twice, (vf)(1.0f));
-                }
-#if BANDS_BY_LEVEL
-                const float weight = clamp((float)(11 - level - k), 0.0f, 1.0f);
-#else
-                const float weight = 1.0f;
-#endif
-                VSTORE(sine * weight, out + (3 + 6 * k + a) * NB + s);
-                VSTORE(cosine * weight, out + (6 + 6 * k + a) * NB + s);
-            }
-        }
-        for (int row = 3 + 6 * bands; row < pad; row++)
-            VSTORE((vf)(0.0f), out + row * NB + s);
-    }
-}
-
-/* select keeps a NaN visible where fmax and fmin would hide it. */
-HELPER vf density_value(vf z)
-{
-    z += BIAS;
-#if DENSITY == 0
-    const vf e = EXP(-fabs(z)); /* log(1 + e), as a series where the sum would round e away */
-    const vf series =
-        e * MAD(e, MAD(e, MAD(e, MAD(e, (vf)(0.2f), (vf)(-0.25f)), (vf)(0.33333333f)), (vf)(-0.5f)),
-                (vf)(1.0f));
-
-    return KAPPA * (select((vf)(0.0f), z, !(z <= 0.0f)) + select(LOG(1.0f + e), series, e < 0.06f));
-#elif DENSITY == 1
-    return KAPPA * select((vf)(0.0f), z, !(z <= 0.0f));
-#else
-    return KAPPA * EXP(select(z, (vf)(80.0f), z > 80.0f));
-#endif
-}
-
-/* d sigma / d s from sigma itself. */
-HELPER vf density_gradient(vf sigma)
-{
-#if DENSITY == 0
-    const vf x = sigma * (1.0f / KAPPA);
-
-    return KAPPA * ONE_MINUS_EXP(vf, x);
-#elif DENSITY == 1
-    return select((vf)(0.0f), (vf)(KAPPA), sigma > 0.0f);
-#else
-    return fmin(sigma, KAPPA * 3269017.4f); /* exp(15), as in nerfacc and instant-ngp */
-#endif
-}
 
 /* ---- one layer forward: in, then in2 (an encoding) -> pre-activations to acts (if kept), activations to
  * out. Element (s, k) of in stands at s * in_s + k * in_k. ---- */
@@ -394,45 +164,6 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
     }
 }
 
-/* ---- samples: where they are, in their leaf ---- */
-
-/* ids, local position at [3][NB], direction along [3][NB] of `rows` samples; those past count repeat the
- * last. */
-HELPER void load_samples(const __global cln_sample *samples, const __global uint *order,
-                         const __global float4 *ray_o, const __global float4 *ray_d, float4 box,
-                         uint start, int count, int rows, __local uint *ids, __local float *at,
-                         __local float *along, int lid)
-{
-    const float scale = 2.0f / box.w;
-
-    for (int s = lid; s < rows; s += LS) {
-        const uint id = order[start + (uint)min(s, count - 1)];
-        const cln_sample sample = samples[id];
-        const float4 d = ray_d[sample.ray];
-        const float4 p = (MAD((float4)(sample.t), d, ray_o[sample.ray]) - box) * scale - 1.0f;
-
-        ids[s] = id;
-        at[s] = p.x;
-        at[NB + s] = p.y;
-        at[2 * NB + s] = p.z;
-#if VIEW > 0
-        along[s] = d.x;
-        along[NB + s] = d.y;
-        along[2 * NB + s] = d.z;
-#endif
-    }
-}
-
-/* Encodings of the samples just loaded. */
-#if VIEW > 0
-#define ENCODE_SAMPLES(box)                                                                        \
-    encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, rows, lid);                       \
-    encode(along, VIEW_BANDS, 0, dir, DIR_PAD, rows, lid);
-#else
-#define ENCODE_SAMPLES(box)                                                                        \
-    encode(at, BANDS, (int)(1.5f - log2((box).w)), enc, ENC_PAD, rows, lid);
-#endif
-
 /* ---- forward ---- */
 
 #define FORWARD_ARGUMENTS                                                                          \
@@ -547,11 +278,58 @@ HELPER void restore(const __global kept_type *x, int width, int count, __local f
     }
 }
 
+/* Gradient and transposed weights of a leaf. */
+#if LEAF
+#define LEAF_SPACE        __local
+#define LEAF_SYNC()       GROUP_SYNC()
+#else
+#define LEAF_SPACE        __global
+#define LEAF_SYNC()       barrier(CLK_GLOBAL_MEM_FENCE)
+#endif
+
+#if LEAF
+/* wt[n][k] = w[k][n] of one layer, k < WIDTH: VW x VW at a time. A perfect shuffle of the rows, log2(VW) times over, is
+ * the transpose. */
+HELPER void transpose_layer(const __global float *w, int columns, __local float *wt, int lid)
+{
+    const int across = columns / VW;
+
+    for (int tile = lid; tile < WIDTH / VW * across; tile += LS) {
+        const int k = tile / across * VW, n = tile % across * VW;
+        vf row[VW];
+
+#pragma unroll
+        for (int i = 0; i < VW; i++)
+            row[i] = VLOAD(w + (k + i) * columns + n);
+#if VW > 1
+#pragma unroll
+        for (int round = 1; round < VW; round *= 2) {
+            vf next[VW];
+
+#pragma unroll
+            for (int i = 0; i < VW / 2; i++) {
+                next[2 * i].even = row[i].lo;
+                next[2 * i].odd = row[i + VW / 2].lo;
+                next[2 * i + 1].even = row[i].hi;
+                next[2 * i + 1].odd = row[i + VW / 2].hi;
+            }
+#pragma unroll
+            for (int i = 0; i < VW; i++)
+                row[i] = next[i];
+        }
+#endif
+#pragma unroll
+        for (int i = 0; i < VW; i++)
+            VSTORE(row[i], wt + (n + i) * WIDTH + k);
+    }
+}
+#endif
+
 /* dw[k][n] (+)= sum_s a(s, k) d[s][n], db[n] (+)= sum_s d[s][n]; a(s, k) stands at s * a_s + k * a_k;
  * `first`: overwrite. */
 HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k, const __local float *d,
-                            int n_out, __global float *dw, __global float *db, int count, int first,
-                            int lid)
+                            int n_out, LEAF_SPACE float *dw, LEAF_SPACE float *db, int count,
+                            int first, int lid)
 {
     for (int n = lid * VW; n < n_out; n += TILE_N) {
         for (int k = 0; k < rows; k += TK) {
@@ -583,7 +361,7 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k, 
 }
 
 /* out[s][k] = act'(x[s][k]) (sum_n d[s][n] wt[n][k] + ds[s] extra[k]); extra may be absent (0). */
-HELPER void input_gradient(const __local float *d, int n_in, const __global float *wt,
+HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE float *wt,
                            const __global kept_type *x, const __local float4 *dout,
                            const __global float *extra, __local float *out, int tiles, int count,
                            uint step_key, const __local uint *ids, uint layer, int lid)
@@ -624,7 +402,7 @@ HELPER void input_gradient(const __local float *d, int n_in, const __global floa
 
 /* Gradients of one head: dw[n] (+)= sum_s ds[s] a[s][n] for component k of dout. */
 HELPER void head_gradient(const __local float *a, int width, const __local float4 *dout, int k,
-                          __global float *dw, int count, int first, int lid)
+                          LEAF_SPACE float *dw, int count, int first, int lid)
 {
     for (int n = lid * VW; n < width; n += STEP_N) {
         vf sum = first ? (vf)(0.0f) : VLOAD(dw + n);
@@ -657,9 +435,13 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
     }
 }
 
+/* update 0: the gradient of every slice to grads [slice][PARAMS]. update 1: leaves with fewer than min_samples samples
+ * are left alone; of the others, those of one slice are updated (adam.h) and the rest leave their gradients, LEAF
+ * 0 as above and LEAF 1 at grads [slice start / half_slice][PARAMS]: starts of slices that share a leaf are at least
+ * half_slice apart (group.cl). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
-             const __global float *restrict transposed,  /* [leaf][WT_PARAMS] */
+mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
+             __global float *restrict transposed,        /* [leaf][WT_PARAMS], LEAF 0 */
              const __global float4 *restrict boxes,      /* [leaf] min x, y, z, side */
              const __global cln_slice *restrict slices,  /* [slice] */
              const __global uint *restrict order,        /* [grouped sample] -> sample */
@@ -668,8 +450,12 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
              const __global float4 *restrict out,        /* [sample] r, g, b, sigma */
              const __global float4 *restrict dout,       /* [sample] gradient of it */
              const __global kept_type *restrict acts,    /* [grouped sample][ACTS] */
-             __global float *restrict grads,             /* [slice][PARAMS] */
-             uint n_slices, uint step_key)
+             __global float *restrict grads, uint n_slices, uint step_key, uint update,
+             uint half_slice, uint min_samples, float lr, const __global uint *restrict begin,
+             const __global uint *restrict end,                  /* [leaf] */
+             const __global int *restrict steps,                 /* [leaf] */
+             const __global float *restrict norms,               /* [leaf] */
+             __global float *restrict moment1, __global float *restrict moment2) /* [leaf][PARAMS] */
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
@@ -680,15 +466,31 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
 #else
     __local float along[4];
 #endif
+#if LEAF
+    __local float grad[PARAMS], wt[WT_PARAMS];
+#endif
     const uint group = get_group_id(0);
     const int lid = (int)get_local_id(0);
 
     if (group >= n_slices)
         return;
     const cln_slice slice = slices[group];
-    const __global float *w = params + (size_t)slice.slot * PARAMS;
-    const __global float *wt = transposed + (size_t)slice.slot * WT_PARAMS;
+    const uint whole = end[slice.slot] - begin[slice.slot];
+
+    if (slice.count == 0u || (update && whole < min_samples))
+        return;
+    const size_t base = (size_t)slice.slot * PARAMS;
+    const __global float *w = params + base;
+#if LEAF
+    for (int i = 1; i < DEPTH; i++)
+        transpose_layer(w + TRUNK_W(i), WIDTH, wt + WT_TRUNK(i), lid);
+#if VIEW > 0
+    transpose_layer(w + VIEW_W, VIEW, wt + WT_VIEW, lid);
+#endif
+#else
+    __global float *wt = transposed + (size_t)slice.slot * WT_PARAMS;
     __global float *grad = grads + (size_t)group * PARAMS;
+#endif
 
     for (uint block = 0; block < slice.count; block += NB) {
         const int first = block == 0, count = (int)min((uint)NB, slice.count - block);
@@ -722,7 +524,7 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
         GROUP_SYNC();
         for (int k = lid; k < 32; k += LS) { /* biases of the heads, and their padding, which is zero */
             const int part = k < 3 ? k : k == 16 ? 3 : -1; /* r, g, b; sigma */
-            __global float *db = grad + (k < 16 ? COLOUR_B + k : SIGMA_B + k - 16);
+            LEAF_SPACE float *db = grad + (k < 16 ? COLOUR_B + k : SIGMA_B + k - 16);
             float sum = first ? 0.0f : *db;
 
             for (int s = 0; s < count && part >= 0; s++)
@@ -778,4 +580,26 @@ mlp_backward(const __global float *restrict params,      /* [leaf][PARAMS] */
         weight_gradient(enc, ENC_PAD, 1, NB, (DEPTH - 1) & 1 ? d1 : d0, WIDTH, grad + TRUNK_W(0),
                         grad + TRUNK_B(0), count, first, lid);
     }
+    LEAF_SYNC();
+    if (update && slice.count == whole) {
+        const adam_leaf a = adam_leaf_of(lr, steps[slice.slot], norms[slice.slot]);
+
+        for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N) {
+            const vf updated = adam_step(a, VLOAD(grad + p), p, base, params, moment1,
+                                         moment2);
+
+#if LEAF
+            (void)updated;
+#else
+            store_all_transposed(updated, p, wt);
+#endif
+        }
+        return;
+    }
+#if LEAF
+    __global float *to = grads + (size_t)(update ? slice.start / half_slice : group) * PARAMS;
+
+    for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N)
+        VSTORE(VLOAD(grad + p), to + p);
+#endif
 }

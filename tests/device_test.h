@@ -27,10 +27,10 @@ typedef struct tune_set {
 
 static const tune_set tune_sets[] = {
     {"default", ""},
-    {"plain", "VW=1,NV=1,LS=1,TS=1,NB=8,SL=16,WG=1,DB=5,CHUNK=16"},
+    {"plain", "VW=1,NV=1,LS=1,TS=1,NB=8,SL=16,WG=1,DB=5,CHUNK=16,LEAF=0"},
     {"wide vectors", "VW=16,NV=1,LS=1,TS=4,NB=12,SL=48,WG=8,SG=8,DB=7,CHUNK=100"},
     {"vectors and items", "VW=4,NV=1,LS=16,TS=4,NB=16,SL=64,WG=32,SG=32,DB=3,CHUNK=33"},
-    {"gpu", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=64,DB=8,CHUNK=64"},
+    {"gpu", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=64,DB=8,CHUNK=64,LEAF=0"},
 };
 enum { TUNE_SETS = sizeof tune_sets / sizeof tune_sets[0] };
 
@@ -38,7 +38,7 @@ enum { TUNE_SETS = sizeof tune_sets / sizeof tune_sets[0] };
 static const tune_set native_set = {"native", "NATIVE=1"};
 static const tune_set half_sets[] = {
     {"half", "HALF=1"},
-    {"half, gpu", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64,HALF=1"},
+    {"half, gpu", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64,HALF=1,LEAF=0"},
 };
 
 /* Fails the test with the standing error's sentence if st is not CLN_OK. */
@@ -81,7 +81,7 @@ typedef struct test_pipeline_entry {
     cln_pipeline pipeline;
 } test_pipeline_entry;
 
-enum { MAX_PIPELINES = 24 };
+enum { MAX_PIPELINES = 40 };
 static test_pipeline_entry test_pipelines[MAX_PIPELINES];
 static int test_pipeline_count;
 

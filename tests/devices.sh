@@ -151,7 +151,7 @@ section_broken() {
     add "device ${names[$best]}: tiny shapes" || return
     noticed "a wrong sign" regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' "regularisers backward "
     noticed "one too few" group.cl 's/end\[keys\[i\]\] = i + 1u/end[keys[i]] = i/' "networks backward "
-    noticed "a missing barrier" mlp.cl 's/^#define GROUP_SYNC() barrier.*/#define GROUP_SYNC()/' \
+    noticed "a missing barrier" network.h 's/^#define GROUP_SYNC() barrier.*/#define GROUP_SYNC()/' \
         "networks: (colour|density) "
     # right by float64 (any random number is), but not what the others make of it
     noticed "other random numbers" sampling.cl 's/STREAM_SAMPLES, step, r, 0u/STREAM_SAMPLES, step + 1u, r, 0u/' \

@@ -63,11 +63,15 @@ kernel() {
 }
 
 kernels() {
-    local cl
+    local cl headers
     for cl in kernels/*.cl; do
-        for more in "" -DDISTORTION=1 -DVW=1; do
+        case $cl in # host/device/program.c
+        */mlp.cl | */adam.cl) headers=(-include kernels/network.h -include kernels/adam.h) ;;
+        *) headers=(-include kernels/camera.h) ;;
+        esac
+        for more in "" -DDISTORTION=1 -DVW=1 -DLEAF=0; do
             kernel -include include/device_abi.h -include kernels/lanes.h -include kernels/rng.h \
-                -include kernels/camera.h ${more:+"$more"} "$cl"
+                "${headers[@]}" ${more:+"$more"} "$cl"
         done
     done
     grep -n '#include' kernels/* | sed 's/$/: kernels include nothing, the prelude is put before them/'

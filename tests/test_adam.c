@@ -201,14 +201,17 @@ static void check_case(const adam_case *c)
         assert_ok(cln_buffer_write(p->device, &p->begin, 0, begin, sizeof begin));
         assert_ok(cln_buffer_write(p->device, &p->end, 0, end, sizeof end));
         assert_ok(cln_buffer_write(p->device, &p->slice_starts, 0, starts, sizeof starts));
+        test_fill(p->device, &p->slices, NULL, slices * sizeof(cln_slice));
         test_fill(p->device, &p->grads, grads, slices * n * sizeof *grads);
-        check_transposed(p);
+        if (!p->tune.leaf)
+            check_transposed(p);
         for (int step = 0; step < 2; step++) {
             assert_ok(cln_stage_adam(p, 0.01));
             if (pass == 0) {
                 update(c, &p->net, begin, end, starts, grads, (float)0.01, &want);
                 check_state(c, p, &model, begin, end, &want);
-                check_transposed(p);
+                if (!p->tune.leaf)
+                    check_transposed(p);
             }
         }
         free(test_read(p->device, &p->grads, slices * n * sizeof *grads, "grads"));

@@ -336,6 +336,8 @@ static void check_groups(cln_pipeline *p, const int *counts, int leaves)
             assert_true(j == 0 || order[at] > order[at - 1]);
         }
         for (uint32_t covered = first; covered < at; i++) {
+            /* of several slices, none is short (kernels/group.cl) */
+            assert_true(counts[s] <= p->tune.sl || slice[i].count >= (uint32_t)p->tune.sl / 2);
             assert_true(i < slices);
             assert_int_equal(slice[i].slot, s);
             assert_int_equal(slice[i].start, covered);

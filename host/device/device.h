@@ -24,7 +24,8 @@
     X(db, "DB", 12, 8, 1, 12, "most bits of a digit of the sort")                                  \
     X(chunk, "CHUNK", 1024, 2048, 16, 65536, "fewest elements a scan or sort group takes in turn") \
     X(native, "NATIVE", 0, 0, 0, 1, "native_exp and the like in networks")                         \
-    X(half, "HALF", 0, 0, 0, 1, "activations kept for backward in 16 bits")
+    X(half, "HALF", 0, 0, 0, 1, "activations kept for backward in 16 bits")                        \
+    X(leaf, "LEAF", 1, 0, 0, 1, "a leaf's gradient and transposed weights in local memory")
 
 typedef struct cln_tune {
 #define X(field, name, cpu, gpu, min, max, meaning) int field;

@@ -19,6 +19,14 @@ typedef struct source {
     int count, capacity, owned_count;
 } source;
 
+/* Headers that not every program is given. */
+static const struct {
+    const char *program, *header;
+} headers[] = {
+    {"rays", "camera.h"}, {"splat", "camera.h"}, {"stats", "camera.h"}, {"mlp", "network.h"},
+    {"mlp", "adam.h"},    {"adam", "network.h"}, {"adam", "adam.h"},
+};
+
 static cln_status append(source *s, const char *text)
 {
     cln_status st = CLN_OK;
@@ -96,8 +104,6 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
                              cln_program *out)
 {
     cln_status st = CLN_OK;
-    const bool uses_camera =
-        strcmp(name, "rays") == 0 || strcmp(name, "splat") == 0 || strcmp(name, "stats") == 0;
     char *owned[16] = {0}, *copy = NULL, *file = NULL;
     source s = {.owned = owned};
     cl_int code = CL_SUCCESS;
@@ -114,8 +120,9 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     CLN_TRY(append_file(device, &s, "device_abi.h"));
     CLN_TRY(append_file(device, &s, "lanes.h"));
     CLN_TRY(append_file(device, &s, "rng.h"));
-    if (uses_camera)
-        CLN_TRY(append_file(device, &s, "camera.h"));
+    for (size_t i = 0; i < sizeof headers / sizeof headers[0]; i++)
+        if (strcmp(headers[i].program, name) == 0)
+            CLN_TRY(append_file(device, &s, headers[i].header));
     CLN_TRY(cln_asprintf(&file, "%s.cl", name));
     CLN_TRY(append_file(device, &s, file));
     out->program =

@@ -263,8 +263,7 @@ static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, in
         CLN_TRY(cln_stage_group(p, n, &slices));
         CLN_TRY(cln_stage_forward(p, n, slices, true, key));
         CLN_TRY(cln_stage_distil_gradient(p, n, 1.0 / samples));
-        CLN_TRY(cln_stage_backward(p, slices, key));
-        CLN_TRY(cln_stage_adam(p, c->distil_lr));
+        CLN_TRY(cln_stage_update(p, n, slices, key, c->distil_lr));
         CLN_TRY(cln_device_finish(p->device));
         done_steps++;
         if (done_steps % CHECK_EVERY == 0) {

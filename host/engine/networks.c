@@ -149,45 +149,91 @@ done:
     return st;
 }
 
-cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key)
+double cln_pipeline_gradients(const cln_tune *tune, double samples, double slices)
+{
+    if (!tune->leaf)
+        return slices;
+    return samples > tune->sl ? ceil(samples / floor(tune->sl / 2.0)) : 0;
+}
+
+/* update false: gradients to p->grads, each slice's at its number. */
+static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
+                                  uint32_t step_key, bool update, double lr)
 {
     cln_status st = CLN_OK;
-    const cl_uint slices = slice_count, key = step_key;
+    const cl_uint slices = slice_count, key = step_key, updates = update;
+    const cl_uint half = (cl_uint)p->tune.sl / 2, least = (cl_uint)p->config.min_leaf_samples;
+    const cl_float rate = (float)lr;
 
     CLN_TRY(cln_buffer_reserve(p->device, &p->grads,
-                               (size_t)slice_count * (size_t)p->net.params * sizeof(float),
+                               (size_t)gradients * (size_t)p->net.params * sizeof(float),
                                "weight gradients"));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
                        CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem), CLN_ARG(p->boxes.mem),
                        CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem),
                        CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
                        CLN_ARG(p->dout.mem), CLN_ARG(p->acts.mem), CLN_ARG(p->grads.mem),
-                       CLN_ARG(slices), CLN_ARG(key)));
+                       CLN_ARG(slices), CLN_ARG(key), CLN_ARG(updates), CLN_ARG(half),
+                       CLN_ARG(least), CLN_ARG(rate), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+                       CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem), CLN_ARG(p->adam_m.mem),
+                       CLN_ARG(p->adam_v.mem)));
 done:
     return st;
+}
+
+static cln_status count_updates(cln_pipeline *p)
+{
+    const size_t wg = (size_t)p->tune.wg;
+    const cl_uint leaves = (cl_uint)p->leaves, least = (cl_uint)p->config.min_leaf_samples;
+
+    return CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
+                      CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
+                      CLN_ARG(p->params.mem), CLN_ARG(p->norms.mem), CLN_ARG(leaves),
+                      CLN_ARG(least));
+}
+
+/* Leaves of at least min_slices slices. half_slice: where gradients are (kernels/mlp.cl). */
+static cln_status launch_adam(cln_pipeline *p, cl_uint min_slices, cl_uint half_slice, double lr)
+{
+    const size_t leaves = (size_t)p->leaves;
+    const cl_uint count = (cl_uint)leaves, least = (cl_uint)p->config.min_leaf_samples;
+    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
+    const cl_float rate = (float)lr;
+
+    return CLN_LAUNCH(
+        p->device, p->k.adam, CLN_STAGE_ADAM, cln_groups(leaves, CLN_ADAM_EACH) * parts,
+        (size_t)p->tune.ls, CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+        CLN_ARG(p->slice_starts.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->grads.mem),
+        CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem), CLN_ARG(p->params.mem),
+        CLN_ARG(p->adam_m.mem), CLN_ARG(p->adam_v.mem), CLN_ARG(p->transposed.mem), CLN_ARG(count),
+        CLN_ARG(parts), CLN_ARG(least), CLN_ARG(min_slices), CLN_ARG(half_slice), CLN_ARG(rate));
+}
+
+cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key)
+{
+    return launch_backward(p, slice_count, slice_count, step_key, false, 0);
 }
 
 cln_status cln_stage_adam(cln_pipeline *p, double lr)
 {
     cln_status st = CLN_OK;
-    const size_t wg = (size_t)p->tune.wg, leaves = (size_t)p->leaves;
-    const cl_uint count = (cl_uint)leaves, min_samples = (cl_uint)p->config.min_leaf_samples;
-    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, 1024);
-    const cl_float rate = (float)lr, beta1 = (float)p->config.beta1, beta2 = (float)p->config.beta2;
-    const cl_float epsilon = (float)p->config.epsilon, view_l2 = (float)p->config.view_l2;
-    const cl_float decay1 = (float)-log(p->config.beta1), decay2 = (float)-log(p->config.beta2);
 
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
-                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
-                       CLN_ARG(p->params.mem), CLN_ARG(p->norms.mem), CLN_ARG(count),
-                       CLN_ARG(min_samples)));
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.adam, CLN_STAGE_ADAM, leaves * parts, (size_t)p->tune.ls,
-                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem),
-                       CLN_ARG(p->grads.mem), CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem),
-                       CLN_ARG(p->params.mem), CLN_ARG(p->adam_m.mem), CLN_ARG(p->adam_v.mem),
-                       CLN_ARG(p->transposed.mem), CLN_ARG(parts), CLN_ARG(min_samples),
-                       CLN_ARG(rate), CLN_ARG(beta1), CLN_ARG(beta2), CLN_ARG(epsilon),
-                       CLN_ARG(view_l2), CLN_ARG(decay1), CLN_ARG(decay2)));
+    CLN_TRY(count_updates(p));
+    CLN_TRY(launch_adam(p, 1, 0, lr));
+done:
+    return st;
+}
+
+cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                            uint32_t step_key, double lr)
+{
+    cln_status st = CLN_OK;
+    const double gradients = cln_pipeline_gradients(&p->tune, sample_count, slice_count);
+
+    CLN_TRY(count_updates(p));
+    CLN_TRY(launch_backward(p, gradients, slice_count, step_key, true, lr));
+    if (sample_count > (uint32_t)p->tune.sl)
+        CLN_TRY(launch_adam(p, 2, p->tune.leaf ? (cl_uint)p->tune.sl / 2 : 0, lr));
 done:
     return st;
 }

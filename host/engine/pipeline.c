@@ -58,8 +58,9 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const size_t leaves = (size_t)p->leaves, weights = leaves * (size_t)p->net.params;
-    const size_t transposed = leaves * (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
-    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, 1024);
+    const size_t transposed =
+        p->tune.leaf ? 0 : leaves * (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
+    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
 
     CLN_TRY(fit_and_put(device, &p->adam_m, model->adam_m, weights * sizeof(float),
                         "Adam's first moments"));
@@ -77,8 +78,10 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
     }
     cln_buffer_free(device, &p->grads); /* sized by the leaves of the batches so far */
     cln_buffer_free(device, &p->seen);  /* of the leaves before */
-    CLN_TRY(CLN_LAUNCH(device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts, (size_t)p->tune.ls,
-                       CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem), CLN_ARG(parts)));
+    if (!p->tune.leaf)
+        CLN_TRY(CLN_LAUNCH(device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts,
+                           (size_t)p->tune.ls, CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem),
+                           CLN_ARG(parts)));
 done:
     return st;
 }

@@ -147,11 +147,11 @@ static void add_networks(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     row(out, "optimiser state", per_leaf);
     add(out, n * s->params);
     add(out, n * s->params);
-    add(out, n * 4.0 * cln_pipeline_transposed(&d->pipeline->net));
+    add(out, d->pipeline->tune.leaf ? 0 : n * 4.0 * cln_pipeline_transposed(&d->pipeline->net));
     add(out, 4 * n); /* steps */
     add(out, 4 * n); /* norms */
     row(out, "weight gradients", "--batch-samples, --width or --depth");
-    add(out, s->slices * s->params);
+    add(out, cln_pipeline_gradients(&d->pipeline->tune, s->samples, s->slices) * s->params);
     row(out, "activations", "--batch-samples, --width or --depth");
     add(out, s->samples * s->acts);
     if (s->measures > 0) {

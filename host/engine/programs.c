@@ -44,6 +44,12 @@ static size_t bytes_per_sample(const cln_network *net)
            (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 2 + 6);
 }
 
+/* ... and of what it holds of a leaf. */
+static size_t bytes_per_leaf(const cln_network *net)
+{
+    return sizeof(float) * (size_t)(net->params + cln_pipeline_transposed(net));
+}
+
 /* Local memory of the largest work-group of scan.cl with 64-bit keys: SG = 1, places and counts of digits
  * and lines of output; else a tile and its ranks. */
 static size_t sort_local(const cln_tune *tune, int line_bits)
@@ -92,6 +98,8 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
     while (tune->nb > step && (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->nb -= step;
     tune->sl = tune->sl < tune->nb ? tune->nb : tune->sl / tune->nb * tune->nb;
+    if (bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
+        tune->leaf = 0;
 }
 
 /* A power of two of work-items and digits that fit the local memory. */
@@ -132,22 +140,13 @@ static void line(text *t, const char *fmt, ...)
     t->text[t->used] = 0;
 }
 
-/* "#define NAME(i) ((i) == 0 ? a : (i) == 1 ? b : c)" */
-static void table(text *t, const char *name, const int *values, int count)
-{
-    char expression[512];
-    int used = snprintf(expression, sizeof expression, "(");
-
-    for (int i = 0; i < count - 1; i++)
-        used += snprintf(expression + used, sizeof expression - (size_t)used,
-                         "(i) == %d ? %d : ", i, values[i]);
-    line(t, "#define %s(i) %s%d)", name, expression, values[count - 1]);
-}
-
 /* A float literal that reads back exactly, with a sign that cannot fuse with what stands before. */
 static void real(text *t, const char *name, double value)
 {
-    line(t, "#define %s (%.9ef)", name, value);
+    if (isinf(value))
+        line(t, "#define %s (%sINFINITY)", name, value < 0 ? "-" : "");
+    else
+        line(t, "#define %s (%.9ef)", name, value);
 }
 
 cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
@@ -169,9 +168,6 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define VIEW %d\n#define VIEW_BANDS %d\n#define DIR_PAD %d\n#define COLOUR %d",
          net->view_dependence ? net->view_width : 0, net->view_bands, net->dir_pad,
          net->colour_width);
-    line(&t, "#define VIEW_ROWS %d", net->width + net->dir_pad);
-    table(&t, "TRUNK_W", net->trunk_w, net->depth);
-    table(&t, "TRUNK_B", net->trunk_b, net->depth);
     line(&t, "#define SIGMA_W %d\n#define SIGMA_B %d\n#define VIEW_W %d\n#define VIEW_B %d",
          net->sigma_w, net->sigma_b, net->view_w, net->view_b);
     line(&t, "#define COLOUR_W %d\n#define COLOUR_B %d\n#define PARAMS %d", net->colour_w,
@@ -190,8 +186,16 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define LOSS %d\n#define CAUCHY %d\n#define OPACITY %d\n#define DISTORT %d", c->loss,
          c->cauchy > 0, c->opacity_entropy > 0, c->distortion_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
-    line(&t, "#define NATIVE %d\n#define HALF %d", tune->native, tune->half);
-    line(&t, "#define PART 1024\n#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
+    line(&t, "#define NATIVE %d\n#define HALF %d\n#define LEAF %d", tune->native, tune->half,
+         tune->leaf);
+    line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
+    real(&t, "BETA1", c->beta1);
+    real(&t, "BETA2", c->beta2);
+    real(&t, "EPSILON", c->epsilon);
+    real(&t, "DECAY1", -log(c->beta1));
+    real(&t, "DECAY2", -log(c->beta2));
+    line(&t, "#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
+    real(&t, "VIEW_L2_WEIGHT", c->view_l2);
     *out = t.text;
     return t.st;
 }

@@ -295,6 +295,30 @@ done:
     return st;
 }
 
+/* Training's way to the same weights: backward and Adam in one pass. */
+static cln_status check_update(cln_checks *c, const data *d)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    const size_t floats = (size_t)p->leaves * (size_t)p->net.params;
+    float *apart = NULL, *at_once = NULL;
+    bool same = false;
+
+    CLN_TRY(cln_alloc(&apart, floats, sizeof *apart, "self-test"));
+    CLN_TRY(cln_alloc(&at_once, floats, sizeof *at_once, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->params, 0, apart, floats * sizeof *apart));
+    CLN_TRY(cln_pipeline_upload(p, c->model, true));
+    CLN_TRY(cln_stage_forward(p, d->n, d->slices, true, 77));
+    CLN_TRY(cln_stage_update(p, d->n, d->slices, 77, 1e-3));
+    CLN_TRY(cln_buffer_read(p->device, &p->params, 0, at_once, floats * sizeof *at_once));
+    same = memcmp(apart, at_once, floats * sizeof *apart) == 0;
+    cln_check_say(c, "networks: backward and adam at once", same, "%zu weights", floats);
+done:
+    free(apart);
+    free(at_once);
+    return st;
+}
+
 /* The samples by leaf. */
 static cln_status put_out_order(cln_checks *c, uint32_t n)
 {
@@ -348,6 +372,7 @@ cln_status cln_check_networks(cln_checks *c)
     cln_check_say(c, "networks: same launch, same bytes", same, "%u samples, %u slices", d.n,
                   d.slices);
     CLN_TRY(check_adam(c, &d));
+    CLN_TRY(check_update(c, &d));
 done:
     free(first_out);
     free(again);

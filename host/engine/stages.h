@@ -90,10 +90,11 @@ typedef struct cln_pipeline {
 
     /* The tree and its networks. */
     int leaves, depth;
-    cln_buffer boxes;      /* float4 [leaf] min x, y, z, side */
-    cln_buffer map;        /* int [8^depth] slot + 1 << 4 | level */
-    cln_buffer params;     /* float [leaf][net.params] */
-    cln_buffer transposed; /* float [leaf][wt] for the input gradients; training only */
+    cln_buffer boxes;  /* float4 [leaf] min x, y, z, side */
+    cln_buffer map;    /* int [8^depth] slot + 1 << 4 | level */
+    cln_buffer params; /* float [leaf][net.params] */
+    cln_buffer
+        transposed; /* float [leaf][wt] for the input gradients; training without tune.leaf */
     cln_buffer adam_m, adam_v, adam_steps, norms; /* [leaf][params] x2, int [leaf], float [leaf] */
     cln_buffer density;                           /* bfloat16 [leaf][n1^3] */
     cln_buffer seen;                              /* uchar [leaf][n1^3] */
@@ -118,7 +119,7 @@ typedef struct cln_pipeline {
     cln_buffer measures; /* float [sample][numbers measured] */
     cln_buffer losses;   /* float [sample]; distillation only */
     cln_buffer acts;     /* float or half [sample][net acts], grouped order; training only */
-    cln_buffer grads;    /* float [slice][net.params]; training only */
+    cln_buffer grads;    /* float [slice or place][net.params]; training only */
 
     /* Splatting: lists of one view (or band of it). */
     cln_buffer batch_views, grids, list_start, list_count, list_t, list_sigma, padded_t,
@@ -152,10 +153,17 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **text);
 /* Numbers that a training step measures per sample: 0, 1 or CLN_MEASURES. */
 int cln_pipeline_measures(const cln_config *config);
 
+/* A work-group of the adam kernel: weights that it updates, of so many leaves in turn. */
+enum { CLN_ADAM_PART = 1024, CLN_ADAM_EACH = 16 };
+
 /* Kept pre-activations per sample, and the bytes they take (tune.half); transposed weights per leaf. */
 int cln_pipeline_acts(const cln_network *net);
 size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune);
 int cln_pipeline_transposed(const cln_network *net);
+
+/* Gradients that an update holds at a time, of so many samples in slices of at most tune.sl: with tune.leaf only those
+ * of slices that share a leaf (kernels/mlp.cl). */
+double cln_pipeline_gradients(const cln_tune *tune, double samples, double slices);
 
 /* Uploads tree and weights, and the training state if `training`; densities if the model has them.
  * Download: params, and the training state if `training`, into the model's arrays. Reads back. */
@@ -213,8 +221,12 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                              bool training, uint32_t step_key);
 cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth);
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
+/* Gradients of all slices, p->grads [slice][params]; then Adam with them. */
 cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key);
 cln_status cln_stage_adam(cln_pipeline *p, double lr);
+/* The same as these two, bit for bit, in one pass over leaves of one slice; their gradients are not kept. */
+cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                            uint32_t step_key, double lr);
 
 /* Adds what composite_train measured of the first `samples` samples to leaf_sums and leaf_met; nothing
  * if nothing is measured. Reset: both to zero. Read: leaf_sums [leaf][CLN_MEASURES][2], leaf_met. */

@@ -197,8 +197,7 @@ cln_status cln_synthetic_step(cln_synthetic *s, cln_pipeline *p)
     CLN_TRY(cln_stage_group(p, s->samples, &s->slices));
     CLN_TRY(cln_stage_forward(p, s->samples, s->slices, true, 1));
     CLN_TRY(cln_stage_composite_train(p, rays, s->samples));
-    CLN_TRY(cln_stage_backward(p, s->slices, 1));
-    CLN_TRY(cln_stage_adam(p, 1e-12));
+    CLN_TRY(cln_stage_update(p, s->samples, s->slices, 1, 1e-12));
     CLN_TRY(cln_stage_measure(p, s->samples));
     CLN_TRY(
         cln_buffer_read(p->device, &p->results, 0, s->results, (size_t)rays * sizeof *s->results));

@@ -160,8 +160,7 @@ static cln_status step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
     CLN_TRY(cln_stage_composite_train(p, rays, samples));
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
-    CLN_TRY(cln_stage_backward(p, slices, key));
-    CLN_TRY(cln_stage_adam(p, learning_rate(c, fraction)));
+    CLN_TRY(cln_stage_update(p, samples, slices, key, learning_rate(c, fraction)));
     CLN_TRY(cln_stage_measure(p, measured));
     CLN_TRY(
         cln_buffer_fetch(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));

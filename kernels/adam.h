@@ -1,0 +1,84 @@
+/* One step of Adam on VW neighbouring weights (method.md 11; twin: host/reference/adam.c), and the transposed copy of
+ * the weights that the input gradients read. Used by adam.cl, and by mlp.cl where a leaf's whole gradient is at
+ * hand; behind network.h, which has the layout. Bias correction counts the updates of the leaf itself, since leaves
+ * are born during training.
+ *
+ * BETA1 BETA2 EPSILON   Adam's;  DECAY1 DECAY2: -log of the betas
+ * VIEW_L2 0 | 1, VIEW_L2_WEIGHT   regulariser: the norm of the view layer's weights
+ */
+#ifndef BETA1
+#define BETA1 0.9f
+#define BETA2 0.99f
+#define EPSILON 1e-10f
+#define DECAY1 0.105360516f
+#define DECAY2 0.0100503359f
+#define VIEW_L2 1
+#define VIEW_L2_WEIGHT 0.1f
+#endif
+
+/* What is the same for all weights of a leaf. */
+typedef struct adam_leaf {
+    float rate, second; /* learning rate over the first moment's correction; 1 over the second's */
+    float pull;         /* of the view layer's norm, per weight */
+} adam_leaf;
+
+/* steps: updates of the leaf, this one counted; norm: of the view layer's weights. */
+HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm)
+{
+    const float t = (float)steps;
+    adam_leaf a;
+
+    a.rate = lr / ONE_MINUS_EXP(float, t * DECAY1);
+    a.second = 1.0f / ONE_MINUS_EXP(float, t * DECAY2);
+#if VIEW_L2
+    a.pull = VIEW_L2_WEIGHT / fmax(norm, 1e-12f);
+#else
+    a.pull = norm * 0.0f;
+#endif
+    return a;
+}
+
+/* Weights p .. p + VW - 1 of a leaf, whose arrays begin at `base`, by their gradient; the new weights. */
+HELPER vf adam_step(adam_leaf a, vf g, uint p, size_t base, __global float *params, __global float *m,
+                    __global float *v)
+{
+    vf w = VLOAD(params + base + p);
+
+#if VIEW_L2
+    if (p >= VIEW_W && p < VIEW_W + VIEW_ROWS * VIEW)
+        g += w * a.pull;
+#endif
+    const vf m1 = MAD((vf)(BETA1), VLOAD(m + base + p), (1.0f - BETA1) * g);
+    const vf v1 = MAD((vf)(BETA2), VLOAD(v + base + p), (1.0f - BETA2) * g * g);
+
+    w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
+    VSTORE(m1, m + base + p);
+    VSTORE(v1, v + base + p);
+    VSTORE(w, params + base + p);
+    return w;
+}
+
+/* Where row-major weights [rows WIDTH][columns] at `offset` hold parameter p: also store them
+ * transposed. p and its VW - 1 successors stand in one row. */
+HELPER void store_transposed(vf value, uint p, uint offset, uint columns, __global float *wt)
+{
+    const uint q = p - offset;
+
+    if (p < offset || q >= WIDTH * columns)
+        return;
+    const uint k = q / columns, n = q % columns;
+    float lanes[VW];
+
+    VSTORE(value, lanes);
+    for (uint j = 0; j < VW; j++)
+        wt[(n + j) * WIDTH + k] = lanes[j];
+}
+
+HELPER void store_all_transposed(vf value, uint p, __global float *wt /* [WT_PARAMS] */)
+{
+    for (int i = 1; i < DEPTH; i++)
+        store_transposed(value, p, TRUNK_W(i), WIDTH, wt + WT_TRUNK(i));
+#if VIEW > 0
+    store_transposed(value, p, VIEW_W, VIEW, wt + WT_VIEW);
+#endif
+}
