@@ -11,7 +11,7 @@
  * Sizes of structs are include/device_abi.h's: sample 16, interval 16, ray 32 (two float4), pixel 16, result 32. */
 #include "bench.h"
 
-enum { SAMPLE = 16, INTERVAL = 16, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
+enum { SAMPLE = 16, INTERVAL = 20, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
 
 static double density_weights(const cln_network *net)
 {

@@ -33,9 +33,10 @@ typedef struct cln_pixel {
     cln_u32 view, x, y, pad;
 } cln_pixel;
 
-/* The passage of a ray through an ACTIVE leaf. count: stage-2 samples in it. */
+/* The passage of a ray through an ACTIVE leaf. mass: by stage 1, its optical depth, or its alpha with
+ * CLN_CDF_WEIGHT. count: stage-2 samples in it | the leaf's level << 24. */
 typedef struct cln_interval {
-    cln_f32 t_in, t_out;
+    cln_f32 t_in, t_out, mass;
     cln_i32 slot;
     cln_u32 count;
 } cln_interval;
@@ -65,7 +66,7 @@ typedef struct cln_ray_result {
 #ifndef __OPENCL_C_VERSION__
 _Static_assert(sizeof(cln_device_camera) == 96, "layout shared with kernels");
 _Static_assert(sizeof(cln_pixel) == 16, "layout shared with kernels");
-_Static_assert(sizeof(cln_interval) == 16, "layout shared with kernels");
+_Static_assert(sizeof(cln_interval) == 20, "layout shared with kernels");
 _Static_assert(sizeof(cln_slice) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_sample) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_ray_result) == 32, "layout shared with kernels");

@@ -27,6 +27,8 @@ typedef int vi;
 #define VSTORE(v, p) (*(p) = (v))
 #define V_TO_FLOAT   convert_float
 #define V_TO_INT     convert_int
+#define V_TO_UINT    convert_uint
+#define V_AS_FLOAT   as_float
 #else
 typedef CLN_PASTE(float, VW) vf;
 typedef CLN_PASTE(uint, VW) vu;
@@ -35,6 +37,8 @@ typedef CLN_PASTE(int, VW) vi;
 #define VSTORE(v, p) CLN_PASTE(vstore, VW)(v, 0, p)
 #define V_TO_FLOAT   CLN_PASTE(convert_float, VW)
 #define V_TO_INT     CLN_PASTE(convert_int, VW)
+#define V_TO_UINT    CLN_PASTE(convert_uint, VW)
+#define V_AS_FLOAT   CLN_PASTE(as_float, VW)
 #endif
 
 /* Lane numbers 0 .. VW-1, and the sum over lanes in a fixed order. */
@@ -73,6 +77,60 @@ HELPER float v_sum16(float16 v)
 #define V_SUM(v) v_sum16(v)
 #else
 #error "VW must be 1, 2, 4, 8 or 16"
+#endif
+
+/* Any lane of a comparison? Lanes moved up by one, x into the first; sums of the lanes up to each. */
+#if VW == 1
+#define V_ANY(c)      (c)
+#define V_SHIFT(v, x) (x)
+#define V_PREFIX(v)   (v)
+#else
+#define V_ANY(c)      any(c)
+#define V_SHIFT(v, x) v_shift(v, x)
+#define V_PREFIX(v)   v_prefix(v)
+#if VW == 2
+HELPER vf v_shift(vf v, float x)
+{
+    return (vf)(x, v.x);
+}
+HELPER vf v_prefix(vf v)
+{
+    return v + (vf)(0.0f, v.x);
+}
+#elif VW == 4
+HELPER vf v_shift(vf v, float x)
+{
+    return (vf)(x, v.s012);
+}
+HELPER vf v_prefix(vf v)
+{
+    v += v_shift(v, 0.0f);
+    return v + (vf)((float2)(0.0f), v.lo);
+}
+#elif VW == 8
+HELPER vf v_shift(vf v, float x)
+{
+    return (vf)(x, v.s012, v.s3456);
+}
+HELPER vf v_prefix(vf v)
+{
+    v += v_shift(v, 0.0f);
+    v += (vf)((float2)(0.0f), v.s01, v.s2345);
+    return v + (vf)((float4)(0.0f), v.lo);
+}
+#else
+HELPER vf v_shift(vf v, float x)
+{
+    return (vf)(x, v.s012, v.s3456, v.s789abcde);
+}
+HELPER vf v_prefix(vf v)
+{
+    v += v_shift(v, 0.0f);
+    v += (vf)((float2)(0.0f), v.s01, v.s2345, v.s6789abcd);
+    v += (vf)((float4)(0.0f), v.s0123, v.s456789ab);
+    return v + (vf)((float8)(0.0f), v.lo);
+}
+#endif
 #endif
 
 #ifndef NATIVE

@@ -8,16 +8,24 @@
 #define STREAM_SAMPLES 4u
 #define STREAM_POINTS  6u
 
+/* Products of 64 bits: PoCL puts mul_hi together from four of 16 bits. Words one by one: from a vector,
+ * every round would have to extract them. */
 HELPER uint4 philox4x32(uint4 c, uint2 k)
 {
-    for (int round = 0; round < 10; round++) {
-        const uint hi0 = mul_hi(0xD2511F53u, c.x), lo0 = 0xD2511F53u * c.x;
-        const uint hi1 = mul_hi(0xCD9E8D57u, c.z), lo1 = 0xCD9E8D57u * c.z;
+    uint c0 = c.x, c1 = c.y, c2 = c.z, c3 = c.w, k0 = k.x, k1 = k.y;
 
-        c = (uint4)(hi1 ^ c.y ^ k.x, lo1, hi0 ^ c.w ^ k.y, lo0);
-        k += (uint2)(0x9E3779B9u, 0xBB67AE85u);
+#pragma unroll
+    for (int round = 0; round < 10; round++) {
+        const ulong p0 = (ulong)0xD2511F53u * c0, p1 = (ulong)0xCD9E8D57u * c2;
+
+        c0 = (uint)(p1 >> 32) ^ c1 ^ k0;
+        c1 = (uint)p1;
+        c2 = (uint)(p0 >> 32) ^ c3 ^ k1;
+        c3 = (uint)p0;
+        k0 += 0x9E3779B9u;
+        k1 += 0xBB67AE85u;
     }
-    return c;
+    return (uint4)(c0, c1, c2, c3);
 }
 
 /* Four uniforms in [0, 1), 24 bits each. */

@@ -1,14 +1,16 @@
 /* Rays through the tree and stage 2's samples (method.md 3, 5, 7, 9; twin: host/reference/rays.c,
- * sampling.c). One work-item per ray.
+ * sampling.c). Lanes run over what is alike: rays while they walk (VW of them a work-item), points
+ * of stage 1, samples of a passage. On a CPU most of the time goes into waiting, for densities and
+ * after branches guessed wrong; so branches hang as little as can be on what was just read.
  *
  *   intervals_fill    per leaf on the ray: chord, stage-1 optical depth, number of samples; leaves
  *                     behind opaque ones are left out; at most MAX_INTERVALS(depth) a ray, as many as
  *                     cells a line can meet in the map                            -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
- * Stage 1 is read through one interface: segment_open(), segment_depth() and segment_bins(): the stage-1 points of
- * one passage, ascending in t, with their densities; a bin reaches half way to the neighbours, and the last one to
- * the chord's end. Lanes run over points. Two ways give them:
+ * Stage 1 is read through one interface: segment_open(), segment_depth(), segment_bins() and
+ * segment_mean(): the stage-1 points of one passage, ascending in t, with their densities; a bin
+ * reaches half way to the neighbours, and the last one to the chord's end. Two ways give them:
  *   STAGE1 1 (gather)  n1-spaced points on the chord, nearest cell of the leaf's cached densities
  *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel of
  *                      the leaf's level (splat.cl)
@@ -22,87 +24,114 @@
 #define PADDED 0
 #endif
 
+/* Numbers of samples hang on it: the library's, whatever NATIVE says. */
+#undef EXP
+#define EXP(x) exp(x)
+
 #define NEVER 1e30f
 #define MAX_INTERVALS(depth) (3u << (depth))
 #define EMPTY_BIN 1e-5f
 
-typedef struct tree_ray {
-    float o[3], d[3], inverse[3]; /* inverse 0: the axis' planes are never crossed */
-    int cell[3];
-    float t;      /* where the walk is */
-    int n;        /* cells per axis of the map */
-} tree_ray;
+/* ---- the walk through the tree: lanes over rays ---- */
 
-HELPER int cell_of(float o, float d, float t, int n)
+typedef struct walk {
+    vf o[3], d[3], inverse[3];
+    vf never[3];   /* NEVER along an axis whose planes are never crossed, else 0 */
+    vi ascends[3]; /* all bits set along an axis that the ray ascends, else none */
+    vi cell[3];    /* of the map */
+    vf t;          /* where the ray is */
+    vi more;       /* does it walk on? As comparisons say it */
+} walk;
+
+/* Truncates: what floor would tell apart is clamped away. */
+HELPER vi cell_of(vf o, vf d, vf t, float half_n, vi low, vi high)
 {
-    return clamp((int)floor((MAD(d, t, o) + 1.0f) * (0.5f * (float)n)), 0, n - 1);
+    return clamp(V_TO_INT((MAD(d, t, o) + 1.0f) * half_n), low, high);
 }
 
-/* Enters the cube; false if the ray misses it. Components under 1e-12 count as zero. */
-HELPER bool walk_start(tree_ray *w, float4 o, float4 d, int depth)
+/* Rays first .. first + VW - 1 enter the cube; those from `end` on, and those that miss it, do not
+ * walk. Components under 1e-12 count as zero. */
+HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global float4 *ray_d,
+                       uint first, uint end, int depth)
 {
-    float t0 = 0.0f, t1 = NEVER;
-    bool inside = true;
+    const vi none = (vi)(0), last = (vi)((1 << depth) - 1);
+    float lanes[6][VW];
+    vf t0 = (vf)(0.0f), t1 = (vf)(NEVER);
 
-    w->o[0] = o.x;
-    w->o[1] = o.y;
-    w->o[2] = o.z;
-    w->d[0] = d.x;
-    w->d[1] = d.y;
-    w->d[2] = d.z;
-    w->n = 1 << depth;
+#pragma unroll
+    for (uint l = 0; l < VW; l++) {
+        const uint r = min(first + l, end - 1u);
+        const float4 o = ray_o[r], d = ray_d[r];
+
+        lanes[0][l] = o.x;
+        lanes[1][l] = o.y;
+        lanes[2][l] = o.z;
+        lanes[3][l] = d.x;
+        lanes[4][l] = d.y;
+        lanes[5][l] = d.z;
+    }
+    w->more = V_TO_INT(V_IOTA) < (vi)((int)(end - first));
 #pragma unroll
     for (int a = 0; a < 3; a++) {
-        const bool parallel = fabs(w->d[a]) < 1e-12f;
-        const float inverse = parallel ? 0.0f : 1.0f / w->d[a];
-        const float ta = (-1.0f - w->o[a]) * inverse, tb = (1.0f - w->o[a]) * inverse;
+        const vf o = VLOAD(lanes[a]), d = VLOAD(lanes[3 + a]);
+        const vi parallel = fabs(d) < (vf)(1e-12f);
+        const vf inverse = select((vf)(1.0f) / d, (vf)(0.0f), parallel);
+        const vf ta = (-1.0f - o) * inverse, tb = (1.0f - o) * inverse;
 
+        w->o[a] = o;
+        w->d[a] = d;
         w->inverse[a] = inverse;
-        inside = inside && !(parallel && fabs(w->o[a]) > 1.0f);
-        t0 = parallel ? t0 : fmax(t0, fmin(ta, tb));
-        t1 = parallel ? t1 : fmin(t1, fmax(ta, tb));
+        w->never[a] = select((vf)(0.0f), (vf)(NEVER), parallel);
+        w->ascends[a] = select(none, (vi)(-1), inverse > (vf)(0.0f));
+        w->more = select(w->more, none, parallel & (fabs(o) > (vf)(1.0f)));
+        t0 = select(fmax(t0, fmin(ta, tb)), t0, parallel);
+        t1 = select(fmin(t1, fmax(ta, tb)), t1, parallel);
     }
+    w->more = w->more & (t1 > t0);
     w->t = t0;
 #pragma unroll
     for (int a = 0; a < 3; a++)
-        w->cell[a] = cell_of(w->o[a], w->d[a], t0, w->n);
-    return inside && t1 > t0;
+        w->cell[a] = cell_of(w->o[a], w->d[a], t0, 0.5f * (float)(1 << depth), none, last);
 }
 
-/* The leaf or culled node the walk is in: its map entry, t where the ray leaves it in *t_out; moves on.
- * *more turns false once the cube is left. Progress is by integers: the crossed axis steps over the
- * node's face, the others stay within its extent, so no rounding can trap the walk. */
-HELPER int walk_next(tree_ray *w, const __global int *map, int depth, float *t_out, bool *more)
+/* Every ray to where it leaves the leaf or culled node that it is in; returns their map entries, 0 of
+ * rays that walk no more, as those do that leave the cube. Progress is by integers: the crossed axis
+ * steps over the node's face, the others stay within its extent, so no rounding can trap the walk. */
+HELPER vi walk_next(walk *w, const __global int *map, int depth)
 {
-    const int entry = map[(w->cell[2] * w->n + w->cell[1]) * w->n + w->cell[0]];
-    const int size = 1 << (depth - (entry & 15));
-    const float cell = 2.0f / (float)w->n;
-    float exits[3], t = NEVER;
+    const int n = 1 << depth;
+    const float side = 2.0f / (float)n;
+    const vi was_more = w->more;
+    vi base[3], plane[3];
+    vf exits[3], t = (vf)(NEVER);
+    int at[VW], found[VW];
+
+    /* rays that walk no more may stand outside the map */
+    VSTORE(((((w->cell[2] << depth) + w->cell[1]) << depth) + w->cell[0]) & (n * n * n - 1), at);
+#pragma unroll
+    for (int l = 0; l < VW; l++)
+        found[l] = map[at[l]];
+    const vi entry = VLOAD(found), size = (vi)(1) << (depth - (entry & 15));
 
 #pragma unroll
     for (int a = 0; a < 3; a++) {
-        const int base = w->cell[a] & ~(size - 1);
-        const int plane = w->inverse[a] > 0.0f ? base + size : base;
-
-        exits[a] = w->inverse[a] == 0.0f
-                       ? NEVER
-                       : ((float)plane * cell - 1.0f - w->o[a]) * w->inverse[a];
+        base[a] = w->cell[a] & -size;
+        plane[a] = base[a] + (size & w->ascends[a]);
+        exits[a] = MAD(V_TO_FLOAT(plane[a]) * side - 1.0f - w->o[a], w->inverse[a], w->never[a]);
         t = fmin(t, exits[a]);
     }
     t = fmax(t, w->t);
-    *more = t < NEVER;
+    w->more = w->more & (t < (vf)(NEVER));
 #pragma unroll
     for (int a = 0; a < 3; a++) {
-        const int base = w->cell[a] & ~(size - 1);
-        const int over = w->inverse[a] > 0.0f ? base + size : base - 1;
-        const int along = clamp(cell_of(w->o[a], w->d[a], t, w->n), base, base + size - 1);
+        const vi over = plane[a] + ~w->ascends[a];
+        const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, base[a], base[a] + size - 1);
 
-        w->cell[a] = exits[a] <= t ? over : along;
-        *more = *more && w->cell[a] >= 0 && w->cell[a] < w->n;
+        w->cell[a] = select(along, over, exits[a] <= t);
+        w->more = w->more & (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n));
     }
-    *t_out = t;
     w->t = t;
-    return entry;
+    return select((vi)(0), entry, was_more);
 }
 
 /* ---- stage 1's points on one passage ---- */
@@ -115,21 +144,22 @@ typedef struct segment {
 } segment;
 
 #if STAGE1 == 1
-#define STAGE1_ARGUMENTS                                                                           \
-    const __global ushort *restrict density, /* [leaf][n1^3] bfloat16 */                           \
-        const __global float4 *restrict boxes, /* [leaf] */                                        \
+#define STAGE1_ARGUMENTS                                                   \
+    const __global ushort *restrict density,   /* [leaf][n1^3] bfloat16 */ \
+        const __global float4 *restrict boxes, /* [leaf] */                \
         uint n1
 #define STAGE1_PASS density, boxes, n1
 
 HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, float t_out, int slot)
 {
     const float4 box = boxes[slot];
-    const float scale = (float)n1 / box.w;
+    const float scale = (float)n1 / box.w, cells = (t_out - t_in) * scale;
+    const int whole = (int)cells;
     segment s;
 
     (void)density;
     s.start = 0;
-    s.count = (uint)fmax(1.0f, ceil((t_out - t_in) * scale));
+    s.count = (uint)max(1, whole + ((float)whole < cells)); /* ceil; PoCL's is slow */
     s.t_in = t_in;
     s.step = (t_out - t_in) / (float)s.count;
     s.at = (MAD((float3)(t_in), d, o) - box.xyz) * scale;
@@ -142,19 +172,19 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, fl
 HELPER vf segment_points(STAGE1_ARGUMENTS, const segment *s, uint j)
 {
     const vi last = (vi)((int)n1 - 1), none = (vi)(0);
-    const vf number = V_TO_FLOAT(V_IOTA + j), ahead = (number + 0.5f) * s->step;
+    const vf number = V_TO_FLOAT(V_TO_INT(V_IOTA + j)), ahead = (number + 0.5f) * s->step;
     const vi x = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.x), (vf)(s->at.x))), none, last);
     const vi y = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.y), (vf)(s->at.y))), none, last);
     const vi z = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.z), (vf)(s->at.z))), none, last);
     int cell[VW];
-    float sigma[VW];
+    ushort bits[VW];
 
     (void)boxes;
     VSTORE((z * (int)n1 + y) * (int)n1 + x, cell);
 #pragma unroll
     for (int l = 0; l < VW; l++)
-        sigma[l] = as_float((uint)density[s->cache + (uint)cell[l]] << 16);
-    return select((vf)(0.0f), VLOAD(sigma), number < (float)s->count);
+        bits[l] = density[s->cache + (uint)cell[l]];
+    return select((vf)(0.0f), V_AS_FLOAT(V_TO_UINT(VLOAD(bits)) << 16), number < (float)s->count);
 }
 
 /* Optical depth of a passage, by stage 1. */
@@ -169,19 +199,26 @@ HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float
     return V_SUM(sum) * s->step;
 }
 
-/* Bins j .. j + VW - 1: right edges and densities; beyond the last one the chord's end and zero. */
-HELPER void segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, float right[VW],
-                         float sigma[VW])
+/* Bins j .. j + VW - 1: densities, and right edges to *right; beyond the last one zero and the end of
+ * the chord. */
+HELPER vf segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, vf *right)
 {
-    const vf end = V_TO_FLOAT(V_IOTA + (j + 1u));
+    const vf end = V_TO_FLOAT(V_TO_INT(V_IOTA + (j + 1u)));
 
-    VSTORE(select((vf)(t_out), MAD(end, (vf)(s->step), (vf)(s->t_in)), end < (float)s->count), right);
-    VSTORE(segment_points(STAGE1_PASS, s, j), sigma);
+    *right =
+        select((vf)(t_out), MAD(end, (vf)(s->step), (vf)(s->t_in)), end < (vf)((float)s->count));
+    return segment_points(STAGE1_PASS, s, j);
+}
+
+/* Mean density of a passage's points. */
+HELPER float segment_mean(STAGE1_ARGUMENTS, const segment *s, float depth, float length)
+{
+    return depth / length; /* points are equally far apart */
 }
 #else
-#define STAGE1_ARGUMENTS                                                                           \
-    const __global uint *restrict list_start,     /* [list + 1] */                                 \
-        const __global float *restrict list_t,    /* [entry] ascending within a list */            \
+#define STAGE1_ARGUMENTS                                                                \
+    const __global uint *restrict list_start,     /* [list + 1] */                      \
+        const __global float *restrict list_t,    /* [entry] ascending within a list */ \
         const __global float *restrict list_sigma /* [entry] */
 #define STAGE1_PASS list_start, list_t, list_sigma
 
@@ -210,46 +247,62 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, uint begin, uint end, float t_in, 
     return s;
 }
 
-/* Bins j .. j + VW - 1: right edges and densities; beyond the last one the chord's end and zero. */
-HELPER void segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, float right[VW],
-                         float sigma[VW])
+/* Bins j .. j + VW - 1: densities, and right edges to *right; beyond the last one zero and the end of
+ * the chord. */
+HELPER vf segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, vf *right)
 {
+    float edges[VW], sigma[VW];
+
     (void)list_start;
     for (uint l = 0; l < VW; l++) {
         const uint k = s->start + j + l;
 
-        right[l] = j + l + 1u < s->count ? 0.5f * (list_t[k] + list_t[k + 1u]) : t_out;
+        edges[l] = j + l + 1u < s->count ? 0.5f * (list_t[k] + list_t[k + 1u]) : t_out;
         sigma[l] = j + l < s->count ? list_sigma[k] : 0.0f;
     }
+    *right = VLOAD(edges);
+    return VLOAD(sigma);
 }
 
 /* Optical depth of a passage, by stage 1. */
 HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float t_out)
 {
-    float tau = 0.0f, edge = t_in, right[VW], sigma[VW];
+    float edge[VW];
+    vf depth = (vf)(0.0f), right;
 
+    edge[VW - 1] = t_in;
     for (uint j = 0; j < s->count; j += VW) {
-        segment_bins(STAGE1_PASS, s, j, t_out, right, sigma);
-        for (uint l = 0; l < VW; l++) {
-            tau = MAD(sigma[l], right[l] - edge, tau);
-            edge = right[l];
-        }
+        const vf sigma = segment_bins(STAGE1_PASS, s, j, t_out, &right);
+
+        depth = MAD(sigma, right - V_SHIFT(right, edge[VW - 1]), depth);
+        VSTORE(right, edge);
     }
-    return tau;
+    return V_SUM(depth);
+}
+
+/* Mean density of a passage's points. */
+HELPER float segment_mean(STAGE1_ARGUMENTS, const segment *s, float depth, float length)
+{
+    float sum = 0.0f;
+
+    for (uint j = 0; j < s->count; j++)
+        sum += list_sigma[s->start + j];
+    return sum / (float)max(1u, s->count);
 }
 #endif
 
 /* The segment of ray r's passage through a leaf of `level`. */
 #if STAGE1 == 1
-#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level)                                              \
+#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level) \
     segment_open(STAGE1_PASS, o, d, t_in, t_out, slot)
 #define LIST_ARGUMENTS
 #else
 /* grids: [batch view][level 0..5] {first list, coarsening, lists per row, longest list} */
-#define LIST_ARGUMENTS                                                                             \
-    , const __global cln_pixel *restrict pixels, const __global uint4 *restrict grids,             \
+#define LIST_ARGUMENTS                                                                 \
+    , const __global cln_pixel *restrict pixels, const __global uint4 *restrict grids, \
         const __global uint *restrict list_count /* [list] padded only */
-HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grids, uint r, int level)
+HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grids, uint r,
+                    int level)
 {
     const cln_pixel p = pixels[r];
     const uint4 grid = grids[p.pad * 6u + (uint)level];
@@ -263,175 +316,249 @@ HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grid
 #define LIST_BEGIN(list) (list_start[list])
 #define LIST_END(list)   (list_start[(list) + 1u])
 #endif
-#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level)                                              \
-    segment_open(STAGE1_PASS, LIST_BEGIN(list_of(pixels, grids, r, level)),                        \
+#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level)                       \
+    segment_open(STAGE1_PASS, LIST_BEGIN(list_of(pixels, grids, r, level)), \
                  LIST_END(list_of(pixels, grids, r, level)), t_in, t_out)
 #endif
 
-/* 1 - exp(-tau) to 1e-6 relative, by a series where almost every point is: in thin space. */
-HELPER float alpha_of(float tau)
-{
-    if (tau < 0.15f)
-        return tau * MAD(tau, MAD(tau, MAD(tau, MAD(tau, 8.3333333e-3f, -4.1666667e-2f),
-                                           1.6666667e-1f), -0.5f), 1.0f);
-    return 1.0f - exp(-tau);
-}
-
 /* ---- intervals ---- */
 
+/* Nodes that the rays of a work-item walk before their densities are read, and those before anything
+ * is decided. More would overlap more, and read in vain behind what is opaque. */
+#define AHEAD (VW == 1 ? 1 : 2)
+
+/* Samples of a passage that is nearly empty: one or none. */
+#define ROULETTE (-1)
+
+/* Work-item i: rays first + i VW .. first + i VW + VW - 1. */
 __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
-                             const __global float4 *restrict ray_d, const __global int *restrict map,
-                             __global cln_interval *restrict intervals, /* [ray][MAX_INTERVALS] */
-                             __global uint *restrict used,         /* [ray] intervals with samples */
+                             const __global float4 *restrict ray_d,
+                             const __global int *restrict map,
+                             __global cln_interval *restrict intervals, /* [MAX_INTERVALS][rays] */
+                             __global uint *restrict used, /* [ray] intervals with samples */
                              __global uint *restrict sample_counts, /* [ray] */
-                             uint first, uint n, int depth, float max_depth, uint per_leaf, uint per_ray,
-                             float empty_weight, float empty_share, uint2 seed,
-                             uint step LIST_ARGUMENTS)
+                             uint first, uint n, uint rays, int depth, float max_depth,
+                             uint per_leaf, uint per_ray, float empty_weight, float empty_share,
+                             uint2 seed, uint step LIST_ARGUMENTS)
 {
-    const uint r = first + get_global_id(0);
-    tree_ray w;
-    uint kept = 0, samples = 0, index = 0;
-    float tau = 0.0f;
+    const uint begin = first + (uint)get_global_id(0) * VW, end = first + n;
+    /* [node][lane]: t where the node begins, one more where the last one ends; optical depth, then
+     * mass; map entry; samples */
+    float edges[(AHEAD + 1) * VW], mass[AHEAD * VW];
+    int entries[AHEAD * VW], numbers[AHEAD * VW];
+    uint passages[AHEAD * VW]; /* [k] index of node and lane | number of passages before << 8 */
+    uint met[VW], kept[VW], samples[VW]; /* of each ray: passages, intervals, samples */
+    vf tau = (vf)(0.0f);
+    walk w;
 
-    if (get_global_id(0) >= n)
+    if (begin >= end)
         return;
-    const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
-    bool more = walk_start(&w, ray_o[r], ray_d[r], depth);
+    walk_start(&w, ray_o, ray_d, begin, end, depth);
+    for (int l = 0; l < VW; l++)
+        met[l] = kept[l] = samples[l] = 0u;
+    while (V_ANY(w.more)) {
+        int nodes = 0;
+        uint count = 0;
 
-    while (more && tau <= max_depth) {
-        const float t_in = w.t;
-        float t_out;
-        const int entry = walk_next(&w, map, depth, &t_out, &more), slot = (entry >> 4) - 1;
-        const float length = t_out - t_in;
-
-        if (slot < 0 || !(length > CLN_MIN_CHORD))
-            continue;
-        const segment s = SEGMENT_OF(r, o, d, t_in, t_out, slot, entry & 15);
-        const float passage = segment_depth(STAGE1_PASS, &s, t_in, t_out);
-        uint count;
-
-#if ALLOCATE == 1
-        const float weight = exp(-tau) * alpha_of(passage);
-
-        if (weight < empty_weight)
-            count = empty_share >= 1.0f ||
-                    (empty_share > 0.0f &&
-                     uniform4(seed, STREAM_SAMPLES, step, r, CLN_DRAW_ROULETTE + index).x <
-                         empty_share);
-        else
-            count = min(per_leaf, 1u + (uint)(clamp(weight, 0.0f, 1.0f) * (float)per_ray + 0.5f));
-#else
-        /* diagonal of a leaf of this level: sqrt(3) * 2 / 2^level */
-        count = max(1u, (uint)ceil((float)per_leaf * length /
-                                   (3.46410162f / (float)(1 << (entry & 15)))));
-#endif
-        if (count > 0) {
-            const cln_interval i = {t_in, t_out, slot, count | (uint)(entry & 15) << 24};
-
-            intervals[r * MAX_INTERVALS(depth) + kept++] = i;
-            samples += count;
+        VSTORE(w.t, edges);
+        for (; nodes < AHEAD * VW && V_ANY(w.more); nodes += VW) {
+            VSTORE(walk_next(&w, map, depth), entries + nodes);
+            VSTORE(w.t, edges + nodes + VW);
+            VSTORE((vf)(0.0f), mass + nodes);
         }
-        tau += passage;
-        index++;
+        for (int i = 0; i < nodes; i++) {
+            const bool passage = (entries[i] >= 16) & (edges[i + VW] - edges[i] > CLN_MIN_CHORD);
+
+            passages[count] = (uint)i | met[i % VW] << 8;
+            count += passage;
+            met[i % VW] += passage;
+        }
+        for (uint k = 0; k < count; k++) {
+            const uint i = passages[k] & 255u, r = begin + i % VW;
+            const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
+            const segment s = SEGMENT_OF(r, o, d, edges[i], edges[i + VW], (entries[i] >> 4) - 1,
+                                         entries[i] & 15);
+
+            mass[i] = segment_depth(STAGE1_PASS, &s, edges[i], edges[i + VW]);
+        }
+        for (int i = 0; i < nodes; i += VW) {
+            const vf passage = VLOAD(mass + i), alpha = ONE_MINUS_EXP(vf, passage);
+#if ALLOCATE == 1
+            const vf weight = EXP(-tau) * alpha;
+            const vi most =
+                V_TO_INT(fmax(fmin(weight, (vf)(1.0f)), (vf)(0.0f)) * (float)per_ray + 0.5f);
+            const vi number = select(min(most + 1, (vi)((int)per_leaf)), (vi)(ROULETTE),
+                                     weight < (vf)(empty_weight));
+#else
+            /* diagonal of a leaf of level 0: sqrt(3) * 2 */
+            const vf size = V_TO_FLOAT((vi)(1) << (VLOAD(entries + i) & 15));
+            const vf share = (VLOAD(edges + i + VW) - VLOAD(edges + i)) * size / 3.46410162f;
+            const vi number = max((vi)(1), V_TO_INT(ceil((float)per_leaf * share)));
+#endif
+
+            VSTORE(select((vi)(0), number, tau <= (vf)(max_depth)), numbers + i);
+            tau += passage;
+#if CDF == 1
+            VSTORE(alpha, mass + i);
+#endif
+        }
+        for (uint k = 0; k < count; k++) {
+            const uint i = passages[k] & 255u, l = i % VW, r = begin + l;
+            const uint level = (uint)entries[i] & 15u;
+            int number = numbers[i];
+
+            if (number == ROULETTE)
+                number = empty_share >= 1.0f ||
+                         (empty_share > 0.0f && uniform4(seed, STREAM_SAMPLES, step, r,
+                                                         CLN_DRAW_ROULETTE + (passages[k] >> 8))
+                                                        .x < empty_share);
+            if (number > 0) {
+                const cln_interval v = {edges[i], edges[i + VW], mass[i], (entries[i] >> 4) - 1,
+                                        (uint)number | level << 24};
+
+                intervals[kept[l]++ * rays + r] = v;
+                samples[l] += (uint)number;
+            }
+        }
+        w.more = w.more & (tau <= (vf)(max_depth));
     }
-    used[r] = kept;
-    sample_counts[r] = samples;
+    for (uint l = 0; l < min((uint)VW, end - begin); l++) {
+        used[begin + l] = kept[l];
+        sample_counts[begin + l] = samples[l];
+    }
 }
 
 /* ---- samples ---- */
 
-__kernel void samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
-                           const __global float4 *restrict ray_d,
-                           const __global cln_interval *restrict intervals, /* [ray][MAX_INTERVALS] */
-                           const __global uint *restrict used,          /* [ray] */
-                           const __global uint *restrict sample_starts, /* [ray + 1] */
-                           __global cln_sample *restrict samples,       /* [sample] */
-                           uint first, uint n, int depth, float uniform_share, uint jitter, uint2 seed,
-                           uint step LIST_ARGUMENTS)
+#define RANDOM ((VW + 3) / 4 * 4 + 4)
+
+/* Uniform numbers drawn .. drawn + lanes - 1 of ray r, to random[drawn & 3] and behind. They are made
+ * four at a time; *four are the last. */
+HELPER void draw(float random[RANDOM], float4 *four, uint drawn, uint lanes, uint2 seed, uint step,
+                 uint r)
+{
+    uint at = 0;
+
+    if (drawn & 3u) {
+        vstore4(*four, 0, random);
+        at = 4;
+    }
+    for (; at < (drawn & 3u) + lanes; at += 4) {
+        *four = uniform4(seed, STREAM_SAMPLES, step, r, (drawn + at) >> 2);
+        vstore4(*four, 0, random + at);
+    }
+}
+
+__kernel void
+samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
+             const __global float4 *restrict ray_d,
+             const __global cln_interval *restrict intervals, /* [MAX_INTERVALS][rays] */
+             const __global uint *restrict used,              /* [ray] */
+             const __global uint *restrict sample_starts,     /* [ray + 1] */
+             __global cln_sample *restrict samples,           /* [sample] */
+             uint first, uint n, uint rays, float uniform_share, uint jitter, uint2 seed,
+             uint step LIST_ARGUMENTS)
 {
     const uint r = first + get_global_id(0);
-    uint at, drawn = 0;
-    float4 random = (float4)(0.5f);
+    float random[RANDOM];
+    float4 four = (float4)(0.5f);
+    uint drawn = 0;
 
-    if (get_global_id(0) >= n)
+    if (get_global_id(0) >= n || used[r] == 0)
         return;
     const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
+    __global cln_sample *out = samples + sample_starts[r];
 
-    at = sample_starts[r];
-    if (jitter)
-        random = uniform4(seed, STREAM_SAMPLES, step, r, 0u);
+    for (int l = 0; l < RANDOM; l++)
+        random[l] = 0.5f;
     for (uint i = 0; i < used[r]; i++) {
-        const cln_interval v = intervals[r * MAX_INTERVALS(depth) + i];
+        const cln_interval v = intervals[i * rays + r];
         const uint count = v.count & 0xFFFFFFu;
         const float length = v.t_out - v.t_in;
         const segment s = SEGMENT_OF(r, o, d, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
-        const uint bins = max(1u, s.count);
-        const float even = uniform_share / length;
-        float mass, floor_mass, edge = v.t_in, through = 1.0f, cdf = 0.0f;
-        float left = v.t_in, last = 0.0f, right[VW], sigma[VW];
-        uint k = 0;
-
         /* total mass, with a little everywhere so that no bin is unreachable */
 #if CDF == 1
-        floor_mass = EMPTY_BIN / length;
-        mass = alpha_of(segment_depth(STAGE1_PASS, &s, v.t_in, v.t_out)) + EMPTY_BIN;
+        const float little = EMPTY_BIN / length;
+        const float mass = v.mass + EMPTY_BIN;
 #else
-        floor_mass = 0.0f;
-        for (uint j = 0; j < s.count; j += VW) {
-            segment_bins(STAGE1_PASS, &s, j, v.t_out, right, sigma);
-            for (uint l = 0; l < VW; l++)
-                floor_mass += sigma[l];
-        }
-        floor_mass = EMPTY_BIN * fmax(1.0f, floor_mass / (float)bins);
-        mass = MAD(floor_mass, length, segment_depth(STAGE1_PASS, &s, v.t_in, v.t_out));
+        const float little = EMPTY_BIN * fmax(1.0f, segment_mean(STAGE1_PASS, &s, v.mass, length));
+        const float mass = MAD(little, length, v.mass);
 #endif
         const float steered = (1.0f - uniform_share) / mass;
+        const float even = MAD(little, steered, uniform_share / length);
+        /* VW bins: right edges, the distribution function and the optical depth there, and the length
+         * of chord per unit of the function */
+        float right[VW], upto[VW], depth[VW], rise[VW];
+        float edge = v.t_in, below = 0.0f, left = v.t_in, last = v.t_in;
+        uint read = 0, b = VW;
 
-        for (uint j = 0; k < count; j += VW) {
-            segment_bins(STAGE1_PASS, &s, j, v.t_out, right, sigma);
-            for (uint l = 0; l < VW && k < count; l++) {
-                const float width = right[l] - edge;
+        depth[VW - 1] = 0.0f;
+        for (uint k = 0; k < count; k += VW) {
+            const uint lanes = min((uint)VW, count - k);
+            vf from_edge = (vf)(0.0f), from_u = (vf)(0.0f), slope = (vf)(0.0f);
+            float place[VW];
+
+            if (jitter)
+                draw(random, &four, drawn, lanes, seed, step, r);
+            const vf u =
+                (V_TO_FLOAT(V_TO_INT(V_IOTA + k)) + VLOAD(random + (drawn & 3u))) / (float)count;
+
+            drawn += jitter ? lanes : 0u;
+            VSTORE(u, place);
+            const float most = place[lanes - 1u];
+
+            /* every sample takes the last bin that begins at or before it */
+            for (;;) {
+                if (b == VW) {
+                    vf ends;
+                    const vf sigma = segment_bins(STAGE1_PASS, &s, read, v.t_out, &ends);
+                    const vf part = sigma * (ends - V_SHIFT(ends, edge));
 #if CDF == 1
-                const float alpha = alpha_of(fmin(sigma[l] * width, CLN_MAX_OPTICAL_DEPTH));
-                const float p = MAD(through, alpha, floor_mass * width);
-
-                through *= 1.0f - alpha;
+                    const vf sum =
+                        V_PREFIX(fmin(part, (vf)(CLN_MAX_OPTICAL_DEPTH))) + depth[VW - 1];
+                    const vf steer = ONE_MINUS_EXP(vf, sum);
 #else
-                const float p = (sigma[l] + floor_mass) * width;
+                    const vf sum = V_PREFIX(part) + depth[VW - 1], steer = sum;
 #endif
-                const float q = MAD(p, steered, even * width), next_cdf = cdf + q;
+                    const vf f = MAD(steer, (vf)(steered), (ends - v.t_in) * even);
 
-                while (k < count) {
-                    const float u = ((float)k + random.x) / (float)count;
-
-                    if (u >= next_cdf && j + l + 1u < bins)
-                        break;
-                    const float where =
-                        clamp(edge + width * clamp((u - cdf) / q, 0.0f, 1.0f), v.t_in, v.t_out);
-
-                    if (k > 0) { /* the sample before ends half way to this one */
-                        const float middle = 0.5f * (last + where);
-
-                        samples[at].t = last;
-                        samples[at].delta = middle - left;
-                        left = middle;
-                        at++;
-                    }
-                    samples[at].ray = r;
-                    samples[at].slot = v.slot;
-                    last = where;
-                    k++;
-                    drawn++;
-                    random = random.yzwx; /* the next sample's number to the front */
-                    if (jitter && (drawn & 3u) == 0)
-                        random = uniform4(seed, STREAM_SAMPLES, step, r, drawn >> 2);
+                    VSTORE(ends, right);
+                    VSTORE(sum, depth);
+                    VSTORE(f, upto);
+                    VSTORE((ends - V_SHIFT(ends, edge)) / fmax(f - V_SHIFT(f, below), (vf)(1e-30f)),
+                           rise);
+                    read += VW;
+                    b = 0;
                 }
-                cdf = next_cdf;
-                edge = right[l];
+                const vi here = u >= (vf)(below);
+
+                from_edge = select(from_edge, (vf)(edge), here);
+                from_u = select(from_u, (vf)(below), here);
+                slope = select(slope, (vf)(rise[b]), here);
+                /* the last samples look at all bins: whether to stop would hang on densities */
+                if (((VW == 1 || k + VW < count) && most < upto[b]) ||
+                    read - VW + b + 1u >= s.count)
+                    break;
+                edge = right[b];
+                below = upto[b];
+                b++;
+            }
+            VSTORE(min(max(MAD(u - from_u, slope, from_edge), (vf)(v.t_in)), (vf)(v.t_out)), place);
+            for (uint l = 0; l < lanes; l++) {
+                const float t = max(last, place[l]);
+
+                if (k + l > 0) { /* the sample before ends half way to this one */
+                    const float middle = 0.5f * (last + t);
+                    const cln_sample sample = {last, middle - left, r, v.slot};
+
+                    *out++ = sample;
+                    left = middle;
+                }
+                last = t;
             }
         }
-        samples[at].t = last;
-        samples[at].delta = v.t_out - left;
-        at++;
+        const cln_sample sample = {last, v.t_out - left, r, v.slot};
+
+        *out++ = sample;
     }
 }

@@ -55,15 +55,17 @@ static void add_stage1_back(cln_pipeline *p, arguments *a)
     }
 }
 
-static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g)
+static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int all)
 {
     const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
+    const cl_uint rays = (cl_uint)all;
     const cl_int depth = p->depth;
     const cl_float max_depth = s->t_min > 0 ? -logf(s->t_min) : 1e30f;
     const cl_uint per_leaf = (cl_uint)p->config.samples_per_leaf;
     const cl_uint per_ray = (cl_uint)p->config.samples_per_ray;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
-    const size_t wg = (size_t)p->tune.wg;
+    /* as many rays a group as elsewhere */
+    const size_t vw = (size_t)p->tune.vw, wg = cln_groups((size_t)p->tune.wg, vw);
     arguments a = {.count = 0};
 
     add_stage1_front(p, &a, &n1);
@@ -75,6 +77,7 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, p->sample_counts.mem);
     ADD(&a, first);
     ADD(&a, n);
+    ADD(&a, rays);
     ADD(&a, depth);
     ADD(&a, max_depth);
     ADD(&a, per_leaf);
@@ -85,17 +88,16 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, s->step);
     add_stage1_back(p, &a);
     return cln_launch(p->device, p->k.intervals_fill, CLN_STAGE_INTERVALS,
-                      cln_groups((size_t)g->rays, wg), wg, a.args, a.count);
+                      cln_groups(cln_groups((size_t)g->rays, vw), wg), wg, a.args, a.count);
 }
 
 static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g,
-                       int rays_used)
+                       int rays_used, int all)
 {
     const int last = g->first_ray + g->rays < rays_used ? g->first_ray + g->rays : rays_used;
-    const int rays = last > g->first_ray ? last - g->first_ray : 0;
-    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)rays;
-    const cl_uint jitter = s->jitter;
-    const cl_int depth = p->depth;
+    const int emitting = last > g->first_ray ? last - g->first_ray : 0;
+    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray;
+    const cl_uint n = (cl_uint)emitting, rays = (cl_uint)all, jitter = s->jitter;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
     const size_t wg = (size_t)p->tune.wg;
     arguments a = {.count = 0};
@@ -109,14 +111,14 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, p->samples.mem);
     ADD(&a, first);
     ADD(&a, n);
-    ADD(&a, depth);
+    ADD(&a, rays);
     ADD(&a, s->uniform_share);
     ADD(&a, jitter);
     ADD(&a, seed);
     ADD(&a, s->step);
     add_stage1_back(p, &a);
-    return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES, cln_groups((size_t)rays, wg),
-                      wg, a.args, a.count);
+    return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES,
+                      cln_groups((size_t)emitting, wg), wg, a.args, a.count);
 }
 
 /* Largest number of rays, at least one, whose samples fit. */
@@ -171,7 +173,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     for (int g = 0; g < group_count; g++) {
         if (splat)
             CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
-        CLN_TRY(fill(p, s, &groups[g]));
+        CLN_TRY(fill(p, s, &groups[g], n));
     }
     CLN_TRY(cln_stage_scan(p, &p->sample_counts, &p->sample_starts, count, CLN_STAGE_INTERVALS,
                            sample_count));
@@ -183,7 +185,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     for (int g = 0; g < group_count; g++) {
         if (splat && group_count > 1) /* a single group's lists are still there */
             CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
-        CLN_TRY(emit(p, s, &groups[g], *rays_used));
+        CLN_TRY(emit(p, s, &groups[g], *rays_used, n));
     }
 done:
     if (splat)

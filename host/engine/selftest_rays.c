@@ -190,8 +190,8 @@ done:
 /* What the device made of the batch. */
 typedef struct made {
     int rays;
-    uint32_t used[RAYS], sample_starts[RAYS + 1], stride;
-    cln_interval *intervals; /* [ray][stride] */
+    uint32_t used[RAYS], sample_starts[RAYS + 1], passages; /* most of a ray */
+    cln_interval *intervals;                                /* [passages][rays] */
     cln_sample *samples;
     float chords[RAYS];
 } made;
@@ -231,7 +231,7 @@ static void check_samples(cln_checks *c, made *m)
         const cln_sample *end = m->samples + m->sample_starts[r + 1];
 
         for (uint32_t i = 0; i < m->used[r]; i++, passages++) {
-            const cln_interval v = m->intervals[(uint32_t)r * m->stride + i];
+            const cln_interval v = m->intervals[i * (uint32_t)m->rays + (uint32_t)r];
             const uint32_t count = v.count & 0xFFFFFFu;
             double sum = 0, chord = (double)v.t_out - v.t_in;
             float last = v.t_in;
@@ -263,8 +263,8 @@ static cln_status read_batch(cln_checks *c, uint32_t samples, made *m)
     cln_pipeline *p = c->p;
     size_t intervals = 0;
 
-    m->stride = 3u << p->depth;
-    intervals = (size_t)m->rays * m->stride;
+    m->passages = 3u << p->depth;
+    intervals = (size_t)m->rays * m->passages;
 
     CLN_TRY(cln_alloc(&m->intervals, intervals, sizeof *m->intervals, "self-test"));
     CLN_TRY(cln_alloc(&m->samples, samples, sizeof *m->samples, "self-test"));
@@ -283,7 +283,7 @@ static bool counts_agree(const made *m, uint32_t samples)
     bool agree = m->sample_starts[0] == 0 && m->sample_starts[m->rays] == samples;
 
     for (int r = 0; r < m->rays; r++)
-        agree &= m->sample_starts[r] <= m->sample_starts[r + 1] && m->used[r] <= m->stride;
+        agree &= m->sample_starts[r] <= m->sample_starts[r + 1] && m->used[r] <= m->passages;
     return agree;
 }
 
@@ -342,7 +342,7 @@ static cln_status put_out_batch(cln_checks *c, const cln_camera *cameras, const 
             continue;
         }
         for (uint32_t i = 0; i < m->used[r]; i++, passages++) {
-            const cln_interval v = m->intervals[(uint32_t)r * m->stride + i];
+            const cln_interval v = m->intervals[i * (uint32_t)m->rays + (uint32_t)r];
 
             numbers[2 * passages] = (uint32_t)v.slot;
             numbers[2 * passages + 1] = v.count;

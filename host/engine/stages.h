@@ -112,7 +112,7 @@ typedef struct cln_pipeline {
     cln_buffer results;              /* cln_ray_result [ray] */
 
     /* Its samples. */
-    cln_buffer intervals, used; /* cln_interval [ray][3 << depth], uint [ray]: how many of them */
+    cln_buffer intervals, used; /* cln_interval [3 << depth][ray], uint [ray]: how many of them */
     cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
     cln_buffer out, dout;                                      /* float4 [sample] */
