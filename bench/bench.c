@@ -9,6 +9,7 @@
 #include "base/config.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "device/tune.h"
 
 enum { REPEATS = 5, LONG_REPEATS = 3, ROWS = 1024 };
 
@@ -134,19 +135,27 @@ cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, c
 {
     cln_status st = CLN_OK;
     const cln_tune kept = b->device->tune;
-    cln_tune wanted = kept;
+    const bool exact = b->device->tune_exact;
+    cln_tune wanted;
+    cln_network net;
+    char network[32], from[CLN_TUNE_FROM];
 
     *out = &b->pipeline;
+    CLN_TRY(cln_network_layout(config, &net));
+    cln_network_text(&net, network);
+    cln_tune_choose(b->device, network, &wanted, from);
     CLN_TRY(cln_tune_parse(tune ? tune : "", &wanted));
     if (b->pipeline.device && memcmp(config, &b->config, sizeof *config) == 0 &&
         memcmp(&wanted, &b->tune, sizeof wanted) == 0 && distortion == b->distortion)
-        return CLN_OK;
+        goto done;
     cln_pipeline_free(&b->pipeline);
     b->config = *config;
     b->tune = b->device->tune = wanted;
+    b->device->tune_exact = true; /* these, whatever rows there are */
     b->distortion = distortion;
     st = cln_pipeline_create(b->device, config, distortion, false, &b->pipeline);
     b->device->tune = kept;
+    b->device->tune_exact = exact;
     CLN_TRY(st);
     b->pipeline.max_entries = (size_t)1 << 26;
 done:
