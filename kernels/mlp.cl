@@ -348,15 +348,29 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k, 
                 for (int j = 0; j < NV; j++)
                     VSTORE(acc[i][j], dw + (k + i) * n_out + n + j * STEP_N);
         }
-        if (db)
-#pragma unroll
-            for (int j = 0; j < NV; j++) {
-                vf sum = first ? (vf)(0.0f) : VLOAD(db + n + j * STEP_N);
+        if (db) { /* four sums at a time: one would wait for its own additions */
+            vf part[4][NV];
+            int s = 0;
 
-                for (int s = 0; s < count; s++)
-                    sum += VLOAD(d + s * n_out + n + j * STEP_N);
-                VSTORE(sum, db + n + j * STEP_N);
-            }
+#pragma unroll
+            for (int i = 0; i < 4; i++)
+#pragma unroll
+                for (int j = 0; j < NV; j++)
+                    part[i][j] = first || i > 0 ? (vf)(0.0f) : VLOAD(db + n + j * STEP_N);
+            for (; s + 4 <= count; s += 4)
+#pragma unroll
+                for (int i = 0; i < 4; i++)
+#pragma unroll
+                    for (int j = 0; j < NV; j++)
+                        part[i][j] += VLOAD(d + (s + i) * n_out + n + j * STEP_N);
+            for (; s < count; s++)
+#pragma unroll
+                for (int j = 0; j < NV; j++)
+                    part[0][j] += VLOAD(d + s * n_out + n + j * STEP_N);
+#pragma unroll
+            for (int j = 0; j < NV; j++)
+                VSTORE((part[0][j] + part[1][j]) + (part[2][j] + part[3][j]), db + n + j * STEP_N);
+        }
     }
 }
 
@@ -400,16 +414,39 @@ HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE fl
     }
 }
 
-/* Gradients of one head: dw[n] (+)= sum_s ds[s] a[s][n] for component k of dout. */
-HELPER void head_gradient(const __local float *a, int width, const __local float4 *dout, int k,
+/* Gradients of a head's rows: dw[r][n] (+)= sum_s ds[s] a[s][n] for components k .. k + rows - 1 of dout, rows <= 3. */
+HELPER void head_gradient(const __local float *a, int width, const __local float4 *dout, int k, int rows,
                           LEAF_SPACE float *dw, int count, int first, int lid)
 {
     for (int n = lid * VW; n < width; n += STEP_N) {
-        vf sum = first ? (vf)(0.0f) : VLOAD(dw + n);
+        vf part[4][3];
+        int s = 0;
 
-        for (int s = 0; s < count; s++)
-            sum = MAD((vf)(((const __local float *)(dout + s))[k]), VLOAD(a + s * width + n), sum);
-        VSTORE(sum, dw + n);
+#pragma unroll
+        for (int i = 0; i < 4; i++)
+#pragma unroll
+            for (int r = 0; r < rows; r++)
+                part[i][r] = first || i > 0 ? (vf)(0.0f) : VLOAD(dw + r * width + n);
+        for (; s + 4 <= count; s += 4)
+#pragma unroll
+            for (int i = 0; i < 4; i++) {
+                const vf in = VLOAD(a + (s + i) * width + n);
+
+#pragma unroll
+                for (int r = 0; r < rows; r++)
+                    part[i][r] = MAD((vf)(((const __local float *)(dout + s + i))[k + r]), in,
+                                     part[i][r]);
+            }
+        for (; s < count; s++) {
+            const vf in = VLOAD(a + s * width + n);
+
+#pragma unroll
+            for (int r = 0; r < rows; r++)
+                part[0][r] = MAD((vf)(((const __local float *)(dout + s))[k + r]), in, part[0][r]);
+        }
+#pragma unroll
+        for (int r = 0; r < rows; r++)
+            VSTORE((part[0][r] + part[1][r]) + (part[2][r] + part[3][r]), dw + r * width + n);
     }
 }
 
@@ -531,10 +568,9 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
                 sum += ((const __local float *)(dhead + s))[part];
             *db = sum;
         }
-        head_gradient(h, WIDTH, dhead, 3, grad + SIGMA_W, count, first, lid);
+        head_gradient(h, WIDTH, dhead, 3, 1, grad + SIGMA_W, count, first, lid);
 #if VIEW > 0
-        for (int k = 0; k < 3; k++)
-            head_gradient(v, VIEW, dhead, k, grad + COLOUR_W + k * VIEW, count, first, lid);
+        head_gradient(v, VIEW, dhead, 0, 3, grad + COLOUR_W, count, first, lid);
         colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH, dhead, dv, tiles * TS, count,
                               step_key, ids, DEPTH, lid);
         GROUP_SYNC();
@@ -544,8 +580,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
         input_gradient(dv, VIEW, wt + WT_VIEW, x_last, dhead, w + SIGMA_W, d0, tiles, count,
                        step_key, ids, DEPTH - 1, lid);
 #else
-        for (int k = 0; k < 3; k++)
-            head_gradient(h, WIDTH, dhead, k, grad + COLOUR_W + k * WIDTH, count, first, lid);
+        head_gradient(h, WIDTH, dhead, 0, 3, grad + COLOUR_W, count, first, lid);
         for (int s = 0; s < tiles * TS; s++) {
             const int row = min(s, count - 1);
             const uint key = slope_key(step_key, ids[row], DEPTH - 1);
