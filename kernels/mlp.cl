@@ -51,7 +51,7 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, cons
                     const int m = n + j * STEP_N;
 
                     if (train && s < count)
-                        KEPT_STORE(acc[i][j], acts + s * ACTS + m);
+                        KEPT_STORE(acc[i][j], acts + s * n_out + m);
                     VSTORE(activate(acc[i][j], negative_slope(train, key, m)),
                            out + s * n_out + m);
                 }
@@ -102,8 +102,9 @@ HELPER void head(const __local float *a, int width, const __global float *w, con
                   count, acts_, train_, step_key, ids, 0u, lid);                                   \
         else                                                                                       \
             dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i),             \
-                  w + TRUNK_B(i), WIDTH, to, tiles, count, train_ ? acts_ + i * WIDTH : acts_,     \
-                  train_, step_key, ids, (uint)i, lid);                                            \
+                  w + TRUNK_B(i), WIDTH, to, tiles, count,                                         \
+                  train_ ? acts_ + i * WIDTH * count : acts_, train_, step_key, ids, (uint)i,      \
+                  lid);                                                                            \
         GROUP_SYNC();                                                                              \
     }                                                                                              \
     __local float *h = DEPTH & 1 ? h1 : h0;
@@ -174,7 +175,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
         const __global cln_sample *restrict samples, /* [sample] */                                \
         const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */  \
         __global float4 *restrict out,              /* [sample] r, g, b, sigma */                  \
-        __global kept_type *restrict acts,          /* [grouped sample][ACTS], training only */    \
+        __global kept_type *restrict acts,          /* ACTS of each grouped sample, training only */    \
         uint n_slices, uint step_key
 
 #if VIEW > 0
@@ -229,7 +230,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
 #define COLOUR_IN v
 #define FORWARD_VIEW(train)                                                                        \
     dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,   \
-          kept + DEPTH * WIDTH, train, step_key, ids, (uint)DEPTH, lid);                           \
+          kept + DEPTH * WIDTH * count, train, step_key, ids, (uint)DEPTH, lid);                           \
     GROUP_SYNC();
 #else
 #define COLOUR_IN h
@@ -266,7 +267,7 @@ __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_eval(F
 
 /* ---- backward ---- */
 
-/* h = act(x) for one layer's kept pre-activations x [s][ACTS]. */
+/* h = act(x) for one layer's kept pre-activations x [s][width]. */
 HELPER void restore(const __global kept_type *x, int width, int count, __local float *h, uint step_key,
                     const __local uint *ids, uint layer, int lid)
 {
@@ -274,7 +275,7 @@ HELPER void restore(const __global kept_type *x, int width, int count, __local f
         const uint key = slope_key(step_key, ids[s], layer);
 
         for (int n = lid * VW; n < width; n += STEP_N)
-            VSTORE(activate(KEPT_LOAD(x + s * ACTS + n), negative_slope(1, key, n)), h + s * width + n);
+            VSTORE(activate(KEPT_LOAD(x + s * width + n), negative_slope(1, key, n)), h + s * width + n);
     }
 }
 
@@ -288,8 +289,8 @@ HELPER void restore(const __global kept_type *x, int width, int count, __local f
 #endif
 
 #if LEAF
-/* wt[n][k] = w[k][n] of one layer, k < WIDTH: VW x VW at a time. A perfect shuffle of the rows, log2(VW) times over, is
- * the transpose. */
+/* wt[n][k] = w[k][n] of one layer, k < WIDTH: VW x VW at a time. A perfect shuffle of the rows, log2(VW)
+ * times over, is the transpose. */
 HELPER void transpose_layer(const __global float *w, int columns, __local float *wt, int lid)
 {
     const int across = columns / VW;
@@ -404,7 +405,7 @@ HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE fl
 #pragma unroll
                 for (int j = 0; j < NV; j++) {
                     const int m = n + j * STEP_N;
-                    const vf g = activate_gradient(KEPT_LOAD(x + s * ACTS + m),
+                    const vf g = activate_gradient(KEPT_LOAD(x + s * WIDTH + m),
                                                    negative_slope(1, key, m));
 
                     VSTORE(acc[i][j] * g, out + (t * TS + i) * WIDTH + m);
@@ -466,7 +467,7 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
 
             sum = MAD((vf)(g.y), VLOAD(w + width + n), sum);
             sum = MAD((vf)(g.z), VLOAD(w + 2 * width + n), sum);
-            VSTORE(sum * activate_gradient(KEPT_LOAD(x + row * ACTS + n), negative_slope(1, key, n)),
+            VSTORE(sum * activate_gradient(KEPT_LOAD(x + row * width + n), negative_slope(1, key, n)),
                    d + s * width + n);
         }
     }
@@ -486,7 +487,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
              const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */
              const __global float4 *restrict out,        /* [sample] r, g, b, sigma */
              const __global float4 *restrict dout,       /* [sample] gradient of it */
-             const __global kept_type *restrict acts,    /* [grouped sample][ACTS] */
+             const __global kept_type *restrict acts,    /* ACTS of each grouped sample */
              __global float *restrict grads, uint n_slices, uint step_key, uint update,
              uint half_slice, uint min_samples, float lr, const __global uint *restrict begin,
              const __global uint *restrict end,                  /* [leaf] */
@@ -533,7 +534,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
         const int first = block == 0, count = (int)min((uint)NB, slice.count - block);
         const int tiles = (count + TS - 1) / TS, rows = PADDED(count);
         const __global kept_type *x = acts + (size_t)(slice.start + block) * ACTS;
-        const __global kept_type *x_last = x + (DEPTH - 1) * WIDTH;
+        const __global kept_type *x_last = x + (DEPTH - 1) * WIDTH * count;
 
         GROUP_SYNC();
         load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,
@@ -556,7 +557,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
         GROUP_SYNC();
         restore(x_last, WIDTH, count, h, step_key, ids, DEPTH - 1, lid);
 #if VIEW > 0
-        restore(x + DEPTH * WIDTH, VIEW, count, v, step_key, ids, DEPTH, lid);
+        restore(x + DEPTH * WIDTH * count, VIEW, count, v, step_key, ids, DEPTH, lid);
 #endif
         GROUP_SYNC();
         for (int k = lid; k < 32; k += LS) { /* biases of the heads, and their padding, which is zero */
@@ -571,7 +572,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
         head_gradient(h, WIDTH, dhead, 3, 1, grad + SIGMA_W, count, first, lid);
 #if VIEW > 0
         head_gradient(v, VIEW, dhead, 0, 3, grad + COLOUR_W, count, first, lid);
-        colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH, dhead, dv, tiles * TS, count,
+        colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH * count, dhead, dv, tiles * TS, count,
                               step_key, ids, DEPTH, lid);
         GROUP_SYNC();
         weight_gradient(h, WIDTH, WIDTH, 1, dv, VIEW, grad + VIEW_W, grad + VIEW_B, count, first, lid);
@@ -591,7 +592,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
                 for (int k = 0; k < 3; k++)
                     sum = MAD((vf)(((const __local float *)(dhead + s))[k]),
                               VLOAD(w + COLOUR_W + k * WIDTH + n), sum);
-                VSTORE(sum * activate_gradient(KEPT_LOAD(x_last + row * ACTS + n),
+                VSTORE(sum * activate_gradient(KEPT_LOAD(x_last + row * WIDTH + n),
                                                negative_slope(1, key, n)),
                        d0 + s * WIDTH + n);
             }
@@ -601,14 +602,14 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
             __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0, *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
 
             GROUP_SYNC();
-            restore(x + (i - 1) * WIDTH, WIDTH, count, h, step_key, ids, (uint)(i - 1), lid);
+            restore(x + (i - 1) * WIDTH * count, WIDTH, count, h, step_key, ids, (uint)(i - 1), lid);
             GROUP_SYNC();
             weight_gradient(h, WIDTH, WIDTH, 1, d, WIDTH, grad + TRUNK_W(i), grad + TRUNK_B(i), count,
                             first, lid);
             if (i == SKIP)
                 weight_gradient(enc, ENC_PAD, 1, NB, d, WIDTH,
                                 grad + TRUNK_W(i) + WIDTH * WIDTH, 0, count, first, lid);
-            input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH, dhead, 0, below, tiles,
+            input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH * count, dhead, 0, below, tiles,
                            count, step_key, ids, (uint)(i - 1), lid);
         }
         GROUP_SYNC();

@@ -69,7 +69,9 @@
 #define TK 4                       /* rows of a weight-gradient tile; every K is a multiple of it */
 #define STEP_N (LS * VW)           /* distance of a work-item's vectors */
 #define TILE_N (LS * VW * NV)      /* neurons of one tile, over the group */
-#define ACTS (DEPTH * WIDTH + VIEW) /* pre-activations kept per sample: [trunk layers | view] */
+/* Pre-activations kept per sample. Those of a block of `count` samples stand layer by layer, as they are read back:
+ * trunk [DEPTH][count][WIDTH], then the view layer [count][VIEW]. */
+#define ACTS (DEPTH * WIDTH + VIEW)
 #define SLOPE_MEAN (0.5f * (SLOPE_LOWER + SLOPE_UPPER))
 
 #if WIDTH % (VW * NV * LS) || (VIEW > 0 && VIEW % (VW * NV * LS))

@@ -118,8 +118,8 @@ typedef struct cln_pipeline {
     cln_buffer out, dout;                                      /* float4 [sample] */
     cln_buffer measures; /* float [sample][numbers measured] */
     cln_buffer losses;   /* float [sample]; distillation only */
-    cln_buffer acts;     /* float or half [sample][net acts], grouped order; training only */
-    cln_buffer grads;    /* float [slice or place][net.params]; training only */
+    cln_buffer acts;  /* float or half, cln_pipeline_acts() of each grouped sample; training only */
+    cln_buffer grads; /* float [slice or place][net.params]; training only */
 
     /* Splatting: lists of one view (or band of it). */
     cln_buffer batch_views, grids, list_start, list_count, list_t, list_sigma, padded_t,
