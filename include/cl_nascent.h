@@ -27,7 +27,9 @@ typedef struct cln_device_desc {
      * of the class. NULL = none. */
     const char *tune;
     const char *tune_file; /* rows of the user, docs/formats.md "Tuning rows" */
-    const char *max_alloc; /* no buffer larger than this ("256M"), as if the device had no more */
+    /* No buffer larger than this ("256M"), as if the device allowed no more: batches are cut to it, arrays of a row
+     * per leaf split into up to four buffers; CLN_MEMORY beyond. NULL = the device's own. */
+    const char *max_alloc;
 } cln_device_desc;
 
 typedef struct cln_device_info {

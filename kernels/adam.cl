@@ -11,7 +11,7 @@
 
 /* steps[leaf] += 1 for touched leaves; norms[leaf]: of the view layer's weights, before the update. */
 __kernel void adam_count(const __global uint *restrict begin, const __global uint *restrict end,
-                         __global int *restrict steps, const __global float *restrict params,
+                         __global int *restrict steps, LEAF_ARRAY(const float, params),
                          __global float *restrict norms, uint leaves, uint min_samples)
 {
     const uint leaf = get_global_id(0);
@@ -23,7 +23,7 @@ __kernel void adam_count(const __global uint *restrict begin, const __global uin
     float sum = 0.0f;
 
     for (uint i = 0; i < VIEW_ROWS * VIEW; i++) {
-        const float w = params[(size_t)leaf * PARAMS + VIEW_W + i];
+        const float w = LEAF_ROW(params, leaf, PARAMS)[VIEW_W + i];
 
         sum = MAD(w, w, sum);
     }
@@ -35,11 +35,11 @@ __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 adam(const __global uint *restrict begin, const __global uint *restrict end, /* [leaf] */
      const __global uint *restrict slice_starts,                             /* [leaf + 1] */
      const __global cln_slice *restrict slices,                              /* [slice] */
-     const __global float *restrict grads,                                   /* [place][PARAMS] */
+     LEAF_ARRAY(const float, grads),                                         /* [place][PARAMS] */
      const __global int *restrict steps,                                     /* [leaf] */
      const __global float *restrict norms,                                   /* [leaf] */
-     __global float *restrict params, __global float *restrict m, __global float *restrict v,
-     __global float *restrict transposed, /* [leaf][WT_PARAMS], if there is one */
+     LEAF_ARRAY(float, params), LEAF_ARRAY(float, m), LEAF_ARRAY(float, v), /* [leaf][PARAMS] */
+     LEAF_ARRAY(float, transposed), /* [leaf][WT_PARAMS], if there is one */
      uint leaves, uint parts, uint min_samples, uint min_slices, /* leaves with fewer are left alone */
      uint half_slice, /* 0: slice s' gradient at place s; else at its start / half_slice */
      float lr)
@@ -52,6 +52,8 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
         if (last - first < min_slices || end[leaf] - begin[leaf] < min_samples)
             continue;
         const adam_leaf a = adam_leaf_of(lr, steps[leaf], norms[leaf]);
+        __global float *w_row = LEAF_ROW(params, leaf, PARAMS);
+        __global float *m_row = LEAF_ROW(m, leaf, PARAMS), *v_row = LEAF_ROW(v, leaf, PARAMS);
 
         for (uint p = part * PART + get_local_id(0) * VW; p < min((part + 1u) * PART, (uint)PARAMS);
              p += LS * VW) {
@@ -59,17 +61,16 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
 
             for (uint s = first; s < last; s++) {
                 const uint place = half_slice ? slices[s].start / half_slice : s;
-                const vf more = VLOAD(grads + (size_t)place * PARAMS + p);
+                const vf more = VLOAD(SLICE_ROW(grads, place, PARAMS) + p);
 
                 g = s == first ? more : g + more;
             }
-            const vf w = adam_step(a, g, p, (size_t)leaf * PARAMS, params, m, v);
+            const vf w = adam_step(a, g, p, w_row, m_row, v_row);
 
 #if LEAF
             (void)w;
-            (void)transposed;
 #else
-            store_all_transposed(w, p, transposed + (size_t)leaf * WT_PARAMS);
+            store_all_transposed(w, p, LEAF_ROW(transposed, leaf, WT_PARAMS));
 #endif
         }
     }
@@ -77,12 +78,12 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
 
 /* The transposed copy of freshly uploaded weights. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-transpose(const __global float *restrict params, __global float *restrict transposed, uint parts)
+transpose(LEAF_ARRAY(const float, params), LEAF_ARRAY(float, transposed), uint parts)
 {
     const uint leaf = get_group_id(0) / parts, part = get_group_id(0) % parts;
 
     for (uint p = part * PART + get_local_id(0) * VW; p < min((part + 1u) * PART, (uint)PARAMS);
          p += LS * VW)
-        store_all_transposed(VLOAD(params + (size_t)leaf * PARAMS + p), p,
-                             transposed + (size_t)leaf * WT_PARAMS);
+        store_all_transposed(VLOAD(LEAF_ROW(params, leaf, PARAMS) + p), p,
+                             LEAF_ROW(transposed, leaf, WT_PARAMS));
 }

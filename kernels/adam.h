@@ -38,23 +38,23 @@ HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm)
     return a;
 }
 
-/* Weights p .. p + VW - 1 of a leaf, whose arrays begin at `base`, by their gradient; the new weights. */
-HELPER vf adam_step(adam_leaf a, vf g, uint p, size_t base, __global float *params, __global float *m,
+/* Weights p .. p + VW - 1 of a leaf, by their gradient and the leaf's rows; the new weights. */
+HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global float *m,
                     __global float *v)
 {
-    vf w = VLOAD(params + base + p);
+    vf w = VLOAD(params + p);
 
 #if VIEW_L2
     if (p >= VIEW_W && p < VIEW_W + VIEW_ROWS * VIEW)
         g += w * a.pull;
 #endif
-    const vf m1 = MAD((vf)(BETA1), VLOAD(m + base + p), (1.0f - BETA1) * g);
-    const vf v1 = MAD((vf)(BETA2), VLOAD(v + base + p), (1.0f - BETA2) * g * g);
+    const vf m1 = MAD((vf)(BETA1), VLOAD(m + p), (1.0f - BETA1) * g);
+    const vf v1 = MAD((vf)(BETA2), VLOAD(v + p), (1.0f - BETA2) * g * g);
 
     w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
-    VSTORE(m1, m + base + p);
-    VSTORE(v1, v + base + p);
-    VSTORE(w, params + base + p);
+    VSTORE(m1, m + p);
+    VSTORE(v1, v + p);
+    VSTORE(w, params + p);
     return w;
 }
 

@@ -114,9 +114,9 @@ HELPER void head(const __local float *a, int width, const __global float *w, con
 /* density[slot][cell] = bfloat16 of sigma at local position -1 + 2 (i + xi) / n1, cell = (z n1 + y) n1
  * + x; xi = 0.5 without jitter. Group g takes cells [g % per_leaf * cells, ...) of leaf g / per_leaf. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
+mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
             const __global float4 *restrict boxes, /* [leaf] min x, y, z, side */
-            __global ushort *restrict density,     /* [leaf][n1^3] */
+            LEAF_ARRAY(ushort, density),           /* [leaf][n1^3] */
             uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first)
 {
     __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB];
@@ -124,7 +124,8 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
     const uint group = get_group_id(0), leaf = first + group / per_leaf;
     const uint total = n1 * n1 * n1, begin = group % per_leaf * cells;
     const uint end = min(begin + cells, total);
-    const __global float *w = params + (size_t)leaf * PARAMS;
+    const __global float *w = LEAF_ROW(params, leaf, PARAMS);
+    __global ushort *cached = LEAF_ROW(density, leaf, total);
     const int lid = (int)get_local_id(0);
     const int level = (int)(1.5f - log2(boxes[leaf].w));
     const uint step_key = 0u;
@@ -159,7 +160,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
             const uint bits = as_uint(at[s]);
 
             /* round to nearest even; a NaN stays one */
-            density[(size_t)leaf * total + block + s] =
+            cached[block + s] =
                 (ushort)(isnan(at[s]) ? 0x7FC0u : (bits + 0x7FFFu + (bits >> 16 & 1u)) >> 16);
         }
     }
@@ -168,7 +169,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
 /* ---- forward ---- */
 
 #define FORWARD_ARGUMENTS                                                                          \
-    const __global float *restrict params,          /* [leaf][PARAMS] */                           \
+    LEAF_ARRAY(const float, params),                /* [leaf][PARAMS] */                           \
         const __global float4 *restrict boxes,      /* [leaf] min x, y, z, side */                 \
         const __global cln_slice *restrict slices,  /* [slice] */                                  \
         const __global uint *restrict order,        /* [grouped sample] -> sample */               \
@@ -194,7 +195,7 @@ mlp_density(const __global float *restrict params, /* [leaf][PARAMS] */
     if (group >= n_slices)                                                                         \
         return;                                                                                    \
     const cln_slice slice = slices[group];                                                         \
-    const __global float *w = params + (size_t)slice.slot * PARAMS;                                \
+    const __global float *w = LEAF_ROW(params, slice.slot, PARAMS);                                \
     for (uint block = 0; block < slice.count; block += NB) {                                       \
         const int count = (int)min((uint)NB, slice.count - block);                                 \
         const int tiles = (count + TS - 1) / TS, rows = PADDED(count);                             \
@@ -478,8 +479,8 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
  * 0 as above and LEAF 1 at grads [slice start / half_slice][PARAMS]: starts of slices that share a leaf are at least
  * half_slice apart (group.cl). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
-             __global float *restrict transposed,        /* [leaf][WT_PARAMS], LEAF 0 */
+mlp_backward(LEAF_ARRAY(float, params),                  /* [leaf][PARAMS] */
+             LEAF_ARRAY(float, transposed),              /* [leaf][WT_PARAMS], LEAF 0 */
              const __global float4 *restrict boxes,      /* [leaf] min x, y, z, side */
              const __global cln_slice *restrict slices,  /* [slice] */
              const __global uint *restrict order,        /* [grouped sample] -> sample */
@@ -488,12 +489,12 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
              const __global float4 *restrict out,        /* [sample] r, g, b, sigma */
              const __global float4 *restrict dout,       /* [sample] gradient of it */
              const __global kept_type *restrict acts,    /* ACTS of each grouped sample */
-             __global float *restrict grads, uint n_slices, uint step_key, uint update,
+             LEAF_ARRAY(float, grads), uint n_slices, uint step_key, uint update,
              uint half_slice, uint min_samples, float lr, const __global uint *restrict begin,
              const __global uint *restrict end,                  /* [leaf] */
              const __global int *restrict steps,                 /* [leaf] */
              const __global float *restrict norms,               /* [leaf] */
-             __global float *restrict moment1, __global float *restrict moment2) /* [leaf][PARAMS] */
+             LEAF_ARRAY(float, moment1), LEAF_ARRAY(float, moment2)) /* [leaf][PARAMS] */
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
@@ -517,8 +518,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
 
     if (slice.count == 0u || (update && whole < min_samples))
         return;
-    const size_t base = (size_t)slice.slot * PARAMS;
-    const __global float *w = params + base;
+    const __global float *w = LEAF_ROW(params, slice.slot, PARAMS);
 #if LEAF
     for (int i = 1; i < DEPTH; i++)
         transpose_layer(w + TRUNK_W(i), WIDTH, wt + WT_TRUNK(i), lid);
@@ -526,8 +526,8 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
     transpose_layer(w + VIEW_W, VIEW, wt + WT_VIEW, lid);
 #endif
 #else
-    __global float *wt = transposed + (size_t)slice.slot * WT_PARAMS;
-    __global float *grad = grads + (size_t)group * PARAMS;
+    __global float *wt = LEAF_ROW(transposed, slice.slot, WT_PARAMS);
+    __global float *grad = SLICE_ROW(grads, group, PARAMS);
 #endif
 
     for (uint block = 0; block < slice.count; block += NB) {
@@ -619,10 +619,12 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
     LEAF_SYNC();
     if (update && slice.count == whole) {
         const adam_leaf a = adam_leaf_of(lr, steps[slice.slot], norms[slice.slot]);
+        __global float *w_row = LEAF_ROW(params, slice.slot, PARAMS);
+        __global float *m_row = LEAF_ROW(moment1, slice.slot, PARAMS);
+        __global float *v_row = LEAF_ROW(moment2, slice.slot, PARAMS);
 
         for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N) {
-            const vf updated = adam_step(a, VLOAD(grad + p), p, base, params, moment1,
-                                         moment2);
+            const vf updated = adam_step(a, VLOAD(grad + p), p, w_row, m_row, v_row);
 
 #if LEAF
             (void)updated;
@@ -633,7 +635,7 @@ mlp_backward(__global float *restrict params,            /* [leaf][PARAMS] */
         return;
     }
 #if LEAF
-    __global float *to = grads + (size_t)(update ? slice.start / half_slice : group) * PARAMS;
+    __global float *to = SLICE_ROW(grads, update ? slice.start / half_slice : group, PARAMS);
 
     for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N)
         VSTORE(VLOAD(grad + p), to + p);

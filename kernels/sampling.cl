@@ -140,15 +140,15 @@ typedef struct segment {
     uint start, count; /* splat: entries of the list */
     float t_in, step;  /* gather */
     float3 at, along;  /* gather: cell coordinates at t_in, and per unit of t */
-    uint cache;        /* gather: first cell of the leaf */
+    const __global ushort *cache; /* gather: the leaf's cells */
 } segment;
 
 #if STAGE1 == 1
 #define STAGE1_ARGUMENTS                                                   \
-    const __global ushort *restrict density,   /* [leaf][n1^3] bfloat16 */ \
+    LEAF_ARRAY(const ushort, density),         /* [leaf][n1^3] bfloat16 */ \
         const __global float4 *restrict boxes, /* [leaf] */                \
         uint n1
-#define STAGE1_PASS density, boxes, n1
+#define STAGE1_PASS LEAF_PASS(density), boxes, n1
 
 HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, float t_out, int slot)
 {
@@ -157,14 +157,13 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, fl
     const int whole = (int)cells;
     segment s;
 
-    (void)density;
     s.start = 0;
     s.count = (uint)max(1, whole + ((float)whole < cells)); /* ceil; PoCL's is slow */
     s.t_in = t_in;
     s.step = (t_out - t_in) / (float)s.count;
     s.at = (MAD((float3)(t_in), d, o) - box.xyz) * scale;
     s.along = d * scale;
-    s.cache = (uint)slot * n1 * n1 * n1;
+    s.cache = LEAF_ROW(density, slot, n1 * n1 * n1);
     return s;
 }
 
@@ -183,7 +182,7 @@ HELPER vf segment_points(STAGE1_ARGUMENTS, const segment *s, uint j)
     VSTORE((z * (int)n1 + y) * (int)n1 + x, cell);
 #pragma unroll
     for (int l = 0; l < VW; l++)
-        bits[l] = density[s->cache + (uint)cell[l]];
+        bits[l] = s->cache[(uint)cell[l]];
     return select((vf)(0.0f), V_AS_FLOAT(V_TO_UINT(VLOAD(bits)) << 16), number < (float)s->count);
 }
 

@@ -15,7 +15,7 @@
 #define SPLAT_ARGUMENTS                                                                            \
     const __global cln_device_camera *restrict cameras, /* [view] */                               \
         const __global uint *restrict views,     /* [batch view] -> view */                        \
-        const __global ushort *restrict density, /* [leaf][n1^3] bfloat16 */                       \
+        LEAF_ARRAY(const ushort, density),       /* [leaf][n1^3] bfloat16 */                       \
         const __global float4 *restrict boxes,   /* [leaf] */                                      \
         const __global uint4 *restrict grids     /* [batch view][6] first list, k, lists per row */
 #define SPLAT_PARAMETERS                                                                           \
@@ -30,7 +30,7 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
     const uint cells = n1 * n1 * n1, cell = index % cells;
     const float4 box = boxes[index / cells];
     const float spacing = box.w / (float)n1;
-    const float sigma = as_float((uint)density[index] << 16);
+    const float sigma = as_float((uint)LEAF_ELEMENT(density, index, cells) << 16);
     const cln_device_camera camera = cameras[views[view]];
     const float3 point = box.xyz + ((float3)((float)(cell % n1), (float)(cell / n1 % n1),
                                              (float)(cell / (n1 * n1))) +
@@ -66,8 +66,8 @@ __kernel void splat_count(SPLAT_ARGUMENTS, __global uint *restrict counts /* [vi
     if (c >= n_views * runs)
         return;
     for (uint i = begin; i < end; i++)
-        count += splat_key(cameras, views, density, boxes, grids, view, n1, row_begin, row_end,
-                           min_alpha, i, &key);
+        count += splat_key(cameras, views, LEAF_PASS(density), boxes, grids, view, n1, row_begin,
+                           row_end, min_alpha, i, &key);
     counts[c] = count;
 }
 
@@ -84,8 +84,8 @@ __kernel void splat_emit(SPLAT_ARGUMENTS, const __global uint *restrict starts, 
         return;
     at = starts[c];
     for (uint i = begin; i < end; i++)
-        if (splat_key(cameras, views, density, boxes, grids, view, n1, row_begin, row_end, min_alpha,
-                      i, &key)) {
+        if (splat_key(cameras, views, LEAF_PASS(density), boxes, grids, view, n1, row_begin, row_end,
+                      min_alpha, i, &key)) {
             keys[at] = key;
             values[at++] = i;
         }
@@ -107,15 +107,16 @@ __kernel void splat_bounds(const __global ulong *restrict keys, __global uint *r
 }
 
 __kernel void splat_read(const __global ulong *restrict keys, const __global uint *restrict values,
-                         const __global ushort *restrict density, __global float *restrict list_t,
-                         __global float *restrict list_sigma, uint n)
+                         LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
+                         __global float *restrict list_t, __global float *restrict list_sigma, uint n,
+                         uint cells)
 {
     const uint i = get_global_id(0);
 
     if (i >= n)
         return;
     list_t[i] = as_float((uint)(keys[i] & 0xFFFFFFFFul));
-    list_sigma[i] = as_float((uint)density[values[i]] << 16);
+    list_sigma[i] = as_float((uint)LEAF_ELEMENT(density, values[i], cells) << 16);
 }
 
 __kernel void splat_lengths(const __global uint *restrict list_start,

@@ -15,7 +15,7 @@
 
 /* seen[leaf][cell] = 1 if the cell's centre projects into a view. */
 __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
-                         const __global float4 *restrict boxes, __global uchar *restrict seen, uint n1,
+                         const __global float4 *restrict boxes, LEAF_ARRAY(uchar, seen), uint n1,
                          uint views, uint total)
 {
     const uint i = get_global_id(0), cells = n1 * n1 * n1;
@@ -33,26 +33,27 @@ __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
 
     for (uint v = 0; v < views && !found; v++)
         found = camera_project(cameras[v], point, &pixel);
-    seen[i] = found;
+    LEAF_ELEMENT(seen, i, cells) = found;
 }
 
 /* stats[leaf] = (mean of seen, peak); 0 for a leaf that nobody sees. One group per leaf, its partial sums
  * added as a tree. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
-stats_leaf(const __global ushort *restrict density, /* [leaf][cells] */
-           const __global uchar *restrict seen,     /* [leaf][cells] */
+stats_leaf(LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
+           LEAF_ARRAY(const uchar, seen),     /* [leaf][cells] */
            __global float2 *restrict stats, uint cells)
 {
     __local float sums[SG], peaks[SG];
     __local uint counts[SG];
     const uint leaf = get_group_id(0), lid = get_local_id(0);
-    const size_t first = (size_t)leaf * cells;
+    const __global ushort *sigmas = LEAF_ROW(density, leaf, cells);
+    const __global uchar *is_seen = LEAF_ROW(seen, leaf, cells);
     float sum = 0.0f, peak = 0.0f;
     uint count = 0;
 
     for (uint i = lid; i < cells; i += SG)
-        if (seen[first + i]) {
-            const float sigma = as_float((uint)density[first + i] << 16);
+        if (is_seen[i]) {
+            const float sigma = as_float((uint)sigmas[i] << 16);
 
             sum += sigma;
             peak = fmax(peak, sigma);

@@ -66,10 +66,10 @@ kernels() {
     local cl headers
     for cl in kernels/*.cl; do
         case $cl in # host/device/program.c
-        */mlp.cl | */adam.cl) headers=(-include kernels/network.h -include kernels/adam.h) ;;
-        *) headers=(-include kernels/camera.h) ;;
+        */mlp.cl | */adam.cl) headers=(-include kernels/leaves.h -include kernels/network.h -include kernels/adam.h) ;;
+        *) headers=(-include kernels/camera.h -include kernels/leaves.h) ;;
         esac
-        for more in "" -DDISTORTION=1 -DVW=1 -DLEAF=0; do
+        for more in "" -DDISTORTION=1 -DVW=1 -DLEAF=0 -DPARTS=4; do
             kernel -include include/device_abi.h -include kernels/lanes.h -include kernels/rng.h \
                 "${headers[@]}" ${more:+"$more"} "$cl"
         done

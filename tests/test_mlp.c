@@ -512,7 +512,9 @@ static void train(cln_pipeline *p, const mlp_data *d, bool at_once, trained *out
 
     upload(p, d, &slices);
     places = at_once ? cln_pipeline_gradients(&p->tune, d->n, slices) : slices;
-    test_fill(p->device, &p->grads, NULL, (size_t)places * (size_t)p->net.params * sizeof(float));
+    if (p->parts == 1)
+        test_fill(p->device, &p->grads, NULL,
+                  (size_t)places * (size_t)p->net.params * sizeof(float));
     for (uint32_t key = 1; key <= 2; key++) {
         assert_ok(cln_stage_forward(p, d->n, slices, true, key));
         if (at_once) {
@@ -522,8 +524,9 @@ static void train(cln_pipeline *p, const mlp_data *d, bool at_once, trained *out
         assert_ok(cln_stage_backward(p, slices, key));
         assert_ok(cln_stage_adam(p, 1e-3));
     }
-    free(test_read(p->device, &p->grads, (size_t)places * (size_t)p->net.params * sizeof(float),
-                   "gradients"));
+    if (p->parts == 1)
+        free(test_read(p->device, &p->grads, (size_t)places * (size_t)p->net.params * sizeof(float),
+                       "gradients"));
     out->params = test_alloc(n, sizeof(float));
     out->m = test_alloc(n, sizeof(float));
     out->v = test_alloc(n, sizeof(float));
@@ -589,13 +592,107 @@ static void test_updates_at_once(void **state)
     check_update(&tune_sets[3], leaf[3], &cases[6]);
 }
 
+/* ---- arrays in parts ---- */
+
+/* All that the networks' kernels write: two steps with gradients in memory and two without, outputs, densities,
+ * statistics of them. */
+static void run_all(cln_pipeline *p, const mlp_data *d, trained *apart, trained *at_once,
+                    float **out, uint16_t **density, float **stats)
+{
+    const size_t cells = (size_t)(p->config.n1 * p->config.n1 * p->config.n1);
+    uint8_t *seen = test_alloc(22 * cells, 1);
+    uint32_t slices = 0;
+
+    train(p, d, false, apart);
+    train(p, d, true, at_once);
+    assert_ok(cln_stage_slices(p, &slices));
+    *out = test_alloc(d->n, 4 * sizeof **out);
+    assert_ok(cln_stage_forward(p, d->n, slices, false, 0));
+    assert_ok(cln_buffer_read(p->device, &p->out, 0, *out, d->n * 4 * sizeof **out));
+    *density = test_alloc(22 * cells, sizeof **density);
+    assert_ok(cln_stage_refresh(p, 0, 22, true, 99, 7));
+    assert_ok(cln_buffer_read(p->device, &p->density, 0, *density, 22 * cells * sizeof **density));
+    for (size_t i = 0; i < 22 * cells; i++)
+        seen[i] = test_uniform(9, (int)i, 0, 1) < 0.5;
+    *stats = test_alloc(22, 2 * sizeof **stats);
+    assert_ok(cln_pipeline_leaf_rows(p, &p->seen, cells, "test"));
+    assert_ok(cln_buffer_write(p->device, &p->seen, 0, seen, 22 * cells));
+    assert_ok(cln_stage_stats(p, *stats));
+    free(seen);
+}
+
+static void check_same(const trained *a, const trained *b, size_t n)
+{
+    assert_memory_equal(a->params, b->params, n * sizeof(float));
+    assert_memory_equal(a->m, b->m, n * sizeof(float));
+    assert_memory_equal(a->v, b->v, n * sizeof(float));
+    assert_memory_equal(a->steps, b->steps, 22 * sizeof(cl_int));
+}
+
+/* 22 leaves in four parts of six: the same bytes as in one buffer. */
+static void check_split(const tune_set *set)
+{
+    cln_config config = config_of(&cases[0]);
+    trained apart[2], at_once[2];
+    float *out[2], *stats[2];
+    uint16_t *density[2];
+    mlp_data d = {0};
+    cln_pipeline *p = NULL;
+    size_t most = 0, n = 0;
+
+    config.n1 = 20; /* densities take more than weights; a pipeline of its own */
+    config.min_leaf_samples = 2;
+    p = test_pipeline(set, &config, false, false);
+    make_data(&cases[0], &config, &p->tune, &d);
+    n = 22 * (size_t)p->net.params;
+    most = p->device->max_alloc;
+    for (int split = 0; split < 2; split++) {
+        if (split) {
+            p->device->max_alloc = 7 * 2 * 8000 - 1;
+            assert_int_equal(cln_pipeline_split(p, 25), CLN_MEMORY);
+            cln_clear_error();
+            assert_int_equal(p->parts, 1);
+            assert_ok(cln_pipeline_split(p, 22));
+            p->device->max_alloc = most;
+        }
+        assert_int_equal(p->parts, split ? CLN_PARTS : 1);
+        run_all(p, &d, &apart[split], &at_once[split], &out[split], &density[split], &stats[split]);
+    }
+    assert_int_equal(p->part_leaves, 6);
+    assert_int_equal(p->params.part_bytes, 6 * (size_t)p->net.params * sizeof(float));
+    assert_int_equal(p->density.part_bytes, 6 * 2 * 8000);
+    assert_int_equal(p->adam_v.part_bytes, p->params.part_bytes);
+    assert_true(p->grads.part_bytes > 0);
+    check_same(&apart[1], &apart[0], n);
+    check_same(&at_once[1], &at_once[0], n);
+    assert_memory_equal(out[1], out[0], d.n * 4 * sizeof **out);
+    assert_memory_equal(density[1], density[0], 22 * 8000 * sizeof **density);
+    assert_memory_equal(stats[1], stats[0], 22 * 2 * sizeof **stats);
+    for (int s = 0; s < 22; s++) /* there is something in every part */
+        assert_true(stats[0][2 * s + 1] > 0);
+    for (int split = 0; split < 2; split++) {
+        free_trained(&apart[split]);
+        free_trained(&at_once[split]);
+        free(out[split]);
+        free(density[split]);
+        free(stats[split]);
+    }
+    free_data(&d);
+}
+
+static void test_in_parts(void **state)
+{
+    (void)state;
+    check_split(&tune_sets[0]);
+    check_split(&tune_sets[4]); /* gradients and transposed weights in parts, too */
+}
+
 int test_group_mlp(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_networks),
-        cmocka_unit_test(test_no_samples),
-        cmocka_unit_test(test_updates_at_once),
-        cmocka_unit_test(test_densities),
+        cmocka_unit_test(test_networks),        cmocka_unit_test(test_no_samples),
+        cmocka_unit_test(test_updates_at_once), cmocka_unit_test(test_densities),
+        cmocka_unit_test(test_in_parts),
     };
 
     return cmocka_run_group_tests_name("mlp", tests, NULL, test_device_close);

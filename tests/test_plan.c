@@ -117,10 +117,7 @@ static void test_cut_below_the_largest(void **state)
         before = plan.max_samples;
     }
     assert_true(before < 2 * (size_t)config.batch_samples);
-    /* 64 leaves of weights in one buffer: 1.2 MiB */
     make_fake(&f, &config, 1 * MIB, "gpu");
-    cln_plan_device(&f.desc, &plan);
-    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "network weights");
     f.desc.leaves = 1;
     cln_plan_device(&f.desc, &plan);
     assert_ok(cln_plan_check(&f.device, &plan));
@@ -129,6 +126,58 @@ static void test_cut_below_the_largest(void **state)
     cln_plan_device(&f.desc, &plan);
     assert_int_equal(plan.max_samples, 768);
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "activations");
+}
+
+static int row_parts(const cln_plan *plan, const char *purpose)
+{
+    for (int i = 0; i < plan->count; i++)
+        if (strcmp(plan->rows[i].purpose, purpose) == 0)
+            return plan->rows[i].parts;
+    fail_msg("no row %s", purpose);
+    return 0;
+}
+
+/* What has a row per leaf is split into as few parts as do, never refused below four whole ones. */
+static void test_parts(void **state)
+{
+    const cln_config config = preset("fast");
+    const double n1 = config.n1, cells = n1 * n1 * n1;
+    fake f;
+    cln_plan plan;
+    char text[1024];
+
+    (void)state;
+    for (int leaf = 0; leaf < 2; leaf++) { /* tune.leaf */
+        for (int leaves = 1; leaves <= 4 * 60 + 1; leaves++) {
+            double weights = 0, row = 0;
+            int parts = 0;
+
+            make_fake(&f, &config, 0, "gpu");
+            weights = 4.0 * f.pipeline.net.params;
+            row = fmax(weights, 2 * cells);
+            f.device.max_alloc = (size_t)(60.5 * row);
+            f.pipeline.tune.leaf = leaf;
+            f.desc.leaves = leaves;
+            cln_plan_device(&f.desc, &plan);
+            cln_plan_text(&plan, text, sizeof text);
+            parts = leaves <= 60 ? 1 : leaves <= 120 ? 2 : leaves <= 180 ? 3 : 4;
+            assert_int_equal(row_parts(&plan, "network weights"), parts);
+            assert_int_equal(row_parts(&plan, "optimiser state"), parts);
+            assert_int_equal(row_parts(&plan, "stage-1 densities"), parts);
+            assert_int_equal(row_parts(&plan, "activations"), 1);
+            assert_true(row_bytes(&plan, "network weights", false) == leaves * weights);
+            assert_true((strncmp(strstr(text, ", optimiser") - 11, " in 3 parts", 11) == 0) ==
+                        (parts == 3));
+            assert_true(fabs(row_bytes(&plan, "stage-1 densities", false) - 8 * leaves -
+                             3 * leaves * cells) < 1);
+            if (leaves > 4 * 60 - !leaf) { /* two slices in one leaf make 241 gradients */
+                assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "in each of 4 parts");
+                continue;
+            }
+            assert_true(row_bytes(&plan, "network weights", true) == fmin(leaves, 60) * weights);
+            assert_ok(cln_plan_check(&f.device, &plan));
+        }
+    }
 }
 
 /* Weight gradients are of slices: a leaf's samples, 480 at a time. Counted here one leaf at a time. */
@@ -342,11 +391,45 @@ static void test_cut_batches(void **state)
     assert_int_equal(set.digest, cut.digest);
     assert_true(set.psnr_test == cut.psnr_test);
     assert_true(cut.device_peak < plain.device_peak);
-    /* weights of eight leaves cannot be cut */
+    /* one leaf's weights fit, two of eight leaves in each of four parts do not */
     config.width = config.view_width = 64;
-    assert_fails(train_on("never", &config, "64K", &cut), CLN_MEMORY, "network weights");
+    assert_fails(train_on("never", &config, "64K", &cut), CLN_MEMORY,
+                 "network weights: 81.8 KiB in each of 4 parts");
     assert_false(cln_is_dir(engine_path("never")));
     assert_fails(train_on("never", &config, "64X", &cut), CLN_USAGE, "--max-alloc");
+}
+
+/* A largest allocation that has room for the batch, but not for the arrays of 512 leaves: these are split, at
+ * the start or when the tree grows, and what is learnt is the same to the last bit. */
+static void test_split_arrays(void **state)
+{
+    static const char *const stage1[] = {"gather", "splat"};
+
+    NEED_DEVICE();
+    for (int i = 0; i < 2; i++) {
+        cln_config config = engine_config();
+        cln_train_result whole, parts;
+        char run[32];
+
+        assert_ok(cln_config_set(&config, cln_config_find("stage1"), stage1[i]));
+        config.batch_samples = 1024;
+        config.rays = 128;
+        config.n1 = 4;
+        config.steps = 16;
+        config.start_level = i == 0 ? 2 : 3;
+        snprintf(config.level_at, sizeof config.level_at, "%s", i == 0 ? "3:0.5" : "");
+        snprintf(run, sizeof run, "whole-%s", stage1[i]);
+        assert_ok(train_on(run, &config, NULL, &whole));
+        assert_null(strstr(said, " parts"));
+        snprintf(run, sizeof run, "parts-%s", stage1[i]);
+        assert_ok(train_on(run, &config, "640K", &parts));
+        assert_true((strstr(said, "in 4 parts") != NULL) == (i == 1)); /* level 2 needs none */
+        assert_true(parts.leaves > 64);
+        assert_int_equal(parts.leaves, whole.leaves);
+        assert_int_equal(parts.digest, whole.digest);
+        assert_true(parts.psnr_test == whole.psnr_test);
+        assert_true(parts.device_peak <= planned(run, "plan.total"));
+    }
 }
 
 /* Refused before an image is read, with a --downscale that will do. */
@@ -385,6 +468,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_slices_fit),      cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_peak_is_planned), cmocka_unit_test(test_growth_stops_at_the_limit),
         cmocka_unit_test(test_cut_batches),     cmocka_unit_test(test_images_that_do_not_fit),
+        cmocka_unit_test(test_parts),           cmocka_unit_test(test_split_arrays),
     };
 
     return cmocka_run_group_tests_name("plan", tests, engine_setup, engine_teardown);

@@ -411,7 +411,7 @@ static void test_selftest_notices(void **state)
     check_wrong_kernel("composite.cl", "through *= 1.0f - alpha", "through *= 1.0f - 0.99f * alpha",
                        "composite");
     check_wrong_kernel("scan.cl", "at += value;", "at += value + 1u;", "scan");
-    check_wrong_kernel("adam.cl", "(1.0f - beta1) * g", "(1.0f - beta1 * 0.9f) * g", "adam");
+    check_wrong_kernel("adam.h", "(1.0f - BETA1) * g", "(1.0f - BETA1 * 0.9f) * g", "adam");
 }
 
 int test_group_results(void)

@@ -320,13 +320,56 @@ static void test_cut(void **state)
     free(d);
 }
 
+/* Densities in four parts: the same samples. */
+static void test_in_parts(void **state)
+{
+    const sampling_case *c = &cases[0];
+    cln_config config = config_of(c);
+    const cln_sampling sampling = sampling_of(c);
+    cln_pipeline *p = NULL;
+    float(*o)[4] = test_alloc(RANDOM_RAYS, sizeof *o), (*d)[4] = test_alloc(RANDOM_RAYS, sizeof *d);
+    device_samples whole, parts;
+    cln_model model;
+    size_t most = 0, row = 0;
+    bool in[CLN_PARTS] = {false};
+
+    (void)state;
+    config.n1 = 7; /* a pipeline of its own */
+    p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    make_sampling_model(&config, &model);
+    random_rays(o, d);
+    for (int split = 0; split < 2; split++) {
+        if (split) {
+            most = p->device->max_alloc;
+            row = fmax(4.0 * p->net.params, 2.0 * 7 * 7 * 7);
+            p->device->max_alloc = row * cln_groups((size_t)model.tree.leaf_count, CLN_PARTS);
+            assert_ok(cln_pipeline_split(p, model.tree.leaf_count));
+            p->device->max_alloc = most;
+            assert_int_equal(p->parts, CLN_PARTS);
+        }
+        assert_ok(cln_pipeline_upload(p, &model, false));
+        test_fill(p->device, &p->ray_o, o, RANDOM_RAYS * sizeof *o);
+        test_fill(p->device, &p->ray_d, d, RANDOM_RAYS * sizeof *d);
+        run_stage(p, RANDOM_RAYS, &sampling, split ? &parts : &whole);
+    }
+    assert_int_equal(parts.n, whole.n);
+    assert_memory_equal(parts.samples, whole.samples, whole.n * sizeof *whole.samples);
+    for (uint32_t i = 0; i < parts.n; i++)
+        in[parts.samples[i].slot / p->part_leaves] = true;
+    assert_true(in[0] && in[1] && in[2] && in[3]);
+    device_samples_free(&whole);
+    device_samples_free(&parts);
+    cln_model_free(&model);
+    free(o);
+    free(d);
+}
+
 int test_group_sampling(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_random_rays),
-        cmocka_unit_test(test_special_rays),
-        cmocka_unit_test(test_exact_slots),
-        cmocka_unit_test(test_cut),
+        cmocka_unit_test(test_random_rays), cmocka_unit_test(test_special_rays),
+        cmocka_unit_test(test_exact_slots), cmocka_unit_test(test_cut),
+        cmocka_unit_test(test_in_parts),
     };
 
     return cmocka_run_group_tests_name("sampling", tests, NULL, test_device_close);

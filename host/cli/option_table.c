@@ -94,7 +94,7 @@ const cln_arg cln_args[] = {
          "your rows of kernel parameters, which go before the program's own"),
     TEXT(ON_DEVICE, "max-alloc", 0, device.max_alloc, "SIZE", NULL, NULL,
          "no buffer larger than this (512K, 64M, 4G), as if the device allowed no more: batches are "
-         "cut to it"),
+         "cut to it, and what has a row per leaf is split into up to four"),
     FLAG(CLN_TRAIN, "skip-selftest", 0, skip_selftest,
          "do not check the kernels on this device first"),
     TEXT(CLN_TRAIN, "dump-program", 0, dump_program, "FILE", NULL, NULL,

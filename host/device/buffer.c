@@ -70,18 +70,13 @@ cln_status cln_cl_failed(const char *call, cl_int code)
                     cln_cl_name(code), (int)code);
 }
 
-cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes,
-                              const char *what)
+/* One buffer that counts as allocated. */
+static cln_status make(cln_device *device, size_t bytes, const char *what, cl_mem *out)
 {
     cln_status st = CLN_OK;
     cl_int code = CL_SUCCESS;
     const cl_uint nan = 0xFFFFFFFFu;
 
-    if (bytes < 16)
-        bytes = 16;
-    if (buffer->mem && buffer->bytes >= bytes)
-        return CLN_OK;
-    cln_buffer_free(device, buffer);
     if (bytes > device->max_alloc)
         return cln_fail(
             CLN_MEMORY,
@@ -93,9 +88,9 @@ cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t byt
                         "%s: %.0f MiB more would pass the device memory limit of %.0f MiB; raise "
                         "--device-mem or lower --batch-samples, --n1 or the network's size",
                         what, (double)bytes / 1048576, (double)device->limit / 1048576);
-    buffer->mem = clCreateBuffer(device->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
+    *out = clCreateBuffer(device->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
     if (code != CL_SUCCESS) {
-        buffer->mem = NULL;
+        *out = NULL;
         /* some drivers say "resources" for memory */
         st = code == CL_OUT_OF_RESOURCES
                  ? cln_fail(CLN_MEMORY, "clCreateBuffer: %s (%d)", cln_cl_name(code), (int)code)
@@ -103,26 +98,76 @@ cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t byt
         cln_note("allocating %.0f MiB for %s", (double)bytes / 1048576, what);
         return st;
     }
-    buffer->bytes = bytes;
     device->allocated += bytes;
     if (device->allocated > device->peak)
         device->peak = device->allocated;
     cln_debug("buffer for %s: %zu bytes, %zu in all", what, bytes, device->allocated);
     if (device->spoil)
-        CLN_CL(clEnqueueFillBuffer(device->queue, buffer->mem, &nan, sizeof nan, 0, bytes / 4 * 4,
-                                   0, NULL, NULL));
+        CLN_CL(clEnqueueFillBuffer(device->queue, *out, &nan, sizeof nan, 0, bytes / 4 * 4, 0, NULL,
+                                   NULL));
 done:
     return st;
 }
 
+static int parts_of(const cln_buffer *buffer)
+{
+    return buffer->part_bytes ? CLN_PARTS : 1;
+}
+
+/* What a part takes; at least 16 bytes are always there. */
+static size_t bytes_of(const cln_buffer *buffer, int part)
+{
+    const size_t before = (size_t)part * buffer->part_bytes;
+    size_t bytes = buffer->bytes > before ? buffer->bytes - before : 0;
+
+    if (buffer->part_bytes && bytes > buffer->part_bytes)
+        bytes = buffer->part_bytes;
+    return bytes < 16 ? 16 : bytes;
+}
+
+static cln_status reserve(cln_device *device, cln_buffer *buffer, size_t bytes, size_t part_bytes,
+                          const char *what)
+{
+    cln_status st = CLN_OK;
+    cln_buffer new = {.bytes = bytes < 16 ? 16 : bytes, .part_bytes = part_bytes};
+
+    if (buffer->mem && buffer->bytes >= new.bytes && buffer->part_bytes == part_bytes)
+        return CLN_OK;
+    cln_buffer_free(device, buffer);
+    for (int i = 0; i < parts_of(&new); i++)
+        CLN_TRY(make(device, bytes_of(&new, i), what, &new.part[i]));
+    *buffer = new;
+done:
+    if (st != CLN_OK)
+        cln_buffer_free(device, &new);
+    return st;
+}
+
+cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes,
+                              const char *what)
+{
+    return reserve(device, buffer, bytes, 0, what);
+}
+
+cln_status cln_buffer_reserve_parts(cln_device *device, cln_buffer *buffer, size_t bytes,
+                                    size_t part_bytes, const char *what)
+{
+    if (bytes > CLN_PARTS * part_bytes)
+        return cln_fail(CLN_MEMORY,
+                        "%s: %.0f MiB, %d parts of %.0f MiB hold less; lower --start-level, "
+                        "--max-leaves, --n1 or the network's size",
+                        what, (double)bytes / 1048576, CLN_PARTS, (double)part_bytes / 1048576);
+    return reserve(device, buffer, bytes, part_bytes, what);
+}
+
 void cln_buffer_free(cln_device *device, cln_buffer *buffer)
 {
-    if (buffer->mem) {
-        clReleaseMemObject(buffer->mem);
-        device->allocated -= buffer->bytes;
-    }
-    buffer->mem = NULL;
-    buffer->bytes = 0;
+    for (int i = 0; i < parts_of(buffer); i++)
+        if (buffer->part[i]) {
+            clReleaseMemObject(buffer->part[i]);
+            device->allocated -= bytes_of(buffer, i);
+        }
+    memset(buffer, 0, sizeof *buffer);
 }
 
 /* The queue is in order: what was enqueued before a call that waited is done. */
@@ -143,17 +188,35 @@ static void settle(cln_device *device)
     device->pending_count = 0;
 }
 
+/* The first of a range's bytes that lie in one part. */
+typedef struct piece {
+    cl_mem mem;
+    size_t offset, bytes;
+} piece;
+
+static piece piece_of(const cln_buffer *buffer, size_t offset, size_t bytes)
+{
+    const size_t size = buffer->part_bytes;
+    const size_t part = size ? offset / size : 0, within = offset - part * size;
+
+    return (piece){buffer->part[part], within,
+                   size && bytes > size - within ? size - within : bytes};
+}
+
 static cln_status move_in(cln_device *device, const cln_buffer *buffer, size_t offset,
                           const void *data, size_t bytes, cl_bool wait)
 {
     cln_status st = CLN_OK;
 
-    if (bytes == 0)
-        return CLN_OK;
     CLN_ASSERT(offset + bytes <= buffer->bytes);
-    CLN_CL(
-        clEnqueueWriteBuffer(device->queue, buffer->mem, wait, offset, bytes, data, 0, NULL, NULL));
-    if (wait)
+    for (size_t done = 0, n = 0; done < bytes; done += n) {
+        const piece at = piece_of(buffer, offset + done, bytes - done);
+
+        n = at.bytes;
+        CLN_CL(clEnqueueWriteBuffer(device->queue, at.mem, wait, at.offset, n,
+                                    (const char *)data + done, 0, NULL, NULL));
+    }
+    if (wait && bytes > 0)
         settle(device);
 done:
     return st;
@@ -164,12 +227,15 @@ static cln_status move_out(cln_device *device, const cln_buffer *buffer, size_t 
 {
     cln_status st = CLN_OK;
 
-    if (bytes == 0)
-        return CLN_OK;
     CLN_ASSERT(offset + bytes <= buffer->bytes);
-    CLN_CL(
-        clEnqueueReadBuffer(device->queue, buffer->mem, wait, offset, bytes, data, 0, NULL, NULL));
-    if (wait)
+    for (size_t done = 0, n = 0; done < bytes; done += n) {
+        const piece at = piece_of(buffer, offset + done, bytes - done);
+
+        n = at.bytes;
+        CLN_CL(clEnqueueReadBuffer(device->queue, at.mem, wait, at.offset, n, (char *)data + done,
+                                   0, NULL, NULL));
+    }
+    if (wait && bytes > 0)
         settle(device);
 done:
     return st;
@@ -206,7 +272,7 @@ cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t 
 
     if (bytes == 0)
         return CLN_OK;
-    CLN_ASSERT(bytes <= buffer->bytes && bytes % 4 == 0);
+    CLN_ASSERT(bytes <= buffer->bytes && bytes % 4 == 0 && buffer->part_bytes == 0);
     CLN_CL(clEnqueueFillBuffer(device->queue, buffer->mem, &zero, sizeof zero, 0, bytes, 0, NULL,
                                NULL));
 done:
@@ -240,11 +306,14 @@ cln_status cln_launch(cln_device *device, cl_kernel kernel, cln_stage stage, siz
     cl_event event = NULL;
     cl_int code = CL_SUCCESS;
     char name[64] = "";
+    cl_uint index = 0;
 
     if (groups == 0)
         return CLN_OK;
-    for (int i = 0; i < count && code == CL_SUCCESS; i++)
-        code = clSetKernelArg(kernel, (cl_uint)i, args[i].bytes, args[i].value);
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < args[i].count && code == CL_SUCCESS; k++)
+            code = clSetKernelArg(kernel, index++, args[i].bytes,
+                                  (const char *)args[i].value + (size_t)k * args[i].bytes);
     if (code == CL_SUCCESS)
         code = clEnqueueNDRangeKernel(device->queue, kernel, 1, NULL, &global, &local, 0, NULL,
                                       &event);

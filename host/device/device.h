@@ -100,7 +100,7 @@ typedef struct cln_program {
     char name[32];
 } cln_program;
 
-/* Builds prelude (device_abi.h, lanes.h, rng.h, and camera.h where used) + NAME.cl, with `defines` as
+/* Builds prelude (device_abi.h, lanes.h, rng.h, and the headers it uses) + NAME.cl, with `defines` as
  * "#define A 1" lines in the source text itself (some drivers' caches ignore -D). On CLN_BUILD the
  * whole build log goes to the log at warn level. */
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
@@ -111,16 +111,28 @@ void cln_kernel_free(cl_kernel *kernel);
 
 /* ---- buffers ---- */
 
+/* One buffer, or one array in CLN_PARTS buffers: byte b lies in part b / part_bytes. OpenCL allows at least
+ * a quarter of the device's memory in one buffer, so that four reach all of it. */
+enum { CLN_PARTS = 4 };
 typedef struct cln_buffer {
-    cl_mem mem;
-    size_t bytes;
+    size_t bytes;      /* of all parts */
+    size_t part_bytes; /* 0 = one buffer */
+    union {
+        cl_mem mem;
+        cl_mem part[CLN_PARTS]; /* all there if part_bytes > 0 */
+    };
 } cln_buffer;
 
 /* Makes *buffer hold at least `bytes` (contents are lost when it grows; at least 16 bytes are there,
  * so that a kernel always gets a valid buffer). `what` is for the CLN_MEMORY sentence. */
 cln_status cln_buffer_reserve(cln_device *device, cln_buffer *buffer, size_t bytes,
                               const char *what);
+/* The same in CLN_PARTS parts of at most part_bytes > 0, each with at least 16 bytes; contents are lost when
+ * part_bytes changes, too. */
+cln_status cln_buffer_reserve_parts(cln_device *device, cln_buffer *buffer, size_t bytes,
+                                    size_t part_bytes, const char *what);
 void cln_buffer_free(cln_device *device, cln_buffer *buffer);
+/* Read and write take a range of the whole array, in however many parts it lies. */
 cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t offset,
                             const void *data, size_t bytes);
 cln_status cln_buffer_read(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
@@ -131,6 +143,7 @@ cln_status cln_buffer_send(cln_device *device, const cln_buffer *buffer, size_t 
                            const void *data, size_t bytes);
 cln_status cln_buffer_fetch(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
                             size_t bytes);
+/* Not of parts. */
 cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t bytes);
 
 /* ---- launches ---- */
@@ -138,11 +151,12 @@ cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t 
 typedef struct cln_arg {
     size_t bytes;
     const void *value;
+    int count; /* of arguments in a row, their values one behind the other */
 } cln_arg;
 
-#define CLN_ARG(x)      \
-    {                   \
-        sizeof(x), &(x) \
+#define CLN_ARG(x)         \
+    {                      \
+        sizeof(x), &(x), 1 \
     }
 
 /* One-dimensional: `groups` groups of `local` work-items; groups 0 launches nothing. */

@@ -60,7 +60,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
     CLN_TRY(cln_buffer_reserve(device, &p->out, n * 4 * sizeof(float), "sample colours"));
     CLN_TRY(cln_buffer_reserve(device, &p->acts, training ? n * acts : 0, "activations"));
     CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
-                       CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_ARG(p->params.mem),
+                       CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
                        CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
                        CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
                        CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key)));
@@ -165,18 +165,17 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
     const cl_uint half = (cl_uint)p->tune.sl / 2, least = (cl_uint)p->config.min_leaf_samples;
     const cl_float rate = (float)lr;
 
-    CLN_TRY(cln_buffer_reserve(p->device, &p->grads,
-                               (size_t)gradients * (size_t)p->net.params * sizeof(float),
-                               "weight gradients"));
+    CLN_TRY(cln_pipeline_slice_rows(p, &p->grads, (size_t)gradients,
+                                    (size_t)p->net.params * sizeof(float), "weight gradients"));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
-                       CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem), CLN_ARG(p->boxes.mem),
+                       CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed), CLN_ARG(p->boxes.mem),
                        CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem),
                        CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
-                       CLN_ARG(p->dout.mem), CLN_ARG(p->acts.mem), CLN_ARG(p->grads.mem),
+                       CLN_ARG(p->dout.mem), CLN_ARG(p->acts.mem), CLN_LEAF_ARG(p, grads),
                        CLN_ARG(slices), CLN_ARG(key), CLN_ARG(updates), CLN_ARG(half),
                        CLN_ARG(least), CLN_ARG(rate), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
-                       CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem), CLN_ARG(p->adam_m.mem),
-                       CLN_ARG(p->adam_v.mem)));
+                       CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem), CLN_LEAF_ARG(p, adam_m),
+                       CLN_LEAF_ARG(p, adam_v)));
 done:
     return st;
 }
@@ -188,7 +187,7 @@ static cln_status count_updates(cln_pipeline *p)
 
     return CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
-                      CLN_ARG(p->params.mem), CLN_ARG(p->norms.mem), CLN_ARG(leaves),
+                      CLN_LEAF_ARG(p, params), CLN_ARG(p->norms.mem), CLN_ARG(leaves),
                       CLN_ARG(least));
 }
 
@@ -200,13 +199,14 @@ static cln_status launch_adam(cln_pipeline *p, cl_uint min_slices, cl_uint half_
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
     const cl_float rate = (float)lr;
 
-    return CLN_LAUNCH(
-        p->device, p->k.adam, CLN_STAGE_ADAM, cln_groups(leaves, CLN_ADAM_EACH) * parts,
-        (size_t)p->tune.ls, CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
-        CLN_ARG(p->slice_starts.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->grads.mem),
-        CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem), CLN_ARG(p->params.mem),
-        CLN_ARG(p->adam_m.mem), CLN_ARG(p->adam_v.mem), CLN_ARG(p->transposed.mem), CLN_ARG(count),
-        CLN_ARG(parts), CLN_ARG(least), CLN_ARG(min_slices), CLN_ARG(half_slice), CLN_ARG(rate));
+    return CLN_LAUNCH(p->device, p->k.adam, CLN_STAGE_ADAM,
+                      cln_groups(leaves, CLN_ADAM_EACH) * parts, (size_t)p->tune.ls,
+                      CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem),
+                      CLN_ARG(p->slices.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->adam_steps.mem),
+                      CLN_ARG(p->norms.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
+                      CLN_LEAF_ARG(p, adam_v), CLN_LEAF_ARG(p, transposed), CLN_ARG(count),
+                      CLN_ARG(parts), CLN_ARG(least), CLN_ARG(min_slices), CLN_ARG(half_slice),
+                      CLN_ARG(rate));
 }
 
 cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key)
@@ -247,8 +247,8 @@ cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter,
     const cl_uint2 words = {{(cl_uint)seed, (cl_uint)(seed >> 32)}};
 
     return CLN_LAUNCH(p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)count * per_leaf,
-                      (size_t)p->tune.ls, CLN_ARG(p->params.mem), CLN_ARG(p->boxes.mem),
-                      CLN_ARG(p->density.mem), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
+                      (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
+                      CLN_LEAF_ARG(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
                       CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin));
 }
 
@@ -256,12 +256,12 @@ cln_status cln_stage_seen(cln_pipeline *p)
 {
     cln_status st = CLN_OK;
     const cl_uint n1 = (cl_uint)p->config.n1, views = (cl_uint)p->training_views;
-    const cl_uint total = (cl_uint)p->leaves * n1 * n1 * n1;
+    const cl_uint cells = n1 * n1 * n1, total = (cl_uint)p->leaves * cells;
     const size_t wg = 64;
 
-    CLN_TRY(cln_buffer_reserve(p->device, &p->seen, total, "visibility of cells"));
+    CLN_TRY(cln_pipeline_leaf_rows(p, &p->seen, cells, "visibility of cells"));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_seen, CLN_STAGE_STRUCTURE, cln_groups(total, wg), wg,
-                       CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_ARG(p->seen.mem),
+                       CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_LEAF_ARG(p, seen),
                        CLN_ARG(n1), CLN_ARG(views), CLN_ARG(total)));
 done:
     return st;
@@ -275,7 +275,7 @@ cln_status cln_stage_stats(cln_pipeline *p, float *stats)
 
     CLN_TRY(cln_buffer_reserve(p->device, &p->leaf_stats, bytes, "leaf statistics"));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, leaves, (size_t)p->tune.sg,
-                       CLN_ARG(p->density.mem), CLN_ARG(p->seen.mem), CLN_ARG(p->leaf_stats.mem),
+                       CLN_LEAF_ARG(p, density), CLN_LEAF_ARG(p, seen), CLN_ARG(p->leaf_stats.mem),
                        CLN_ARG(cells)));
     CLN_TRY(cln_buffer_read(p->device, &p->leaf_stats, 0, stats, bytes));
 done:

@@ -29,12 +29,52 @@ done:
     return st;
 }
 
-/* Room for `bytes`; a buffer that is much larger is given back first (leaves that were culled or merged). */
-static cln_status fit(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what)
+/* What leaves had that were culled or merged is given back. */
+static void free_if_large(cln_device *device, cln_buffer *buffer, size_t bytes)
 {
     if (buffer->bytes > bytes + bytes / 4 + 65536)
         cln_buffer_free(device, buffer);
+}
+
+/* Room for `bytes`, and not much more. */
+static cln_status fit(cln_device *device, cln_buffer *buffer, size_t bytes, const char *what)
+{
+    free_if_large(device, buffer, bytes);
     return cln_buffer_reserve(device, buffer, bytes, what);
+}
+
+static cln_status rows(cln_pipeline *p, cln_buffer *array, size_t count, int each, size_t row_bytes,
+                       const char *what)
+{
+    const size_t part = (size_t)each * row_bytes;
+
+    if (p->parts == 1)
+        return cln_buffer_reserve(p->device, array, count * row_bytes, what);
+    return cln_buffer_reserve_parts(p->device, array, count * row_bytes, part ? part : 16, what);
+}
+
+cln_status cln_pipeline_slice_rows(cln_pipeline *p, cln_buffer *array, size_t count,
+                                   size_t row_bytes, const char *what)
+{
+    return rows(p, array, count, p->part_slices, row_bytes, what);
+}
+
+cln_status cln_pipeline_leaf_rows(cln_pipeline *p, cln_buffer *array, size_t row_bytes,
+                                  const char *what)
+{
+    free_if_large(p->device, array, (size_t)p->leaves * row_bytes);
+    return rows(p, array, (size_t)p->leaves, p->part_leaves, row_bytes, what);
+}
+
+static cln_status put_leaf_rows(cln_pipeline *p, cln_buffer *array, const void *data,
+                                size_t row_bytes, const char *what)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_pipeline_leaf_rows(p, array, row_bytes, what));
+    CLN_TRY(cln_buffer_write(p->device, array, 0, data, (size_t)p->leaves * row_bytes));
+done:
+    return st;
 }
 
 static cln_status fit_and_put(cln_device *device, cln_buffer *buffer, const void *data,
@@ -57,19 +97,17 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
-    const size_t leaves = (size_t)p->leaves, weights = leaves * (size_t)p->net.params;
+    const size_t leaves = (size_t)p->leaves, row = (size_t)p->net.params * sizeof(float);
     const size_t transposed =
-        p->tune.leaf ? 0 : leaves * (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
+        p->tune.leaf ? 0 : (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
 
-    CLN_TRY(fit_and_put(device, &p->adam_m, model->adam_m, weights * sizeof(float),
-                        "Adam's first moments"));
-    CLN_TRY(fit_and_put(device, &p->adam_v, model->adam_v, weights * sizeof(float),
-                        "Adam's second moments"));
+    CLN_TRY(put_leaf_rows(p, &p->adam_m, model->adam_m, row, "Adam's first moments"));
+    CLN_TRY(put_leaf_rows(p, &p->adam_v, model->adam_v, row, "Adam's second moments"));
     CLN_TRY(fit_and_put(device, &p->adam_steps, model->adam_steps, leaves * sizeof(cl_int),
                         "step counts"));
     CLN_TRY(fit(device, &p->norms, leaves * sizeof(float), "norms"));
-    CLN_TRY(fit(device, &p->transposed, transposed, "transposed weights"));
+    CLN_TRY(cln_pipeline_leaf_rows(p, &p->transposed, transposed, "transposed weights"));
     if (cln_pipeline_measures(&p->config) > 0) {
         CLN_TRY(fit_and_put(device, &p->leaf_sums, model->sums,
                             leaves * 2 * CLN_MEASURES * sizeof(float), "measures of leaves"));
@@ -80,7 +118,7 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
     cln_buffer_free(device, &p->seen);  /* of the leaves before */
     if (!p->tune.leaf)
         CLN_TRY(CLN_LAUNCH(device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts,
-                           (size_t)p->tune.ls, CLN_ARG(p->params.mem), CLN_ARG(p->transposed.mem),
+                           (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed),
                            CLN_ARG(parts)));
 done:
     return st;
@@ -94,15 +132,17 @@ cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool tra
     int32_t *map = NULL;
     const size_t leaves = (size_t)model->tree.leaf_count;
 
+    CLN_TRY(cln_pipeline_split(p, model->tree.leaf_count));
     p->leaves = (int)leaves;
     p->depth = cln_octree_depth(&model->tree);
     CLN_TRY(cln_octree_boxes(&model->tree, &boxes));
     CLN_TRY(cln_octree_map(&model->tree, p->depth, &map));
     CLN_TRY(put(device, &p->boxes, boxes, leaves * 4 * sizeof(float), "leaf boxes"));
     CLN_TRY(put(device, &p->map, map, sizeof(int32_t) << (3 * p->depth), "leaf map"));
-    CLN_TRY(fit_and_put(device, &p->params, model->params,
-                        leaves * (size_t)p->net.params * sizeof(float), "network weights"));
-    CLN_TRY(fit(device, &p->density, leaves * cells(p) * sizeof(uint16_t), "stage-1 densities"));
+    CLN_TRY(put_leaf_rows(p, &p->params, model->params, (size_t)p->net.params * sizeof(float),
+                          "network weights"));
+    CLN_TRY(
+        cln_pipeline_leaf_rows(p, &p->density, cells(p) * sizeof(uint16_t), "stage-1 densities"));
     if (model->density)
         CLN_TRY(cln_buffer_write(device, &p->density, 0, model->density,
                                  leaves * cells(p) * sizeof(uint16_t)));

@@ -17,6 +17,7 @@ static void row(cln_plan *plan, const char *purpose, const char *way_out)
 {
     CLN_ASSERT(plan->count < CLN_PLAN_ROWS);
     plan->rows[plan->count].purpose = purpose;
+    plan->rows[plan->count].parts = 1;
     plan->rows[plan->count++].way_out = way_out;
 }
 
@@ -28,6 +29,20 @@ static void add(cln_plan *plan, double bytes)
     plan->rows[i].bytes += bytes;
     plan->rows[i].largest = fmax(plan->rows[i].largest, bytes);
     plan->total += bytes;
+}
+
+/* An array of rows that may be split (stages.h): one buffer, or parts of `room` rows each; where CLN_PARTS do
+ * not do, equal ones, so that the longest rows' are too large. */
+static void add_rows(cln_plan *plan, double rows, double room, double row_bytes)
+{
+    const int i = plan->count - 1;
+    const double parts = fmin(ceil(rows / room), CLN_PARTS);
+    const double most = fmax(fmin(rows, room), ceil(rows / CLN_PARTS));
+
+    plan->rows[i].bytes += rows * row_bytes;
+    plan->rows[i].largest = fmax(plan->rows[i].largest, most * row_bytes);
+    plan->rows[i].parts = (int)fmax(plan->rows[i].parts, parts);
+    plan->total += rows * row_bytes;
 }
 
 /* The row to lower first. */
@@ -46,6 +61,8 @@ static int largest_row(const cln_plan *plan)
 /* Everything that the sizes of buffers are made of. */
 typedef struct sizes {
     double leaves, params, acts, cells, measures; /* params and acts: bytes */
+    double part_leaves, part_slices;              /* rows of a part */
+    bool split, leaf;                             /* into parts; tune.leaf */
     double rays, extra_rays, samples, slices, points;
     double widest, sums, slice; /* counts of a digit of the sort, bytes of a scan's sums */
     bool distil;
@@ -93,8 +110,12 @@ static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest
     if (s->distil)
         least = fmax(least, c->distil_samples);
     room = floor((largest - 2048) / per_sample);
-    if (d->training)
-        room = fmin(room, samples_of(floor(largest / s->params), s->leaves, s->slice));
+    if (d->training) { /* gradients, cln_pipeline_gradients() the other way round */
+        const double gradients = s->split ? CLN_PARTS * s->part_slices : floor(largest / s->params);
+
+        room = fmin(room, s->leaf ? fmax(s->slice, gradients * floor(s->slice / 2))
+                                  : samples_of(gradients, s->leaves, s->slice));
+    }
     return fmax(fmin(wanted, room), least);
 }
 
@@ -113,6 +134,10 @@ static sizes find_sizes(const cln_plan_desc *d)
     const cln_config *c = &p->config;
     const double largest = (double)p->device->max_alloc;
     sizes s = {.leaves = d->leaves,
+               .part_leaves = cln_pipeline_part_leaves(p),
+               .part_slices = cln_pipeline_part_slices(p),
+               .split = cln_pipeline_in_parts(p, d->leaves),
+               .leaf = p->tune.leaf,
                .params = 4.0 * p->net.params,
                .acts = (double)cln_pipeline_act_bytes(&p->net, &p->tune),
                .cells = (double)c->n1 * c->n1 * c->n1,
@@ -139,19 +164,25 @@ static sizes find_sizes(const cln_plan_desc *d)
 static void add_networks(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
     const double n = s->leaves;
+    double rows = 0;
 
     row(out, "network weights", per_leaf);
-    add(out, n * s->params);
+    add_rows(out, n, s->part_leaves, s->params);
     if (!d->training)
         return;
     row(out, "optimiser state", per_leaf);
-    add(out, n * s->params);
-    add(out, n * s->params);
-    add(out, d->pipeline->tune.leaf ? 0 : n * 4.0 * cln_pipeline_transposed(&d->pipeline->net));
+    add_rows(out, n, s->part_leaves, s->params);
+    add_rows(out, n, s->part_leaves, s->params);
+    add_rows(out, n, s->part_leaves,
+             s->leaf ? 0 : 4.0 * cln_pipeline_transposed(&d->pipeline->net));
     add(out, 4 * n); /* steps */
     add(out, 4 * n); /* norms */
     row(out, "weight gradients", "--batch-samples, --width or --depth");
-    add(out, cln_pipeline_gradients(&d->pipeline->tune, s->samples, s->slices) * s->params);
+    rows = cln_pipeline_gradients(&d->pipeline->tune, s->samples, s->slices);
+    if (s->split)
+        add_rows(out, rows, s->part_slices, s->params);
+    else
+        add(out, rows * s->params);
     row(out, "activations", "--batch-samples, --width or --depth");
     add(out, s->samples * s->acts);
     if (s->measures > 0) {
@@ -197,10 +228,10 @@ static void add_rays(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 static void add_tree(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
     row(out, "stage-1 densities", "--n1, --start-level or --max-leaves");
-    add(out, 2 * s->leaves * s->cells);
+    add_rows(out, s->leaves, s->part_leaves, 2 * s->cells);
     if (d->training) {
-        add(out, s->leaves * s->cells); /* seen */
-        add(out, 8 * s->leaves);        /* mean and peak */
+        add_rows(out, s->leaves, s->part_leaves, s->cells); /* seen */
+        add(out, 8 * s->leaves);                            /* mean and peak */
     }
     row(out, "tree and cameras", "--max-leaves");
     add(out, 16 * s->leaves);           /* boxes */
@@ -208,7 +239,7 @@ static void add_tree(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     for (int i = 0; i < 4; i++)         /* begin, end, slice counts and starts */
         add(out, 4 * s->leaves + 4);
     add(out, (double)sizeof(cln_device_camera) * d->scene->view_count);
-    add(out, 1024); /* buffers of nothing have 16 bytes */
+    add(out, 1024); /* buffers and parts of nothing have 16 bytes */
 }
 
 /* Pixels of the largest view. */
@@ -358,6 +389,8 @@ void cln_plan_text(const cln_plan *plan, char *out, size_t bytes)
         cln_format_bytes(plan->rows[i].bytes, amount);
         used += (size_t)snprintf(out + used, bytes - used, "%s%s %s", i ? ", " : "",
                                  plan->rows[i].purpose, amount);
+        if (plan->rows[i].parts > 1 && used < bytes)
+            used += (size_t)snprintf(out + used, bytes - used, " in %d parts", plan->rows[i].parts);
     }
     cln_format_bytes(plan->total, amount);
     cln_format_bytes(plan->limit, limit);
@@ -386,7 +419,7 @@ cln_status cln_plan_check_host(const cln_plan *plan)
 cln_status cln_plan_check(const cln_device *device, const cln_plan *plan)
 {
     cln_status st = CLN_OK;
-    char text[1024], amount[32], largest[32];
+    char text[1024], amount[32], largest[32], where[32];
 
     CLN_TRY(check_total(plan, "device", "--device-mem"));
     if (plan->cells >= 4294967296.0)
@@ -399,8 +432,12 @@ cln_status cln_plan_check(const cln_device *device, const cln_plan *plan)
         cln_plan_text(plan, text, sizeof text);
         cln_format_bytes(plan->rows[i].largest, amount);
         cln_format_bytes((double)device->max_alloc, largest);
-        CLN_TRY(cln_fail(CLN_MEMORY, "%s: %s in one buffer, %s allows %s; lower %s (the plan: %s)",
-                         plan->rows[i].purpose, amount, device->info.name, largest,
+        if (plan->rows[i].parts > 1)
+            snprintf(where, sizeof where, "each of %d parts", plan->rows[i].parts);
+        else
+            snprintf(where, sizeof where, "one buffer");
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: %s in %s, %s allows %s; lower %s (the plan: %s)",
+                         plan->rows[i].purpose, amount, where, device->info.name, largest,
                          plan->rows[i].way_out, text));
     }
 done:

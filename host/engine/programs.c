@@ -200,45 +200,86 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     return t.st;
 }
 
-static cln_status create(cln_device *device, const cln_config *config, bool distortion,
-                         bool ray_background, const cln_tune *tune, cln_pipeline *out)
+/* Rows that the device's largest allocation holds. */
+static int rows_of(const cln_pipeline *p, double row_bytes)
+{
+    return (int)fmax(1, fmin((double)p->device->max_alloc / row_bytes, 1 << 24));
+}
+
+int cln_pipeline_part_leaves(const cln_pipeline *p)
+{
+    const double n1 = p->config.n1, weights = (double)sizeof(float) * p->net.params;
+
+    if (p->parts > 1)
+        return p->part_leaves;
+    return rows_of(p, fmax(weights, n1 * n1 * n1 * sizeof(uint16_t)));
+}
+
+int cln_pipeline_part_slices(const cln_pipeline *p)
+{
+    return p->parts > 1 ? p->part_slices : rows_of(p, (double)sizeof(float) * p->net.params);
+}
+
+bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
+{
+    const int room = cln_pipeline_part_leaves(p);
+
+    return p->parts > 1 || leaves > (p->tune.leaf ? room : room / 2);
+}
+
+static void free_programs(cln_pipeline *p)
+{
+#define X(kernel, program) cln_kernel_free(&p->k.kernel);
+    CLN_KERNEL_LIST(X)
+    CLN_SPLAT_KERNEL_LIST(X)
+    CLN_REGULARISE_KERNEL_LIST(X)
+    CLN_MEASURE_KERNEL_LIST(X)
+    CLN_DISTIL_KERNEL_LIST(X)
+#undef X
+    cln_kernel_free(&p->k.sort64_varying);
+    cln_kernel_free(&p->k.sort64_buckets);
+    cln_kernel_free(&p->k.sort64_count);
+    cln_kernel_free(&p->k.sort64_scatter);
+    cln_program_free(&p->scan);
+    cln_program_free(&p->sort64);
+    cln_program_free(&p->rays);
+    cln_program_free(&p->sampling);
+    cln_program_free(&p->splat);
+    cln_program_free(&p->group);
+    cln_program_free(&p->mlp);
+    cln_program_free(&p->composite);
+    cln_program_free(&p->adam);
+    cln_program_free(&p->stats);
+    cln_program_free(&p->regularise);
+    cln_program_free(&p->distil);
+}
+
+static cln_status build(cln_pipeline *out)
 {
     cln_status st = CLN_OK;
-    char *defines = NULL, *wide = NULL;
+    cln_device *device = out->device;
+    const cln_config *config = &out->config;
+    char *defines = NULL, *wide = NULL, *leaves = NULL;
 
-    memset(out, 0, sizeof *out);
-    out->device = device;
-    out->config = *config;
-    out->distortion = distortion;
-    out->ray_background = ray_background;
-    CLN_TRY(cln_network_layout(config, &out->net));
-    out->tune = *tune;
-    cln_pipeline_fit(device, &out->net, &out->tune);
-    fit_sort(device, &out->tune, &out->line_bits);
-    if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
-        st =
-            cln_fail(CLN_MEMORY,
-                     "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
-                     "%zu in all; lower --width or --view-width",
-                     out->net.width, out->net.view_width, bytes_per_sample(&out->net),
-                     device->info.name, device->local_mem);
-        goto done;
-    }
     CLN_TRY(cln_pipeline_defines(out, &defines));
     CLN_TRY(cln_asprintf(&wide, "%s#define KEY_BITS 64\n", defines));
-#define BUILD(program) CLN_TRY(cln_program_build(device, #program, defines, &out->program))
+    CLN_TRY(cln_asprintf(&leaves,
+                         "%s#define PARTS %d\n#define PART_LEAVES %du\n#define PART_SLICES %du\n",
+                         defines, out->parts, out->part_leaves, out->part_slices));
+#define BUILD(program)  CLN_TRY(cln_program_build(device, #program, defines, &out->program))
+#define LEAVES(program) CLN_TRY(cln_program_build(device, #program, leaves, &out->program))
     BUILD(scan);
     BUILD(rays);
-    BUILD(sampling);
+    LEAVES(sampling);
     BUILD(group);
-    BUILD(mlp);
+    LEAVES(mlp);
     BUILD(composite);
-    BUILD(adam);
-    BUILD(stats);
+    LEAVES(adam);
+    LEAVES(stats);
 #define X(kernel, program) CLN_TRY(cln_kernel_create(&out->program, #kernel, &out->k.kernel));
     CLN_KERNEL_LIST(X)
     if (config->stage1 == CLN_STAGE1_SPLAT) {
-        BUILD(splat);
+        LEAVES(splat);
         CLN_TRY(cln_program_build(device, "scan", wide, &out->sort64));
         CLN_SPLAT_KERNEL_LIST(X)
         CLN_TRY(cln_kernel_create(&out->sort64, "sort_varying", &out->k.sort64_varying));
@@ -258,9 +299,62 @@ static cln_status create(cln_device *device, const cln_config *config, bool dist
     }
 #undef X
 #undef BUILD
+#undef LEAVES
 done:
     free(defines);
     free(wide);
+    free(leaves);
+    return st;
+}
+
+cln_status cln_pipeline_split(cln_pipeline *p, int leaves)
+{
+    cln_status st = CLN_OK;
+    const int room = cln_pipeline_part_leaves(p);
+
+    if (leaves > CLN_PARTS * room)
+        return cln_fail(CLN_MEMORY,
+                        "%d leaves: %d buffers of the largest size that %s allows hold %d; lower "
+                        "--start-level, --max-leaves, --n1 or the network's size",
+                        leaves, CLN_PARTS, p->device->info.name, CLN_PARTS * room);
+    if (p->parts > 1 || !cln_pipeline_in_parts(p, leaves))
+        return CLN_OK;
+    cln_debug("per-leaf arrays in parts of %d leaves: building kernels for that", room);
+    p->part_leaves = room;
+    p->part_slices = cln_pipeline_part_slices(p);
+    p->parts = CLN_PARTS;
+    free_programs(p);
+    CLN_TRY(build(p));
+done:
+    return st;
+}
+
+static cln_status create(cln_device *device, const cln_config *config, bool distortion,
+                         bool ray_background, const cln_tune *tune, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+
+    memset(out, 0, sizeof *out);
+    out->device = device;
+    out->parts = out->part_leaves = out->part_slices = 1;
+    out->config = *config;
+    out->distortion = distortion;
+    out->ray_background = ray_background;
+    CLN_TRY(cln_network_layout(config, &out->net));
+    out->tune = *tune;
+    cln_pipeline_fit(device, &out->net, &out->tune);
+    fit_sort(device, &out->tune, &out->line_bits);
+    if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
+        st =
+            cln_fail(CLN_MEMORY,
+                     "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
+                     "%zu in all; lower --width or --view-width",
+                     out->net.width, out->net.view_width, bytes_per_sample(&out->net),
+                     device->info.name, device->local_mem);
+        goto done;
+    }
+    CLN_TRY(build(out));
+done:
     if (st != CLN_OK)
         cln_pipeline_free(out);
     return st;
@@ -318,29 +412,7 @@ void cln_pipeline_free(cln_pipeline *p)
     clFinish(device->queue);
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
         cln_buffer_free(device, buffers[i]);
-#define X(kernel, program) cln_kernel_free(&p->k.kernel);
-    CLN_KERNEL_LIST(X)
-    CLN_SPLAT_KERNEL_LIST(X)
-    CLN_REGULARISE_KERNEL_LIST(X)
-    CLN_MEASURE_KERNEL_LIST(X)
-    CLN_DISTIL_KERNEL_LIST(X)
-#undef X
-    cln_kernel_free(&p->k.sort64_varying);
-    cln_kernel_free(&p->k.sort64_buckets);
-    cln_kernel_free(&p->k.sort64_count);
-    cln_kernel_free(&p->k.sort64_scatter);
-    cln_program_free(&p->scan);
-    cln_program_free(&p->sort64);
-    cln_program_free(&p->rays);
-    cln_program_free(&p->sampling);
-    cln_program_free(&p->splat);
-    cln_program_free(&p->group);
-    cln_program_free(&p->mlp);
-    cln_program_free(&p->composite);
-    cln_program_free(&p->adam);
-    cln_program_free(&p->stats);
-    cln_program_free(&p->regularise);
-    cln_program_free(&p->distil);
+    free_programs(p);
     free(p->host_pixels);
     free(p->host_cameras);
     memset(p, 0, sizeof *p);

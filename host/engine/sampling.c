@@ -27,14 +27,14 @@ typedef struct arguments {
 static void add(arguments *a, size_t bytes, const void *value)
 {
     CLN_ASSERT(a->count < MAX_ARGS);
-    a->args[a->count++] = (cln_arg){bytes, value};
+    a->args[a->count++] = (cln_arg){bytes, value, 1};
 }
 #define ADD(a, x) add(a, sizeof(x), &(x))
 
 static void add_stage1_front(cln_pipeline *p, arguments *a, const cl_uint *n1)
 {
     if (p->config.stage1 == CLN_STAGE1_GATHER) {
-        ADD(a, p->density.mem);
+        a->args[a->count++] = (cln_arg)CLN_LEAF_ARG(p, density);
         ADD(a, p->boxes.mem);
         ADD(a, *n1);
     } else {

@@ -79,16 +79,16 @@ static cln_status project(cln_pipeline *p, const cln_splat_group *g, bool emit, 
     if (!emit)
         return CLN_LAUNCH(p->device, p->k.splat_count, CLN_STAGE_PROJECT, *items, wg,
                           CLN_ARG(p->cameras.mem), CLN_ARG(p->batch_views.mem),
-                          CLN_ARG(p->density.mem), CLN_ARG(p->boxes.mem), CLN_ARG(p->grids.mem),
+                          CLN_LEAF_ARG(p, density), CLN_ARG(p->boxes.mem), CLN_ARG(p->grids.mem),
                           CLN_ARG(p->splat_counts.mem), CLN_ARG(first), CLN_ARG(views),
                           CLN_ARG(total), CLN_ARG(n1), CLN_ARG(run), CLN_ARG(runs),
                           CLN_ARG(row_begin), CLN_ARG(row_end), CLN_ARG(min_alpha));
-    return CLN_LAUNCH(p->device, p->k.splat_emit, CLN_STAGE_PROJECT, *items, wg,
-                      CLN_ARG(p->cameras.mem), CLN_ARG(p->batch_views.mem), CLN_ARG(p->density.mem),
-                      CLN_ARG(p->boxes.mem), CLN_ARG(p->grids.mem), CLN_ARG(p->splat_starts.mem),
-                      CLN_ARG(p->keys64[0].mem), CLN_ARG(p->values[0].mem), CLN_ARG(first),
-                      CLN_ARG(views), CLN_ARG(total), CLN_ARG(n1), CLN_ARG(run), CLN_ARG(runs),
-                      CLN_ARG(row_begin), CLN_ARG(row_end), CLN_ARG(min_alpha));
+    return CLN_LAUNCH(
+        p->device, p->k.splat_emit, CLN_STAGE_PROJECT, *items, wg, CLN_ARG(p->cameras.mem),
+        CLN_ARG(p->batch_views.mem), CLN_LEAF_ARG(p, density), CLN_ARG(p->boxes.mem),
+        CLN_ARG(p->grids.mem), CLN_ARG(p->splat_starts.mem), CLN_ARG(p->keys64[0].mem),
+        CLN_ARG(p->values[0].mem), CLN_ARG(first), CLN_ARG(views), CLN_ARG(total), CLN_ARG(n1),
+        CLN_ARG(run), CLN_ARG(runs), CLN_ARG(row_begin), CLN_ARG(row_end), CLN_ARG(min_alpha));
 }
 
 static cln_status count_entries(cln_pipeline *p, const cln_splat_group *g, uint32_t *entries)
@@ -243,7 +243,8 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const size_t wg = (size_t)p->tune.wg;
-    const cl_uint lists = (cl_uint)p->list_total;
+    const cl_uint lists = (cl_uint)p->list_total, n1 = (cl_uint)p->config.n1;
+    const cl_uint cells = n1 * n1 * n1;
     uint32_t entries = 0;
     cl_uint items = 0, n = 0;
     int bits = 32;
@@ -265,8 +266,8 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
                        CLN_ARG(lists)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_read, CLN_STAGE_SORT, cln_groups(n, wg), wg,
                        CLN_ARG(p->keys64[0].mem), CLN_ARG(p->values[0].mem),
-                       CLN_ARG(p->density.mem), CLN_ARG(p->list_t.mem), CLN_ARG(p->list_sigma.mem),
-                       CLN_ARG(n)));
+                       CLN_LEAF_ARG(p, density), CLN_ARG(p->list_t.mem), CLN_ARG(p->list_sigma.mem),
+                       CLN_ARG(n), CLN_ARG(cells)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_lengths, CLN_STAGE_SORT, cln_groups(lists, wg), wg,
                        CLN_ARG(p->list_start.mem), CLN_ARG(p->list_count.mem), CLN_ARG(lists)));
     if (p->config.lists == CLN_LISTS_PADDED)

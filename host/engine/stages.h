@@ -74,6 +74,9 @@ typedef struct cln_pipeline {
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
     bool distortion;     /* built in */
     bool ray_background; /* one background per ray (random_background with alpha) */
+    /* Arrays marked P, of a row per leaf (grads: per slice): in one buffer, or once there are leaves of which one
+     * array would pass the device's largest allocation, in CLN_PARTS of so many rows (kernels/leaves.h). */
+    int parts, part_leaves, part_slices;
 
     cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise,
         distil;
@@ -92,13 +95,14 @@ typedef struct cln_pipeline {
     int leaves, depth;
     cln_buffer boxes;  /* float4 [leaf] min x, y, z, side */
     cln_buffer map;    /* int [8^depth] slot + 1 << 4 | level */
-    cln_buffer params; /* float [leaf][net.params] */
+    cln_buffer params; /* float [leaf][net.params], P */
     cln_buffer
-        transposed; /* float [leaf][wt] for the input gradients; training without tune.leaf */
-    cln_buffer adam_m, adam_v, adam_steps, norms; /* [leaf][params] x2, int [leaf], float [leaf] */
-    cln_buffer density;                           /* bfloat16 [leaf][n1^3] */
-    cln_buffer seen;                              /* uchar [leaf][n1^3] */
-    cln_buffer leaf_stats;                        /* float2 [leaf] */
+        transposed; /* float [leaf][wt] for the input gradients, P; training without tune.leaf */
+    cln_buffer adam_m, adam_v;      /* [leaf][params], P */
+    cln_buffer adam_steps, norms;   /* int [leaf], float [leaf] */
+    cln_buffer density;             /* bfloat16 [leaf][n1^3], P */
+    cln_buffer seen;                /* uchar [leaf][n1^3], P */
+    cln_buffer leaf_stats;          /* float2 [leaf] */
     cln_buffer leaf_sums, leaf_met; /* float2 [leaf][CLN_MEASURES], int [leaf]; if measured */
 
     /* A batch of rays. */
@@ -119,7 +123,7 @@ typedef struct cln_pipeline {
     cln_buffer measures; /* float [sample][numbers measured] */
     cln_buffer losses;   /* float [sample]; distillation only */
     cln_buffer acts;  /* float or half, cln_pipeline_acts() of each grouped sample; training only */
-    cln_buffer grads; /* float [slice or place][net.params]; training only */
+    cln_buffer grads; /* float [slice or place][net.params], P; training only */
 
     /* Splatting: lists of one view (or band of it). */
     cln_buffer batch_views, grids, list_start, list_count, list_t, list_sigma, padded_t,
@@ -143,6 +147,31 @@ typedef struct cln_pipeline {
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
                                bool ray_background, cln_pipeline *out);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
+
+/* An array P as an argument of a kernel. */
+#define CLN_LEAF_ARG(p, array)                      \
+    {                                               \
+        sizeof(cl_mem), (p)->array.part, (p)->parts \
+    }
+
+/* Leaves, and gradients, whose every row fits the device's largest allocation: what one part holds. At least 1. */
+int cln_pipeline_part_leaves(const cln_pipeline *p);
+int cln_pipeline_part_slices(const cln_pipeline *p);
+
+/* Do so many leaves need parts? Without tune.leaf, gradients do before weights: every leaf that has samples takes one,
+ * those of many samples more. */
+bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves);
+
+/* What `leaves` leaves need, before their arrays are reserved: builds the programs again if these are the first
+ * that need parts. CLN_MEMORY if CLN_PARTS parts do not do. */
+cln_status cln_pipeline_split(cln_pipeline *p, int leaves);
+
+/* Room for a row of each leaf in an array P, and not much more; for so many gradients. Contents are lost when an
+ * array grows. */
+cln_status cln_pipeline_slice_rows(cln_pipeline *p, cln_buffer *array, size_t count,
+                                   size_t row_bytes, const char *what);
+cln_status cln_pipeline_leaf_rows(cln_pipeline *p, cln_buffer *array, size_t row_bytes,
+                                  const char *what);
 
 /* Makes vectors, tiles and blocks divide this network and fit the device's groups and local memory. */
 void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune *tune);
