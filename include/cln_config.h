@@ -66,7 +66,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
          "cull below this mean density of seen samples")                                        \
     REAL(cull_max, "cull-max", 0.05, 0.05, 0, 1e6,                                              \
          "guard: and only where every sample's density x spacing is below this")                \
-    INT(cull_strikes, "cull-strikes", 2, 2, 1, 100, "guard: in this many consecutive checks")   \
+    INT(cull_strikes, "cull-strikes", 2, 4, 1, 100, "guard: in this many consecutive checks")   \
     REAL(cull_from, "cull-from", 0.067, 0.02, 0, 1,                                             \
          "no culling before this fraction of the budget")                                       \
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
