@@ -341,7 +341,7 @@ section_structure() {
     scene demo --size 80 --train 24 --test 3
     run "$cln" train "$work/demo" -o "$r" --skip-selftest --progress none --width 16 --view-width 16 \
         --steps 1000 --start-level 2 --level-at 3:0.2 --n1 8 --rays 512 --refresh-every 64 --log-every 100 \
-        --cull-from 0.1 --max-leaves 150 --structure-from 0.4 --structure-every 0.1 \
+        --cull-from 0.1 --cull-strikes 2 --max-leaves 150 --structure-from 0.4 --structure-every 0.1 \
         --structure-until 0.95 --split-samples 100 --cost-density 1 --merge-factor 1.1 --dump-program "$lp" -v
     check "train with an adaptive tree" [ $rc = 0 ]
     cp "$work/err" "$work/grown.log"
