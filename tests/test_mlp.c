@@ -174,7 +174,7 @@ static void free_data(mlp_data *d)
 
 /* ---- the reference's side ---- */
 
-/* kernels/rng.h: the hash behind the slopes, and mlp.cl's key of a layer. */
+/* kernels/rng.h: the hash behind the slopes, and network.h's key of a layer. */
 static uint32_t hash(uint32_t x)
 {
     x ^= x >> 16;
