@@ -52,9 +52,17 @@ static const shape standard[] = {{64, 1536}, {256, 384}, {1024, 96}, {2048, 48}}
 
 /* ---- what the peers compute on ---- */
 
+/* As the device's buffers lie. */
+static float *large(size_t n)
+{
+    float *out = cln_huge_pages(n * sizeof *out);
+
+    return out ? out : malloc(n * sizeof *out);
+}
+
 static float *noise(size_t n, float scale, uint64_t seed)
 {
-    float *out = malloc(n * sizeof *out);
+    float *out = large(n);
     uint64_t x = seed;
 
     for (size_t i = 0; out && i < n; i++) { /* splitmix64 */
@@ -81,7 +89,7 @@ static void free_data(peer_data *d)
 static cln_status make_data(shape s, int threads, peer_data *d)
 {
     const size_t layers = (size_t)s.leaves * L, all = (size_t)s.leaves * (size_t)s.samples * W;
-    float *wt = malloc(layers * PEER_CELLS * sizeof *wt);
+    float *wt = large(layers * PEER_CELLS);
 
     *d = (peer_data){.leaves = s.leaves,
                      .samples = s.samples,
@@ -91,8 +99,8 @@ static cln_status make_data(shape s, int threads, peer_data *d)
                      .wt = wt,
                      .bias = noise(layers * W, 0.1f, 3),
                      .dout = noise(all, 1e-3f, 4),
-                     .out = malloc(all * sizeof *d->out),
-                     .dw = malloc(layers * PEER_CELLS * sizeof *d->dw)};
+                     .out = large(all),
+                     .dw = large(layers * PEER_CELLS)};
     if (!d->x || !d->w || !wt || !d->bias || !d->dout || !d->out || !d->dw)
         return cln_fail(CLN_MEMORY, "bench-peers: out of host memory");
     for (size_t i = 0; i < layers; i++)

@@ -21,18 +21,29 @@
  * garbage that never leaves its own row. */
 
 /* ---- one layer forward: in, then in2 (an encoding) -> pre-activations to acts (if kept), activations to
- * out. Element (s, k) of in stands at s * in_s + k * in_k. ---- */
+ * out. Element (s, k) of in stands at s * in_s + k * in_k. While a tile of a leaf's first block is worked
+ * on, the weights of the next columns, or of the layer behind, come into the cache; and what the next tile
+ * writes to, always. ---- */
 
-HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, const __local float *in2,
-                  int in2_rows, const __global float *w,
+HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
+                  const __local float *in2, int in2_rows, const __global float *w,
                   const __global float *bias, int n_out, __local float *out, int tiles, int count,
-                  __global kept_type *acts, int train, uint step_key, const __local uint *ids, uint layer,
-                  int lid)
+                  __global kept_type *acts, int train, int first, uint step_key,
+                  const __local uint *ids, uint layer, int lid)
 {
+    const int rows = in_rows + in2_rows;
+
     for (int n = lid * VW; n < n_out; n += TILE_N) {
+        const __global float *next = n + TILE_N < n_out ? w + n + TILE_N : w + (rows + 1) * n_out;
+
         for (int t = 0; t < tiles; t++) {
             vf acc[TS][NV];
 
+            if (first)
+                fetch_rows(next, n_out, rows * t / tiles, rows * (t + 1) / tiles);
+            if (train)
+                for (int i = 0; i < TS; i++)
+                    FETCH_WRITE(acts + ((t + 1) * TS + i) * n_out + n);
 #pragma unroll
             for (int i = 0; i < TS; i++)
 #pragma unroll
@@ -52,8 +63,7 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, cons
 
                     if (train && s < count)
                         KEPT_STORE(acc[i][j], acts + s * n_out + m);
-                    VSTORE(activate(acc[i][j], negative_slope(train, key, m)),
-                           out + s * n_out + m);
+                    VSTORE(activate(acc[i][j], negative_slope(train, key, m)), out + s * n_out + m);
                 }
             }
         }
@@ -62,8 +72,8 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k, cons
 
 /* Rows of a head: raw[r][s] = bias[r] + sum_k a[s][k] w[r][k], r < rows <= 3; four samples together, so
  * that the weights' loads are shared and the sums' latencies overlap. */
-HELPER void head(const __local float *a, int width, const __global float *w, const __global float *bias,
-                 int rows, __local float *raw, int padded, int lid)
+HELPER void head(const __local float *a, int width, const __global float *w,
+                 const __global float *bias, int rows, __local float *raw, int padded, int lid)
 {
     for (int s = lid * 4; s < padded; s += LS * 4) {
         vf acc[4][3];
@@ -93,20 +103,20 @@ HELPER void head(const __local float *a, int width, const __global float *w, con
 
 /* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's output.
  * Work-items of a group all call it: it contains the barriers between layers (LS > 1). */
-#define TRUNK_FORWARD(train_, acts_)                                                               \
-    for (int i = 0; i < DEPTH; i++) {                                                              \
-        __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                              \
-                                                                                                   \
-        if (i == 0)                                                                                \
-            dense(enc, ENC_PAD, 1, NB, enc, 0, w + TRUNK_W(0), w + TRUNK_B(0), WIDTH, to, tiles,   \
-                  count, acts_, train_, step_key, ids, 0u, lid);                                   \
-        else                                                                                       \
-            dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i),             \
-                  w + TRUNK_B(i), WIDTH, to, tiles, count,                                         \
-                  train_ ? acts_ + i * WIDTH * count : acts_, train_, step_key, ids, (uint)i,      \
-                  lid);                                                                            \
-        GROUP_SYNC();                                                                              \
-    }                                                                                              \
+#define TRUNK_FORWARD(train_, acts_)                                                             \
+    for (int i = 0; i < DEPTH; i++) {                                                            \
+        __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                            \
+                                                                                                 \
+        if (i == 0)                                                                              \
+            dense(enc, ENC_PAD, 1, NB, enc, 0, w + TRUNK_W(0), w + TRUNK_B(0), WIDTH, to, tiles, \
+                  count, acts_, train_, block == begin, step_key, ids, 0u, lid);                 \
+        else                                                                                     \
+            dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i),           \
+                  w + TRUNK_B(i), WIDTH, to, tiles, count,                                       \
+                  train_ ? acts_ + i * WIDTH * count : acts_, train_, block == begin, step_key,  \
+                  ids, (uint)i, lid);                                                            \
+        GROUP_SYNC();                                                                            \
+    }                                                                                            \
     __local float *h = DEPTH & 1 ? h1 : h0;
 
 /* ---- stage 1: densities on the jittered grid of a leaf ---- */
@@ -168,15 +178,15 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
 
 /* ---- forward ---- */
 
-#define FORWARD_ARGUMENTS                                                                          \
-    LEAF_ARRAY(const float, params),                /* [leaf][PARAMS] */                           \
-        const __global float4 *restrict boxes,      /* [leaf] min x, y, z, side */                 \
-        const __global cln_slice *restrict slices,  /* [slice] */                                  \
-        const __global uint *restrict order,        /* [grouped sample] -> sample */               \
-        const __global cln_sample *restrict samples, /* [sample] */                                \
-        const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */  \
-        __global float4 *restrict out,              /* [sample] r, g, b, sigma */                  \
-        __global kept_type *restrict acts,          /* ACTS of each grouped sample, training only */    \
+#define FORWARD_ARGUMENTS                                                                         \
+    LEAF_ARRAY(const float, params),                 /* [leaf][PARAMS] */                         \
+        const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */               \
+        const __global cln_slice *restrict slices,   /* [slice] */                                \
+        const __global uint *restrict order,         /* [grouped sample] -> sample */             \
+        const __global cln_sample *restrict samples, /* [sample] */                               \
+        const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */ \
+        __global float4 *restrict out,     /* [sample] r, g, b, sigma */                          \
+        __global kept_type *restrict acts, /* ACTS of each grouped sample, training only */       \
         uint n_slices, uint step_key
 
 #if VIEW > 0
@@ -185,53 +195,55 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
 #define VIEW_BUFFERS __local float along[4];
 #endif
 
-#define FORWARD_BODY(train)                                                                        \
-    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB], raw[4 * NB];      \
-    __local uint ids[NB];                                                                          \
-    VIEW_BUFFERS                                                                                   \
-    const uint group = get_group_id(0);                                                            \
-    const int lid = (int)get_local_id(0);                                                          \
-                                                                                                   \
-    if (group >= n_slices)                                                                         \
-        return;                                                                                    \
-    const cln_slice slice = slices[group];                                                         \
-    const __global float *w = LEAF_ROW(params, slice.slot, PARAMS);                                \
-    for (uint block = 0; block < slice.count; block += NB) {                                       \
-        const int count = (int)min((uint)NB, slice.count - block);                                 \
-        const int tiles = (count + TS - 1) / TS, rows = PADDED(count);                             \
-        __global kept_type *kept = acts + (size_t)(slice.start + block) * ACTS;                    \
-                                                                                                   \
-        GROUP_SYNC();                                                                              \
-        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,  \
-                     rows, ids, at, along, lid);                                                   \
-        GROUP_SYNC();                                                                              \
-        ENCODE_SAMPLES(boxes[slice.slot])                                                          \
-        GROUP_SYNC();                                                                              \
-        TRUNK_FORWARD(train, kept)                                                                 \
-        FORWARD_VIEW(train)                                                                        \
-        head(COLOUR_IN, COLOUR, w + COLOUR_W, w + COLOUR_B, 3, raw, tiles * TS, lid);              \
-        head(h, WIDTH, w + SIGMA_W, w + SIGMA_B, 1, raw + 3 * NB, tiles * TS, lid);                \
-        if (train && NOISE_ON) {                                                                   \
-            GROUP_SYNC();                                                                          \
-            for (int s = lid; s < count; s += LS)                                                  \
-                raw[3 * NB + s] += NOISE * normal_number(step_key, ids[s]);                        \
-        }                                                                                          \
-        GROUP_SYNC();                                                                              \
-        for (int s = lid * VW; s < rows; s += STEP_N) {                                            \
-            for (int k = 0; k < 3; k++)                                                            \
-                VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw + k * NB + s))), raw + k * NB + s);           \
-            VSTORE(density_value(VLOAD(raw + 3 * NB + s)), raw + 3 * NB + s);                      \
-        }                                                                                          \
-        GROUP_SYNC();                                                                              \
-        for (int s = lid; s < count; s += LS)                                                      \
-            out[ids[s]] = (float4)(raw[s], raw[NB + s], raw[2 * NB + s], raw[3 * NB + s]);         \
+#define FORWARD_BODY(train)                                                                       \
+    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB], raw[4 * NB];     \
+    __local uint ids[NB];                                                                         \
+    VIEW_BUFFERS                                                                                  \
+    const uint group = get_group_id(0);                                                           \
+    const int lid = (int)get_local_id(0);                                                         \
+                                                                                                  \
+    if (group >= n_slices)                                                                        \
+        return;                                                                                   \
+    const cln_slice slice = slices[group];                                                        \
+    const __global float *w = LEAF_ROW(params, slice.slot, PARAMS);                               \
+    const uint begin = 0u;                                                                        \
+                                                                                                  \
+    for (uint block = begin; block < slice.count; block += NB) {                                  \
+        const int count = (int)min((uint)NB, slice.count - block);                                \
+        const int tiles = (count + TS - 1) / TS, rows = PADDED(count);                            \
+        __global kept_type *kept = acts + (size_t)(slice.start + block) * ACTS;                   \
+                                                                                                  \
+        GROUP_SYNC();                                                                             \
+        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count, \
+                     rows, ids, at, along, lid);                                                  \
+        GROUP_SYNC();                                                                             \
+        ENCODE_SAMPLES(boxes[slice.slot])                                                         \
+        GROUP_SYNC();                                                                             \
+        TRUNK_FORWARD(train, kept)                                                                \
+        FORWARD_VIEW(train)                                                                       \
+        head(COLOUR_IN, COLOUR, w + COLOUR_W, w + COLOUR_B, 3, raw, tiles * TS, lid);             \
+        head(h, WIDTH, w + SIGMA_W, w + SIGMA_B, 1, raw + 3 * NB, tiles * TS, lid);               \
+        if (train && NOISE_ON) {                                                                  \
+            GROUP_SYNC();                                                                         \
+            for (int s = lid; s < count; s += LS)                                                 \
+                raw[3 * NB + s] += NOISE * normal_number(step_key, ids[s]);                       \
+        }                                                                                         \
+        GROUP_SYNC();                                                                             \
+        for (int s = lid * VW; s < rows; s += STEP_N) {                                           \
+            for (int k = 0; k < 3; k++)                                                           \
+                VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw + k * NB + s))), raw + k * NB + s);          \
+            VSTORE(density_value(VLOAD(raw + 3 * NB + s)), raw + 3 * NB + s);                     \
+        }                                                                                         \
+        GROUP_SYNC();                                                                             \
+        for (int s = lid; s < count; s += LS)                                                     \
+            out[ids[s]] = (float4)(raw[s], raw[NB + s], raw[2 * NB + s], raw[3 * NB + s]);        \
     }
 
 #if VIEW > 0
 #define COLOUR_IN v
-#define FORWARD_VIEW(train)                                                                        \
-    dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,   \
-          kept + DEPTH * WIDTH * count, train, step_key, ids, (uint)DEPTH, lid);                           \
+#define FORWARD_VIEW(train)                                                                      \
+    dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,       \
+          kept + DEPTH * WIDTH * count, train, block == begin, step_key, ids, (uint)DEPTH, lid); \
     GROUP_SYNC();
 #else
 #define COLOUR_IN h
@@ -256,37 +268,34 @@ HELPER float normal_number(uint step_key, uint sample)
            cospi(2.0f * convert_float(y >> 8) * 0x1p-24f);
 }
 
-__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_train(FORWARD_ARGUMENTS)
-{
-    FORWARD_BODY(1)
-}
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_train(FORWARD_ARGUMENTS){
+    FORWARD_BODY(1)}
 
-__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_eval(FORWARD_ARGUMENTS)
-{
-    FORWARD_BODY(0)
-}
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_eval(FORWARD_ARGUMENTS){
+    FORWARD_BODY(0)}
 
 /* ---- backward ---- */
 
 /* h = act(x) for one layer's kept pre-activations x [s][width]. */
-HELPER void restore(const __global kept_type *x, int width, int count, __local float *h, uint step_key,
-                    const __local uint *ids, uint layer, int lid)
+HELPER void restore(const __global kept_type *x, int width, int count, __local float *h,
+                    uint step_key, const __local uint *ids, uint layer, int lid)
 {
     for (int s = 0; s < count; s++) {
         const uint key = slope_key(step_key, ids[s], layer);
 
         for (int n = lid * VW; n < width; n += STEP_N)
-            VSTORE(activate(KEPT_LOAD(x + s * width + n), negative_slope(1, key, n)), h + s * width + n);
+            VSTORE(activate(KEPT_LOAD(x + s * width + n), negative_slope(1, key, n)),
+                   h + s * width + n);
     }
 }
 
 /* Gradient and transposed weights of a leaf. */
 #if LEAF
-#define LEAF_SPACE        __local
-#define LEAF_SYNC()       GROUP_SYNC()
+#define LEAF_SPACE  __local
+#define LEAF_SYNC() GROUP_SYNC()
 #else
-#define LEAF_SPACE        __global
-#define LEAF_SYNC()       barrier(CLK_GLOBAL_MEM_FENCE)
+#define LEAF_SPACE  __global
+#define LEAF_SYNC() barrier(CLK_GLOBAL_MEM_FENCE)
 #endif
 
 #if LEAF
@@ -327,22 +336,35 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
 }
 #endif
 
+/* What comes into the cache meanwhile, in equal shares: x_n pre-activations and w_n weights that are needed next. */
+typedef struct fetches {
+    const __global kept_type *x;
+    const __global float *w;
+    int x_n, w_n;
+} fetches;
+
 /* dw[k][n] (+)= sum_s a(s, k) d[s][n], db[n] (+)= sum_s d[s][n]; a(s, k) stands at s * a_s + k * a_k;
  * `first`: overwrite. */
-HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k, const __local float *d,
-                            int n_out, LEAF_SPACE float *dw, LEAF_SPACE float *db, int count,
-                            int first, int lid)
+HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
+                            const __local float *d, int n_out, LEAF_SPACE float *dw,
+                            LEAF_SPACE float *db, int count, int first, const fetches *next,
+                            int lid)
 {
+    const int shares = rows / TK * (n_out / TILE_N);
+    int share = 0;
+
     for (int n = lid * VW; n < n_out; n += TILE_N) {
-        for (int k = 0; k < rows; k += TK) {
+        for (int k = 0; k < rows; k += TK, share++) {
             vf acc[TK][NV];
+
+            FETCH_SHARE(next->x, next->x_n, share, shares)
+            FETCH_SHARE(next->w, next->w_n, share, shares)
 
 #pragma unroll
             for (int i = 0; i < TK; i++)
 #pragma unroll
                 for (int j = 0; j < NV; j++)
-                    acc[i][j] =
-                        first ? (vf)(0.0f) : VLOAD(dw + (k + i) * n_out + n + j * STEP_N);
+                    acc[i][j] = first ? (vf)(0.0f) : VLOAD(dw + (k + i) * n_out + n + j * STEP_N);
             TILE_MAD(TK, a + k * a_k, a_k, a_s, d + n, n_out, count)
 #pragma unroll
             for (int i = 0; i < TK; i++)
@@ -406,8 +428,8 @@ HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE fl
 #pragma unroll
                 for (int j = 0; j < NV; j++) {
                     const int m = n + j * STEP_N;
-                    const vf g = activate_gradient(KEPT_LOAD(x + s * WIDTH + m),
-                                                   negative_slope(1, key, m));
+                    const vf g =
+                        activate_gradient(KEPT_LOAD(x + s * WIDTH + m), negative_slope(1, key, m));
 
                     VSTORE(acc[i][j] * g, out + (t * TS + i) * WIDTH + m);
                 }
@@ -417,8 +439,8 @@ HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE fl
 }
 
 /* Gradients of a head's rows: dw[r][n] (+)= sum_s ds[s] a[s][n] for components k .. k + rows - 1 of dout, rows <= 3. */
-HELPER void head_gradient(const __local float *a, int width, const __local float4 *dout, int k, int rows,
-                          LEAF_SPACE float *dw, int count, int first, int lid)
+HELPER void head_gradient(const __local float *a, int width, const __local float4 *dout, int k,
+                          int rows, LEAF_SPACE float *dw, int count, int first, int lid)
 {
     for (int n = lid * VW; n < width; n += STEP_N) {
         vf part[4][3];
@@ -436,8 +458,8 @@ HELPER void head_gradient(const __local float *a, int width, const __local float
 
 #pragma unroll
                 for (int r = 0; r < rows; r++)
-                    part[i][r] = MAD((vf)(((const __local float *)(dout + s + i))[k + r]), in,
-                                     part[i][r]);
+                    part[i][r] =
+                        MAD((vf)(((const __local float *)(dout + s + i))[k + r]), in, part[i][r]);
             }
         for (; s < count; s++) {
             const vf in = VLOAD(a + s * width + n);
@@ -468,7 +490,8 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
 
             sum = MAD((vf)(g.y), VLOAD(w + width + n), sum);
             sum = MAD((vf)(g.z), VLOAD(w + 2 * width + n), sum);
-            VSTORE(sum * activate_gradient(KEPT_LOAD(x + row * width + n), negative_slope(1, key, n)),
+            VSTORE(sum *
+                       activate_gradient(KEPT_LOAD(x + row * width + n), negative_slope(1, key, n)),
                    d + s * width + n);
         }
     }
@@ -479,21 +502,22 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
  * 0 as above and LEAF 1 at grads [slice start / half_slice][PARAMS]: starts of slices that share a leaf are at least
  * half_slice apart (group.cl). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_backward(LEAF_ARRAY(float, params),                  /* [leaf][PARAMS] */
-             LEAF_ARRAY(float, transposed),              /* [leaf][WT_PARAMS], LEAF 0 */
-             const __global float4 *restrict boxes,      /* [leaf] min x, y, z, side */
-             const __global cln_slice *restrict slices,  /* [slice] */
-             const __global uint *restrict order,        /* [grouped sample] -> sample */
+mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
+             LEAF_ARRAY(float, transposed),               /* [leaf][WT_PARAMS], LEAF 0 */
+             const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
+             const __global cln_slice *restrict slices,   /* [slice] */
+             const __global uint *restrict order,         /* [grouped sample] -> sample */
              const __global cln_sample *restrict samples, /* [sample] */
-             const __global float4 *restrict ray_o, const __global float4 *restrict ray_d, /* [ray] */
-             const __global float4 *restrict out,        /* [sample] r, g, b, sigma */
-             const __global float4 *restrict dout,       /* [sample] gradient of it */
-             const __global kept_type *restrict acts,    /* ACTS of each grouped sample */
-             LEAF_ARRAY(float, grads), uint n_slices, uint step_key, uint update,
-             uint half_slice, uint min_samples, float lr, const __global uint *restrict begin,
-             const __global uint *restrict end,                  /* [leaf] */
-             const __global int *restrict steps,                 /* [leaf] */
-             const __global float *restrict norms,               /* [leaf] */
+             const __global float4 *restrict ray_o,
+             const __global float4 *restrict ray_d,   /* [ray] */
+             const __global float4 *restrict out,     /* [sample] r, g, b, sigma */
+             const __global float4 *restrict dout,    /* [sample] gradient of it */
+             const __global kept_type *restrict acts, /* ACTS of each grouped sample */
+             LEAF_ARRAY(float, grads), uint n_slices, uint step_key, uint update, uint half_slice,
+             uint min_samples, float lr, const __global uint *restrict begin,
+             const __global uint *restrict end,                      /* [leaf] */
+             const __global int *restrict steps,                     /* [leaf] */
+             const __global float *restrict norms,                   /* [leaf] */
              LEAF_ARRAY(float, moment1), LEAF_ARRAY(float, moment2)) /* [leaf][PARAMS] */
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
@@ -530,11 +554,19 @@ mlp_backward(LEAF_ARRAY(float, params),                  /* [leaf][PARAMS] */
     __global float *grad = SLICE_ROW(grads, group, PARAMS);
 #endif
 
+    /* the next group's leaf is most often this processor's next, too */
+    const int slot_after = slices[min(group + 1u, n_slices - 1u)].slot;
+    const __global float *w_after = LEAF_ROW(params, slot_after, PARAMS);
+
     for (uint block = 0; block < slice.count; block += NB) {
         const int first = block == 0, count = (int)min((uint)NB, slice.count - block);
+        const int last = slice.count - block <= NB;
         const int tiles = (count + TS - 1) / TS, rows = PADDED(count);
         const __global kept_type *x = acts + (size_t)(slice.start + block) * ACTS;
         const __global kept_type *x_last = x + (DEPTH - 1) * WIDTH * count;
+        fetches next = {x_last - WIDTH * count, w_after + VIEW_W, DEPTH > 1 ? WIDTH * count : 0,
+                        last ? WIDTH * VIEW : 0};
+        const fetches nothing = {x, w, 0, 0};
 
         GROUP_SYNC();
         load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,
@@ -560,7 +592,8 @@ mlp_backward(LEAF_ARRAY(float, params),                  /* [leaf][PARAMS] */
         restore(x + DEPTH * WIDTH * count, VIEW, count, v, step_key, ids, DEPTH, lid);
 #endif
         GROUP_SYNC();
-        for (int k = lid; k < 32; k += LS) { /* biases of the heads, and their padding, which is zero */
+        for (int k = lid; k < 32;
+             k += LS) { /* biases of the heads, and their padding, which is zero */
             const int part = k < 3 ? k : k == 16 ? 3 : -1; /* r, g, b; sigma */
             LEAF_SPACE float *db = grad + (k < 16 ? COLOUR_B + k : SIGMA_B + k - 16);
             float sum = first ? 0.0f : *db;
@@ -572,12 +605,13 @@ mlp_backward(LEAF_ARRAY(float, params),                  /* [leaf][PARAMS] */
         head_gradient(h, WIDTH, dhead, 3, 1, grad + SIGMA_W, count, first, lid);
 #if VIEW > 0
         head_gradient(v, VIEW, dhead, 0, 3, grad + COLOUR_W, count, first, lid);
-        colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH * count, dhead, dv, tiles * TS, count,
-                              step_key, ids, DEPTH, lid);
+        colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH * count, dhead, dv, tiles * TS,
+                              count, step_key, ids, DEPTH, lid);
         GROUP_SYNC();
-        weight_gradient(h, WIDTH, WIDTH, 1, dv, VIEW, grad + VIEW_W, grad + VIEW_B, count, first, lid);
+        weight_gradient(h, WIDTH, WIDTH, 1, dv, VIEW, grad + VIEW_W, grad + VIEW_B, count, first,
+                        &next, lid);
         weight_gradient(dir, DIR_PAD, 1, NB, dv, VIEW, grad + VIEW_W + WIDTH * VIEW, 0, count,
-                        first, lid);
+                        first, &nothing, lid);
         input_gradient(dv, VIEW, wt + WT_VIEW, x_last, dhead, w + SIGMA_W, d0, tiles, count,
                        step_key, ids, DEPTH - 1, lid);
 #else
@@ -599,22 +633,31 @@ mlp_backward(LEAF_ARRAY(float, params),                  /* [leaf][PARAMS] */
         }
 #endif
         for (int i = DEPTH - 1; i > 0; i--) {
-            __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0, *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
+            __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0,
+                          *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
 
             GROUP_SYNC();
-            restore(x + (i - 1) * WIDTH * count, WIDTH, count, h, step_key, ids, (uint)(i - 1), lid);
+            restore(x + (i - 1) * WIDTH * count, WIDTH, count, h, step_key, ids, (uint)(i - 1),
+                    lid);
             GROUP_SYNC();
-            weight_gradient(h, WIDTH, WIDTH, 1, d, WIDTH, grad + TRUNK_W(i), grad + TRUNK_B(i), count,
-                            first, lid);
+            next.x = x + (i - 2) * WIDTH * count;
+            next.x_n = i > 1 ? WIDTH * count : 0;
+            next.w = w_after + TRUNK_W(i);
+            next.w_n = last ? WIDTH * WIDTH : 0;
+            weight_gradient(h, WIDTH, WIDTH, 1, d, WIDTH, grad + TRUNK_W(i), grad + TRUNK_B(i),
+                            count, first, &next, lid);
             if (i == SKIP)
-                weight_gradient(enc, ENC_PAD, 1, NB, d, WIDTH,
-                                grad + TRUNK_W(i) + WIDTH * WIDTH, 0, count, first, lid);
-            input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH * count, dhead, 0, below, tiles,
-                           count, step_key, ids, (uint)(i - 1), lid);
+                weight_gradient(enc, ENC_PAD, 1, NB, d, WIDTH, grad + TRUNK_W(i) + WIDTH * WIDTH, 0,
+                                count, first, &nothing, lid);
+            input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH * count, dhead, 0, below,
+                           tiles, count, step_key, ids, (uint)(i - 1), lid);
         }
         GROUP_SYNC();
+        next.x_n = 0;
+        next.w = w_after;
+        next.w_n = last ? ENC_PAD * WIDTH : 0;
         weight_gradient(enc, ENC_PAD, 1, NB, (DEPTH - 1) & 1 ? d1 : d0, WIDTH, grad + TRUNK_W(0),
-                        grad + TRUNK_B(0), count, first, lid);
+                        grad + TRUNK_B(0), count, first, &next, lid);
     }
     LEAF_SYNC();
     if (update && slice.count == whole) {

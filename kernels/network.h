@@ -120,6 +120,20 @@
         }                                                                                          \
     }
 
+/* Fetches rows from .. to - 1 of a tile's columns at w, `columns` floats apart. */
+HELPER void fetch_rows(const __global float *w, int columns, int from, int to)
+{
+    for (int r = from; r < to; r++)
+        for (int j = 0; j < NV * VW; j += FETCH_FLOATS)
+            FETCH(w + r * columns + j);
+}
+
+/* Fetches what is the share of tile `part` of `parts` in n elements at p. */
+#define FETCH_SHARE(p, n, part, parts)                                                             \
+    for (int j_ = (n) * (part) / (parts); j_ < (n) * ((part) + 1) / (parts);                       \
+         j_ += (int)(64 / sizeof *(p)))                                                            \
+        FETCH((p) + j_);
+
 /* ---- activations and encodings ---- */
 
 HELPER vf negative_slope(int train, uint key, int neuron)

@@ -70,6 +70,34 @@ cln_status cln_cl_failed(const char *call, cl_int code)
                     cln_cl_name(code), (int)code);
 }
 
+static void CL_CALLBACK free_host(cl_mem buffer, void *memory)
+{
+    (void)buffer;
+    free(memory);
+}
+
+/* A CPU device computes in the host's memory: in huge pages, then. */
+static cl_mem make_mem(const cln_device *device, size_t bytes, cl_int *code)
+{
+    void *memory = NULL;
+    cl_mem mem = NULL;
+
+    if (strcmp(device->info.type, "cpu") == 0)
+        memory = cln_huge_pages(bytes);
+    if (!memory)
+        return clCreateBuffer(device->context, CL_MEM_READ_WRITE, bytes, NULL, code);
+    mem = clCreateBuffer(device->context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes, memory,
+                         code);
+    if (*code == CL_SUCCESS)
+        *code = clSetMemObjectDestructorCallback(mem, free_host, memory);
+    if (*code == CL_SUCCESS)
+        return mem;
+    if (mem)
+        clReleaseMemObject(mem);
+    free(memory);
+    return NULL;
+}
+
 /* One buffer that counts as allocated. */
 static cln_status make(cln_device *device, size_t bytes, const char *what, cl_mem *out)
 {
@@ -88,7 +116,7 @@ static cln_status make(cln_device *device, size_t bytes, const char *what, cl_me
                         "%s: %.0f MiB more would pass the device memory limit of %.0f MiB; raise "
                         "--device-mem or lower --batch-samples, --n1 or the network's size",
                         what, (double)bytes / 1048576, (double)device->limit / 1048576);
-    *out = clCreateBuffer(device->context, CL_MEM_READ_WRITE, bytes, NULL, &code);
+    *out = make_mem(device, bytes, &code);
     if (code != CL_SUCCESS) {
         *out = NULL;
         /* some drivers say "resources" for memory */
