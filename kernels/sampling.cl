@@ -1,15 +1,16 @@
 /* Rays through the tree and stage 2's samples (method.md 3, 5, 7, 9; twin: host/reference/rays.c,
  * sampling.c). Lanes run over what is alike: rays while they walk (VW of them a work-item), points
  * of stage 1, samples of a passage. On a CPU most of the time goes into waiting, for densities and
- * after branches guessed wrong; so branches hang as little as can be on what was just read.
+ * after branches guessed wrong; so densities are fetched into the cache before their turn comes, and
+ * branches hang as little as can be on what was just read.
  *
  *   intervals_fill    per leaf on the ray: chord, stage-1 optical depth, number of samples; leaves
  *                     behind opaque ones are left out; at most MAX_INTERVALS(depth) a ray, as many as
  *                     cells a line can meet in the map                            -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
- * Stage 1 is read through one interface: segment_open(), segment_depth(), segment_bins() and
- * segment_mean(): the stage-1 points of one passage, ascending in t, with their densities; a bin
+ * Stage 1 is read through one interface: segment_open(), segment_fetch(), segment_depth(),
+ * segment_bins() and segment_mean(): the stage-1 points of one passage, ascending in t, with their densities; a bin
  * reaches half way to the neighbours, and the last one to the chord's end. Two ways give them:
  *   STAGE1 1 (gather)  n1-spaced points on the chord, nearest cell of the leaf's cached densities
  *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel of
@@ -18,19 +19,19 @@
  *   ALLOCATE 0 chord | 1 weight;  CDF 0 sigma | 1 weight;  PADDED 0 | 1: lists at list * longest
  */
 #ifndef STAGE1
-#define STAGE1 1
+#define STAGE1   1
 #define ALLOCATE 1
-#define CDF 1
-#define PADDED 0
+#define CDF      1
+#define PADDED   0
 #endif
 
 /* Numbers of samples hang on it: the library's, whatever NATIVE says. */
 #undef EXP
 #define EXP(x) exp(x)
 
-#define NEVER 1e30f
+#define NEVER                1e30f
 #define MAX_INTERVALS(depth) (3u << (depth))
-#define EMPTY_BIN 1e-5f
+#define EMPTY_BIN            1e-5f
 
 /* ---- the walk through the tree: lanes over rays ---- */
 
@@ -137,9 +138,9 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
 /* ---- stage 1's points on one passage ---- */
 
 typedef struct segment {
-    uint start, count; /* splat: entries of the list */
-    float t_in, step;  /* gather */
-    float3 at, along;  /* gather: cell coordinates at t_in, and per unit of t */
+    uint start, count;            /* splat: entries of the list */
+    float t_in, step;             /* gather */
+    float3 at, along;             /* gather: cell coordinates at t_in, and per unit of t */
     const __global ushort *cache; /* gather: the leaf's cells */
 } segment;
 
@@ -167,19 +168,41 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, fl
     return s;
 }
 
-/* Densities of points j .. j + VW - 1; beyond the last one zero. */
-HELPER vf segment_points(STAGE1_ARGUMENTS, const segment *s, uint j)
+/* Cells of points j .. j + VW - 1. */
+HELPER vi segment_cells(const segment *s, uint j, uint n1)
 {
     const vi last = (vi)((int)n1 - 1), none = (vi)(0);
-    const vf number = V_TO_FLOAT(V_TO_INT(V_IOTA + j)), ahead = (number + 0.5f) * s->step;
+    const vf ahead = (V_TO_FLOAT(V_TO_INT(V_IOTA + j)) + 0.5f) * s->step;
     const vi x = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.x), (vf)(s->at.x))), none, last);
     const vi y = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.y), (vf)(s->at.y))), none, last);
     const vi z = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.z), (vf)(s->at.z))), none, last);
+
+    return (z * (int)n1 + y) * (int)n1 + x;
+}
+
+/* The densities of all points of a passage, into the cache. */
+HELPER void segment_fetch(STAGE1_ARGUMENTS, const segment *s)
+{
+    int cell[VW];
+
+    (void)boxes;
+    for (uint j = 0; j < s->count; j += VW) {
+        VSTORE(segment_cells(s, j, n1), cell);
+#pragma unroll
+        for (int l = 0; l < VW; l++)
+            FETCH(s->cache + cell[l]);
+    }
+}
+
+/* Densities of points j .. j + VW - 1; beyond the last one zero. */
+HELPER vf segment_points(STAGE1_ARGUMENTS, const segment *s, uint j)
+{
+    const vf number = V_TO_FLOAT(V_TO_INT(V_IOTA + j));
     int cell[VW];
     ushort bits[VW];
 
     (void)boxes;
-    VSTORE((z * (int)n1 + y) * (int)n1 + x, cell);
+    VSTORE(segment_cells(s, j, n1), cell);
 #pragma unroll
     for (int l = 0; l < VW; l++)
         bits[l] = s->cache[(uint)cell[l]];
@@ -244,6 +267,13 @@ HELPER segment segment_open(STAGE1_ARGUMENTS, uint begin, uint end, float t_in, 
     s.start = lower_bound(list_t, begin, end, t_in);
     s.count = lower_bound(list_t, s.start, end, t_out) - s.start;
     return s;
+}
+
+HELPER void segment_fetch(STAGE1_ARGUMENTS, const segment *s)
+{
+    (void)list_start;
+    (void)list_t;
+    FETCH(list_sigma + s->start);
 }
 
 /* Bins j .. j + VW - 1: densities, and right edges to *right; beyond the last one zero and the end of
@@ -329,6 +359,11 @@ HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grid
 /* Samples of a passage that is nearly empty: one or none. */
 #define ROULETTE (-1)
 
+/* Of node i, which is of ray r. */
+#define SEGMENT_OF_NODE(i, r)                                                                   \
+    SEGMENT_OF(r, ray_o[r].xyz, ray_d[r].xyz, edges[i], edges[(i) + VW], (entries[i] >> 4) - 1, \
+               entries[i] & 15)
+
 /* Work-item i: rays first + i VW .. first + i VW + VW - 1. */
 __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                              const __global float4 *restrict ray_d,
@@ -373,10 +408,14 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             met[i % VW] += passage;
         }
         for (uint k = 0; k < count; k++) {
-            const uint i = passages[k] & 255u, r = begin + i % VW;
-            const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
-            const segment s = SEGMENT_OF(r, o, d, edges[i], edges[i + VW], (entries[i] >> 4) - 1,
-                                         entries[i] & 15);
+            const uint i = passages[k] & 255u;
+            const segment s = SEGMENT_OF_NODE(i, begin + i % VW);
+
+            segment_fetch(STAGE1_PASS, &s);
+        }
+        for (uint k = 0; k < count; k++) {
+            const uint i = passages[k] & 255u;
+            const segment s = SEGMENT_OF_NODE(i, begin + i % VW);
 
             mass[i] = segment_depth(STAGE1_PASS, &s, edges[i], edges[i + VW]);
         }
@@ -475,6 +514,17 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
         const uint count = v.count & 0xFFFFFFu;
         const float length = v.t_out - v.t_in;
         const segment s = SEGMENT_OF(r, o, d, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
+        const uint more = i + 1u < used[r], r_next = more ? r : min(r + 1u, first + n - 1u);
+        const uint i_next = more ? i + 1u : 0u;
+
+        if (i_next < used[r_next]) { /* of this ray, or the first of the next work-item's */
+            const cln_interval next = intervals[i_next * rays + r_next];
+            const segment behind =
+                SEGMENT_OF(r_next, ray_o[r_next].xyz, ray_d[r_next].xyz, next.t_in, next.t_out,
+                           next.slot, (int)(next.count >> 24));
+
+            segment_fetch(STAGE1_PASS, &behind);
+        }
         /* total mass, with a little everywhere so that no bin is unreachable */
 #if CDF == 1
         const float little = EMPTY_BIN / length;
