@@ -17,7 +17,7 @@
     X(nv, "NV", 2, 1, 1, 8, "vectors per work-item in a tile")                                     \
     X(ls, "LS", 1, 64, 1, 1024, "work-items of a network work-group")                              \
     X(ts, "TS", 6, 8, 1, 32, "samples of a register tile")                                         \
-    X(nb, "NB", 24, 16, 1, 1024, "samples of a leaf in local memory at a time")                    \
+    X(nb, "NB", 48, 16, 1, 1024, "samples of a leaf in local memory at a time")                    \
     X(sl, "SL", 480, 128, 1, 65536, "most samples of a slice (one work-group)")                    \
     X(wg, "WG", 16, 64, 1, 1024, "work-items of a group of the scalar kernels")                    \
     X(sg, "SG", 1, 256, 1, 1024, "work-items of a scan, sort or sum group; 2^k")                   \
