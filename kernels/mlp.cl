@@ -351,14 +351,16 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
                             int lid)
 {
     const int shares = rows / TK * (n_out / TILE_N);
+    const int x_lines = SHARE_OF(next->x, next->x_n, shares);
+    const int w_lines = SHARE_OF(next->w, next->w_n, shares);
     int share = 0;
 
     for (int n = lid * VW; n < n_out; n += TILE_N) {
         for (int k = 0; k < rows; k += TK, share++) {
             vf acc[TK][NV];
 
-            FETCH_SHARE(next->x, next->x_n, share, shares)
-            FETCH_SHARE(next->w, next->w_n, share, shares)
+            FETCH_SHARE(next->x, x_lines, share)
+            FETCH_SHARE(next->w, w_lines, share)
 
 #pragma unroll
             for (int i = 0; i < TK; i++)

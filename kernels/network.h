@@ -128,11 +128,12 @@ HELPER void fetch_rows(const __global float *w, int columns, int from, int to)
             FETCH(w + r * columns + j);
 }
 
-/* Fetches what is the share of tile `part` of `parts` in n elements at p. */
-#define FETCH_SHARE(p, n, part, parts)                                                             \
-    for (int j_ = (n) * (part) / (parts); j_ < (n) * ((part) + 1) / (parts);                       \
-         j_ += (int)(64 / sizeof *(p)))                                                            \
-        FETCH((p) + j_);
+/* Lines of the cache that are one of `shares` shares of n elements at p, rounded up. */
+#define LINE_OF(p)               ((int)(64 / sizeof *(p)))
+#define SHARE_OF(p, n, shares)   (((n) + LINE_OF(p) * (shares)-1) / (LINE_OF(p) * (shares)))
+#define FETCH_SHARE(p, lines, i)                                                                   \
+    for (int l_ = 0; l_ < (lines); l_++)                                                           \
+        FETCH((p) + ((i) * (lines) + l_) * LINE_OF(p));
 
 /* ---- activations and encodings ---- */
 
