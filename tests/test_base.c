@@ -218,6 +218,21 @@ static void test_try(void **state)
 
 /* ---- memory ---- */
 
+/* NULL is right where there are no such pages. */
+static void test_huge_pages(void **state)
+{
+    const size_t page = 2 << 20;
+    unsigned char *p = cln_huge_pages(page + 1);
+
+    (void)state;
+    assert_null(cln_huge_pages(page - 1));
+    if (!p)
+        skip();
+    assert_int_equal((uintptr_t)p % page, 0);
+    memset(p, 1, page + 1);
+    free(p);
+}
+
 static void test_alloc(void **state)
 {
     unsigned char *p = NULL;
@@ -230,6 +245,11 @@ static void test_alloc(void **state)
     free(p);
     assert_int_equal(cln_alloc(&p, 0, 4, "nothing"), CLN_OK);
     assert_non_null(p);
+    free(p);
+    assert_int_equal(cln_alloc(&p, (5 << 20) + 3, 1, "huge pages' worth"), CLN_OK);
+    for (int i = 0; i < (5 << 20) + 3; i++)
+        if (p[i])
+            fail_msg("byte %d is %d", i, p[i]);
     free(p);
     p = (unsigned char *)&text;
     assert_int_equal(cln_alloc(&p, SIZE_MAX / 2, 3, "rays of a batch"), CLN_MEMORY);
@@ -469,6 +489,7 @@ int test_group_base(void)
         cmocka_unit_test(test_exit_codes),
         cmocka_unit_test(test_try),
         cmocka_unit_test(test_alloc),
+        cmocka_unit_test(test_huge_pages),
         cmocka_unit_test_setup_teardown(test_read_write, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_full, scratch_make, scratch_remove),
