@@ -60,8 +60,11 @@ typedef struct cln_ray_result {
     cln_f32 opacity, loss, square_error, pad;
 } cln_ray_result;
 
-/* Regions of a random stream's draw counter (base/rng.h). */
-#define CLN_DRAW_ROULETTE 0x800000u
+/* Numbers of a ray's random values (base/rng.h): those of its samples go by the number of the interval. */
+#define CLN_DRAW_ROULETTE 0x800000u /* on, by the passage's number */
+
+/* Rays of a work-item of the sampling kernels, with vectors of vw floats. */
+#define CLN_RAYS_EACH(vw) ((vw) == 1 ? 1 : 64)
 
 #ifndef __OPENCL_C_VERSION__
 _Static_assert(sizeof(cln_device_camera) == 96, "layout shared with kernels");

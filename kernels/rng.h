@@ -54,4 +54,18 @@ HELPER vf uniform_lanes(uint key, uint index)
     return V_TO_FLOAT(hash_lanes((index + V_IOTA) * 0x9E3779B9u ^ key) >> 8) * 0x1p-24f;
 }
 
+/* Cheap numbers, one a lane: a key by Philox for all of them, mixed with (index, number, draw) by the hash. The
+ * twin of cln_uniform_hash(). */
+HELPER uint stream_key(uint2 seed, uint stream, uint step)
+{
+    return philox4x32((uint4)(0u, stream << 24, step, 0u), seed).x;
+}
+
+HELPER vf uniform_lanes_of(uint key, vu index, vu number, uint draw)
+{
+    const vu own = hash_lanes(hash_lanes(index ^ key) + number);
+
+    return V_TO_FLOAT(hash_lanes(own + (draw + 1u) * 0x9E3779B9u) >> 8) * 0x1p-24f;
+}
+
 #endif

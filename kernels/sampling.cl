@@ -1,16 +1,14 @@
 /* Rays through the tree and stage 2's samples (method.md 3, 5, 7, 9; twin: host/reference/rays.c,
- * sampling.c). Lanes run over what is alike: rays while they walk (VW of them a work-item), points
- * of stage 1, samples of a passage. On a CPU most of the time goes into waiting, for densities and
- * after branches guessed wrong; so densities are fetched into the cache before their turn comes, and
- * branches hang as little as can be on what was just read.
+ * sampling.c). Lanes run over what is alike: rays while they walk, then passages through leaves. A
+ * work-item has many rays, so that its lanes are full: half of an object's rays meet no leaf at all.
  *
  *   intervals_fill    per leaf on the ray: chord, stage-1 optical depth, number of samples; leaves
  *                     behind opaque ones are left out; at most MAX_INTERVALS(depth) a ray, as many as
  *                     cells a line can meet in the map                            -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
- * Stage 1 is read through one interface: segment_open(), segment_fetch(), segment_depth(),
- * segment_bins() and segment_mean(): the stage-1 points of one passage, ascending in t, with their densities; a bin
+ * Stage 1 is read through one interface, for VW passages at a time: bundle_open(), bundle_depth(),
+ * bundle_bin() and bundle_mean(): the stage-1 points of a passage, ascending in t, with their densities; a bin
  * reaches half way to the neighbours, and the last one to the chord's end. Two ways give them:
  *   STAGE1 1 (gather)  n1-spaced points on the chord, nearest cell of the leaf's cached densities
  *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel of
@@ -135,14 +133,32 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
     return select((vi)(0), entry, was_more);
 }
 
-/* ---- stage 1's points on one passage ---- */
+/* ---- stage 1's points on VW passages, one a lane ---- */
 
-typedef struct segment {
-    uint start, count;            /* splat: entries of the list */
-    float t_in, step;             /* gather */
-    float3 at, along;             /* gather: cell coordinates at t_in, and per unit of t */
-    const __global ushort *cache; /* gather: the leaf's cells */
-} segment;
+/* Points of a passage that are worked out at once: all of them for 12^3 cells, others come in turns. */
+#define POINTS 24
+#define KEPT   (VW > 1 ? POINTS : 0)
+
+typedef struct bundle {
+    vf t_in, t_out;
+    vi count; /* points; splat: perhaps none */
+#if STAGE1 == 1
+    vf step, at[3], along[3]; /* cell coordinates at t_in, and per unit of t */
+    const __global ushort *cells[VW];
+#if KEPT > 0
+    int kept[KEPT * VW]; /* which cells the first points read */
+#endif
+#else
+    uint first[VW]; /* entries of the lists */
+#endif
+} bundle;
+
+/* What passages a bundle is made of. Lanes without one hold any that there is. */
+typedef struct lanes {
+    float t_in[VW], t_out[VW];
+    uint ray[VW];
+    int slot[VW], level[VW];
+} lanes;
 
 #if STAGE1 == 1
 #define STAGE1_ARGUMENTS                                                   \
@@ -150,92 +166,119 @@ typedef struct segment {
         const __global float4 *restrict boxes, /* [leaf] */                \
         uint n1
 #define STAGE1_PASS LEAF_PASS(density), boxes, n1
+#define LIST_ARGUMENTS
+#define LIST_PASS
 
-HELPER segment segment_open(STAGE1_ARGUMENTS, float3 o, float3 d, float t_in, float t_out, int slot)
+HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __global float4 *ray_o,
+                        const __global float4 *ray_d LIST_ARGUMENTS)
 {
-    const float4 box = boxes[slot];
-    const float scale = (float)n1 / box.w, cells = (t_out - t_in) * scale;
-    const int whole = (int)cells;
-    segment s;
+    float o[3][VW], d[3][VW], low[3][VW], side[VW];
 
-    s.start = 0;
-    s.count = (uint)max(1, whole + ((float)whole < cells)); /* ceil; PoCL's is slow */
-    s.t_in = t_in;
-    s.step = (t_out - t_in) / (float)s.count;
-    s.at = (MAD((float3)(t_in), d, o) - box.xyz) * scale;
-    s.along = d * scale;
-    s.cache = LEAF_ROW(density, slot, n1 * n1 * n1);
-    return s;
+#pragma unroll
+    for (int l = 0; l < VW; l++) {
+        const float4 from = ray_o[p->ray[l]], along = ray_d[p->ray[l]], box = boxes[p->slot[l]];
+
+        o[0][l] = from.x;
+        o[1][l] = from.y;
+        o[2][l] = from.z;
+        d[0][l] = along.x;
+        d[1][l] = along.y;
+        d[2][l] = along.z;
+        low[0][l] = box.x;
+        low[1][l] = box.y;
+        low[2][l] = box.z;
+        side[l] = box.w;
+        b->cells[l] = LEAF_ROW(density, p->slot[l], n1 * n1 * n1);
+    }
+    const vf scale = (float)n1 / VLOAD(side);
+
+    b->t_in = VLOAD(p->t_in);
+    b->t_out = VLOAD(p->t_out);
+    const vf cells = (b->t_out - b->t_in) * scale;
+    const vi whole = V_TO_INT(cells);
+
+    b->count = max((vi)(1), select(whole, whole + 1, V_TO_FLOAT(whole) < cells)); /* ceil */
+    b->step = (b->t_out - b->t_in) / V_TO_FLOAT(b->count);
+#pragma unroll
+    for (int a = 0; a < 3; a++) {
+        b->at[a] = (MAD(b->t_in, VLOAD(d[a]), VLOAD(o[a])) - VLOAD(low[a])) * scale;
+        b->along[a] = VLOAD(d[a]) * scale;
+    }
 }
 
-/* Cells of points j .. j + VW - 1. */
-HELPER vi segment_cells(const segment *s, uint j, uint n1)
+/* Cells of points j. */
+HELPER vi bundle_cells(const bundle *b, vi j, uint n1)
 {
     const vi last = (vi)((int)n1 - 1), none = (vi)(0);
-    const vf ahead = (V_TO_FLOAT(V_TO_INT(V_IOTA + j)) + 0.5f) * s->step;
-    const vi x = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.x), (vf)(s->at.x))), none, last);
-    const vi y = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.y), (vf)(s->at.y))), none, last);
-    const vi z = clamp(V_TO_INT(MAD(ahead, (vf)(s->along.z), (vf)(s->at.z))), none, last);
+    const vf ahead = (V_TO_FLOAT(j) + 0.5f) * b->step;
+    const vi x = clamp(V_TO_INT(MAD(ahead, b->along[0], b->at[0])), none, last);
+    const vi y = clamp(V_TO_INT(MAD(ahead, b->along[1], b->at[1])), none, last);
+    const vi z = clamp(V_TO_INT(MAD(ahead, b->along[2], b->at[2])), none, last);
 
     return (z * (int)n1 + y) * (int)n1 + x;
 }
 
-/* The densities of all points of a passage, into the cache. */
-HELPER void segment_fetch(STAGE1_ARGUMENTS, const segment *s)
+/* What the first points will read comes into the cache. */
+HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
 {
-    int cell[VW];
-
     (void)boxes;
-    for (uint j = 0; j < s->count; j += VW) {
-        VSTORE(segment_cells(s, j, n1), cell);
+#if KEPT > 0
+    for (int j = 0; j < KEPT && V_ANY((vi)(j) < b->count); j++) {
+        VSTORE(bundle_cells(b, (vi)(j), n1), b->kept + j * VW);
 #pragma unroll
         for (int l = 0; l < VW; l++)
-            FETCH(s->cache + cell[l]);
+            FETCH(b->cells[l] + b->kept[j * VW + l]);
     }
+#endif
 }
 
-/* Densities of points j .. j + VW - 1; beyond the last one zero. */
-HELPER vf segment_points(STAGE1_ARGUMENTS, const segment *s, uint j)
+/* Densities of points first + j, zero beyond the last one; first: a lane's own. */
+HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept)
 {
-    const vf number = V_TO_FLOAT(V_TO_INT(V_IOTA + j));
-    int cell[VW];
     ushort bits[VW];
 
     (void)boxes;
-    VSTORE(segment_cells(s, j, n1), cell);
+#if KEPT > 0
+    if (kept) {
 #pragma unroll
-    for (int l = 0; l < VW; l++)
-        bits[l] = s->cache[(uint)cell[l]];
-    return select((vf)(0.0f), V_AS_FLOAT(V_TO_UINT(VLOAD(bits)) << 16), number < (float)s->count);
+        for (int l = 0; l < VW; l++)
+            bits[l] = b->cells[l][b->kept[j * VW + l]];
+    } else
+#endif
+    {
+        int cell[VW];
+
+        VSTORE(bundle_cells(b, first + j, n1), cell);
+#pragma unroll
+        for (int l = 0; l < VW; l++)
+            bits[l] = b->cells[l][cell[l]];
+    }
+    return select((vf)(0.0f), V_AS_FLOAT(V_TO_UINT(VLOAD(bits)) << 16), first + j < b->count);
 }
 
-/* Optical depth of a passage, by stage 1. */
-HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float t_out)
+/* Optical depths of the passages, by stage 1. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
 {
+    const vi none = (vi)(0);
     vf sum = (vf)(0.0f);
 
-    (void)t_in;
-    (void)t_out;
-    for (uint j = 0; j < s->count; j += VW)
-        sum += segment_points(STAGE1_PASS, s, j);
-    return V_SUM(sum) * s->step;
+    for (int j = 0; V_ANY((vi)(j) < b->count); j++)
+        sum += bundle_points(b, STAGE1_PASS, none, j, j < KEPT);
+    return sum * b->step;
 }
 
-/* Bins j .. j + VW - 1: densities, and right edges to *right; beyond the last one zero and the end of
- * the chord. */
-HELPER vf segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, vf *right)
+/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the end of the chord. */
+HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept, vf *right)
 {
-    const vf end = V_TO_FLOAT(V_TO_INT(V_IOTA + (j + 1u)));
-
-    *right =
-        select((vf)(t_out), MAD(end, (vf)(s->step), (vf)(s->t_in)), end < (vf)((float)s->count));
-    return segment_points(STAGE1_PASS, s, j);
+    *right = select(b->t_out, MAD(V_TO_FLOAT(first + j + 1), b->step, b->t_in),
+                    first + j + 1 < b->count);
+    return bundle_points(b, STAGE1_PASS, first, j, kept);
 }
 
-/* Mean density of a passage's points. */
-HELPER float segment_mean(STAGE1_ARGUMENTS, const segment *s, float depth, float length)
+/* Mean densities of the passages' points. */
+HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
 {
-    return depth / length; /* points are equally far apart */
+    return depth / (b->t_out - b->t_in); /* points are equally far apart */
 }
 #else
 #define STAGE1_ARGUMENTS                                                                \
@@ -243,6 +286,12 @@ HELPER float segment_mean(STAGE1_ARGUMENTS, const segment *s, float depth, float
         const __global float *restrict list_t,    /* [entry] ascending within a list */ \
         const __global float *restrict list_sigma /* [entry] */
 #define STAGE1_PASS list_start, list_t, list_sigma
+
+/* grids: [batch view][level 0..5] {first list, coarsening, lists per row, longest list} */
+#define LIST_ARGUMENTS                                                                 \
+    , const __global cln_pixel *restrict pixels, const __global uint4 *restrict grids, \
+        const __global uint *restrict list_count /* [list] padded only */
+#define LIST_PASS , pixels, grids, list_count
 
 /* First entry of [begin, end) with t >= value. */
 HELPER uint lower_bound(const __global float *t, uint begin, uint end, float value)
@@ -258,113 +307,209 @@ HELPER uint lower_bound(const __global float *t, uint begin, uint end, float val
     return begin;
 }
 
-HELPER segment segment_open(STAGE1_ARGUMENTS, uint begin, uint end, float t_in, float t_out)
+HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __global float4 *ray_o,
+                        const __global float4 *ray_d LIST_ARGUMENTS)
 {
-    segment s = {0};
+    int count[VW];
 
-    (void)list_start;
     (void)list_sigma;
-    s.start = lower_bound(list_t, begin, end, t_in);
-    s.count = lower_bound(list_t, s.start, end, t_out) - s.start;
-    return s;
+    (void)ray_o;
+    (void)ray_d;
+    for (int l = 0; l < VW; l++) {
+        const cln_pixel pixel = pixels[p->ray[l]];
+        const uint4 grid = grids[pixel.pad * 6u + (uint)p->level[l]];
+        const uint list = grid.x + pixel.y / grid.y * grid.z + pixel.x / grid.y;
+#if PADDED
+        const uint begin = list * grids[0].w, end = begin + list_count[list];
+#else
+        const uint begin = list_start[list], end = list_start[list + 1u];
+#endif
+
+        b->first[l] = lower_bound(list_t, begin, end, p->t_in[l]);
+        count[l] = (int)(lower_bound(list_t, b->first[l], end, p->t_out[l]) - b->first[l]);
+    }
+    b->t_in = VLOAD(p->t_in);
+    b->t_out = VLOAD(p->t_out);
+    b->count = VLOAD(count);
 }
 
-HELPER void segment_fetch(STAGE1_ARGUMENTS, const segment *s)
+HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
 {
     (void)list_start;
     (void)list_t;
-    FETCH(list_sigma + s->start);
+    for (int l = 0; l < VW; l++)
+        FETCH(list_sigma + b->first[l]);
 }
 
-/* Bins j .. j + VW - 1: densities, and right edges to *right; beyond the last one zero and the end of
- * the chord. */
-HELPER vf segment_bins(STAGE1_ARGUMENTS, const segment *s, uint j, float t_out, vf *right)
+/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the end of the chord. */
+HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept, vf *right)
 {
     float edges[VW], sigma[VW];
+    int bin[VW], count[VW];
 
     (void)list_start;
-    for (uint l = 0; l < VW; l++) {
-        const uint k = s->start + j + l;
+    (void)kept;
+    VSTORE(first + j, bin);
+    VSTORE(b->count, count);
+    VSTORE(b->t_out, edges);
+    for (int l = 0; l < VW; l++) {
+        const uint k = b->first[l] + (uint)bin[l];
 
-        edges[l] = j + l + 1u < s->count ? 0.5f * (list_t[k] + list_t[k + 1u]) : t_out;
-        sigma[l] = j + l < s->count ? list_sigma[k] : 0.0f;
+        if (bin[l] + 1 < count[l])
+            edges[l] = 0.5f * (list_t[k] + list_t[k + 1u]);
+        sigma[l] = bin[l] < count[l] ? list_sigma[k] : 0.0f;
     }
     *right = VLOAD(edges);
     return VLOAD(sigma);
 }
 
-/* Optical depth of a passage, by stage 1. */
-HELPER float segment_depth(STAGE1_ARGUMENTS, const segment *s, float t_in, float t_out)
+/* Optical depths of the passages, by stage 1. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
 {
-    float edge[VW];
-    vf depth = (vf)(0.0f), right;
+    vf depth = (vf)(0.0f), left = b->t_in, right;
 
-    edge[VW - 1] = t_in;
-    for (uint j = 0; j < s->count; j += VW) {
-        const vf sigma = segment_bins(STAGE1_PASS, s, j, t_out, &right);
+    for (int j = 0; V_ANY((vi)(j) < b->count); j++) {
+        const vf sigma = bundle_bin(b, STAGE1_PASS, (vi)(0), j, false, &right);
 
-        depth = MAD(sigma, right - V_SHIFT(right, edge[VW - 1]), depth);
-        VSTORE(right, edge);
+        depth = MAD(sigma, right - left, depth);
+        left = right;
     }
-    return V_SUM(depth);
+    return depth;
 }
 
-/* Mean density of a passage's points. */
-HELPER float segment_mean(STAGE1_ARGUMENTS, const segment *s, float depth, float length)
+/* Mean densities of the passages' points. */
+HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
 {
-    float sum = 0.0f;
+    vf sum = (vf)(0.0f), right;
 
-    for (uint j = 0; j < s->count; j++)
-        sum += list_sigma[s->start + j];
-    return sum / (float)max(1u, s->count);
+    (void)depth;
+    for (int j = 0; V_ANY((vi)(j) < b->count); j++)
+        sum += bundle_bin(b, STAGE1_PASS, (vi)(0), j, false, &right);
+    return sum / V_TO_FLOAT(max((vi)(1), b->count));
 }
-#endif
-
-/* The segment of ray r's passage through a leaf of `level`. */
-#if STAGE1 == 1
-#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level) \
-    segment_open(STAGE1_PASS, o, d, t_in, t_out, slot)
-#define LIST_ARGUMENTS
-#else
-/* grids: [batch view][level 0..5] {first list, coarsening, lists per row, longest list} */
-#define LIST_ARGUMENTS                                                                 \
-    , const __global cln_pixel *restrict pixels, const __global uint4 *restrict grids, \
-        const __global uint *restrict list_count /* [list] padded only */
-HELPER uint list_of(const __global cln_pixel *pixels, const __global uint4 *grids, uint r,
-                    int level)
-{
-    const cln_pixel p = pixels[r];
-    const uint4 grid = grids[p.pad * 6u + (uint)level];
-
-    return grid.x + p.y / grid.y * grid.z + p.x / grid.y;
-}
-#if PADDED
-#define LIST_BEGIN(list) ((list)*grids[0].w)
-#define LIST_END(list)   (LIST_BEGIN(list) + list_count[list])
-#else
-#define LIST_BEGIN(list) (list_start[list])
-#define LIST_END(list)   (list_start[(list) + 1u])
-#endif
-#define SEGMENT_OF(r, o, d, t_in, t_out, slot, level)                       \
-    segment_open(STAGE1_PASS, LIST_BEGIN(list_of(pixels, grids, r, level)), \
-                 LIST_END(list_of(pixels, grids, r, level)), t_in, t_out)
 #endif
 
 /* ---- intervals ---- */
 
-/* Nodes that the rays of a work-item walk before their densities are read, and those before anything
- * is decided. More would overlap more, and read in vain behind what is opaque. */
-#define AHEAD (VW == 1 ? 1 : 2)
+/* Groups of VW rays of a work-item: passages of many rays, so that few lanes stay empty. */
+#define GROUPS (CLN_RAYS_EACH(VW) / VW)
+#define RAYS   (GROUPS * VW)
+
+/* Nodes that a ray walks before densities are read. More would walk in vain behind what is opaque. */
+#define AHEAD (VW == 1 ? 4 : 8)
 
 /* Samples of a passage that is nearly empty: one or none. */
 #define ROULETTE (-1)
 
-/* Of node i, which is of ray r. */
-#define SEGMENT_OF_NODE(i, r)                                                                   \
-    SEGMENT_OF(r, ray_o[r].xyz, ray_d[r].xyz, edges[i], edges[(i) + VW], (entries[i] >> 4) - 1, \
-               entries[i] & 15)
+/* The passages that a work-item's rays have just walked through: those of ray l at l * AHEAD. */
+typedef struct passages {
+    float t_in[RAYS * AHEAD], t_out[RAYS * AHEAD];
+    int entry[RAYS * AHEAD];
+    uint found[RAYS];
+} passages;
 
-/* Work-item i: rays first + i VW .. first + i VW + VW - 1. */
+/* Rays l .. l + VW - 1 walk AHEAD nodes. */
+HELPER void walk_ahead(walk *w, const __global int *map, int depth, passages *p, uint l)
+{
+    float t_in[VW], t_out[VW];
+    int entry[VW];
+    uint at[VW];
+
+#pragma unroll
+    for (uint i = 0; i < VW; i++)
+        at[i] = (l + i) * AHEAD;
+    for (int node = 0; node < AHEAD && V_ANY(w->more); node++) {
+        VSTORE(w->t, t_in);
+        VSTORE(walk_next(w, map, depth), entry);
+        VSTORE(w->t, t_out);
+#pragma unroll
+        for (int i = 0; i < VW; i++) {
+            p->t_in[at[i]] = t_in[i];
+            p->t_out[at[i]] = t_out[i];
+            p->entry[at[i]] = entry[i];
+            at[i] += (entry[i] >= 16) & (t_out[i] - t_in[i] > CLN_MIN_CHORD);
+        }
+    }
+#pragma unroll
+    for (uint i = 0; i < VW; i++)
+        p->found[l + i] = at[i] - (l + i) * AHEAD;
+}
+
+/* Numbers of samples of passages with these optical depths, at level `level`, behind tau. */
+HELPER vi sample_numbers(vf passage, vf tau, const bundle *b, vi level, uint per_leaf, uint per_ray,
+                         float empty_weight)
+{
+#if ALLOCATE == 1
+    const vf weight = EXP(-tau) * ONE_MINUS_EXP(vf, passage);
+    const vi most = V_TO_INT(fmax(fmin(weight, (vf)(1.0f)), (vf)(0.0f)) * (float)per_ray + 0.5f);
+
+    (void)b;
+    (void)level;
+    return select(min(most + 1, (vi)((int)per_leaf)), (vi)(ROULETTE), weight < (vf)(empty_weight));
+#else
+    /* diagonal of a leaf of level 0: sqrt(3) * 2 */
+    const vf share = (b->t_out - b->t_in) * V_TO_FLOAT((vi)(1) << level) / 3.46410162f;
+
+    (void)passage;
+    (void)tau;
+    (void)per_ray;
+    (void)empty_weight;
+    return max((vi)(1), V_TO_INT(ceil((float)per_leaf * share)));
+#endif
+}
+
+/* VW passages, one a lane. */
+typedef struct turn {
+    lanes of;
+    uint whose[VW]; /* rays, of the work-item's; RAYS: no passage */
+    bundle points;
+} turn;
+
+/* Where lanes are among the passages: from `at` up to `upto` of ray `whose`; which ray comes next. */
+typedef struct places {
+    uint at[VW], upto[VW], whose[VW], next;
+} places;
+
+/* The next passage of every lane, each along one ray and from an ended ray to the next. False if there is none. */
+HELPER bool turn_take(turn *t, places *o, const passages *p, const float *taus, float max_depth,
+                      uint begin, uint count)
+{
+    bool any = false;
+
+    for (uint l = 0; l < VW; l++) {
+        if (o->at[l] == o->upto[l] || taus[o->whose[l]] > max_depth) {
+            o->at[l] = o->upto[l];
+            while (o->next < count && p->found[o->next] == 0u)
+                o->next++;
+            if (o->next < count) {
+                o->whose[l] = o->next;
+                o->at[l] = o->next * AHEAD;
+                o->upto[l] = o->at[l] + p->found[o->next++];
+            }
+        }
+        if (o->at[l] < o->upto[l]) {
+            const uint k = o->at[l]++;
+
+            t->of.t_in[l] = p->t_in[k];
+            t->of.t_out[l] = p->t_out[k];
+            t->of.ray[l] = begin + o->whose[l];
+            t->of.slot[l] = (p->entry[k] >> 4) - 1;
+            t->of.level[l] = p->entry[k] & 15;
+            t->whose[l] = o->whose[l];
+            any = true;
+        } else { /* an empty one */
+            t->of.t_in[l] = t->of.t_out[l] = 0.0f;
+            t->of.ray[l] = begin;
+            t->of.slot[l] = t->of.level[l] = 0;
+            t->whose[l] = RAYS;
+        }
+    }
+    return any;
+}
+
+/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1. They walk side by side; then lanes go over
+ * their passages. What the next passages read is fetched before these are decided upon, in vain if a ray
+ * turns out to end. */
 __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                              const __global float4 *restrict ray_d,
                              const __global int *restrict map,
@@ -375,92 +520,89 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
                              uint per_leaf, uint per_ray, float empty_weight, float empty_share,
                              uint2 seed, uint step LIST_ARGUMENTS)
 {
-    const uint begin = first + (uint)get_global_id(0) * VW, end = first + n;
-    /* [node][lane]: t where the node begins, one more where the last one ends; optical depth, then
-     * mass; map entry; samples */
-    float edges[(AHEAD + 1) * VW], mass[AHEAD * VW];
-    int entries[AHEAD * VW], numbers[AHEAD * VW];
-    uint passages[AHEAD * VW]; /* [k] index of node and lane | number of passages before << 8 */
-    uint met[VW], kept[VW], samples[VW]; /* of each ray: passages, intervals, samples */
-    vf tau = (vf)(0.0f);
-    walk w;
+    const uint begin = first + (uint)get_global_id(0) * RAYS, end = first + n;
+    const uint count = begin < end ? min((uint)RAYS, end - begin) : 0u;
+    const uint key = stream_key(seed, STREAM_SAMPLES, step);
+    float taus[RAYS];
+    uint met[RAYS], kept[RAYS], samples[RAYS]; /* of each ray: passages, intervals, samples */
+    walk walks[GROUPS];
+    passages p;
+    turn turns[2];
+    bool more = count > 0u;
 
-    if (begin >= end)
-        return;
-    walk_start(&w, ray_o, ray_d, begin, end, depth);
-    for (int l = 0; l < VW; l++)
-        met[l] = kept[l] = samples[l] = 0u;
-    while (V_ANY(w.more)) {
-        int nodes = 0;
-        uint count = 0;
+    for (uint l = 0; l < RAYS; l++) {
+        taus[l] = 0.0f;
+        met[l] = kept[l] = samples[l] = p.found[l] = 0u;
+    }
+    for (uint g = 0; g * VW < count; g++)
+        walk_start(&walks[g], ray_o, ray_d, begin + g * VW, end, depth);
+    while (more) {
+        places at = {.next = 0u};
+        uint now = 0;
+        bool next = false;
 
-        VSTORE(w.t, edges);
-        for (; nodes < AHEAD * VW && V_ANY(w.more); nodes += VW) {
-            VSTORE(walk_next(&w, map, depth), entries + nodes);
-            VSTORE(w.t, edges + nodes + VW);
-            VSTORE((vf)(0.0f), mass + nodes);
+        for (uint g = 0; g * VW < count; g++)
+            walk_ahead(&walks[g], map, depth, &p, g * VW);
+        for (int l = 0; l < VW; l++)
+            at.at[l] = at.upto[l] = at.whose[l] = 0u;
+        next = turn_take(&turns[0], &at, &p, taus, max_depth, begin, count);
+        if (next) {
+            bundle_open(&turns[0].points, STAGE1_PASS, &turns[0].of, ray_o, ray_d LIST_PASS);
+            bundle_fetch(&turns[0].points, STAGE1_PASS);
         }
-        for (int i = 0; i < nodes; i++) {
-            const bool passage = (entries[i] >= 16) & (edges[i + VW] - edges[i] > CLN_MIN_CHORD);
+        for (; next; now ^= 1u) {
+            turn *t = &turns[now], *behind = &turns[now ^ 1u];
+            const bundle *b = &t->points;
+            float tau[VW], mass[VW];
+            int numbers[VW];
 
-            passages[count] = (uint)i | met[i % VW] << 8;
-            count += passage;
-            met[i % VW] += passage;
-        }
-        for (uint k = 0; k < count; k++) {
-            const uint i = passages[k] & 255u;
-            const segment s = SEGMENT_OF_NODE(i, begin + i % VW);
+            next = turn_take(behind, &at, &p, taus, max_depth, begin, count);
+            if (next) {
+                bundle_open(&behind->points, STAGE1_PASS, &behind->of, ray_o, ray_d LIST_PASS);
+                bundle_fetch(&behind->points, STAGE1_PASS);
+            }
+            for (int l = 0; l < VW; l++)
+                tau[l] = taus[min(t->whose[l], RAYS - 1u)];
+            const vf passage = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
+            const vi number = sample_numbers(passage, before, b, VLOAD(t->of.level), per_leaf,
+                                             per_ray, empty_weight);
+            uint passed[VW];
 
-            segment_fetch(STAGE1_PASS, &s);
-        }
-        for (uint k = 0; k < count; k++) {
-            const uint i = passages[k] & 255u;
-            const segment s = SEGMENT_OF_NODE(i, begin + i % VW);
+            for (int l = 0; l < VW; l++)
+                passed[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
+            const vf chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(passed), 0u);
+            const vi drawn = select((vi)(0), (vi)(1), chance < (vf)(empty_share));
 
-            mass[i] = segment_depth(STAGE1_PASS, &s, edges[i], edges[i + VW]);
-        }
-        for (int i = 0; i < nodes; i += VW) {
-            const vf passage = VLOAD(mass + i), alpha = ONE_MINUS_EXP(vf, passage);
-#if ALLOCATE == 1
-            const vf weight = EXP(-tau) * alpha;
-            const vi most =
-                V_TO_INT(fmax(fmin(weight, (vf)(1.0f)), (vf)(0.0f)) * (float)per_ray + 0.5f);
-            const vi number = select(min(most + 1, (vi)((int)per_leaf)), (vi)(ROULETTE),
-                                     weight < (vf)(empty_weight));
-#else
-            /* diagonal of a leaf of level 0: sqrt(3) * 2 */
-            const vf size = V_TO_FLOAT((vi)(1) << (VLOAD(entries + i) & 15));
-            const vf share = (VLOAD(edges + i + VW) - VLOAD(edges + i)) * size / 3.46410162f;
-            const vi number = max((vi)(1), V_TO_INT(ceil((float)per_leaf * share)));
-#endif
-
-            VSTORE(select((vi)(0), number, tau <= (vf)(max_depth)), numbers + i);
-            tau += passage;
+            VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
+            VSTORE(before + passage, tau);
 #if CDF == 1
-            VSTORE(alpha, mass + i);
+            VSTORE(ONE_MINUS_EXP(vf, passage), mass);
+#else
+            VSTORE(passage, mass);
 #endif
-        }
-        for (uint k = 0; k < count; k++) {
-            const uint i = passages[k] & 255u, l = i % VW, r = begin + l;
-            const uint level = (uint)entries[i] & 15u;
-            int number = numbers[i];
+            for (uint l = 0; l < VW; l++) {
+                const uint w = t->whose[l], r = begin + w, n_samples = (uint)numbers[l];
 
-            if (number == ROULETTE)
-                number = empty_share >= 1.0f ||
-                         (empty_share > 0.0f && uniform4(seed, STREAM_SAMPLES, step, r,
-                                                         CLN_DRAW_ROULETTE + (passages[k] >> 8))
-                                                        .x < empty_share);
-            if (number > 0) {
-                const cln_interval v = {edges[i], edges[i + VW], mass[i], (entries[i] >> 4) - 1,
-                                        (uint)number | level << 24};
+                if (w == RAYS || taus[w] > max_depth)
+                    continue;
+                if (n_samples > 0u) {
+                    const cln_interval v = {t->of.t_in[l], t->of.t_out[l], mass[l], t->of.slot[l],
+                                            n_samples | (uint)t->of.level[l] << 24};
 
-                intervals[kept[l]++ * rays + r] = v;
-                samples[l] += (uint)number;
+                    intervals[kept[w]++ * rays + r] = v;
+                    samples[w] += n_samples;
+                }
+                met[w]++;
+                taus[w] = tau[l];
             }
         }
-        w.more = w.more & (tau <= (vf)(max_depth));
+        more = false;
+        for (uint g = 0; g * VW < count; g++) {
+            walks[g].more = walks[g].more & (VLOAD(taus + g * VW) <= (vf)(max_depth));
+            more |= V_ANY(walks[g].more) != 0;
+        }
     }
-    for (uint l = 0; l < min((uint)VW, end - begin); l++) {
+    for (uint l = 0; l < count; l++) {
         used[begin + l] = kept[l];
         sample_counts[begin + l] = samples[l];
     }
@@ -468,25 +610,118 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
 
 /* ---- samples ---- */
 
-#define RANDOM ((VW + 3) / 4 * 4 + 4)
+#define NO_BORDER 2.0f /* above the distribution function */
 
-/* Uniform numbers drawn .. drawn + lanes - 1 of ray r, to random[drawn & 3] and behind. They are made
- * four at a time; *four are the last. */
-HELPER void draw(float random[RANDOM], float4 *four, uint drawn, uint lanes, uint2 seed, uint step,
-                 uint r)
+/* Bins first .. first + bins - 1, a lane's own. Border j and edge j: the distribution function and t where bin
+ * j begins; rise: length of chord per unit of the function. */
+typedef struct window {
+    vi first;
+    bool moved; /* from bin 0 */
+    int bins;   /* of the lane with the most */
+    vf border[POINTS + 1], edge[POINTS + 1], rise[POINTS];
+    vf begin[2], end[2]; /* function and optical depth where the first one begins and all end */
+} window;
+
+/* The distribution function of a passage: what is steered by densities, and what is even along the chord. */
+typedef struct blend {
+    vf steered, even;
+} blend;
+
+HELPER void window_fill(window *w, const bundle *b, blend mix, STAGE1_ARGUMENTS)
 {
-    uint at = 0;
+    vf left = w->edge[0], f = w->begin[0], sum = w->begin[1];
+    int j = 0;
 
-    if (drawn & 3u) {
-        vstore4(*four, 0, random);
-        at = 4;
+    w->border[0] = f;
+    do {
+        vf right;
+        const vf sigma = bundle_bin(b, STAGE1_PASS, w->first, j, !w->moved, &right);
+        const vf part = sigma * (right - left), below = f;
+#if CDF == 1
+        sum += fmin(part, (vf)(CLN_MAX_OPTICAL_DEPTH));
+        const vf steer = ONE_MINUS_EXP(vf, sum);
+#else
+        sum += part;
+        const vf steer = sum;
+#endif
+
+        f = MAD(steer, mix.steered, (right - b->t_in) * mix.even);
+        w->rise[j] = (right - left) / fmax(f - below, (vf)(1e-30f));
+        j++;
+        /* the last bin takes all that is left */
+        w->border[j] = select((vf)(NO_BORDER), f, w->first + j < b->count);
+        w->edge[j] = left = right;
+    } while (j < POINTS && V_ANY(w->first + j < b->count));
+    w->bins = j;
+    w->end[0] = f;
+    w->end[1] = sum;
+}
+
+/* On to the bins behind, for the lanes that `move`; the others work out the same ones again. */
+HELPER void window_move(window *w, vi move)
+{
+    w->moved = true;
+    w->first = select(w->first, w->first + w->bins, move);
+    w->edge[0] = select(w->edge[0], w->edge[w->bins], move);
+    w->begin[0] = select(w->begin[0], w->end[0], move);
+    w->begin[1] = select(w->begin[1], w->end[1], move);
+}
+
+/* VW intervals; of each the number of samples, the first one, and its own number along the ray. */
+typedef struct batch {
+    lanes of;
+    float mass[VW];
+    int number[VW];
+    uint start[VW], interval[VW], filled, most; /* lanes that hold one; samples of one */
+    bundle points;
+} batch;
+
+/* The interval that comes next, and its first sample. */
+typedef struct cursor {
+    uint ray, interval, sample;
+} cursor;
+
+/* The next VW intervals of rays up to `end`. Lanes without one hold the first one once more. */
+HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *intervals,
+                       const __global uint *used, uint end, uint rays)
+{
+    b->filled = b->most = 0u;
+    while (b->filled < VW && c->ray < end) {
+        if (c->interval == used[c->ray]) {
+            c->ray++;
+            c->interval = 0;
+            continue;
+        }
+        const uint l = b->filled++;
+        const cln_interval v = intervals[c->interval * rays + c->ray];
+        const uint count = v.count & 0xFFFFFFu;
+
+        b->of.t_in[l] = v.t_in;
+        b->of.t_out[l] = v.t_out;
+        b->of.ray[l] = c->ray;
+        b->of.slot[l] = v.slot;
+        b->of.level[l] = (int)(v.count >> 24);
+        b->mass[l] = v.mass;
+        b->number[l] = (int)count;
+        b->start[l] = c->sample;
+        b->interval[l] = c->interval++;
+        b->most = max(b->most, count);
+        c->sample += count;
     }
-    for (; at < (drawn & 3u) + lanes; at += 4) {
-        *four = uniform4(seed, STREAM_SAMPLES, step, r, (drawn + at) >> 2);
-        vstore4(*four, 0, random + at);
+    for (uint l = b->filled; l < VW; l++) {
+        b->of.t_in[l] = b->of.t_in[0];
+        b->of.t_out[l] = b->of.t_out[0];
+        b->of.ray[l] = b->of.ray[0];
+        b->of.slot[l] = b->of.slot[0];
+        b->of.level[l] = b->of.level[0];
+        b->mass[l] = b->mass[0];
+        b->number[l] = b->number[0];
+        b->start[l] = b->start[0];
+        b->interval[l] = b->interval[0];
     }
 }
 
+/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1; lanes over their intervals. */
 __kernel void
 samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              const __global float4 *restrict ray_d,
@@ -497,117 +732,92 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              uint first, uint n, uint rays, float uniform_share, uint jitter, uint2 seed,
              uint step LIST_ARGUMENTS)
 {
-    const uint r = first + get_global_id(0);
-    float random[RANDOM];
-    float4 four = (float4)(0.5f);
-    uint drawn = 0;
+    const uint begin = first + (uint)get_global_id(0) * RAYS, end = min(begin + RAYS, first + n);
+    batch batches[2];
+    cursor c = {begin, 0u, 0u};
 
-    if (get_global_id(0) >= n || used[r] == 0)
+    if (begin >= end)
         return;
-    const float3 o = ray_o[r].xyz, d = ray_d[r].xyz;
-    __global cln_sample *out = samples + sample_starts[r];
+    const uint key = stream_key(seed, STREAM_SAMPLES, step);
 
-    for (int l = 0; l < RANDOM; l++)
-        random[l] = 0.5f;
-    for (uint i = 0; i < used[r]; i++) {
-        const cln_interval v = intervals[i * rays + r];
-        const uint count = v.count & 0xFFFFFFu;
-        const float length = v.t_out - v.t_in;
-        const segment s = SEGMENT_OF(r, o, d, v.t_in, v.t_out, v.slot, (int)(v.count >> 24));
-        const uint more = i + 1u < used[r], r_next = more ? r : min(r + 1u, first + n - 1u);
-        const uint i_next = more ? i + 1u : 0u;
+    c.sample = sample_starts[begin];
+    batch_fill(&batches[0], &c, intervals, used, end, rays);
+    if (batches[0].filled) {
+        bundle_open(&batches[0].points, STAGE1_PASS, &batches[0].of, ray_o, ray_d LIST_PASS);
+        bundle_fetch(&batches[0].points, STAGE1_PASS);
+    }
+    for (uint turn = 0; batches[turn].filled; turn ^= 1u) {
+        const batch *now = &batches[turn];
+        const bundle *b = &now->points;
+        batch *next = &batches[turn ^ 1u];
+        window w;
+        blend mix;
 
-        if (i_next < used[r_next]) { /* of this ray, or the first of the next work-item's */
-            const cln_interval next = intervals[i_next * rays + r_next];
-            const segment behind =
-                SEGMENT_OF(r_next, ray_o[r_next].xyz, ray_d[r_next].xyz, next.t_in, next.t_out,
-                           next.slot, (int)(next.count >> 24));
-
-            segment_fetch(STAGE1_PASS, &behind);
+        batch_fill(next, &c, intervals, used, end, rays);
+        if (next->filled) {
+            bundle_open(&next->points, STAGE1_PASS, &next->of, ray_o, ray_d LIST_PASS);
+            bundle_fetch(&next->points, STAGE1_PASS);
         }
+        const vf length = b->t_out - b->t_in;
+        const vi number = VLOAD(now->number);
         /* total mass, with a little everywhere so that no bin is unreachable */
 #if CDF == 1
-        const float little = EMPTY_BIN / length;
-        const float mass = v.mass + EMPTY_BIN;
+        const vf little = EMPTY_BIN / length, mass = VLOAD(now->mass) + EMPTY_BIN;
 #else
-        const float little = EMPTY_BIN * fmax(1.0f, segment_mean(STAGE1_PASS, &s, v.mass, length));
-        const float mass = MAD(little, length, v.mass);
+        const vf mean = bundle_mean(b, STAGE1_PASS, VLOAD(now->mass));
+        const vf little = EMPTY_BIN * fmax((vf)(1.0f), mean);
+        const vf mass = MAD(little, length, VLOAD(now->mass));
 #endif
-        const float steered = (1.0f - uniform_share) / mass;
-        const float even = MAD(little, steered, uniform_share / length);
-        /* VW bins: right edges, the distribution function and the optical depth there, and the length
-         * of chord per unit of the function */
-        float right[VW], upto[VW], depth[VW], rise[VW];
-        float edge = v.t_in, below = 0.0f, left = v.t_in, last = v.t_in;
-        uint read = 0, b = VW;
 
-        depth[VW - 1] = 0.0f;
-        for (uint k = 0; k < count; k += VW) {
-            const uint lanes = min((uint)VW, count - k);
-            vf from_edge = (vf)(0.0f), from_u = (vf)(0.0f), slope = (vf)(0.0f);
-            float place[VW];
+        mix.steered = (1.0f - uniform_share) / mass;
+        mix.even = MAD(little, mix.steered, uniform_share / length);
+        w.first = (vi)(0);
+        w.moved = false;
+        w.edge[0] = b->t_in;
+        w.begin[0] = w.begin[1] = (vf)(0.0f);
+        window_fill(&w, b, mix, STAGE1_PASS);
 
-            if (jitter)
-                draw(random, &four, drawn, lanes, seed, step, r);
-            const vf u =
-                (V_TO_FLOAT(V_TO_INT(V_IOTA + k)) + VLOAD(random + (drawn & 3u))) / (float)count;
+        vf last = b->t_in, left = b->t_in, delta = (vf)(0.0f);
 
-            drawn += jitter ? lanes : 0u;
-            VSTORE(u, place);
-            const float most = place[lanes - 1u];
+        /* a sample is written when the next one is known, half way to which it ends */
+        for (uint k = 0; k <= now->most; k++) {
+            const vf random = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
+            const vf u = ((float)k + (jitter ? random : (vf)(0.5f))) / V_TO_FLOAT(number);
+            const vi here = (vi)((int)k) < number, ends = (vi)((int)k) <= number;
+            vi move = here & (u >= w.border[w.bins]);
 
-            /* every sample takes the last bin that begins at or before it */
-            for (;;) {
-                if (b == VW) {
-                    vf ends;
-                    const vf sigma = segment_bins(STAGE1_PASS, &s, read, v.t_out, &ends);
-                    const vf part = sigma * (ends - V_SHIFT(ends, edge));
-#if CDF == 1
-                    const vf sum =
-                        V_PREFIX(fmin(part, (vf)(CLN_MAX_OPTICAL_DEPTH))) + depth[VW - 1];
-                    const vf steer = ONE_MINUS_EXP(vf, sum);
-#else
-                    const vf sum = V_PREFIX(part) + depth[VW - 1], steer = sum;
-#endif
-                    const vf f = MAD(steer, (vf)(steered), (ends - v.t_in) * even);
-
-                    VSTORE(ends, right);
-                    VSTORE(sum, depth);
-                    VSTORE(f, upto);
-                    VSTORE((ends - V_SHIFT(ends, edge)) / fmax(f - V_SHIFT(f, below), (vf)(1e-30f)),
-                           rise);
-                    read += VW;
-                    b = 0;
-                }
-                const vi here = u >= (vf)(below);
-
-                from_edge = select(from_edge, (vf)(edge), here);
-                from_u = select(from_u, (vf)(below), here);
-                slope = select(slope, (vf)(rise[b]), here);
-                /* the last samples look at all bins: whether to stop would hang on densities */
-                if (((VW == 1 || k + VW < count) && most < upto[b]) ||
-                    read - VW + b + 1u >= s.count)
-                    break;
-                edge = right[b];
-                below = upto[b];
-                b++;
+            while (V_ANY(move)) {
+                window_move(&w, move);
+                window_fill(&w, b, mix, STAGE1_PASS);
+                move = here & (u >= w.border[w.bins]);
             }
-            VSTORE(min(max(MAD(u - from_u, slope, from_edge), (vf)(v.t_in)), (vf)(v.t_out)), place);
-            for (uint l = 0; l < lanes; l++) {
-                const float t = max(last, place[l]);
+            vf from = w.edge[0], below = w.border[0], slope = w.rise[0];
 
-                if (k + l > 0) { /* the sample before ends half way to this one */
-                    const float middle = 0.5f * (last + t);
-                    const cln_sample sample = {last, middle - left, r, v.slot};
+            for (int j = 1; j < w.bins; j++) { /* the last bin that begins at or before u */
+                const vi past = u >= w.border[j];
 
-                    *out++ = sample;
-                    left = middle;
-                }
-                last = t;
+                from = select(from, w.edge[j], past);
+                below = select(below, w.border[j], past);
+                slope = select(slope, w.rise[j], past);
             }
+            const vf t = fmax(last, fmin(fmax(MAD(u - below, slope, from), b->t_in), b->t_out));
+            const vf middle = select(b->t_out, 0.5f * (last + t), here);
+
+            if (k > 0u) {
+                float ts[VW], deltas[VW];
+
+                delta = select(delta, middle - left, ends);
+                left = middle;
+                VSTORE(last, ts);
+                VSTORE(delta, deltas);
+#pragma unroll
+                for (uint l = 0; l < VW; l++) { /* of those without more, the last one again */
+                    const cln_sample sample = {ts[l], deltas[l], now->of.ray[l], now->of.slot[l]};
+
+                    samples[now->start[l] + min(k, (uint)now->number[l]) - 1u] = sample;
+                }
+            }
+            last = select(last, t, here);
         }
-        const cln_sample sample = {last, v.t_out - left, r, v.slot};
-
-        *out++ = sample;
     }
 }

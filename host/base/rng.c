@@ -41,3 +41,25 @@ uint32_t cln_bounded(uint32_t random, uint32_t n)
 {
     return (uint32_t)((uint64_t)random * n >> 32);
 }
+
+/* C. Wellons' "lowbias32". */
+static uint32_t hash(uint32_t x)
+{
+    x ^= x >> 16;
+    x *= 0x21F0AAADu;
+    x ^= x >> 15;
+    x *= 0xD35A2D97u;
+    return x ^ x >> 15;
+}
+
+float cln_uniform_hash(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
+                       uint32_t number, uint32_t draw)
+{
+    const uint32_t counter[4] = {0, stream << 24, step, 0};
+    const uint32_t key[2] = {(uint32_t)seed, (uint32_t)(seed >> 32)};
+    uint32_t words[4], own;
+
+    cln_philox(counter, key, words);
+    own = hash(hash(index ^ words[0]) + number);
+    return (float)(hash(own + (draw + 1) * 0x9E3779B9u) >> 8) * 0x1p-24f;
+}

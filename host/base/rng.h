@@ -26,6 +26,11 @@ void cln_philox(const uint32_t counter[4], const uint32_t key[2], uint32_t out[4
 void cln_uniform4(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index, uint32_t draw,
                   float out[4]);
 
+/* One uniform in [0,1), 24 bits, for (seed, stream, step, index, number, draw): the key of a stream and step by Philox,
+ * the rest by a hash (kernels/rng.h). */
+float cln_uniform_hash(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
+                       uint32_t number, uint32_t draw);
+
 /* An unbiased integer in [0, n), n > 0, from 32 random bits (multiply-shift; bias < n / 2^32). */
 uint32_t cln_bounded(uint32_t random, uint32_t n);
 

@@ -55,6 +55,12 @@ static void add_stage1_back(cln_pipeline *p, arguments *a)
     }
 }
 
+/* Work-items of a group, whose rays are about as many as elsewhere. */
+static size_t group_of(const cln_pipeline *p)
+{
+    return cln_groups((size_t)p->tune.wg, CLN_RAYS_EACH((size_t)p->tune.vw));
+}
+
 static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int all)
 {
     const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
@@ -64,8 +70,7 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     const cl_uint per_leaf = (cl_uint)p->config.samples_per_leaf;
     const cl_uint per_ray = (cl_uint)p->config.samples_per_ray;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
-    /* as many rays a group as elsewhere */
-    const size_t vw = (size_t)p->tune.vw, wg = cln_groups((size_t)p->tune.wg, vw);
+    const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
     arguments a = {.count = 0};
 
     add_stage1_front(p, &a, &n1);
@@ -88,7 +93,7 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, s->step);
     add_stage1_back(p, &a);
     return cln_launch(p->device, p->k.intervals_fill, CLN_STAGE_INTERVALS,
-                      cln_groups(cln_groups((size_t)g->rays, vw), wg), wg, a.args, a.count);
+                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.args, a.count);
 }
 
 static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g,
@@ -99,7 +104,7 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray;
     const cl_uint n = (cl_uint)emitting, rays = (cl_uint)all, jitter = s->jitter;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
-    const size_t wg = (size_t)p->tune.wg;
+    const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
     arguments a = {.count = 0};
 
     add_stage1_front(p, &a, &n1);
@@ -118,7 +123,7 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, s->step);
     add_stage1_back(p, &a);
     return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES,
-                      cln_groups((size_t)emitting, wg), wg, a.args, a.count);
+                      cln_groups(cln_groups((size_t)emitting, each), wg), wg, a.args, a.count);
 }
 
 /* Largest number of rays, at least one, whose samples fit. */

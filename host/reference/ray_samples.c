@@ -97,7 +97,7 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
     ref_interval iv[REF_MOST_INTERVALS];
     const int n = ref_intervals(way->tree, o, d, iv, REF_MOST_INTERVALS);
     double tau = 0;
-    uint32_t drawn = 0;
+    uint32_t kept = 0; /* passages with samples */
 
     out->n = 0;
     out->close = near_edges(way->tree, o, d, iv, n);
@@ -106,19 +106,19 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
         double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], xi[256], at[256], delta[256];
         const int m = way->points(way->user, r, o, d, &iv[i], t, sigma, &out->close);
         const double passage = ref_passage_depth(&iv[i], m, t, sigma);
-        float u[4];
-        int count = 0;
+        const float chance = cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
+                                              CLN_DRAW_ROULETTE + (uint32_t)i, 0);
+        const int count = ref_sample_count(&way->rule, length, side, tau, passage, chance);
 
-        cln_uniform4(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
-                     CLN_DRAW_ROULETTE + (uint32_t)i, u);
-        count = ref_sample_count(&way->rule, length, side, tau, passage, u[0]);
         out->close = out->close || close_count(&way->rule, length, side, tau, passage);
         tau += passage;
         CLN_ASSERT(count <= 256 && out->n + count <= REF_MOST_SAMPLES);
-        for (int k = 0; k < count; k++, drawn++) {
-            cln_uniform4(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r, drawn >> 2, u);
-            xi[k] = way->jitter ? (double)u[drawn & 3] : 0.5;
+        for (int k = 0; k < count; k++) {
+            xi[k] = way->jitter ? (double)cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step,
+                                                           (uint32_t)r, kept, (uint32_t)k)
+                                : 0.5;
         }
+        kept += count > 0;
         ref_sample_positions(&way->rule, iv[i].t_in, iv[i].t_out, m, t, sigma, count, xi, at);
         ref_deltas(iv[i].t_in, iv[i].t_out, count, at, delta);
         for (int k = 0; k < count; k++) {
