@@ -101,7 +101,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 /* Stage 1 and stage 2 sampling (method.md sections 4 to 7). */
 #define CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                           \
     INT(n1, "n1", 64, 12, 2, 128, "stage-1 samples per leaf and axis")                             \
-    INT(refresh_every, "refresh-every", 256, 256, 1, 1000000,                                      \
+    INT(refresh_every, "refresh-every", 256, 768, 1, 1000000,                                      \
         "most steps between refreshes of the cached stage-1 densities")                            \
     BOOL(rolling_refresh, "rolling-refresh", false, false,                                         \
          "refresh a sixteenth of the leaves every 16 steps instead of all at once")                \

@@ -721,7 +721,8 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
     }
 }
 
-/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1; lanes over their intervals. */
+/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, but none that would reach past `most` samples;
+ * lanes over their intervals. */
 __kernel void
 samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              const __global float4 *restrict ray_d,
@@ -729,13 +730,16 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              const __global uint *restrict used,              /* [ray] */
              const __global uint *restrict sample_starts,     /* [ray + 1] */
              __global cln_sample *restrict samples,           /* [sample] */
-             uint first, uint n, uint rays, float uniform_share, uint jitter, uint2 seed,
+             uint first, uint n, uint rays, uint most, float uniform_share, uint jitter, uint2 seed,
              uint step LIST_ARGUMENTS)
 {
-    const uint begin = first + (uint)get_global_id(0) * RAYS, end = min(begin + RAYS, first + n);
+    const uint begin = first + (uint)get_global_id(0) * RAYS;
+    uint end = min(begin + RAYS, first + n);
     batch batches[2];
     cursor c = {begin, 0u, 0u};
 
+    while (begin < end && sample_starts[end] > most)
+        end--;
     if (begin >= end)
         return;
     const uint key = stream_key(seed, STREAM_SAMPLES, step);

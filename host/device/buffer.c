@@ -198,10 +198,11 @@ void cln_buffer_free(cln_device *device, cln_buffer *buffer)
     memset(buffer, 0, sizeof *buffer);
 }
 
-/* The queue is in order: what was enqueued before a call that waited is done. */
-static void settle(cln_device *device)
+/* Accounts for the first `count` launches. The queue is in order: what was enqueued before a call that waited is
+ * done. */
+static void settle(cln_device *device, int count)
 {
-    for (int i = 0; i < device->pending_count; i++) {
+    for (int i = 0; i < count; i++) {
         cl_ulong start = 0, end = 0;
         const cl_event event = device->pending[i].event;
 
@@ -213,7 +214,10 @@ static void settle(cln_device *device)
             device->stage_seconds[device->pending[i].stage] += 1e-9 * (double)(end - start);
         clReleaseEvent(event);
     }
-    device->pending_count = 0;
+    device->settled += (uint64_t)count;
+    device->pending_count -= count;
+    memmove(device->pending, device->pending + count,
+            (size_t)device->pending_count * sizeof *device->pending);
 }
 
 /* The first of a range's bytes that lie in one part. */
@@ -245,7 +249,7 @@ static cln_status move_in(cln_device *device, const cln_buffer *buffer, size_t o
                                     (const char *)data + done, 0, NULL, NULL));
     }
     if (wait && bytes > 0)
-        settle(device);
+        settle(device, device->pending_count);
 done:
     return st;
 }
@@ -264,7 +268,7 @@ static cln_status move_out(cln_device *device, const cln_buffer *buffer, size_t 
                                    0, NULL, NULL));
     }
     if (wait && bytes > 0)
-        settle(device);
+        settle(device, device->pending_count);
 done:
     return st;
 }
@@ -313,7 +317,7 @@ cln_status cln_device_finish(cln_device *device)
 
     CLN_CL(clFinish(device->queue));
 done:
-    settle(device);
+    settle(device, device->pending_count);
     return st;
 }
 
@@ -323,6 +327,30 @@ cln_status cln_device_flush(cln_device *device)
 
     CLN_CL(clFlush(device->queue));
 done:
+    return st;
+}
+
+cln_status cln_device_mark(cln_device *device, cln_mark *out)
+{
+    cln_status st = CLN_OK;
+
+    out->launches = device->settled + (uint64_t)device->pending_count;
+    CLN_CL(clEnqueueMarkerWithWaitList(device->queue, 0, NULL, &out->event));
+done:
+    return st;
+}
+
+cln_status cln_device_wait(cln_device *device, cln_mark *mark)
+{
+    cln_status st = CLN_OK;
+
+    CLN_CL(clFlush(device->queue));
+    CLN_CL(clWaitForEvents(1, &mark->event));
+    if (mark->launches > device->settled)
+        settle(device, (int)(mark->launches - device->settled));
+done:
+    clReleaseEvent(mark->event);
+    mark->event = NULL;
     return st;
 }
 

@@ -77,6 +77,7 @@ typedef struct cln_device {
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
     struct cln_pending *pending;      /* events not yet accounted for */
     int pending_count, pending_capacity;
+    uint64_t settled; /* events accounted for since cln_device_open */
 } cln_device;
 
 /* Picks by desc->spec (cl_nascent.h) and opens. */
@@ -87,6 +88,15 @@ void cln_device_close(cln_device *device); /* accepts NULL */
 cln_status cln_device_finish(cln_device *device);
 /* What is enqueued starts now, if it has not yet. */
 cln_status cln_device_flush(cln_device *device);
+
+/* A place in the queue. Waiting for it waits for what was enqueued before, not for what came behind, and data
+ * of fetches before it are there. Every mark is waited for, once. */
+typedef struct cln_mark {
+    cl_event event;
+    uint64_t launches;
+} cln_mark;
+cln_status cln_device_mark(cln_device *device, cln_mark *out);
+cln_status cln_device_wait(cln_device *device, cln_mark *mark);
 
 /* "VW=8,NV=2,...", all of them. */
 void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT]);

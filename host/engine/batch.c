@@ -54,21 +54,18 @@ static void draw_bits(uint64_t seed, uint32_t stream, uint32_t step, uint32_t in
     cln_philox(counter, key, bits);
 }
 
-/* The `at`-th pixel of all training pixels, or with `cropped` a pixel of the middle half of its view. */
+/* The `at`-th pixel of all training pixels. */
 static cln_pixel locate(const cln_batch *b, const cln_scene *scene, uint64_t at)
 {
-    int low = 0, high = b->train_views - 1;
+    /* views are most often as large as each other */
+    int low = (int)((double)at / (double)b->first[b->train_views] * b->train_views);
     cln_pixel pixel = {0};
     const cln_camera *camera = NULL;
 
-    while (low < high) {
-        const int middle = low + (high - low + 1) / 2;
-
-        if (b->first[middle] <= at)
-            low = middle;
-        else
-            high = middle - 1;
-    }
+    while (b->first[low] > at)
+        low--;
+    while (b->first[low + 1] <= at)
+        low++;
     pixel.view = (cln_u32)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, low);
     camera = &scene->views[pixel.view].camera;
     at -= b->first[low];
@@ -95,6 +92,8 @@ static int by_view_and_row(const void *a, const void *b)
         return p->y < q->y ? -1 : 1;
     return p->x < q->x ? -1 : p->x > q->x;
 }
+
+enum { FETCH_AHEAD = 16 }; /* pixels lie far from each other */
 
 void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *config,
                     bool ray_background, uint32_t step, int n)
@@ -131,8 +130,10 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
     memcpy(b->backgrounds[0], scene->background, sizeof scene->background);
     for (int i = 0; i < n; i++) {
         const cln_view *view = &scene->views[b->pixels[i].view];
+        const cln_pixel *later = &b->pixels[i + FETCH_AHEAD < n ? i + FETCH_AHEAD : n - 1];
         float *back = b->backgrounds[ray_background ? i : 0], alpha = 1;
 
+        cln_view_fetch(&scene->views[later->view], (int)later->x, (int)later->y);
         if (ray_background)
             cln_uniform4(seed, CLN_STREAM_BACKGROUND, step, (uint32_t)i, 0, back);
         cln_view_pixel(view, (int)b->pixels[i].x, (int)b->pixels[i].y, back, b->targets[i], &alpha);

@@ -96,13 +96,13 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
                       cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.args, a.count);
 }
 
-static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g,
-                       int rays_used, int all)
+/* Samples of the group's rays, as far as no ray reaches past `most` samples. */
+static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int all,
+                       size_t most)
 {
-    const int last = g->first_ray + g->rays < rays_used ? g->first_ray + g->rays : rays_used;
-    const int emitting = last > g->first_ray ? last - g->first_ray : 0;
     const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray;
-    const cl_uint n = (cl_uint)emitting, rays = (cl_uint)all, jitter = s->jitter;
+    const cl_uint n = (cl_uint)g->rays, rays = (cl_uint)all, jitter = s->jitter;
+    const cl_uint allowed = most < UINT32_MAX ? (cl_uint)most : UINT32_MAX;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
     const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
     arguments a = {.count = 0};
@@ -117,13 +117,14 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, first);
     ADD(&a, n);
     ADD(&a, rays);
+    ADD(&a, allowed);
     ADD(&a, s->uniform_share);
     ADD(&a, jitter);
     ADD(&a, seed);
     ADD(&a, s->step);
     add_stage1_back(p, &a);
     return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES,
-                      cln_groups(cln_groups((size_t)emitting, each), wg), wg, a.args, a.count);
+                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.args, a.count);
 }
 
 /* Largest number of rays, at least one, whose samples fit. */
@@ -161,6 +162,10 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     const bool splat = p->config.stage1 == CLN_STAGE1_SPLAT;
     cln_splat_group all = {.first_ray = 0, .rays = n}, *groups = NULL;
     int group_count = 0;
+    cln_mark mark = {.event = NULL};
+    const size_t extra = (size_t)cln_pipeline_extra_samples(p);
+    const size_t there = p->samples.bytes / sizeof(cln_sample);
+    const size_t room = there > extra ? there - extra : 0;
 
     *rays_used = n;
     *sample_count = 0;
@@ -180,17 +185,27 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
             CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
         CLN_TRY(fill(p, s, &groups[g], n));
     }
-    CLN_TRY(cln_stage_scan(p, &p->sample_counts, &p->sample_starts, count, CLN_STAGE_INTERVALS,
-                           sample_count));
+    CLN_TRY(
+        cln_stage_scan(p, &p->sample_counts, &p->sample_starts, count, CLN_STAGE_INTERVALS, NULL));
+    CLN_TRY(cln_buffer_fetch(device, &p->sample_starts, rays * sizeof(cl_uint), &p->sample_total,
+                             sizeof p->sample_total));
+    CLN_TRY(cln_device_mark(device, &mark));
+    /* into the room that there is, most often enough: the device does not wait for the host to wait */
+    if (group_count == 1 && room > 0)
+        st = emit(p, s, &groups[0], n, room < s->max_samples ? room : s->max_samples);
+    CLN_TRY(cln_device_wait(device, &mark));
+    CLN_TRY(st);
+    *sample_count = p->sample_total;
     if (n > 0 && *sample_count > s->max_samples)
         CLN_TRY(cut(p, n, s->max_samples, rays_used, sample_count));
-    CLN_TRY(cln_buffer_reserve(
-        device, &p->samples,
-        (*sample_count + (size_t)cln_pipeline_extra_samples(p)) * sizeof(cln_sample), "samples"));
+    if (group_count == 1 && *sample_count <= room)
+        goto done;
+    CLN_TRY(cln_buffer_reserve(device, &p->samples, (*sample_count + extra) * sizeof(cln_sample),
+                               "samples"));
     for (int g = 0; g < group_count; g++) {
         if (splat && group_count > 1) /* a single group's lists are still there */
             CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
-        CLN_TRY(emit(p, s, &groups[g], *rays_used, n));
+        CLN_TRY(emit(p, s, &groups[g], n, *sample_count));
     }
 done:
     if (splat)

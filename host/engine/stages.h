@@ -118,6 +118,7 @@ typedef struct cln_pipeline {
     /* Its samples. */
     cln_buffer intervals, used; /* cln_interval [3 << depth][ray], uint [ray]: how many of them */
     cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
+    uint32_t sample_total; /* of the newest batch, once cln_stage_sample has returned */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
     cln_buffer out, dout;                                      /* float4 [sample] */
     cln_buffer measures; /* float [sample][numbers measured] */
@@ -225,7 +226,8 @@ typedef struct cln_sampling {
 } cln_sampling;
 
 /* Intervals and samples of rays 0 .. n-1. *rays_used: the batch is cut to a prefix of rays whose
- * samples fit max_samples (at least one ray, whatever it needs). Reads back the total. */
+ * samples fit max_samples (at least one ray, whatever it needs). Waits for the total, while samples are already made if
+ * as many as allowed fit the buffer that is there. */
 cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *sampling, int *rays_used,
                             uint32_t *sample_count);
 

@@ -123,6 +123,7 @@ typedef struct job {
     cln_scene *scene;
     const bool *wanted;
     uint64_t *digests; /* [view] */
+    size_t *places;    /* [view] in scene->pixels */
     atomic_int next;
     atomic_bool stop;
     pthread_mutex_t mutex; /* guards the failure */
@@ -136,6 +137,7 @@ static cln_status read_view(job *work, int index)
     cln_status st = CLN_OK;
     cln_view *view = &work->scene->views[index];
     char *data = NULL;
+    uint8_t *pixels = NULL;
     size_t bytes = 0;
     int width = 0, height = 0, channels = 0;
 
@@ -143,12 +145,16 @@ static cln_status read_view(job *work, int index)
     work->digests[index] = cln_digest(CLN_DIGEST_START, data, bytes);
     if (!work->wanted[view->split])
         goto done;
-    CLN_TRY(cln_image_decode(view->path, data, bytes, &width, &height, &channels, &view->pixels));
+    CLN_TRY(cln_image_decode(view->path, data, bytes, &width, &height, &channels, &pixels));
     if (width != view->file_width || height != view->file_height || channels != view->channels)
         CLN_TRY(
             cln_fail(CLN_INPUT, "%s: the file changed while it was read; try again", view->path));
-    CLN_TRY(cln_image_downscale(work->scene->downscale, &width, &height, channels, &view->pixels));
+    CLN_TRY(cln_image_downscale(work->scene->downscale, &width, &height, channels, &pixels));
+    CLN_ASSERT(width == view->camera.width && height == view->camera.height);
+    view->pixels = work->scene->pixels + work->places[index];
+    memcpy(view->pixels, pixels, (size_t)width * (size_t)height * (size_t)channels);
 done:
+    free(pixels);
     free(data);
     return st;
 }
@@ -186,6 +192,26 @@ static void *read_views(void *argument)
     return NULL;
 }
 
+/* Room for the pixels of all wanted views. */
+static cln_status make_room(job *work)
+{
+    cln_status st = CLN_OK;
+    cln_scene *scene = work->scene;
+    size_t bytes = 0;
+
+    CLN_TRY(cln_alloc(&work->places, (size_t)scene->view_count, sizeof *work->places, "images"));
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+
+        work->places[i] = bytes;
+        if (work->wanted[v->split])
+            bytes += (size_t)v->camera.width * (size_t)v->camera.height * (size_t)v->channels;
+    }
+    CLN_TRY(cln_alloc(&scene->pixels, bytes, 1, "images"));
+done:
+    return st;
+}
+
 cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS])
 {
     cln_status st = CLN_OK;
@@ -195,6 +221,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
 
     pthread_mutex_init(&work.mutex, NULL);
     CLN_TRY(cln_alloc(&work.digests, (size_t)scene->view_count, sizeof *work.digests, "digests"));
+    CLN_TRY(make_room(&work));
     /* This thread works too; if no other can be started it works alone. */
     while (started < THREADS - 1 && !pthread_create(&threads[started], NULL, read_views, &work))
         started++;
@@ -207,6 +234,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
 done:
     free(work.digests);
+    free(work.places);
     free(work.sentence);
     pthread_mutex_destroy(&work.mutex);
     return st;

@@ -59,7 +59,6 @@ static void free_views(cln_view *views, int count)
     for (int i = 0; i < count; i++) {
         free(views[i].name);
         free(views[i].path);
-        free(views[i].pixels);
     }
     free(views);
 }
@@ -139,6 +138,7 @@ void cln_scene_free(cln_scene *scene)
     if (!scene)
         return;
     free_views(scene->views, scene->view_count);
+    free(scene->pixels);
     free(scene->folder);
     free(scene->because);
     free(scene->split_rule);
@@ -146,11 +146,21 @@ void cln_scene_free(cln_scene *scene)
     free(scene);
 }
 
+static const uint8_t *pixel_of(const cln_view *view, int x, int y)
+{
+    return view->pixels +
+           ((size_t)y * (size_t)view->camera.width + (size_t)x) * (size_t)view->channels;
+}
+
+void cln_view_fetch(const cln_view *view, int x, int y)
+{
+    __builtin_prefetch(pixel_of(view, x, y));
+}
+
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha)
 {
-    const uint8_t *p = view->pixels + ((size_t)y * (size_t)view->camera.width + (size_t)x) *
-                                          (size_t)view->channels;
+    const uint8_t *p = pixel_of(view, x, y);
 
     *alpha = view->channels == 4 ? (float)p[3] / 255 : 1;
     for (int c = 0; c < 3; c++)

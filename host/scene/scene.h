@@ -47,7 +47,7 @@ typedef struct cln_view {
     cln_camera camera;           /* at the size of `pixels` */
     int file_width, file_height; /* size before --downscale */
     int channels;                /* 3, or 4 with straight alpha */
-    uint8_t *pixels;             /* [height][width][channels]; NULL if not loaded */
+    uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not loaded */
 } cln_view;
 
 typedef struct cln_scene {
@@ -57,7 +57,8 @@ typedef struct cln_scene {
     char *split_rule;    /* how views were split, a phrase */
     int downscale;
     int view_count;
-    cln_view *views;                /* train, then val, then test; by name within a split */
+    cln_view *views; /* train, then val, then test; by name within a split */
+    uint8_t *pixels; /* of all loaded views: one piece, so that it lies in huge pages */
     bool has_alpha, has_distortion; /* over the views of all splits */
     double centre[3], half;         /* root cube = centre + [-half, half]^3, world units */
     char *bounds_rule;              /* where the cube comes from, a phrase */
@@ -89,6 +90,8 @@ bool cln_scene_focus(const cln_scene *scene, double point[3]);
  * without). */
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha);
+/* Brings that pixel into the cache, for those who read pixels here and there. */
+void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, splits,
  * split_rule, sizes, channels, alpha, distortion, downscale, centre, half, bounds_rule, background,
