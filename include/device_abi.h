@@ -63,6 +63,16 @@ typedef struct cln_ray_result {
 /* Numbers of a ray's random values (base/rng.h): those of its samples go by the number of the interval. */
 #define CLN_DRAW_ROULETTE 0x800000u /* on, by the passage's number */
 
+/* Entries of the octree map that stand for empty cells: the sign bit, and a box of cells around: five bits each for
+ * its lowest x, y, z and its highest. */
+#define CLN_MAP_EMPTY 0x80000000u
+#define CLN_MAP_BOX(corner, high)                           \
+    ((cln_u32)((corner)[0] - (high)) << 15 * (high) |       \
+     (cln_u32)((corner)[1] - (high)) << (15 * (high) + 5) | \
+     (cln_u32)((corner)[2] - (high)) << (15 * (high) + 10))
+#define CLN_MAP_LOW(entry, axis)  ((entry) >> 5 * (axis)&31)
+#define CLN_MAP_HIGH(entry, axis) (((entry) >> (15 + 5 * (axis)) & 31) + 1)
+
 /* Rays of a work-item of the sampling kernels, with vectors of vw floats. */
 #define CLN_RAYS_EACH(vw) ((vw) == 1 ? 1 : 64)
 

@@ -93,15 +93,16 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
         w->cell[a] = cell_of(w->o[a], w->d[a], t0, 0.5f * (float)(1 << depth), none, last);
 }
 
-/* Every ray to where it leaves the leaf or culled node that it is in; returns their map entries, 0 of
+/* Every ray to where it leaves the leaf or empty box that it is in; returns their map entries, 0 of
  * rays that walk no more, as those do that leave the cube. Progress is by integers: the crossed axis
- * steps over the node's face, the others stay within its extent, so no rounding can trap the walk. */
+ * steps over the box's face, the others stay within its extent and never go back, so no rounding can trap
+ * the walk. */
 HELPER vi walk_next(walk *w, const __global int *map, int depth)
 {
     const int n = 1 << depth;
     const float side = 2.0f / (float)n;
     const vi was_more = w->more;
-    vi base[3], plane[3];
+    vi low[3], high[3], plane[3];
     vf exits[3], t = (vf)(NEVER);
     int at[VW], found[VW];
 
@@ -110,12 +111,16 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
 #pragma unroll
     for (int l = 0; l < VW; l++)
         found[l] = map[at[l]];
-    const vi entry = VLOAD(found), size = (vi)(1) << (depth - (entry & 15));
+    const vi entry = VLOAD(found), size = (vi)(1) << (depth - (entry & 15)),
+             empty = entry < (vi)(0);
 
 #pragma unroll
     for (int a = 0; a < 3; a++) {
-        base[a] = w->cell[a] & -size;
-        plane[a] = base[a] + (size & w->ascends[a]);
+        const vi corner = w->cell[a] & -size;
+
+        low[a] = select(corner, CLN_MAP_LOW(entry, a), empty);
+        high[a] = select(corner + size, CLN_MAP_HIGH(entry, a), empty);
+        plane[a] = select(low[a], high[a], w->ascends[a]);
         exits[a] = MAD(V_TO_FLOAT(plane[a]) * side - 1.0f - w->o[a], w->inverse[a], w->never[a]);
         t = fmin(t, exits[a]);
     }
@@ -124,7 +129,10 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
 #pragma unroll
     for (int a = 0; a < 3; a++) {
         const vi over = plane[a] + ~w->ascends[a];
-        const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, base[a], base[a] + size - 1);
+        /* never back, or rays along edges would go between two boxes for ever */
+        const vi from = select(low[a], w->cell[a], w->ascends[a]);
+        const vi to = select(w->cell[a], high[a] - 1, w->ascends[a]);
+        const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, from, to);
 
         w->cell[a] = select(along, over, exits[a] <= t);
         w->more = w->more & (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n));

@@ -230,6 +230,71 @@ static void test_special_rays(void **state)
         check_special(level % TUNE_SETS, level);
 }
 
+/* Rays from one corner of cells to another through a tree full of holes: where every step may round to either
+ * side of an edge, the walk comes to its end, with samples front to back. */
+static void check_corners(int set)
+{
+    enum { RAYS = 4096 };
+    const sampling_case *c = &cases[0];
+    cln_config config = config_of(c);
+    const cln_sampling sampling = sampling_of(c);
+    cln_pipeline *p = NULL;
+    float(*o)[4] = test_alloc(RAYS, sizeof *o), (*d)[4] = test_alloc(RAYS, sizeof *d);
+    uint8_t *marks = NULL;
+    cln_octree_change change = {0};
+    device_samples got;
+    cln_model model;
+
+    config.start_level = 5;
+    config.n1 = 2;
+    p = test_pipeline(&tune_sets[set], &config, false, false);
+    assert_ok(cln_model_create(&config, &model));
+    marks = test_alloc((size_t)model.tree.leaf_count, 1);
+    for (int s = 0; s < model.tree.leaf_count; s++)
+        marks[s] = test_uniform(3, s, 0, 1) < 0.97;
+    assert_ok(cln_octree_cull(&model.tree, marks, &change));
+    assert_ok(cln_model_apply(&model, &change));
+    for (int r = 0; r < RAYS; r++) {
+        double from[3], along[3];
+
+        for (int a = 0; a < 3; a++) {
+            from[a] = floor(test_uniform(4, 6 * r + a, 0, 33)) / 16 - 1;
+            along[a] = floor(test_uniform(4, 6 * r + 3 + a, 0, 33)) / 16 - 1 - from[a];
+        }
+        if (along[0] == 0 && along[1] == 0 && along[2] == 0)
+            along[0] = 1;
+        unit(along, d[r]);
+        for (int a = 0; a < 3; a++)
+            o[r][a] = (float)(from[a] - 3 * (double)d[r][a]);
+        o[r][3] = 0;
+    }
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    test_fill(p->device, &p->ray_o, o, RAYS * sizeof *o);
+    test_fill(p->device, &p->ray_d, d, RAYS * sizeof *d);
+    run_stage(p, RAYS, &sampling, &got);
+    assert_true(got.n > RAYS / 2);
+    for (int r = 0; r < RAYS; r++)
+        for (uint32_t i = got.starts[r]; i < got.starts[r + 1]; i++) {
+            const cln_sample *s = &got.samples[i];
+
+            assert_true(isfinite(s->t) && isfinite(s->delta) && s->delta >= 0);
+            assert_true(i == got.starts[r] || s->t >= s[-1].t);
+        }
+    device_samples_free(&got);
+    cln_octree_change_free(&change);
+    cln_model_free(&model);
+    free(marks);
+    free(o);
+    free(d);
+}
+
+static void test_corners(void **state)
+{
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++)
+        check_corners(set);
+}
+
 /* Slots on rays with exact numbers: axis-parallel ones in the interior and on faces, where the half-open
  * boxes decide. */
 static void test_exact_slots(void **state)
@@ -368,8 +433,8 @@ int test_group_sampling(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_random_rays), cmocka_unit_test(test_special_rays),
-        cmocka_unit_test(test_exact_slots), cmocka_unit_test(test_cut),
-        cmocka_unit_test(test_in_parts),
+        cmocka_unit_test(test_corners),     cmocka_unit_test(test_exact_slots),
+        cmocka_unit_test(test_cut),         cmocka_unit_test(test_in_parts),
     };
 
     return cmocka_run_group_tests_name("sampling", tests, NULL, test_device_close);

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "device_abi.h"
 
 enum { ROW = 8, ROW_STATE = 0, ROW_LEVEL, ROW_STRIKES, ROW_PARENT, ROW_CHILD, ROW_POS };
 
@@ -357,37 +358,120 @@ int cln_octree_find(const cln_octree *tree, const double point[3])
     return tree->state[node] == CLN_NODE_ACTIVE ? tree->slot[node] : -1;
 }
 
-static void fill_map(const cln_octree *tree, int node, int depth, int32_t *map)
+static size_t cell_at(int x, int y, int z, int n)
 {
-    int n = 1 << depth, level = tree->level[node], side = 1 << (depth - level);
-    int32_t value = (tree->slot[node] + 1) << 4 | level;
+    return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
+}
 
-    if (tree->state[node] == CLN_NODE_INNER) {
-        for (int i = 0; i < 8; i++)
-            fill_map(tree, tree->child[node] + i, depth, map);
-        return;
+/* Sets the cells of [low, high). */
+static void fill_box(int32_t *map, int n, const int low[3], const int high[3], int32_t value)
+{
+    for (int z = low[2]; z < high[2]; z++)
+        for (int y = low[1]; y < high[1]; y++)
+            for (int x = low[0]; x < high[0]; x++)
+                map[cell_at(x, y, z, n)] = value;
+}
+
+/* The cells of a node, at `depth`. */
+static void cells_of(const cln_octree *tree, int node, int depth, int low[3], int high[3])
+{
+    const int side = 1 << (depth - tree->level[node]);
+
+    for (int a = 0; a < 3; a++) {
+        low[a] = tree->pos[node][a] * side;
+        high[a] = low[a] + side;
     }
-    for (int z = 0; z < side; z++)
-        for (int y = 0; y < side; y++)
-            for (int x = 0; x < side; x++) {
-                int cx = tree->pos[node][0] * side + x, cy = tree->pos[node][1] * side + y;
-                int cz = tree->pos[node][2] * side + z;
-                map[(cz * n + cy) * n + cx] = value;
+}
+
+/* sums[z][y][x], (n + 1)^3: leaves' cells below (x, y, z), so that a box is known to be empty by eight of them. */
+static void sum_up(const int32_t *map, int n, int32_t *sums)
+{
+    for (int z = 1; z <= n; z++)
+        for (int y = 1; y <= n; y++) {
+            int32_t row = 0;
+
+            for (int x = 1; x <= n; x++) {
+                row += map[cell_at(x - 1, y - 1, z - 1, n)] != 0;
+                sums[cell_at(x, y, z, n + 1)] = row + sums[cell_at(x, y - 1, z, n + 1)] +
+                                                sums[cell_at(x, y, z - 1, n + 1)] -
+                                                sums[cell_at(x, y - 1, z - 1, n + 1)];
             }
+        }
+}
+
+static bool is_empty(const int32_t *sums, int n, const int low[3], const int high[3])
+{
+    int32_t cells = 0;
+
+    for (int corner = 0; corner < 8; corner++) {
+        const int x = corner & 1 ? high[0] : low[0], y = corner & 2 ? high[1] : low[1];
+        const int z = corner & 4 ? high[2] : low[2],
+                  sign = __builtin_popcount((unsigned)corner) & 1;
+
+        cells += (sign ? 1 : -1) * sums[cell_at(x, y, z, n + 1)];
+    }
+    return cells == 0;
+}
+
+/* Grows an empty box by a layer of cells on each side in turn, until none can grow. */
+static void grow_box(const int32_t *sums, int n, int low[3], int high[3])
+{
+    for (int side = 0, stuck = 0; stuck < 6; side = (side + 1) % 6) {
+        int *end = side < 3 ? &low[side] : &high[side - 3];
+        const int was = *end;
+
+        *end += side < 3 ? -1 : 1;
+        if (*end < 0 || *end > n || !is_empty(sums, n, low, high)) {
+            *end = was;
+            stuck++;
+        } else {
+            stuck = 0;
+        }
+    }
 }
 
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
 {
+    cln_status st = CLN_OK;
+    const int n = 1 << depth;
+    const size_t corners = (size_t)(n + 1) * (size_t)(n + 1) * (size_t)(n + 1);
+    int32_t *sums = NULL;
+    int low[3], high[3];
+
     *map = NULL;
     /* No leaf is deeper than the deepest ACTIVE one: eight culled siblings become one culled
      * node. */
     if (depth < cln_octree_depth(tree) || depth > CLN_MAX_LEVEL)
         return cln_fail(CLN_INTERNAL, "octree map at level %d: leaves go down to level %d", depth,
                         cln_octree_depth(tree));
-    if (cln_alloc(map, (size_t)1 << (3 * depth), sizeof **map, "octree map") != CLN_OK)
-        return CLN_MEMORY;
-    fill_map(tree, 0, depth, *map);
-    return CLN_OK;
+    CLN_TRY(cln_alloc(map, (size_t)n * (size_t)n * (size_t)n, sizeof **map, "octree map"));
+    CLN_TRY(cln_alloc(&sums, corners, sizeof *sums, "octree map"));
+    for (int s = 0; s < tree->leaf_count; s++) {
+        const int node = tree->leaf[s];
+
+        cells_of(tree, node, depth, low, high);
+        fill_box(*map, n, low, high, (s + 1) << 4 | tree->level[node]);
+    }
+    sum_up(*map, n, sums);
+    for (int node = 0; node < tree->node_count; node++) {
+        int from[3], to[3];
+
+        if (tree->state[node] != CLN_NODE_CULLED || tree->level[node] > depth)
+            continue;
+        cells_of(tree, node, depth, low, high);
+        memcpy(from, low, sizeof from);
+        memcpy(to, high, sizeof to);
+        grow_box(sums, n, from, to);
+        fill_box(*map, n, low, high,
+                 (int32_t)(CLN_MAP_EMPTY | CLN_MAP_BOX(from, 0) | CLN_MAP_BOX(to, 1)));
+    }
+done:
+    free(sums);
+    if (st != CLN_OK) {
+        free(*map);
+        *map = NULL;
+    }
+    return st;
 }
 
 void cln_octree_box(const cln_octree *tree, int node, float box[4])

@@ -72,8 +72,9 @@ int cln_octree_depth(const cln_octree *tree);
 int cln_octree_find(const cln_octree *tree, const double point[3]);
 
 /* The tree as the kernels read it: a dense map at level `depth`, cell (x,y,z) at index
- * (z * n + y) * n + x with n = 2^depth: (slot + 1) << 4 | level of the leaf or culled node there
- * (slot + 1 = 0 for culled). The caller frees *map ([n^3]). */
+ * (z * n + y) * n + x with n = 2^depth: (slot + 1) << 4 | level of the leaf there, or where there is none a
+ * negative number with an empty box of cells around it, as large as it grew (device_abi.h). The caller frees
+ * *map ([n^3]). */
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map);
 
 /* Minimum and side of a node's box, normalised units; exact. */
