@@ -263,6 +263,29 @@ static void test_cull_collapses(void **state)
     cln_octree_free(&tree);
 }
 
+/* A merged leaf beside leaves as deep as its children were: those, still in the table, hide nothing of it. */
+static void test_merge_one_of_two(void **state)
+{
+    const uint8_t split[8] = {0, 0, 1, 0, 0, 1};
+    uint8_t merge[22] = {0};
+    float weight[22] = {0};
+    cln_octree tree;
+    cln_octree_change change;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(1, &tree), CLN_OK);
+    assert_int_equal(cln_octree_split(&tree, split, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    assert_int_equal(tree.leaf_count, 22);
+    merge[3] = 1;
+    assert_int_equal(cln_octree_merge(&tree, merge, weight, &change), CLN_OK);
+    assert_int_equal(tree.leaf_count, 15);
+    assert_int_equal(cln_octree_depth(&tree), 2);
+    check_tree(&tree);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+}
+
 /* Merging: groups become their parent, which comes from the heaviest sibling; slots stay in order. */
 static void test_merge(void **state)
 {
@@ -482,6 +505,7 @@ int test_group_octree(void)
         cmocka_unit_test(test_split_stops_at_deepest),
         cmocka_unit_test(test_cull_collapses),
         cmocka_unit_test(test_merge),
+        cmocka_unit_test(test_merge_one_of_two),
         cmocka_unit_test(test_random_histories),
         cmocka_unit_test(test_unpack_refuses),
         cmocka_unit_test(test_unpack_fuzz),

@@ -430,6 +430,26 @@ static void grow_box(const int32_t *sums, int n, int low[3], int high[3])
     }
 }
 
+/* Boxes for the culled nodes from `node` down. Of those in the table, some belong to no tree. */
+static void fill_empty(const cln_octree *tree, int node, int depth, const int32_t *sums,
+                       int32_t *map)
+{
+    const int n = 1 << depth;
+    int low[3], high[3], from[3], to[3];
+
+    if (tree->state[node] == CLN_NODE_INNER)
+        for (int i = 0; i < 8; i++)
+            fill_empty(tree, tree->child[node] + i, depth, sums, map);
+    if (tree->state[node] != CLN_NODE_CULLED)
+        return;
+    cells_of(tree, node, depth, low, high);
+    memcpy(from, low, sizeof from);
+    memcpy(to, high, sizeof to);
+    grow_box(sums, n, from, to);
+    fill_box(map, n, low, high,
+             (int32_t)(CLN_MAP_EMPTY | CLN_MAP_BOX(from, 0) | CLN_MAP_BOX(to, 1)));
+}
+
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
 {
     cln_status st = CLN_OK;
@@ -453,18 +473,7 @@ cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
         fill_box(*map, n, low, high, (s + 1) << 4 | tree->level[node]);
     }
     sum_up(*map, n, sums);
-    for (int node = 0; node < tree->node_count; node++) {
-        int from[3], to[3];
-
-        if (tree->state[node] != CLN_NODE_CULLED || tree->level[node] > depth)
-            continue;
-        cells_of(tree, node, depth, low, high);
-        memcpy(from, low, sizeof from);
-        memcpy(to, high, sizeof to);
-        grow_box(sums, n, from, to);
-        fill_box(*map, n, low, high,
-                 (int32_t)(CLN_MAP_EMPTY | CLN_MAP_BOX(from, 0) | CLN_MAP_BOX(to, 1)));
-    }
+    fill_empty(tree, 0, depth, sums, *map);
 done:
     free(sums);
     if (st != CLN_OK) {
