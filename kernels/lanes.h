@@ -79,58 +79,11 @@ HELPER float v_sum16(float16 v)
 #error "VW must be 1, 2, 4, 8 or 16"
 #endif
 
-/* Any lane of a comparison? Lanes moved up by one, x into the first; sums of the lanes up to each. */
+/* Any lane of a comparison? */
 #if VW == 1
-#define V_ANY(c)      (c)
-#define V_SHIFT(v, x) (x)
-#define V_PREFIX(v)   (v)
+#define V_ANY(c) (c)
 #else
-#define V_ANY(c)      any(c)
-#define V_SHIFT(v, x) v_shift(v, x)
-#define V_PREFIX(v)   v_prefix(v)
-#if VW == 2
-HELPER vf v_shift(vf v, float x)
-{
-    return (vf)(x, v.x);
-}
-HELPER vf v_prefix(vf v)
-{
-    return v + (vf)(0.0f, v.x);
-}
-#elif VW == 4
-HELPER vf v_shift(vf v, float x)
-{
-    return (vf)(x, v.s012);
-}
-HELPER vf v_prefix(vf v)
-{
-    v += v_shift(v, 0.0f);
-    return v + (vf)((float2)(0.0f), v.lo);
-}
-#elif VW == 8
-HELPER vf v_shift(vf v, float x)
-{
-    return (vf)(x, v.s012, v.s3456);
-}
-HELPER vf v_prefix(vf v)
-{
-    v += v_shift(v, 0.0f);
-    v += (vf)((float2)(0.0f), v.s01, v.s2345);
-    return v + (vf)((float4)(0.0f), v.lo);
-}
-#else
-HELPER vf v_shift(vf v, float x)
-{
-    return (vf)(x, v.s012, v.s3456, v.s789abcde);
-}
-HELPER vf v_prefix(vf v)
-{
-    v += v_shift(v, 0.0f);
-    v += (vf)((float2)(0.0f), v.s01, v.s2345, v.s6789abcd);
-    v += (vf)((float4)(0.0f), v.s0123, v.s456789ab);
-    return v + (vf)((float8)(0.0f), v.lo);
-}
-#endif
+#define V_ANY(c) any(c)
 #endif
 
 #ifndef NATIVE
