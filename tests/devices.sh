@@ -154,7 +154,7 @@ section_broken() {
     noticed "a missing barrier" network.h 's/^#define GROUP_SYNC() barrier.*/#define GROUP_SYNC()/' \
         "networks: (colour|density) "
     # right by float64 (any random number is), but not what the others make of it
-    noticed "other random numbers" sampling.cl 's/step, r, (drawn + at) >> 2)/step + 1u, r, (drawn + at) >> 2)/' \
+    noticed "other random numbers" sampling.cl 's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
         "samples: where, as the other"
     [ -d "$work/scene" ] || "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
     break_kernel regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' || return

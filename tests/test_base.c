@@ -9,6 +9,7 @@
 #include <dirent.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -85,6 +86,37 @@ static void test_uniform(void **state)
     assert_memory_not_equal(a, b, sizeof a);
     cln_uniform4(1, 2, 3, 4, 6, b);
     assert_memory_not_equal(a, b, sizeof a);
+}
+
+/* The numbers by hash: uniform, and those next to each other in any of their five arguments have nothing to do with
+ * each other (a correlation of 100,000 pairs stays within five standard deviations). */
+static void test_uniform_hash(void **state)
+{
+    enum { N = 100000 };
+    double sum = 0, squares = 0, products[5] = {0};
+
+    (void)state;
+    for (uint32_t i = 0; i < N; i++) {
+        const uint32_t seed = i % 3, step = i % 7, index = i, number = i % 11, draw = i % 13;
+        const double a = (double)cln_uniform_hash(seed, 4, step, index, number, draw) - 0.5;
+        const float next[5] = {
+            cln_uniform_hash(seed + 3, 4, step, index, number, draw),
+            cln_uniform_hash(seed, 4, step + 7, index, number, draw),
+            cln_uniform_hash(seed, 4, step, index + 1, number, draw),
+            cln_uniform_hash(seed, 4, step, index, number + 11, draw),
+            cln_uniform_hash(seed, 4, step, index, number, draw + 13),
+        };
+
+        assert_true(a >= -0.5 && a < 0.5);
+        sum += a;
+        squares += a * a;
+        for (int k = 0; k < 5; k++)
+            products[k] += a * ((double)next[k] - 0.5);
+    }
+    assert_true(fabs(sum / N) < 5 * sqrt(1.0 / 12 / N));
+    assert_true(fabs(squares / N - 1.0 / 12) < 5 * sqrt(1.0 / 180 / N));
+    for (int k = 0; k < 5; k++)
+        assert_true(fabs(products[k] / N) < 5 * sqrt(1.0 / 144 / N));
 }
 
 /* The documented packing of the counter: index, stream << 24 | draw, step, 0; 24 high bits. */
@@ -481,6 +513,7 @@ int test_group_base(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_philox_known_answers),
         cmocka_unit_test(test_uniform),
+        cmocka_unit_test(test_uniform_hash),
         cmocka_unit_test(test_uniform_packing),
         cmocka_unit_test(test_bounded),
         cmocka_unit_test(test_first_failure_wins),

@@ -42,8 +42,7 @@ uint32_t cln_bounded(uint32_t random, uint32_t n)
     return (uint32_t)((uint64_t)random * n >> 32);
 }
 
-/* C. Wellons' "lowbias32". */
-static uint32_t hash(uint32_t x)
+uint32_t cln_hash(uint32_t x)
 {
     x ^= x >> 16;
     x *= 0x21F0AAADu;
@@ -60,6 +59,6 @@ float cln_uniform_hash(uint64_t seed, uint32_t stream, uint32_t step, uint32_t i
     uint32_t words[4], own;
 
     cln_philox(counter, key, words);
-    own = hash(hash(index ^ words[0]) + number);
-    return (float)(hash(own + (draw + 1) * 0x9E3779B9u) >> 8) * 0x1p-24f;
+    own = cln_hash(cln_hash(index ^ words[0]) + number);
+    return (float)(cln_hash(own + (draw + 1) * 0x9E3779B9u) >> 8) * 0x1p-24f;
 }

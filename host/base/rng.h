@@ -26,6 +26,9 @@ void cln_philox(const uint32_t counter[4], const uint32_t key[2], uint32_t out[4
 void cln_uniform4(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index, uint32_t draw,
                   float out[4]);
 
+/* A well-mixed 32-bit hash, C. Wellons' "lowbias32", as kernels/rng.h has it. */
+uint32_t cln_hash(uint32_t x);
+
 /* One uniform in [0,1), 24 bits, for (seed, stream, step, index, number, draw): the key of a stream and step by Philox,
  * the rest by a hash (kernels/rng.h). */
 float cln_uniform_hash(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,

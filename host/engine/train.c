@@ -11,6 +11,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/rng.h"
 #include "engine/batch.h"
 #include "engine/maintain.h"
 #include "engine/record.h"
@@ -49,15 +50,6 @@ static int64_t steps_of_epochs(const cln_trainer *t)
 }
 
 /* ---- one step ---- */
-
-static uint32_t mix(uint32_t x)
-{
-    x ^= x >> 16;
-    x *= 0x21F0AAADu;
-    x ^= x >> 15;
-    x *= 0xD35A2D97u;
-    return x ^ x >> 15;
-}
 
 /* Rays for the next step: --rays, more where leaves would meet too few samples, fewer where samples would pass
  * what is aimed at. Integers only, bounded change. */
@@ -133,7 +125,8 @@ static cln_status step(cln_trainer *t, double fraction)
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     cln_pipeline *p = &t->pipeline;
-    const uint32_t number = (uint32_t)t->model.step, key = mix(number + mix((uint32_t)c->seed));
+    const uint32_t number = (uint32_t)t->model.step,
+                   key = cln_hash(number + cln_hash((uint32_t)c->seed));
     const cln_sampling sampling = {.jitter = true,
                                    .t_min = fraction >= c->occlusion_from ? (float)c->t_min : 0.0f,
                                    .uniform_share = (float)c->uniform_share,

@@ -1,0 +1,268 @@
+/* Stage 1 along rays (method.md 4, 5), read through one interface for VW passages through leaves at a time, one a lane:
+ * bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). The stage-1 points of a passage stand
+ * ascending in t, with their densities; a bin reaches half way to the neighbours, and the last one to the chord's
+ * end. Used by sampling.cl. Two ways give the points:
+ *   STAGE1 1 (gather)  n1-spaced points on the chord, nearest cell of the leaf's cached densities
+ *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel of
+ *                      the leaf's level (splat.cl)
+ *
+ *   PADDED 0 | 1: lists at list * longest
+ */
+#ifndef STAGE1
+#define STAGE1 1
+#define PADDED 0
+#endif
+
+/* Points of a passage that are worked out at once: all of them for 12^3 cells, others come in turns. */
+#define POINTS 24
+#define KEPT   (VW > 1 ? POINTS : 0)
+
+typedef struct bundle {
+    vf t_in, t_out;
+    vi count; /* points; splat: perhaps none */
+#if STAGE1 == 1
+    vf step, at[3], along[3]; /* cell coordinates at t_in, and per unit of t */
+    const __global ushort *cells[VW];
+#if KEPT > 0
+    int kept[KEPT * VW]; /* which cells the first points read */
+#endif
+#else
+    uint first[VW]; /* entries of the lists */
+#endif
+} bundle;
+
+/* What passages a bundle is made of. Lanes without one hold another one, or an empty one. */
+typedef struct lanes {
+    float t_in[VW], t_out[VW];
+    uint ray[VW];
+    int slot[VW], level[VW];
+} lanes;
+
+#if STAGE1 == 1
+#define STAGE1_ARGUMENTS                                                   \
+    LEAF_ARRAY(const ushort, density),         /* [leaf][n1^3] bfloat16 */ \
+        const __global float4 *restrict boxes, /* [leaf] */                \
+        uint n1
+#define STAGE1_PASS LEAF_PASS(density), boxes, n1
+#define LIST_ARGUMENTS
+#define LIST_PASS
+
+HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __global float4 *ray_o,
+                        const __global float4 *ray_d LIST_ARGUMENTS)
+{
+    float o[3][VW], d[3][VW], low[3][VW], side[VW];
+
+#pragma unroll
+    for (int l = 0; l < VW; l++) {
+        const float4 from = ray_o[p->ray[l]], along = ray_d[p->ray[l]], box = boxes[p->slot[l]];
+
+        o[0][l] = from.x;
+        o[1][l] = from.y;
+        o[2][l] = from.z;
+        d[0][l] = along.x;
+        d[1][l] = along.y;
+        d[2][l] = along.z;
+        low[0][l] = box.x;
+        low[1][l] = box.y;
+        low[2][l] = box.z;
+        side[l] = box.w;
+        b->cells[l] = LEAF_ROW(density, p->slot[l], n1 * n1 * n1);
+    }
+    const vf scale = (float)n1 / VLOAD(side);
+
+    b->t_in = VLOAD(p->t_in);
+    b->t_out = VLOAD(p->t_out);
+    const vf cells = (b->t_out - b->t_in) * scale;
+    const vi whole = V_TO_INT(cells);
+
+    b->count = max((vi)(1), select(whole, whole + 1, V_TO_FLOAT(whole) < cells)); /* ceil */
+    b->step = (b->t_out - b->t_in) / V_TO_FLOAT(b->count);
+#pragma unroll
+    for (int a = 0; a < 3; a++) {
+        b->at[a] = (MAD(b->t_in, VLOAD(d[a]), VLOAD(o[a])) - VLOAD(low[a])) * scale;
+        b->along[a] = VLOAD(d[a]) * scale;
+    }
+}
+
+/* Cells of points j. */
+HELPER vi bundle_cells(const bundle *b, vi j, uint n1)
+{
+    const vi last = (vi)((int)n1 - 1), none = (vi)(0);
+    const vf ahead = (V_TO_FLOAT(j) + 0.5f) * b->step;
+    const vi x = clamp(V_TO_INT(MAD(ahead, b->along[0], b->at[0])), none, last);
+    const vi y = clamp(V_TO_INT(MAD(ahead, b->along[1], b->at[1])), none, last);
+    const vi z = clamp(V_TO_INT(MAD(ahead, b->along[2], b->at[2])), none, last);
+
+    return (z * (int)n1 + y) * (int)n1 + x;
+}
+
+/* What the first points will read comes into the cache. */
+HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
+{
+    (void)boxes;
+#if KEPT > 0
+    for (int j = 0; j < KEPT && V_ANY((vi)(j) < b->count); j++) {
+        VSTORE(bundle_cells(b, (vi)(j), n1), b->kept + j * VW);
+#pragma unroll
+        for (int l = 0; l < VW; l++)
+            FETCH(b->cells[l] + b->kept[j * VW + l]);
+    }
+#endif
+}
+
+/* Densities of points first + j, zero beyond the last one; first: a lane's own. */
+HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept)
+{
+    ushort bits[VW];
+
+    (void)boxes;
+#if KEPT > 0
+    if (kept) {
+#pragma unroll
+        for (int l = 0; l < VW; l++)
+            bits[l] = b->cells[l][b->kept[j * VW + l]];
+    } else
+#endif
+    {
+        int cell[VW];
+
+        VSTORE(bundle_cells(b, first + j, n1), cell);
+#pragma unroll
+        for (int l = 0; l < VW; l++)
+            bits[l] = b->cells[l][cell[l]];
+    }
+    return select((vf)(0.0f), V_AS_FLOAT(V_TO_UINT(VLOAD(bits)) << 16), first + j < b->count);
+}
+
+/* Optical depths of the passages, by stage 1. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
+{
+    const vi none = (vi)(0);
+    vf sum = (vf)(0.0f);
+
+    for (int j = 0; V_ANY((vi)(j) < b->count); j++)
+        sum += bundle_points(b, STAGE1_PASS, none, j, j < KEPT);
+    return sum * b->step;
+}
+
+/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the end of the chord. */
+HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept, vf *right)
+{
+    *right = select(b->t_out, MAD(V_TO_FLOAT(first + j + 1), b->step, b->t_in),
+                    first + j + 1 < b->count);
+    return bundle_points(b, STAGE1_PASS, first, j, kept);
+}
+
+/* Mean densities of the passages' points. */
+HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
+{
+    return depth / (b->t_out - b->t_in); /* points are equally far apart */
+}
+#else
+#define STAGE1_ARGUMENTS                                                                \
+    const __global uint *restrict list_start,     /* [list + 1] */                      \
+        const __global float *restrict list_t,    /* [entry] ascending within a list */ \
+        const __global float *restrict list_sigma /* [entry] */
+#define STAGE1_PASS list_start, list_t, list_sigma
+
+/* grids: [batch view][level 0..5] {first list, coarsening, lists per row, longest list} */
+#define LIST_ARGUMENTS                                                                 \
+    , const __global cln_pixel *restrict pixels, const __global uint4 *restrict grids, \
+        const __global uint *restrict list_count /* [list] padded only */
+#define LIST_PASS , pixels, grids, list_count
+
+/* First entry of [begin, end) with t >= value. */
+HELPER uint lower_bound(const __global float *t, uint begin, uint end, float value)
+{
+    while (begin < end) {
+        const uint middle = begin + (end - begin) / 2u;
+
+        if (t[middle] < value)
+            begin = middle + 1u;
+        else
+            end = middle;
+    }
+    return begin;
+}
+
+HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __global float4 *ray_o,
+                        const __global float4 *ray_d LIST_ARGUMENTS)
+{
+    int count[VW];
+
+    (void)list_sigma;
+    (void)ray_o;
+    (void)ray_d;
+    for (int l = 0; l < VW; l++) {
+        const cln_pixel pixel = pixels[p->ray[l]];
+        const uint4 grid = grids[pixel.pad * 6u + (uint)p->level[l]];
+        const uint list = grid.x + pixel.y / grid.y * grid.z + pixel.x / grid.y;
+#if PADDED
+        const uint begin = list * grids[0].w, end = begin + list_count[list];
+#else
+        const uint begin = list_start[list], end = list_start[list + 1u];
+#endif
+
+        b->first[l] = lower_bound(list_t, begin, end, p->t_in[l]);
+        count[l] = (int)(lower_bound(list_t, b->first[l], end, p->t_out[l]) - b->first[l]);
+    }
+    b->t_in = VLOAD(p->t_in);
+    b->t_out = VLOAD(p->t_out);
+    b->count = VLOAD(count);
+}
+
+HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
+{
+    (void)list_start;
+    (void)list_t;
+    for (int l = 0; l < VW; l++)
+        FETCH(list_sigma + b->first[l]);
+}
+
+/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the end of the chord. */
+HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept, vf *right)
+{
+    float edges[VW], sigma[VW];
+    int bin[VW], count[VW];
+
+    (void)list_start;
+    (void)kept;
+    VSTORE(first + j, bin);
+    VSTORE(b->count, count);
+    VSTORE(b->t_out, edges);
+    for (int l = 0; l < VW; l++) {
+        const uint k = b->first[l] + (uint)bin[l];
+
+        if (bin[l] + 1 < count[l])
+            edges[l] = 0.5f * (list_t[k] + list_t[k + 1u]);
+        sigma[l] = bin[l] < count[l] ? list_sigma[k] : 0.0f;
+    }
+    *right = VLOAD(edges);
+    return VLOAD(sigma);
+}
+
+/* Optical depths of the passages, by stage 1. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
+{
+    vf depth = (vf)(0.0f), left = b->t_in, right;
+
+    for (int j = 0; V_ANY((vi)(j) < b->count); j++) {
+        const vf sigma = bundle_bin(b, STAGE1_PASS, (vi)(0), j, false, &right);
+
+        depth = MAD(sigma, right - left, depth);
+        left = right;
+    }
+    return depth;
+}
+
+/* Mean densities of the passages' points. */
+HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
+{
+    vf sum = (vf)(0.0f), right;
+
+    (void)depth;
+    for (int j = 0; V_ANY((vi)(j) < b->count); j++)
+        sum += bundle_bin(b, STAGE1_PASS, (vi)(0), j, false, &right);
+    return sum / V_TO_FLOAT(max((vi)(1), b->count));
+}
+#endif
