@@ -255,10 +255,10 @@ done:
 }
 
 /* Is a test PSNR due at this step? Points by seconds or steps, every N steps, and for a target. */
-static bool evaluation_due(cln_trainer *t, double before)
+static bool evaluation_due(cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
-    const double now = t->model.train_seconds;
+    const double before = t->looked_seconds, now = t->model.train_seconds;
     bool due = c->eval_every > 0 && t->model.step % c->eval_every == 0;
 
     for (int i = 0; i < t->point_count; i++)
@@ -266,6 +266,7 @@ static bool evaluation_due(cln_trainer *t, double before)
                                      : before < t->point_seconds[i] && now >= t->point_seconds[i];
     if (c->target_psnr > 0 && c->eval_every == 0 && t->point_count == 0)
         due |= floor(before / 15) < floor(now / 15);
+    t->looked_seconds = now;
     return due;
 }
 
@@ -367,10 +368,10 @@ cln_status cln_trainer_run(cln_trainer *t)
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = steps_of_epochs(t);
     CLN_TRY(warm_up(t));
-    t->interval.began_seconds = t->model.train_seconds;
+    t->interval.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->saved_at = cln_now();
     while (cln_trainer_fraction(t) < 1 && t->signal == 0) {
-        const double began = cln_now(), before = t->model.train_seconds;
+        const double began = cln_now();
         const double fraction = cln_trainer_fraction(t);
         bool row = false;
 
@@ -380,7 +381,7 @@ cln_status cln_trainer_run(cln_trainer *t)
         report_progress(t, fraction);
         evaluated = false;
         row = t->model.step % c->log_every == 0 || cln_trainer_fraction(t) >= 1;
-        if (evaluation_due(t, before)) {
+        if (evaluation_due(t)) {
             CLN_TRY(wait_for_step(t));
             CLN_TRY(evaluate(t, NULL, &evaluated));
         }

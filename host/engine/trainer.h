@@ -38,6 +38,7 @@ typedef struct cln_trainer {
     int *eval_views, eval_count; /* test views for evaluations during training */
     char *eval_folder;           /* of the final one */
     double point_seconds[CLN_EVAL_POINTS];
+    double looked_seconds; /* training seconds up to which points have been looked at */
     int point_steps[CLN_EVAL_POINTS], point_count;
 
     json_t *run; /* run.json */
