@@ -216,8 +216,9 @@ static void settle(cln_device *device, int count)
     }
     device->settled += (uint64_t)count;
     device->pending_count -= count;
-    memmove(device->pending, device->pending + count,
-            (size_t)device->pending_count * sizeof *device->pending);
+    if (device->pending_count > 0)
+        memmove(device->pending, device->pending + count,
+                (size_t)device->pending_count * sizeof *device->pending);
 }
 
 /* The first of a range's bytes that lie in one part. */
