@@ -379,6 +379,23 @@ static void test_cut(void **state)
     run_stage(p, 0, &sampling, &some);
     assert_int_equal(some.n, 0);
     device_samples_free(&some);
+    /* the first ray alone has too many: it is made all the same, into a buffer that has room for it, too */
+    for (int r = 1; r < RANDOM_RAYS; r++)
+        if (all.starts[r + 1] - all.starts[r] > 4) {
+            memcpy(o[0], o[r], sizeof o[0]);
+            memcpy(d[0], d[r], sizeof d[0]);
+        }
+    device_samples_free(&all);
+    test_fill(p->device, &p->ray_o, o, RANDOM_RAYS * sizeof *o);
+    test_fill(p->device, &p->ray_d, d, RANDOM_RAYS * sizeof *d);
+    run_stage(p, RANDOM_RAYS, &sampling, &all);
+    assert_true(all.starts[1] > 1);
+    sampling.max_samples = 1;
+    run_stage(p, RANDOM_RAYS, &sampling, &some);
+    assert_int_equal(some.rays, 1);
+    assert_int_equal(some.n, all.starts[1]);
+    assert_memory_equal(some.samples, all.samples, some.n * sizeof *some.samples);
+    device_samples_free(&some);
     device_samples_free(&all);
     cln_model_free(&model);
     free(o);

@@ -166,6 +166,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     const size_t extra = (size_t)cln_pipeline_extra_samples(p);
     const size_t there = p->samples.bytes / sizeof(cln_sample);
     const size_t room = there > extra ? there - extra : 0;
+    const size_t limit = room < s->max_samples ? room : s->max_samples;
 
     *rays_used = n;
     *sample_count = 0;
@@ -191,14 +192,14 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
                              sizeof p->sample_total));
     CLN_TRY(cln_device_mark(device, &mark));
     /* into the room that there is, most often enough: the device does not wait for the host to wait */
-    if (group_count == 1 && room > 0)
-        st = emit(p, s, &groups[0], n, room < s->max_samples ? room : s->max_samples);
+    if (group_count == 1 && limit > 0)
+        st = emit(p, s, &groups[0], n, limit);
     CLN_TRY(cln_device_wait(device, &mark));
     CLN_TRY(st);
     *sample_count = p->sample_total;
     if (n > 0 && *sample_count > s->max_samples)
         CLN_TRY(cut(p, n, s->max_samples, rays_used, sample_count));
-    if (group_count == 1 && *sample_count <= room)
+    if (group_count == 1 && *sample_count <= limit)
         goto done;
     CLN_TRY(cln_buffer_reserve(device, &p->samples, (*sample_count + extra) * sizeof(cln_sample),
                                "samples"));
