@@ -9,6 +9,9 @@
  *   BOOL(field, option, paper, fast, help)                 --option / --no-option
  *   ENUM(field, option, paper, fast, "a|b|c", help)        stored as the index of the word
  *   TEXT(field, option, paper, fast, help)                 at most 127 characters
+ *
+ * A new row's paper value must mean what was done without it, and its field belongs into later_fields
+ * (host/base/config.c): runs written before are read with that value.
  */
 #ifndef CLN_CONFIG_H
 #define CLN_CONFIG_H
@@ -137,6 +140,8 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
     INT(rays, "rays", 8192, 2048, 16, 1048576, "rays in a batch")                                  \
     REAL(leaf_samples, "leaf-samples", 0, 24, 0, 10000,                                            \
          "more rays, up to 8 times, until a leaf meets this many samples on average")              \
+    BOOL(skip_uncovered, "skip-uncovered", false, true,                                            \
+         "gather: no rays through pixels that have no leaf before them; they would train nothing") \
     INT(batch_samples, "batch-samples", 262144, 65536, 256, 16777216,                              \
         "samples per batch; fewer rays where it would be more")                                    \
     REAL(lr, "lr", 5e-4, 1e-2, 1e-8, 1, "learning rate at the start")                              \

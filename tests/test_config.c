@@ -550,6 +550,23 @@ static void test_json_refused(void **state)
     json_decref(array);
 }
 
+/* Settings of a run from before a row existed are read with what was done then. */
+static void test_json_of_before(void **state)
+{
+    cln_config from = preset("fast"), to = preset("fast");
+    json_t *object = to_json(&from);
+
+    (void)state;
+    assert_true(from.skip_uncovered);
+    assert_int_equal(json_object_del(object, "skip_uncovered"), 0);
+    assert_int_equal(cln_config_from_json(object, &to), CLN_OK);
+    from.skip_uncovered = false;
+    assert_same(&from, &to);
+    assert_int_equal(json_object_set_new(object, "skip_uncoverd", json_true()), 0);
+    assert_failed(cln_config_from_json(object, &to), CLN_INPUT, "'skip_uncoverd'|unknown");
+    json_decref(object);
+}
+
 static cln_status levels(const char *text, int start, double fraction[6])
 {
     cln_config config = preset("fast");
@@ -727,6 +744,7 @@ int test_group_config(void)
         cmocka_unit_test(test_nearest),
         cmocka_unit_test(test_json),
         cmocka_unit_test(test_json_refused),
+        cmocka_unit_test(test_json_of_before),
         cmocka_unit_test(test_level_at),
         cmocka_unit_test(test_eval_points),
         cmocka_unit_test(test_background),

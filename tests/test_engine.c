@@ -247,12 +247,22 @@ static void test_growth(void **state)
     assert_true(loss[STEPS - 1] < loss[0]);
 }
 
-/* Culling that wants every leaf leaves one, and the training goes on with it, also when resumed. */
+/* Leaves after that many steps. */
+static double leaves_at(const char *run, int step)
+{
+    double leaves[STEPS];
+
+    metrics(run, "leaves", leaves, STEPS);
+    return leaves[step - 1];
+}
+
+/* Culling that wants every leaf leaves one, and the training goes on with it and the pixels it is before, also when
+ * resumed just before and after. */
 static void test_culling(void **state)
 {
+    static const int stops[] = {6, 7, 8, 9, 20};
     cln_config config = engine_config();
     cln_train_result all, part;
-    engine_stop stop = {.signal = SIGINT, .step = 20};
     json_t *run = NULL;
     char *left_out = NULL;
 
@@ -267,11 +277,55 @@ static void test_culling(void **state)
     run = engine_json("culled/run.json");
     left_out = json_dumps(engine_at(run, "left_out"), 0);
     assert_non_null(strstr(left_out, "87.5% of the cube"));
+    assert_non_null(strstr(left_out, "of the training pixels"));
     free(left_out);
     json_decref(run);
-    assert_fails(engine_train("cut", false, &config, &stop, &part), CLN_SIGINT, "");
-    assert_ok(engine_train("cut", true, &config, NULL, &part));
-    assert_int_equal(part.digest, all.digest);
+    assert_int_equal((int)leaves_at("culled", stops[0]), 8);
+    assert_int_equal((int)leaves_at("culled", stops[3]), 1);
+    for (size_t i = 0; i < sizeof stops / sizeof stops[0]; i++) {
+        engine_stop stop = {.signal = SIGINT, .step = stops[i]};
+        char name[32];
+
+        snprintf(name, sizeof name, "cut-%d", stops[i]);
+        assert_fails(engine_train(name, false, &config, &stop, &part), CLN_SIGINT, "");
+        assert_ok(engine_train(name, true, &config, NULL, &part));
+        assert_int_equal(part.digest, all.digest);
+    }
+}
+
+/* Mean square error of the last rows of a run, by their PSNR. */
+static double last_error(const char *run)
+{
+    double psnr[STEPS], sum = 0;
+    const int rows = metrics(run, "psnr_train", psnr, STEPS);
+
+    for (int i = rows / 3; i < rows; i++)
+        sum += pow(10, -psnr[i] / 10) / (rows - rows / 3);
+    return sum;
+}
+
+/* The training PSNR is that of all training pixels, also where rays go through some of them alone. */
+static void test_psnr_of_all_pixels(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+    double all = 0, covered = 0;
+
+    NEED_DEVICE();
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.1;
+    config.refresh_every = 4;
+    config.lr = config.lr_final = 1e-8;
+    config.rays = 2048;
+    config.batch_samples = 65536;
+    assert_ok(engine_train("covered", false, &config, NULL, &result));
+    covered = last_error("covered");
+    config.skip_uncovered = false;
+    assert_ok(engine_train("all", false, &config, NULL, &result));
+    all = last_error("all");
+    if (!(fabs(covered / all - 1) < 0.03))
+        fail_msg("mean square error %.4g, by the covered pixels %.4g", all, covered);
 }
 
 /* Rows of the structure decisions of a run; the sum of their column `key`. */
@@ -553,6 +607,7 @@ int test_group_engine(void)
         cmocka_unit_test(test_split_keeps_pictures),
         cmocka_unit_test(test_growth),
         cmocka_unit_test(test_culling),
+        cmocka_unit_test(test_psnr_of_all_pixels),
         cmocka_unit_test(test_adaptive),
         cmocka_unit_test(test_adaptive_waits),
         cmocka_unit_test(test_adaptive_infeasible),

@@ -11,6 +11,7 @@ int test_group_camera(void);
 int test_group_checkpoint(void);
 int test_group_composite(void);
 int test_group_config(void);
+int test_group_coverage(void);
 int test_group_engine(void);
 int test_group_export(void);
 int test_group_help(void);

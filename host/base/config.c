@@ -457,21 +457,39 @@ static cln_status set_from_json(cln_config *config, const cln_config_row *row, c
     return CLN_OK;
 }
 
+/* Rows that came after the first runs were written, whose settings lack them. Their paper values must mean what was
+ * done before. */
+static const char *const later_fields[] = {"skip_uncovered"};
+
+static bool came_later(const char *field)
+{
+    for (size_t i = 0; i < sizeof later_fields / sizeof *later_fields; i++)
+        if (strcmp(field, later_fields[i]) == 0)
+            return true;
+    return false;
+}
+
 cln_status cln_config_from_json(const json_t *object, cln_config *out)
 {
     cln_status st = CLN_OK;
-    cln_config config = preset_fast; /* every row is overwritten below */
+    cln_config config = preset_paper; /* every row is overwritten below, but for later ones */
+    int missing = 0;
 
     if (!json_is_object(object))
         return cln_fail(CLN_INPUT, "settings: a JSON object is expected");
     for (int i = 0; i < cln_config_row_count; i++) {
         const json_t *value = json_object_get(object, cln_config_rows[i].field);
+
+        if (!value && came_later(cln_config_rows[i].field)) {
+            missing++;
+            continue;
+        }
         if (!value)
             return cln_fail(CLN_INPUT, "settings: '%s' is missing; written by another version?",
                             cln_config_rows[i].field);
         CLN_TRY(set_from_json(&config, &cln_config_rows[i], value));
     }
-    if (json_object_size(object) != (size_t)cln_config_row_count) {
+    if (json_object_size(object) != (size_t)(cln_config_row_count - missing)) {
         const char *key = NULL;
         json_t *value = NULL;
         json_object_foreach((json_t *)object, key, value)

@@ -44,7 +44,8 @@ cln_status cln_parse_reals(const char *text, int count, double *out); /* "a,b,c"
 /* The value as text that cln_config_set reads back exactly. */
 void cln_config_text(const cln_config *config, const cln_config_row *row, char out[CLN_TEXT_BYTES]);
 
-/* JSON object field -> value (ENUM as its word), and back; unknown or missing keys are CLN_INPUT. */
+/* JSON object field -> value (ENUM as its word), and back; unknown or missing keys are CLN_INPUT, but for those of
+ * rows that older runs cannot have: they get their paper value. */
 cln_status cln_config_to_json(const cln_config *config, json_t **out);
 cln_status cln_config_from_json(const json_t *object, cln_config *out);
 

@@ -19,6 +19,7 @@ cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cl
     CLN_TRY(cln_alloc(&out->targets, (size_t)out->capacity, sizeof *out->targets, "batch"));
     CLN_TRY(cln_alloc(&out->backgrounds, (size_t)out->capacity, sizeof *out->backgrounds, "batch"));
     CLN_TRY(cln_alloc(&out->first, (size_t)out->train_views + 1, sizeof *out->first, "batch"));
+    CLN_TRY(cln_coverage_create(scene, &out->coverage));
     for (int i = 0; i < out->train_views; i++) {
         const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
 
@@ -36,6 +37,7 @@ void cln_batch_free(cln_batch *batch)
     free(batch->targets);
     free(batch->backgrounds);
     free(batch->first);
+    cln_coverage_free(&batch->coverage);
     memset(batch, 0, sizeof *batch);
 }
 
@@ -45,41 +47,104 @@ static uint64_t bounded64(uint64_t random, uint64_t n)
     return (uint64_t)(((unsigned __int128)random * n) >> 64);
 }
 
-static void draw_bits(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
+static void draw_bits(uint64_t seed, uint32_t step, uint32_t index, uint32_t attempt,
                       uint32_t bits[4])
 {
-    const uint32_t counter[4] = {index, stream << 24, step, 0};
+    const uint32_t counter[4] = {index, CLN_STREAM_PIXELS << 24, step, attempt};
     const uint32_t key[2] = {(uint32_t)seed, (uint32_t)(seed >> 32)};
 
     cln_philox(counter, key, bits);
 }
 
+/* Where a ray looks: the index of a training view among them, and a pixel of it. */
+typedef struct place {
+    int index, x, y;
+} place;
+
+static const cln_camera *camera_of(const cln_scene *scene, int index)
+{
+    return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, index)].camera;
+}
+
 /* The `at`-th pixel of all training pixels. */
-static cln_pixel locate(const cln_batch *b, const cln_scene *scene, uint64_t at)
+static place locate(const cln_batch *b, const cln_scene *scene, uint64_t at)
 {
     /* views are most often as large as each other */
     int low = (int)((double)at / (double)b->first[b->train_views] * b->train_views);
-    cln_pixel pixel = {0};
-    const cln_camera *camera = NULL;
+    uint64_t width = 0;
 
     while (b->first[low] > at)
         low--;
     while (b->first[low + 1] <= at)
         low++;
-    pixel.view = (cln_u32)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, low);
-    camera = &scene->views[pixel.view].camera;
     at -= b->first[low];
-    pixel.x = (cln_u32)(at % (uint64_t)camera->width);
-    pixel.y = (cln_u32)(at / (uint64_t)camera->width);
-    return pixel;
+    width = (uint64_t)camera_of(scene, low)->width;
+    return (place){low, (int)(at % width), (int)(at / width)};
 }
 
-static void crop(const cln_scene *scene, cln_pixel *pixel)
+static place crop(const cln_scene *scene, place p)
 {
-    const cln_camera *c = &scene->views[pixel->view].camera;
+    const cln_camera *c = camera_of(scene, p.index);
 
-    pixel->x = (cln_u32)c->width / 4 + pixel->x / 2;
-    pixel->y = (cln_u32)c->height / 4 + pixel->y / 2;
+    return (place){p.index, c->width / 4 + p.x / 2, c->height / 4 + p.y / 2};
+}
+
+/* A pixel of the covered tiles, by 64 random bits; false if there a tile reaches over the image's edge, whose
+ * nearest pixel is given. */
+static bool locate_covered(const cln_coverage *c, const cln_scene *scene, const uint32_t bits[2],
+                           place *out)
+{
+    const uint64_t side = (uint64_t)c->side, tiles = (uint64_t)c->start[c->views];
+    const uint64_t at = bounded64((uint64_t)bits[0] << 32 | bits[1], tiles * side * side);
+    const cln_tile *tile = &c->tiles[at / (side * side)];
+    const cln_camera *camera = camera_of(scene, (int)tile->view);
+    const int x = tile->x + (int)(at % side), y = tile->y + (int)(at / side % side);
+
+    *out = (place){(int)tile->view, x < camera->width ? x : camera->width - 1,
+                   y < camera->height ? y : camera->height - 1};
+    return x < camera->width && y < camera->height;
+}
+
+bool cln_batch_skips(const cln_batch *b, const cln_config *config, int64_t step)
+{
+    return config->skip_uncovered && config->stage1 == CLN_STAGE1_GATHER && !b->coverage.whole &&
+           b->coverage.share > 0 && step >= config->precrop_steps;
+}
+
+enum { DRAWS = 64 }; /* of which all would have to fall outside the image */
+
+static place draw_place(const cln_batch *b, const cln_scene *scene, const cln_config *config,
+                        const cln_draw *d, uint32_t ray)
+{
+    const uint64_t seed = (uint64_t)config->seed;
+    uint32_t bits[4];
+    place p = {0};
+
+    draw_bits(seed, d->step, ray, 0, bits);
+    if (!d->covered)
+        return locate(b, scene,
+                      bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
+    for (uint32_t k = 1; !locate_covered(&b->coverage, scene, bits, &p) && k < DRAWS; k++)
+        draw_bits(seed, d->step, ray, k, bits);
+    return p;
+}
+
+/* In one of the views of a batch, whose slots are in the order of the rays. */
+static place draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_config *config,
+                          const cln_draw *d, uint32_t ray, uint32_t slot)
+{
+    const uint64_t seed = (uint64_t)config->seed;
+    uint32_t bits[4], choice[4];
+    const cln_camera *camera = NULL;
+    place p = {0};
+
+    draw_bits(seed, d->step, ray, 0, bits);
+    draw_bits(seed, d->step, 0x80000000u + slot, 0, choice);
+    p.index = (int)cln_bounded(choice[0], (uint32_t)b->train_views);
+    camera = camera_of(scene, p.index);
+    p.x = (int)cln_bounded(bits[0], (uint32_t)camera->width);
+    p.y = (int)cln_bounded(bits[1], (uint32_t)camera->height);
+    return p;
 }
 
 static int by_view_and_row(const void *a, const void *b)
@@ -96,34 +161,23 @@ static int by_view_and_row(const void *a, const void *b)
 enum { FETCH_AHEAD = 16 }; /* pixels lie far from each other */
 
 void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *config,
-                    bool ray_background, uint32_t step, int n)
+                    const cln_draw *d)
 {
     const bool splat = config->stage1 == CLN_STAGE1_SPLAT;
-    const int views = config->views_per_batch < n ? config->views_per_batch : n;
+    const int n = d->n, views = config->views_per_batch < n ? config->views_per_batch : n;
     const uint64_t seed = (uint64_t)config->seed;
-    uint32_t bits[4];
 
     CLN_ASSERT(n <= b->capacity);
     for (int i = 0; i < n; i++) {
-        draw_bits(seed, CLN_STREAM_PIXELS, step, (uint32_t)i, bits);
-        if (splat) { /* ray i looks through batch view i * views / n */
-            const uint32_t slot = (uint32_t)((int64_t)i * views / n);
-            uint32_t choice[4];
-            const cln_camera *camera = NULL;
+        /* splat: ray i looks through batch view i * views / n */
+        const uint32_t slot = splat ? (uint32_t)((int64_t)i * views / n) : 0;
+        place p = splat ? draw_in_slot(b, scene, config, d, (uint32_t)i, slot)
+                        : draw_place(b, scene, config, d, (uint32_t)i);
 
-            draw_bits(seed, CLN_STREAM_PIXELS, step, 0x80000000u + slot, choice);
-            b->pixels[i].view = (cln_u32)cln_scene_split_view(
-                scene, CLN_SPLIT_TRAIN, (int)cln_bounded(choice[0], (uint32_t)b->train_views));
-            camera = &scene->views[b->pixels[i].view].camera;
-            b->pixels[i].x = cln_bounded(bits[0], (uint32_t)camera->width);
-            b->pixels[i].y = cln_bounded(bits[1], (uint32_t)camera->height);
-            b->pixels[i].pad = slot;
-        } else {
-            b->pixels[i] = locate(
-                b, scene, bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
-        }
-        if (step < (uint32_t)config->precrop_steps)
-            crop(scene, &b->pixels[i]);
+        if (d->step < (uint32_t)config->precrop_steps)
+            p = crop(scene, p);
+        b->pixels[i] = (cln_pixel){(cln_u32)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, p.index),
+                                   (cln_u32)p.x, (cln_u32)p.y, slot};
     }
     if (splat)
         qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);
@@ -131,11 +185,11 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
     for (int i = 0; i < n; i++) {
         const cln_view *view = &scene->views[b->pixels[i].view];
         const cln_pixel *later = &b->pixels[i + FETCH_AHEAD < n ? i + FETCH_AHEAD : n - 1];
-        float *back = b->backgrounds[ray_background ? i : 0], alpha = 1;
+        float *back = b->backgrounds[d->ray_background ? i : 0], alpha = 1;
 
         cln_view_fetch(&scene->views[later->view], (int)later->x, (int)later->y);
-        if (ray_background)
-            cln_uniform4(seed, CLN_STREAM_BACKGROUND, step, (uint32_t)i, 0, back);
+        if (d->ray_background)
+            cln_uniform4(seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0, back);
         cln_view_pixel(view, (int)b->pixels[i].x, (int)b->pixels[i].y, back, b->targets[i], &alpha);
         b->targets[i][3] = 0;
     }

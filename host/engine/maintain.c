@@ -23,6 +23,7 @@ static cln_status send_back(cln_trainer *t)
 
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
+    cln_trainer_cover(t);
 done:
     return st;
 }
@@ -216,13 +217,15 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
                                    .empty_weight = (float)c->empty_weight,
                                    .empty_share = c->empty_weight > 0 ? 0 : 1,
                                    .max_samples = t->plan.max_samples};
+    /* any pixel: the same ones before a change and after it */
+    const cln_draw draw = {.step = UINT32_MAX, .n = rays, .ray_background = p->ray_background};
     uint32_t samples = 0, slices = 0;
     int used = 0;
     double square = 0;
 
     CLN_TRY(cln_trainer_catch_up(t));
     t->drawn = false;
-    cln_batch_draw(&t->batch, t->scene, c, p->ray_background, UINT32_MAX, rays);
+    cln_batch_draw(&t->batch, t->scene, c, &draw);
     CLN_TRY(
         cln_pipeline_batch(p, t->batch.pixels, rays, t->batch.targets[0], t->batch.backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, rays));

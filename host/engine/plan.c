@@ -7,6 +7,7 @@
 
 #include "base/config.h"
 #include "base/memory.h"
+#include "engine/coverage.h"
 #include "engine/distil.h"
 #include "engine/render.h"
 #include "io/progress.h"
@@ -293,6 +294,8 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, params);
         if (s->distil) /* every eighth leaf may come from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
+        row(out, "coverage of the images", "the number of views");
+        add(out, cln_coverage_bytes(d->scene));
     }
     row(out, "batches and pictures", "--rays or the size with --downscale");
     add(out, (d->training ? 80.0 * cln_config_most_rays(c) : 0) + 80.0 * CLN_RENDER_RAYS);

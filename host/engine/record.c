@@ -61,6 +61,9 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
         say(list, "%g%% of the passages through leaves that stage 1 finds empty",
             100 * (1 - c->empty_share));
+    if (t->batch.coverage.share < 1 && c->skip_uncovered && c->stage1 == CLN_STAGE1_GATHER)
+        say(list, "%.1f%% of the training pixels (no leaf is before them)",
+            100 * (1 - t->batch.coverage.share));
     if (!c->adaptive)
         say(list, "the structure optimisation (whole levels only)");
     else if (c->tree_from[0])

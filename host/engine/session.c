@@ -245,6 +245,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, t->model.centre, t->model.half));
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
+    cln_trainer_cover(t);
     CLN_TRY(cln_record_start(t));
     CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
 done:

@@ -71,10 +71,12 @@ static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
     return next < 16 ? 16 : (int)next;
 }
 
-/* Adds the results of the step before, which the host has by now. */
+/* Adds the results of the step before, which the host has by now. Its rays stand for more: those through pixels
+ * without a leaf before them, whose error is known. */
 static cln_status account(cln_trainer *t)
 {
-    double loss = 0, square = 0;
+    const cln_coverage *cover = &t->batch.coverage;
+    double loss = 0, square = 0, rays = t->owed.rays;
 
     if (!t->owed.due)
         return CLN_OK;
@@ -83,9 +85,14 @@ static cln_status account(cln_trainer *t)
         loss += t->results[i].loss;
         square += t->results[i].square_error;
     }
+    loss /= rays;
+    if (cln_batch_skips(&t->batch, &t->model.config, t->owed.step)) {
+        rays = round(rays / cover->share);
+        loss *= cover->share;
+        square += rays * cover->error_other;
+    }
     t->model.sum_square += square;
-    t->model.sum_rays += t->owed.rays;
-    loss /= t->owed.rays;
+    t->model.sum_rays += (int64_t)rays;
     if (!isfinite(loss))
         return cln_fail(
             CLN_DIVERGED,
@@ -94,7 +101,7 @@ static cln_status account(cln_trainer *t)
             (long long)t->owed.step);
     t->interval.steps++;
     t->interval.loss += loss;
-    t->interval.square += square / t->owed.rays;
+    t->interval.square += square / rays;
     t->interval.rays += t->owed.rays;
     t->interval.samples += t->owed.samples;
     return CLN_OK;
@@ -111,10 +118,23 @@ done:
     return st;
 }
 
+void cln_trainer_cover(cln_trainer *t)
+{
+    CLN_ASSERT(!t->owed.due);
+    t->drawn = false;
+    if (t->model.config.skip_uncovered)
+        cln_coverage_update(&t->batch.coverage, t->scene, &t->model.tree, t->model.centre,
+                            t->model.half);
+}
+
 static void draw(cln_trainer *t)
 {
-    cln_batch_draw(&t->batch, t->scene, &t->model.config, t->pipeline.ray_background,
-                   (uint32_t)t->model.step, t->model.rays);
+    const cln_draw d = {.step = (uint32_t)t->model.step,
+                        .n = t->model.rays,
+                        .ray_background = t->pipeline.ray_background,
+                        .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step)};
+
+    cln_batch_draw(&t->batch, t->scene, &t->model.config, &d);
     t->drawn = true;
 }
 

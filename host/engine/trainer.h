@@ -55,6 +55,10 @@ typedef struct cln_trainer {
 /* Fraction 0..1 of the budget used so far. */
 double cln_trainer_fraction(const cln_trainer *t);
 
+/* Which training pixels have a leaf before them, after a change of the tree: the next batch is drawn from those. The
+ * newest step has been accounted for. */
+void cln_trainer_cover(cln_trainer *t);
+
 /* Waits for the newest step's results and adds them to the model's and the interval's sums; nothing if they
  * are there. CLN_DIVERGED. Whoever reads or restarts those sums calls this first. */
 cln_status cln_trainer_catch_up(cln_trainer *t);
