@@ -217,7 +217,7 @@ static cln_status check_adam(const network_run *r, bench_errors *errors)
     CLN_TRY(cln_alloc(&v, n, sizeof *v, "bench"));
     CLN_TRY(cln_alloc(&got, n, sizeof *got, "bench"));
     CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
-    CLN_TRY(cln_stage_backward(r->p, r->slice_count, 1));
+    CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
     CLN_TRY(read_gradient(r, slot, grad));
     if (r->part == UPDATE)
         CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, lr));

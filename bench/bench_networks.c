@@ -77,6 +77,7 @@ static cln_status config_of(const network_shape *s, cln_config *config)
     config->stage1 = CLN_STAGE1_GATHER;
     config->n1 = 12;
     config->min_leaf_samples = 1;
+    config->roulette = 0;                     /* all samples are timed */
     config->rrelu_lower = SLOPE * (1 + 1e-6); /* the least that a compiler does not see through */
     config->rrelu_upper = SLOPE;
     if (s->preset)
@@ -227,10 +228,10 @@ static cln_status body(void *context)
         break;
     case TRAINING:
         CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
-        CLN_TRY(cln_stage_backward(r->p, r->slice_count, 1));
+        CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
         break;
     case BACKWARD:
-        CLN_TRY(cln_stage_backward(r->p, r->slice_count, 1));
+        CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
         break;
     case UPDATE:
         CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, 1e-9));

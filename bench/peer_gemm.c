@@ -230,7 +230,7 @@ static cln_status our_body(void *context)
 
     CLN_TRY(cln_stage_forward(&o->p, o->samples, o->slices, o->training, 1));
     if (o->training)
-        CLN_TRY(cln_stage_backward(&o->p, o->slices, 1));
+        CLN_TRY(cln_stage_backward(&o->p, o->samples, o->slices, 1));
     CLN_TRY(cln_device_finish(o->p.device));
 done:
     return st;

@@ -43,7 +43,7 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
                 fetch_rows(next, n_out, rows * t / tiles, rows * (t + 1) / tiles);
             if (train)
                 for (int i = 0; i < TS; i++)
-                    FETCH_WRITE(acts + ((t + 1) * TS + i) * n_out + n);
+                    FETCH_WRITE(acts + ((t + 1) * TS + i) * ACTS + n);
 #pragma unroll
             for (int i = 0; i < TS; i++)
 #pragma unroll
@@ -62,7 +62,7 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
                     const int m = n + j * STEP_N;
 
                     if (train && s < count)
-                        KEPT_STORE(acc[i][j], acts + s * n_out + m);
+                        KEPT_STORE(acc[i][j], acts + s * ACTS + m);
                     VSTORE(activate(acc[i][j], negative_slope(train, key, m)), out + s * n_out + m);
                 }
             }
@@ -113,7 +113,7 @@ HELPER void head(const __local float *a, int width, const __global float *w,
         else                                                                                     \
             dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i),           \
                   w + TRUNK_B(i), WIDTH, to, tiles, count,                                       \
-                  train_ ? acts_ + i * WIDTH * count : acts_, train_, block == begin, step_key,  \
+                  train_ ? acts_ + i * WIDTH : acts_, train_, block == begin, step_key,          \
                   ids, (uint)i, lid);                                                            \
         GROUP_SYNC();                                                                            \
     }                                                                                            \
@@ -214,8 +214,9 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
         __global kept_type *kept = acts + (size_t)(slice.start + block) * ACTS;                   \
                                                                                                   \
         GROUP_SYNC();                                                                             \
-        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count, \
-                     rows, ids, at, along, lid);                                                  \
+        for (int s = lid; s < rows; s += LS) /* past the count, the last one again */             \
+            ids[s] = order[slice.start + block + (uint)min(s, count - 1)];                        \
+        load_samples(samples, ray_o, ray_d, boxes[slice.slot], rows, ids, at, along, lid);        \
         GROUP_SYNC();                                                                             \
         ENCODE_SAMPLES(boxes[slice.slot])                                                         \
         GROUP_SYNC();                                                                             \
@@ -243,7 +244,7 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
 #define COLOUR_IN v
 #define FORWARD_VIEW(train)                                                                      \
     dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,       \
-          kept + DEPTH * WIDTH * count, train, block == begin, step_key, ids, (uint)DEPTH, lid); \
+          kept + DEPTH * WIDTH, train, block == begin, step_key, ids, (uint)DEPTH, lid);         \
     GROUP_SYNC();
 #else
 #define COLOUR_IN h
@@ -276,16 +277,16 @@ __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void mlp_forward_eval(F
 
 /* ---- backward ---- */
 
-/* h = act(x) for one layer's kept pre-activations x [s][width]. */
-HELPER void restore(const __global kept_type *x, int width, int count, __local float *h,
-                    uint step_key, const __local uint *ids, uint layer, int lid)
+/* h = act(x) for one layer's kept pre-activations: of sample s at x + places[s]. */
+HELPER void restore(const __global kept_type *x, const __local int *places, int width, int count,
+                    __local float *h, uint step_key, const __local uint *ids, uint layer, int lid)
 {
     for (int s = 0; s < count; s++) {
         const uint key = slope_key(step_key, ids[s], layer);
+        const __global kept_type *row = x + places[s];
 
         for (int n = lid * VW; n < width; n += STEP_N)
-            VSTORE(activate(KEPT_LOAD(x + s * width + n), negative_slope(1, key, n)),
-                   h + s * width + n);
+            VSTORE(activate(KEPT_LOAD(row + n), negative_slope(1, key, n)), h + s * width + n);
     }
 }
 
@@ -336,11 +337,13 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
 }
 #endif
 
-/* What comes into the cache meanwhile, in equal shares: x_n pre-activations and w_n weights that are needed next. */
+/* What comes into the cache meanwhile, in equal shares: pre-activations of a layer, those of `samples` samples at x +
+ * places[s], and w_n weights that are needed next. */
 typedef struct fetches {
     const __global kept_type *x;
+    const __local int *places;
     const __global float *w;
-    int x_n, w_n;
+    int samples, w_n;
 } fetches;
 
 /* dw[k][n] (+)= sum_s a(s, k) d[s][n], db[n] (+)= sum_s d[s][n]; a(s, k) stands at s * a_s + k * a_k;
@@ -351,7 +354,7 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
                             int lid)
 {
     const int shares = rows / TK * (n_out / TILE_N);
-    const int x_lines = SHARE_OF(next->x, next->x_n, shares);
+    const int x_each = (next->samples + shares - 1) / shares;
     const int w_lines = SHARE_OF(next->w, next->w_n, shares);
     int share = 0;
 
@@ -359,7 +362,9 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
         for (int k = 0; k < rows; k += TK, share++) {
             vf acc[TK][NV];
 
-            FETCH_SHARE(next->x, x_lines, share)
+            for (int s = share * x_each; s < min((share + 1) * x_each, next->samples); s++)
+                for (int l = 0; l < WIDTH; l += LINE_OF(next->x))
+                    FETCH(next->x + next->places[s] + l);
             FETCH_SHARE(next->w, w_lines, share)
 
 #pragma unroll
@@ -400,10 +405,10 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
     }
 }
 
-/* out[s][k] = act'(x[s][k]) (sum_n d[s][n] wt[n][k] + ds[s] extra[k]); extra may be absent (0). */
+/* out[s][k] = act'(x of s)[k] (sum_n d[s][n] wt[n][k] + ds[s] extra[k]); extra may be absent (0). */
 HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE float *wt,
-                           const __global kept_type *x, const __local float4 *dout,
-                           const __global float *extra, __local float *out, int tiles, int count,
+                           const __global kept_type *x, const __local int *places,
+                           const __local float4 *dout, const __global float *extra, __local float *out, int tiles, int count,
                            uint step_key, const __local uint *ids, uint layer, int lid)
 {
     for (int n = lid * VW; n < WIDTH; n += TILE_N) {
@@ -426,12 +431,12 @@ HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE fl
             for (int i = 0; i < TS; i++) {
                 const int s = min(t * TS + i, count - 1);
                 const uint key = slope_key(step_key, ids[s], layer);
+                const __global kept_type *row = x + places[s];
 
 #pragma unroll
                 for (int j = 0; j < NV; j++) {
                     const int m = n + j * STEP_N;
-                    const vf g =
-                        activate_gradient(KEPT_LOAD(x + s * WIDTH + m), negative_slope(1, key, m));
+                    const vf g = activate_gradient(KEPT_LOAD(row + m), negative_slope(1, key, m));
 
                     VSTORE(acc[i][j] * g, out + (t * TS + i) * WIDTH + m);
                 }
@@ -476,15 +481,29 @@ HELPER void head_gradient(const __local float *a, int width, const __local float
     }
 }
 
-/* d[s][n] = act'(x[s][n]) sum_k dout[s][k] w[k][n], k over the colour head's three rows. */
+/* The same of its biases, with their padding up to 16, which is zero. */
+HELPER void head_bias_gradient(const __local float4 *dout, int k, int rows, LEAF_SPACE float *db,
+                               int count, int first, int lid)
+{
+    for (int r = lid; r < 16; r += LS) {
+        float sum = first ? 0.0f : db[r];
+
+        for (int s = 0; s < count && r < rows; s++)
+            sum += ((const __local float *)(dout + s))[k + r];
+        db[r] = sum;
+    }
+}
+
+/* d[s][n] = act'(x of s)[n] sum_k dout[s][k] w[k][n], k over the colour head's three rows. */
 HELPER void colour_input_gradient(const __global float *w, int width, const __global kept_type *x,
-                                  const __local float4 *dout, __local float *d, int padded,
-                                  int count, uint step_key, const __local uint *ids, uint layer,
-                                  int lid)
+                                  const __local int *places, const __local float4 *dout,
+                                  __local float *d, int padded, int count, uint step_key,
+                                  const __local uint *ids, uint layer, int lid)
 {
     for (int s = 0; s < padded; s++) {
-        const int row = min(s, count - 1);
-        const uint key = slope_key(step_key, ids[row], layer);
+        const int from = min(s, count - 1);
+        const uint key = slope_key(step_key, ids[from], layer);
+        const __global kept_type *row = x + places[from];
         const float4 g = dout[s];
 
         for (int n = lid * VW; n < width; n += STEP_N) {
@@ -492,8 +511,7 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
 
             sum = MAD((vf)(g.y), VLOAD(w + width + n), sum);
             sum = MAD((vf)(g.z), VLOAD(w + 2 * width + n), sum);
-            VSTORE(sum *
-                       activate_gradient(KEPT_LOAD(x + row * width + n), negative_slope(1, key, n)),
+            VSTORE(sum * activate_gradient(KEPT_LOAD(row + n), negative_slope(1, key, n)),
                    d + s * width + n);
         }
     }
@@ -512,8 +530,9 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
              const __global cln_sample *restrict samples, /* [sample] */
              const __global float4 *restrict ray_o,
              const __global float4 *restrict ray_d,   /* [ray] */
-             const __global float4 *restrict out,     /* [sample] r, g, b, sigma */
-             const __global float4 *restrict dout,    /* [sample] gradient of it */
+             const __global float4 *restrict heads,   /* [grouped sample], roulette.cl's */
+             const __global uint *restrict chosen,    /* [grouped sample] which go, of each slice */
+             const __global uint *restrict chosen_counts, /* [slice] how many */
              const __global kept_type *restrict acts, /* ACTS of each grouped sample */
              LEAF_ARRAY(float, grads), uint n_slices, uint step_key, uint update, uint half_slice,
              uint min_samples, float lr, const __global uint *restrict begin,
@@ -524,8 +543,8 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
-    __local float slope[NB];
     __local uint ids[NB];
+    __local int places[NB];
 #if VIEW > 0
     __local float dir[NB * DIR_PAD], v[NB * VIEW], dv[NB * VIEW], along[3 * NB];
 #else
@@ -560,67 +579,55 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     const int slot_after = slices[min(group + 1u, n_slices - 1u)].slot;
     const __global float *w_after = LEAF_ROW(params, slot_after, PARAMS);
 
-    for (uint block = 0; block < slice.count; block += NB) {
-        const int first = block == 0, count = (int)min((uint)NB, slice.count - block);
-        const int last = slice.count - block <= NB;
+    const uint all = chosen_counts[group];
+    const __global kept_type *x = acts + (size_t)slice.start * ACTS;
+    const __global kept_type *x_last = x + (DEPTH - 1) * WIDTH;
+
+    for (uint block = 0; block < all; block += NB) {
+        const int first = block == 0, count = (int)min((uint)NB, all - block);
+        const int last = all - block <= NB;
         const int tiles = (count + TS - 1) / TS, rows = PADDED(count);
-        const __global kept_type *x = acts + (size_t)(slice.start + block) * ACTS;
-        const __global kept_type *x_last = x + (DEPTH - 1) * WIDTH * count;
-        fetches next = {x_last - WIDTH * count, w_after + VIEW_W, DEPTH > 1 ? WIDTH * count : 0,
+        fetches next = {x_last - WIDTH, places, w_after + VIEW_W, DEPTH > 1 ? count : 0,
                         last ? WIDTH * VIEW : 0};
-        const fetches nothing = {x, w, 0, 0};
+        const fetches nothing = {x, places, w, 0, 0};
 
         GROUP_SYNC();
-        load_samples(samples, order, ray_o, ray_d, boxes[slice.slot], slice.start + block, count,
-                     rows, ids, at, along, lid);
+        for (int s = lid; s < rows; s += LS) { /* past the count, the last one again */
+            const uint row = chosen[slice.start + block + (uint)min(s, count - 1)];
+
+            ids[s] = order[slice.start + row];
+            places[s] = (int)row * ACTS;
+            dhead[s] = s < count ? heads[slice.start + block + (uint)s] : (float4)(0.0f);
+        }
+        load_samples(samples, ray_o, ray_d, boxes[slice.slot], rows, ids, at, along, lid);
         GROUP_SYNC();
         ENCODE_SAMPLES(boxes[slice.slot])
-        for (int s = lid; s < tiles * TS; s += LS) {
-            const float4 o = out[ids[s]], g = dout[ids[s]];
-            const float4 raw = g * (o * (1.0f - o));
-
-            slope[s] = o.w;
-            dhead[s] = s < count ? (float4)(raw.xyz, g.w) : (float4)(0.0f);
-        }
-        GROUP_SYNC();
-        for (int s = lid * VW; s < rows; s += STEP_N)
-            VSTORE(density_gradient(VLOAD(slope + s)), slope + s);
-        GROUP_SYNC();
-        for (int s = lid; s < tiles * TS; s += LS)
-            dhead[s].w *= s < count ? slope[s] : 0.0f;
-        GROUP_SYNC();
-        restore(x_last, WIDTH, count, h, step_key, ids, DEPTH - 1, lid);
+        restore(x_last, places, WIDTH, count, h, step_key, ids, DEPTH - 1, lid);
 #if VIEW > 0
-        restore(x + DEPTH * WIDTH * count, VIEW, count, v, step_key, ids, DEPTH, lid);
+        restore(x + DEPTH * WIDTH, places, VIEW, count, v, step_key, ids, DEPTH, lid);
 #endif
         GROUP_SYNC();
-        for (int k = lid; k < 32;
-             k += LS) { /* biases of the heads, and their padding, which is zero */
-            const int part = k < 3 ? k : k == 16 ? 3 : -1; /* r, g, b; sigma */
-            LEAF_SPACE float *db = grad + (k < 16 ? COLOUR_B + k : SIGMA_B + k - 16);
-            float sum = first ? 0.0f : *db;
-
-            for (int s = 0; s < count && part >= 0; s++)
-                sum += ((const __local float *)(dhead + s))[part];
-            *db = sum;
-        }
+        head_bias_gradient(dhead, 0, 3, grad + COLOUR_B, count, first, lid);
+        head_bias_gradient(dhead, 3, 1, grad + SIGMA_B, count, first, lid);
+        GROUP_SYNC(); /* needed by nobody but PoCL 3.1, which loses the biases' stores without it */
         head_gradient(h, WIDTH, dhead, 3, 1, grad + SIGMA_W, count, first, lid);
 #if VIEW > 0
         head_gradient(v, VIEW, dhead, 0, 3, grad + COLOUR_W, count, first, lid);
-        colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH * count, dhead, dv, tiles * TS,
+        colour_input_gradient(w + COLOUR_W, VIEW, x + DEPTH * WIDTH, places, dhead, dv, tiles * TS,
                               count, step_key, ids, DEPTH, lid);
         GROUP_SYNC();
         weight_gradient(h, WIDTH, WIDTH, 1, dv, VIEW, grad + VIEW_W, grad + VIEW_B, count, first,
                         &next, lid);
         weight_gradient(dir, DIR_PAD, 1, NB, dv, VIEW, grad + VIEW_W + WIDTH * VIEW, 0, count,
                         first, &nothing, lid);
-        input_gradient(dv, VIEW, wt + WT_VIEW, x_last, dhead, w + SIGMA_W, d0, tiles, count,
+        input_gradient(dv, VIEW, wt + WT_VIEW, x_last, places, dhead, w + SIGMA_W, d0, tiles, count,
                        step_key, ids, DEPTH - 1, lid);
 #else
         head_gradient(h, WIDTH, dhead, 0, 3, grad + COLOUR_W, count, first, lid);
         for (int s = 0; s < tiles * TS; s++) {
-            const int row = min(s, count - 1);
-            const uint key = slope_key(step_key, ids[row], DEPTH - 1);
+            const int from = min(s, count - 1);
+            const uint key = slope_key(step_key, ids[from], DEPTH - 1);
+            const __global kept_type *row = x_last + places[from];
 
             for (int n = lid * VW; n < WIDTH; n += STEP_N) {
                 vf sum = dhead[s].w * VLOAD(w + SIGMA_W + n);
@@ -628,8 +635,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
                 for (int k = 0; k < 3; k++)
                     sum = MAD((vf)(((const __local float *)(dhead + s))[k]),
                               VLOAD(w + COLOUR_W + k * WIDTH + n), sum);
-                VSTORE(sum * activate_gradient(KEPT_LOAD(x_last + row * WIDTH + n),
-                                               negative_slope(1, key, n)),
+                VSTORE(sum * activate_gradient(KEPT_LOAD(row + n), negative_slope(1, key, n)),
                        d0 + s * WIDTH + n);
             }
         }
@@ -639,11 +645,11 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
                           *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
 
             GROUP_SYNC();
-            restore(x + (i - 1) * WIDTH * count, WIDTH, count, h, step_key, ids, (uint)(i - 1),
+            restore(x + (i - 1) * WIDTH, places, WIDTH, count, h, step_key, ids, (uint)(i - 1),
                     lid);
             GROUP_SYNC();
-            next.x = x + (i - 2) * WIDTH * count;
-            next.x_n = i > 1 ? WIDTH * count : 0;
+            next.x = x + (i - 2) * WIDTH;
+            next.samples = i > 1 ? count : 0;
             next.w = w_after + TRUNK_W(i);
             next.w_n = last ? WIDTH * WIDTH : 0;
             weight_gradient(h, WIDTH, WIDTH, 1, d, WIDTH, grad + TRUNK_W(i), grad + TRUNK_B(i),
@@ -651,11 +657,11 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
             if (i == SKIP)
                 weight_gradient(enc, ENC_PAD, 1, NB, d, WIDTH, grad + TRUNK_W(i) + WIDTH * WIDTH, 0,
                                 count, first, &nothing, lid);
-            input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH * count, dhead, 0, below,
+            input_gradient(d, WIDTH, wt + WT_TRUNK(i), x + (i - 1) * WIDTH, places, dhead, 0, below,
                            tiles, count, step_key, ids, (uint)(i - 1), lid);
         }
         GROUP_SYNC();
-        next.x_n = 0;
+        next.samples = 0;
         next.w = w_after;
         next.w_n = last ? ENC_PAD * WIDTH : 0;
         weight_gradient(enc, ENC_PAD, 1, NB, (DEPTH - 1) & 1 ? d1 : d0, WIDTH, grad + TRUNK_W(0),

@@ -69,8 +69,7 @@
 #define TK 4                       /* rows of a weight-gradient tile; every K is a multiple of it */
 #define STEP_N (LS * VW)           /* distance of a work-item's vectors */
 #define TILE_N (LS * VW * NV)      /* neurons of one tile, over the group */
-/* Pre-activations kept per sample. Those of a block of `count` samples stand layer by layer, as they are read back:
- * trunk [DEPTH][count][WIDTH], then the view layer [count][VIEW]. */
+/* Pre-activations kept of each grouped sample: of the trunk's layers, then of the view layer. */
 #define ACTS (DEPTH * WIDTH + VIEW)
 #define SLOPE_MEAN (0.5f * (SLOPE_LOWER + SLOPE_UPPER))
 
@@ -266,18 +265,14 @@ HELPER vf density_gradient(vf sigma)
 
 /* ---- samples: where they are, in their leaf ---- */
 
-/* ids, local position at [3][NB], direction along [3][NB] of `rows` samples; those past count repeat the
- * last. */
-HELPER void load_samples(const __global cln_sample *samples, const __global uint *order,
-                         const __global float4 *ray_o, const __global float4 *ray_d, float4 box,
-                         uint start, int count, int rows, __local uint *ids, __local float *at,
-                         __local float *along, int lid)
+/* Local position at [3][NB], direction along [3][NB] of `rows` samples, whose numbers this work-item has put into ids. */
+HELPER void load_samples(const __global cln_sample *samples, const __global float4 *ray_o,
+                         const __global float4 *ray_d, float4 box, int rows,
+                         const __local uint *ids, __local float *at, __local float *along, int lid)
 {
     const float scale = 2.0f / box.w;
 
     /* one kind of load at a time, so that many are under way together */
-    for (int s = lid; s < rows; s += LS)
-        ids[s] = order[start + (uint)min(s, count - 1)];
     for (int s = lid; s < rows; s += LS) {
         const cln_sample sample = samples[ids[s]];
 

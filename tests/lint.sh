@@ -67,6 +67,7 @@ kernels() {
     for cl in kernels/*.cl; do
         case $cl in # host/device/program.c
         */mlp.cl | */adam.cl) headers=(-include kernels/leaves.h -include kernels/network.h -include kernels/adam.h) ;;
+        */roulette.cl) headers=(-include kernels/leaves.h -include kernels/network.h) ;;
         */sampling.cl) headers=(-include kernels/leaves.h -include kernels/walk.h -include kernels/stage1.h) ;;
         *) headers=(-include kernels/camera.h -include kernels/leaves.h) ;;
         esac

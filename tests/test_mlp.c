@@ -67,6 +67,7 @@ static cln_config config_of(const mlp_case *c)
     config.rrelu_lower = c->lower;
     config.rrelu_upper = c->upper;
     config.density_noise = c->noise;
+    config.roulette = 0;
     return config;
 }
 
@@ -238,9 +239,10 @@ static sample_input input_of(const mlp_data *d, uint32_t i, const float box[4])
     return in;
 }
 
-/* Outputs and, in training, the summed gradients of every leaf. */
+/* Outputs and, in training, the summed gradients of every leaf, of samples as often as `factors` say (NULL: once). */
 static void run_reference(const mlp_case *c, const cln_config *config, const mlp_data *d,
-                          bool training, uint32_t step_key, double (*out)[4], double *grads)
+                          bool training, uint32_t step_key, const double *factors, double (*out)[4],
+                          double *grads)
 {
     const cln_network *net = &d->model.net;
     double slopes[8 * 256 + 256], *use = training && c->rrelu != MEAN ? slopes : NULL;
@@ -251,9 +253,11 @@ static void run_reference(const mlp_case *c, const cln_config *config, const mlp
         const int slot = d->samples[i].slot;
         const float *box = boxes + 4 * slot;
         const sample_input in = input_of(d, i, box);
-        const double dout[4] = {d->dout[i][0], d->dout[i][1], d->dout[i][2], d->dout[i][3]};
+        double dout[4];
         ref_network r;
 
+        for (int k = 0; k < 4; k++)
+            dout[k] = d->dout[i][k] * (factors ? factors[i] : 1);
         make_reference(c, config, net, d->model.tree.level[d->model.tree.leaf[slot]], &r);
         memcpy(params, d->model.params + slot * net->params, (size_t)net->params * sizeof *params);
         if (training) /* noise on the head's output is noise on its bias */
@@ -355,6 +359,63 @@ static void compare_gradients(const mlp_case *c, const cln_network *net, int lea
     free(sums);
 }
 
+/* What every sample counted for in the newest way back: its chosen head over the one it would have had. */
+static double *factors_of(cln_pipeline *p, const mlp_data *d, const cln_slice *slices,
+                          uint32_t slice_count, uint32_t step_key)
+{
+    double *factors = test_alloc(d->n, sizeof *factors);
+    float(*heads)[4] = test_alloc(d->n, sizeof *heads), (*all)[4] = test_alloc(d->n, sizeof *all);
+    cl_uint *order = test_alloc(d->n, sizeof *order), *chosen = test_alloc(d->n, sizeof *chosen);
+    cl_uint *counts = test_alloc(slice_count, sizeof *counts);
+    uint32_t went = 0;
+
+    assert_ok(cln_buffer_read(p->device, &p->heads, 0, heads, d->n * sizeof *heads));
+    assert_ok(cln_buffer_read(p->device, &p->chosen, 0, chosen, d->n * sizeof *chosen));
+    assert_ok(
+        cln_buffer_read(p->device, &p->chosen_counts, 0, counts, slice_count * sizeof *counts));
+    assert_ok(cln_buffer_read(p->device, &p->values[0], 0, order, d->n * sizeof *order));
+    assert_ok(cln_stage_roulette(p, d->n, slice_count, 0, 0, step_key));
+    assert_ok(cln_buffer_read(p->device, &p->heads, 0, all, d->n * sizeof *all));
+    for (uint32_t s = 0; s < slice_count; s++)
+        for (uint32_t i = slices[s].start; i < slices[s].start + counts[s]; i++) {
+            const uint32_t at = slices[s].start + chosen[i];
+
+            factors[order[at]] = (double)heads[i][0] / (double)all[at][0];
+            went++;
+        }
+    assert_true(went < 0.9 * d->n && went > 0.1 * d->n);
+    free(heads);
+    free(all);
+    free(order);
+    free(chosen);
+    free(counts);
+    return factors;
+}
+
+/* Some samples alone go back: theirs is the gradient. */
+static void check_some(const mlp_case *c, cln_pipeline *p, const mlp_data *d,
+                       const cln_slice *slices, uint32_t slice_count, uint32_t step_key)
+{
+    const size_t floats = slice_count * (size_t)p->net.params, leaves = 22;
+    double(*out)[4] = test_alloc(d->n, sizeof *out), *factors = NULL;
+    double *want = test_alloc(leaves * (size_t)p->net.params, sizeof *want);
+    float *got = NULL;
+
+    p->config.roulette = 1.5;
+    test_fill(p->device, &p->grads, NULL, floats * sizeof *got);
+    assert_ok(cln_stage_backward(p, d->n, slice_count, step_key));
+    p->config.roulette = 0;
+    got = test_read(p->device, &p->grads, floats * sizeof *got, "grads");
+    factors = factors_of(p, d, slices, slice_count, step_key);
+    run_reference(c, &p->config, d, true, step_key, factors, out, want);
+    compare_gradients(c, &p->net, (int)leaves, slices, slice_count, got, want,
+                      p->tune.half ? half_bounds : gradient_bounds);
+    free(out);
+    free(factors);
+    free(want);
+    free(got);
+}
+
 static void check_case(const mlp_case *c)
 {
     const cln_config config = config_of(c);
@@ -374,14 +435,14 @@ static void check_case(const mlp_case *c)
     slice = test_alloc(slices, sizeof *slice);
     assert_ok(cln_buffer_read(p->device, &p->slices, 0, slice, slices * sizeof *slice));
 
-    run_reference(c, &config, &d, false, 0, want, NULL);
+    run_reference(c, &config, &d, false, 0, NULL, want, NULL);
     test_fill(p->device, &p->out, NULL, d.n * sizeof *out);
     assert_ok(cln_stage_forward(p, d.n, slices, false, step_key));
     out = test_read(p->device, &p->out, d.n * sizeof *out, "out");
     compare_outputs(c, out, want, d.n);
     free(out);
 
-    run_reference(c, &config, &d, true, step_key, want, want_grads);
+    run_reference(c, &config, &d, true, step_key, NULL, want, want_grads);
     grad_bytes = slices * (size_t)p->net.params * sizeof *grads;
     for (int pass = 0; pass < 2; pass++) {
         const size_t acts = cln_pipeline_act_bytes(&p->net, &p->tune);
@@ -390,7 +451,7 @@ static void check_case(const mlp_case *c)
         test_fill(p->device, &p->acts, NULL, d.n * acts);
         test_fill(p->device, &p->grads, NULL, grad_bytes);
         assert_ok(cln_stage_forward(p, d.n, slices, true, step_key));
-        assert_ok(cln_stage_backward(p, slices, step_key));
+        assert_ok(cln_stage_backward(p, d.n, slices, step_key));
         free(test_read(p->device, &p->acts, d.n * acts, "acts"));
         out = test_read(p->device, &p->out, d.n * sizeof *out, "out");
         again = test_read(p->device, &p->grads, grad_bytes, "grads");
@@ -405,6 +466,7 @@ static void check_case(const mlp_case *c)
     }
     if (memcmp(grads, again, grad_bytes) != 0)
         fail_msg("%s, %s: a second launch gave other gradients", c->name, c->set->name);
+    check_some(c, p, &d, slice, slices, step_key);
     free(grads);
     free(again);
     free(want);
@@ -438,7 +500,7 @@ static void test_no_samples(void **state)
     assert_ok(cln_stage_group(p, 0, &slices));
     assert_int_equal(slices, 0);
     assert_ok(cln_stage_forward(p, 0, 0, true, 1));
-    assert_ok(cln_stage_backward(p, 0, 1));
+    assert_ok(cln_stage_backward(p, 0, 0, 1));
     free(test_read(p->device, &p->out, 0, "out"));
     free(test_read(p->device, &p->grads, 0, "grads"));
     cln_model_free(&model);
@@ -521,7 +583,7 @@ static void train(cln_pipeline *p, const mlp_data *d, bool at_once, trained *out
             assert_ok(cln_stage_update(p, d->n, slices, key, 1e-3));
             continue;
         }
-        assert_ok(cln_stage_backward(p, slices, key));
+        assert_ok(cln_stage_backward(p, d->n, slices, key));
         assert_ok(cln_stage_adam(p, 1e-3));
     }
     if (p->parts == 1)

@@ -29,6 +29,7 @@ int test_group_reference(void);
 int test_group_reference_rays(void);
 int test_group_report(void);
 int test_group_results(void);
+int test_group_roulette(void);
 int test_group_run_folder(void);
 int test_group_safetensors(void);
 int test_group_sampling(void);

@@ -23,10 +23,11 @@ typedef struct source {
 static const struct {
     const char *program, *header;
 } headers[] = {
-    {"rays", "camera.h"},   {"splat", "camera.h"},    {"stats", "camera.h"}, {"mlp", "leaves.h"},
-    {"adam", "leaves.h"},   {"sampling", "leaves.h"}, {"splat", "leaves.h"}, {"stats", "leaves.h"},
-    {"mlp", "network.h"},   {"mlp", "adam.h"},        {"adam", "network.h"}, {"adam", "adam.h"},
-    {"sampling", "walk.h"}, {"sampling", "stage1.h"},
+    {"rays", "camera.h"},      {"splat", "camera.h"},  {"stats", "camera.h"},
+    {"mlp", "leaves.h"},       {"adam", "leaves.h"},   {"sampling", "leaves.h"},
+    {"splat", "leaves.h"},     {"stats", "leaves.h"},  {"mlp", "network.h"},
+    {"mlp", "adam.h"},         {"adam", "network.h"},  {"adam", "adam.h"},
+    {"roulette", "network.h"}, {"sampling", "walk.h"}, {"sampling", "stage1.h"},
 };
 
 static cln_status append(source *s, const char *text)

@@ -5,6 +5,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/rng.h"
+
 cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count)
 {
     cln_status st = CLN_OK;
@@ -156,6 +158,29 @@ double cln_pipeline_gradients(const cln_tune *tune, double samples, double slice
     return samples > tune->sl ? ceil(samples / floor(tune->sl / 2.0)) : 0;
 }
 
+cln_status cln_stage_roulette(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                              uint32_t min_samples, double cutoff, uint32_t step_key)
+{
+    cln_status st = CLN_OK;
+    const cl_uint count = sample_count, slices = slice_count, least = min_samples;
+    const cl_uint key = cln_hash(step_key);
+    const cl_float share = (float)cutoff;
+    const size_t n = sample_count, word = sizeof(cl_uint);
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->heads, n * 4 * sizeof(float), "head gradients"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen, n * word, "samples of the way back"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen_counts, slice_count * word,
+                               "counts of the way back"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.roulette, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
+                       CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->out.mem),
+                       CLN_ARG(p->dout.mem), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+                       CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem), CLN_ARG(p->chosen_counts.mem),
+                       CLN_ARG(count), CLN_ARG(slices), CLN_ARG(least), CLN_ARG(share),
+                       CLN_ARG(key)));
+done:
+    return st;
+}
+
 /* update false: gradients to p->grads, each slice's at its number. */
 static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
                                   uint32_t step_key, bool update, double lr)
@@ -170,12 +195,12 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
                        CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed), CLN_ARG(p->boxes.mem),
                        CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem),
-                       CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
-                       CLN_ARG(p->dout.mem), CLN_ARG(p->acts.mem), CLN_LEAF_ARG(p, grads),
-                       CLN_ARG(slices), CLN_ARG(key), CLN_ARG(updates), CLN_ARG(half),
-                       CLN_ARG(least), CLN_ARG(rate), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
-                       CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem), CLN_LEAF_ARG(p, adam_m),
-                       CLN_LEAF_ARG(p, adam_v)));
+                       CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->heads.mem),
+                       CLN_ARG(p->chosen.mem), CLN_ARG(p->chosen_counts.mem), CLN_ARG(p->acts.mem),
+                       CLN_LEAF_ARG(p, grads), CLN_ARG(slices), CLN_ARG(key), CLN_ARG(updates),
+                       CLN_ARG(half), CLN_ARG(least), CLN_ARG(rate), CLN_ARG(p->begin.mem),
+                       CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem),
+                       CLN_LEAF_ARG(p, adam_m), CLN_LEAF_ARG(p, adam_v)));
 done:
     return st;
 }
@@ -209,9 +234,15 @@ static cln_status launch_adam(cln_pipeline *p, cl_uint min_slices, cl_uint half_
                       CLN_ARG(rate));
 }
 
-cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key)
+cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                              uint32_t step_key)
 {
-    return launch_backward(p, slice_count, slice_count, step_key, false, 0);
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, 0, p->config.roulette, step_key));
+    CLN_TRY(launch_backward(p, slice_count, slice_count, step_key, false, 0));
+done:
+    return st;
 }
 
 cln_status cln_stage_adam(cln_pipeline *p, double lr)
@@ -231,6 +262,8 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
     const double gradients = cln_pipeline_gradients(&p->tune, sample_count, slice_count);
 
     CLN_TRY(count_updates(p));
+    CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, (uint32_t)p->config.min_leaf_samples,
+                               p->config.roulette, step_key));
     CLN_TRY(launch_backward(p, gradients, slice_count, step_key, true, lr));
     if (sample_count > (uint32_t)p->tune.sl)
         CLN_TRY(launch_adam(p, 2, p->tune.leaf ? (cl_uint)p->tune.sl / 2 : 0, lr));

@@ -186,6 +186,9 @@ static void add_networks(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, rows * s->params);
     row(out, "activations", "--batch-samples, --width or --depth");
     add(out, s->samples * s->acts);
+    add(out, 16 * s->samples); /* gradients of heads, rows of the way back and their counts */
+    add(out, 4 * s->samples);
+    add(out, 4 * s->slices);
     if (s->measures > 0) {
         row(out, "measures", "--batch-samples, or --no-adaptive");
         add(out, n * 8 * CLN_MEASURES);

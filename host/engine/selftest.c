@@ -173,6 +173,7 @@ static void prepare(cln_config *config)
     config->start_level = 1;
     config->n1 = 5; /* odd: points between two opposite faces stand on no border of cells */
     config->splat_min_alpha = 0;
+    config->roulette = 0; /* it has a check of its own */
     /* the code of random slopes, with the same slope for all: no hash to redo here */
     if (config->rrelu_scope != CLN_RRELU_MEAN)
         config->rrelu_lower = config->rrelu_upper = -0.2;

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/rng.h"
 
 static const double FORWARD[2] = {1e-9, 1e-3}, GRADIENT[2] = {1e-8, 1e-3};
 
@@ -214,7 +215,7 @@ static cln_status launch(cln_checks *c, data *d, bool training, float **grads)
     if (training) {
         CLN_TRY(cln_alloc(grads, floats, sizeof **grads, "self-test"));
         CLN_TRY(cln_check_spoil(p->device, &p->grads, floats * sizeof **grads));
-        CLN_TRY(cln_stage_backward(p, d->slices, 77));
+        CLN_TRY(cln_stage_backward(p, d->n, d->slices, 77));
         CLN_TRY(cln_buffer_read(p->device, &p->grads, 0, *grads, floats * sizeof **grads));
     }
 done:
@@ -333,6 +334,96 @@ done:
     return st;
 }
 
+/* What kernels/roulette.cl decides upon together, and no leaf here has more samples. */
+enum { MOST_OF_SLICE = 256, CUTOFF = 2 };
+
+/* A slice's choice against the reference's: samples chosen otherwise, and the heads' gradients, 0 of those that stay.
+ * Where a draw is nearer than float32 can tell, what the device chose counts. */
+static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const uint32_t *order,
+                          const uint32_t *chosen, uint32_t count, const float (*heads)[4],
+                          float (*got)[4], double (*want)[4])
+{
+    const ref_network r = cln_check_network(&c->p->config, c->model, d->slice[s].slot);
+    const cln_slice *slice = &d->slice[s];
+    double out[MOST_OF_SLICE][4], dout[MOST_OF_SLICE][4], draws[MOST_OF_SLICE],
+        factors[MOST_OF_SLICE];
+    bool went[MOST_OF_SLICE] = {false}, any = false, near = false;
+    int other = 0;
+
+    CLN_ASSERT(slice->count <= MOST_OF_SLICE);
+    for (uint32_t i = 0; i < slice->count; i++) {
+        const uint32_t id = order[slice->start + i];
+
+        draws[i] = ref_roulette_draw(cln_hash(77), id);
+        for (int k = 0; k < 4; k++) {
+            out[i][k] = d->out[4 * id + (uint32_t)k];
+            dout[i][k] = d->dout[id][k];
+            got[slice->start + i][k] = 0;
+        }
+    }
+    near = ref_roulette(&r, CUTOFF, (int)slice->count, out, dout, draws, want + slice->start,
+                        factors) < 1e-5;
+    for (uint32_t i = 0; i < count && i < slice->count; i++) {
+        const uint32_t row = chosen[slice->start + i];
+
+        if (row >= slice->count || went[row])
+            return 1;
+        went[row] = true;
+        for (int k = 0; k < 4; k++)
+            got[slice->start + row][k] = heads[slice->start + i][k];
+    }
+    for (uint32_t i = 0; i < slice->count; i++)
+        any |= factors[i] > 0;
+    for (uint32_t i = 0; i < slice->count; i++) {
+        if (near)
+            memset(want[slice->start + i], 0, sizeof *want);
+        if (near)
+            memset(got[slice->start + i], 0, sizeof *got);
+        other += !near && (any || i > 0) && went[i] != (factors[i] > 0);
+    }
+    return other;
+}
+
+/* Which samples go the way back (kernels/roulette.cl), of the newest forward pass. */
+static cln_status check_roulette(cln_checks *c, const data *d)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    uint32_t *order = NULL, *chosen = NULL, *counts = NULL, all = 0;
+    float(*heads)[4] = NULL, (*got)[4] = NULL;
+    double(*want)[4] = NULL;
+    int other = 0;
+
+    CLN_TRY(cln_alloc(&order, d->n, sizeof *order, "self-test"));
+    CLN_TRY(cln_alloc(&chosen, d->n, sizeof *chosen, "self-test"));
+    CLN_TRY(cln_alloc(&counts, d->slices, sizeof *counts, "self-test"));
+    CLN_TRY(cln_alloc(&heads, d->n, sizeof *heads, "self-test"));
+    CLN_TRY(cln_alloc(&got, d->n, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&want, d->n, sizeof *want, "self-test"));
+    CLN_TRY(cln_check_spoil(p->device, &p->heads, d->n * sizeof *heads));
+    CLN_TRY(cln_check_spoil(p->device, &p->chosen, d->n * sizeof *chosen));
+    CLN_TRY(cln_stage_roulette(p, d->n, d->slices, 0, CUTOFF, 77));
+    CLN_TRY(cln_buffer_read(p->device, &p->values[0], 0, order, d->n * sizeof *order));
+    CLN_TRY(cln_buffer_read(p->device, &p->chosen, 0, chosen, d->n * sizeof *chosen));
+    CLN_TRY(cln_buffer_read(p->device, &p->chosen_counts, 0, counts, d->slices * sizeof *counts));
+    CLN_TRY(cln_buffer_read(p->device, &p->heads, 0, heads, d->n * sizeof *heads));
+    for (uint32_t s = 0; s < d->slices; s++) {
+        other += compare_choice(c, d, s, order, chosen, counts[s], heads, got, want);
+        all += counts[s];
+    }
+    cln_check_say(c, "roulette: samples", other == 0 && all < d->n,
+                  "%d of %u chosen otherwise, %u go", other, d->n, all);
+    cln_check_compare(c, "roulette: gradients", got[0], want[0], 4 * (size_t)d->n, 1e-11, 1e-4);
+done:
+    free(order);
+    free(chosen);
+    free(counts);
+    free(heads);
+    free(got);
+    free(want);
+    return st;
+}
+
 cln_status cln_check_networks(cln_checks *c)
 {
     cln_status st = CLN_OK;
@@ -371,6 +462,7 @@ cln_status cln_check_networks(cln_checks *c)
            memcmp(d.grads, again, (size_t)d.slices * (size_t)p->net.params * sizeof *again) == 0;
     cln_check_say(c, "networks: same launch, same bytes", same, "%u samples, %u slices", d.n,
                   d.slices);
+    CLN_TRY(check_roulette(c, &d));
     CLN_TRY(check_adam(c, &d));
     CLN_TRY(check_update(c, &d));
 done:

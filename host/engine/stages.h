@@ -37,6 +37,7 @@
     X(mlp_forward_train, mlp)     \
     X(mlp_forward_eval, mlp)      \
     X(mlp_backward, mlp)          \
+    X(roulette, roulette)         \
     X(composite, composite)       \
     X(composite_train, composite) \
     X(adam_count, adam)           \
@@ -78,8 +79,8 @@ typedef struct cln_pipeline {
      * array would pass the device's largest allocation, in CLN_PARTS of so many rows (kernels/leaves.h). */
     int parts, part_leaves, part_slices;
 
-    cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, adam, stats, regularise,
-        distil;
+    cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, roulette, adam, stats,
+        regularise, distil;
     struct {
 #define X(kernel, program) cl_kernel kernel;
         CLN_KERNEL_LIST(X)
@@ -121,6 +122,8 @@ typedef struct cln_pipeline {
     uint32_t sample_total; /* of the newest batch, once cln_stage_sample has returned */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
     cln_buffer out, dout;                                      /* float4 [sample] */
+    cln_buffer heads, chosen,
+        chosen_counts;   /* of the way back: float4, uint [grouped sample], uint [slice] */
     cln_buffer measures; /* float [sample][numbers measured] */
     cln_buffer losses;   /* float [sample]; distillation only */
     cln_buffer acts;  /* float or half, cln_pipeline_acts() of each grouped sample; training only */
@@ -252,8 +255,13 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                              bool training, uint32_t step_key);
 cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth);
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
+/* What goes the way back through the networks (kernels/roulette.cl), of slices of leaves with at least min_samples
+ * samples: p->heads, p->chosen, p->chosen_counts. Both ways back below begin with it, by config.roulette. */
+cln_status cln_stage_roulette(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                              uint32_t min_samples, double cutoff, uint32_t step_key);
 /* Gradients of all slices, p->grads [slice][params]; then Adam with them. */
-cln_status cln_stage_backward(cln_pipeline *p, uint32_t slice_count, uint32_t step_key);
+cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                              uint32_t step_key);
 cln_status cln_stage_adam(cln_pipeline *p, double lr);
 /* The same as these two, bit for bit, in one pass over leaves of one slice; their gradients are not kept. */
 cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,

@@ -1,0 +1,48 @@
+/* Which samples go the way back through the networks, and what they count for (kernels/roulette.cl). See reference.h. */
+#include <math.h>
+#include "base/rng.h"
+#include "reference/reference.h"
+
+double ref_roulette_draw(uint32_t key, uint32_t sample)
+{
+    return (cln_hash(cln_hash(cln_hash(sample ^ key)) + 0x9E3779B9u) >> 8) * 0x1p-24 + 0x1p-25;
+}
+
+/* d sigma / d raw from sigma, as far as the raw output tells no more. */
+static double density_slope(int density, double kappa, double sigma)
+{
+    if (density == CLN_DENSITY_SOFTPLUS)
+        return -kappa * expm1(-sigma / kappa);
+    if (density == CLN_DENSITY_RELU)
+        return sigma > 0 ? kappa : 0;
+    return fmin(sigma, kappa * exp(15));
+}
+
+double ref_roulette(const ref_network *r, double cutoff, int n, const double (*out)[4],
+                    const double (*dout)[4], const double *draws, double (*heads)[4],
+                    double *factors)
+{
+    double least = 0, margin = INFINITY;
+
+    for (int i = 0; i < n; i++) {
+        factors[i] = 0;
+        for (int k = 0; k < 4; k++) {
+            const double slope = k < 3 ? out[i][k] * (1 - out[i][k])
+                                       : density_slope(r->density, r->kappa, out[i][3]);
+
+            heads[i][k] = dout[i][k] * slope;
+            factors[i] += fabs(heads[i][k]); /* the size, for now */
+        }
+        least += factors[i] * cutoff / n;
+    }
+    for (int i = 0; i < n; i++) {
+        const double size = factors[i];
+
+        if (cutoff > 0 && least > 0)
+            margin = fmin(margin, fabs(draws[i] - size / least));
+        factors[i] = cutoff == 0 ? 1 : draws[i] * least < size ? fmax(1, least / size) : 0;
+        for (int k = 0; k < 4; k++)
+            heads[i][k] *= factors[i];
+    }
+    return margin;
+}

@@ -1,0 +1,124 @@
+/* Before the way back through the networks: the gradients of each sample's heads, and which samples go. Most gradients
+ * of a leaf are far below their mean (samples in the empty, or behind what is opaque): of those a few go, with a
+ * chance in proportion to the gradient, and count for more (Russian roulette; the expectation stays). Between
+ * composite.cl and mlp.cl's mlp_backward; behind network.h, for the density's gradient. Twin: host/reference/roulette.c.
+ */
+
+/* Samples of a slice that are decided upon together; how far ahead they come into the cache. */
+#define SEGMENT 256
+#define AHEAD   16
+
+/* The size of a gradient with respect to the heads' raw outputs: a sum, as squares would over- or underflow. */
+HELPER float size_of(float4 g)
+{
+    const float4 a = fabs(g);
+
+    return (a.x + a.y) + (a.z + a.w);
+}
+
+/* One work-group a slice. heads, and chosen, ascending, counted
+ * from the slice's start: of those that go, chosen_counts[slice] of them from there on, at least one. A sample
+ * with a gradient of less than `cutoff` times its segment's mean goes with the chance of their ratio; cutoff 0: all
+ * go. Leaves of fewer than min_samples samples are left out. */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+roulette(const __global cln_slice *restrict slices, /* [slice] */
+         const __global uint *restrict order,       /* [grouped sample] -> sample */
+         const __global float4 *restrict out,       /* [sample] r, g, b, sigma */
+         const __global float4 *restrict dout,      /* [sample] gradient of it */
+         const __global uint *restrict begin, const __global uint *restrict end, /* [leaf] */
+         __global float4 *restrict heads,                                        /* [grouped] */
+         __global uint *restrict chosen,                                           /* [grouped] */
+         __global uint *restrict chosen_counts,                                           /* [slice] */
+         uint n, uint n_slices, uint min_samples, float cutoff, uint key)
+{
+    __local float4 raw[SEGMENT];
+    __local float sizes[SEGMENT + VW], sums[LS];
+    __local uint counts[LS];
+    const uint group = get_group_id(0), lid = get_local_id(0);
+    uint used = 0u;
+
+    if (group >= n_slices)
+        return;
+    const cln_slice slice = slices[group];
+
+    if (slice.count == 0u || end[slice.slot] - begin[slice.slot] < min_samples)
+        return;
+    for (uint first = 0; first < slice.count; first += SEGMENT) {
+        const uint count = min((uint)SEGMENT, slice.count - first), at = slice.start + first;
+        const uint each = (count + STEP_N - 1) / STEP_N * VW; /* of a work-item, side by side */
+        const uint from = min(lid * each, count), upto = min(from + each, count);
+        float sum = 0.0f, least = 0.0f;
+        uint mine = 0u;
+
+        GROUP_SYNC();
+        for (uint s = from; s < upto; s += VW) {
+            float sigma[VW];
+
+#pragma unroll
+            for (uint l = 0; l < VW; l++) {
+                const uint later = order[min(at + s + l + AHEAD, n - 1u)];
+
+                FETCH(out + later);
+                FETCH(dout + later);
+            }
+#pragma unroll
+            for (uint l = 0; l < VW; l++)
+                sigma[l] = out[order[at + min(s + l, upto - 1u)]].w;
+            VSTORE(density_gradient(VLOAD(sigma)), sigma);
+            for (uint l = 0; l < VW && s + l < upto; l++) {
+                const uint id = order[at + s + l];
+                const float4 o = out[id], g = dout[id], d = g * (o * (1.0f - o));
+                const float4 head = (float4)(d.xyz, g.w * sigma[l]);
+
+                raw[s + l] = head;
+                sizes[s + l] = size_of(head);
+                sum += sizes[s + l];
+            }
+        }
+        sums[lid] = sum;
+        GROUP_SYNC();
+        for (uint l = 0; l < LS; l++)
+            least += sums[l];
+        least *= cutoff / (float)count;
+        const vi every = (vi)(cutoff == 0.0f || !(least < MAXFLOAT) ? -1 : 0); /* to see what is no number */
+
+        /* sizes become what those that go count for, 0 of the others */
+        for (uint s = from; s < upto; s += VW) {
+            const vf size = VLOAD(sizes + s);
+            uint ids[VW];
+
+#pragma unroll
+            for (uint l = 0; l < VW; l++)
+                ids[l] = order[at + min(s + l, upto - 1u)];
+            const vf draw = uniform_lanes_of(key, VLOAD(ids), (vu)(0u), 0u) + 0x1p-25f;
+            const vf factor = select(fmax((vf)(least) / size, (vf)(1.0f)), (vf)(1.0f), every);
+
+            VSTORE(select((vf)(0.0f), factor, every | (draw * least < size)), sizes + s);
+        }
+        for (uint s = from; s < upto; s++)
+            mine += sizes[s] > 0.0f;
+        counts[lid] = mine;
+        GROUP_SYNC();
+        for (uint l = 0; l < lid; l++)
+            used += counts[l];
+        for (uint s = from; s < upto; s++) {
+            const bool goes = sizes[s] > 0.0f;
+
+            /* written over by the next one if it does not go: that is faster than a branch */
+            if (LS == 1 || goes) {
+                heads[slice.start + used] = raw[s] * sizes[s];
+                chosen[slice.start + used] = first + s;
+            }
+            used += goes;
+        }
+        for (uint l = lid + 1u; l < LS; l++)
+            used += counts[l];
+    }
+    if (lid == 0u) {
+        if (used == 0u) { /* none has a gradient */
+            chosen[slice.start] = 0u;
+            heads[slice.start] = (float4)(0.0f);
+        }
+        chosen_counts[group] = max(used, 1u);
+    }
+}
