@@ -122,6 +122,7 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
                                double leaves, double slices);
 bench_work bench_work_adam(const cln_network *net, const cln_tune *tune, double leaves,
                            double slices);
+bench_work bench_work_roulette(double n);
 bench_work bench_work_update(const cln_network *net, const cln_tune *tune, double n, double leaves,
                              double slices);
 bench_work bench_work_upload(const cln_network *net, double leaves);

@@ -4,7 +4,10 @@
 
 #include "bench.h"
 
-enum { DENSITY, EVAL, TRAINING, FORWARD, BACKWARD, ADAM, UPDATE, NETWORK_PARTS };
+enum { DENSITY, EVAL, TRAINING, FORWARD, ROULETTE, BACKWARD, ADAM, UPDATE, NETWORK_PARTS };
+
+/* Of the roulette's own row; the way back is timed with all samples. */
+#define ROULETTE_CUTOFF 1.0
 
 typedef struct network_run {
     cln_pipeline *p;

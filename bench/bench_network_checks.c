@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/rng.h"
 #include "bench_network.h"
 
 /* Native functions have no error that could be stated for all devices; half activations: tests/test_mlp.c. */
@@ -243,6 +244,64 @@ done:
     return st;
 }
 
+/* The gradients of the heads that went, of the first segment of every slice. */
+static cln_status check_roulette(const network_run *r, bench_errors *errors)
+{
+    enum { SEGMENT = 256 }; /* kernels/roulette.cl */
+    cln_status st = CLN_OK;
+    cln_pipeline *p = r->p;
+    const size_t n = r->n, word = sizeof(cl_uint);
+    float(*out)[4] = NULL, (*heads)[4] = NULL, (*got)[4] = NULL;
+    double(*want)[4] = NULL;
+    cl_uint *order = NULL, *chosen = NULL, *counts = NULL;
+    size_t used = 0;
+
+    CLN_TRY(cln_alloc(&out, n, sizeof *out, "bench"));
+    CLN_TRY(cln_alloc(&heads, n, sizeof *heads, "bench"));
+    CLN_TRY(cln_alloc(&got, n, sizeof *got, "bench"));
+    CLN_TRY(cln_alloc(&want, n, sizeof *want, "bench"));
+    CLN_TRY(cln_alloc(&order, n, word, "bench"));
+    CLN_TRY(cln_alloc(&chosen, n, word, "bench"));
+    CLN_TRY(cln_alloc(&counts, r->slice_count, word, "bench"));
+    CLN_TRY(cln_buffer_read(p->device, &p->out, 0, out, n * sizeof *out));
+    CLN_TRY(cln_buffer_read(p->device, &p->heads, 0, heads, n * sizeof *heads));
+    CLN_TRY(cln_buffer_read(p->device, &p->values[0], 0, order, n * word));
+    CLN_TRY(cln_buffer_read(p->device, &p->chosen, 0, chosen, n * word));
+    CLN_TRY(cln_buffer_read(p->device, &p->chosen_counts, 0, counts, r->slice_count * word));
+    for (uint32_t s = 0; s < r->slice_count; s++) {
+        const cln_slice *slice = &r->slices[s];
+        const int count = slice->count < SEGMENT ? (int)slice->count : SEGMENT;
+        const ref_network net = cln_check_network(&p->config, &r->model, slice->slot);
+        double o[SEGMENT][4], d[SEGMENT][4], draws[SEGMENT], ours[SEGMENT][4], factors[SEGMENT];
+
+        for (int i = 0; i < count; i++) {
+            const uint32_t id = order[slice->start + (uint32_t)i];
+
+            draws[i] = ref_roulette_draw(cln_hash(1), id);
+            for (int k = 0; k < 4; k++) {
+                o[i][k] = out[id][k];
+                d[i][k] = r->dout[id][k];
+            }
+        }
+        ref_roulette(&net, ROULETTE_CUTOFF, count, o, d, draws, ours, factors);
+        for (uint32_t i = slice->start; i < slice->start + counts[s]; i++)
+            if (chosen[i] < (uint32_t)count) {
+                memcpy(got[used], heads[i], sizeof *got);
+                memcpy(want[used++], ours[chosen[i]], sizeof *want);
+            }
+    }
+    bench_compare(errors, got[0], want[0], 4 * used, 1e-9, 1e-3);
+done:
+    free(out);
+    free(heads);
+    free(got);
+    free(want);
+    free(order);
+    free(chosen);
+    free(counts);
+    return st;
+}
+
 cln_status network_check(network_run *r, bench_body *body, bench_errors *errors)
 {
     cln_status st = CLN_OK;
@@ -253,13 +312,15 @@ cln_status network_check(network_run *r, bench_body *body, bench_errors *errors)
         CLN_TRY(check_adam(r, errors));
         goto done;
     }
-    if (r->part == BACKWARD)
+    if (r->part == BACKWARD || r->part == ROULETTE)
         CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
     CLN_TRY(body(r));
     if (r->part == DENSITY)
         CLN_TRY(check_densities(r, errors));
     else if (r->part == EVAL || r->part == FORWARD)
         CLN_TRY(check_outputs(r, errors));
+    else if (r->part == ROULETTE)
+        CLN_TRY(check_roulette(r, errors));
     else
         CLN_TRY(check_gradients(r, errors));
 done:

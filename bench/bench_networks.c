@@ -54,11 +54,12 @@ enum { ARITHMETIC_PARTS = FORWARD };
 static const bench_part parts[] = {
     {"mlp_density", "mlp_density"},
     {"mlp_forward_eval", "mlp_forward_eval"},
-    {"mlp_training", "mlp_forward_train mlp_backward"},
+    {"mlp_training", "mlp_forward_train roulette mlp_backward"},
     {"mlp_forward_train", "mlp_forward_train"},
-    {"mlp_backward", "mlp_backward"},
+    {"roulette", "roulette"},
+    {"mlp_backward", "roulette mlp_backward"},
     {"adam", "adam_count adam"},
-    {"mlp_update", "adam_count mlp_backward adam"},
+    {"mlp_update", "adam_count roulette mlp_backward adam"},
 };
 static const bench_part upload_parts[] = {{"transpose", "transpose"}};
 
@@ -230,6 +231,9 @@ static cln_status body(void *context)
         CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
         CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
         break;
+    case ROULETTE:
+        CLN_TRY(cln_stage_roulette(r->p, r->n, r->slice_count, 0, ROULETTE_CUTOFF, 1));
+        break;
     case BACKWARD:
         CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
         break;
@@ -258,6 +262,8 @@ static bench_work work_of(const network_run *r)
     case EVAL:
     case FORWARD:
         return bench_work_forward(net, tune, r->part == FORWARD, n, leaves, slices);
+    case ROULETTE:
+        return bench_work_roulette(n);
     case BACKWARD:
         return bench_work_backward(net, tune, n, leaves, slices);
     case TRAINING:

@@ -64,6 +64,12 @@ bench_work bench_work_adam(const cln_network *net, const cln_tune *tune, double 
                         .bytes = WORD * (6 * weights + slices * net->params + leaves * transposed)};
 }
 
+/* Number, colour, density and gradient of every sample in; gradient of the heads and row out, of about half. */
+bench_work bench_work_roulette(double n)
+{
+    return (bench_work){.flop = 40 * n, .bytes = WORD * n * (1 + 4 + 4 + 0.5 * (4 + 1))};
+}
+
 /* Both, without the way of the gradients of leaves of one slice through memory. */
 bench_work bench_work_update(const cln_network *net, const cln_tune *tune, double n, double leaves,
                              double slices)
