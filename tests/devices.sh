@@ -151,7 +151,8 @@ section_broken() {
     add "device ${names[$best]}: tiny shapes" || return
     noticed "a wrong sign" regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' "regularisers backward "
     noticed "one too few" group.cl 's/end\[keys\[i\]\] = i + 1u/end[keys[i]] = i/' "networks backward "
-    noticed "a missing barrier" network.h 's/^#define GROUP_SYNC() barrier.*/#define GROUP_SYNC()/' \
+    # between layers: elsewhere indices would be read too early, and the device might crash
+    noticed "a missing barrier" mlp.cl '/define TRUNK_FORWARD/,/float \*h =/s/GROUP_SYNC();/            /' \
         "networks: (colour|density) "
     # right by float64 (any random number is), but not what the others make of it
     noticed "other random numbers" sampling.cl 's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
