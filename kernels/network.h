@@ -158,9 +158,12 @@ HELPER uint slope_key(uint step_key, uint sample, uint layer)
 #endif
 }
 
+/* The larger of the two, as no slope is above 1: one instruction less than to ask for x > 0. */
 HELPER vf activate(vf x, vf slope)
 {
-    return select(x * slope, x, x > (vf)(0.0f));
+    const vf below = x * slope;
+
+    return select(below, x, x > below);
 }
 
 HELPER vf activate_gradient(vf x, vf slope)
