@@ -104,7 +104,7 @@ PEER_CFLAGS_openblas = $(shell pkg-config --cflags openblas 2>/dev/null)
 found_peer = $(shell $(CC) $(PEER_CFLAGS_$1) -fsyntax-only -include $(PEER_HEADER_$1) -x c /dev/null \
                2>/dev/null && echo $1)
 
-bench-peers:
+bench-peers: $B/libcl-nascent.a
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory $B/bench-peers FOUND="$(strip $(foreach p,$(PEERS),$(call found_peer,$p)))"
 

@@ -152,7 +152,7 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
     REAL(beta2, "beta2", 0.999, 0.99, 0, 0.999999, "Adam")                                         \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     REAL(                                                                                          \
-        roulette, "roulette", 0, 1, 0, 1000,                                                       \
+        roulette, "roulette", 0, 0.1, 0, 1000,                                                     \
         "of samples whose gradient is under this share of their leaf's mean, some train (0: all)") \
     INT(min_leaf_samples, "min-leaf-samples", 32, 8, 1, 1000000,                                   \
         "a leaf with fewer samples in a batch is not updated")                                     \

@@ -44,7 +44,8 @@ typedef struct cln_interval {
 /* A run of grouped samples that one work-group takes through one leaf's network. */
 typedef struct cln_slice {
     cln_i32 slot;
-    cln_u32 start, count, pad;
+    cln_u32 start, count;
+    cln_u32 used; /* slices that are not empty, of the whole list */
 } cln_slice;
 
 /* What the network needs to know of a sample: where, in which leaf, on which ray. */
@@ -72,6 +73,9 @@ typedef struct cln_ray_result {
      (cln_u32)((corner)[2] - (high)) << (15 * (high) + 10))
 #define CLN_MAP_LOW(entry, axis)  ((entry) >> 5 * (axis)&31)
 #define CLN_MAP_HIGH(entry, axis) (((entry) >> (15 + 5 * (axis)) & 31) + 1)
+
+/* Samples of a slice that roulette.cl decides upon together. */
+#define CLN_ROULETTE_SEGMENT 256
 
 /* Rays of a work-item of the sampling kernels, with vectors of vw floats. */
 #define CLN_RAYS_EACH(vw) ((vw) == 1 ? 1 : 64)

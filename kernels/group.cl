@@ -1,6 +1,7 @@
 /* Samples grouped by leaf, so that a work-group meets one leaf's weights (method.md 8): after a stable
  * sort by slot, leaves own runs of samples; runs are cut into as few slices of at most `slice` samples as
- * there can be, all about as long: of several, none is shorter than half of `slice`.
+ * there can be, of whole blocks of `block` samples (NB of the networks) but for a leaf's last one, and all
+ * about as long. `slice` is an even number of blocks, so that of several none is shorter than half of it.
  *
  *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices
  *
@@ -43,7 +44,7 @@ __kernel void group_slice_counts(const __global uint *restrict begin, const __gl
 __kernel void group_slices(const __global uint *restrict begin, const __global uint *restrict end,
                            const __global uint *restrict starts, /* [leaf + 1] */
                            __global cln_slice *restrict slices, /* [most] */
-                           uint leaves, uint slice, uint most)
+                           uint leaves, uint block, uint most)
 {
     const uint leaf = get_global_id(0);
 
@@ -54,10 +55,12 @@ __kernel void group_slices(const __global uint *restrict begin, const __global u
     }
     if (leaf >= leaves)
         return;
-    const uint first = starts[leaf], count = starts[leaf + 1u] - first, all = end[leaf] - begin[leaf];
+    const uint first = starts[leaf], count = starts[leaf + 1u] - first;
+    const uint blocks = (end[leaf] - begin[leaf] + block - 1u) / block;
 
-    for (uint s = 0, at = begin[leaf]; s < count; s++) {
-        const cln_slice out = {(int)leaf, at, all / count + (s < all % count), 0u};
+    for (uint s = 0, at = begin[leaf]; s < count; s++) { /* the longer ones last: one of them is cut short */
+        const uint whole = (blocks / count + (s >= count - blocks % count)) * block;
+        const cln_slice out = {(int)leaf, at, min(whole, end[leaf] - at), starts[leaves]};
 
         slices[first + s] = out;
         at += out.count;

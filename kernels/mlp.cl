@@ -199,7 +199,7 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
     __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB], raw[4 * NB];     \
     __local uint ids[NB];                                                                         \
     VIEW_BUFFERS                                                                                  \
-    const uint group = get_group_id(0);                                                           \
+    const uint group = slice_of(slices, get_group_id(0), n_slices);                               \
     const int lid = (int)get_local_id(0);                                                         \
                                                                                                   \
     if (group >= n_slices)                                                                        \
@@ -553,7 +553,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
 #if LEAF
     __local float grad[PARAMS], wt[WT_PARAMS];
 #endif
-    const uint group = get_group_id(0);
+    const uint group = slice_of(slices, get_group_id(0), n_slices);
     const int lid = (int)get_local_id(0);
 
     if (group >= n_slices)

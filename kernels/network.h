@@ -266,6 +266,15 @@ HELPER vf density_gradient(vf sigma)
 #endif
 }
 
+/* The slice of a work-group. Those at the end are empty (group.cl), and come first: a driver that deals out groups in ever
+ * smaller parts would end with nothing to balance. */
+HELPER uint slice_of(const __global cln_slice *slices, uint group, uint n_slices)
+{
+    const uint used = slices[0].used;
+
+    return group + used < n_slices ? group + used : group + used - n_slices;
+}
+
 /* ---- samples: where they are, in their leaf ---- */
 
 /* Local position at [3][NB], direction along [3][NB] of `rows` samples, whose numbers this work-item has put into ids. */

@@ -4,9 +4,8 @@
  * composite.cl and mlp.cl's mlp_backward; behind network.h, for the density's gradient. Twin: host/reference/roulette.c.
  */
 
-/* Samples of a slice that are decided upon together; how far ahead they come into the cache. */
-#define SEGMENT 256
-#define AHEAD   16
+#define SEGMENT CLN_ROULETTE_SEGMENT
+#define AHEAD   16 /* samples that come into the cache before they are looked at */
 
 /* The size of a gradient with respect to the heads' raw outputs: a sum, as squares would over- or underflow. */
 HELPER float size_of(float4 g)
@@ -16,10 +15,10 @@ HELPER float size_of(float4 g)
     return (a.x + a.y) + (a.z + a.w);
 }
 
-/* One work-group a slice. heads, and chosen, ascending, counted
- * from the slice's start: of those that go, chosen_counts[slice] of them from there on, at least one. A sample
- * with a gradient of less than `cutoff` times its segment's mean goes with the chance of their ratio; cutoff 0: all
- * go. Leaves of fewer than min_samples samples are left out. */
+/* One work-group a slice. heads and chosen (ascending, counted from the slice's start): of those that go,
+ * chosen_counts[slice] of them from the slice's start on, at least one. A sample with a gradient of less than `cutoff`
+ * times its segment's mean goes with the chance of their ratio; cutoff 0: all go. Leaves of fewer than min_samples
+ * samples are left out. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 roulette(const __global cln_slice *restrict slices, /* [slice] */
          const __global uint *restrict order,       /* [grouped sample] -> sample */
@@ -27,14 +26,14 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
          const __global float4 *restrict dout,      /* [sample] gradient of it */
          const __global uint *restrict begin, const __global uint *restrict end, /* [leaf] */
          __global float4 *restrict heads,                                        /* [grouped] */
-         __global uint *restrict chosen,                                           /* [grouped] */
-         __global uint *restrict chosen_counts,                                           /* [slice] */
+         __global uint *restrict chosen,                                         /* [grouped] */
+         __global uint *restrict chosen_counts,                                  /* [slice] */
          uint n, uint n_slices, uint min_samples, float cutoff, uint key)
 {
     __local float4 raw[SEGMENT];
     __local float sizes[SEGMENT + VW], sums[LS];
     __local uint counts[LS];
-    const uint group = get_group_id(0), lid = get_local_id(0);
+    const uint group = slice_of(slices, get_group_id(0), n_slices), lid = get_local_id(0);
     uint used = 0u;
 
     if (group >= n_slices)
@@ -80,7 +79,8 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         for (uint l = 0; l < LS; l++)
             least += sums[l];
         least *= cutoff / (float)count;
-        const vi every = (vi)(cutoff == 0.0f || !(least < MAXFLOAT) ? -1 : 0); /* to see what is no number */
+        const vi every =
+            (vi)(cutoff == 0.0f || !(least < MAXFLOAT) ? -1 : 0); /* to see what is no number */
 
         /* sizes become what those that go count for, 0 of the others */
         for (uint s = from; s < upto; s += VW) {

@@ -34,13 +34,37 @@ part() {
     echo "$name: $((SECONDS - started)) s"
 }
 
+# halves PROGRAM GROUP...: in two processes at once, as a driver compiles kernels with one thread; the sum of both last
+# lines at the end.
+halves() {
+    local program=$1 status=0 other first second
+    shift
+    first=$(printf '%s\n' "$@" | grep -x -E 'mlp|scan_sort|sampling|composite|splat')
+    second=$(printf '%s\n' "$@" | grep -v -x -E 'mlp|scan_sort|sampling|composite|splat')
+    # shellcheck disable=SC2086
+    "$program" $first >build/test-first.log 2>&1 &
+    other=$!
+    # shellcheck disable=SC2086
+    "$program" $second >build/test-second.log 2>&1 || status=1
+    wait $other || status=1
+    cat build/test-first.log build/test-second.log | awk '
+        /^[0-9]+ passed, [0-9]+ failed/ { p += $1; f += $3; s += $5; n++; next }
+        { print }
+        END { printf "%d passed, %d failed%s\n", p, f, s ? ", " s " skipped" : ""; exit n != 2 }' || status=1
+    rm -f build/test-first.log build/test-second.log
+    return $status
+}
+
+unit() {
+    # shellcheck disable=SC2046
+    halves build/tests $(build/tests -l)
+}
+
 # Unit tests under sanitizers. Groups that train for long or build many kernels would take minutes there
 # and run the same host code: they are left out.
 sanitized() {
-    local groups
-    groups=$(build/sanitize/tests -l | grep -v -x -E 'mlp|train|tuner')
-    # shellcheck disable=SC2086
-    build/sanitize/tests $groups
+    # shellcheck disable=SC2046
+    halves build/sanitize/tests $(build/sanitize/tests -l | grep -v -x -E 'mlp|train|tuner')
 }
 
 export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
@@ -48,9 +72,9 @@ export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:suppressions=$PWD/tests/
 export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
 
 part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent build/make-scene \
-    build/json-query build/device-cases build/tests
+    build/json-query build/device-cases build/tests build/bench-kernels
 part lint tests/lint.sh
-part unit build/tests
+part unit unit
 part "command line" tests/cli.sh
 part devices tests/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \

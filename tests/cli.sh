@@ -2,7 +2,7 @@
 # The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind, its
 # exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
 #   tests/cli.sh [SECTION...]      sections: usage devices tune scenes train structure resume results damage output
-#                                  memory
+#                                  memory bench
 #   BUILD=build/sanitize           the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -293,6 +293,7 @@ section_scenes() {
 }
 
 section_train() {
+    local psnr
     baseline
     check "train --json is not printed unasked" grep -q 'model digest' "$work/out"
     run "$cln" info "$work/whole" --json
@@ -316,6 +317,11 @@ section_train() {
     check "train says what was left out" grep -qi 'left out' "$work/err"
     run env POCL_MAX_PTHREAD_COUNT=1 "$cln" train "$work/blender" -o "$work/thread" "${small[@]}" --steps $steps
     check "one thread, same bits" is_whole "$work/thread"
+
+    psnr=$("$query" result.psnr_test <"$work/whole/run.json")
+    train gpu-shaped --json --tune VW=1,NV=1,LS=16,TS=8,NB=16,SL=128,WG=64,SG=256,DB=8,CHUNK=2048,LEAF=0
+    check "with a GPU's parameters, as good" eval \
+        'number_above "$(json psnr_test)" "$(awk -v p="$psnr" "BEGIN { print p - 0.5 }")"'
 
     run "$cln" train "$work/blender" -o "$work/timed" "${small[@]}" --time-limit 2s --json
     check "--time-limit ends the training" [ $rc = 0 ]
@@ -601,6 +607,12 @@ section_memory() {
     check "peaks are printed at the end" grep -qE "^peak memory +[0-9.]+ [KMG]iB device, [0-9.]+ [KMG]iB host" "$work/out"
     r=$work/planned/run.json
     check "the peak is below the plan" number_above "$("$query" plan.total <"$r")" "$("$query" result.device_peak <"$r")"
+    limit=$("$query" host_plan.total <"$r")
+    check "host memory, too" number_above "$limit" "$("$query" result.host_peak <"$r")"
+    run "$cln" train "$work/blender" -o "$work/hosted" "${small[@]}" --steps 20 --no-adaptive --level-at "" \
+        --host-mem "$limit" --json
+    check "a training that keeps to --host-mem" [ "$(json state)" = "done" ]
+    check "its peak is below it" number_above "$limit" "$(json host_peak)"
 
     # a limit with room for level 1 and a half: growth by level and by the integer program stay below it
     limit=$(awk -v a="$("$query" plan.total <"$r")" 'BEGIN { printf "%.0f", a + 60000 }')
@@ -641,6 +653,20 @@ section_memory() {
     check "and the same" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
 }
 
+# A row of the kernels' bench, with all that docs/benches.md says is in it; how fast is no test's business.
+section_bench() {
+    local bench=$here/$BUILD/bench-kernels key
+    expect "a row of the kernels' bench" 0 "" "$bench" --json --only mlp_training/W16-D2-V16-L4-1x1 --budget 0.001
+    for key in seconds.min seconds.median seconds.max gflops gbps fma_gflops copy_gbps share nmse worst; do
+        check "it has $key" number_above "$(json $key)" -1e-30
+    done
+    check "it names the kernel" [ "$(json kernel)" = mlp_training ]
+    check "and the shape" [ "$(json shape)" = "W16-D2-V16-L4 1x1" ]
+    check "its errors are within their bounds" [ "$(json ok)" = true ]
+    expect "every row has its place in the list" 0 "" "$bench" --list
+    check "hundreds of them" [ "$(wc -l <"$work/out")" -gt 200 ]
+}
+
 for program in "$cln" "$make_scene" "$query"; do
     if [ ! -x "$program" ]; then
         echo "cli.sh: $program is not there; make it first" >&2
@@ -648,7 +674,7 @@ for program in "$cln" "$make_scene" "$query"; do
     fi
 done
 sections=("$@")
-[ $# = 0 ] && sections=(usage devices tune scenes train structure resume results damage output memory)
+[ $# = 0 ] && sections=(usage devices tune scenes train structure resume results damage output memory bench)
 for s in "${sections[@]}"; do
     if [ "$(type -t "section_$s")" != function ]; then
         echo "cli.sh: no section $s" >&2

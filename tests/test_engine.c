@@ -247,6 +247,28 @@ static void test_growth(void **state)
     assert_true(loss[STEPS - 1] < loss[0]);
 }
 
+/* The host waits for the device once a step, and once for a row of metrics. */
+static void test_waits(void **state)
+{
+    enum { EVERY = 10 };
+    cln_config config = engine_config();
+    cln_train_result result;
+    double waits[STEPS] = {0}, least = INFINITY;
+    int rows = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    config.level_at[0] = 0;
+    config.adaptive = false;
+    config.log_every = EVERY;
+    assert_ok(engine_train("watched", false, &config, NULL, &result));
+    rows = metrics("watched", "host_waits", waits, STEPS);
+    assert_int_equal(rows, STEPS / EVERY);
+    for (int i = 0; i < rows; i++) /* rows with a refresh or an evaluation have more */
+        least = fmin(least, waits[i]);
+    assert_int_equal((int)least, EVERY + 1);
+}
+
 /* Leaves after that many steps. */
 static double leaves_at(const char *run, int step)
 {
@@ -606,6 +628,7 @@ int test_group_engine(void)
         cmocka_unit_test(test_resumed_with_other_settings),
         cmocka_unit_test(test_split_keeps_pictures),
         cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_waits),
         cmocka_unit_test(test_culling),
         cmocka_unit_test(test_psnr_of_all_pixels),
         cmocka_unit_test(test_adaptive),

@@ -11,7 +11,7 @@
 #include "tests.h"
 
 enum {
-    SEGMENT = 256,
+    SEGMENT = CLN_ROULETTE_SEGMENT,
     LEAVES = 9,
     LEAST = 4
 }; /* the kernel's; leaves, one slice each; --min-leaf-samples */
@@ -99,18 +99,9 @@ static double expected(const cln_pipeline *p, const batch *b, int leaf, int firs
                        double cutoff, uint32_t step_key, double (*heads)[4], double *factors)
 {
     const ref_network r = {.density = p->config.density, .kappa = (float)p->config.density_scale};
-    double out[SEGMENT][4], dout[SEGMENT][4], draws[SEGMENT];
 
-    for (int i = 0; i < n; i++) {
-        const uint32_t id = b->order[b->begin[leaf] + (uint32_t)(first + i)];
-
-        draws[i] = ref_roulette_draw(cln_hash(step_key), id);
-        for (int k = 0; k < 4; k++) {
-            out[i][k] = b->out[id][k];
-            dout[i][k] = b->dout[id][k];
-        }
-    }
-    return ref_roulette(&r, cutoff, n, out, dout, draws, heads, factors);
+    return ref_roulette(&r, cutoff, cln_hash(step_key), n, b->order + b->begin[leaf] + first,
+                        b->out, b->dout, heads, factors);
 }
 
 static void check(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_key, double *share)

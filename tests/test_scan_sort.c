@@ -287,6 +287,7 @@ static void test_no_pass(void **state)
 /* Samples of each leaf in their own order, in slices that cover every sample once. */
 static void check_groups(cln_pipeline *p, const int *counts, int leaves)
 {
+    double leaf_samples = 0, padding = 0, met = 0, rows = 0;
     uint32_t n = 0, at = 0, slices = 0, most = 0, *order = NULL, *begin = NULL, *end = NULL;
     cln_sample *samples = NULL;
     cln_slice *slice = NULL;
@@ -343,12 +344,20 @@ static void check_groups(cln_pipeline *p, const int *counts, int leaves)
             assert_int_equal(slice[i].start, covered);
             assert_true(slice[i].count > 0 && slice[i].count <= (uint32_t)p->tune.sl);
             covered += slice[i].count;
+            assert_true(covered == at || slice[i].count % (uint32_t)p->tune.nb == 0);
             assert_true(covered <= at);
         }
         assert_true(s + 1 < (uint32_t)leaves || i == slices);
     }
     for (uint32_t i = slices; i < most; i++)
         assert_int_equal(slice[i].count, 0);
+    for (int s = 0; s < leaves; s++)
+        met += counts[s] > 0;
+    for (uint32_t i = 0; i < slices; i++)
+        rows += ceil((double)slice[i].count / p->tune.ts) * p->tune.ts;
+    assert_ok(cln_stage_fill(p, &leaf_samples, &padding));
+    assert_true(fabs(leaf_samples - (n > 0 ? n / met : 0)) < 1e-12);
+    assert_true(fabs(padding - (n > 0 ? 1 - n / rows : 0)) < 1e-12);
     free(samples);
     free(order);
     free(begin);
@@ -362,7 +371,7 @@ static void test_grouping(void **state)
     for (int set = 0; set < TUNE_SETS; set++) {
         cln_pipeline *p = pipeline_of(set);
         const int sl = p->tune.sl, none[3] = {0, 0, 0}, one[1] = {1};
-        const int mixed[9] = {0, 1, sl - 1, sl, sl + 1, 0, 3 * sl + 7, 2, 0};
+        const int mixed[9] = {0, 1, sl - 1, sl, sl + 1, 0, 3 * sl + 7, 2, 2 * sl - 1};
         int many[600];
 
         for (int s = 0; s < 600; s++) /* more leaves than one digit of the sort */

@@ -62,6 +62,30 @@ static void test_cull_two_strikes(void **state)
     cln_octree_free(&c.tree);
 }
 
+/* What is marked without a new look: the same, and never all. */
+static void test_marked(void **state)
+{
+    uint8_t marks[8];
+    culling c;
+
+    (void)state;
+    start_culling(&c, CLN_CULL_GUARDED);
+    check_once(&c);
+    memset(marks, 9, sizeof marks);
+    assert_int_equal(cln_structure_marked(&c.tree, &c.config, marks), 0);
+    assert_int_equal(marks[0], 0);
+    assert_int_equal(check_once(&c), 4);
+    assert_int_equal(cln_structure_marked(&c.tree, &c.config, marks), 4);
+    assert_memory_equal(marks, c.cull, sizeof marks);
+    for (int s = 4; s < 8; s++)
+        c.mean[s] = c.peak[s] = 0;
+    check_once(&c);
+    check_once(&c);
+    assert_int_equal(cln_structure_marked(&c.tree, &c.config, marks), 0);
+    assert_int_equal(marks[0], 0);
+    cln_octree_free(&c.tree);
+}
+
 /* A rod that fills 1e-5 of the leaf at sigma 500: mean 0.005 is below the threshold of 0.01. */
 static void test_cull_keeps_thin_rod(void **state)
 {
@@ -148,9 +172,9 @@ static void test_growth(void **state)
 int test_group_structure(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cull_two_strikes), cmocka_unit_test(test_cull_keeps_thin_rod),
-        cmocka_unit_test(test_cull_never_all),   cmocka_unit_test(test_cull_keeps_nan),
-        cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_cull_two_strikes),    cmocka_unit_test(test_marked),
+        cmocka_unit_test(test_cull_keeps_thin_rod), cmocka_unit_test(test_cull_never_all),
+        cmocka_unit_test(test_cull_keeps_nan),      cmocka_unit_test(test_growth),
     };
 
     return cmocka_run_group_tests_name("structure", tests, NULL, NULL);

@@ -289,7 +289,7 @@ static void assert_recorded(const char *run, const char *key, const char *begin)
 static void test_a_run_keeps_its_parameters(void **state)
 {
     const char *first = engine_path("first.txt"), *second = engine_path("second.txt");
-    static const char rows[2][64] = {"* | * | W16-D2-V16 | VW=4,NV=1,TS=4,NB=4,SL=4\n",
+    static const char rows[2][64] = {"* | * | W16-D2-V16 | VW=4,NV=1,TS=4,NB=4,SL=8\n",
                                      "* | * | W16-D2-V16 | VW=4,NV=1,TS=4,NB=64,SL=640\n"};
     engine_stop stop = {.signal = SIGINT, .step = STEPS / 2};
 
@@ -299,13 +299,13 @@ static void test_a_run_keeps_its_parameters(void **state)
     assert_ok(train("one", false, NULL, first, NULL));
     assert_ok(train("two", false, NULL, second, NULL));
     assert_true(engine_digest("one") != engine_digest("two")); /* or this test shows nothing */
-    assert_recorded("one", "tune", "SL=4,");
+    assert_recorded("one", "tune", "SL=8,");
     assert_recorded("one", "tune_from", "first.txt, line 1");
 
     assert_fails(train("stopped", false, NULL, first, &stop), CLN_SIGINT, "signal");
     assert_ok(train("stopped", true, NULL, second, NULL));
     assert_true(engine_digest("stopped") == engine_digest("one"));
-    assert_recorded("stopped", "tune", "SL=4,");
+    assert_recorded("stopped", "tune", "SL=8,");
     assert_recorded("stopped", "tune_from", "first.txt, line 1");
 
     stop = (engine_stop){.signal = SIGINT, .step = STEPS / 2};

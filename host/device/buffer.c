@@ -198,10 +198,11 @@ void cln_buffer_free(cln_device *device, cln_buffer *buffer)
     memset(buffer, 0, sizeof *buffer);
 }
 
-/* Accounts for the first `count` launches. The queue is in order: what was enqueued before a call that waited is
- * done. */
+/* After each wait: accounts for the first `count` launches. The queue is in order: what was enqueued before a call
+ * that waited is done. */
 static void settle(cln_device *device, int count)
 {
+    device->waits++;
     for (int i = 0; i < count; i++) {
         cl_ulong start = 0, end = 0;
         const cl_event event = device->pending[i].event;
@@ -347,8 +348,7 @@ cln_status cln_device_wait(cln_device *device, cln_mark *mark)
 
     CLN_CL(clFlush(device->queue));
     CLN_CL(clWaitForEvents(1, &mark->event));
-    if (mark->launches > device->settled)
-        settle(device, (int)(mark->launches - device->settled));
+    settle(device, mark->launches > device->settled ? (int)(mark->launches - device->settled) : 0);
 done:
     clReleaseEvent(mark->event);
     mark->event = NULL;

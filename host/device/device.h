@@ -78,6 +78,7 @@ typedef struct cln_device {
     struct cln_pending *pending;      /* events not yet accounted for */
     int pending_count, pending_capacity;
     uint64_t settled; /* events accounted for since cln_device_open */
+    uint64_t waits;   /* how often the host waited for the device since then */
 } cln_device;
 
 /* Picks by desc->spec (cl_nascent.h) and opens. */

@@ -66,10 +66,15 @@ done:
     return st;
 }
 
-static cln_status cull(cln_trainer *t)
+/* A change of the tree brings the model to the host and back, some ten steps' time: for a leaf or two of thousands, which
+ * cost next to nothing, it waits until CULL_PART of the leaves are marked, or until there is a change anyway (`now`). */
+enum { CULL_PART = 100 };
+
+static cln_status cull(cln_trainer *t, bool now)
 {
     cln_status st = CLN_OK;
     const int leaves = t->pipeline.leaves;
+    int marked = 0;
     uint8_t *marks = NULL;
     cln_leaf_stats stats = {0};
     cln_octree_change change = {0};
@@ -77,7 +82,8 @@ static cln_status cull(cln_trainer *t)
     CLN_TRY(cln_trainer_catch_up(t));
     CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
     CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
-    if (cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks) > 0) {
+    marked = cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks);
+    if (marked > 0 && (now || (int64_t)marked * CULL_PART >= leaves)) {
         CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
         CLN_TRY(apply_change(t, &change));
@@ -132,25 +138,32 @@ static cln_status grow(cln_trainer *t, bool *grown)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
-    cln_octree_change change = {0};
+    cln_octree_change change = {0}, gone = {0};
+    uint8_t *marks = NULL;
+    int leaves = p->leaves;
     plans next;
     char text[1536];
 
     *grown = false;
-    if (t->full)
-        return CLN_OK;
-    make_plans(t, 8 * p->leaves, &next);
+    CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
+    leaves -= cln_structure_marked(&t->model.tree, &t->model.config, marks);
+    make_plans(t, 8 * leaves, &next);
     if (check_plans(t, &next) != CLN_OK) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
-        cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * p->leaves,
-                 text);
+        if (!t->full)
+            cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * leaves,
+                     text);
         t->full = true;
-        return CLN_OK;
+        goto done;
     }
     CLN_TRY(cln_trainer_catch_up(t));
     CLN_TRY(cln_pipeline_download(p, &t->model, true));
     cln_model_restart_measures(&t->model);
+    if (leaves < p->leaves) { /* those that waited for it (cull) */
+        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &gone));
+        CLN_TRY(cln_model_apply(&t->model, &gone));
+    }
     CLN_TRY(cln_octree_split(&t->model.tree, NULL, &change));
     t->model.level++;
     t->model.growth_step = t->model.step;
@@ -161,6 +174,8 @@ static cln_status grow(cln_trainer *t, bool *grown)
               p->leaves);
     *grown = true;
 done:
+    free(marks);
+    cln_octree_change_free(&gone);
     cln_octree_change_free(&change);
     return st;
 }
@@ -519,7 +534,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         full = part == PARTS - 1;
     }
     if (full && !grown && !fixed && fraction >= c->cull_from && t->model.step > 0)
-        CLN_TRY(cull(t));
+        CLN_TRY(cull(t, decision));
     if (decision)
         CLN_TRY(wait_or_decide(t));
 done:

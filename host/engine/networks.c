@@ -3,8 +3,10 @@
 #include "engine/stages.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/rng.h"
 
 cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count)
@@ -12,6 +14,7 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const cl_uint n = sample_count, leaves = (cl_uint)p->leaves, slice = (cl_uint)p->tune.sl;
+    const cl_uint block = (cl_uint)p->tune.nb;
     const size_t wg = (size_t)p->tune.wg, bytes = (size_t)n * sizeof(cl_uint);
     const cl_uint most = (n < leaves ? n : leaves) + n / slice;
     int bits = 1;
@@ -40,7 +43,7 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
     CLN_TRY(CLN_LAUNCH(device, p->k.group_slices, CLN_STAGE_GROUP,
                        cln_groups(most > leaves ? most : leaves, wg), wg, CLN_ARG(p->begin.mem),
                        CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem), CLN_ARG(p->slices.mem),
-                       CLN_ARG(leaves), CLN_ARG(slice), CLN_ARG(most)));
+                       CLN_ARG(leaves), CLN_ARG(block), CLN_ARG(most)));
 done:
     return st;
 }
@@ -49,6 +52,34 @@ cln_status cln_stage_slices(cln_pipeline *p, uint32_t *slice_count)
 {
     return cln_buffer_read(p->device, &p->slice_starts, (size_t)p->leaves * sizeof(cl_uint),
                            slice_count, sizeof *slice_count);
+}
+
+cln_status cln_stage_fill(cln_pipeline *p, double *leaf_samples, double *padding)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->leaves;
+    const uint32_t tile = (uint32_t)p->tune.ts;
+    uint32_t *begin = NULL, *end = NULL;
+    double samples = 0, rows = 0, met = 0;
+
+    CLN_TRY(cln_alloc(&begin, leaves, sizeof *begin, "leaves' samples"));
+    CLN_TRY(cln_alloc(&end, leaves, sizeof *end, "leaves' samples"));
+    CLN_TRY(cln_buffer_read(p->device, &p->begin, 0, begin, leaves * sizeof *begin));
+    CLN_TRY(cln_buffer_read(p->device, &p->end, 0, end, leaves * sizeof *end));
+    /* a leaf's slices but the last are whole blocks of whole tiles (kernels/group.cl) */
+    for (size_t leaf = 0; leaf < leaves; leaf++) {
+        const uint32_t n = end[leaf] - begin[leaf];
+
+        samples += n;
+        met += n > 0;
+        rows += (n + tile - 1) / tile * tile;
+    }
+    *leaf_samples = met > 0 ? samples / met : 0;
+    *padding = rows > 0 ? 1 - samples / rows : 0;
+done:
+    free(begin);
+    free(end);
+    return st;
 }
 
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,

@@ -97,7 +97,8 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
     tune->nb = tune->nb < step ? step : tune->nb / step * step;
     while (tune->nb > step && (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->nb -= step;
-    tune->sl = tune->sl < tune->nb ? tune->nb : tune->sl / tune->nb * tune->nb;
+    /* slices are an even number of blocks (kernels/group.cl) */
+    tune->sl = tune->sl < 2 * tune->nb ? 2 * tune->nb : tune->sl / (2 * tune->nb) * 2 * tune->nb;
     if (bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->leaf = 0;
 }

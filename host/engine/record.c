@@ -61,7 +61,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
         say(list, "%g%% of the passages through leaves that stage 1 finds empty",
             100 * (1 - c->empty_share));
-    if (t->batch.coverage.share < 1 && c->skip_uncovered && c->stage1 == CLN_STAGE1_GATHER)
+    if (t->batch.coverage.share < 1 && cln_batch_skips(&t->batch, c, INT64_MAX))
         say(list, "%.1f%% of the training pixels (no leaf is before them)",
             100 * (1 - t->batch.coverage.share));
     if (!c->adaptive)
@@ -182,31 +182,42 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
 {
     cln_status st = CLN_OK;
     const double spent = t->model.train_seconds - t->interval.began_seconds;
-    json_t *stages = json_object(), *row = NULL;
+    const double waits = (double)(t->device->waits - t->interval.waits);
+    double leaf_samples = 0, padding = 0;
+    json_t *stages = NULL, *row = NULL;
 
+    if (!evaluated && !t->signal) /* else the newest grouping may be a picture's */
+        CLN_TRY(cln_stage_fill(&t->pipeline, &leaf_samples, &padding));
+    stages = json_object();
     for (int i = 0; i < CLN_STAGES; i++) {
         const double seconds = t->device->stage_seconds[i] - t->interval.stage_seconds[i];
 
         if (seconds > 0)
             json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
     }
-    row = json_pack(
-        "{s:I, s:f, s:f, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:o}", "step",
-        (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
-        cln_now() - t->began, "loss", cln_json_real(t->interval.loss / t->interval.steps),
-        "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
-        cln_json_real((double)t->interval.rays / spent), "samples_per_ray",
-        cln_json_real((double)t->interval.samples / (double)t->interval.rays), "leaves",
-        t->pipeline.leaves, "params", (double)t->pipeline.leaves * t->pipeline.net.learned,
-        "host_mem", cln_peak_rss(), "dev_mem", (double)t->device->allocated, "stages", stages);
+    row =
+        json_pack("{s:I, s:f, s:f, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
+                  (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
+                  cln_now() - t->began, "loss", cln_json_real(t->interval.loss / t->interval.steps),
+                  "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
+                  cln_json_real((double)t->interval.rays / spent), "samples_per_ray",
+                  cln_json_real((double)t->interval.samples / (double)t->interval.rays), "leaves",
+                  t->pipeline.leaves, "params",
+                  (double)t->pipeline.leaves * t->pipeline.net.learned, "host_mem", cln_peak_rss(),
+                  "dev_mem", (double)t->device->allocated, "host_waits", waits, "stages", stages);
     if (!row) {
         st = cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
         goto done;
     }
-    if (evaluated)
+    if (evaluated) {
         json_object_set_new(row, "psnr_test", cln_json_real(t->psnr_test));
+    } else if (!t->signal) {
+        json_object_set_new(row, "leaf_samples", json_real(leaf_samples));
+        json_object_set_new(row, "padding", json_real(padding));
+    }
     CLN_TRY(cln_metrics_add(t->metrics, row));
     memcpy(t->interval.stage_seconds, t->device->stage_seconds, sizeof t->interval.stage_seconds);
+    t->interval.waits = t->device->waits;
 done:
     json_decref(row);
     return st;

@@ -97,10 +97,12 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
         }
     }
 done:
+    if (st != CLN_OK) { /* the queue may still have to do with these arrays */
+        (void)cln_device_finish(p->device);
+        cln_picture_free(out);
+    }
     free(pixels);
     free(results);
     free(backgrounds);
-    if (st != CLN_OK)
-        cln_picture_free(out);
     return st;
 }

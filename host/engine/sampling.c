@@ -163,6 +163,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     cln_splat_group all = {.first_ray = 0, .rays = n}, *groups = NULL;
     int group_count = 0;
     cln_mark mark = {.event = NULL};
+    cln_status made = CLN_OK;
     const size_t extra = (size_t)cln_pipeline_extra_samples(p);
     const size_t there = p->samples.bytes / sizeof(cln_sample);
     const size_t room = there > extra ? there - extra : 0;
@@ -193,9 +194,9 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     CLN_TRY(cln_device_mark(device, &mark));
     /* into the room that there is, most often enough: the device does not wait for the host to wait */
     if (group_count == 1 && limit > 0)
-        st = emit(p, s, &groups[0], n, limit);
+        made = emit(p, s, &groups[0], n, limit);
     CLN_TRY(cln_device_wait(device, &mark));
-    CLN_TRY(st);
+    CLN_TRY(made);
     *sample_count = p->sample_total;
     if (n > 0 && *sample_count > s->max_samples)
         CLN_TRY(cut(p, n, s->max_samples, rays_used, sample_count));

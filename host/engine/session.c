@@ -263,6 +263,8 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
     CLN_TRY(prepare(&t));
     CLN_TRY(cln_trainer_run(&t));
 done:
+    if (t.device) /* after a failure the queue may still have to do with our arrays */
+        (void)cln_device_finish(t.device);
     result->step = t.model.step;
     result->seconds = t.model.train_seconds;
     result->psnr_train = t.psnr_train;

@@ -249,6 +249,9 @@ cln_status cln_stage_regularise_gradient(cln_pipeline *p, const cln_sampling *sa
 cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count);
 /* Reads back how many slices there are. */
 cln_status cln_stage_slices(cln_pipeline *p, uint32_t *slice_count);
+/* Reads back how well the newest grouping fills the networks' tiles. *leaf_samples: mean of the leaves that have any
+ * sample; *padding: share of the rows of the forward pass's tiles that stand empty, 0..1. Both 0 without samples. */
+cln_status cln_stage_fill(cln_pipeline *p, double *leaf_samples, double *padding);
 
 /* step_key: any number that differs between steps (slopes of RReLU, density noise). */
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,

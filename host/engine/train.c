@@ -389,6 +389,7 @@ cln_status cln_trainer_run(cln_trainer *t)
         t->steps = steps_of_epochs(t);
     CLN_TRY(warm_up(t));
     t->interval.began_seconds = t->looked_seconds = t->model.train_seconds;
+    t->interval.waits = t->device->waits;
     t->saved_at = cln_now();
     while (cln_trainer_fraction(t) < 1 && t->signal == 0) {
         const double began = cln_now();

@@ -27,8 +27,9 @@ typedef struct cln_trainer {
         int rays;
         uint32_t samples;
     } owed;
-    int64_t steps;                /* budget in steps; 0 = time alone */
-    bool full;                    /* the next level does not fit in memory: said once */
+    int64_t steps; /* budget in steps; 0 = time alone */
+    bool
+        full; /* a finer tree does not fit in memory: said once, and no more than that: looked at each time */
     bool host_full;               /* more host memory than --host-mem: said once */
     double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
@@ -49,6 +50,7 @@ typedef struct cln_trainer {
         double loss, square; /* sums of the steps' means */
         double began_seconds;
         double stage_seconds[CLN_STAGES]; /* the device's at the start of it */
+        uint64_t waits;                   /* likewise */
     } interval;
 } cln_trainer;
 

@@ -219,6 +219,10 @@ cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
 done:
     free(params);
     free(density);
+    if (st != CLN_OK) { /* what there is belongs to another tree */
+        free(model->params);
+        model->params = NULL;
+    }
     return st;
 }
 
@@ -234,6 +238,8 @@ uint64_t cln_model_digest(const cln_model *model)
         uint16_t row[4] = {tree->level[node], pos[0], pos[1], pos[2]};
         digest = cln_digest(digest, row, sizeof row);
     }
+    if (!model->params)
+        return 0;
     return cln_digest(digest, model->params,
                       (size_t)tree->leaf_count * (size_t)model->net.params * sizeof(float));
 }

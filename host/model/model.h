@@ -49,14 +49,14 @@ void cln_model_free(cln_model *model); /* accepts a zeroed model */
 /* Applies a change of structure (already made in model->tree by octree.h): copies, folds or unfolds
  * params, zeroes adam state of new leaves, copies or zeroes (for new leaves) adam_steps; resizes density
  * (kept leaves copied, new ones from the parent's octant or the merged child, nearest cell, until the
- * next refresh) and what was measured (new leaves start afresh). */
+ * next refresh) and what was measured (new leaves start afresh). CLN_MEMORY: the model has no weights any more. */
 cln_status cln_model_apply(cln_model *model, const cln_octree_change *change);
 
 /* Starts a new interval of measuring: sums, samples and rays back to zero. Not between a change of the
  * tree and cln_model_apply. */
 void cln_model_restart_measures(cln_model *model);
 
-/* Digest of parameters and tree: what `info` prints as model_digest. */
+/* Digest of parameters and tree: what `info` prints as model_digest. 0 without weights. */
 uint64_t cln_model_digest(const cln_model *model);
 
 /* RUN/checkpoint/NNNNNNNN.safetensors + NNNNNNNN.json (step, seconds, rays, config, cube, digests),

@@ -15,10 +15,32 @@ static bool is_empty(const cln_config *config, float mean, float peak, double si
     return config->cull == CLN_CULL_MEAN || peak * (side / config->n1) < config->cull_max;
 }
 
+/* By the strikes alone; may be all. */
+static int mark(const cln_octree *tree, const cln_config *config, uint8_t *cull)
+{
+    const int needed = config->cull == CLN_CULL_MEAN ? 1 : config->cull_strikes;
+    int marked = 0;
+
+    for (int s = 0; s < tree->leaf_count; s++) {
+        cull[s] = tree->strikes[tree->leaf[s]] >= needed;
+        marked += cull[s];
+    }
+    return marked;
+}
+
+int cln_structure_marked(const cln_octree *tree, const cln_config *config, uint8_t *cull)
+{
+    const int marked = mark(tree, config, cull);
+
+    if (marked < tree->leaf_count)
+        return marked;
+    memset(cull, 0, (size_t)tree->leaf_count);
+    return 0;
+}
+
 int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,
                        uint8_t *cull)
 {
-    int needed = config->cull == CLN_CULL_MEAN ? 1 : config->cull_strikes;
     int marked = 0, densest = 0;
 
     for (int s = 0; s < tree->leaf_count; s++) {
@@ -30,11 +52,10 @@ int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_
             *strikes = 0;
         else if (*strikes < UINT8_MAX)
             ++*strikes;
-        cull[s] = *strikes >= needed;
-        marked += cull[s];
         if (stats->mean[s] > stats->mean[densest])
             densest = s;
     }
+    marked = mark(tree, config, cull);
     if (marked > 0 && marked == tree->leaf_count) {
         cull[densest] = 0;
         marked--;

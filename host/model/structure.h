@@ -19,6 +19,9 @@ typedef struct cln_leaf_stats {
 int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,
                        uint8_t *cull);
 
+/* Marks the leaves whose checks so far would have them culled, [slot], and counts them; none if that were all. */
+int cln_structure_marked(const cln_octree *tree, const cln_config *config, uint8_t *cull);
+
 /* The level the tree should have at this fraction (0..1) of the budget. */
 int cln_structure_level(const cln_config *config, double fraction);
 

@@ -139,14 +139,12 @@ void ref_backward(const ref_network *r, const float *params, const double local[
 
 /* ---- Russian roulette before the way back (kernels/roulette.cl) ---- */
 
-/* The kernel's number in (0, 1] for a sample of the batch. */
-double ref_roulette_draw(uint32_t key, uint32_t sample);
-
-/* n samples that are decided upon together. heads: dL/d(raw r, g, b, sigma) times factors; factors: with size
- * |heads|_1 and `least` the mean size times cutoff, 0 if draw * least >= size, else max(1, least / size); 1 without
- * cutoff. Returns how near a draw came to being decided otherwise. */
-double ref_roulette(const ref_network *r, double cutoff, int n, const double (*out)[4],
-                    const double (*dout)[4], const double *draws, double (*heads)[4],
+/* n samples ids[0..n) that are decided upon together, of out and dout [sample], with draws in (0, 1] by hash of key and
+ * id. heads [n]: dL/d(raw r, g, b, sigma) times factors; factors [n]: with size |heads|_1 and `least` the mean size times
+ * cutoff, 0 if draw * least >= size, else max(1, least / size); 1 without cutoff. Returns how near a draw came to
+ * being decided otherwise. */
+double ref_roulette(const ref_network *r, double cutoff, uint32_t key, int n, const uint32_t *ids,
+                    const float (*out)[4], const float (*dout)[4], double (*heads)[4],
                     double *factors);
 
 /* ---- compositing and loss (method.md 9, 10) ---- */

@@ -3,7 +3,7 @@
 #include "base/rng.h"
 #include "reference/reference.h"
 
-double ref_roulette_draw(uint32_t key, uint32_t sample)
+static double draw(uint32_t key, uint32_t sample)
 {
     return (cln_hash(cln_hash(cln_hash(sample ^ key)) + 0x9E3779B9u) >> 8) * 0x1p-24 + 0x1p-25;
 }
@@ -18,8 +18,8 @@ static double density_slope(int density, double kappa, double sigma)
     return fmin(sigma, kappa * exp(15));
 }
 
-double ref_roulette(const ref_network *r, double cutoff, int n, const double (*out)[4],
-                    const double (*dout)[4], const double *draws, double (*heads)[4],
+double ref_roulette(const ref_network *r, double cutoff, uint32_t key, int n, const uint32_t *ids,
+                    const float (*out)[4], const float (*dout)[4], double (*heads)[4],
                     double *factors)
 {
     double least = 0, margin = INFINITY;
@@ -27,20 +27,20 @@ double ref_roulette(const ref_network *r, double cutoff, int n, const double (*o
     for (int i = 0; i < n; i++) {
         factors[i] = 0;
         for (int k = 0; k < 4; k++) {
-            const double slope = k < 3 ? out[i][k] * (1 - out[i][k])
-                                       : density_slope(r->density, r->kappa, out[i][3]);
+            const double o = out[ids[i]][k];
+            const double slope = k < 3 ? o * (1 - o) : density_slope(r->density, r->kappa, o);
 
-            heads[i][k] = dout[i][k] * slope;
+            heads[i][k] = dout[ids[i]][k] * slope;
             factors[i] += fabs(heads[i][k]); /* the size, for now */
         }
         least += factors[i] * cutoff / n;
     }
     for (int i = 0; i < n; i++) {
-        const double size = factors[i];
+        const double size = factors[i], u = draw(key, ids[i]);
 
         if (cutoff > 0 && least > 0)
-            margin = fmin(margin, fabs(draws[i] - size / least));
-        factors[i] = cutoff == 0 ? 1 : draws[i] * least < size ? fmax(1, least / size) : 0;
+            margin = fmin(margin, fabs(u - size / least));
+        factors[i] = cutoff == 0 ? 1 : u * least < size ? fmax(1, least / size) : 0;
         for (int k = 0; k < 4; k++)
             heads[i][k] *= factors[i];
     }
