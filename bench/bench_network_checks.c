@@ -247,7 +247,7 @@ done:
 /* The gradients of the heads that went, of the first segment of every slice. */
 static cln_status check_roulette(const network_run *r, bench_errors *errors)
 {
-    enum { SEGMENT = 256 }; /* kernels/roulette.cl */
+    enum { SEGMENT = CLN_ROULETTE_SEGMENT };
     cln_status st = CLN_OK;
     cln_pipeline *p = r->p;
     const size_t n = r->n, word = sizeof(cl_uint);
@@ -272,18 +272,10 @@ static cln_status check_roulette(const network_run *r, bench_errors *errors)
         const cln_slice *slice = &r->slices[s];
         const int count = slice->count < SEGMENT ? (int)slice->count : SEGMENT;
         const ref_network net = cln_check_network(&p->config, &r->model, slice->slot);
-        double o[SEGMENT][4], d[SEGMENT][4], draws[SEGMENT], ours[SEGMENT][4], factors[SEGMENT];
+        double ours[SEGMENT][4], factors[SEGMENT];
 
-        for (int i = 0; i < count; i++) {
-            const uint32_t id = order[slice->start + (uint32_t)i];
-
-            draws[i] = ref_roulette_draw(cln_hash(1), id);
-            for (int k = 0; k < 4; k++) {
-                o[i][k] = out[id][k];
-                d[i][k] = r->dout[id][k];
-            }
-        }
-        ref_roulette(&net, ROULETTE_CUTOFF, count, o, d, draws, ours, factors);
+        ref_roulette(&net, ROULETTE_CUTOFF, cln_hash(1), count, order + slice->start, out, r->dout,
+                     ours, factors);
         for (uint32_t i = slice->start; i < slice->start + counts[s]; i++)
             if (chosen[i] < (uint32_t)count) {
                 memcpy(got[used], heads[i], sizeof *got);

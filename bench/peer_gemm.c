@@ -5,11 +5,14 @@
  *   bench-peers [DEVICE [ROUNDS [LEAVESxSAMPLES...]]]        "" or - leaves one out
  *
  * Forward, and training (the three products: forward, gradient of the input but the first layer's, gradient of
- * the weights). Rates are of FLOP that a multiplication needs, 2 per weight and sample. Each round takes the
- * FMA ceiling and then everybody in turn; rates and shares are medians over rounds, the share with the ceiling of
- * the same round. Our rows: a W64-D8 network without view layer, through the library's stages. "layers" counts
- * the FLOP of the eight layers alone, although the time includes encoding, heads and (training) gradients of the
- * biases, which the peers are spared: an understatement. "all" counts every learned number.
+ * the weights), in a scene's order and, the peers, block by block (peers/peer.h). Rates are of FLOP that a
+ * multiplication needs, 2 per weight and sample. Each round takes the FMA ceiling and then everybody in turn; rates and
+ * shares are medians over rounds, the share with the ceiling of the same round.
+ *
+ * Our rows: a W64-D8 network without view layer, through the library's stages. "layers": what six of its layers add
+ * to a network of two, so neither encoding nor heads nor the grouping's part, as the peers have none; in it are our
+ * transposes and the gradients of the biases, which the peers are spared. "with the rest": the whole time, and the
+ * FLOP of every learned number.
  *
  * Everyone's results are checked first, on some samples and two leaves' gradients, against loops in double; a
  * peer that is wrong or was not found when this was built has no row. */
@@ -25,7 +28,8 @@
 #include "peers/peer.h"
 #include "reference/reference.h"
 
-enum { W = PEER_WIDTH, L = PEER_LAYERS, MAX_ROUNDS = 32, MAX_SHAPES = 16 };
+enum { W = PEER_WIDTH, L = PEER_LAYERS, FEW = 2, MAX_ROUNDS = 32 };
+enum { MOST_LEAVES = 1 << (3 * CLN_MAX_LEVEL), MOST_SAMPLES = 1 << 22 };
 
 static const peer *const peers[] = {
 #ifdef PEER_XSMM
@@ -48,7 +52,7 @@ typedef struct shape {
     int leaves, samples;
 } shape;
 
-static const shape standard[] = {{64, 1536}, {256, 384}, {1024, 96}, {2048, 48}};
+static const shape standard[] = {{64, 3072}, {64, 1536}, {256, 384}, {1024, 96}, {2048, 48}};
 
 /* ---- what the peers compute on ---- */
 
@@ -84,6 +88,7 @@ static void free_data(peer_data *d)
     free((float *)d->dout);
     free(d->out);
     free(d->dw);
+    free(d->kept);
 }
 
 static cln_status make_data(shape s, int threads, peer_data *d)
@@ -100,8 +105,9 @@ static cln_status make_data(shape s, int threads, peer_data *d)
                      .bias = noise(layers * W, 0.1f, 3),
                      .dout = noise(all, 1e-3f, 4),
                      .out = large(all),
-                     .dw = large(layers * PEER_CELLS)};
-    if (!d->x || !d->w || !wt || !d->bias || !d->dout || !d->out || !d->dw)
+                     .dw = large(layers * PEER_CELLS),
+                     .kept = large(all * L)};
+    if (!d->x || !d->w || !wt || !d->bias || !d->dout || !d->out || !d->dw || !d->kept)
         return cln_fail(CLN_MEMORY, "bench-peers: out of host memory");
     for (size_t i = 0; i < layers; i++)
         for (int k = 0; k < PEER_CELLS; k++)
@@ -193,6 +199,7 @@ static void gradients_of(const peer_data *d, int leaf, double (*dw)[PEER_CELLS])
     }
 }
 
+/* *worst: the larger of what it was and of what is found. */
 static cln_status check_train(const peer_data *d, double *worst)
 {
     cln_status st = CLN_OK;
@@ -206,7 +213,8 @@ static cln_status check_train(const peer_data *d, double *worst)
             for (int k = 0; k < PEER_CELLS; k++)
                 see(&e, d->dw[((size_t)leaf * L + (size_t)i) * PEER_CELLS + (size_t)k], dw[i][k]);
     }
-    *worst = worst_of(&e);
+    if (!isnan(*worst) && !(worst_of(&e) <= *worst))
+        *worst = worst_of(&e);
 done:
     free(dw);
     return st;
@@ -262,7 +270,7 @@ done:
     return st;
 }
 
-static cln_status make_ours(cln_device *device, shape s, ours *o)
+static cln_status make_ours(cln_device *device, shape s, int depth, ours *o)
 {
     cln_status st = CLN_OK;
     cln_config config;
@@ -270,10 +278,11 @@ static cln_status make_ours(cln_device *device, shape s, ours *o)
 
     CLN_TRY(cln_config_preset("fast", &config));
     config.width = W;
-    config.depth = L;
+    config.depth = depth;
     config.bands = 10; /* 63 inputs: the first layer is as large as the others */
     config.view_dependence = config.skip = config.adaptive = false;
     config.n1 = 2;
+    config.roulette = 0; /* every sample goes back */
     CLN_TRY(make_tree(s.leaves, &tree));
     CLN_TRY(cln_model_create_on(&config, &tree, &o->model));
     CLN_TRY(cln_pipeline_create(device, &config, false, false, &o->p));
@@ -333,25 +342,32 @@ done:
 
 /* ---- by turns ---- */
 
-/* One that takes part: a peer, or ours. */
+typedef enum way { FORWARD, TRAIN, BLOCKS, WAYS } way; /* BLOCKS: training block by block */
+
+/* One that takes part: a peer, or a network of ours. error: NaN = by tests */
 typedef struct contestant {
-    const char *name;
-    bench_body *forward, *train; /* train: NULL = none */
+    const peer *peer; /* NULL = ours */
     void *own;
-    double error_forward, error_train; /* NaN = not checked */
-    double forward_s[MAX_ROUNDS], train_s[MAX_ROUNDS];
+    bool takes[WAYS];
+    double error[WAYS];
+    double seconds[WAYS][MAX_ROUNDS]; /* NaN = does not take part */
 } contestant;
 
-static cln_status our_forward(void *context)
-{
-    ((ours *)context)->training = false;
-    return our_body(context);
-}
+typedef struct turn {
+    const contestant *who;
+    way way;
+} turn;
 
-static cln_status our_train(void *context)
+static cln_status take_turn(void *context)
 {
-    ((ours *)context)->training = true;
-    return our_body(context);
+    const turn *t = context;
+    const contestant *c = t->who;
+
+    if (!c->peer) {
+        ((ours *)c->own)->training = t->way == TRAIN;
+        return our_body(c->own);
+    }
+    return t->way == FORWARD ? c->peer->forward(c->own) : c->peer->train(c->own, t->way == TRAIN);
 }
 
 static cln_status take_turns(cln_device *device, contestant *list, int count, int rounds,
@@ -362,15 +378,16 @@ static cln_status take_turns(cln_device *device, contestant *list, int count, in
 
     for (int r = 0; r < rounds; r++) {
         CLN_TRY(bench_peak(device, &peak[r]));
-        for (int i = 0; i < count; i++) {
-            CLN_TRY(bench_run(list[i].forward, list[i].own, 0.15, &time));
-            list[i].forward_s[r] = time.min;
-            list[i].train_s[r] = NAN;
-            if (!list[i].train)
-                continue;
-            CLN_TRY(bench_run(list[i].train, list[i].own, 0.3, &time));
-            list[i].train_s[r] = time.min;
-        }
+        for (int i = 0; i < count; i++)
+            for (way w = FORWARD; w < WAYS; w++) {
+                turn t = {&list[i], w};
+
+                list[i].seconds[w][r] = NAN;
+                if (!list[i].takes[w])
+                    continue;
+                CLN_TRY(bench_run(take_turn, &t, w == FORWARD ? 0.15 : 0.3, &time));
+                list[i].seconds[w][r] = time.min;
+            }
     }
 done:
     return st;
@@ -385,33 +402,42 @@ static double median(const double *values, int n)
     return n % 2 ? sorted[n / 2] : 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]);
 }
 
-/* " | GFLOP/s | share | error" */
-static void put_rate(double flop, const double *seconds, const double *peak, int rounds,
-                     double worst)
+/* " | GFLOP/s | share"; less: seconds to take off, NULL = none */
+static void put_rate(double flop, const double *seconds, const double *less, const double *peak,
+                     int rounds)
 {
     double rate[MAX_ROUNDS], share[MAX_ROUNDS];
 
     for (int r = 0; r < rounds; r++) {
-        rate[r] = flop / seconds[r] * 1e-9;
-        share[r] = 100 * flop / seconds[r] / peak[r];
+        rate[r] = flop / (seconds[r] - (less ? less[r] : 0)) * 1e-9;
+        share[r] = 1e11 * rate[r] / peak[r];
     }
-    if (!isfinite(seconds[0])) {
-        printf(" | – | – | –");
-        return;
-    }
-    printf(" | %.1f | %.1f %%", median(rate, rounds), median(share, rounds));
-    if (isfinite(worst))
-        printf(" | %.1e", worst);
+    if (isfinite(rate[0]))
+        printf(" | %.1f | %.1f %%", median(rate, rounds), median(share, rounds));
+    else
+        printf(" | – | –");
+}
+
+static void put_error(const contestant *c, way w)
+{
+    if (c->peer && !c->takes[w])
+        printf(" | –");
+    else if (isfinite(c->error[w]))
+        printf(" | %.1e", c->error[w]);
     else
         printf(" | tests");
 }
 
-static void put_row(shape s, const char *name, const contestant *c, double forward, double train,
-                    const double *peak, int rounds)
+/* flop: of FORWARD and of training. */
+static void put_row(shape s, const char *name, const contestant *c, const contestant *less,
+                    const double flop[2], const double *peak, int rounds)
 {
     printf("| %d x %d | %s", s.leaves, s.samples, name);
-    put_rate(forward, c->forward_s, peak, rounds, c->error_forward);
-    put_rate(train, c->train_s, peak, rounds, c->error_train);
+    for (way w = FORWARD; w < WAYS; w++) {
+        put_rate(flop[w != FORWARD], c->seconds[w], less ? less->seconds[w] : NULL, peak, rounds);
+        if (w != TRAIN)
+            put_error(c, w);
+    }
     printf(" |\n");
 }
 
@@ -419,16 +445,17 @@ static cln_status open_peer(const peer *p, const peer_data *data, cln_device *de
                             contestant *out)
 {
     cln_status st = CLN_OK;
+    double *trained = &out->error[BLOCKS];
 
-    *out = (contestant){.name = p->name, .forward = p->forward, .train = p->train};
+    *out = (contestant){.peer = p, .takes = {true, p->train, p->train}};
     CLN_TRY(p->prepare(data, device, &out->own));
     CLN_TRY(p->forward(out->own));
     if (p->fetch)
         CLN_TRY(p->fetch(out->own));
-    out->error_forward = check_forward(data);
-    if (p->train) {
-        CLN_TRY(p->train(out->own));
-        CLN_TRY(check_train(data, &out->error_train));
+    out->error[FORWARD] = check_forward(data);
+    for (int kept = 0; kept < 2 && p->train; kept++) {
+        CLN_TRY(p->train(out->own, kept));
+        CLN_TRY(check_train(data, trained));
     }
 done:
     return st;
@@ -437,54 +464,67 @@ done:
 /* Float32 over eight layers and 1,536 samples is off by some 1e-6; a wrong layer by its own size. */
 static const double bound = 1e-4;
 
-static cln_status run_shape(cln_device *device, shape s, int rounds)
+static cln_status open_ours(cln_device *device, shape s, int depth, ours *o, contestant *out)
 {
     cln_status st = CLN_OK;
+
+    *out = (contestant){.own = o, .takes = {true, true, false}, .error[BLOCKS] = NAN};
+    CLN_TRY(make_ours(device, s, depth, o));
+    CLN_TRY(check_ours(o, &out->error[FORWARD]));
+    if (!(out->error[FORWARD] <= bound))
+        CLN_TRY(cln_fail(CLN_CHECK, "ours is wrong by %.2g", out->error[FORWARD]));
+done:
+    return st;
+}
+
+static cln_status run_shape(cln_device *device, shape s, int rounds)
+{
+    enum { WHOLE, SHALLOW, OURS };
+    cln_status st = CLN_OK;
     const double samples = (double)s.leaves * s.samples, layer = 2.0 * PEER_CELLS * samples;
+    const double peers_flop[2] = {L * layer, (3 * L - 1) * layer};
+    const double layers_flop[2] = {(L - FEW) * layer, 3 * (L - FEW) * layer};
+    double all_flop[2], peak[MAX_ROUNDS];
     peer_data data = {0};
-    ours o = {.leaves = 0};
-    contestant list[PEERS + 1] = {{.name = NULL}};
-    double peak[MAX_ROUNDS], all = 0, unasked = 0;
-    const peer *own[PEERS + 1] = {NULL};
-    int count = 1;
+    ours own[OURS] = {{.leaves = 0}};
+    contestant list[OURS + PEERS + 1];
+    int count = OURS;
 
     CLN_TRY(make_data(s, device->info.compute_units, &data));
-    CLN_TRY(make_ours(device, s, &o));
-    list[0] = (contestant){
-        .name = "ours", .forward = our_forward, .train = our_train, .own = &o, .error_train = NAN};
-    CLN_TRY(check_ours(&o, &list[0].error_forward));
-    if (!(list[0].error_forward <= bound))
-        CLN_TRY(cln_fail(CLN_CHECK, "ours is wrong by %.2g", list[0].error_forward));
+    CLN_TRY(open_ours(device, s, L, &own[WHOLE], &list[WHOLE]));
+    CLN_TRY(open_ours(device, s, FEW, &own[SHALLOW], &list[SHALLOW]));
     for (int i = 0; peers[i]; i++) {
         contestant *c = &list[count];
 
+        if (peers[i]->host && strcmp(device->info.type, "cpu") != 0)
+            continue;
         memset(data.out, 0xFF, (size_t)samples * W * sizeof *data.out); /* NaN */
-        own[count] = peers[i];
-        if (open_peer(peers[i], &data, device, c) == CLN_OK && c->error_forward <= bound &&
-            c->error_train <= bound) {
+        if (open_peer(peers[i], &data, device, c) == CLN_OK && c->error[FORWARD] <= bound &&
+            c->error[BLOCKS] <= bound) {
             count++;
             continue;
         }
         fprintf(stderr, "bench-peers: %s left out: %s (errors %.2g, %.2g)\n", peers[i]->name,
-                cln_error_text(), c->error_forward, c->error_train);
+                cln_error_text(), c->error[FORWARD], c->error[BLOCKS]);
         cln_clear_error();
         peers[i]->release(c->own);
-        own[count] = NULL;
     }
     CLN_TRY(take_turns(device, list, count, rounds, peak));
-    all = 2.0 * o.p.net.learned * samples;
-    unasked = 2.0 * o.p.net.enc * W * samples; /* gradient of the encoding */
-    put_row(s, "ours, layers", &list[0], L * layer, (3 * L - 1) * layer, peak, rounds);
-    put_row(s, "ours, all", &list[0], all, 3 * all - unasked, peak, rounds);
-    for (int i = 1; i < count; i++)
-        put_row(s, list[i].name, &list[i], L * layer, (3 * L - 1) * layer, peak, rounds);
-    printf("| %d x %d | FMA ceiling | %.1f | | | | | |\n", s.leaves, s.samples,
+    all_flop[0] = 2.0 * own[WHOLE].p.net.learned * samples;
+    all_flop[1] =
+        3 * all_flop[0] - 2.0 * own[WHOLE].p.net.enc * W * samples; /* encoding's gradient */
+    put_row(s, "ours, layers", &list[WHOLE], &list[SHALLOW], layers_flop, peak, rounds);
+    put_row(s, "ours, with the rest", &list[WHOLE], NULL, all_flop, peak, rounds);
+    for (int i = OURS; i < count; i++)
+        put_row(s, list[i].peer->name, &list[i], NULL, peers_flop, peak, rounds);
+    printf("| %d x %d | FMA ceiling | %.1f | | | | | | | |\n", s.leaves, s.samples,
            1e-9 * median(peak, rounds));
     fflush(stdout);
 done:
-    for (int i = 1; i < count; i++)
-        own[i]->release(list[i].own);
-    free_ours(&o);
+    for (int i = OURS; i < count; i++)
+        list[i].peer->release(list[i].own);
+    for (int i = 0; i < OURS; i++)
+        free_ours(&own[i]);
     free_data(&data);
     return st;
 }
@@ -511,13 +551,17 @@ int main(int argc, char **argv)
         printf(" %s%s", peers[i]->name, peers[i + 1] ? "," : "");
     printf(
         "%s\n\n| leaves x samples | | forward, GFLOP/s | of ceiling | error | training, GFLOP/s | "
-        "of ceiling | error |\n|---|---|---|---|---|---|---|---|\n",
+        "of ceiling | block by block | of ceiling | error "
+        "|\n|---|---|---|---|---|---|---|---|---|---|\n",
         peers[0] ? "" : " none");
     for (int i = 3; i < argc; i++) {
-        if (sscanf(argv[i], "%dx%d", &s.leaves, &s.samples) != 2 || s.leaves < 2 || s.samples < 4 ||
-            s.samples % 4)
-            CLN_TRY(cln_fail(CLN_USAGE, "'%s' is not LEAVESxSAMPLES, 2 or more and a multiple of 4",
-                             argv[i]));
+        if (sscanf(argv[i], "%dx%d", &s.leaves, &s.samples) != 2 || s.leaves < 2 ||
+            s.leaves > MOST_LEAVES || s.samples < 4 || s.samples % 4 ||
+            (int64_t)s.leaves * s.samples > MOST_SAMPLES)
+            CLN_TRY(cln_fail(CLN_USAGE,
+                             "'%s' is not LEAVESxSAMPLES: 2 to %d, a multiple of 4, and a product "
+                             "of at most %d",
+                             argv[i], MOST_LEAVES, MOST_SAMPLES));
         CLN_TRY(run_shape(device, s, rounds));
     }
     for (size_t i = 0; argc < 4 && i < sizeof standard / sizeof standard[0]; i++)

@@ -122,4 +122,4 @@ static cln_status fetch(void *own)
     return cln_buffer_read(c->device, &c->h[(L - 1) % 2], 0, c->data->out, floats * sizeof(float));
 }
 
-const peer peer_clblast = {"CLBlast, batched", prepare, forward, NULL, fetch, release};
+const peer peer_clblast = {"CLBlast, batched", prepare, forward, NULL, fetch, release, false};

@@ -18,9 +18,9 @@ int peer_block(const peer_data *data, int most)
 }
 
 /* Room of one thread: `blocks` blocks of samples. */
-static float *scratch(const peer_products *p, int blocks)
+static float *scratch(const peer_products *p, size_t blocks)
 {
-    return aligned_alloc(64, (size_t)blocks * (size_t)p->block * W * sizeof(float));
+    return aligned_alloc(64, blocks * (size_t)p->block * W * sizeof(float));
 }
 
 static inline float activation(float z)
@@ -44,6 +44,13 @@ static void activate_to(int n, const float *restrict bias, float *restrict z, fl
             z[s * W + i] += bias[i];
             h[s * W + i] = activation(z[s * W + i]);
         }
+}
+
+/* h = activation(z), z with its bias */
+static void restore(int n, const float *restrict z, float *restrict h)
+{
+    for (int i = 0; i < n * W; i++)
+        h[i] = activation(z[i]);
 }
 
 /* d *= activation'(z) */
@@ -96,29 +103,38 @@ cln_status peer_cpu_forward(const peer_data *data, const peer_products *p)
     return failed ? cln_fail(CLN_MEMORY, "peers: out of host memory") : CLN_OK;
 }
 
-/* room: z and h of every layer, and two of gradients. */
-static void train_block(const peer_data *data, const peer_products *p, int leaf, int first,
-                        float *room)
-{
-    const size_t size = (size_t)p->block * W;
-    const size_t at = ((size_t)leaf * (size_t)data->samples + (size_t)first) * W;
-    float *z = room, *h = room + L * size, *d = room + 2 * L * size, *next = d + size;
+/* Where a block's pre-activations and activations of layer i stand: z + i * size, h + i * h_step, where h_step 0 is one
+ * place for all layers. */
+typedef struct layers {
+    float *z, *h;
+    size_t size, h_step;
+} layers;
 
+static void train_forward(const peer_data *data, const peer_products *p, int leaf, const float *x,
+                          layers to)
+{
     for (int i = 0; i < L; i++) {
         const size_t layer = (size_t)leaf * L + (size_t)i;
+        float *z = to.z + (size_t)i * to.size, *h = to.h + (size_t)i * to.h_step;
 
-        p->multiply(p->own, i ? h + (size_t)(i - 1) * size : data->x + at,
-                    data->w + layer * PEER_CELLS, z + (size_t)i * size);
-        activate_to(p->block, data->bias + layer * W, z + (size_t)i * size, h + (size_t)i * size);
+        p->multiply(p->own, i ? h - to.h_step : x, data->w + layer * PEER_CELLS, z);
+        activate_to(p->block, data->bias + layer * W, z, h);
     }
-    memcpy(d, data->dout + at, size * sizeof *d);
+}
+
+/* d, next: gradients of a block's outputs, and room for as many; overwritten. */
+static void train_back(const peer_data *data, const peer_products *p, int leaf, const float *x,
+                       layers from, float *d, float *next)
+{
     for (int i = L - 1; i >= 0; i--) {
         const size_t layer = (size_t)leaf * L + (size_t)i;
-        float *done = d;
+        const float *z = from.z + (size_t)i * from.size;
+        float *below = from.h + (size_t)i * from.h_step - from.h_step, *done = d;
 
-        derive(p->block, z + (size_t)i * size, d);
-        p->accumulate(p->own, i ? h + (size_t)(i - 1) * size : data->x + at, d,
-                      data->dw + layer * PEER_CELLS);
+        derive(p->block, z, d);
+        if (i > 0 && from.h_step == 0)
+            restore(p->block, z - from.size, below);
+        p->accumulate(p->own, i ? below : x, d, data->dw + layer * PEER_CELLS);
         if (i == 0) /* nobody asks for the input's gradient */
             break;
         p->multiply(p->own, d, data->wt + layer * PEER_CELLS, next);
@@ -127,24 +143,58 @@ static void train_block(const peer_data *data, const peer_products *p, int leaf,
     }
 }
 
-cln_status peer_cpu_train(const peer_data *data, const peer_products *p)
+/* One pass over a leaf's samples: forward, back, or both; room: what train_room has. */
+enum { FORWARD = 1, BACK = 2 };
+
+static size_t train_room(bool kept)
+{
+    return kept ? 3 : 2 * L + 2;
+}
+
+static void train_leaf(const peer_data *data, const peer_products *p, int leaf, int passes,
+                       bool kept, float *room)
+{
+    const size_t size = (size_t)p->block * W;
+    float *d = room, *next = room + size, *rest = room + 2 * size;
+
+    for (int first = 0; first < data->samples; first += p->block) {
+        const size_t at = ((size_t)leaf * (size_t)data->samples + (size_t)first) * W;
+        const layers l = kept ? (layers){data->kept + at * L, rest, size, 0}
+                              : (layers){rest, rest + L * size, size, size};
+
+        if (passes & FORWARD)
+            train_forward(data, p, leaf, data->x + at, l);
+        if (!(passes & BACK))
+            continue;
+        memcpy(d, data->dout + at, size * sizeof *d);
+        train_back(data, p, leaf, data->x + at, l, d, next);
+    }
+}
+
+cln_status peer_cpu_train(const peer_data *data, const peer_products *p, bool kept)
 {
     const size_t cells = (size_t)L * PEER_CELLS;
     int failed = 0;
 
 #pragma omp parallel num_threads(data->threads)
     {
-        float *room = scratch(p, 2 * L + 2);
+        float *room = scratch(p, train_room(kept));
 
         if (!room) {
 #pragma omp atomic write
             failed = 1;
         }
+        if (kept) {
+#pragma omp for schedule(dynamic)
+            for (int leaf = 0; leaf < data->leaves; leaf++)
+                if (room)
+                    train_leaf(data, p, leaf, FORWARD, kept, room);
+        }
 #pragma omp for schedule(dynamic)
         for (int leaf = 0; leaf < data->leaves; leaf++) {
             memset(data->dw + (size_t)leaf * cells, 0, cells * sizeof(float));
-            for (int first = 0; room && first < data->samples; first += p->block)
-                train_block(data, p, leaf, first, room);
+            if (room)
+                train_leaf(data, p, leaf, kept ? BACK : FORWARD | BACK, kept, room);
         }
         free(room);
     }

@@ -180,11 +180,11 @@ static cln_status forward(void *own)
     return peer_cpu_forward(o->data, &o->products);
 }
 
-static cln_status train(void *own)
+static cln_status train(void *own, bool kept)
 {
     const onednn *o = own;
 
-    return peer_cpu_train(o->data, &o->products);
+    return peer_cpu_train(o->data, &o->products, kept);
 }
 
-const peer peer_onednn = {"oneDNN", prepare, forward, train, NULL, release};
+const peer peer_onednn = {"oneDNN", prepare, forward, train, NULL, release, true};

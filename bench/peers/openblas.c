@@ -49,11 +49,11 @@ static cln_status forward(void *own)
     return peer_cpu_forward(o->data, &o->products);
 }
 
-static cln_status train(void *own)
+static cln_status train(void *own, bool kept)
 {
     const openblas *o = own;
 
-    return peer_cpu_train(o->data, &o->products);
+    return peer_cpu_train(o->data, &o->products, kept);
 }
 
-const peer peer_openblas = {"OpenBLAS", prepare, forward, train, NULL, free};
+const peer peer_openblas = {"OpenBLAS", prepare, forward, train, NULL, free, true};

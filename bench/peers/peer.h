@@ -2,7 +2,11 @@
  * activation, every leaf with weights of its own. One file a library; what they do around the products is
  * the same, in cpu.c. Each is as fast as its library allows: layers of a block of samples follow each other
  * while they are in cache, transposed weights are given. Gradients of the biases are left out, to their
- * advantage. */
+ * advantage.
+ *
+ * Training has two orders. A scene's: every sample goes forward before the first gradient is known, as pixels are
+ * sums over the samples of several leaves, so pre-activations are kept in memory. And block by block, as if
+ * the gradients were given: forward and back while a block is in cache, which a scene never sees. */
 #ifndef BENCH_PEER_H
 #define BENCH_PEER_H
 
@@ -22,6 +26,8 @@ typedef struct peer_data {
     const float *dout;   /* [leaf][sample][64] gradient of the last layer's output */
     float *out;          /* [leaf][sample][64] */
     float *dw;           /* [leaf][layer][64 in][64 out] */
+    /* [leaf][block][layer][sample of block][64]: pre-activations, in a scene's order */
+    float *kept;
 } peer_data;
 
 typedef struct peer {
@@ -29,9 +35,11 @@ typedef struct peer {
     /* *own is the peer's; device: for those that run there. */
     cln_status (*prepare)(const peer_data *data, cln_device *device, void **own);
     cln_status (*forward)(void *own); /* data->out, if there is no fetch */
-    cln_status (*train)(void *own); /* forward, input and weight gradients: data->dw; NULL = none */
+    /* forward, input and weight gradients: data->dw, by way of data->kept or block by block; NULL = none */
+    cln_status (*train)(void *own, bool kept);
     cln_status (*fetch)(void *own); /* what forward left elsewhere to data->out; NULL = nothing */
     void (*release)(void *own);     /* accepts NULL */
+    bool host; /* on the host's cores: takes part beside a CPU device, which has the same ones */
 } peer;
 
 extern const peer peer_xsmm, peer_onednn, peer_openblas, peer_clblast;
@@ -52,6 +60,6 @@ typedef struct peer_products {
 int peer_block(const peer_data *data, int most);
 
 cln_status peer_cpu_forward(const peer_data *data, const peer_products *products);
-cln_status peer_cpu_train(const peer_data *data, const peer_products *products);
+cln_status peer_cpu_train(const peer_data *data, const peer_products *products, bool kept);
 
 #endif

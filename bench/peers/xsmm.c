@@ -62,11 +62,11 @@ static cln_status forward(void *own)
     return peer_cpu_forward(x->data, &x->products);
 }
 
-static cln_status train(void *own)
+static cln_status train(void *own, bool kept)
 {
     const xsmm *x = own;
 
-    return peer_cpu_train(x->data, &x->products);
+    return peer_cpu_train(x->data, &x->products, kept);
 }
 
-const peer peer_xsmm = {"libxsmm", prepare, forward, train, NULL, release};
+const peer peer_xsmm = {"libxsmm", prepare, forward, train, NULL, release, true};
