@@ -339,17 +339,23 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
         SYNC();
         /* Stable counting sorts of the tile, from the digit's low end. */
         for (uint shift_in = 0; (1u << shift_in) < digits; shift_in += RANK_BITS) {
-            const uint own = min(count, lid * ITEMS), mine = min(count, own + ITEMS) - own;
+            const uint own = lid * ITEMS;
             key_type held_keys[ITEMS];
             uint held_values[ITEMS], part[ITEMS], rank[ITEMS], sum = 0, total;
 
             for (uint r = 0; r < RANKS; r++)
                 ranks[r * SG + lid] = 0;
-            for (uint j = 0; j < mine; j++) {
-                held_keys[j] = tile_keys[own + j];
-                held_values[j] = tile_values[own + j];
+            /* Past the count: the last one again, uncounted. A loop that some items skip, between two barriers, PoCL 3.1
+             * compiles wrongly for AVX-512: all items skip it when the last one does. */
+#pragma unroll
+            for (uint j = 0; j < ITEMS; j++) {
+                const uint i = min(own + j, count - 1u);
+
+                held_keys[j] = tile_keys[i];
+                held_values[j] = tile_values[i];
                 part[j] = (digit_of(held_keys[j], shift, mask, shift2, mask2) >> shift_in) % RANKS * SG + lid;
-                rank[j] = ranks[part[j]]++;
+                rank[j] = ranks[part[j]];
+                ranks[part[j]] += own + j < count;
             }
             SYNC();
             for (uint r = 0; r < RANKS; r++)
@@ -362,12 +368,14 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
                 sum += value;
             }
             SYNC();
-            for (uint j = 0; j < mine; j++) {
-                const uint to = ranks[part[j]] + rank[j];
+#pragma unroll
+            for (uint j = 0; j < ITEMS; j++)
+                if (own + j < count) {
+                    const uint to = ranks[part[j]] + rank[j];
 
-                tile_keys[to] = held_keys[j];
-                tile_values[to] = held_values[j];
-            }
+                    tile_keys[to] = held_keys[j];
+                    tile_values[to] = held_values[j];
+                }
             SYNC();
         }
         for (uint i = lid; i < count; i += SG) {
