@@ -3,13 +3,13 @@
 # AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, and the devices side by
 # side. Each part ends with a line "N passed, N failed[, N skipped]"; their sum is the last line here, and
 # the exit status is non-zero if anything failed. A part that breaks without saying so counts as one
-# failure.
+# failure. What failed is named again before the sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
 make=${MAKE:-make}
 jobs=$(nproc 2>/dev/null || echo 2)
-passed=0 failed=0 skipped=0
+passed=0 failed=0 skipped=0 failures=""
 mkdir -p build
 log=build/test-part.log
 
@@ -25,9 +25,11 @@ part() {
     f=$(echo "$counts" | sed -n 's/.* \([0-9]*\) failed.*/\1/p')
     s=$(echo "$counts" | sed -n 's/.* \([0-9]*\) skipped.*/\1/p')
     if [ "$status" != 0 ] && [ "${f:-0}" = 0 ]; then
-        echo "$name: exit status $status"
+        echo "$name: exit status $status" | tee -a "$log"
         f=1
     fi
+    [ "${f:-0}" = 0 ] || failures+=$(grep -E 'FAILED|^failed|: failed|exit status|ended by|SUMMARY: |[1-9][0-9]* failed|^==' "$log" |
+        head -n 40 | sed "s/^/$name: /")$'\n'
     passed=$((passed + ${p:-0}))
     failed=$((failed + ${f:-0}))
     skipped=$((skipped + ${s:-0}))
@@ -83,5 +85,6 @@ part "sanitized unit" sanitized
 part "sanitized command line" env BUILD=build/sanitize tests/cli.sh usage scenes resume
 rm -f "$log"
 
+printf '\n%s' "$failures"
 printf '\n%d passed, %d failed%s\n' $passed $failed "$([ $skipped = 0 ] || echo ", $skipped skipped")"
 [ $failed = 0 ]
