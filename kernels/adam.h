@@ -52,9 +52,9 @@ HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global 
     const vf v1 = MAD((vf)(BETA2), VLOAD(v + p), (1.0f - BETA2) * g * g);
 
     w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
-    VSTORE(m1, m + p);
-    VSTORE(v1, v + p);
-    VSTORE(w, params + p);
+    VSTORE_IN(__global, m1, m + p);
+    VSTORE_IN(__global, v1, v + p);
+    VSTORE_IN(__global, w, params + p);
     return w;
 }
 

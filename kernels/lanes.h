@@ -41,6 +41,15 @@ typedef CLN_PASTE(int, VW) vi;
 #define V_AS_FLOAT   CLN_PASTE(as_float, VW)
 #endif
 
+/* VSTORE of floats to an address space, in one instruction: PoCL's vstore goes by fours, and LLVM does not put what
+ * it makes of 16 together again. */
+#if VW > 1 && (defined(__x86_64__) || defined(__aarch64__))
+typedef vf vf_anywhere __attribute__((aligned(4)));
+#define VSTORE_IN(space, v, p) (*(space vf_anywhere *)(p) = (v))
+#else
+#define VSTORE_IN(space, v, p) VSTORE(v, p)
+#endif
+
 /* Lane numbers 0 .. VW-1, and the sum over lanes in a fixed order. */
 #if VW == 1
 #define V_IOTA   0u

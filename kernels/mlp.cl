@@ -21,26 +21,29 @@
  * garbage that never leaves its own row. */
 
 /* ---- one layer forward: in, then in2 (an encoding) -> pre-activations to acts (if kept), activations to
- * out. Element (s, k) of in stands at s * in_s + k * in_k. While a tile of a leaf's first block is worked
- * on, the weights of the next columns, or of the layer behind, come into the cache; and what the next tile
- * writes to, always. ---- */
+ * out. Element (s, k) of in stands at s * in_s + k * in_k; the bias is the row behind the weights. While a tile is worked
+ * on, what the next tile writes to comes into the cache, in a leaf's first block the weights of the next columns,
+ * and with the last columns the first ones of after_rows rows of after_w, what is read after this layer. ---- */
 
 HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
-                  const __local float *in2, int in2_rows, const __global float *w,
-                  const __global float *bias, int n_out, __local float *out, int tiles, int count,
-                  __global kept_type *acts, int train, int first, uint step_key,
-                  const __local uint *ids, uint layer, int lid)
+                  const __local float *in2, int in2_rows, const __global float *w, int n_out,
+                  __local float *out, int tiles, int count, __global kept_type *acts, int train,
+                  int first, const __global float *after_w, int after_columns, int after_rows,
+                  uint step_key, const __local uint *ids, uint layer, int lid)
 {
     const int rows = in_rows + in2_rows;
+    const __global float *bias = w + rows * n_out;
 
     for (int n = lid * VW; n < n_out; n += TILE_N) {
-        const __global float *next = n + TILE_N < n_out ? w + n + TILE_N : w + (rows + 1) * n_out;
+        const bool across = n + TILE_N < n_out;
+        const __global float *next = across ? w + n + TILE_N : after_w;
+        const int next_columns = across ? n_out : after_columns;
+        const int next_rows = !across ? after_rows : first ? rows + 1 : 0;
 
         for (int t = 0; t < tiles; t++) {
             vf acc[TS][NV];
 
-            if (first)
-                fetch_rows(next, n_out, rows * t / tiles, rows * (t + 1) / tiles);
+            fetch_rows(next, next_columns, next_rows * t / tiles, next_rows * (t + 1) / tiles);
             if (train)
                 for (int i = 0; i < TS; i++)
                     FETCH_WRITE(acts + ((t + 1) * TS + i) * ACTS + n);
@@ -63,7 +66,7 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
 
                     if (train && s < count)
                         KEPT_STORE(acc[i][j], acts + s * ACTS + m);
-                    VSTORE(activate(acc[i][j], negative_slope(train, key, m)), out + s * n_out + m);
+                    VSTORE_IN(__local, activate(acc[i][j], negative_slope(train, key, m)), out + s * n_out + m);
                 }
             }
         }
@@ -101,22 +104,26 @@ HELPER void head(const __local float *a, int width, const __global float *w,
     }
 }
 
-/* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's output.
- * Work-items of a group all call it: it contains the barriers between layers (LS > 1). */
-#define TRUNK_FORWARD(train_, acts_)                                                             \
-    for (int i = 0; i < DEPTH; i++) {                                                            \
-        __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                            \
-                                                                                                 \
-        if (i == 0)                                                                              \
-            dense(enc, ENC_PAD, 1, NB, enc, 0, w + TRUNK_W(0), w + TRUNK_B(0), WIDTH, to, tiles, \
-                  count, acts_, train_, block == begin, step_key, ids, 0u, lid);                 \
-        else                                                                                     \
-            dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i),           \
-                  w + TRUNK_B(i), WIDTH, to, tiles, count,                                       \
-                  train_ ? acts_ + i * WIDTH : acts_, train_, block == begin, step_key,          \
-                  ids, (uint)i, lid);                                                            \
-        GROUP_SYNC();                                                                            \
-    }                                                                                            \
+/* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's output. after_: what is
+ * read after it, dense's. Work-items of a group all call it: it contains the barriers between layers (LS > 1). */
+#define TRUNK_FORWARD(train_, acts_, after_w_, after_columns_, after_rows_)                         \
+    for (int i = 0; i < DEPTH; i++) {                                                               \
+        __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                               \
+        const int first = block == begin, end = i == DEPTH - 1;                                     \
+        const __global float *after_w = w + (end ? after_w_ : TRUNK_W(i + 1));                      \
+        const int after_columns = end ? after_columns_ : WIDTH;                                     \
+        const int after_rows =                                                                      \
+            !first ? 0 : end ? after_rows_ : WIDTH + (i + 1 == SKIP ? ENC_PAD : 0) + 1;             \
+                                                                                                    \
+        if (i == 0)                                                                                 \
+            dense(enc, ENC_PAD, 1, NB, enc, 0, w + TRUNK_W(0), WIDTH, to, tiles, count, acts_,      \
+                  train_, first, after_w, after_columns, after_rows, step_key, ids, 0u, lid);       \
+        else                                                                                        \
+            dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i), WIDTH, to,   \
+                  tiles, count, train_ ? acts_ + i * WIDTH : acts_, train_, first, after_w,         \
+                  after_columns, after_rows, step_key, ids, (uint)i, lid);                          \
+        GROUP_SYNC();                                                                               \
+    }                                                                                               \
     __local float *h = DEPTH & 1 ? h1 : h0;
 
 /* ---- stage 1: densities on the jittered grid of a leaf ---- */
@@ -160,7 +167,7 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
         GROUP_SYNC();
         encode(at, BANDS, level, enc, ENC_PAD, rows, lid);
         GROUP_SYNC();
-        TRUNK_FORWARD(0, none)
+        TRUNK_FORWARD(0, none, SIGMA_W, NV * VW, (WIDTH + 16 + NV * VW - 1) / (NV * VW))
         head(h, WIDTH, w + SIGMA_W, w + SIGMA_B, 1, at, tiles * TS, lid);
         GROUP_SYNC();
         for (int s = lid * VW; s < rows; s += STEP_N)
@@ -207,6 +214,9 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
     const cln_slice slice = slices[group];                                                        \
     const __global float *w = LEAF_ROW(params, slice.slot, PARAMS);                               \
     const uint begin = 0u;                                                                        \
+    /* the next group's slice is most often this processor's next, too */                         \
+    const cln_slice after = slices[min(group + 1u, n_slices - 1u)];                               \
+    const __global float *w_after = LEAF_ROW(params, after.slot, PARAMS);                         \
                                                                                                   \
     for (uint block = begin; block < slice.count; block += NB) {                                  \
         const int count = (int)min((uint)NB, slice.count - block);                                \
@@ -220,7 +230,13 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
         GROUP_SYNC();                                                                             \
         ENCODE_SAMPLES(boxes[slice.slot])                                                         \
         GROUP_SYNC();                                                                             \
-        TRUNK_FORWARD(train, kept)                                                                \
+        const int last = slice.count - block <= NB;                                               \
+        const int count_after = last ? (int)min((uint)NB, after.count) : 0;                       \
+        for (int s = lid * FETCH_FLOATS; s < count_after; s += LS * FETCH_FLOATS)                 \
+            FETCH(order + after.start + s);                                                       \
+        FORWARD_TRUNK(train)                                                                      \
+        for (int s = lid; s < count_after; s += LS)                                               \
+            FETCH(samples + order[after.start + (uint)s]);                                        \
         FORWARD_VIEW(train)                                                                       \
         head(COLOUR_IN, COLOUR, w + COLOUR_W, w + COLOUR_B, 3, raw, tiles * TS, lid);             \
         head(h, WIDTH, w + SIGMA_W, w + SIGMA_B, 1, raw + 3 * NB, tiles * TS, lid);               \
@@ -242,12 +258,18 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
 
 #if VIEW > 0
 #define COLOUR_IN v
+#define FORWARD_TRUNK(train) TRUNK_FORWARD(train, kept, VIEW_W, VIEW, VIEW_ROWS + 1)
 #define FORWARD_VIEW(train)                                                                      \
-    dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, w + VIEW_B, VIEW, v, tiles, count,       \
-          kept + DEPTH * WIDTH, train, block == begin, step_key, ids, (uint)DEPTH, lid);         \
+    if (block == begin)                                                                          \
+        fetch_rows(w + COLOUR_W, NV * VW, 0, (PARAMS - COLOUR_W + NV * VW - 1) / (NV * VW));     \
+    dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, VIEW, v, tiles, count,                   \
+          kept + DEPTH * WIDTH, train, block == begin, w_after, WIDTH, last ? ENC_PAD + 1 : 0,   \
+          step_key, ids, (uint)DEPTH, lid);                                                      \
     GROUP_SYNC();
 #else
 #define COLOUR_IN h
+#define FORWARD_TRUNK(train) \
+    TRUNK_FORWARD(train, kept, SIGMA_W, NV * VW, (PARAMS - SIGMA_W + NV * VW - 1) / (NV * VW))
 #define FORWARD_VIEW(train)
 #endif
 
@@ -286,7 +308,7 @@ HELPER void restore(const __global kept_type *x, const __local int *places, int 
         const __global kept_type *row = x + places[s];
 
         for (int n = lid * VW; n < width; n += STEP_N)
-            VSTORE(activate(KEPT_LOAD(row + n), negative_slope(1, key, n)), h + s * width + n);
+            VSTORE_IN(__local, activate(KEPT_LOAD(row + n), negative_slope(1, key, n)), h + s * width + n);
     }
 }
 
@@ -332,18 +354,18 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
 #endif
 #pragma unroll
         for (int i = 0; i < VW; i++)
-            VSTORE(row[i], wt + (n + i) * WIDTH + k);
+            VSTORE_IN(__local, row[i], wt + (n + i) * WIDTH + k);
     }
 }
 #endif
 
-/* What comes into the cache meanwhile, in equal shares: pre-activations of a layer, those of `samples` samples at x +
+/* What comes into the cache meanwhile, in equal shares: `width` pre-activations of `samples` samples each, at x +
  * places[s], and w_n weights that are needed next. */
 typedef struct fetches {
     const __global kept_type *x;
     const __local int *places;
     const __global float *w;
-    int samples, w_n;
+    int samples, width, w_n;
 } fetches;
 
 /* dw[k][n] (+)= sum_s a(s, k) d[s][n], db[n] (+)= sum_s d[s][n]; a(s, k) stands at s * a_s + k * a_k;
@@ -363,7 +385,7 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
             vf acc[TK][NV];
 
             for (int s = share * x_each; s < min((share + 1) * x_each, next->samples); s++)
-                for (int l = 0; l < WIDTH; l += LINE_OF(next->x))
+                for (int l = 0; l < next->width; l += LINE_OF(next->x))
                     FETCH(next->x + next->places[s] + l);
             FETCH_SHARE(next->w, w_lines, share)
 
@@ -377,7 +399,7 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
             for (int i = 0; i < TK; i++)
 #pragma unroll
                 for (int j = 0; j < NV; j++)
-                    VSTORE(acc[i][j], dw + (k + i) * n_out + n + j * STEP_N);
+                    VSTORE_IN(LEAF_SPACE, acc[i][j], dw + (k + i) * n_out + n + j * STEP_N);
         }
         if (db) { /* four sums at a time: one would wait for its own additions */
             vf part[4][NV];
@@ -400,7 +422,7 @@ HELPER void weight_gradient(const __local float *a, int rows, int a_s, int a_k,
                     part[0][j] += VLOAD(d + s * n_out + n + j * STEP_N);
 #pragma unroll
             for (int j = 0; j < NV; j++)
-                VSTORE((part[0][j] + part[1][j]) + (part[2][j] + part[3][j]), db + n + j * STEP_N);
+                VSTORE_IN(LEAF_SPACE, (part[0][j] + part[1][j]) + (part[2][j] + part[3][j]), db + n + j * STEP_N);
         }
     }
 }
@@ -438,7 +460,7 @@ HELPER void input_gradient(const __local float *d, int n_in, const LEAF_SPACE fl
                     const int m = n + j * STEP_N;
                     const vf g = activate_gradient(KEPT_LOAD(row + m), negative_slope(1, key, m));
 
-                    VSTORE(acc[i][j] * g, out + (t * TS + i) * WIDTH + m);
+                    VSTORE_IN(__local, acc[i][j] * g, out + (t * TS + i) * WIDTH + m);
                 }
             }
         }
@@ -477,7 +499,7 @@ HELPER void head_gradient(const __local float *a, int width, const __local float
         }
 #pragma unroll
         for (int r = 0; r < rows; r++)
-            VSTORE((part[0][r] + part[1][r]) + (part[2][r] + part[3][r]), dw + r * width + n);
+            VSTORE_IN(LEAF_SPACE, (part[0][r] + part[1][r]) + (part[2][r] + part[3][r]), dw + r * width + n);
     }
 }
 
@@ -511,7 +533,7 @@ HELPER void colour_input_gradient(const __global float *w, int width, const __gl
 
             sum = MAD((vf)(g.y), VLOAD(w + width + n), sum);
             sum = MAD((vf)(g.z), VLOAD(w + 2 * width + n), sum);
-            VSTORE(sum * activate_gradient(KEPT_LOAD(row + n), negative_slope(1, key, n)),
+            VSTORE_IN(__local, sum * activate_gradient(KEPT_LOAD(row + n), negative_slope(1, key, n)),
                    d + s * width + n);
         }
     }
@@ -544,7 +566,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
     __local uint ids[NB];
-    __local int places[NB];
+    __local int places[NB], places_after[NB];
 #if VIEW > 0
     __local float dir[NB * DIR_PAD], v[NB * VIEW], dv[NB * VIEW], along[3 * NB];
 #else
@@ -575,9 +597,11 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     __global float *grad = SLICE_ROW(grads, group, PARAMS);
 #endif
 
-    /* the next group's leaf is most often this processor's next, too */
-    const int slot_after = slices[min(group + 1u, n_slices - 1u)].slot;
-    const __global float *w_after = LEAF_ROW(params, slot_after, PARAMS);
+    /* the next group's slice is most often this processor's next, too */
+    const uint group_after = min(group + 1u, n_slices - 1u);
+    const cln_slice after = slices[group_after];
+    const int count_after = (int)min((uint)NB, chosen_counts[group_after]);
+    const __global float *w_after = LEAF_ROW(params, after.slot, PARAMS);
 
     const uint all = chosen_counts[group];
     const __global kept_type *x = acts + (size_t)slice.start * ACTS;
@@ -587,9 +611,9 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         const int first = block == 0, count = (int)min((uint)NB, all - block);
         const int last = all - block <= NB;
         const int tiles = (count + TS - 1) / TS, rows = PADDED(count);
-        fetches next = {x_last - WIDTH, places, w_after + VIEW_W, DEPTH > 1 ? count : 0,
+        fetches next = {x_last - WIDTH, places, w_after + VIEW_W, DEPTH > 1 ? count : 0, WIDTH,
                         last ? WIDTH * VIEW : 0};
-        const fetches nothing = {x, places, w, 0, 0};
+        const fetches nothing = {x, places, w, 0, 0, 0};
 
         GROUP_SYNC();
         for (int s = lid; s < rows; s += LS) { /* past the count, the last one again */
@@ -598,6 +622,12 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
             ids[s] = order[slice.start + row];
             places[s] = (int)row * ACTS;
             dhead[s] = s < count ? heads[slice.start + block + (uint)s] : (float4)(0.0f);
+        }
+        for (int s = lid; last && s < count_after; s += LS) {
+            const uint row = chosen[after.start + (uint)s];
+
+            places_after[s] = (int)row * ACTS;
+            FETCH(samples + order[after.start + row]);
         }
         load_samples(samples, ray_o, ray_d, boxes[slice.slot], rows, ids, at, along, lid);
         GROUP_SYNC();
@@ -635,7 +665,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
                 for (int k = 0; k < 3; k++)
                     sum = MAD((vf)(((const __local float *)(dhead + s))[k]),
                               VLOAD(w + COLOUR_W + k * WIDTH + n), sum);
-                VSTORE(sum * activate_gradient(KEPT_LOAD(row + n), negative_slope(1, key, n)),
+                VSTORE_IN(__local, sum * activate_gradient(KEPT_LOAD(row + n), negative_slope(1, key, n)),
                        d0 + s * WIDTH + n);
             }
         }
@@ -661,7 +691,10 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
                            tiles, count, step_key, ids, (uint)(i - 1), lid);
         }
         GROUP_SYNC();
-        next.samples = 0;
+        next.x = acts + (size_t)after.start * ACTS + (DEPTH - 1) * WIDTH; /* what a slice begins with */
+        next.places = places_after;
+        next.samples = last ? count_after : 0;
+        next.width = WIDTH + VIEW;
         next.w = w_after;
         next.w_n = last ? ENC_PAD * WIDTH : 0;
         weight_gradient(enc, ENC_PAD, 1, NB, (DEPTH - 1) & 1 ? d1 : d0, WIDTH, grad + TRUNK_W(0),
@@ -689,6 +722,6 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     __global float *to = SLICE_ROW(grads, update ? slice.start / half_slice : group, PARAMS);
 
     for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N)
-        VSTORE(VLOAD(grad + p), to + p);
+        VSTORE_IN(__global, VLOAD(grad + p), to + p);
 #endif
 }

@@ -93,7 +93,7 @@
 #else
 #define kept_type        float
 #define KEPT_LOAD(p)     VLOAD(p)
-#define KEPT_STORE(v, p) VSTORE(v, p)
+#define KEPT_STORE(v, p) VSTORE_IN(__global, v, p)
 #endif
 
 /* Rows of a block that are worked on: the count, up to whole tiles and whole vectors. */
@@ -208,7 +208,7 @@ HELPER void encode(const __local float *x, int bands, int level, __local float *
             const vf value = VLOAD(x + a * NB + s);
             vf sine = sin_unit(value), cosine = cos_unit(value);
 
-            VSTORE(value, out + a * NB + s);
+            VSTORE_IN(__local, value, out + a * NB + s);
 #pragma unroll
             for (int k = 0; k < bands; k++) {
                 if (k > 0 && k % 6 == 0) {
@@ -225,12 +225,12 @@ HELPER void encode(const __local float *x, int bands, int level, __local float *
 #else
                 const float weight = 1.0f;
 #endif
-                VSTORE(sine * weight, out + (3 + 6 * k + a) * NB + s);
-                VSTORE(cosine * weight, out + (6 + 6 * k + a) * NB + s);
+                VSTORE_IN(__local, sine * weight, out + (3 + 6 * k + a) * NB + s);
+                VSTORE_IN(__local, cosine * weight, out + (6 + 6 * k + a) * NB + s);
             }
         }
         for (int row = 3 + 6 * bands; row < pad; row++)
-            VSTORE((vf)(0.0f), out + row * NB + s);
+            VSTORE_IN(__local, (vf)(0.0f), out + row * NB + s);
     }
 }
 

@@ -18,7 +18,7 @@ HELPER float size_of(float4 g)
 /* One work-group a slice. heads and chosen (ascending, counted from the slice's start): of those that go,
  * chosen_counts[slice] of them from the slice's start on, at least one. A sample with a gradient of less than `cutoff`
  * times its segment's mean goes with the chance of their ratio; cutoff 0: all go. Leaves of fewer than min_samples
- * samples are left out. */
+ * samples are left out: none of theirs goes. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 roulette(const __global cln_slice *restrict slices, /* [slice] */
          const __global uint *restrict order,       /* [grouped sample] -> sample */
@@ -40,8 +40,11 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         return;
     const cln_slice slice = slices[group];
 
-    if (slice.count == 0u || end[slice.slot] - begin[slice.slot] < min_samples)
+    if (slice.count == 0u || end[slice.slot] - begin[slice.slot] < min_samples) {
+        if (lid == 0u)
+            chosen_counts[group] = 0u;
         return;
+    }
     for (uint first = 0; first < slice.count; first += SEGMENT) {
         const uint count = min((uint)SEGMENT, slice.count - first), at = slice.start + first;
         const uint each = (count + STEP_N - 1) / STEP_N * VW; /* of a work-item, side by side */

@@ -41,7 +41,7 @@ static size_t bytes_per_sample(const cln_network *net)
     const int view = net->view_dependence ? net->view_width : 0;
 
     return sizeof(float) *
-           (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 2 + 6);
+           (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 3 + 6);
 }
 
 /* ... and of what it holds of a leaf. */
