@@ -44,7 +44,7 @@ typedef CLN_PASTE(int, VW) vi;
 /* VSTORE of floats to an address space, in one instruction: PoCL's vstore goes by fours, and LLVM does not put what
  * it makes of 16 together again. */
 #if VW > 1 && (defined(__x86_64__) || defined(__aarch64__))
-typedef vf vf_anywhere __attribute__((aligned(4)));
+typedef vf vf_anywhere __attribute__((aligned(4), may_alias));
 #define VSTORE_IN(space, v, p) (*(space vf_anywhere *)(p) = (v))
 #else
 #define VSTORE_IN(space, v, p) VSTORE(v, p)
@@ -120,12 +120,15 @@ HELPER float v_sum16(float16 v)
                      (T)(1.0f)),                                                                   \
            (x) < (T)(0.15f))
 
-/* The cache line at p, a pointer into global memory, is fetched to be read or written soon. Worth its while one by
- * one between other work, not many at once. By the compiler's builtin: PoCL's prefetch() does nothing. */
+/* The cache line at p, a pointer into global memory, is fetched to be read or written soon. Best one by one between
+ * other work: of many at once the last ones are waited for. By the compiler's builtin: PoCL's prefetch() does nothing.
+ * FETCHES: whether anything is fetched at all. */
 #if defined(__x86_64__) || defined(__aarch64__)
+#define FETCHES        1
 #define FETCH(p)       __builtin_prefetch((const __private void *)(uintptr_t)(p), 0, 3)
 #define FETCH_WRITE(p) __builtin_prefetch((const __private void *)(uintptr_t)(p), 1, 3)
 #else
+#define FETCHES 0
 #define FETCH(p)
 #define FETCH_WRITE(p)
 #endif

@@ -21,9 +21,9 @@
  * garbage that never leaves its own row. */
 
 /* ---- one layer forward: in, then in2 (an encoding) -> pre-activations to acts (if kept), activations to
- * out. Element (s, k) of in stands at s * in_s + k * in_k; the bias is the row behind the weights. While a tile is worked
- * on, what the next tile writes to comes into the cache, in a leaf's first block the weights of the next columns,
- * and with the last columns the first ones of after_rows rows of after_w, what is read after this layer. ---- */
+ * out. Element (s, k) of in stands at s * in_s + k * in_k; the bias is the row behind the weights. While a tile is
+ * worked on, what the next tile writes to comes into the cache; in a slice's first block the weights of the next
+ * columns; and with the last columns the first ones of after_rows rows at after_w, what is read next. ---- */
 
 HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
                   const __local float *in2, int in2_rows, const __global float *w, int n_out,
@@ -36,14 +36,15 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
 
     for (int n = lid * VW; n < n_out; n += TILE_N) {
         const bool across = n + TILE_N < n_out;
-        const __global float *next = across ? w + n + TILE_N : after_w;
+        const __global float *next = across ? w + n + TILE_N : after_w + lid * VW;
         const int next_columns = across ? n_out : after_columns;
         const int next_rows = !across ? after_rows : first ? rows + 1 : 0;
 
         for (int t = 0; t < tiles; t++) {
             vf acc[TS][NV];
 
-            fetch_rows(next, next_columns, next_rows * t / tiles, next_rows * (t + 1) / tiles);
+            if (next_rows > 0)
+                fetch_rows(next, next_columns, next_rows * t / tiles, next_rows * (t + 1) / tiles);
             if (train)
                 for (int i = 0; i < TS; i++)
                     FETCH_WRITE(acts + ((t + 1) * TS + i) * ACTS + n);
@@ -106,24 +107,24 @@ HELPER void head(const __local float *a, int width, const __global float *w,
 
 /* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's output. after_: what is
  * read after it, dense's. Work-items of a group all call it: it contains the barriers between layers (LS > 1). */
-#define TRUNK_FORWARD(train_, acts_, after_w_, after_columns_, after_rows_)                         \
-    for (int i = 0; i < DEPTH; i++) {                                                               \
-        __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                               \
-        const int first = block == begin, end = i == DEPTH - 1;                                     \
-        const __global float *after_w = w + (end ? after_w_ : TRUNK_W(i + 1));                      \
-        const int after_columns = end ? after_columns_ : WIDTH;                                     \
-        const int after_rows =                                                                      \
-            !first ? 0 : end ? after_rows_ : WIDTH + (i + 1 == SKIP ? ENC_PAD : 0) + 1;             \
-                                                                                                    \
-        if (i == 0)                                                                                 \
-            dense(enc, ENC_PAD, 1, NB, enc, 0, w + TRUNK_W(0), WIDTH, to, tiles, count, acts_,      \
-                  train_, first, after_w, after_columns, after_rows, step_key, ids, 0u, lid);       \
-        else                                                                                        \
-            dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i), WIDTH, to,   \
-                  tiles, count, train_ ? acts_ + i * WIDTH : acts_, train_, first, after_w,         \
-                  after_columns, after_rows, step_key, ids, (uint)i, lid);                          \
-        GROUP_SYNC();                                                                               \
-    }                                                                                               \
+#define TRUNK_FORWARD(train_, acts_, after_w_, after_columns_, after_rows_)                       \
+    for (int i = 0; i < DEPTH; i++) {                                                             \
+        __local float *from = i & 1 ? h1 : h0, *to = i & 1 ? h0 : h1;                             \
+        const int first_ = block == begin, end_ = i == DEPTH - 1;                                 \
+        const __global float *after_w = w + (end_ ? (after_w_) : TRUNK_W(i + 1));                 \
+        const int after_columns = end_ ? (after_columns_) : WIDTH;                                \
+        const int after_rows =                                                                    \
+            !first_ ? 0 : end_ ? (after_rows_) : WIDTH + (i + 1 == SKIP ? ENC_PAD : 0) + 1;       \
+                                                                                                  \
+        if (i == 0)                                                                               \
+            dense(enc, ENC_PAD, 1, NB, enc, 0, w + TRUNK_W(0), WIDTH, to, tiles, count, acts_,    \
+                  train_, first_, after_w, after_columns, after_rows, step_key, ids, 0u, lid);    \
+        else                                                                                      \
+            dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i), WIDTH, to, \
+                  tiles, count, train_ ? acts_ + i * WIDTH : acts_, train_, first_, after_w,      \
+                  after_columns, after_rows, step_key, ids, (uint)i, lid);                        \
+        GROUP_SYNC();                                                                             \
+    }                                                                                             \
     __local float *h = DEPTH & 1 ? h1 : h0;
 
 /* ---- stage 1: densities on the jittered grid of a leaf ---- */
@@ -232,10 +233,10 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
         GROUP_SYNC();                                                                             \
         const int last = slice.count - block <= NB;                                               \
         const int count_after = last ? (int)min((uint)NB, after.count) : 0;                       \
-        for (int s = lid * FETCH_FLOATS; s < count_after; s += LS * FETCH_FLOATS)                 \
+        for (int s = lid * FETCH_FLOATS; s < count_after + FETCH_FLOATS; s += LS * FETCH_FLOATS)  \
             FETCH(order + after.start + s);                                                       \
         FORWARD_TRUNK(train)                                                                      \
-        for (int s = lid; s < count_after; s += LS)                                               \
+        for (int s = lid; FETCHES && s < count_after; s += LS)                                    \
             FETCH(samples + order[after.start + (uint)s]);                                        \
         FORWARD_VIEW(train)                                                                       \
         head(COLOUR_IN, COLOUR, w + COLOUR_W, w + COLOUR_B, 3, raw, tiles * TS, lid);             \
@@ -259,16 +260,18 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
 #if VIEW > 0
 #define COLOUR_IN v
 #define FORWARD_TRUNK(train) TRUNK_FORWARD(train, kept, VIEW_W, VIEW, VIEW_ROWS + 1)
-#define FORWARD_VIEW(train)                                                                      \
-    if (block == begin)                                                                          \
-        fetch_rows(w + COLOUR_W, NV * VW, 0, (PARAMS - COLOUR_W + NV * VW - 1) / (NV * VW));     \
-    dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, VIEW, v, tiles, count,                   \
-          kept + DEPTH * WIDTH, train, block == begin, w_after, WIDTH, last ? ENC_PAD + 1 : 0,   \
-          step_key, ids, (uint)DEPTH, lid);                                                      \
+#define FORWARD_VIEW(train)                                                                       \
+    if (block == begin && lid == 0) {                                                             \
+        FETCH_SHARE(w + SIGMA_W, SHARE_OF(w, WIDTH + 16, 1), 0)                                   \
+        FETCH_SHARE(w + COLOUR_W, SHARE_OF(w, PARAMS - COLOUR_W, 1), 0)                           \
+    }                                                                                             \
+    dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, VIEW, v, tiles, count,                    \
+          kept + DEPTH * WIDTH, train, block == begin, w_after, WIDTH, last ? ENC_PAD + 1 : 0,    \
+          step_key, ids, (uint)DEPTH, lid);                                                       \
     GROUP_SYNC();
 #else
 #define COLOUR_IN h
-#define FORWARD_TRUNK(train) \
+#define FORWARD_TRUNK(train)                                                                      \
     TRUNK_FORWARD(train, kept, SIGMA_W, NV * VW, (PARAMS - SIGMA_W + NV * VW - 1) / (NV * VW))
 #define FORWARD_VIEW(train)
 #endif
@@ -566,7 +569,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
     __local uint ids[NB];
-    __local int places[NB], places_after[NB];
+    __local int places[NB], places_after[FETCHES ? NB : 1];
 #if VIEW > 0
     __local float dir[NB * DIR_PAD], v[NB * VIEW], dv[NB * VIEW], along[3 * NB];
 #else
@@ -623,7 +626,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
             places[s] = (int)row * ACTS;
             dhead[s] = s < count ? heads[slice.start + block + (uint)s] : (float4)(0.0f);
         }
-        for (int s = lid; last && s < count_after; s += LS) {
+        for (int s = lid; FETCHES && last && s < count_after; s += LS) {
             const uint row = chosen[after.start + (uint)s];
 
             places_after[s] = (int)row * ACTS;

@@ -16,9 +16,9 @@ HELPER float size_of(float4 g)
 }
 
 /* One work-group a slice. heads and chosen (ascending, counted from the slice's start): of those that go,
- * chosen_counts[slice] of them from the slice's start on, at least one. A sample with a gradient of less than `cutoff`
- * times its segment's mean goes with the chance of their ratio; cutoff 0: all go. Leaves of fewer than min_samples
- * samples are left out: none of theirs goes. */
+ * chosen_counts[slice] of them from the slice's start on. A sample with a gradient of less than `cutoff` times its
+ * segment's mean goes with the chance of their ratio; cutoff 0: all go. At least one goes; none of empty slices, nor of
+ * leaves of fewer than min_samples samples (mlp_backward looks at the count behind its own, too). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 roulette(const __global cln_slice *restrict slices, /* [slice] */
          const __global uint *restrict order,       /* [grouped sample] -> sample */

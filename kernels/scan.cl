@@ -345,8 +345,8 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
 
             for (uint r = 0; r < RANKS; r++)
                 ranks[r * SG + lid] = 0;
-            /* Past the count: the last one again, uncounted. A loop that some items skip, between two barriers, PoCL 3.1
-             * compiles wrongly for AVX-512: all items skip it when the last one does. */
+            /* Past the count: the last one again, uncounted. With both loops over what there is, from 0 to 7, PoCL 3.1
+             * for AVX-512 had all work-items skip the second one when the last one did. */
 #pragma unroll
             for (uint j = 0; j < ITEMS; j++) {
                 const uint i = min(own + j, count - 1u);

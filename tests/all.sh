@@ -28,7 +28,7 @@ part() {
         echo "$name: exit status $status" | tee -a "$log"
         f=1
     fi
-    [ "${f:-0}" = 0 ] || failures+=$(grep -E 'FAILED|^failed|: failed|exit status|ended by|SUMMARY: |[1-9][0-9]* failed|^==' "$log" |
+    [ "${f:-0}" = 0 ] || failures+=$(grep -E 'FAILED|^failed|: failed|exit status|ended by|SUMMARY: |leak of|^ +#[0-9]|[1-9][0-9]* failed|^==' "$log" |
         head -n 40 | sed "s/^/$name: /")$'\n'
     passed=$((passed + ${p:-0}))
     failed=$((failed + ${f:-0}))

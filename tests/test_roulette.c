@@ -13,6 +13,7 @@
 enum {
     SEGMENT = CLN_ROULETTE_SEGMENT,
     LEAVES = 9,
+    SLICES = LEAVES + 1, /* the last is empty */
     LEAST = 4
 }; /* the kernel's; leaves, one slice each; --min-leaf-samples */
 
@@ -24,7 +25,7 @@ typedef struct batch {
     float (*out)[4], (*dout)[4]; /* [sample] */
     cl_uint *order;              /* [grouped] */
     cl_uint begin[LEAVES], end[LEAVES];
-    cln_slice slices[LEAVES];
+    cln_slice slices[SLICES];
 } batch;
 
 typedef struct choice {
@@ -45,7 +46,7 @@ static void make_batch(float scale, batch *b)
     b->order = test_alloc(b->n, sizeof *b->order);
     for (int l = 0; l < LEAVES; l++) {
         b->begin[l] = at;
-        b->slices[l] = (cln_slice){l, at, (cl_uint)counts[l], 0};
+        b->slices[l] = (cln_slice){l, at, (cl_uint)counts[l], LEAVES};
         at = b->end[l] = at + (cl_uint)counts[l];
     }
     for (uint32_t i = 0; i < b->n; i++) { /* 367 has no divisor in common with n */
@@ -80,11 +81,11 @@ static void run(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_ke
     test_fill(p->device, &p->dout, b->dout, b->n * sizeof *b->dout);
     test_fill(p->device, &p->heads, NULL, b->n * sizeof *out->heads);
     test_fill(p->device, &p->chosen, NULL, b->n * sizeof *out->chosen);
-    test_fill(p->device, &p->chosen_counts, NULL, LEAVES * sizeof *out->counts);
-    assert_ok(cln_stage_roulette(p, b->n, LEAVES, LEAST, cutoff, step_key));
+    test_fill(p->device, &p->chosen_counts, NULL, SLICES * sizeof *out->counts);
+    assert_ok(cln_stage_roulette(p, b->n, SLICES, LEAST, cutoff, step_key));
     out->heads = test_read(p->device, &p->heads, b->n * sizeof *out->heads, "heads");
     out->chosen = test_read(p->device, &p->chosen, b->n * sizeof *out->chosen, "chosen");
-    out->counts = test_read(p->device, &p->chosen_counts, LEAVES * sizeof *out->counts, "counts");
+    out->counts = test_read(p->device, &p->chosen_counts, SLICES * sizeof *out->counts, "counts");
 }
 
 static void free_choice(choice *c)
@@ -111,6 +112,7 @@ static void check(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_
 
     run(p, b, cutoff, step_key, &c);
     assert_int_equal(c.counts[0], 0); /* too few samples: none goes */
+    assert_int_equal(c.counts[LEAVES], 0);
     for (int l = 1; l < LEAVES; l++) {
         const cl_uint *chosen = c.chosen + b->begin[l];
         cl_uint used = 0;
