@@ -78,7 +78,7 @@ static counts read_child(int in, bool verbose)
     FILE *stream = fdopen(in, "r");
     char *line = NULL;
     size_t size = 0;
-    bool over = false;
+    bool over = false, report = false; /* report: a sanitizer's */
     int begun = 0, teardown = 0;
 
     while (stream && getline(&line, &size, stream) >= 0) {
@@ -91,7 +91,8 @@ static counts read_child(int in, bool verbose)
             c.passed += strstr(line, "[       OK ] ") != NULL;
             c.skipped += strstr(line, "[  SKIPPED ] ") != NULL;
         }
-        if (verbose || !(chatter || over))
+        report = report || (starts(line, "==") && strstr(line, "ERROR: "));
+        if (verbose || report || !(chatter || over))
             fputs(line, stdout);
     }
     free(line);
