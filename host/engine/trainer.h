@@ -27,9 +27,8 @@ typedef struct cln_trainer {
         int rays;
         uint32_t samples;
     } owed;
-    int64_t steps; /* budget in steps; 0 = time alone */
-    bool
-        full; /* a finer tree does not fit in memory: said once, and no more than that: looked at each time */
+    int64_t steps;                /* budget in steps; 0 = time alone */
+    bool full;                    /* a finer tree does not fit in memory: said once, tried again */
     bool host_full;               /* more host memory than --host-mem: said once */
     double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
