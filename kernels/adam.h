@@ -38,12 +38,20 @@ HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm)
     return a;
 }
 
+/* Moments are fetched this many floats before their turn: two kilobytes, since a processor's own fetching ends with a
+ * page of four. (The weights are still in the cache.) Past a row's end the next leaf's come, or nothing. */
+#define MOMENTS_AHEAD 512
+
 /* Weights p .. p + VW - 1 of a leaf, by their gradient and the leaf's rows; the new weights. */
 HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global float *m,
                     __global float *v)
 {
     vf w = VLOAD(params + p);
 
+    if (p % FETCH_FLOATS == 0u) {
+        FETCH_WRITE(m + p + MOMENTS_AHEAD);
+        FETCH_WRITE(v + p + MOMENTS_AHEAD);
+    }
 #if VIEW_L2
     if (p >= VIEW_W && p < VIEW_W + VIEW_ROWS * VIEW)
         g += w * a.pull;

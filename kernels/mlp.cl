@@ -20,10 +20,11 @@
  * them); loop bounds around a barrier depend on the slice alone; rows past a block's count hold
  * garbage that never leaves its own row. */
 
-/* ---- one layer forward: in, then in2 (an encoding) -> pre-activations to acts (if kept), activations to
- * out. Element (s, k) of in stands at s * in_s + k * in_k; the bias is the row behind the weights. While a tile is
- * worked on, what the next tile writes to comes into the cache; in a slice's first block the weights of the next
- * columns; and with the last columns the first ones of after_rows rows at after_w, what is read next. ---- */
+/* ---- one layer forward: in, then in2 (an encoding) -> pre-activations to acts (if kept: rows of ACTS, of all
+ * layers), activations to out. Element (s, k) of in stands at s * in_s + k * in_k; the bias is the row behind the
+ * weights. While a tile is worked on, what stands a layer further in its rows of acts, or first in the next block's,
+ * comes into the cache to be written; in a slice's first block the weights of the next columns; and with the last
+ * columns the first ones of after_rows rows at after_w, what is read next. ---- */
 
 HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
                   const __local float *in2, int in2_rows, const __global float *w, int n_out,
@@ -39,15 +40,17 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
         const __global float *next = across ? w + n + TILE_N : after_w + lid * VW;
         const int next_columns = across ? n_out : after_columns;
         const int next_rows = !across ? after_rows : first ? rows + 1 : 0;
+        const int ahead = (int)layer * WIDTH + n + WIDTH;
+        const __global kept_type *later = acts + (ahead < ACTS ? ahead : ahead - ACTS + count * ACTS);
 
         for (int t = 0; t < tiles; t++) {
             vf acc[TS][NV];
 
             if (next_rows > 0)
                 fetch_rows(next, next_columns, next_rows * t / tiles, next_rows * (t + 1) / tiles);
-            if (train)
-                for (int i = 0; i < TS; i++)
-                    FETCH_WRITE(acts + ((t + 1) * TS + i) * ACTS + n);
+            for (int i = 0; train && i < TS; i++)
+                for (int j = 0; j < NV * VW; j += LINE_OF(acts))
+                    FETCH_WRITE(later + (t * TS + i) * ACTS + j);
 #pragma unroll
             for (int i = 0; i < TS; i++)
 #pragma unroll
@@ -66,7 +69,7 @@ HELPER void dense(const __local float *in, int in_rows, int in_s, int in_k,
                     const int m = n + j * STEP_N;
 
                     if (train && s < count)
-                        KEPT_STORE(acc[i][j], acts + s * ACTS + m);
+                        KEPT_STORE(acc[i][j], acts + s * ACTS + (int)layer * WIDTH + m);
                     VSTORE_IN(__local, activate(acc[i][j], negative_slope(train, key, m)), out + s * n_out + m);
                 }
             }
@@ -121,8 +124,8 @@ HELPER void head(const __local float *a, int width, const __global float *w,
                   train_, first_, after_w, after_columns, after_rows, step_key, ids, 0u, lid);    \
         else                                                                                      \
             dense(from, WIDTH, WIDTH, 1, enc, i == SKIP ? ENC_PAD : 0, w + TRUNK_W(i), WIDTH, to, \
-                  tiles, count, train_ ? acts_ + i * WIDTH : acts_, train_, first_, after_w,      \
-                  after_columns, after_rows, step_key, ids, (uint)i, lid);                        \
+                  tiles, count, acts_, train_, first_, after_w, after_columns, after_rows,        \
+                  step_key, ids, (uint)i, lid);                                                   \
         GROUP_SYNC();                                                                             \
     }                                                                                             \
     __local float *h = DEPTH & 1 ? h1 : h0;
@@ -266,8 +269,8 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
         FETCH_SHARE(w + COLOUR_W, SHARE_OF(w, PARAMS - COLOUR_W, 1), 0)                           \
     }                                                                                             \
     dense(h, WIDTH, WIDTH, 1, dir, DIR_PAD, w + VIEW_W, VIEW, v, tiles, count,                    \
-          kept + DEPTH * WIDTH, train, block == begin, w_after, WIDTH, last ? ENC_PAD + 1 : 0,    \
-          step_key, ids, (uint)DEPTH, lid);                                                       \
+          kept, train, block == begin, w_after, WIDTH, last ? ENC_PAD + 1 : 0, step_key, ids,     \
+          (uint)DEPTH, lid);                                                                      \
     GROUP_SYNC();
 #else
 #define COLOUR_IN h
