@@ -120,12 +120,12 @@ bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool
                               double leaves, double slices);
 bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
                                double leaves, double slices);
-bench_work bench_work_adam(const cln_network *net, const cln_tune *tune, double leaves,
-                           double slices);
+bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,
+                           double leaves, double slices);
 bench_work bench_work_roulette(double n);
-bench_work bench_work_update(const cln_network *net, const cln_tune *tune, double n, double leaves,
-                             double slices);
-bench_work bench_work_upload(const cln_network *net, double leaves);
+bench_work bench_work_update(const cln_config *config, const cln_network *net, const cln_tune *tune,
+                             double n, double leaves, double slices);
+bench_work bench_work_upload(const cln_config *config, const cln_network *net, double leaves);
 bench_work bench_work_scan(double n);
 bench_work bench_work_sort(double n, bool wide);
 bench_work bench_work_group(double n, double leaves, double slices);

@@ -271,9 +271,9 @@ static bench_work work_of(const network_run *r)
         back = bench_work_backward(net, tune, n, leaves, slices);
         return (bench_work){a.flop + back.flop, a.bytes + back.bytes};
     case UPDATE:
-        return bench_work_update(net, tune, n, leaves, slices);
+        return bench_work_update(&r->p->config, net, tune, n, leaves, slices);
     default:
-        return bench_work_adam(net, tune, leaves, slices);
+        return bench_work_adam(&r->p->config, net, tune, leaves, slices);
     }
 }
 
@@ -314,7 +314,7 @@ static cln_status run_upload(bench *b, int shape)
     CLN_TRY(start(b, &uploads[shape], &r));
     CLN_TRY(network_check_transposed(&r, &errors));
     CLN_TRY(bench_add(b, 0, upload_body, NULL, &r, CLN_STAGES,
-                      bench_work_upload(&r.p->net, r.p->leaves), &errors));
+                      bench_work_upload(&r.p->config, &r.p->net, r.p->leaves), &errors));
 done:
     finish(b, &r);
     return st;

@@ -54,14 +54,15 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
 }
 
 /* 13 a weight: two moments 7, the step 6; and the slices' sum. */
-bench_work bench_work_adam(const cln_network *net, const cln_tune *tune, double leaves,
-                           double slices)
+bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,
+                           double leaves, double slices)
 {
     const double weights = leaves * net->params;
     const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
 
     return (bench_work){.flop = 13 * weights + (slices - leaves) * net->params,
-                        .bytes = WORD * (6 * weights + slices * net->params + leaves * transposed)};
+                        .bytes = weights * (2 * WORD + 4.0 * (double)cln_moment_bytes(config)) +
+                                 WORD * (slices * net->params + leaves * transposed)};
 }
 
 /* Number, colour, density and gradient of every sample in; gradient of the heads and row out, of about half. */
@@ -71,11 +72,11 @@ bench_work bench_work_roulette(double n)
 }
 
 /* Both, without the way of the gradients of leaves of one slice through memory. */
-bench_work bench_work_update(const cln_network *net, const cln_tune *tune, double n, double leaves,
-                             double slices)
+bench_work bench_work_update(const cln_config *config, const cln_network *net, const cln_tune *tune,
+                             double n, double leaves, double slices)
 {
     const bench_work back = bench_work_backward(net, tune, n, leaves, slices);
-    const bench_work adam = bench_work_adam(net, tune, leaves, slices);
+    const bench_work adam = bench_work_adam(config, net, tune, leaves, slices);
     const double saved = tune->leaf ? 2 * leaves : leaves;
 
     return (bench_work){.flop = back.flop + adam.flop,
@@ -83,10 +84,12 @@ bench_work bench_work_update(const cln_network *net, const cln_tune *tune, doubl
 }
 
 /* Weights and both moments from host to device, the weights once more for their transposed copy. */
-bench_work bench_work_upload(const cln_network *net, double leaves)
+bench_work bench_work_upload(const cln_config *config, const cln_network *net, double leaves)
 {
-    return (bench_work){.bytes =
-                            WORD * leaves * (7.0 * net->params + cln_pipeline_transposed(net))};
+    const double moments = 4 * (double)cln_moment_bytes(config); /* two, read and written */
+
+    return (bench_work){.bytes = leaves * (net->params * (3 * WORD + moments) +
+                                           WORD * cln_pipeline_transposed(net))};
 }
 
 bench_work bench_work_scan(double n)

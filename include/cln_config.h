@@ -33,6 +33,7 @@ enum { CLN_CULL_GUARDED, CLN_CULL_MEAN };
 enum { CLN_WEIGHT_MASK, CLN_WEIGHT_VISIBILITY };
 enum { CLN_LOSS_L2, CLN_LOSS_HUBER };
 enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
+enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
 
 /* What shapes the leaf networks: compile-time constants of the kernels (method.md section 1). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
@@ -151,6 +152,8 @@ enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
     REAL(beta1, "beta1", 0.9, 0.9, 0, 0.9999, "Adam")                                              \
     REAL(beta2, "beta2", 0.999, 0.99, 0, 0.999999, "Adam")                                         \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
+    ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \
+         "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average")   \
     REAL(                                                                                          \
         roulette, "roulette", 0, 0.1, 0, 1000,                                                     \
         "of samples whose gradient is under this share of their leaf's mean, some train (0: all)") \

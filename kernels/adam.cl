@@ -38,7 +38,8 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
      LEAF_ARRAY(const float, grads),                                         /* [place][PARAMS] */
      const __global int *restrict steps,                                     /* [leaf] */
      const __global float *restrict norms,                                   /* [leaf] */
-     LEAF_ARRAY(float, params), LEAF_ARRAY(float, m), LEAF_ARRAY(float, v), /* [leaf][PARAMS] */
+     LEAF_ARRAY(float, params), LEAF_ARRAY(moment_type, m),
+     LEAF_ARRAY(moment_type, v),    /* [leaf][PARAMS] */
      LEAF_ARRAY(float, transposed), /* [leaf][WT_PARAMS], if there is one */
      uint leaves, uint parts, uint min_samples, uint min_slices, /* leaves with fewer are left alone */
      uint half_slice, /* 0: slice s' gradient at place s; else at its start / half_slice */
@@ -51,9 +52,9 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
 
         if (last - first < min_slices || end[leaf] - begin[leaf] < min_samples)
             continue;
-        const adam_leaf a = adam_leaf_of(lr, steps[leaf], norms[leaf]);
+        const adam_leaf a = adam_leaf_of(lr, steps[leaf], norms[leaf], leaf);
         __global float *w_row = LEAF_ROW(params, leaf, PARAMS);
-        __global float *m_row = LEAF_ROW(m, leaf, PARAMS), *v_row = LEAF_ROW(v, leaf, PARAMS);
+        __global moment_type *m_row = LEAF_ROW(m, leaf, PARAMS), *v_row = LEAF_ROW(v, leaf, PARAMS);
 
         for (uint p = part * PART + get_local_id(0) * VW; p < min((part + 1u) * PART, (uint)PARAMS);
              p += LS * VW) {

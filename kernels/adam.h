@@ -5,6 +5,7 @@
  *
  * BETA1 BETA2 EPSILON   Adam's;  DECAY1 DECAY2: -log of the betas
  * VIEW_L2 0 | 1, VIEW_L2_WEIGHT   regulariser: the norm of the view layer's weights
+ * MOMENTS 0 | 1   both moments in memory: float, or bfloat16 (its upper half), where Adam is bound by memory
  */
 #ifndef BETA1
 #define BETA1 0.9f
@@ -14,16 +15,18 @@
 #define DECAY2 0.0100503359f
 #define VIEW_L2 1
 #define VIEW_L2_WEIGHT 0.1f
+#define MOMENTS 1
 #endif
 
 /* What is the same for all weights of a leaf. */
 typedef struct adam_leaf {
     float rate, second; /* learning rate over the first moment's correction; 1 over the second's */
     float pull;         /* of the view layer's norm, per weight */
+    uint key;           /* of the numbers that moments are rounded by */
 } adam_leaf;
 
-/* steps: updates of the leaf, this one counted; norm: of the view layer's weights. */
-HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm)
+/* steps: updates of the leaf, this one counted; norm: of the view layer's weights; slot: the leaf's. */
+HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm, uint slot)
 {
     const float t = (float)steps;
     adam_leaf a;
@@ -35,33 +38,68 @@ HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm)
 #else
     a.pull = norm * 0.0f;
 #endif
+    a.key = (uint)steps * 0x85EBCA6Bu + slot * 0xC2B2AE35u;
     return a;
 }
 
-/* Moments are fetched this many floats before their turn: two kilobytes, since a processor's own fetching ends with a
- * page of four. (The weights are still in the cache.) Past a row's end the next leaf's come, or nothing. */
-#define MOMENTS_AHEAD 512
+#if MOMENTS
+#define moment_type ushort
 
-/* Weights p .. p + VW - 1 of a leaf, by their gradient and the leaf's rows; the new weights. */
-HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global float *m,
-                    __global float *v)
+HELPER vf moment_load(const __global moment_type *p)
+{
+    return V_AS_FLOAT(V_TO_UINT(VLOAD(p)) << 16);
+}
+
+/* Up or down by chance, so that what is right on average comes back: to the nearest one, a second moment would stand
+ * still where a step changes it by less than half a unit in its 8 bits. chance: 16 bits. */
+HELPER void moment_store(vf value, vu chance, __global moment_type *p)
+{
+    VSTORE_H(__global, V_TO_USHORT((V_AS_UINT(value) + chance) >> 16), p);
+}
+#else
+#define moment_type float
+#endif
+
+/* So many bytes before their turn moments, and weights, which are near, are fetched: a processor's own fetching ends
+ * with a page of four kilobytes. Past a row's end the next leaf's come, or nothing. */
+#define MOMENTS_AHEAD 2048
+#define WEIGHTS_AHEAD 1024
+
+/* Weights p .. p + VW - 1 of a leaf, by their gradient and the leaf's rows; the new weights. They go by the moments as
+ * they are before these are rounded. */
+HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,
+                    __global moment_type *v)
 {
     vf w = VLOAD(params + p);
 
-    if (p % FETCH_FLOATS == 0u) {
-        FETCH_WRITE(m + p + MOMENTS_AHEAD);
-        FETCH_WRITE(v + p + MOMENTS_AHEAD);
+    if (p % LINE_OF(params) == 0u)
+        FETCH_WRITE(params + p + WEIGHTS_AHEAD / sizeof *params);
+    if (p % LINE_OF(m) == 0u) {
+        FETCH_WRITE(m + p + MOMENTS_AHEAD / sizeof *m);
+        FETCH_WRITE(v + p + MOMENTS_AHEAD / sizeof *v);
     }
 #if VIEW_L2
     if (p >= VIEW_W && p < VIEW_W + VIEW_ROWS * VIEW)
         g += w * a.pull;
 #endif
-    const vf m1 = MAD((vf)(BETA1), VLOAD(m + p), (1.0f - BETA1) * g);
-    const vf v1 = MAD((vf)(BETA2), VLOAD(v + p), (1.0f - BETA2) * g * g);
+#if MOMENTS
+    const vf m0 = moment_load(m + p), v0 = moment_load(v + p);
+#else
+    const vf m0 = VLOAD(m + p), v0 = VLOAD(v + p);
+#endif
+    const vf m1 = MAD((vf)(BETA1), m0, (1.0f - BETA1) * g);
+    const vf v1 = MAD((vf)(BETA2), v0, (1.0f - BETA2) * g * g);
 
     w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
+#if MOMENTS
+    const vu chance = hash_lanes((p + V_IOTA) * 0x9E3779B9u ^ a.key);
+
+    moment_store(m1, chance & 0xFFFFu, m + p);
+    moment_store(v1, chance >> 16, v + p);
+#else
     VSTORE_IN(__global, m1, m + p);
     VSTORE_IN(__global, v1, v + p);
+#endif
     VSTORE_IN(__global, w, params + p);
     return w;
 }

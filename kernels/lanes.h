@@ -29,6 +29,9 @@ typedef int vi;
 #define V_TO_INT     convert_int
 #define V_TO_UINT    convert_uint
 #define V_AS_FLOAT   as_float
+#define V_AS_UINT    as_uint
+typedef ushort vh;
+#define V_TO_USHORT convert_ushort
 #else
 typedef CLN_PASTE(float, VW) vf;
 typedef CLN_PASTE(uint, VW) vu;
@@ -39,15 +42,21 @@ typedef CLN_PASTE(int, VW) vi;
 #define V_TO_INT     CLN_PASTE(convert_int, VW)
 #define V_TO_UINT    CLN_PASTE(convert_uint, VW)
 #define V_AS_FLOAT   CLN_PASTE(as_float, VW)
+#define V_AS_UINT    CLN_PASTE(as_uint, VW)
+typedef CLN_PASTE(ushort, VW) vh;
+#define V_TO_USHORT CLN_PASTE(convert_ushort, VW)
 #endif
 
-/* VSTORE of floats to an address space, in one instruction: PoCL's vstore goes by fours, and LLVM does not put what
- * it makes of 16 together again. */
+/* VSTORE of floats, or of 16 bits each (VSTORE_H), to an address space, in one instruction: PoCL's vstore goes by
+ * fours, and LLVM does not put what it makes of 16 together again. */
 #if VW > 1 && (defined(__x86_64__) || defined(__aarch64__))
 typedef vf vf_anywhere __attribute__((aligned(4), may_alias));
+typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
 #define VSTORE_IN(space, v, p) (*(space vf_anywhere *)(p) = (v))
+#define VSTORE_H(space, v, p)  (*(space vh_anywhere *)(p) = (v))
 #else
 #define VSTORE_IN(space, v, p) VSTORE(v, p)
+#define VSTORE_H(space, v, p)  VSTORE(v, p)
 #endif
 
 /* Lane numbers 0 .. VW-1, and the sum over lanes in a fixed order. */

@@ -567,7 +567,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
              const __global uint *restrict end,                      /* [leaf] */
              const __global int *restrict steps,                     /* [leaf] */
              const __global float *restrict norms,                   /* [leaf] */
-             LEAF_ARRAY(float, moment1), LEAF_ARRAY(float, moment2)) /* [leaf][PARAMS] */
+             LEAF_ARRAY(moment_type, moment1), LEAF_ARRAY(moment_type, moment2)) /* [leaf][PARAMS] */
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
@@ -708,10 +708,10 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     }
     LEAF_SYNC();
     if (update && slice.count == whole) {
-        const adam_leaf a = adam_leaf_of(lr, steps[slice.slot], norms[slice.slot]);
+        const adam_leaf a = adam_leaf_of(lr, steps[slice.slot], norms[slice.slot], slice.slot);
         __global float *w_row = LEAF_ROW(params, slice.slot, PARAMS);
-        __global float *m_row = LEAF_ROW(moment1, slice.slot, PARAMS);
-        __global float *v_row = LEAF_ROW(moment2, slice.slot, PARAMS);
+        __global moment_type *m_row = LEAF_ROW(moment1, slice.slot, PARAMS);
+        __global moment_type *v_row = LEAF_ROW(moment2, slice.slot, PARAMS);
 
         for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N) {
             const vf updated = adam_step(a, VLOAD(grad + p), p, w_row, m_row, v_row);

@@ -29,7 +29,14 @@ static inline void fill(float *out, size_t count, uint32_t *counter)
     }
 }
 
-/* A model in the middle of a training: odd numbers everywhere, one leaf culled, one split. */
+/* Of one of a leaf's moments: a whole number of floats. */
+static inline size_t moment_bytes(const cln_model *model)
+{
+    return (size_t)model->net.params * cln_moment_bytes(&model->config);
+}
+
+/* A model in the middle of a training: odd numbers everywhere, one leaf culled, one split; moments of 32 bits after odd
+ * steps, of 16 after even ones. */
 static inline void make_model(int64_t step, cln_model *model)
 {
     cln_config config;
@@ -46,6 +53,7 @@ static inline void make_model(int64_t step, cln_model *model)
     config.bands = 2;
     config.n1 = N1;
     config.lr = 1.0 / 3;
+    config.moments = step % 2 ? CLN_MOMENTS_FLOAT32 : CLN_MOMENTS_BFLOAT16;
     snprintf(config.background, sizeof config.background, "0.1,0.2,0.7");
     assert_int_equal(cln_model_create(&config, model), CLN_OK);
     assert_int_equal(cln_octree_cull(&model->tree, marks, &change), CLN_OK);
@@ -57,8 +65,8 @@ static inline void make_model(int64_t step, cln_model *model)
     leaves = (size_t)model->tree.leaf_count;
     assert_int_equal(leaves, 14);
     fill(model->params, leaves * (size_t)model->net.params, &counter);
-    fill(model->adam_m, leaves * (size_t)model->net.params, &counter);
-    fill(model->adam_v, leaves * (size_t)model->net.params, &counter);
+    fill(model->adam_m, leaves * moment_bytes(model) / sizeof(float), &counter);
+    fill(model->adam_v, leaves * moment_bytes(model) / sizeof(float), &counter);
     for (size_t i = 0; i < leaves; i++)
         model->adam_steps[i] = (int32_t)draw(&counter);
     for (size_t i = 0; i < leaves * N1 * N1 * N1; i++)

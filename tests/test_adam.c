@@ -1,4 +1,4 @@
-/* adam.cl against the float64 reference: two updates in a row of leaves with no, too few, just enough
+/* adam.cl against the float64 reference, with moments of 32 and of 16 bits: two updates in a row of leaves with no, too few, just enough
  * and many samples, over one and many slices; untouched leaves keep every bit, the transposed copy is
  * the weights' own, and a launch repeated from the same state gives the same bytes. */
 #include <stdarg.h>
@@ -28,7 +28,7 @@ static const adam_case cases[] = {
     {"no momentum", 4, true, true, 6, 0, 0.9, 1e-3, 0},
 };
 
-static cln_config config_of(const adam_case *c)
+static cln_config config_of(const adam_case *c, int moments)
 {
     cln_config config = small_config();
 
@@ -39,6 +39,7 @@ static cln_config config_of(const adam_case *c)
     config.beta2 = c->beta2;
     config.epsilon = c->epsilon;
     config.view_l2 = c->view_l2;
+    config.moments = moments;
     config.min_leaf_samples = LEAST;
     return config;
 }
@@ -60,6 +61,26 @@ static uint32_t make_slices(const cln_pipeline *p, uint32_t begin[LEAVES], uint3
     }
     starts[LEAVES] = slices;
     return slices;
+}
+
+/* Moments as they are kept: float, or bfloat16. */
+static double *widen_moments(const cln_config *config, const void *moments, size_t n)
+{
+    double *wide = test_alloc(n, sizeof *wide);
+
+    for (size_t i = 0; i < n; i++)
+        wide[i] = config->moments == CLN_MOMENTS_BFLOAT16
+                      ? (double)ref_from_bf16(((const uint16_t *)moments)[i])
+                      : (double)((const float *)moments)[i];
+    return wide;
+}
+
+static void set_moment(const cln_config *config, void *moments, size_t i, double value)
+{
+    if (config->moments == CLN_MOMENTS_BFLOAT16)
+        ((uint16_t *)moments)[i] = ref_to_bf16((float)value);
+    else
+        ((float *)moments)[i] = (float)value;
 }
 
 /* The model in double, updated by the reference. */
@@ -105,16 +126,45 @@ static void update(const adam_case *c, const cln_network *net, const uint32_t *b
     }
 }
 
+/* Moments of 16 bits: each is one of its two neighbours, and of those nearer to the lower one as many go up as chance
+ * says (none would, if they were rounded to the nearest one). */
+static void check_rounded(const char *name, const double *got, const double *want, size_t n)
+{
+    double expected = 0, up = 0, variance = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        int exponent = 0;
+        double unit = 0, low = 0, part = 0;
+
+        frexp(want[i], &exponent);
+        unit = ldexp(1, exponent - 8);
+        low = floor(fabs(want[i]) / unit) * unit;
+        part = (fabs(want[i]) - low) / unit;
+        if (fabs(got[i] - want[i]) > unit * (1 + 1e-3))
+            fail_msg("%s %zu: %.9g, not next to %.9g", name, i, got[i], want[i]);
+        if (part < 1e-3 || part > 0.5) /* what a device rounds in float may be the unit itself */
+            continue;
+        expected += part;
+        up += fabs(got[i]) > low + unit / 2;
+        variance += part * (1 - part);
+    }
+    assert_true(variance > 100);
+    if (fabs(up - expected) > 5 * sqrt(variance))
+        fail_msg("%s: %.0f went up, not %.0f +- %.0f", name, up, expected, sqrt(variance));
+}
+
 /* What the device has after an update against the reference; untouched leaves bit for bit. */
 static void check_state(const adam_case *c, cln_pipeline *p, const cln_model *before,
-                        const uint32_t *begin, const uint32_t *end, const wide_model *want)
+                        const uint32_t *begin, const uint32_t *end, wide_model *want)
 {
-    const size_t n = (size_t)p->net.params;
+    const size_t n = (size_t)p->net.params, moment = cln_moment_bytes(&p->config), row = n * moment;
+    const bool rounded = p->config.moments == CLN_MOMENTS_BFLOAT16;
     cln_model got = *before;
+    double *m = NULL, *v = NULL;
 
     got.params = test_alloc(LEAVES * n, sizeof(float));
-    got.adam_m = test_alloc(LEAVES * n, sizeof(float));
-    got.adam_v = test_alloc(LEAVES * n, sizeof(float));
+    got.adam_m = test_alloc(LEAVES, row);
+    got.adam_v = test_alloc(LEAVES, row);
     got.adam_steps = test_alloc(LEAVES, sizeof(int32_t));
     got.density = test_alloc(LEAVES * 64, sizeof(uint16_t));
     assert_ok(cln_pipeline_download(p, &got, true));
@@ -122,13 +172,26 @@ static void check_state(const adam_case *c, cln_pipeline *p, const cln_model *be
         assert_int_equal(got.adam_steps[s], want->steps[s]);
         if (end[s] - begin[s] < LEAST) {
             assert_memory_equal(got.params + s * n, before->params + s * n, n * sizeof(float));
-            assert_memory_equal(got.adam_m + s * n, before->adam_m + s * n, n * sizeof(float));
-            assert_memory_equal(got.adam_v + s * n, before->adam_v + s * n, n * sizeof(float));
+            assert_memory_equal((char *)got.adam_m + s * row, (char *)before->adam_m + s * row,
+                                row);
+            assert_memory_equal((char *)got.adam_v + s * row, (char *)before->adam_v + s * row,
+                                row);
         }
     }
     compare(c->name, got.params, want->params, LEAVES * n, (bounds){1e-12, 1e-5});
-    compare("first moments", got.adam_m, want->m, LEAVES * n, (bounds){1e-12, 1e-5});
-    compare("second moments", got.adam_v, want->v, LEAVES * n, (bounds){1e-12, 1e-5});
+    m = widen_moments(&p->config, got.adam_m, LEAVES * n);
+    v = widen_moments(&p->config, got.adam_v, LEAVES * n);
+    if (rounded) { /* the next update goes on from what was kept */
+        check_rounded("first moment", m, want->m, LEAVES * n);
+        check_rounded("second moment", v, want->v, LEAVES * n);
+        memcpy(want->m, m, LEAVES * n * sizeof *m);
+        memcpy(want->v, v, LEAVES * n * sizeof *v);
+    } else {
+        compare("first moments", got.adam_m, want->m, LEAVES * n, (bounds){1e-12, 1e-5});
+        compare("second moments", got.adam_v, want->v, LEAVES * n, (bounds){1e-12, 1e-5});
+    }
+    free(m);
+    free(v);
     free(got.params);
     free(got.adam_m);
     free(got.adam_v);
@@ -167,9 +230,9 @@ static void check_transposed(cln_pipeline *p)
     free(params);
 }
 
-static void check_case(const adam_case *c)
+static void check_case(const adam_case *c, int moments)
 {
-    const cln_config config = config_of(c);
+    const cln_config config = config_of(c, moments);
     cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
     const size_t n = (size_t)p->net.params;
     uint32_t begin[LEAVES], end[LEAVES], starts[LEAVES + 1];
@@ -181,8 +244,8 @@ static void check_case(const adam_case *c)
     assert_ok(cln_model_create(&config, &model));
     for (size_t i = 0; i < LEAVES * n; i++) {
         model.params[i] = (float)test_uniform(1, (int)i, -1, 1);
-        model.adam_m[i] = (float)test_uniform(2, (int)i, -1e-3, 1e-3);
-        model.adam_v[i] = (float)test_uniform(3, (int)i, 0, 1e-5);
+        set_moment(&config, model.adam_m, i, test_uniform(2, (int)i, -1e-3, 1e-3));
+        set_moment(&config, model.adam_v, i, test_uniform(3, (int)i, 0, 1e-5));
     }
     for (int s = 0; s < LEAVES; s++)
         model.adam_steps[s] = s * s * s;    /* 0: its first update, to 343 */
@@ -190,8 +253,8 @@ static void check_case(const adam_case *c)
         grads[i] =
             (float)(test_uniform(4, (int)i, -1, 1) * pow(10, test_uniform(5, (int)i, -8, 0)));
     want.params = widen(model.params, LEAVES * n);
-    want.m = widen(model.adam_m, LEAVES * n);
-    want.v = widen(model.adam_v, LEAVES * n);
+    want.m = widen_moments(&config, model.adam_m, LEAVES * n);
+    want.v = widen_moments(&config, model.adam_v, LEAVES * n);
     memcpy(want.steps, model.adam_steps, sizeof want.steps);
 
     for (int pass = 0; pass < 2; pass++) {
@@ -231,8 +294,10 @@ static void check_case(const adam_case *c)
 static void test_updates(void **state)
 {
     (void)state;
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
-        check_case(&cases[i]);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        check_case(&cases[i], CLN_MOMENTS_FLOAT32);
+        check_case(&cases[i], CLN_MOMENTS_BFLOAT16);
+    }
     test_report("Adam");
 }
 

@@ -59,8 +59,8 @@ static void same_model(const cln_model *a, const cln_model *b, bool training)
         assert_null(b->density);
         return;
     }
-    same_bytes(a->adam_m, b->adam_m, floats);
-    same_bytes(a->adam_v, b->adam_v, floats);
+    same_bytes(a->adam_m, b->adam_m, leaves * moment_bytes(a));
+    same_bytes(a->adam_v, b->adam_v, leaves * moment_bytes(a));
     same_bytes(a->adam_steps, b->adam_steps, leaves * 4);
     same_bytes(a->density, b->density, leaves * N1 * N1 * N1 * 2);
     same_bytes(a->sums, b->sums, leaves * CLN_MEASURES * 2 * sizeof(float));
@@ -351,8 +351,8 @@ static void test_forged(void **state)
     memcpy(bad_rows, rows, (size_t)nodes * 32);
     good[OCTREE] = (cln_tensor){"octree", CLN_DTYPE_I32, 2, {nodes, 8}, rows};
     good[PARAMS] = (cln_tensor){"params", CLN_DTYPE_F32, 2, {leaves, stride}, model.params};
-    good[M] = (cln_tensor){"adam_m", CLN_DTYPE_F32, 2, {leaves, stride}, model.adam_m};
-    good[V] = (cln_tensor){"adam_v", CLN_DTYPE_F32, 2, {leaves, stride}, model.adam_v};
+    good[M] = (cln_tensor){"adam_m", CLN_DTYPE_BF16, 2, {leaves, stride}, model.adam_m};
+    good[V] = (cln_tensor){"adam_v", CLN_DTYPE_BF16, 2, {leaves, stride}, model.adam_v};
     good[STEPS] = (cln_tensor){"adam_steps", CLN_DTYPE_I32, 1, {leaves}, model.adam_steps};
     good[DENSITY] = (cln_tensor){"density", CLN_DTYPE_BF16, 4, {leaves, 3, 3, 3}, model.density};
     good[ERROR] = (cln_tensor){"leaf_error", CLN_DTYPE_F32, 1, {leaves}, model.error};

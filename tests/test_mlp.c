@@ -561,7 +561,9 @@ static void test_densities(void **state)
 /* ---- backward and Adam in one pass ---- */
 
 typedef struct trained {
-    float *params, *m, *v; /* [leaf][params] */
+    float *params; /* [leaf][params] */
+    void *m, *v;   /* [leaf][params] moments */
+    size_t moment_bytes;
     cl_int *steps;
 } trained;
 
@@ -590,12 +592,13 @@ static void train(cln_pipeline *p, const mlp_data *d, bool at_once, trained *out
         free(test_read(p->device, &p->grads, (size_t)places * (size_t)p->net.params * sizeof(float),
                        "gradients"));
     out->params = test_alloc(n, sizeof(float));
-    out->m = test_alloc(n, sizeof(float));
-    out->v = test_alloc(n, sizeof(float));
+    out->moment_bytes = n * cln_moment_bytes(&p->config);
+    out->m = test_alloc(out->moment_bytes, 1);
+    out->v = test_alloc(out->moment_bytes, 1);
     out->steps = test_alloc(22, sizeof(cl_int));
     assert_ok(cln_buffer_read(p->device, &p->params, 0, out->params, n * sizeof(float)));
-    assert_ok(cln_buffer_read(p->device, &p->adam_m, 0, out->m, n * sizeof(float)));
-    assert_ok(cln_buffer_read(p->device, &p->adam_v, 0, out->v, n * sizeof(float)));
+    assert_ok(cln_buffer_read(p->device, &p->adam_m, 0, out->m, out->moment_bytes));
+    assert_ok(cln_buffer_read(p->device, &p->adam_v, 0, out->v, out->moment_bytes));
     assert_ok(cln_buffer_read(p->device, &p->adam_steps, 0, out->steps, 22 * sizeof(cl_int)));
 }
 
@@ -609,7 +612,7 @@ static void free_trained(trained *t)
 
 /* The same bytes as backward and then Adam (their own tests: against float64), for leaves with too few samples,
  * of one slice and of several. Where Adam is wrong in both, test_adam.c fails. */
-static void check_update(const tune_set *set, int leaf, const mlp_case *like)
+static void check_update(const tune_set *set, int leaf, int moments, const mlp_case *like)
 {
     mlp_case c = *like;
     cln_config config;
@@ -621,6 +624,7 @@ static void check_update(const tune_set *set, int leaf, const mlp_case *like)
     c.set = set;
     config = config_of(&c);
     config.min_leaf_samples = 2;
+    config.moments = moments;
     config.view_l2 = c.view ? 0.05 : 0;
     p = test_pipeline(set, &config, false, false);
     assert_int_equal(p->tune.leaf, leaf);
@@ -630,7 +634,8 @@ static void check_update(const tune_set *set, int leaf, const mlp_case *like)
     train(p, &d, true, &at_once);
     assert_memory_equal(at_once.steps, apart.steps, 22 * sizeof(cl_int));
     if (memcmp(at_once.params, apart.params, bytes) != 0 ||
-        memcmp(at_once.m, apart.m, bytes) != 0 || memcmp(at_once.v, apart.v, bytes) != 0)
+        memcmp(at_once.m, apart.m, apart.moment_bytes) != 0 ||
+        memcmp(at_once.v, apart.v, apart.moment_bytes) != 0)
         fail_msg("%s, %s: an update at once is another one", c.name, set->name);
     for (int s = 0; s < 22; s++) {
         several += samples_of(s, &p->tune) > (uint32_t)p->tune.sl;
@@ -649,9 +654,10 @@ static void test_updates_at_once(void **state)
 
     (void)state;
     for (int set = 0; set < TUNE_SETS; set++)
-        check_update(&tune_sets[set], leaf[set], &cases[0]);
+        check_update(&tune_sets[set], leaf[set],
+                     set == 2 ? CLN_MOMENTS_FLOAT32 : CLN_MOMENTS_BFLOAT16, &cases[0]);
     /* no view layer, the encoding read twice */
-    check_update(&tune_sets[3], leaf[3], &cases[6]);
+    check_update(&tune_sets[3], leaf[3], CLN_MOMENTS_FLOAT32, &cases[6]);
 }
 
 /* ---- arrays in parts ---- */
@@ -686,8 +692,9 @@ static void run_all(cln_pipeline *p, const mlp_data *d, trained *apart, trained 
 static void check_same(const trained *a, const trained *b, size_t n)
 {
     assert_memory_equal(a->params, b->params, n * sizeof(float));
-    assert_memory_equal(a->m, b->m, n * sizeof(float));
-    assert_memory_equal(a->v, b->v, n * sizeof(float));
+    assert_int_equal(a->moment_bytes, b->moment_bytes);
+    assert_memory_equal(a->m, b->m, a->moment_bytes);
+    assert_memory_equal(a->v, b->v, a->moment_bytes);
     assert_memory_equal(a->steps, b->steps, 22 * sizeof(cl_int));
 }
 
@@ -723,7 +730,8 @@ static void check_split(const tune_set *set)
     assert_int_equal(p->part_leaves, 6);
     assert_int_equal(p->params.part_bytes, 6 * (size_t)p->net.params * sizeof(float));
     assert_int_equal(p->density.part_bytes, 6 * 2 * 8000);
-    assert_int_equal(p->adam_v.part_bytes, p->params.part_bytes);
+    assert_int_equal(p->adam_v.part_bytes,
+                     6 * (size_t)p->net.params * cln_moment_bytes(&p->config));
     assert_true(p->grads.part_bytes > 0);
     check_same(&apart[1], &apart[0], n);
     check_same(&at_once[1], &at_once[0], n);

@@ -10,6 +10,21 @@
 #include "model_fixture.h"
 #include "tests.h"
 
+static bool all_zero(const void *data, size_t bytes)
+{
+    const char *at = data;
+
+    for (size_t i = 0; i < bytes; i++)
+        if (at[i] != 0)
+            return false;
+    return true;
+}
+
+static const void *moments_of(const cln_model *model, const void *moments, size_t slot)
+{
+    return (const char *)moments + slot * moment_bytes(model);
+}
+
 static void test_create(void **state)
 {
     cln_config config;
@@ -26,8 +41,8 @@ static void test_create(void **state)
                             (size_t)model.net.params * sizeof(float));
         assert_int_equal(model.adam_steps[s], 0);
     }
-    for (int i = 0; i < 8 * model.net.params; i++)
-        assert_true(model.adam_m[i] == 0 && model.adam_v[i] == 0);
+    assert_true(all_zero(model.adam_m, 8 * moment_bytes(&model)));
+    assert_true(all_zero(model.adam_v, 8 * moment_bytes(&model)));
     for (int i = 0; i < 8 * 8; i++)
         assert_int_equal(model.density[i], 0);
     cln_model_free(&model);
@@ -39,7 +54,7 @@ static void test_create(void **state)
 
 /* Slot 1 of 14 is split again: kept leaves carry all, children start Adam anew and take the nearest
  * cells of their octant of the parent's grid. */
-static void test_apply(void **state)
+static void check_apply(int64_t step)
 {
     /* n1 = 3: child cells 0, 1, 2 of the lower half have centres at 1/12, 3/12, 5/12 of the
      * parent's side: its cells 0, 0, 1; the upper half 7/12, 9/12, 11/12: cells 1, 2, 2. */
@@ -50,9 +65,8 @@ static void test_apply(void **state)
     size_t stride = 0, cells = N1 * N1 * N1;
     float *folded = NULL;
 
-    (void)state;
-    make_model(7, &before);
-    make_model(7, &model);
+    make_model(step, &before);
+    make_model(step, &model);
     stride = (size_t)model.net.params;
     folded = malloc(stride * sizeof *folded);
     assert_int_equal(cln_octree_split(&model.tree, marks, &change), CLN_OK);
@@ -63,16 +77,18 @@ static void test_apply(void **state)
         int octant = change.octant[s];
         if (octant < 0) {
             same_bytes(before.params + from * stride, model.params + to * stride, stride * 4);
-            same_bytes(before.adam_m + from * stride, model.adam_m + to * stride, stride * 4);
-            same_bytes(before.adam_v + from * stride, model.adam_v + to * stride, stride * 4);
+            same_bytes(moments_of(&before, before.adam_m, from),
+                       moments_of(&model, model.adam_m, to), moment_bytes(&model));
+            same_bytes(moments_of(&before, before.adam_v, from),
+                       moments_of(&model, model.adam_v, to), moment_bytes(&model));
             same_bytes(before.density + from * cells, model.density + to * cells, cells * 2);
             assert_int_equal(before.adam_steps[from], model.adam_steps[to]);
             continue;
         }
         cln_network_fold(&model.net, before.params + from * stride, octant, folded);
         same_bytes(folded, model.params + to * stride, stride * 4);
-        for (size_t i = 0; i < stride; i++)
-            assert_true(model.adam_m[to * stride + i] == 0 && model.adam_v[to * stride + i] == 0);
+        assert_true(all_zero(moments_of(&model, model.adam_m, to), moment_bytes(&model)));
+        assert_true(all_zero(moments_of(&model, model.adam_v, to), moment_bytes(&model)));
         assert_int_equal(model.adam_steps[to], 0);
         for (size_t i = 0; i < cells; i++) {
             int x = nearest[octant & 1][i % N1], y = nearest[octant >> 1 & 1][i / N1 % N1];
@@ -85,6 +101,14 @@ static void test_apply(void **state)
     cln_octree_change_free(&change);
     cln_model_free(&before);
     cln_model_free(&model);
+}
+
+/* With moments of 32 and of 16 bits. */
+static void test_apply(void **state)
+{
+    (void)state;
+    check_apply(7);
+    check_apply(8);
 }
 
 static void test_digest(void **state)

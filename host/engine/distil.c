@@ -284,11 +284,11 @@ static cln_status forget_moments(cln_trainer *t, const cln_distil *d)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
-    const size_t bytes = (size_t)p->net.params * sizeof(float);
+    const size_t bytes = (size_t)p->net.params * cln_moment_bytes(&p->config);
     const int32_t none = 0;
-    float *zeros = NULL;
+    char *zeros = NULL;
 
-    CLN_TRY(cln_alloc(&zeros, (size_t)p->net.params, sizeof *zeros, "Adam's state"));
+    CLN_TRY(cln_alloc(&zeros, bytes, 1, "Adam's state"));
     for (int n = 0; n < d->nets; n++) {
         const size_t slot = (size_t)t->model.tree.slot[d->nodes[n]];
 

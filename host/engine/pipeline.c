@@ -97,7 +97,8 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
-    const size_t leaves = (size_t)p->leaves, row = (size_t)p->net.params * sizeof(float);
+    const size_t leaves = (size_t)p->leaves;
+    const size_t row = (size_t)p->net.params * cln_moment_bytes(&p->config);
     const size_t transposed =
         p->tune.leaf ? 0 : (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
@@ -164,13 +165,14 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const size_t leaves = (size_t)p->leaves;
-    const size_t bytes = leaves * (size_t)p->net.params * sizeof(float);
+    const size_t weights = leaves * (size_t)p->net.params;
+    const size_t moments = weights * cln_moment_bytes(&p->config);
 
     CLN_ASSERT(model->tree.leaf_count == p->leaves);
-    CLN_TRY(cln_buffer_read(device, &p->params, 0, model->params, bytes));
+    CLN_TRY(cln_buffer_read(device, &p->params, 0, model->params, weights * sizeof(float)));
     if (training) {
-        CLN_TRY(cln_buffer_read(device, &p->adam_m, 0, model->adam_m, bytes));
-        CLN_TRY(cln_buffer_read(device, &p->adam_v, 0, model->adam_v, bytes));
+        CLN_TRY(cln_buffer_read(device, &p->adam_m, 0, model->adam_m, moments));
+        CLN_TRY(cln_buffer_read(device, &p->adam_v, 0, model->adam_v, moments));
         CLN_TRY(cln_buffer_read(device, &p->adam_steps, 0, model->adam_steps,
                                 leaves * sizeof(int32_t)));
         CLN_TRY(cln_buffer_read(device, &p->density, 0, model->density,

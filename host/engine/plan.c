@@ -61,9 +61,10 @@ static int largest_row(const cln_plan *plan)
 
 /* Everything that the sizes of buffers are made of. */
 typedef struct sizes {
-    double leaves, params, acts, cells, measures; /* params and acts: bytes */
-    double part_leaves, part_slices;              /* rows of a part */
-    bool split, leaf;                             /* into parts; tune.leaf */
+    double leaves, params, moments, acts, cells,
+        measures;                    /* params, moments (each of two), acts: bytes */
+    double part_leaves, part_slices; /* rows of a part */
+    bool split, leaf;                /* into parts; tune.leaf */
     double rays, extra_rays, samples, slices, points;
     double widest, sums, slice; /* counts of a digit of the sort, bytes of a scan's sums */
     bool distil;
@@ -140,6 +141,7 @@ static sizes find_sizes(const cln_plan_desc *d)
                .split = cln_pipeline_in_parts(p, d->leaves),
                .leaf = p->tune.leaf,
                .params = 4.0 * p->net.params,
+               .moments = (double)cln_moment_bytes(c) * p->net.params,
                .acts = (double)cln_pipeline_act_bytes(&p->net, &p->tune),
                .cells = (double)c->n1 * c->n1 * c->n1,
                .measures = d->training ? cln_pipeline_measures(c) : 0,
@@ -172,8 +174,8 @@ static void add_networks(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     if (!d->training)
         return;
     row(out, "optimiser state", per_leaf);
-    add_rows(out, n, s->part_leaves, s->params);
-    add_rows(out, n, s->part_leaves, s->params);
+    add_rows(out, n, s->part_leaves, s->moments);
+    add_rows(out, n, s->part_leaves, s->moments);
     add_rows(out, n, s->part_leaves,
              s->leaf ? 0 : 4.0 * cln_pipeline_transposed(&d->pipeline->net));
     add(out, 4 * n); /* steps */
@@ -291,7 +293,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     row(out, "model", per_leaf);
     add(out, params);
     if (d->training) {
-        add(out, 2 * params);
+        add(out, 2 * s->leaves * s->moments);
         add(out, densities);
         row(out, "changes of the tree", per_leaf); /* one array and its successor */
         add(out, params);

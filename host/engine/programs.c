@@ -197,6 +197,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     real(&t, "DECAY2", -log(c->beta2));
     line(&t, "#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
     real(&t, "VIEW_L2_WEIGHT", c->view_l2);
+    line(&t, "#define MOMENTS %d", c->moments == CLN_MOMENTS_BFLOAT16);
     *out = t.text;
     return t.st;
 }

@@ -35,22 +35,40 @@ done:
     return st;
 }
 
-/* What the checkpoint fixes: the network's shape and everything the kernels' layout depends on. */
+/* What the checkpoint fixes: the network's shape and everything the kernels' layout depends on. The first that differs,
+ * or NULL. */
+static const char *fixed_setting(const cln_config *a, const cln_config *b)
+{
+#define FIXED(field, option)  \
+    if (a->field != b->field) \
+        return option;
+    FIXED(width, "width")
+    FIXED(depth, "depth")
+    FIXED(view_width, "view-width")
+    FIXED(bands, "bands")
+    FIXED(view_bands, "view-bands")
+    FIXED(skip, "skip")
+    FIXED(view_dependence, "view-dependence")
+    FIXED(n1, "n1")
+    FIXED(density, "density")
+    FIXED(density_scale, "density-scale")
+    FIXED(initial_depth, "initial-depth")
+    FIXED(bands_by_level, "bands-by-level")
+    FIXED(moments, "moments")
+#undef FIXED
+    return strcmp(a->bbox, b->bbox) ? "bbox" : NULL;
+}
+
 static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
 {
-    if (saved->width != wanted->width || saved->depth != wanted->depth ||
-        saved->view_width != wanted->view_width || saved->bands != wanted->bands ||
-        saved->view_bands != wanted->view_bands || saved->skip != wanted->skip ||
-        saved->view_dependence != wanted->view_dependence || saved->n1 != wanted->n1 ||
-        saved->density != wanted->density || saved->density_scale != wanted->density_scale ||
-        saved->initial_depth != wanted->initial_depth ||
-        saved->bands_by_level != wanted->bands_by_level || strcmp(saved->bbox, wanted->bbox) != 0)
-        return cln_fail(
-            CLN_CHECKPOINT,
-            "--resume: width, depth, view-width, bands, view-bands, skip, "
-            "view-dependence and n1 are fixed by the checkpoint; leave them out or start "
-            "a new run");
-    return CLN_OK;
+    const char *option = fixed_setting(saved, wanted);
+
+    if (!option)
+        return CLN_OK;
+    return cln_fail(CLN_CHECKPOINT,
+                    "--resume: the checkpoint has another --%s, which cannot change; leave it out "
+                    "or start a new run",
+                    option);
 }
 
 /* A tree is taken over by a new run alone; what a run began with, it keeps. */

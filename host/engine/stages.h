@@ -99,7 +99,7 @@ typedef struct cln_pipeline {
     cln_buffer params; /* float [leaf][net.params], P */
     cln_buffer
         transposed; /* float [leaf][wt] for the input gradients, P; training without tune.leaf */
-    cln_buffer adam_m, adam_v;      /* [leaf][params], P */
+    cln_buffer adam_m, adam_v;      /* [leaf][params] float or bfloat16, P */
     cln_buffer adam_steps, norms;   /* int [leaf], float [leaf] */
     cln_buffer density;             /* bfloat16 [leaf][n1^3], P */
     cln_buffer seen;                /* uchar [leaf][n1^3], P */

@@ -188,6 +188,11 @@ done:
 
 /* ---- the tensor half ---- */
 
+static cln_dtype moment_dtype(const cln_model *model)
+{
+    return model->config.moments == CLN_MOMENTS_BFLOAT16 ? CLN_DTYPE_BF16 : CLN_DTYPE_F32;
+}
+
 static cln_status write_tensors(const char *path, const cln_model *model, uint64_t *digest)
 {
     cln_status st = CLN_OK;
@@ -198,8 +203,8 @@ static cln_status write_tensors(const char *path, const cln_model *model, uint64
         {"octree", CLN_DTYPE_I32, 2, {model->tree.node_count, ROW}, NULL},
         {"params", CLN_DTYPE_F32, 2, {leaves, stride}, model->params},
         {"leaf_error", CLN_DTYPE_F32, 1, {leaves}, model->error},
-        {"adam_m", CLN_DTYPE_F32, 2, {leaves, stride}, model->adam_m},
-        {"adam_v", CLN_DTYPE_F32, 2, {leaves, stride}, model->adam_v},
+        {"adam_m", moment_dtype(model), 2, {leaves, stride}, model->adam_m},
+        {"adam_v", moment_dtype(model), 2, {leaves, stride}, model->adam_v},
         {"adam_steps", CLN_DTYPE_I32, 1, {leaves}, model->adam_steps},
         {"density", CLN_DTYPE_BF16, 4, {leaves, n1, n1, n1}, model->density},
         {"leaf_sums", CLN_DTYPE_F32, 3, {leaves, CLN_MEASURES, 2}, model->sums},
@@ -277,8 +282,8 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
     CLN_TRY(take_tensor(file, path, "params", CLN_DTYPE_F32, 2, shape, &out->params));
     CLN_TRY(take_tensor(file, path, "leaf_error", CLN_DTYPE_F32, 1, shape, &out->error));
     if (training) {
-        CLN_TRY(take_tensor(file, path, "adam_m", CLN_DTYPE_F32, 2, shape, &out->adam_m));
-        CLN_TRY(take_tensor(file, path, "adam_v", CLN_DTYPE_F32, 2, shape, &out->adam_v));
+        CLN_TRY(take_tensor(file, path, "adam_m", moment_dtype(out), 2, shape, &out->adam_m));
+        CLN_TRY(take_tensor(file, path, "adam_v", moment_dtype(out), 2, shape, &out->adam_v));
         CLN_TRY(take_tensor(file, path, "adam_steps", CLN_DTYPE_I32, 1, shape, &out->adam_steps));
         CLN_TRY(take_tensor(file, path, "density", CLN_DTYPE_BF16, 4, grid, &out->density));
         CLN_TRY(take_tensor(file, path, "leaf_sums", CLN_DTYPE_F32, 3, sums, &out->sums));

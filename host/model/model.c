@@ -36,6 +36,11 @@ static void fill_nan(float *array, size_t count)
         array[i] = NAN;
 }
 
+size_t cln_moment_bytes(const cln_config *config)
+{
+    return config->moments == CLN_MOMENTS_BFLOAT16 ? sizeof(uint16_t) : sizeof(float);
+}
+
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out)
 {
     cln_status st = CLN_OK;
@@ -50,8 +55,8 @@ cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree,
     leaves = (size_t)out->tree.leaf_count;
     stride = (size_t)out->net.params;
     CLN_TRY(cln_alloc(&out->params, leaves * stride, sizeof *out->params, "weights"));
-    CLN_TRY(cln_alloc(&out->adam_m, leaves * stride, sizeof *out->adam_m, "Adam's state"));
-    CLN_TRY(cln_alloc(&out->adam_v, leaves * stride, sizeof *out->adam_v, "Adam's state"));
+    CLN_TRY(cln_alloc(&out->adam_m, leaves * stride, cln_moment_bytes(config), "Adam's state"));
+    CLN_TRY(cln_alloc(&out->adam_v, leaves * stride, cln_moment_bytes(config), "Adam's state"));
     CLN_TRY(cln_alloc(&out->adam_steps, leaves, sizeof *out->adam_steps, "Adam's state"));
     CLN_TRY(cln_alloc(&out->density, leaves * cells_of(out), sizeof *out->density, "densities"));
     CLN_TRY(cln_alloc(&out->sums, leaves * 2 * CLN_MEASURES, sizeof *out->sums, "measures"));
@@ -94,44 +99,34 @@ void cln_model_restart_measures(cln_model *model)
     model->sum_square = 0;
 }
 
-/* *array = [change->count][stride] floats: kept leaves copied, new ones set to `fresh`. */
-static cln_status carry(const cln_octree_change *change, size_t stride, float fresh, float **array)
+/* *array (a pointer to rows of row_bytes, or to NULL) = the rows of the leaves that are kept, and zeros for new ones. */
+static cln_status carry(const cln_octree_change *change, size_t row_bytes, void *array)
 {
     cln_status st = CLN_OK;
-    float *carried = NULL;
+    char *old = NULL, *carried = NULL;
 
-    if (!*array)
+    memcpy(&old, array, sizeof old);
+    if (!old)
         return CLN_OK;
-    CLN_TRY(cln_alloc(&carried, (size_t)change->count * stride, sizeof *carried, "weights"));
-    for (int s = 0; s < change->count; s++) {
-        float *to = carried + (size_t)s * stride;
-
+    CLN_TRY(cln_alloc(&carried, (size_t)change->count, row_bytes, "training state of leaves"));
+    for (size_t s = 0; s < (size_t)change->count; s++)
         if (change->octant[s] == CLN_COPIED)
-            memcpy(to, *array + (size_t)change->from[s] * stride, stride * sizeof *to);
-        else
-            for (size_t i = 0; i < stride; i++)
-                to[i] = fresh;
-    }
-    free(*array);
-    *array = carried;
+            memcpy(carried + s * row_bytes, old + (size_t)change->from[s] * row_bytes, row_bytes);
+    free(old);
+    memcpy(array, &carried, sizeof carried);
 done:
     return st;
 }
 
-/* The same for one whole number a leaf; new ones are zero. */
-static cln_status carry_counts(const cln_octree_change *change, int32_t **array)
+/* The same of one number a leaf; new ones have none. */
+static cln_status carry_known(const cln_octree_change *change, float **array)
 {
     cln_status st = CLN_OK;
-    int32_t *carried = NULL;
 
-    if (!*array)
-        return CLN_OK;
-    CLN_TRY(cln_alloc(&carried, (size_t)change->count, sizeof *carried, "counts of leaves"));
-    for (int s = 0; s < change->count; s++)
-        if (change->octant[s] == CLN_COPIED)
-            carried[s] = (*array)[change->from[s]];
-    free(*array);
-    *array = carried;
+    CLN_TRY(carry(change, sizeof **array, array));
+    for (int s = 0; *array && s < change->count; s++)
+        if (change->octant[s] != CLN_COPIED)
+            (*array)[s] = NAN;
 done:
     return st;
 }
@@ -183,13 +178,13 @@ cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
     CLN_TRY(cln_alloc(&params, count * stride, sizeof *params, "weights"));
     if (model->density)
         CLN_TRY(cln_alloc(&density, count * cells, sizeof *density, "densities"));
-    CLN_TRY(carry(change, stride, 0, &model->adam_m));
-    CLN_TRY(carry(change, stride, 0, &model->adam_v));
-    CLN_TRY(carry_counts(change, &model->adam_steps));
-    CLN_TRY(carry(change, 2 * CLN_MEASURES, 0, &model->sums));
-    CLN_TRY(carry_counts(change, &model->met));
-    CLN_TRY(carry(change, 1, NAN, &model->error));
-    CLN_TRY(carry(change, 1, NAN, &model->saved));
+    CLN_TRY(carry(change, stride * cln_moment_bytes(&model->config), &model->adam_m));
+    CLN_TRY(carry(change, stride * cln_moment_bytes(&model->config), &model->adam_v));
+    CLN_TRY(carry(change, sizeof *model->adam_steps, &model->adam_steps));
+    CLN_TRY(carry(change, 2 * CLN_MEASURES * sizeof *model->sums, &model->sums));
+    CLN_TRY(carry(change, sizeof *model->met, &model->met));
+    CLN_TRY(carry_known(change, &model->error));
+    CLN_TRY(carry_known(change, &model->saved));
     for (size_t s = 0; s < count; s++) {
         const float *from = model->params + (size_t)change->from[s] * stride;
         const uint16_t *old = density ? model->density + (size_t)change->from[s] * cells : NULL;

@@ -17,9 +17,9 @@ typedef struct cln_model {
     bool has_alpha, has_distortion; /* of the scene it was trained on */
     float *params;                  /* [slot][net.params] */
     /* Training state; NULL / 0 in a model that only renders. */
-    float *adam_m, *adam_v; /* [slot][net.params] */
-    int32_t *adam_steps;    /* [slot] updates so far */
-    uint16_t *density;      /* [slot][n1^3] cached stage-1 densities, bfloat16 */
+    void *adam_m, *adam_v; /* [slot][net.params] float or bfloat16, by config.moments */
+    int32_t *adam_steps;   /* [slot] updates so far */
+    uint16_t *density;     /* [slot][n1^3] cached stage-1 densities, bfloat16 */
     int64_t step;
     int64_t refresh_step; /* step of the last stage-1 refresh */
     int64_t growth_step;  /* step of the last growth of the tree */
@@ -39,6 +39,9 @@ typedef struct cln_model {
 
 /* Of each leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */
 enum { CLN_MEASURES = 3 };
+
+/* Bytes of one of Adam's moments of a weight. */
+size_t cln_moment_bytes(const cln_config *config);
 
 /* A new model: full tree at config.start_level, or a copy of `tree`; initial weights, training state
  * zero. */
