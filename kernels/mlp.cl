@@ -348,10 +348,8 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
 
 #pragma unroll
             for (int i = 0; i < VW / 2; i++) {
-                next[2 * i].even = row[i].lo;
-                next[2 * i].odd = row[i + VW / 2].lo;
-                next[2 * i + 1].even = row[i].hi;
-                next[2 * i + 1].odd = row[i + VW / 2].hi;
+                next[2 * i] = V_ZIP_LO(row[i], row[i + VW / 2]);
+                next[2 * i + 1] = V_ZIP_HI(row[i], row[i + VW / 2]);
             }
 #pragma unroll
             for (int i = 0; i < VW; i++)
