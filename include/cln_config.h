@@ -73,6 +73,8 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     INT(cull_strikes, "cull-strikes", 2, 4, 1, 100, "guard: in this many consecutive checks")   \
     REAL(cull_from, "cull-from", 0.067, 0.02, 0, 1,                                             \
          "no culling before this fraction of the budget")                                       \
+    INT(cull_after, "cull-after", 0, 512, 0, 1000000,                                           \
+        "no culling in so many steps after the start or a growth of the tree")                  \
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
          "mean density of a leaf: over samples that a view sees, or weighted by how well")      \
     BOOL(adaptive, "adaptive", true, true,                                                      \

@@ -19,7 +19,7 @@ trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work
 # A network small enough for a second's training, on a tree that grows and is culled on the way.
 small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
     --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
-    --log-every 1 --cull-from 0.3 --max-leaves 60 --structure-from 0.5 --structure-every 0.1
+    --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60 --structure-from 0.5 --structure-every 0.1
     --structure-until 0.95 --split-samples 0 --distil-steps 20)
 steps=300
 
@@ -347,7 +347,7 @@ section_structure() {
     scene demo --size 80 --train 24 --test 3
     run "$cln" train "$work/demo" -o "$r" --skip-selftest --progress none --width 16 --view-width 16 \
         --steps 1000 --start-level 2 --level-at 3:0.2 --n1 8 --rays 512 --refresh-every 64 --log-every 100 \
-        --cull-from 0.1 --cull-strikes 2 --max-leaves 150 --structure-from 0.4 --structure-every 0.1 \
+        --cull-from 0.1 --cull-after 0 --cull-strikes 2 --max-leaves 150 --structure-from 0.4 --structure-every 0.1 \
         --structure-until 0.95 --split-samples 100 --cost-density 1 --merge-factor 1.1 --dump-program "$lp" -v
     check "train with an adaptive tree" [ $rc = 0 ]
     cp "$work/err" "$work/grown.log"

@@ -141,6 +141,7 @@ static inline cln_config engine_config(void)
     config.batch_samples = 2048;
     config.refresh_every = 8;
     config.cull_from = 1;
+    config.cull_after = 0;
     config.lr = 0.02; /* learns in few steps */
     config.steps = STEPS;
     config.log_every = 1;

@@ -562,10 +562,12 @@ static void test_json_of_before(void **state)
     assert_int_equal(json_object_del(object, "skip_uncovered"), 0);
     assert_int_equal(json_object_del(object, "roulette"), 0);
     assert_int_equal(json_object_del(object, "moments"), 0);
+    assert_int_equal(json_object_del(object, "cull_after"), 0);
     assert_int_equal(cln_config_from_json(object, &to), CLN_OK);
     from.skip_uncovered = false;
     from.roulette = 0;
     from.moments = CLN_MOMENTS_FLOAT32;
+    from.cull_after = 0;
     assert_same(&from, &to);
     assert_int_equal(json_object_set_new(object, "skip_uncoverd", json_true()), 0);
     assert_failed(cln_config_from_json(object, &to), CLN_INPUT, "'skip_uncoverd'|unknown");

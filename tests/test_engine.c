@@ -313,6 +313,10 @@ static void test_culling(void **state)
         assert_ok(engine_train(name, true, &config, NULL, &part));
         assert_int_equal(part.digest, all.digest);
     }
+    config.cull_after = 10; /* checks every fourth step */
+    assert_ok(engine_train("later", false, &config, NULL, &all));
+    assert_int_equal((int)leaves_at("later", 11), 8);
+    assert_int_equal((int)leaves_at("later", 13), 1);
 }
 
 /* Mean square error of the last rows of a run, by their PSNR. */

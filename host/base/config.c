@@ -459,7 +459,7 @@ static cln_status set_from_json(cln_config *config, const cln_config_row *row, c
 
 /* Rows that came after the first runs were written, whose settings lack them. Their paper values must mean what was
  * done before. */
-static const char *const later_fields[] = {"skip_uncovered", "roulette", "moments"};
+static const char *const later_fields[] = {"skip_uncovered", "roulette", "moments", "cull_after"};
 
 static bool came_later(const char *field)
 {

@@ -533,7 +533,8 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         CLN_TRY(refresh(t, first, end - first));
         full = part == PARTS - 1;
     }
-    if (full && !grown && !fixed && fraction >= c->cull_from && t->model.step > 0)
+    if (full && !grown && !fixed && fraction >= c->cull_from && t->model.step > 0 &&
+        t->model.step >= t->model.growth_step + c->cull_after)
         CLN_TRY(cull(t, decision));
     if (decision)
         CLN_TRY(wait_or_decide(t));
