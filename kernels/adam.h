@@ -50,7 +50,7 @@ HELPER vf moment_load(const __global moment_type *p)
     return V_AS_FLOAT(V_TO_UINT(VLOAD(p)) << 16);
 }
 
-/* Up or down by chance, so that what is right on average comes back: to the nearest one, a second moment would stand
+/* Rounded up or down by chance, so that what is right on average comes back: to the nearest one, a second moment would stand
  * still where a step changes it by less than half a unit in its 8 bits. chance: 16 bits. */
 HELPER void moment_store(vf value, vu chance, __global moment_type *p)
 {
@@ -58,6 +58,17 @@ HELPER void moment_store(vf value, vu chance, __global moment_type *p)
 }
 #else
 #define moment_type float
+
+HELPER vf moment_load(const __global moment_type *p)
+{
+    return VLOAD(p);
+}
+
+HELPER void moment_store(vf value, vu chance, __global moment_type *p)
+{
+    (void)chance;
+    VSTORE_IN(__global, value, p);
+}
 #endif
 
 /* So many bytes before their turn moments, and weights, which are near, are fetched: a processor's own fetching ends
@@ -82,24 +93,13 @@ HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global 
     if (p >= VIEW_W && p < VIEW_W + VIEW_ROWS * VIEW)
         g += w * a.pull;
 #endif
-#if MOMENTS
-    const vf m0 = moment_load(m + p), v0 = moment_load(v + p);
-#else
-    const vf m0 = VLOAD(m + p), v0 = VLOAD(v + p);
-#endif
-    const vf m1 = MAD((vf)(BETA1), m0, (1.0f - BETA1) * g);
-    const vf v1 = MAD((vf)(BETA2), v0, (1.0f - BETA2) * g * g);
-
-    w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
-#if MOMENTS
+    const vf m1 = MAD((vf)(BETA1), moment_load(m + p), (1.0f - BETA1) * g);
+    const vf v1 = MAD((vf)(BETA2), moment_load(v + p), (1.0f - BETA2) * g * g);
     const vu chance = hash_lanes((p + V_IOTA) * 0x9E3779B9u ^ a.key);
 
+    w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
     moment_store(m1, chance & 0xFFFFu, m + p);
     moment_store(v1, chance >> 16, v + p);
-#else
-    VSTORE_IN(__global, m1, m + p);
-    VSTORE_IN(__global, v1, v + p);
-#endif
     VSTORE_IN(__global, w, params + p);
     return w;
 }

@@ -416,6 +416,8 @@ section_resume() {
     expect "resume of what is no run" 3 "blender" "$cln" train --resume "$work/blender" --skip-selftest
     expect "resume with another network" 8 "width|network" \
         "$cln" train --resume "$work/longer" --skip-selftest --width 32 --view-width 32
+    expect "resume with other moments" 8 "another --moments" \
+        "$cln" train --resume "$work/longer" --skip-selftest --moments float32
 }
 
 section_results() {

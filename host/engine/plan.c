@@ -61,8 +61,8 @@ static int largest_row(const cln_plan *plan)
 
 /* Everything that the sizes of buffers are made of. */
 typedef struct sizes {
-    double leaves, params, moments, acts, cells,
-        measures;                    /* params, moments (each of two), acts: bytes */
+    double leaves, cells, measures;
+    double params, moments, acts;    /* bytes; moments: of each of the two */
     double part_leaves, part_slices; /* rows of a part */
     bool split, leaf;                /* into parts; tune.leaf */
     double rays, extra_rays, samples, slices, points;
