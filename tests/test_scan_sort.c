@@ -254,25 +254,26 @@ static void test_large_sort(void **state)
     }
 }
 
-/* Keys that are all the same take no pass, so the spare buffers stay as they were. */
-static void test_no_pass(void **state)
+/* Kernels that a sort of n keys by `bits` bits launches. */
+static int launches_of(cln_pipeline *p, uint32_t n, int bits, kind k)
 {
-    enum { N = 40009 };
-    cln_pipeline *p = pipeline_of(0);
     cln_buffer keys[2] = {{0}, {0}}, values[2] = {{0}, {0}};
-    uint64_t *in_keys = test_alloc(N, sizeof *in_keys);
+    uint64_t *in_keys = test_alloc(n, sizeof *in_keys), before = 0, after = 0;
     unsigned char *spare = NULL;
 
-    (void)state;
-    for (int i = 0; i < N; i++)
-        in_keys[i] = 0x123456789ABCDEFull;
+    for (uint32_t i = 0; i < n; i++)
+        in_keys[i] = key_of(k, i, n) >> (64 - bits);
     for (int b = 0; b < 2; b++) {
-        test_fill(p->device, &keys[b], b ? NULL : in_keys, N * sizeof *in_keys);
-        test_fill(p->device, &values[b], NULL, N * sizeof(uint32_t));
+        test_fill(p->device, &keys[b], b ? NULL : in_keys, n * sizeof *in_keys);
+        test_fill(p->device, &values[b], NULL, n * sizeof(uint32_t));
     }
-    assert_ok(cln_stage_sort(p, keys, values, N, 64, true, CLN_STAGE_SORT));
-    spare = test_read(p->device, &keys[1], N * sizeof *in_keys, "spare keys");
-    for (size_t i = 0; i < N * sizeof *in_keys; i++)
+    assert_ok(cln_device_finish(p->device));
+    before = p->device->settled;
+    assert_ok(cln_stage_sort(p, keys, values, n, bits, true, CLN_STAGE_SORT));
+    assert_ok(cln_device_finish(p->device));
+    after = p->device->settled;
+    spare = test_read(p->device, &keys[1], n * sizeof *in_keys, "spare keys");
+    for (size_t i = 0; k == EQUAL && i < n * sizeof *in_keys; i++)
         assert_int_equal(spare[i], 0xFF);
     for (int b = 0; b < 2; b++) {
         cln_buffer_free(p->device, &keys[b]);
@@ -280,6 +281,26 @@ static void test_no_pass(void **state)
     }
     free(in_keys);
     free(spare);
+    return (int)(after - before);
+}
+
+/* As many passes as the bits need in which keys differ: none if they are all the same (the spare buffers stay as they
+ * were), one for a few bits wherever they stand. */
+static void test_passes(void **state)
+{
+    enum { N = 40009, LOOK = 1, PASS = 3 }; /* looking at the bits; count, scan, scatter */
+
+    (void)state;
+    for (int set = 0; set < TUNE_SETS; set++) {
+        cln_pipeline *p = pipeline_of(set);
+        const int all = launches_of(p, N, 64, RANDOM), db = p->tune.db;
+
+        assert_int_equal(launches_of(p, N, 64, EQUAL), LOOK);
+        assert_int_equal(launches_of(p, N, 64, ONE_BIT), LOOK + PASS);
+        assert_int_equal(launches_of(p, N, 64, TOP_BITS), LOOK + PASS);
+        assert_int_equal(launches_of(p, N, 4, RANDOM), LOOK + PASS * ((4 + db - 1) / db));
+        assert_true(all >= LOOK + PASS * ((64 + db - 1) / db));
+    }
 }
 
 /* ---- samples grouped by leaf ---- */
@@ -387,7 +408,7 @@ int test_group_scan_sort(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_scan),       cmocka_unit_test(test_sort),
-        cmocka_unit_test(test_large_sort), cmocka_unit_test(test_no_pass),
+        cmocka_unit_test(test_large_sort), cmocka_unit_test(test_passes),
         cmocka_unit_test(test_grouping),
     };
 
