@@ -21,7 +21,7 @@ CC ?= gcc
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
 OPT := $(if $(DEBUG),-O0,-O2) -g
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(WERROR),-Werror)
-CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fvisibility=hidden -Iinclude -Ihost -isystem /usr/include/stb \
+CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fvisibility=hidden -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
 LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
@@ -31,25 +31,25 @@ LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
 CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
 # json_query.c and device_cases.c are programs of their own, for cli.sh and devices.sh
-TEST_OWN := tests/json_query.c tests/device_cases.c
-TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*.c))
+TEST_OWN := tests/support/json_query.c tests/device/device_cases.c
+TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
-TABLE_SRC := bench/table.c bench/plot.c
+TABLE_SRC := bench/scenes/table.c bench/common/plot.c
 # bench-peers: the leaf networks beside libraries for small products, as far as they are installed
-PEER_MAIN := bench/peer_gemm.c
-# bench-growth: cost over leaves, samples, pixels, for bench/growth.sh
-GROWTH_SRC := bench/growth.c bench/plot.c
-BENCH_SRC := $(wildcard bench/bench*.c)
+PEER_MAIN := bench/peers/peer_gemm.c
+# bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
+GROWTH_SRC := bench/growth/growth.c bench/common/plot.c
+BENCH_SRC := $(wildcard bench/kernels/*.c)
 LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
             $(filter-out %/make_scene.o,$(DATA_OBJ))
-BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/plot.o
+BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/common/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth.c $(PEER_MAIN) $(TEST_OWN)
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth/growth.c $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 TUNE_ROWS := $(wildcard data/tune/*.txt)
 
@@ -67,10 +67,10 @@ $B/libcl-nascent.a: $(LIB_OBJ)
 $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -lcmocka -o $@
 
-$B/json-query: $B/obj/tests/json_query.o
+$B/json-query: $B/obj/tests/support/json_query.o
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
-$B/device-cases: $B/obj/tests/device_cases.o $B/libcl-nascent.a
+$B/device-cases: $B/obj/tests/device/device_cases.o $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
@@ -79,7 +79,7 @@ $B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
 $B/bench-kernels: $(BENCH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
-$B/bench-sort: bench/peer_sort.cpp $B/libcl-nascent.a
+$B/bench-sort: bench/peers/peer_sort.cpp $B/libcl-nascent.a
 	$(call SAY,CXX $@)$(CXX) -std=c++17 -D_GNU_SOURCE -O3 -march=native -fopenmp -Wall -Wextra -Iinclude -Ihost \
 	    $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
 
@@ -113,7 +113,7 @@ bench-peers: $B/libcl-nascent.a
 $B/bench-peers: $(PEER_MAIN) $(wildcard bench/peers/*) $B/libcl-nascent.a FORCE
 	@echo "  peers: $(or $(FOUND),none)$(if $(filter-out $(FOUND),$(PEERS)),; not installed: $(filter-out \
 	    $(FOUND),$(PEERS)) (of $(PEER_PACKAGES)))"
-	$(call SAY,LINK $@)$(CC) $(CFLAGS_ALL) -O3 -march=native -fno-trapping-math -fopenmp -Ibench \
+	$(call SAY,LINK $@)$(CC) $(CFLAGS_ALL) -O3 -march=native -fno-trapping-math -fopenmp \
 	    $(foreach p,$(FOUND),-DPEER_$(shell echo $p | tr a-z A-Z) $(PEER_CFLAGS_$p)) $(PEER_MAIN) \
 	    bench/peers/timing.c bench/peers/cpu.c $(FOUND:%=bench/peers/%.c) $B/libcl-nascent.a \
 	    $(foreach p,$(FOUND),$(PEER_LIBS_$p)) $(LDLIBS_ALL) -o $@
@@ -153,7 +153,7 @@ $B/obj/kernels_embed.o: $B/kernels_embed.c
 GROUP := s/^int test_group_\([a-z0-9_]*\)(void)$$
 $B/test_groups.c: FORCE
 	@mkdir -p $(@D)
-	@{ echo '/* Generated from tests/test_*.c by make. */'; \
+	@{ echo '/* Generated from the test_*.c in tests/ by make. */'; \
 	   echo '#include <stddef.h>'; \
 	   echo '#include "tests.h"'; \
 	   echo 'const test_group test_groups[] = {'; \
@@ -163,7 +163,7 @@ $B/test_groups.c: FORCE
 
 $B/obj/test_groups.o: $B/test_groups.c
 	@mkdir -p $(@D)
-	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -Itests -c $< -o $@
+	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
 deps:
 	@tests/deps.sh build
@@ -181,7 +181,7 @@ test-devices grind:
 	@tests/deps.sh build test
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
 	    build/device-cases build/tests
-	@tests/devices.sh $(if $(filter grind,$@),grind)
+	@tests/device/devices.sh $(if $(filter grind,$@),grind)
 
 lint:
 	@tests/deps.sh build test lint
@@ -189,7 +189,7 @@ lint:
 
 fmt:
 	@tests/deps.sh lint
-	$(CLANG_FORMAT) -i $(ALL_SRC) $(wildcard host/*/*.h include/*.h tests/*.h bench/*.h data/*.h)
+	$(CLANG_FORMAT) -i $(ALL_SRC) $(wildcard host/*/*.h include/*.h tests/*/*.h bench/*/*.h data/*.h)
 
 bench: bench-programs
 	build/bench-kernels --results bench/results $(BENCH)

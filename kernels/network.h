@@ -4,7 +4,7 @@
  * Encodings stand row by row, so that lanes run over samples where they are made; the tile reads them with other
  * strides.
  *
- * Parameters, from the host (engine/programs.c); the defaults below let the file compile alone.
+ * Parameters, from the host (pipeline/programs.c); the defaults below let the file compile alone.
  *   VW NV LS TS NB   lanes.h; vectors per tile; work-items; samples per tile; samples in local memory
  *   WIDTH DEPTH BANDS ENC_PAD SKIP   trunk; SKIP = layer that reads the encoding again, or -1
  *   VIEW VIEW_BANDS DIR_PAD          view layer; VIEW 0 = none

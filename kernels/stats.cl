@@ -1,6 +1,6 @@
 /* What the structure decisions need (method.md 12.3): from the cached stage-1 densities, per leaf the
  * mean over samples that some training view sees, and the peak; from a training step, sums over its
- * samples of what composite.cl measured (float64 twins: tests/test_measure.c).
+ * samples of what composite.cl measured (float64 twins: tests/pipeline/test_measure.c).
  *
  * MEASURES 0 | 1 | 3   numbers per sample (composite.cl)
  * LS, SG               work-items per leaf of leaf_measure and of stats_leaf, SG a power of two

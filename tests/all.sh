@@ -70,19 +70,19 @@ sanitized() {
 }
 
 export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
-export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:suppressions=$PWD/tests/ubsan.supp
-export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
+export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:suppressions=$PWD/tests/support/ubsan.supp
+export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions=0
 
 part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent build/make-scene \
     build/json-query build/device-cases build/tests build/bench-kernels
 part lint tests/lint.sh
 part unit unit
-part "command line" tests/cli.sh
-part devices tests/devices.sh -q
+part "command line" tests/cli/cli.sh
+part devices tests/device/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests
 part "sanitized unit" sanitized
-part "sanitized command line" env BUILD=build/sanitize tests/cli.sh usage scenes resume
+part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage scenes resume
 rm -f "$log"
 
 printf '\n%s' "$failures"

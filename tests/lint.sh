@@ -4,7 +4,7 @@
 #   warnings    every C file compiles with gcc's warnings as errors
 #   kernels     every kernels/*.cl compiles with clang as OpenCL C 1.2, with no device involved
 #   rooms       host/ folders include only themselves and what stands below them (ORDER, DOWN)
-#   CL/cl.h     only through include/cl.h, and that only from device/ and engine/
+#   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
 #   options     every option of include/cln_config.h is in the man page
 #   format      clang-format has nothing to change
 #   length      no file over 1000 lines
@@ -12,10 +12,10 @@
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
-ORDER="cli engine model scene device io reference base"
+ORDER="cli api train render check pipeline report model scene device io reference base"
 passed=0 failed=0 skipped=0
-c_files=$(ls host/*/*.c data/*.c tests/*.c bench/*.c 2>/dev/null)
-all_files=$(ls host/*/*.[ch] include/*.h data/*.[ch] tests/*.[ch] tests/*.sh bench/*.[ch] bench/peers/*.[ch] kernels/* 2>/dev/null)
+c_files=$(ls host/*/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
+all_files=$(ls host/*/*.[ch] include/*.h data/*.[ch] tests/*/*.[ch] tests/*.sh tests/*/*.sh bench/*/*.[ch] kernels/* 2>/dev/null)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
@@ -50,7 +50,7 @@ skip() {
 warnings() {
     local flags
     flags="-std=c11 -D_GNU_SOURCE -O2 -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes
-           -Werror -Iinclude -Ihost -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)"
+           -Werror -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)"
     # shellcheck disable=SC2086
     printf '%s\n' $c_files | xargs -P 2 -n 4 ${CC:-gcc} $flags -fsyntax-only
 }
@@ -103,7 +103,7 @@ rooms() {
 
 opencl_header() {
     grep -n '#include *[<"]CL/' $all_files | grep -v '^include/cl\.h:'
-    grep -n '#include *"cl\.h"' host/*/*.[ch] | grep -v '^host/\(device\|engine\)/'
+    grep -n '#include *"cl\.h"' host/*/*.[ch] | grep -v '^host/\(device\|pipeline\)/'
 }
 
 options() {
@@ -134,7 +134,7 @@ lengths() {
 }
 
 shell_scripts() {
-    shellcheck -S warning tests/*.sh .ci/run
+    shellcheck -S warning tests/*.sh tests/*/*.sh .ci/run
 }
 
 clang=$(first_of clang-14 clang clang-15)

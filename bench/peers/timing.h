@@ -1,9 +1,9 @@
 /* For the bench beside peers, whose contestants are not all kernels: timing by repetition, the FMA ceiling, work for
- * ours. The kernels' own bench is bench/bench.h. */
+ * ours. The kernels' own bench is bench/kernels/bench.h. */
 #ifndef BENCH_PEERS_TIMING_H
 #define BENCH_PEERS_TIMING_H
 
-#include "engine/stages.h"
+#include "pipeline/stages.h"
 
 /* FLOP/s of the FMA ceiling of this device, now (the machine may be busy: take it in the same run). */
 cln_status bench_peak(cln_device *device, double *flops);

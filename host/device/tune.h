@@ -4,7 +4,7 @@
  *   DEVICE | DRIVER | NETWORK | VW=8,NV=2,...     # comment
  *
  * The first three are shell patterns; of several rows that match, the last counts. Where the user's file
- * is, is the command line's business; fitting a set to a network is engine/programs.c's. */
+ * is, is the command line's business; fitting a set to a network is pipeline/programs.c's. */
 #ifndef CLN_TUNE_H
 #define CLN_TUNE_H
 

@@ -1,0 +1,359 @@
+/* build/bench-growth: how cost grows, for bench/growth/growth.sh. Reads run folders alone.
+ *
+ *   bench-growth BASE SERIES=RUN...
+ *
+ * SERIES is what differs between its runs: leaves, samples (of a step) or pixels (of an image); its runs come in
+ * ascending order. Prints a table in Markdown, a row a run: milliseconds a step, all of it and the device's by
+ * stage, with the time and memory of a unit of the work beside; then the power of its work with which each
+ * quantity grows from the first run of a series to the last: 1 is as fast as the work, 0 not at all. Leaves
+ * BASE.csv and, for each series, BASE-SERIES.svg. Steps are those of the second half of a run, when the batch has
+ * found its size; kernels are compiled before. Exit status as cl-nascent's. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/files.h"
+#include "base/memory.h"
+#include "device/device.h"
+#include "io/progress.h"
+#include "report/report_data.h"
+#include "io/run_folder.h"
+#include "common/plot.h"
+
+enum { MAX_RUNS = 64, SERIES = 3 };
+
+static const char *const series_names[SERIES] = {"leaves", "samples", "pixels"};
+static const char *const series_units[SERIES] = {"leaves", "samples a step", "pixels an image"};
+
+typedef struct run {
+    int series;
+    const char *path;
+    double leaves, samples, pixels, steps; /* samples: of a step; steps: measured */
+    double step;                           /* seconds of one */
+    double stages[CLN_STAGES];             /* of these, the device's */
+    double device, host;                   /* peak bytes */
+} run;
+
+static double work_of(const run *r)
+{
+    return r->series == 0 ? r->leaves : r->series == 1 ? r->samples : r->pixels;
+}
+
+/* ---- from a run folder ---- */
+
+/* Adds a row to what is measured, if it is of the second half: steps after `from`. */
+static void add_row(const json_t *row, double from, double *last_step, double *last_seconds, run *r)
+{
+    const double step = cln_json_number(row, "step"), seconds = cln_json_number(row, "seconds");
+    const json_t *stages = json_object_get(row, "stages");
+
+    if (*last_step >= from) {
+        const double spent = seconds - *last_seconds;
+
+        r->steps += step - *last_step;
+        r->step += spent;
+        r->samples +=
+            cln_json_number(row, "rays_per_s") * spent * cln_json_number(row, "samples_per_ray");
+        for (int i = 0; i < CLN_STAGES; i++) {
+            const double s = cln_json_number(stages, cln_stage_names[i]);
+
+            r->stages[i] += isfinite(s) ? s : 0;
+        }
+    }
+    *last_step = step;
+    *last_seconds = seconds;
+}
+
+static cln_status read_rows(run *r, double steps)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *text = NULL, *line = NULL, *rest = NULL;
+    size_t bytes = 0;
+    double step = 0, seconds = 0;
+
+    CLN_TRY(cln_path_join(&path, r->path, "metrics.jsonl"));
+    CLN_TRY(cln_read_file(path, (size_t)1 << 28, &text, &bytes));
+    for (line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest)) {
+        json_t *row = json_loads(line, 0, NULL);
+
+        if (row && !json_object_get(row, "event"))
+            add_row(row, floor(steps / 2), &step, &seconds, r);
+        json_decref(row);
+    }
+    if (!(r->steps > 0))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no two rows in its second half; more --steps or a smaller "
+                         "--log-every",
+                         path));
+    r->step /= r->steps;
+    r->samples /= r->steps;
+    for (int i = 0; i < CLN_STAGES; i++)
+        r->stages[i] /= r->steps;
+done:
+    free(path);
+    free(text);
+    return st;
+}
+
+static cln_status read_run(const char *argument, run *r)
+{
+    cln_status st = CLN_OK;
+    const char *equals = strchr(argument, '=');
+    json_t *document = NULL;
+    const json_t *result = NULL, *size = NULL;
+
+    for (r->series = 0; equals && r->series < SERIES; r->series++)
+        if (strlen(series_names[r->series]) == (size_t)(equals - argument) &&
+            strncmp(argument, series_names[r->series], (size_t)(equals - argument)) == 0)
+            break;
+    if (!equals || r->series == SERIES)
+        return cln_fail(CLN_USAGE, "'%s' is not leaves, samples or pixels =RUN", argument);
+    r->path = equals + 1;
+    CLN_TRY(cln_run_read(r->path, &document));
+    result = json_object_get(document, "result");
+    size = json_array_get(json_object_get(json_object_get(document, "dataset"), "sizes"), 0);
+    r->leaves = cln_json_number(result, "leaves");
+    r->device = cln_json_number(result, "device_peak");
+    r->host = cln_json_number(result, "host_peak");
+    r->pixels = cln_json_number(size, "width") * cln_json_number(size, "height");
+    CLN_TRY(read_rows(r, cln_json_number(result, "step")));
+done:
+    json_decref(document);
+    return st;
+}
+
+/* ---- the table ---- */
+
+/* Stages that take a hundredth of a step in any run. */
+static bool matters(const run *runs, int count, int stage)
+{
+    for (int i = 0; i < count; i++)
+        if (runs[i].stages[stage] >= 0.01 * runs[i].step)
+            return true;
+    return false;
+}
+
+static double device_seconds(const run *r)
+{
+    double sum = 0;
+
+    for (int i = 0; i < CLN_STAGES; i++)
+        sum += r->stages[i];
+    return sum;
+}
+
+static void put_table(const run *runs, int count)
+{
+    printf(
+        "| grows | leaves | samples a step | pixels | ms a step | ns a sample | us a leaf | device "
+        "MiB | KiB a leaf | host MiB");
+    for (int k = 0; k < CLN_STAGES; k++)
+        if (matters(runs, count, k))
+            printf(" | %s, ms", cln_stage_names[k]);
+    printf(" | between launches, ms |\n|---");
+    for (int k = 0; k < CLN_STAGES; k++)
+        if (matters(runs, count, k))
+            printf("|---");
+    printf("|---|---|---|---|---|---|---|---|---|---|\n");
+    for (int i = 0; i < count; i++) {
+        const run *r = &runs[i];
+
+        printf("| %s | %.0f | %.0f | %.0f | %.1f | %.0f | %.1f | %.1f | %.0f | %.0f",
+               series_names[r->series], r->leaves, r->samples, r->pixels, 1e3 * r->step,
+               1e9 * r->step / r->samples, 1e6 * r->step / r->leaves, r->device / 1048576,
+               r->device / r->leaves / 1024, r->host / 1048576);
+        for (int k = 0; k < CLN_STAGES; k++)
+            if (matters(runs, count, k))
+                printf(" | %.2f", 1e3 * r->stages[k]);
+        printf(" | %.2f |\n", 1e3 * (r->step - device_seconds(r)));
+    }
+}
+
+/* The power of the work with which a quantity grew from run a to run b. */
+static double power(const run *a, const run *b, double from, double to)
+{
+    return log(to / from) / log(work_of(b) / work_of(a));
+}
+
+static void put_power(double p)
+{
+    if (isfinite(p))
+        printf(" | %.2f", p);
+    else
+        printf(" | –");
+}
+
+/* First and last run of a series; false if it has no two of different work. */
+static bool ends_of(const run *runs, int count, int series, const run **first, const run **last)
+{
+    *first = *last = NULL;
+    for (int i = 0; i < count; i++) {
+        if (runs[i].series != series)
+            continue;
+        *first = *first ? *first : &runs[i];
+        *last = &runs[i];
+    }
+    return *first && work_of(*last) > 1.01 * work_of(*first);
+}
+
+static void put_powers(const run *runs, int count)
+{
+    const run *a = NULL, *b = NULL;
+
+    printf("\n| power of | work grew | time a step | device memory | host memory");
+    for (int k = 0; k < CLN_STAGES; k++)
+        if (matters(runs, count, k))
+            printf(" | %s", cln_stage_names[k]);
+    printf(" |\n|---|---|---|---|---");
+    for (int k = 0; k < CLN_STAGES; k++)
+        if (matters(runs, count, k))
+            printf("|---");
+    printf("|\n");
+    for (int s = 0; s < SERIES; s++) {
+        if (!ends_of(runs, count, s, &a, &b))
+            continue;
+        printf("| %s | %.3g times", series_names[s], work_of(b) / work_of(a));
+        put_power(power(a, b, a->step, b->step));
+        put_power(power(a, b, a->device, b->device));
+        put_power(power(a, b, a->host, b->host));
+        for (int k = 0; k < CLN_STAGES; k++)
+            if (matters(runs, count, k))
+                put_power(power(a, b, a->stages[k], b->stages[k]));
+        printf(" |\n");
+    }
+}
+
+/* ---- files ---- */
+
+static void put_csv(FILE *to, const run *runs, int count)
+{
+    fputs("series,run,leaves,samples_per_step,pixels,steps,seconds_per_step,device_peak,host_peak",
+          to);
+    for (int k = 0; k < CLN_STAGES; k++)
+        fprintf(to, ",\"%s\"", cln_stage_names[k]);
+    for (int i = 0; i < count; i++) {
+        const run *r = &runs[i];
+
+        fprintf(to, "\n%s,\"%s\",%.10g,%.10g,%.10g,%.10g,%.10g,%.10g,%.10g",
+                series_names[r->series], r->path, r->leaves, r->samples, r->pixels, r->steps,
+                r->step, r->device, r->host);
+        for (int k = 0; k < CLN_STAGES; k++)
+            fprintf(to, ",%.10g", r->stages[k]);
+    }
+    fputc('\n', to);
+}
+
+static cln_status write_csv(const run *runs, int count, const char *base)
+{
+    cln_status st = CLN_OK;
+    cln_atomic_file *file = NULL;
+    char *path = NULL;
+
+    CLN_TRY(cln_asprintf(&path, "%s.csv", base));
+    CLN_TRY(cln_atomic_open(path, &file));
+    put_csv(cln_atomic_stream(file), runs, count);
+    st = cln_atomic_commit(file);
+done:
+    free(path);
+    return st;
+}
+
+/* One line: a step, the device's memory, or a stage; its power in the legend. */
+typedef struct line {
+    double work[MAX_RUNS], value[MAX_RUNS];
+    plot_line plot;
+} line;
+
+enum { STEP = CLN_STAGES, MEMORY, LINES };
+
+static double value_of(const run *r, int quantity)
+{
+    return quantity == STEP     ? 1e3 * r->step
+           : quantity == MEMORY ? r->device / 1048576
+                                : 1e3 * r->stages[quantity];
+}
+
+static cln_status write_plot(const run *runs, int count, int series, const char *base)
+{
+    cln_status st = CLN_OK;
+    line *lines = NULL;
+    plot_line plots[LINES];
+    int used = 0;
+    cln_atomic_file *file = NULL;
+    char *path = NULL, title[128];
+    const run *a = NULL, *b = NULL;
+
+    if (!ends_of(runs, count, series, &a, &b))
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&lines, LINES, sizeof *lines, "plot"));
+    for (int n = 0; n < LINES; n++) {
+        const int q = n == 0 ? STEP : n == 1 ? MEMORY : n - 2; /* these two first */
+        line *l = &lines[used];
+        int points = 0;
+
+        if (q < CLN_STAGES && !matters(runs, count, q))
+            continue;
+        for (int i = 0; i < count; i++) {
+            if (runs[i].series != series)
+                continue;
+            l->work[points] = work_of(&runs[i]);
+            l->value[points++] = value_of(&runs[i], q);
+        }
+        plots[used++] = (plot_line){q == STEP     ? "a step, ms"
+                                    : q == MEMORY ? "device memory, MiB"
+                                                  : cln_stage_names[q],
+                                    points,
+                                    l->work,
+                                    l->value,
+                                    NAN,
+                                    power(a, b, value_of(a, q), value_of(b, q))};
+    }
+    snprintf(title, sizeof title, "Milliseconds of a step, and memory, over %s",
+             series_units[series]);
+    CLN_TRY(cln_asprintf(&path, "%s-%s.svg", base, series_names[series]));
+    CLN_TRY(cln_atomic_open(path, &file));
+    plot_write_scaling(cln_atomic_stream(file),
+                       &(plot_text){title, series_units[series], "power of the work"}, plots, used);
+    st = cln_atomic_commit(file);
+done:
+    free(lines);
+    free(path);
+    return st;
+}
+
+static cln_status tabulate(const char *base, char **arguments, int count)
+{
+    cln_status st = CLN_OK;
+    run *runs = NULL;
+
+    if (count > MAX_RUNS)
+        return cln_fail(CLN_USAGE, "%d runs, at most %d are compared", count, MAX_RUNS);
+    CLN_TRY(cln_alloc(&runs, (size_t)count, sizeof *runs, "runs"));
+    for (int i = 0; i < count; i++)
+        CLN_TRY(read_run(arguments[i], &runs[i]));
+    CLN_TRY(write_csv(runs, count, base));
+    for (int s = 0; s < SERIES; s++)
+        CLN_TRY(write_plot(runs, count, s, base));
+    put_table(runs, count);
+    put_powers(runs, count);
+    if (fflush(stdout) != 0)
+        st = cln_fail(CLN_OUTPUT, "standard output cannot be written");
+done:
+    free(runs);
+    return st;
+}
+
+int main(int argc, char **argv)
+{
+    cln_status st = CLN_OK;
+
+    if (argc < 3) {
+        fputs("usage: bench-growth BASE SERIES=RUN...\n", stderr);
+        return 2;
+    }
+    st = tabulate(argv[1], argv + 2, argc - 2);
+    if (st != CLN_OK)
+        fprintf(stderr, "bench-growth: %s: %s\n", cln_status_phrase(st), cln_error_text());
+    return cln_status_exit_code(st);
+}

@@ -1,0 +1,158 @@
+/* What the parts of build/bench-kernels share. A family is a kind of work at several shapes; its run function
+ * prepares one shape, and for every part of it that is wanted: runs the stage that training calls, compares
+ * what came out with float64 (or, what is discrete, for equality), times it, and adds a row.
+ *
+ *   bench_kernels.c                options, the list of families, which kernels they cover
+ *   bench.c                        ceilings, timing, comparison
+ *   bench_work.c                   FLOP and bytes of every part, and how they are counted
+ *   bench_output.c, bench_page.c   rows as table, JSON, CSV; as page and Markdown
+ *   the others                     the families */
+#ifndef BENCH_H
+#define BENCH_H
+
+#include "check/selftest_checks.h"
+#include "pipeline/stages.h"
+
+typedef struct bench_time {
+    double min, median, max; /* seconds of one call */
+} bench_time;
+
+/* At least: every multiply and add that the method needs, every input read once, every output written
+ * once (bench_work.c). */
+typedef struct bench_work {
+    double flop, bytes;
+} bench_work;
+
+typedef struct bench_errors {
+    size_t compared;
+    double nmse, worst; /* discrete results: the share of wrong ones */
+    bool exact;         /* discrete: compared for equality */
+    bool failed;        /* beyond the bounds of the comparison, or not equal */
+} bench_errors;
+
+enum { BENCH_NAME = 96 };
+
+typedef struct bench_row {
+    char name[BENCH_NAME], shape[64]; /* KERNEL/SHAPE without blanks; SHAPE */
+    const char *family, *kernel, *kernels;
+    bench_time time;
+    bench_work work;
+    bench_errors errors;
+    double fma, copy; /* ceilings: FLOP/s, bytes/s */
+    char tune[256];
+} bench_row;
+
+/* A part: the kernel that it is named after, and all that it launches, separated by blanks. */
+typedef struct bench_part {
+    const char *kernel, *kernels;
+} bench_part;
+
+struct bench;
+typedef struct bench_family {
+    const char *name;
+    const bench_part *parts;
+    int part_count, shape_count;
+    void (*shape)(int shape, char out[64]);
+    cln_status (*run)(struct bench *b, int shape);
+} bench_family;
+
+enum { BENCH_PARTS = 8 }; /* most parts of a family */
+
+typedef struct bench {
+    cln_device *device;
+    double budget; /* seconds of timing a row */
+    /* probes of the ceilings: with the device's usual vectors, whatever --tune says */
+    cln_tune usual;
+    cln_program peak;
+    cl_kernel peak_fma, peak_copy;
+    cln_buffer in, out;
+    /* the shape that runs */
+    const bench_family *family;
+    char shape[64];
+    bool wanted[BENCH_PARTS];
+    /* one pipeline at a time, kept while its settings stay */
+    cln_config config;
+    cln_tune tune;
+    bool distortion;
+    cln_pipeline pipeline;
+    /* what came out */
+    bench_row *rows;
+    int row_count;
+    void (*report)(const struct bench *b, const bench_row *row);
+} bench;
+
+cln_status bench_open(bench *b, const cln_device_desc *desc);
+void bench_close(bench *b);
+
+/* The pipeline for these settings; `tune` ("HALF=1"; may be NULL) goes over the device's. The fast preset
+ * with the smallest network, for what is not about networks. */
+cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, const char *tune,
+                          cln_pipeline **out);
+cln_status bench_small_config(cln_config *out);
+
+/* The same with what measures (one number a sample) and distils. */
+cln_status bench_measuring(bench *b, cln_config *config, cln_pipeline **p);
+
+/* Adds a comparison to *errors; bounds as in the self-test. bench_equal: `wrong` of n are. */
+void bench_compare(bench_errors *errors, const float *got, const double *want, size_t n,
+                   double nmse, double worst);
+void bench_equal(bench_errors *errors, size_t wrong, size_t n);
+
+/* KERNEL/SHAPE of a part, with - for blanks. */
+void bench_name(const bench_family *family, int part, const char *shape, char out[BENCH_NAME]);
+
+/* Adds the row of a part, measured: warm-up, one probe, then five series of as many calls as fill the budget
+ * (three single calls where one takes longer than that). Before each series both ceilings are probed, since
+ * the machine may be busy with something else the next second; the best of five each is the row's.
+ * `before` (may be NULL) is called before every call and not timed. The time is the device's on `stage`,
+ * from events, or the wall clock's if stage is CLN_STAGES. */
+typedef cln_status bench_body(void *context);
+cln_status bench_add(bench *b, int part, bench_body *body, bench_body *before, void *context,
+                     cln_stage stage, bench_work work, const bench_errors *errors);
+
+/* Parts of a row's figures: seconds that the binding ceiling allows over those it took, and which it is. */
+double bench_share(const bench_row *row, const char **bound);
+
+/* ---- work (bench_work.c); samples n, leaves with samples, slices ---- */
+
+bench_work bench_work_density(const cln_network *net, double cells, double leaves);
+bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool training, double n,
+                              double leaves, double slices);
+bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
+                               double leaves, double slices);
+bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,
+                           double leaves, double slices);
+bench_work bench_work_roulette(double n);
+bench_work bench_work_update(const cln_config *config, const cln_network *net, const cln_tune *tune,
+                             double n, double leaves, double slices);
+bench_work bench_work_upload(const cln_config *config, const cln_network *net, double leaves);
+bench_work bench_work_scan(double n);
+bench_work bench_work_sort(double n, bool wide);
+bench_work bench_work_group(double n, double leaves, double slices);
+bench_work bench_work_rays(double rays);
+bench_work bench_work_intervals(double rays, double intervals, double cells);
+bench_work bench_work_samples(double rays, double intervals, double cells, double n);
+bench_work bench_work_project(double cells, double views, double entries);
+bench_work bench_work_lists(double entries, double cells, double lists, double padded);
+bench_work bench_work_composite(double rays, double n);
+bench_work bench_work_composite_train(double rays, double n, double measures);
+bench_work bench_work_seen(double cells, double views);
+bench_work bench_work_stats(double cells, double leaves);
+bench_work bench_work_leaf_measure(double n, double leaves, double measures);
+bench_work bench_work_distil(double n);
+bench_work bench_work_points(double points, double pairs);
+bench_work bench_work_points_gradient(double points, double pairs);
+
+/* ---- output ---- */
+
+void bench_print_row(const bench *b, const bench_row *row);  /* a line of the table */
+void bench_print_json(const bench *b, const bench_row *row); /* one JSON object, one line */
+cln_status bench_write_csv(const bench *b, const char *path);
+cln_status bench_write_page(const bench *b, const char *path);
+cln_status bench_write_markdown(const bench *b, const char *path);
+
+extern const bench_family bench_networks, bench_arithmetic, bench_upload, bench_scan, bench_sort,
+    bench_sort64, bench_group, bench_rays, bench_splat, bench_stats, bench_composite, bench_leaf,
+    bench_distil, bench_regularise;
+
+#endif

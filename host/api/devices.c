@@ -1,0 +1,79 @@
+/* cln_devices_list: what the loader finds, each with its kernel parameters and the verdict of the quick
+ * self-test. A device that does not work is a row with its reason, never the end of the list. */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "base/config.h"
+#include "base/memory.h"
+#include "device/device_list.h"
+#include "device/tune.h"
+#include "check/selftest.h"
+#include "pipeline/stages.h"
+
+/* What a training with the fast preset would use. */
+static cln_status tell_tune(const cln_device *device, cln_device_info *info)
+{
+    cln_status st = CLN_OK;
+    cln_config config;
+    cln_network net;
+    cln_tune tune;
+
+    CLN_TRY(cln_config_preset("fast", &config));
+    CLN_TRY(cln_network_layout(&config, &net));
+    cln_network_text(&net, info->network);
+    cln_tune_choose(device, info->network, &tune, info->tune_from);
+    cln_pipeline_fit(device, &net, &tune);
+    cln_tune_text(&tune, info->tune);
+done:
+    return st;
+}
+
+/* CLN_INPUT, of the file of rows, is the caller's fault and no device's. */
+static cln_status judge(int row, const cln_device_desc *given, bool test, cln_device_info *info)
+{
+    char spec[16];
+    cln_device_desc desc = *given;
+    cln_device *device = NULL;
+    cln_status st = CLN_OK;
+
+    snprintf(spec, sizeof spec, "%d", row);
+    desc.spec = spec;
+    st = cln_device_open(&desc, &device);
+    if (st == CLN_INPUT || st == CLN_USAGE)
+        return st;
+    if (st == CLN_OK)
+        st = tell_tune(device, info);
+    if (st == CLN_OK && test)
+        st = cln_selftest_device(device, &(cln_selftest_plan){.shapes = CLN_SHAPES_QUICK});
+    if (test)
+        snprintf(info->verdict, sizeof info->verdict, "%s", st == CLN_OK ? "ok" : cln_error_text());
+    cln_clear_error();
+    cln_device_close(device);
+    return CLN_OK;
+}
+
+cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_device_info **out,
+                            int *count)
+{
+    cln_status st = CLN_OK;
+    cl_device_id *ids = NULL;
+    cln_device_info *list = NULL;
+
+    *out = NULL;
+    *count = 0;
+    CLN_TRY(cln_device_ids(&ids, count));
+    CLN_TRY(cln_alloc(&list, (size_t)*count, sizeof *list, "device list"));
+    for (int i = 0; i < *count; i++) {
+        cln_device_describe(ids[i], &list[i]);
+        if (desc)
+            CLN_TRY(judge(i, desc, test, &list[i]));
+    }
+    *out = list;
+    list = NULL;
+done:
+    free(list);
+    free(ids);
+    if (st != CLN_OK)
+        *count = 0;
+    return st;
+}

@@ -1,0 +1,100 @@
+/* cln_export: a run's octree for other programs. Reads the newest checkpoint; opens no device and no
+ * scene. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "cl_nascent.h"
+#include "render/tree_picture.h"
+#include "io/palette.h"
+#include "io/ply.h"
+#include "io/run_folder.h"
+#include "model/model.h"
+
+_Static_assert(CLN_LEVELS == CLN_MAX_LEVEL + 1, "the public header's levels are the octree's");
+
+/* Nothing that is there is replaced unasked, and nothing but a plain file ever. */
+static cln_status check_target(const cln_export_desc *desc)
+{
+    struct stat info;
+
+    if (lstat(desc->octree, &info) != 0)
+        return CLN_OK; /* if it cannot be made, writing will say why */
+    if (!S_ISREG(info.st_mode))
+        return cln_fail(CLN_OUTPUT, "%s: is there already and is no plain file; choose another",
+                        desc->octree);
+    if (!desc->overwrite)
+        return cln_fail(CLN_OUTPUT, "%s: is there already; choose another, or give --overwrite",
+                        desc->octree);
+    return CLN_OK;
+}
+
+/* World coordinates of the leaves' boxes. Faces that two leaves share get the same numbers, whatever
+ * their levels: positions in the cube are dyadic and so exact. */
+static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box **out)
+{
+    cln_status st = CLN_OK;
+    const cln_octree *tree = &model->tree;
+    double low = NAN, high = NAN;
+
+    CLN_TRY(cln_alloc(out, (size_t)tree->leaf_count, sizeof **out, "boxes of the leaves"));
+    if (!cln_palette_range(model->error ? tree->leaf_count : 0, model->error, &low, &high) &&
+        by_error && tree->leaf_count > 0)
+        cln_warn("the error of no leaf was measured yet: all boxes are grey");
+    for (int s = 0; s < tree->leaf_count; s++) {
+        cln_ply_box *box = &(*out)[s];
+        const int node = tree->leaf[s], level = tree->level[node];
+        float cube[4];
+
+        cln_octree_box(tree, node, cube);
+        for (int a = 0; a < 3; a++) {
+            box->min[a] = (float)(model->centre[a] + model->half * cube[a]);
+            box->max[a] = (float)(model->centre[a] + model->half * (cube[a] + cube[3]));
+        }
+        box->level = (uint8_t)level;
+        box->error = model->error ? model->error[s] : NAN;
+        if (by_error)
+            cln_palette_error(box->error, low, high, box->colour);
+        else
+            cln_palette_level(level, box->colour);
+    }
+done:
+    return st;
+}
+
+cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
+{
+    cln_status st = CLN_OK;
+    const char *colour = desc->colour ? desc->colour : "level";
+    const bool by_error = strcmp(colour, "error") == 0;
+    json_t *run = NULL;
+    cln_model model = {0};
+    cln_ply_box *boxes = NULL;
+    char *comment = NULL;
+
+    memset(result, 0, sizeof *result);
+    if (!by_error && strcmp(colour, "level") != 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", colour));
+    CLN_TRY(cln_run_read(desc->run,
+                         &run)); /* tells a folder that is no run from one without checkpoint */
+    CLN_TRY(check_target(desc));
+    CLN_TRY(cln_checkpoint_read(desc->run, false, &model));
+    CLN_TRY(make_boxes(&model, by_error, &boxes));
+    CLN_TRY(cln_asprintf(&comment,
+                         "cl-nascent " CLN_VERSION ": leaves of the octree at step %lld, coloured "
+                         "by %s; scene units",
+                         (long long)model.step, colour));
+    CLN_TRY(cln_ply_write_boxes(desc->octree, model.tree.leaf_count, boxes, comment));
+    result->step = model.step;
+    result->leaves = model.tree.leaf_count;
+    cln_tree_levels(&model.tree, result->levels);
+done:
+    json_decref(run);
+    cln_model_free(&model);
+    free(boxes);
+    free(comment);
+    return st;
+}

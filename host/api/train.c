@@ -1,0 +1,315 @@
+/* cln_train: puts a run together (scene, device, programs, plan, model) and takes it apart again. The
+ * loop is train.c. Nothing is written before scene, options and memory plan are known to be good. */
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/config.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "train/record.h"
+#include "check/selftest.h"
+#include "train/trainer.h"
+#include "render/open_run.h"
+#include "io/progress.h"
+
+cln_status cln_run_config(const char *run, cln_config *config, char **scene)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const json_t *dataset = NULL;
+
+    if (scene)
+        *scene = NULL;
+    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_config_from_json(json_object_get(document, "config"), config));
+    dataset = json_object_get(document, "dataset");
+    if (scene)
+        CLN_TRY(cln_strdup(scene, json_string_value(json_object_get(dataset, "path"))));
+    if (scene && !*scene)
+        st = cln_fail(CLN_INPUT, "%s/run.json: dataset.path is missing", run);
+done:
+    json_decref(document);
+    return st;
+}
+
+/* What the checkpoint fixes: the network's shape and everything the kernels' layout depends on. The first that differs,
+ * or NULL. */
+static const char *fixed_setting(const cln_config *a, const cln_config *b)
+{
+#define FIXED(field, option)  \
+    if (a->field != b->field) \
+        return option;
+    FIXED(width, "width")
+    FIXED(depth, "depth")
+    FIXED(view_width, "view-width")
+    FIXED(bands, "bands")
+    FIXED(view_bands, "view-bands")
+    FIXED(skip, "skip")
+    FIXED(view_dependence, "view-dependence")
+    FIXED(n1, "n1")
+    FIXED(density, "density")
+    FIXED(density_scale, "density-scale")
+    FIXED(initial_depth, "initial-depth")
+    FIXED(bands_by_level, "bands-by-level")
+    FIXED(moments, "moments")
+#undef FIXED
+    return strcmp(a->bbox, b->bbox) ? "bbox" : NULL;
+}
+
+static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
+{
+    const char *option = fixed_setting(saved, wanted);
+
+    if (!option)
+        return CLN_OK;
+    return cln_fail(CLN_CHECKPOINT,
+                    "--resume: the checkpoint has another --%s, which cannot change; leave it out "
+                    "or start a new run",
+                    option);
+}
+
+/* A tree is taken over by a new run alone; what a run began with, it keeps. */
+static cln_status check_same_tree(const cln_config *saved, const cln_config *wanted)
+{
+    if (strcmp(saved->tree_from, wanted->tree_from) == 0)
+        return CLN_OK;
+    return cln_fail(
+        CLN_USAGE,
+        "--tree-from '%s': the run to resume has %s%s%s; leave it out or start a new run",
+        wanted->tree_from, saved->tree_from[0] ? "the tree of '" : "a tree of its own",
+        saved->tree_from, saved->tree_from[0] ? "'" : "");
+}
+
+/* Leaves are boxes of the cube: in another cube they would be other boxes of the scene. */
+static cln_status check_same_cube(const char *run, const cln_model *other, const cln_scene *scene)
+{
+    bool same = fabs(other->half - scene->half) <= 1e-6 * scene->half;
+
+    for (int a = 0; a < 3; a++)
+        same = same && fabs(other->centre[a] - scene->centre[a]) <= 1e-6 * scene->half;
+    if (same)
+        return CLN_OK;
+    return cln_fail(
+        CLN_USAGE,
+        "--tree-from '%s': its cube has its centre at %g,%g,%g and half %g, this scene's "
+        "%g,%g,%g and %g; give both runs the same scene and --bbox",
+        run, other->centre[0], other->centre[1], other->centre[2], other->half, scene->centre[0],
+        scene->centre[1], scene->centre[2], scene->half);
+}
+
+/* A new model on the tree of the run config.tree_from: its leaves, none of its weights. */
+static cln_status create_on_tree_of(const cln_config *config, const cln_scene *scene,
+                                    cln_model *out)
+{
+    cln_status st = CLN_OK;
+    const char *run = config->tree_from;
+    cln_model other = {0};
+
+    st = cln_checkpoint_read(run, false, &other);
+    if (st != CLN_OK)
+        cln_note("reading the tree for --tree-from");
+    CLN_TRY(st);
+    CLN_TRY(check_same_cube(run, &other, scene));
+    if (other.tree.leaf_count == 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "--tree-from '%s': its tree has no leaf left; give another run",
+                         run));
+    CLN_TRY(cln_model_create_on(config, &other.tree, out));
+    cln_info("tree of %s, kept as it is: %d leaves down to level %d", run, out->tree.leaf_count,
+             out->level);
+done:
+    cln_model_free(&other);
+    return st;
+}
+
+static cln_status load_model(cln_trainer *t, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+
+    if (t->desc->resume) {
+        CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
+        CLN_TRY(check_shape(&t->model.config, config));
+        CLN_TRY(check_same_tree(&t->model.config, config));
+        t->model.config = *config;
+        memcpy(t->model.background, t->scene->background, sizeof t->model.background);
+        cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
+                 t->model.train_seconds, t->model.tree.leaf_count);
+    } else {
+        if (config->tree_from[0])
+            CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
+        else
+            CLN_TRY(cln_model_create(config, &t->model));
+        memcpy(t->model.centre, t->scene->centre, sizeof t->model.centre);
+        t->model.half = t->scene->half;
+        memcpy(t->model.background, t->scene->background, sizeof t->model.background);
+        t->model.has_alpha = t->scene->has_alpha;
+        t->model.has_distortion = t->scene->has_distortion;
+    }
+done:
+    return st;
+}
+
+/* The memory plans, and the first batch's rays under them. */
+static cln_status plan(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const cln_plan_desc desc = {&t->pipeline, t->scene, t->model.tree.leaf_count, true,
+                                cln_coverage_bytes(t->scene)};
+    const cln_config *c = &t->model.config;
+    const int wanted = t->desc->resume ? cln_config_most_rays(c) : c->rays;
+    int most = 0, first = 0;
+
+    cln_plan_device(&desc, &t->plan);
+    cln_plan_host(&desc, &t->plan, &t->host_plan);
+    CLN_TRY(cln_plan_check(t->device, &t->plan));
+    CLN_TRY(cln_plan_check_host(&t->host_plan));
+    cln_plan_apply(&t->plan, &t->pipeline);
+    most = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
+    first = t->desc->resume ? t->model.rays : (int)(t->plan.batch_samples / 32);
+    t->model.rays = first < 16 ? 16 : first > most ? most : first;
+    t->device->peak = t->device->allocated; /* the self-test's is not this run's */
+done:
+    return st;
+}
+
+static void say_plans(const cln_trainer *t)
+{
+    char text[1024], largest[32];
+
+    cln_plan_text(&t->plan, text, sizeof text);
+    cln_info("memory plan: %s", text);
+    cln_plan_text(&t->host_plan, text, sizeof text);
+    cln_info("host memory, estimated: %s", text);
+    if (t->plan.batch_samples == (size_t)t->model.config.batch_samples &&
+        t->plan.max_rays >= t->model.config.rays)
+        return;
+    cln_format_bytes((double)t->device->max_alloc, largest);
+    cln_info("batches are cut to %zu samples and %d rays: the device's largest buffer has %s",
+             t->plan.batch_samples, t->plan.max_rays, largest);
+}
+
+static void say_what_runs(cln_trainer *t)
+{
+    char text[1024];
+    json_t *list = NULL;
+    size_t used = 0;
+
+    cln_info("scene: %s, read as %s because %s; %d train, %d test views (%s); cube: %s",
+             t->scene->folder, t->scene->dialect, t->scene->because,
+             cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN),
+             cln_scene_split_count(t->scene, CLN_SPLIT_TEST), t->scene->split_rule,
+             t->scene->bounds_rule);
+    cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
+             t->device->info.compute_units);
+    cln_tune_text(&t->pipeline.tune, text);
+    cln_info("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
+    say_plans(t);
+    if (cln_record_left_out(t, &list) == CLN_OK) {
+        text[0] = 0;
+        for (size_t i = 0; i < json_array_size(list) && used < sizeof text; i++)
+            used += (size_t)snprintf(text + used, sizeof text - used, "%s%s", i ? "; " : "",
+                                     json_string_value(json_array_get(list, i)));
+        cln_info("left out: %s", used ? text : "nothing");
+    }
+    json_decref(list);
+}
+
+static cln_status prepare(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    cln_config config = t->desc->config;
+    cln_scene_desc scene = {.path = t->desc->scene,
+                            .config = &config,
+                            .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
+    char *saved_scene = NULL;
+
+    if (!scene.path && t->desc->resume) {
+        cln_config ignored;
+
+        CLN_TRY(cln_run_config(t->desc->run, &ignored, &saved_scene));
+        scene.path = saved_scene;
+    }
+    CLN_TRY(cln_config_check(&config));
+    CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
+                                   &t->point_count));
+    CLN_TRY(cln_device_open(&t->desc->device, &t->device));
+    if (t->desc->resume)
+        CLN_TRY(cln_viewer_keep_tune(t->desc->run, t->device));
+    CLN_TRY(cln_scene_load(&scene, &t->scene));
+    if (!t->desc->skip_selftest) {
+        cln_info("checking the kernels on %s", t->device->info.name);
+        st = cln_selftest_training(t->device, &config);
+        if (st == CLN_CHECK)
+            cln_note("checking the device before training; --skip-selftest trains on it all the "
+                     "same, and what comes out may be wrong");
+        CLN_TRY(st);
+    }
+    CLN_TRY(load_model(t, &config));
+    if (t->desc->resume)
+        CLN_TRY(cln_viewer_compare(t->desc->run, t->scene));
+    t->steps = config.steps;
+    CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
+    CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
+                      "ray results"));
+    CLN_TRY(cln_evaluate_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
+                                &t->eval_count));
+    cln_info("building kernels for %s", t->device->info.name);
+    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion,
+                                config.random_background && t->scene->has_alpha, &t->pipeline));
+    CLN_TRY(plan(t));
+    say_what_runs(t);
+    CLN_TRY(cln_run_open(t->desc->run, t->desc->resume));
+    CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, t->model.centre, t->model.half));
+    CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
+    CLN_TRY(cln_stage_seen(&t->pipeline));
+    cln_trainer_cover(t);
+    CLN_TRY(cln_record_start(t));
+    CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
+done:
+    free(saved_scene);
+    return st;
+}
+
+cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_trainer t = {.desc = desc, .began = cln_now(), .psnr_train = NAN, .psnr_test = NAN};
+    const char *state = "failed";
+
+    memset(result, 0, sizeof *result);
+    CLN_TRY(prepare(&t));
+    CLN_TRY(cln_trainer_run(&t));
+done:
+    if (t.device) /* after a failure the queue may still have to do with our arrays */
+        (void)cln_device_finish(t.device);
+    result->step = t.model.step;
+    result->seconds = t.model.train_seconds;
+    result->psnr_train = t.psnr_train;
+    result->psnr_test = t.psnr_test;
+    result->leaves = t.model.tree.leaf_count;
+    result->device_peak = t.device ? (double)t.device->peak : 0;
+    result->host_peak = cln_peak_rss();
+    if (t.model.params)
+        result->digest = cln_model_digest(&t.model);
+    state = st == CLN_OK                            ? "done"
+            : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted"
+                                                    : "failed";
+    cln_metrics_close(t.metrics);
+    if (t.run) {
+        const cln_status written = cln_record_end(&t, state);
+
+        st = st == CLN_OK ? written : st;
+    }
+    json_decref(t.run);
+    free(t.eval_folder);
+    free(t.eval_views);
+    free(t.results);
+    cln_batch_free(&t.batch);
+    cln_pipeline_free(&t.pipeline);
+    cln_model_free(&t.model);
+    cln_scene_free(t.scene);
+    cln_device_close(t.device);
+    return st;
+}

@@ -1,0 +1,375 @@
+/* The self-test: pipelines of a few shapes, every check on each. See selftest.h. It shows that a device and
+ * its compiler do the arithmetic of the kernels; the tests of the kernels, with all their corners, are
+ * in tests/. */
+#include "check/selftest_checks.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/config.h"
+#include "base/memory.h"
+#include "base/rng.h"
+
+/* ---- verdicts ---- */
+
+static void report(const cln_checks *c, const char *name, bool passed, bool skipped,
+                   const char *detail)
+{
+    if (c->plan->sink)
+        c->plan->sink(name, passed, skipped, detail, c->plan->user);
+}
+
+void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt, ...)
+{
+    char full[96], detail[256];
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(detail, sizeof detail, fmt, args);
+    va_end(args);
+    snprintf(full, sizeof full, "%s: %s", c->shape, name);
+    if (!passed && c->failed++ == 0)
+        snprintf(c->first, sizeof c->first, "%s: %s", full, detail);
+    report(c, full, passed, false, detail);
+}
+
+cln_error cln_check_error(const float *got, const double *want, size_t n)
+{
+    cln_error e = {0};
+    double error = 0, square = 0, largest = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        const double off = fabs((double)got[i] - want[i]);
+
+        if (!isfinite(got[i]))
+            return (cln_error){INFINITY, INFINITY, i};
+        error += off * off;
+        square += want[i] * want[i];
+        if (off > largest) {
+            largest = off;
+            e.at = i;
+        }
+    }
+    if (!(error == 0)) {         /* also a NaN */
+        e.nmse = error / square; /* infinite if all of the reference is zero */
+        e.worst = largest / sqrt(square / (double)n);
+    }
+    return e;
+}
+
+bool cln_compare_values(const float *got, const double *want, size_t n, double nmse, double worst,
+                        char text[256])
+{
+    const cln_error e = cln_check_error(got, want, n);
+    const bool within = e.nmse <= nmse && e.worst <= worst;
+
+    if (within)
+        snprintf(text, 256, "%.1f %% of the bound, %zu elements",
+                 100 * fmax(e.nmse / nmse, e.worst / worst), n);
+    else
+        snprintf(text, 256,
+                 "NMSE %.2g (bound %.0g), worst %.2g rms (bound %.0g): element %zu of %zu is %.6g, "
+                 "should be %.6g",
+                 e.nmse, nmse, e.worst, worst, e.at, n, (double)got[e.at], want[e.at]);
+    return within;
+}
+
+void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want,
+                       size_t n, double nmse, double worst)
+{
+    char text[256];
+    const bool within = cln_compare_values(got, want, n, nmse, worst, text);
+
+    cln_check_say(c, name, within, "%s", text);
+    cln_check_values(c, name, got, n, nmse, worst);
+}
+
+static void put_out(const cln_checks *c, const char *name, cln_output output)
+{
+    char full[96];
+
+    snprintf(full, sizeof full, "%s: %s", c->shape, name);
+    output.name = full;
+    if (c->plan->outputs)
+        c->plan->outputs(&output, c->plan->user);
+}
+
+void cln_check_values(cln_checks *c, const char *name, const float *values, size_t n, double nmse,
+                      double worst)
+{
+    put_out(c, name, (cln_output){.n = n, .values = values, .nmse = nmse, .worst = worst});
+}
+
+void cln_check_numbers(cln_checks *c, const char *name, const uint32_t *numbers, size_t n)
+{
+    put_out(c, name, (cln_output){.discrete = true, .n = n, .numbers = numbers});
+}
+
+double cln_check_uniform(uint32_t stream, uint32_t index, double low, double high)
+{
+    float u[4];
+
+    cln_uniform4(stream, CLN_STREAM_SCENE, 5, index / 4, 0, u);
+    return low + (high - low) * u[index % 4];
+}
+
+cln_status cln_check_put(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_buffer_reserve(device, buffer, bytes, "self-test"));
+    CLN_TRY(cln_buffer_write(device, buffer, 0, data, bytes));
+done:
+    return st;
+}
+
+cln_status cln_check_spoil(cln_device *device, cln_buffer *buffer, size_t bytes)
+{
+    cln_status st = CLN_OK;
+    unsigned char *spoilt = NULL;
+
+    CLN_TRY(cln_alloc(&spoilt, bytes, 1, "self-test"));
+    memset(spoilt, 0xFF, bytes); /* a NaN in every float */
+    CLN_TRY(cln_check_put(device, buffer, spoilt, bytes));
+done:
+    free(spoilt);
+    return st;
+}
+
+/* ---- shapes ---- */
+
+typedef struct shape {
+    const char *name, *preset, *tune; /* tune NULL: the device's */
+    bool small;                       /* the smallest network instead of the preset's */
+    bool splat, distortion;
+    bool in[CLN_SHAPES_TINY + 1]; /* which sets it is part of */
+} shape;
+
+/* clang-format off */
+#define QUICK {[CLN_SHAPES_QUICK] = true, [CLN_SHAPES_ALL] = true}
+#define FULL {[CLN_SHAPES_ALL] = true}
+#define TINY {[CLN_SHAPES_TINY] = true}
+/* clang-format on */
+
+/* The tiny ones are small in every respect: a simulator runs a million times slower than a device. */
+static const shape shapes[] = {
+    {"fast preset", "fast", .in = QUICK},
+    {"width 16", "fast", .small = true, .splat = true, .distortion = true, .in = QUICK},
+    {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=64,DB=8,CHUNK=64",
+     .small = true, .distortion = true, .in = FULL},
+    {"paper preset", "paper", .splat = true, .in = FULL},
+    {"tiny, splatting", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
+     .small = true, .splat = true, .distortion = true, .in = TINY},
+    {"tiny, gathering", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
+     .small = true, .in = TINY},
+};
+
+/* The settings that the checks need: little work, and slopes that the reference can follow. */
+static void prepare(cln_config *config)
+{
+    config->start_level = 1;
+    config->n1 = 5; /* odd: points between two opposite faces stand on no border of cells */
+    config->splat_min_alpha = 0;
+    config->roulette = 0; /* it has a check of its own */
+    /* the code of random slopes, with the same slope for all: no hash to redo here */
+    if (config->rrelu_scope != CLN_RRELU_MEAN)
+        config->rrelu_lower = config->rrelu_upper = -0.2;
+}
+
+static cln_status config_of(const shape *s, cln_config *config)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_config_preset(s->preset, config));
+    config->stage1 = s->splat ? CLN_STAGE1_SPLAT : CLN_STAGE1_GATHER;
+    config->rrelu_scope = s->small ? CLN_RRELU_NEURON : config->rrelu_scope;
+    prepare(config);
+    if (s->in[CLN_SHAPES_TINY])
+        config->n1 = 3;
+    if (s->small) {
+        config->width = config->view_width = 16;
+        config->depth = config->bands = 2;
+        config->view_bands = 1;
+        config->lists = CLN_LISTS_PADDED;
+        config->cdf = CLN_CDF_SIGMA;
+        config->allocate = CLN_ALLOCATE_CHORD;
+        config->loss = CLN_LOSS_HUBER;
+        config->opacity_entropy = 0.05;
+        config->distortion_loss = 0.1;
+        config->sparsity = config->edge = 0.1;
+    }
+done:
+    return st;
+}
+
+/* Leaves of two levels whose weights differ. */
+static cln_status make_model(const cln_config *config, cln_model *model)
+{
+    cln_status st = CLN_OK;
+    uint8_t split[8] = {1};
+    cln_octree_change change = {0};
+    const double scale = sqrt(2.0 / config->width);
+
+    CLN_TRY(cln_model_create(config, model));
+    CLN_TRY(cln_octree_split(&model->tree, split, &change));
+    CLN_TRY(cln_model_apply(model, &change));
+    for (int i = 0; i < model->tree.leaf_count * model->net.params; i++)
+        model->params[i] = (float)(scale * cln_check_uniform(1, (uint32_t)i, -1, 1));
+done:
+    cln_octree_change_free(&change);
+    return st;
+}
+
+static cln_status run_checks(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    const int before = c->failed;
+
+    CLN_TRY(cln_check_scan(c));
+    if (c->failed > before)
+        goto done;
+    CLN_TRY(cln_check_sort(c, false));
+    if (c->p->config.stage1 == CLN_STAGE1_SPLAT)
+        CLN_TRY(cln_check_sort(c, true));
+    if (c->failed > before) /* wrong offsets would have the others write anywhere */
+        goto done;
+    CLN_TRY(cln_check_densities(c));
+    CLN_TRY(cln_check_rays(c));
+    CLN_TRY(cln_check_networks(c));
+    CLN_TRY(cln_check_composite(c));
+    if (cln_pipeline_measures(&c->p->config) > 0)
+        CLN_TRY(cln_check_structure(c));
+done:
+    return st;
+}
+
+static cln_status run_pipeline(cln_pipeline *p, cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    cln_model model = {0};
+
+    p->max_entries = 1 << 20;
+    CLN_TRY(make_model(&p->config, &model));
+    CLN_TRY(cln_pipeline_upload(p, &model, true));
+    c->p = p;
+    c->model = &model;
+    CLN_TRY(run_checks(c));
+    CLN_TRY(cln_device_finish(p->device));
+done:
+    cln_model_free(&model);
+    return st;
+}
+
+static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    const cln_tune kept = device->tune;
+    const bool exact = device->tune_exact;
+    size_t largest = 0;
+    cln_config config;
+    cln_pipeline pipeline = {0};
+
+    c->shape = s->name;
+    c->tiny = s->in[CLN_SHAPES_TINY];
+    CLN_TRY(config_of(s, &config));
+    if (s->tune) {
+        CLN_TRY(cln_tune_parse(s->tune, &device->tune));
+        device->tune_exact = true;
+    }
+    clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof largest, &largest, NULL);
+    if ((size_t)device->tune.ls > largest || (size_t)device->tune.wg > largest) {
+        report(c, s->name, false, true, "the device allows no work-groups of this size");
+        goto done;
+    }
+    st = cln_pipeline_create(device, &config, s->distortion, s->small, &pipeline);
+    if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
+        /* a network that training would refuse, too */
+        report(c, s->name, false, true, cln_error_text());
+        cln_clear_error();
+        st = CLN_OK;
+        goto done;
+    }
+    CLN_TRY(st);
+    CLN_TRY(run_pipeline(&pipeline, c));
+done:
+    device->tune = kept;
+    device->tune_exact = exact;
+    cln_pipeline_free(&pipeline);
+    return st;
+}
+
+static cln_status verdict(const cln_device *device, const cln_checks *c)
+{
+    if (c->failed == 0)
+        return CLN_OK;
+    return cln_fail(CLN_CHECK,
+                    "%s does not compute what it should: %s%s; another driver or device (--device) "
+                    "may do better",
+                    device->info.name, c->first, c->failed > 1 ? ", and more" : "");
+}
+
+cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan)
+{
+    cln_status st = CLN_OK;
+    cln_checks c = {.plan = plan};
+
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
+        if (shapes[i].in[plan->shapes] &&
+            (plan->sink || c.failed == 0)) /* without a list one will do */
+            CLN_TRY(run_shape(device, &shapes[i], &c));
+    CLN_TRY(verdict(device, &c));
+done:
+    return st;
+}
+
+cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
+                               void *user)
+{
+    cln_status st = CLN_OK;
+    const cln_selftest_plan plan = {.sink = sink, .user = user};
+    cln_checks c = {.shape = "these networks", .plan = &plan};
+    cln_pipeline pipeline = {0};
+    cln_config small = *config;
+
+    prepare(&small);
+    CLN_TRY(cln_pipeline_create(device, &small, false, false, &pipeline));
+    CLN_TRY(run_pipeline(&pipeline, &c));
+    CLN_TRY(verdict(device, &c));
+done:
+    cln_pipeline_free(&pipeline);
+    return st;
+}
+
+cln_status cln_selftest_training(cln_device *device, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+    const cln_selftest_plan plan = {.shapes = CLN_SHAPES_QUICK};
+    cln_config fast;
+
+    CLN_TRY(cln_selftest_device(device, &plan));
+    CLN_TRY(cln_config_preset("fast", &fast));
+    if (fast.width != config->width || fast.depth != config->depth ||
+        fast.view_width != config->view_width || fast.bands != config->bands ||
+        fast.view_bands != config->view_bands || fast.skip != config->skip ||
+        fast.view_dependence != config->view_dependence || fast.density != config->density)
+        CLN_TRY(cln_selftest_config(device, config, NULL, NULL));
+done:
+    return st;
+}
+
+cln_status cln_selftest(const cln_device_desc *desc, bool quick, cln_check_sink *sink, void *user)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = NULL;
+    const cln_selftest_plan plan = {
+        .shapes = quick ? CLN_SHAPES_QUICK : CLN_SHAPES_ALL, .sink = sink, .user = user};
+
+    CLN_TRY(cln_device_open(desc, &device));
+    CLN_TRY(cln_selftest_device(device, &plan));
+done:
+    cln_device_close(device);
+    return st;
+}

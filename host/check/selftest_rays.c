@@ -1,0 +1,460 @@
+/* Checks of the way from pixels to samples: scan, sort, rays, intervals, samples. Reference: plain loops,
+ * scene/camera.c and reference/rays.c. */
+#include "check/selftest_checks.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+static uint32_t bits_of(uint32_t stream, uint32_t index)
+{
+    return (uint32_t)cln_check_uniform(stream, index, 0, 16777216);
+}
+
+cln_status cln_check_scan(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = c->p->device;
+    const uint32_t chunk = (uint32_t)c->p->tune.chunk,
+                   sizes[] = {0, 1, chunk - 1, 3 * chunk + 7, 6 * chunk + 40009};
+    const uint32_t most = sizes[4];
+    uint32_t *in = NULL, *out = NULL, total = 0, wrong = 0;
+    cln_buffer from = {0}, to = {0};
+
+    CLN_TRY(cln_alloc(&in, most, sizeof *in, "self-test"));
+    CLN_TRY(cln_alloc(&out, most + 1, sizeof *out, "self-test"));
+    for (uint32_t i = 0; i < most; i++)
+        in[i] = bits_of(2, i);
+    CLN_TRY(cln_check_put(device, &from, in, most * sizeof *in));
+    for (int s = 0; s < 5; s++) {
+        const uint32_t n = sizes[s];
+        uint32_t sum = 0;
+
+        CLN_TRY(cln_check_spoil(device, &to, (most + 1) * sizeof *out));
+        CLN_TRY(cln_stage_scan(c->p, &from, &to, n, CLN_STAGE_OTHER, &total));
+        CLN_TRY(cln_buffer_read(device, &to, 0, out, (n + 1) * sizeof *out));
+        for (uint32_t i = 0; i <= n; i++) {
+            wrong += out[i] != sum;
+            sum += i < n ? in[i] : 0;
+        }
+        wrong += total != out[n];
+    }
+    cln_check_say(c, "scan", wrong == 0, "%u of %u sums wrong", wrong, most);
+done:
+    cln_buffer_free(device, &from);
+    cln_buffer_free(device, &to);
+    free(in);
+    free(out);
+    return st;
+}
+
+cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
+                            uint32_t n, uint32_t *wrong)
+{
+    cln_status st = CLN_OK;
+    bool *seen = NULL;
+
+    *wrong = 0;
+    CLN_TRY(cln_alloc(&seen, n, sizeof *seen, "self-test"));
+    for (uint32_t i = 0; i < n; i++) {
+        const uint32_t from = values[i];
+
+        *wrong += from >= n || seen[from] || got[i] != keys[from];
+        *wrong += i > 0 && (got[i] < got[i - 1] || (got[i] == got[i - 1] && from <= values[i - 1]));
+        if (from < n)
+            seen[from] = true;
+    }
+done:
+    free(seen);
+    return st;
+}
+
+/* Sorted, stable (values are the places before), and every value still with its key. Of wide keys so many
+ * that the bits which vary are looked for. */
+cln_status cln_check_sort(cln_checks *c, bool wide)
+{
+    enum { VALUES = 97 };
+    cln_status st = CLN_OK;
+    const uint32_t n = c->tiny ? 331 : wide ? 33333 : 5003;
+    cln_device *device = c->p->device;
+    const size_t bytes = n * (wide ? sizeof(uint64_t) : sizeof(uint32_t));
+    uint64_t *keys = NULL, *got = NULL;
+    uint32_t *narrow = NULL, *values = NULL, wrong = 0;
+    cln_buffer key_buffers[2] = {{0}, {0}}, value_buffers[2] = {{0}, {0}};
+
+    CLN_TRY(cln_alloc(&keys, n, sizeof *keys, "self-test"));
+    CLN_TRY(cln_alloc(&got, n, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&narrow, n, sizeof *narrow, "self-test"));
+    CLN_TRY(cln_alloc(&values, n, sizeof *values, "self-test"));
+    for (uint32_t i = 0; i < n; i++) {
+        keys[i] = (uint64_t)(bits_of(3, i) % VALUES) * 0x9E3779B97F4A7C15ull >> (wide ? 12 : 40);
+        narrow[i] = (uint32_t)keys[i];
+        values[i] = i;
+    }
+    CLN_TRY(cln_check_put(device, &key_buffers[0], wide ? (void *)keys : narrow, bytes));
+    CLN_TRY(cln_check_put(device, &value_buffers[0], values, n * sizeof *values));
+    CLN_TRY(
+        cln_stage_sort(c->p, key_buffers, value_buffers, n, wide ? 52 : 24, wide, CLN_STAGE_OTHER));
+    CLN_TRY(cln_buffer_read(device, &key_buffers[0], 0, wide ? (void *)got : narrow, bytes));
+    CLN_TRY(cln_buffer_read(device, &value_buffers[0], 0, values, n * sizeof *values));
+    for (uint32_t i = 0; i < n && !wide; i++)
+        got[i] = narrow[i];
+    CLN_TRY(cln_check_sorted(keys, got, values, n, &wrong));
+    cln_check_say(c, wide ? "sort, 64 bit" : "sort, 32 bit", wrong == 0, "%u of %u places wrong",
+                  wrong, n);
+done:
+    for (int b = 0; b < 2; b++) {
+        cln_buffer_free(device, &key_buffers[b]);
+        cln_buffer_free(device, &value_buffers[b]);
+    }
+    free(keys);
+    free(got);
+    free(narrow);
+    free(values);
+    return st;
+}
+
+/* ---- rays and samples ---- */
+
+ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cln_sampling *s)
+{
+    return (ref_way){.tree = tree,
+                     .rule = {.by_weight = config->allocate == CLN_ALLOCATE_WEIGHT,
+                              .cdf_weight = config->cdf == CLN_CDF_WEIGHT,
+                              .samples_per_leaf = config->samples_per_leaf,
+                              .samples_per_ray = config->samples_per_ray,
+                              .uniform_share = s->uniform_share,
+                              .t_min = s->t_min,
+                              .empty_weight = s->empty_weight,
+                              .empty_share = s->empty_share},
+                     .jitter = s->jitter,
+                     .seed = s->seed,
+                     .step = s->step};
+}
+
+enum { VIEWS = 3, SIDE = 40, STEP = 4, RAYS = VIEWS * (SIDE / STEP) * (SIDE / STEP) };
+
+/* One camera inside the cube and two outside; distorted if the kernels know distortion. */
+static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
+{
+    static const double poses[VIEWS][12] = {
+        {0.6, 0, 0.8, -0.3, 0, 1, 0, 0.21, -0.8, 0, 0.6, 0.37},
+        {1, 0, 0, 0.1, 0, 1, 0, -0.2, 0, 0, 1, -3.1},
+        {0, 0, -1, 2.7, 0, 1, 0, 0.3, 1, 0, 0, -0.1},
+    };
+
+    memset(cameras, 0, VIEWS * sizeof *cameras);
+    for (int v = 0; v < VIEWS; v++) {
+        cln_camera *k = &cameras[v];
+
+        memcpy(k->c2w, poses[v], sizeof k->c2w);
+        k->fx = 45 + v;
+        k->fy = 46;
+        k->cx = 0.5 * SIDE + 0.3;
+        k->cy = 0.5 * SIDE - 0.2;
+        k->width = k->height = SIDE;
+        k->k1 = distorted ? -0.08 : 0;
+        k->k2 = distorted ? 0.02 : 0;
+        k->p1 = distorted ? 1e-3 : 0;
+        k->p2 = distorted ? -2e-3 : 0;
+    }
+}
+
+static cln_status check_directions(cln_checks *c, const cln_camera *cameras,
+                                   const cln_pixel *pixels, const float (*ray_o)[4],
+                                   const float (*ray_d)[4], int rays)
+{
+    cln_status st = CLN_OK;
+    float *got = NULL;
+    double *want = NULL, origin[3];
+
+    CLN_TRY(cln_alloc(&got, RAYS * 6, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&want, RAYS * 6, sizeof *want, "self-test"));
+    for (int r = 0; r < rays; r++) {
+        cln_camera_ray(&cameras[pixels[r].view], pixels[r].x + 0.5, pixels[r].y + 0.5, origin,
+                       want + 6 * r + 3);
+        memcpy(want + 6 * r, origin, sizeof origin);
+        memcpy(got + 6 * r, ray_o[r], 3 * sizeof(float));
+        memcpy(got + 6 * r + 3, ray_d[r], 3 * sizeof(float));
+    }
+    cln_check_compare(c, "rays", got, want, (size_t)rays * 6, 1e-12, 1e-5);
+done:
+    free(got);
+    free(want);
+    return st;
+}
+
+/* What the device made of the batch. */
+typedef struct made {
+    int rays;
+    uint32_t used[RAYS], sample_starts[RAYS + 1], passages; /* most of a ray */
+    cln_interval *intervals;                                /* [passages][rays] */
+    cln_sample *samples;
+    float chords[RAYS];
+} made;
+
+/* Chords per ray against brute force over the leaves, from the very rays that the device has. */
+static cln_status check_chords(cln_checks *c, const float (*ray_o)[4], const float (*ray_d)[4],
+                               const made *m)
+{
+    cln_status st = CLN_OK;
+    double *want = NULL;
+    ref_interval passages[64];
+
+    CLN_TRY(cln_alloc(&want, RAYS, sizeof *want, "self-test"));
+    for (int r = 0; r < m->rays; r++) {
+        const double o[3] = {ray_o[r][0], ray_o[r][1], ray_o[r][2]};
+        const double d[3] = {ray_d[r][0], ray_d[r][1], ray_d[r][2]};
+        const int count = ref_intervals(&c->model->tree, o, d, passages, 64);
+
+        for (int i = 0; i < count; i++)
+            want[r] += passages[i].t_out - passages[i].t_in;
+    }
+    cln_check_compare(c, "intervals: chord of a ray", m->chords, want, (size_t)m->rays, 1e-10,
+                      1e-4);
+done:
+    free(want);
+    return st;
+}
+
+/* Samples of a passage stand in its chord, ascending, and their deltas add up to it. */
+static void check_samples(cln_checks *c, made *m)
+{
+    double worst = 0;
+    int wrong = 0, passages = 0;
+
+    for (int r = 0; r < m->rays; r++) {
+        const cln_sample *s = m->samples + m->sample_starts[r];
+        const cln_sample *end = m->samples + m->sample_starts[r + 1];
+
+        for (uint32_t i = 0; i < m->used[r]; i++, passages++) {
+            const cln_interval v = m->intervals[i * (uint32_t)m->rays + (uint32_t)r];
+            const uint32_t count = v.count & 0xFFFFFFu;
+            double sum = 0, chord = (double)v.t_out - v.t_in;
+            float last = v.t_in;
+
+            m->chords[r] += (float)chord;
+            if (count < 1 || count > (uint32_t)(end - s)) {
+                wrong++;
+                break;
+            }
+            for (uint32_t k = 0; k < count; k++, s++) {
+                wrong += !(s->t >= last && s->t <= v.t_out && s->delta >= 0 && s->slot == v.slot &&
+                           s->ray == (uint32_t)r);
+                last = s->t;
+                sum += s->delta;
+            }
+            worst = fmax(worst, fabs(sum - chord) / fmax(fabs((double)v.t_out), chord));
+        }
+        wrong += s != end;
+    }
+    cln_check_say(c, "samples: order", wrong == 0 && passages > 0, "%d of %u misplaced", wrong,
+                  m->sample_starts[m->rays]);
+    cln_check_say(c, "samples: deltas add up to the chord", worst <= 1e-5 && passages > 0,
+                  "%.1f %% of the bound, %d passages", 100 * worst / 1e-5, passages);
+}
+
+static cln_status read_batch(cln_checks *c, uint32_t samples, made *m)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    size_t intervals = 0;
+
+    m->passages = 3u << p->depth;
+    intervals = (size_t)m->rays * m->passages;
+
+    CLN_TRY(cln_alloc(&m->intervals, intervals, sizeof *m->intervals, "self-test"));
+    CLN_TRY(cln_alloc(&m->samples, samples, sizeof *m->samples, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->used, 0, m->used, (size_t)m->rays * sizeof *m->used));
+    CLN_TRY(cln_buffer_read(p->device, &p->sample_starts, 0, m->sample_starts,
+                            (size_t)(m->rays + 1) * sizeof *m->sample_starts));
+    CLN_TRY(cln_buffer_read(p->device, &p->intervals, 0, m->intervals,
+                            intervals * sizeof *m->intervals));
+    CLN_TRY(cln_buffer_read(p->device, &p->samples, 0, m->samples, samples * sizeof *m->samples));
+done:
+    return st;
+}
+
+static bool counts_agree(const made *m, uint32_t samples)
+{
+    bool agree = m->sample_starts[0] == 0 && m->sample_starts[m->rays] == samples;
+
+    for (int r = 0; r < m->rays; r++)
+        agree &= m->sample_starts[r] <= m->sample_starts[r + 1] && m->used[r] <= m->passages;
+    return agree;
+}
+
+/* Whether all of stage 1's points on a camera's ray stand clear of the borders between cells, and their
+ * number is clear, too: else rounding decides which density counts, and devices may differ. */
+static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_pixel *pixel,
+                      const float (*boxes)[4])
+{
+    const double margin = 3e-5, n1 = c->p->config.n1;
+    double o[3], d[3];
+    ref_interval passages[64];
+    int count = 0;
+
+    if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* lists, the same for all rays of a pixel */
+        return true;
+    cln_camera_ray(camera, pixel->x + 0.5, pixel->y + 0.5, o, d);
+    count = ref_intervals(&c->model->tree, o, d, passages, 64);
+    for (int i = 0; i < count; i++) {
+        const float *box = boxes[passages[i].slot];
+        const double length = passages[i].t_out - passages[i].t_in, cells = length * n1 / box[3];
+        const double points = fmax(1, ceil(cells));
+
+        if (length < 10 * CLN_MIN_CHORD || fabs(cells - round(cells)) < margin)
+            return false;
+        for (int k = 0; k < (int)points; k++)
+            for (int a = 0; a < 3; a++) {
+                const double at = o[a] + d[a] * (passages[i].t_in + (k + 0.5) * length / points);
+                const double cell = (at - box[a]) * n1 / box[3];
+
+                if (fabs(cell - round(cell)) < margin)
+                    return false;
+            }
+    }
+    return true;
+}
+
+/* Which leaves the rays meet, how many samples they take there, and where. */
+static cln_status put_out_batch(cln_checks *c, const cln_camera *cameras, const cln_pixel *pixels,
+                                const made *m)
+{
+    cln_status st = CLN_OK;
+    uint32_t *numbers = NULL, passages = 0, samples = 0;
+    float *ends = NULL, *places = NULL, (*boxes)[4] = NULL;
+    int left_out = 0;
+
+    for (int r = 0; r < m->rays; r++)
+        passages += m->used[r];
+    CLN_TRY(cln_octree_boxes(&c->model->tree, (float **)&boxes));
+    CLN_TRY(cln_alloc(&numbers, 2 * (size_t)passages, sizeof *numbers, "self-test"));
+    CLN_TRY(cln_alloc(&ends, 2 * (size_t)passages, sizeof *ends, "self-test"));
+    CLN_TRY(cln_alloc(&places, 2 * (size_t)m->sample_starts[m->rays], sizeof *places, "self-test"));
+    passages = 0;
+    for (int r = 0; r < m->rays; r++) {
+        if (!is_steady(c, &cameras[pixels[r].view], &pixels[r], (const float(*)[4])boxes)) {
+            left_out++;
+            continue;
+        }
+        for (uint32_t i = 0; i < m->used[r]; i++, passages++) {
+            const cln_interval v = m->intervals[i * (uint32_t)m->rays + (uint32_t)r];
+
+            numbers[2 * passages] = (uint32_t)v.slot;
+            numbers[2 * passages + 1] = v.count;
+            ends[2 * passages] = v.t_in;
+            ends[2 * passages + 1] = v.t_out;
+        }
+        for (uint32_t i = m->sample_starts[r]; i < m->sample_starts[r + 1]; i++, samples++) {
+            places[2 * samples] = m->samples[i].t;
+            places[2 * samples + 1] = m->samples[i].delta;
+        }
+    }
+    cln_check_say(c, "rays clear of borders", left_out <= 1 + m->rays / 50, "all but %d of %d",
+                  left_out, m->rays);
+    cln_check_numbers(c, "passages: leaves and samples", numbers, 2 * (size_t)passages);
+    cln_check_values(c, "passages: ends", ends, 2 * (size_t)passages, 1e-12, 1e-5);
+    cln_check_values(c, "samples: where", places, 2 * (size_t)samples, 1e-10, 1e-4);
+done:
+    free(numbers);
+    free(ends);
+    free(places);
+    free(boxes);
+    return st;
+}
+
+/* Stage 1's densities, the same on every device: those that the device works out may round to either of
+ * two bfloat16 numbers, and samples stand by them. */
+static cln_status put_densities(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    const int n1 = p->config.n1;
+    const uint32_t cells = (uint32_t)(p->leaves * n1 * n1 * n1);
+    uint16_t *density = NULL;
+
+    CLN_TRY(cln_alloc(&density, cells, sizeof *density, "self-test"));
+    for (uint32_t i = 0; i < cells; i++) {
+        const float value = (float)pow(10, cln_check_uniform(14, i, -2, 1));
+        uint32_t bits;
+
+        memcpy(&bits, &value, sizeof bits);
+        density[i] = (uint16_t)(bits >> 16);
+    }
+    CLN_TRY(cln_check_put(p->device, &p->density, density, cells * sizeof *density));
+done:
+    free(density);
+    return st;
+}
+
+cln_status cln_check_rays(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    /* nothing left out, so that chords can be compared */
+    const cln_sampling sampling = {.jitter = true,
+                                   .uniform_share = 0.25f,
+                                   .empty_share = 1,
+                                   .seed = 3,
+                                   .step = 1,
+                                   .max_samples = 1 << 24};
+    const double centre[3] = {0, 0, 0};
+    cln_camera cameras[VIEWS];
+    const cln_camera *pointers[VIEWS] = {&cameras[0], &cameras[1], &cameras[2]};
+    cln_pixel *pixels = NULL;
+    const int rays = c->tiny ? RAYS / 10 : RAYS;
+    float(*backgrounds)[4] = NULL, (*ray_o)[4] = NULL, (*ray_d)[4] = NULL;
+    made *m = NULL;
+    uint32_t samples = 0;
+    int used = 0;
+
+    CLN_TRY(cln_alloc(&m, 1, sizeof *m, "self-test"));
+    CLN_TRY(cln_alloc(&pixels, RAYS, sizeof *pixels, "self-test"));
+    CLN_TRY(cln_alloc(&backgrounds, RAYS, sizeof *backgrounds, "self-test"));
+    CLN_TRY(cln_alloc(&ray_o, RAYS, sizeof *ray_o, "self-test"));
+    CLN_TRY(cln_alloc(&ray_d, RAYS, sizeof *ray_d, "self-test"));
+    make_cameras(p->distortion, cameras);
+    m->rays = rays;
+    for (int r = 0; r < rays; r++) {
+        const cln_u32 row = SIDE / STEP, pixel = (cln_u32)(r * (RAYS / rays));
+        const cln_u32 at = pixel % (row * row);
+
+        pixels[r].view = pixels[r].pad = pixel / (row * row);
+        pixels[r].x = at % row * STEP + 1;
+        pixels[r].y = at / row * STEP + 2;
+    }
+    CLN_TRY(cln_pipeline_cameras(p, pointers, VIEWS, centre, 1));
+    CLN_TRY(cln_check_spoil(p->device, &p->ray_o, (size_t)rays * sizeof *ray_o));
+    CLN_TRY(cln_check_spoil(p->device, &p->ray_d, (size_t)rays * sizeof *ray_d));
+    CLN_TRY(cln_pipeline_batch(p, pixels, rays, NULL, backgrounds[0]));
+    CLN_TRY(cln_stage_rays(p, rays));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, ray_o, (size_t)rays * sizeof *ray_o));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, ray_d, (size_t)rays * sizeof *ray_d));
+    CLN_TRY(check_directions(c, cameras, pixels, (const float(*)[4])ray_o, (const float(*)[4])ray_d,
+                             rays));
+    CLN_TRY(put_densities(c));
+    CLN_TRY(cln_stage_sample(p, rays, &sampling, &used, &samples));
+    CLN_TRY(read_batch(c, samples, m));
+    if (!counts_agree(m, samples)) {
+        cln_check_say(c, "intervals", false, "counts and starts of the rays do not agree");
+        goto done;
+    }
+    check_samples(c, m);
+    CLN_TRY(put_out_batch(c, cameras, pixels, m));
+    CLN_TRY(check_chords(c, (const float(*)[4])ray_o, (const float(*)[4])ray_d, m));
+done:
+    if (m) {
+        free(m->intervals);
+        free(m->samples);
+    }
+    free(m);
+    free(pixels);
+    free(backgrounds);
+    free(ray_o);
+    free(ray_d);
+    return st;
+}

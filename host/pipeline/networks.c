@@ -1,0 +1,347 @@
+/* Stages from samples to updated weights: group, forward, composite, backward, Adam; the refresh of
+ * stage 1 and the statistics that structure decisions need. */
+#include "pipeline/stages.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/rng.h"
+
+cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const cl_uint n = sample_count, leaves = (cl_uint)p->leaves, slice = (cl_uint)p->tune.sl;
+    const cl_uint block = (cl_uint)p->tune.nb;
+    const size_t wg = (size_t)p->tune.wg, bytes = (size_t)n * sizeof(cl_uint);
+    const cl_uint most = (n < leaves ? n : leaves) + n / slice;
+    int bits = 1;
+
+    *slice_count = most;
+    while (bits < 32 && (leaves - 1) >> bits)
+        bits++;
+    for (int b = 0; b < 2; b++) {
+        CLN_TRY(cln_buffer_reserve(device, &p->keys[b], bytes, "group keys"));
+        CLN_TRY(cln_buffer_reserve(device, &p->values[b], bytes, "group order"));
+    }
+    CLN_TRY(cln_buffer_zero(device, &p->begin, leaves * sizeof(cl_uint)));
+    CLN_TRY(cln_buffer_zero(device, &p->end, leaves * sizeof(cl_uint)));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_keys, CLN_STAGE_GROUP, cln_groups(n, wg), wg,
+                       CLN_ARG(p->samples.mem), CLN_ARG(p->keys[0].mem), CLN_ARG(p->values[0].mem),
+                       CLN_ARG(n)));
+    CLN_TRY(cln_stage_sort(p, p->keys, p->values, n, bits, false, CLN_STAGE_GROUP));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_bounds, CLN_STAGE_GROUP, cln_groups(n, wg), wg,
+                       CLN_ARG(p->keys[0].mem), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+                       CLN_ARG(n)));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_slice_counts, CLN_STAGE_GROUP, cln_groups(leaves, wg), wg,
+                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_counts.mem),
+                       CLN_ARG(leaves), CLN_ARG(slice)));
+    CLN_TRY(cln_stage_scan(p, &p->slice_counts, &p->slice_starts, leaves, CLN_STAGE_GROUP, NULL));
+    CLN_TRY(cln_buffer_reserve(device, &p->slices, most * sizeof(cln_slice), "slices"));
+    CLN_TRY(CLN_LAUNCH(device, p->k.group_slices, CLN_STAGE_GROUP,
+                       cln_groups(most > leaves ? most : leaves, wg), wg, CLN_ARG(p->begin.mem),
+                       CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem), CLN_ARG(p->slices.mem),
+                       CLN_ARG(leaves), CLN_ARG(block), CLN_ARG(most)));
+done:
+    return st;
+}
+
+cln_status cln_stage_slices(cln_pipeline *p, uint32_t *slice_count)
+{
+    return cln_buffer_read(p->device, &p->slice_starts, (size_t)p->leaves * sizeof(cl_uint),
+                           slice_count, sizeof *slice_count);
+}
+
+cln_status cln_stage_fill(cln_pipeline *p, double *leaf_samples, double *padding)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->leaves;
+    const uint32_t tile = (uint32_t)p->tune.ts;
+    uint32_t *begin = NULL, *end = NULL;
+    double samples = 0, rows = 0, met = 0;
+
+    CLN_TRY(cln_alloc(&begin, leaves, sizeof *begin, "leaves' samples"));
+    CLN_TRY(cln_alloc(&end, leaves, sizeof *end, "leaves' samples"));
+    CLN_TRY(cln_buffer_read(p->device, &p->begin, 0, begin, leaves * sizeof *begin));
+    CLN_TRY(cln_buffer_read(p->device, &p->end, 0, end, leaves * sizeof *end));
+    /* a leaf's slices but the last are whole blocks of whole tiles (kernels/group.cl) */
+    for (size_t leaf = 0; leaf < leaves; leaf++) {
+        const uint32_t n = end[leaf] - begin[leaf];
+
+        samples += n;
+        met += n > 0;
+        rows += (n + tile - 1) / tile * tile;
+    }
+    *leaf_samples = met > 0 ? samples / met : 0;
+    *padding = rows > 0 ? 1 - samples / rows : 0;
+done:
+    free(begin);
+    free(end);
+    return st;
+}
+
+cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                             bool training, uint32_t step_key)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const cl_uint slices = slice_count, key = step_key;
+    const size_t n = sample_count, acts = cln_pipeline_act_bytes(&p->net, &p->tune);
+
+    CLN_TRY(cln_buffer_reserve(device, &p->out, n * 4 * sizeof(float), "sample colours"));
+    CLN_TRY(cln_buffer_reserve(device, &p->acts, training ? n * acts : 0, "activations"));
+    CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
+                       CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
+                       CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
+                       CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
+                       CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key)));
+done:
+    return st;
+}
+
+cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth)
+{
+    const cl_uint rays = (cl_uint)n, axis = axis_depth;
+    const size_t wg = (size_t)p->tune.wg;
+
+    return CLN_LAUNCH(p->device, p->k.composite, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
+                      CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem),
+                      CLN_ARG(p->backgrounds.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->results.mem),
+                      CLN_ARG(rays), CLN_ARG(axis));
+}
+
+cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count)
+{
+    cln_status st = CLN_OK;
+    const cl_uint rays = (cl_uint)n;
+    const size_t wg = (size_t)p->tune.wg;
+    const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
+    const cl_float cauchy = (float)p->config.cauchy, opacity = (float)p->config.opacity_entropy;
+    const cl_float distort = (float)p->config.distortion_loss;
+    const size_t measured = (size_t)cln_pipeline_measures(&p->config);
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->dout, (size_t)sample_count * 4 * sizeof(float),
+                               "sample gradients"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->measures,
+                               (size_t)sample_count * measured * sizeof(float), "measures"));
+    /* the last argument is there only if something is measured */
+    CLN_TRY(cln_launch(
+        p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
+        (const cln_arg[]){CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
+                          CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem),
+                          CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays),
+                          CLN_ARG(scale), CLN_ARG(huber), CLN_ARG(cauchy), CLN_ARG(opacity),
+                          CLN_ARG(distort), CLN_ARG(p->measures.mem)},
+        measured > 0 ? 14 : 13));
+done:
+    return st;
+}
+
+cln_status cln_stage_measure(cln_pipeline *p, uint32_t samples)
+{
+    const cl_uint n = samples;
+
+    if (cln_pipeline_measures(&p->config) == 0)
+        return CLN_OK;
+    return CLN_LAUNCH(p->device, p->k.leaf_measure, CLN_STAGE_STRUCTURE, (size_t)p->leaves,
+                      (size_t)p->tune.ls, CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+                      CLN_ARG(p->values[0].mem), CLN_ARG(p->measures.mem),
+                      CLN_ARG(p->leaf_sums.mem), CLN_ARG(p->leaf_met.mem), CLN_ARG(n));
+}
+
+cln_status cln_stage_measure_reset(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->leaves;
+
+    if (cln_pipeline_measures(&p->config) == 0)
+        return CLN_OK;
+    CLN_TRY(
+        cln_buffer_zero(p->device, &p->leaf_sums, leaves * CLN_MEASURES * 2 * sizeof(cl_float)));
+    CLN_TRY(cln_buffer_zero(p->device, &p->leaf_met, leaves * sizeof(cl_int)));
+done:
+    return st;
+}
+
+cln_status cln_stage_distil_gradient(cln_pipeline *p, uint32_t samples, double scale)
+{
+    cln_status st = CLN_OK;
+    const cl_uint n = samples;
+    const cl_float factor = (cl_float)scale;
+    const size_t wg = (size_t)p->tune.wg;
+
+    CLN_TRY(
+        cln_buffer_reserve(p->device, &p->dout, (size_t)n * 4 * sizeof(float), "sample gradients"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->losses, (size_t)n * sizeof(float), "losses"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.distil_gradient, CLN_STAGE_STRUCTURE, cln_groups(n, wg), wg,
+                       CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem), CLN_ARG(p->targets.mem),
+                       CLN_ARG(p->dout.mem), CLN_ARG(p->losses.mem), CLN_ARG(n), CLN_ARG(factor)));
+done:
+    return st;
+}
+
+double cln_pipeline_gradients(const cln_tune *tune, double samples, double slices)
+{
+    if (!tune->leaf)
+        return slices;
+    return samples > tune->sl ? ceil(samples / floor(tune->sl / 2.0)) : 0;
+}
+
+cln_status cln_stage_roulette(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                              uint32_t min_samples, double cutoff, uint32_t step_key)
+{
+    cln_status st = CLN_OK;
+    const cl_uint count = sample_count, slices = slice_count, least = min_samples;
+    const cl_uint key = cln_hash(step_key);
+    const cl_float share = (float)cutoff;
+    const size_t n = sample_count, word = sizeof(cl_uint);
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->heads, n * 4 * sizeof(float), "head gradients"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen, n * word, "samples of the way back"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen_counts, slice_count * word,
+                               "counts of the way back"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.roulette, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
+                       CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->out.mem),
+                       CLN_ARG(p->dout.mem), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
+                       CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem), CLN_ARG(p->chosen_counts.mem),
+                       CLN_ARG(count), CLN_ARG(slices), CLN_ARG(least), CLN_ARG(share),
+                       CLN_ARG(key)));
+done:
+    return st;
+}
+
+/* update false: gradients to p->grads, each slice's at its number. */
+static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
+                                  uint32_t step_key, bool update, double lr)
+{
+    cln_status st = CLN_OK;
+    const cl_uint slices = slice_count, key = step_key, updates = update;
+    const cl_uint half = (cl_uint)p->tune.sl / 2, least = (cl_uint)p->config.min_leaf_samples;
+    const cl_float rate = (float)lr;
+
+    CLN_TRY(cln_pipeline_slice_rows(p, &p->grads, (size_t)gradients,
+                                    (size_t)p->net.params * sizeof(float), "weight gradients"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
+                       CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed), CLN_ARG(p->boxes.mem),
+                       CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem),
+                       CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->heads.mem),
+                       CLN_ARG(p->chosen.mem), CLN_ARG(p->chosen_counts.mem), CLN_ARG(p->acts.mem),
+                       CLN_LEAF_ARG(p, grads), CLN_ARG(slices), CLN_ARG(key), CLN_ARG(updates),
+                       CLN_ARG(half), CLN_ARG(least), CLN_ARG(rate), CLN_ARG(p->begin.mem),
+                       CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem),
+                       CLN_LEAF_ARG(p, adam_m), CLN_LEAF_ARG(p, adam_v)));
+done:
+    return st;
+}
+
+static cln_status count_updates(cln_pipeline *p)
+{
+    const size_t wg = (size_t)p->tune.wg;
+    const cl_uint leaves = (cl_uint)p->leaves, least = (cl_uint)p->config.min_leaf_samples;
+
+    return CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
+                      CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
+                      CLN_LEAF_ARG(p, params), CLN_ARG(p->norms.mem), CLN_ARG(leaves),
+                      CLN_ARG(least));
+}
+
+/* Leaves of at least min_slices slices. half_slice: where gradients are (kernels/mlp.cl). */
+static cln_status launch_adam(cln_pipeline *p, cl_uint min_slices, cl_uint half_slice, double lr)
+{
+    const size_t leaves = (size_t)p->leaves;
+    const cl_uint count = (cl_uint)leaves, least = (cl_uint)p->config.min_leaf_samples;
+    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
+    const cl_float rate = (float)lr;
+
+    return CLN_LAUNCH(p->device, p->k.adam, CLN_STAGE_ADAM,
+                      cln_groups(leaves, CLN_ADAM_EACH) * parts, (size_t)p->tune.ls,
+                      CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem),
+                      CLN_ARG(p->slices.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->adam_steps.mem),
+                      CLN_ARG(p->norms.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
+                      CLN_LEAF_ARG(p, adam_v), CLN_LEAF_ARG(p, transposed), CLN_ARG(count),
+                      CLN_ARG(parts), CLN_ARG(least), CLN_ARG(min_slices), CLN_ARG(half_slice),
+                      CLN_ARG(rate));
+}
+
+cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                              uint32_t step_key)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, 0, p->config.roulette, step_key));
+    CLN_TRY(launch_backward(p, slice_count, slice_count, step_key, false, 0));
+done:
+    return st;
+}
+
+cln_status cln_stage_adam(cln_pipeline *p, double lr)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(count_updates(p));
+    CLN_TRY(launch_adam(p, 1, 0, lr));
+done:
+    return st;
+}
+
+cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
+                            uint32_t step_key, double lr)
+{
+    cln_status st = CLN_OK;
+    const double gradients = cln_pipeline_gradients(&p->tune, sample_count, slice_count);
+
+    CLN_TRY(count_updates(p));
+    CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, (uint32_t)p->config.min_leaf_samples,
+                               p->config.roulette, step_key));
+    CLN_TRY(launch_backward(p, gradients, slice_count, step_key, true, lr));
+    if (sample_count > (uint32_t)p->tune.sl)
+        CLN_TRY(launch_adam(p, 2, p->tune.leaf ? (cl_uint)p->tune.sl / 2 : 0, lr));
+done:
+    return st;
+}
+
+cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,
+                             uint32_t step)
+{
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, begin = (cl_uint)first, key = step,
+                  shake = jitter;
+    const cl_uint per_leaf = (cl_uint)cln_groups((size_t)n1 * n1 * n1, cells);
+    const cl_uint2 words = {{(cl_uint)seed, (cl_uint)(seed >> 32)}};
+
+    return CLN_LAUNCH(p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)count * per_leaf,
+                      (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
+                      CLN_LEAF_ARG(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
+                      CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin));
+}
+
+cln_status cln_stage_seen(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    const cl_uint n1 = (cl_uint)p->config.n1, views = (cl_uint)p->training_views;
+    const cl_uint cells = n1 * n1 * n1, total = (cl_uint)p->leaves * cells;
+    const size_t wg = 64;
+
+    CLN_TRY(cln_pipeline_leaf_rows(p, &p->seen, cells, "visibility of cells"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_seen, CLN_STAGE_STRUCTURE, cln_groups(total, wg), wg,
+                       CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_LEAF_ARG(p, seen),
+                       CLN_ARG(n1), CLN_ARG(views), CLN_ARG(total)));
+done:
+    return st;
+}
+
+cln_status cln_stage_stats(cln_pipeline *p, float *stats)
+{
+    cln_status st = CLN_OK;
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = n1 * n1 * n1, leaves = (cl_uint)p->leaves;
+    const size_t bytes = (size_t)leaves * 2 * sizeof(float);
+
+    CLN_TRY(cln_buffer_reserve(p->device, &p->leaf_stats, bytes, "leaf statistics"));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, leaves, (size_t)p->tune.sg,
+                       CLN_LEAF_ARG(p, density), CLN_LEAF_ARG(p, seen), CLN_ARG(p->leaf_stats.mem),
+                       CLN_ARG(cells)));
+    CLN_TRY(cln_buffer_read(p->device, &p->leaf_stats, 0, stats, bytes));
+done:
+    return st;
+}

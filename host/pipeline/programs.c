@@ -1,0 +1,424 @@
+/* Builds the pipeline's programs for one network and scene: everything that is constant for a run is a
+ * constant of the kernels, and what the scene does not need is not compiled in. */
+#include "pipeline/stages.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "device/tune.h"
+
+int cln_pipeline_measures(const cln_config *config)
+{
+    if (config->density_weight == CLN_WEIGHT_VISIBILITY)
+        return CLN_MEASURES;
+    return config->adaptive && !config->tree_from[0] ? 1 : 0;
+}
+
+int cln_pipeline_acts(const cln_network *net)
+{
+    return net->depth * net->width + (net->view_dependence ? net->view_width : 0);
+}
+
+size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune)
+{
+    return (size_t)cln_pipeline_acts(net) * (tune->half ? sizeof(cl_half) : sizeof(cl_float));
+}
+
+int cln_pipeline_transposed(const cln_network *net)
+{
+    return (net->depth - 1) * net->width * net->width +
+           (net->view_dependence ? net->view_width * net->width : 0);
+}
+
+/* Local memory of one work-group of mlp_backward, the largest, per sample of NB. */
+static size_t bytes_per_sample(const cln_network *net)
+{
+    const int view = net->view_dependence ? net->view_width : 0;
+
+    return sizeof(float) *
+           (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 3 + 6);
+}
+
+/* ... and of what it holds of a leaf. */
+static size_t bytes_per_leaf(const cln_network *net)
+{
+    return sizeof(float) * (size_t)(net->params + cln_pipeline_transposed(net));
+}
+
+/* Local memory of the largest work-group of scan.cl with 64-bit keys: SG = 1, places and counts of digits
+ * and lines of output; else a tile and its ranks. */
+static size_t sort_local(const cln_tune *tune, int line_bits)
+{
+    const size_t sg = (size_t)tune->sg, digits = (size_t)1 << tune->db;
+
+    if (sg == 1)
+        return digits * 8 + ((size_t)1 << line_bits) * 256;
+    return digits * 8 + sg * (8 * (8 + 4) + 16 * 2 + 2 * 4);
+}
+
+/* Least common multiple of small numbers. */
+static int common(int a, int b)
+{
+    int multiple = a;
+
+    while (multiple % b)
+        multiple += a;
+    return multiple;
+}
+
+void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune *tune)
+{
+    const int view = net->view_dependence ? net->view_width : net->width;
+    const int narrow = net->width < view ? net->width : view;
+    const size_t local = device->local_mem * 7 / 8;
+    int step = 0;
+
+    while (tune->vw > narrow)
+        tune->vw /= 2;
+    while (tune->vw > 1 && (net->width % tune->vw || view % tune->vw))
+        tune->vw--;
+    while (tune->ls > 1 && ((size_t)tune->ls > device->max_group || tune->vw * tune->ls > narrow ||
+                            net->width % (tune->vw * tune->ls) || view % (tune->vw * tune->ls)))
+        tune->ls /= 2;
+    while (tune->wg > 1 && (size_t)tune->wg > device->max_group)
+        tune->wg /= 2;
+    while (tune->nv > 1 && (net->width % (tune->vw * tune->nv * tune->ls) ||
+                            view % (tune->vw * tune->nv * tune->ls)))
+        tune->nv--;
+    /* blocks are whole tiles and whole vectors */
+    while (tune->ts > 1 && (size_t)common(tune->ts, tune->vw) * bytes_per_sample(net) > local)
+        tune->ts--;
+    step = common(tune->ts, tune->vw);
+    tune->nb = tune->nb < step ? step : tune->nb / step * step;
+    while (tune->nb > step && (size_t)tune->nb * bytes_per_sample(net) > local)
+        tune->nb -= step;
+    /* slices are an even number of blocks (kernels/group.cl) */
+    tune->sl = tune->sl < 2 * tune->nb ? 2 * tune->nb : tune->sl / (2 * tune->nb) * 2 * tune->nb;
+    if (bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
+        tune->leaf = 0;
+}
+
+/* A power of two of work-items and digits that fit the local memory. */
+static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
+{
+    const size_t local = device->local_mem * 7 / 8;
+
+    *line_bits = 10;
+    while (tune->sg & (tune->sg - 1))
+        tune->sg &= tune->sg - 1;
+    while (tune->sg > 1 &&
+           ((size_t)tune->sg > device->max_group || sort_local(tune, *line_bits) > local))
+        tune->sg /= 2;
+    while (*line_bits > 4 && sort_local(tune, *line_bits) > local)
+        --*line_bits;
+    while (tune->db > 4 && sort_local(tune, *line_bits) > local)
+        tune->db--;
+}
+
+/* Text that grows; a failed allocation shows up in `st`. */
+typedef struct text {
+    char *text;
+    size_t used, capacity;
+    cln_status st;
+} text;
+
+static void line(text *t, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+static void line(text *t, const char *fmt, ...)
+{
+    va_list args;
+
+    if (t->st != CLN_OK || t->used + 512 > t->capacity)
+        return;
+    va_start(args, fmt);
+    t->used += (size_t)vsnprintf(t->text + t->used, t->capacity - t->used, fmt, args);
+    va_end(args);
+    t->text[t->used++] = '\n';
+    t->text[t->used] = 0;
+}
+
+/* A float literal that reads back exactly, with a sign that cannot fuse with what stands before. */
+static void real(text *t, const char *name, double value)
+{
+    if (isinf(value))
+        line(t, "#define %s (%sINFINITY)", name, value < 0 ? "-" : "");
+    else
+        line(t, "#define %s (%.9ef)", name, value);
+}
+
+cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
+{
+    const cln_config *c = &p->config;
+    const cln_network *net = &p->net;
+    const cln_tune *tune = &p->tune;
+    text t = {.capacity = 8192};
+
+    *out = NULL;
+    t.st = cln_alloc(&t.text, t.capacity, 1, "kernel defines");
+    line(&t, "#define VW %d\n#define NV %d\n#define LS %d\n#define TS %d\n#define NB %d", tune->vw,
+         tune->nv, tune->ls, tune->ts, tune->nb);
+    line(&t, "#define SG %d\n#define DB %d\n#define LINE_BITS %d", tune->sg, tune->db,
+         p->line_bits);
+    line(&t, "#define WIDTH %d\n#define DEPTH %d\n#define BANDS %d\n#define ENC_PAD %d", net->width,
+         net->depth, net->bands, net->enc_pad);
+    line(&t, "#define SKIP (%d)", net->skip_layer);
+    line(&t, "#define VIEW %d\n#define VIEW_BANDS %d\n#define DIR_PAD %d\n#define COLOUR %d",
+         net->view_dependence ? net->view_width : 0, net->view_bands, net->dir_pad,
+         net->colour_width);
+    line(&t, "#define SIGMA_W %d\n#define SIGMA_B %d\n#define VIEW_W %d\n#define VIEW_B %d",
+         net->sigma_w, net->sigma_b, net->view_w, net->view_b);
+    line(&t, "#define COLOUR_W %d\n#define COLOUR_B %d\n#define PARAMS %d", net->colour_w,
+         net->colour_b, net->params);
+    line(&t, "#define DENSITY %d", c->density);
+    real(&t, "KAPPA", c->density_scale);
+    real(&t, "BIAS", cln_network_density_bias(c));
+    real(&t, "SLOPE_LOWER", c->rrelu_lower);
+    real(&t, "SLOPE_UPPER", c->rrelu_upper);
+    line(&t, "#define RRELU %d\n#define BANDS_BY_LEVEL %d", c->rrelu_scope, c->bands_by_level);
+    line(&t, "#define NOISE_ON %d", c->density_noise > 0);
+    real(&t, "NOISE", c->density_noise);
+    line(&t, "#define DISTORTION %d\n#define RAY_BACKGROUND %d", p->distortion, p->ray_background);
+    line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
+         c->allocate, c->cdf, c->lists);
+    line(&t, "#define LOSS %d\n#define CAUCHY %d\n#define OPACITY %d\n#define DISTORT %d", c->loss,
+         c->cauchy > 0, c->opacity_entropy > 0, c->distortion_loss > 0);
+    line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
+    line(&t, "#define NATIVE %d\n#define HALF %d\n#define LEAF %d", tune->native, tune->half,
+         tune->leaf);
+    line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
+    real(&t, "BETA1", c->beta1);
+    real(&t, "BETA2", c->beta2);
+    real(&t, "EPSILON", c->epsilon);
+    real(&t, "DECAY1", -log(c->beta1));
+    real(&t, "DECAY2", -log(c->beta2));
+    line(&t, "#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
+    real(&t, "VIEW_L2_WEIGHT", c->view_l2);
+    line(&t, "#define MOMENTS %d", c->moments == CLN_MOMENTS_BFLOAT16);
+    *out = t.text;
+    return t.st;
+}
+
+/* Rows that the device's largest allocation holds. */
+static int rows_of(const cln_pipeline *p, double row_bytes)
+{
+    return (int)fmax(1, fmin((double)p->device->max_alloc / row_bytes, 1 << 24));
+}
+
+int cln_pipeline_part_leaves(const cln_pipeline *p)
+{
+    const double n1 = p->config.n1, weights = (double)sizeof(float) * p->net.params;
+
+    if (p->parts > 1)
+        return p->part_leaves;
+    return rows_of(p, fmax(weights, n1 * n1 * n1 * sizeof(uint16_t)));
+}
+
+int cln_pipeline_part_slices(const cln_pipeline *p)
+{
+    return p->parts > 1 ? p->part_slices : rows_of(p, (double)sizeof(float) * p->net.params);
+}
+
+bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
+{
+    const int room = cln_pipeline_part_leaves(p);
+
+    return p->parts > 1 || leaves > (p->tune.leaf ? room : room / 2);
+}
+
+static void free_programs(cln_pipeline *p)
+{
+#define X(kernel, program) cln_kernel_free(&p->k.kernel);
+    CLN_KERNEL_LIST(X)
+    CLN_SPLAT_KERNEL_LIST(X)
+    CLN_REGULARISE_KERNEL_LIST(X)
+    CLN_MEASURE_KERNEL_LIST(X)
+    CLN_DISTIL_KERNEL_LIST(X)
+#undef X
+    cln_kernel_free(&p->k.sort64_varying);
+    cln_kernel_free(&p->k.sort64_buckets);
+    cln_kernel_free(&p->k.sort64_count);
+    cln_kernel_free(&p->k.sort64_scatter);
+    cln_program_free(&p->scan);
+    cln_program_free(&p->sort64);
+    cln_program_free(&p->rays);
+    cln_program_free(&p->sampling);
+    cln_program_free(&p->splat);
+    cln_program_free(&p->group);
+    cln_program_free(&p->mlp);
+    cln_program_free(&p->composite);
+    cln_program_free(&p->roulette);
+    cln_program_free(&p->adam);
+    cln_program_free(&p->stats);
+    cln_program_free(&p->regularise);
+    cln_program_free(&p->distil);
+}
+
+static cln_status build(cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = out->device;
+    const cln_config *config = &out->config;
+    char *defines = NULL, *wide = NULL, *leaves = NULL;
+
+    CLN_TRY(cln_pipeline_defines(out, &defines));
+    CLN_TRY(cln_asprintf(&wide, "%s#define KEY_BITS 64\n", defines));
+    CLN_TRY(cln_asprintf(&leaves,
+                         "%s#define PARTS %d\n#define PART_LEAVES %du\n#define PART_SLICES %du\n",
+                         defines, out->parts, out->part_leaves, out->part_slices));
+#define BUILD(program)  CLN_TRY(cln_program_build(device, #program, defines, &out->program))
+#define LEAVES(program) CLN_TRY(cln_program_build(device, #program, leaves, &out->program))
+    BUILD(scan);
+    BUILD(rays);
+    LEAVES(sampling);
+    BUILD(group);
+    LEAVES(mlp);
+    BUILD(composite);
+    BUILD(roulette);
+    LEAVES(adam);
+    LEAVES(stats);
+#define X(kernel, program) CLN_TRY(cln_kernel_create(&out->program, #kernel, &out->k.kernel));
+    CLN_KERNEL_LIST(X)
+    if (config->stage1 == CLN_STAGE1_SPLAT) {
+        LEAVES(splat);
+        CLN_TRY(cln_program_build(device, "scan", wide, &out->sort64));
+        CLN_SPLAT_KERNEL_LIST(X)
+        CLN_TRY(cln_kernel_create(&out->sort64, "sort_varying", &out->k.sort64_varying));
+        if (out->tune.sg == 1)
+            CLN_TRY(cln_kernel_create(&out->sort64, "sort_buckets", &out->k.sort64_buckets));
+        CLN_TRY(cln_kernel_create(&out->sort64, "sort_count", &out->k.sort64_count));
+        CLN_TRY(cln_kernel_create(&out->sort64, "sort_scatter", &out->k.sort64_scatter));
+    }
+    if (config->sparsity > 0 || config->edge > 0) {
+        BUILD(regularise);
+        CLN_REGULARISE_KERNEL_LIST(X)
+    }
+    if (cln_pipeline_measures(config) > 0) {
+        BUILD(distil);
+        CLN_MEASURE_KERNEL_LIST(X)
+        CLN_DISTIL_KERNEL_LIST(X)
+    }
+#undef X
+#undef BUILD
+#undef LEAVES
+done:
+    free(defines);
+    free(wide);
+    free(leaves);
+    return st;
+}
+
+cln_status cln_pipeline_split(cln_pipeline *p, int leaves)
+{
+    cln_status st = CLN_OK;
+    const int room = cln_pipeline_part_leaves(p);
+
+    if (leaves > CLN_PARTS * room)
+        return cln_fail(CLN_MEMORY,
+                        "%d leaves: %d buffers of the largest size that %s allows hold %d; lower "
+                        "--start-level, --max-leaves, --n1 or the network's size",
+                        leaves, CLN_PARTS, p->device->info.name, CLN_PARTS * room);
+    if (p->parts > 1 || !cln_pipeline_in_parts(p, leaves))
+        return CLN_OK;
+    cln_debug("per-leaf arrays in parts of %d leaves: building kernels for that", room);
+    p->part_leaves = room;
+    p->part_slices = cln_pipeline_part_slices(p);
+    p->parts = CLN_PARTS;
+    free_programs(p);
+    CLN_TRY(build(p));
+done:
+    return st;
+}
+
+static cln_status create(cln_device *device, const cln_config *config, bool distortion,
+                         bool ray_background, const cln_tune *tune, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+
+    memset(out, 0, sizeof *out);
+    out->device = device;
+    out->parts = out->part_leaves = out->part_slices = 1;
+    out->config = *config;
+    out->distortion = distortion;
+    out->ray_background = ray_background;
+    CLN_TRY(cln_network_layout(config, &out->net));
+    out->tune = *tune;
+    cln_pipeline_fit(device, &out->net, &out->tune);
+    fit_sort(device, &out->tune, &out->line_bits);
+    if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
+        st =
+            cln_fail(CLN_MEMORY,
+                     "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
+                     "%zu in all; lower --width or --view-width",
+                     out->net.width, out->net.view_width, bytes_per_sample(&out->net),
+                     device->info.name, device->local_mem);
+        goto done;
+    }
+    CLN_TRY(build(out));
+done:
+    if (st != CLN_OK)
+        cln_pipeline_free(out);
+    return st;
+}
+
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
+                               bool ray_background, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+    cln_network net;
+    cln_tune tune;
+    char network[32], from[CLN_TUNE_FROM], list[CLN_TUNE_TEXT];
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(cln_network_layout(config, &net));
+    cln_network_text(&net, network);
+    cln_tune_choose(device, network, &tune, from);
+    st = create(device, config, distortion, ray_background, &tune, out);
+    if ((st == CLN_BUILD || st == CLN_MEMORY) && !device->tune_exact) {
+        cln_tune_text(&tune, list);
+        cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
+                 "used, which are slower",
+                 list, from, network, cln_error_text());
+        cln_clear_error();
+        cln_tune_plain(&tune);
+        snprintf(from, sizeof from, "plain, because others could not be used");
+        st = create(device, config, distortion, ray_background, &tune, out);
+    }
+    CLN_TRY(st);
+    snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,
+             memcmp(&tune, &out->tune, sizeof tune) != 0 ? ", fitted to " : "",
+             memcmp(&tune, &out->tune, sizeof tune) != 0 ? network : "");
+done:
+    return st;
+}
+
+void cln_pipeline_free(cln_pipeline *p)
+{
+    cln_device *device = p->device;
+    cln_buffer *const buffers[] = {
+        &p->boxes,       &p->map,          &p->params,        &p->transposed,    &p->adam_m,
+        &p->heads,       &p->chosen,       &p->chosen_counts, &p->adam_v,        &p->adam_steps,
+        &p->norms,       &p->density,      &p->seen,          &p->leaf_stats,    &p->cameras,
+        &p->pixels,      &p->ray_o,        &p->ray_d,         &p->targets,       &p->backgrounds,
+        &p->results,     &p->intervals,    &p->used,          &p->sample_counts, &p->sample_starts,
+        &p->samples,     &p->begin,        &p->end,           &p->slice_counts,  &p->slice_starts,
+        &p->slices,      &p->out,          &p->dout,          &p->acts,          &p->grads,
+        &p->batch_views, &p->splat_counts, &p->splat_starts,  &p->grids,         &p->list_start,
+        &p->list_count,  &p->list_t,       &p->list_sigma,    &p->padded_t,      &p->padded_sigma,
+        &p->keys64[0],   &p->keys64[1],    &p->sums,          &p->digit_counts,  &p->keys[0],
+        &p->keys[1],     &p->values[0],    &p->values[1],     &p->leaf_sums,     &p->leaf_met,
+        &p->measures,    &p->losses};
+
+    if (!device)
+        return;
+    clFinish(device->queue);
+    for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
+        cln_buffer_free(device, buffers[i]);
+    free_programs(p);
+    free(p->host_pixels);
+    free(p->host_cameras);
+    memset(p, 0, sizeof *p);
+}

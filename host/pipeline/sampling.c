@@ -1,0 +1,216 @@
+/* Stages from pixels to samples: rays, intervals, stage-2 samples. */
+#include "pipeline/stages.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/memory.h"
+
+cln_status cln_stage_rays(cln_pipeline *p, int n)
+{
+    const cl_uint count = (cl_uint)n;
+    const size_t wg = (size_t)p->tune.wg;
+
+    return CLN_LAUNCH(p->device, p->k.rays_make, CLN_STAGE_RAYS, cln_groups((size_t)n, wg), wg,
+                      CLN_ARG(p->cameras.mem), CLN_ARG(p->pixels.mem), CLN_ARG(p->ray_o.mem),
+                      CLN_ARG(p->ray_d.mem), CLN_ARG(count));
+}
+
+/* The kernels read stage 1 through the arguments at their front (gather: densities, boxes, n1; splat:
+ * list starts, t, sigma) and, for splat, at their end (pixels, grids, list lengths). */
+enum { MAX_ARGS = 32 };
+typedef struct arguments {
+    cln_arg args[MAX_ARGS];
+    int count;
+} arguments;
+
+static void add(arguments *a, size_t bytes, const void *value)
+{
+    CLN_ASSERT(a->count < MAX_ARGS);
+    a->args[a->count++] = (cln_arg){bytes, value, 1};
+}
+#define ADD(a, x) add(a, sizeof(x), &(x))
+
+static void add_stage1_front(cln_pipeline *p, arguments *a, const cl_uint *n1)
+{
+    if (p->config.stage1 == CLN_STAGE1_GATHER) {
+        a->args[a->count++] = (cln_arg)CLN_LEAF_ARG(p, density);
+        ADD(a, p->boxes.mem);
+        ADD(a, *n1);
+    } else {
+        const bool padded = p->config.lists == CLN_LISTS_PADDED;
+
+        ADD(a, p->list_start.mem);
+        add(a, sizeof(cl_mem), padded ? &p->padded_t.mem : &p->list_t.mem);
+        add(a, sizeof(cl_mem), padded ? &p->padded_sigma.mem : &p->list_sigma.mem);
+    }
+}
+
+static void add_stage1_back(cln_pipeline *p, arguments *a)
+{
+    if (p->config.stage1 == CLN_STAGE1_SPLAT) {
+        ADD(a, p->pixels.mem);
+        ADD(a, p->grids.mem);
+        ADD(a, p->list_count.mem);
+    }
+}
+
+/* Work-items of a group, whose rays are about as many as elsewhere. */
+static size_t group_of(const cln_pipeline *p)
+{
+    return cln_groups((size_t)p->tune.wg, CLN_RAYS_EACH((size_t)p->tune.vw));
+}
+
+static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int all)
+{
+    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
+    const cl_uint rays = (cl_uint)all;
+    const cl_int depth = p->depth;
+    const cl_float max_depth = s->t_min > 0 ? -logf(s->t_min) : 1e30f;
+    const cl_uint per_leaf = (cl_uint)p->config.samples_per_leaf;
+    const cl_uint per_ray = (cl_uint)p->config.samples_per_ray;
+    const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
+    const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
+    arguments a = {.count = 0};
+
+    add_stage1_front(p, &a, &n1);
+    ADD(&a, p->ray_o.mem);
+    ADD(&a, p->ray_d.mem);
+    ADD(&a, p->map.mem);
+    ADD(&a, p->intervals.mem);
+    ADD(&a, p->used.mem);
+    ADD(&a, p->sample_counts.mem);
+    ADD(&a, first);
+    ADD(&a, n);
+    ADD(&a, rays);
+    ADD(&a, depth);
+    ADD(&a, max_depth);
+    ADD(&a, per_leaf);
+    ADD(&a, per_ray);
+    ADD(&a, s->empty_weight);
+    ADD(&a, s->empty_share);
+    ADD(&a, seed);
+    ADD(&a, s->step);
+    add_stage1_back(p, &a);
+    return cln_launch(p->device, p->k.intervals_fill, CLN_STAGE_INTERVALS,
+                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.args, a.count);
+}
+
+/* Samples of the group's rays, as far as no ray reaches past `most` samples. */
+static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int all,
+                       size_t most)
+{
+    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray;
+    const cl_uint n = (cl_uint)g->rays, rays = (cl_uint)all, jitter = s->jitter;
+    const cl_uint allowed = most < UINT32_MAX ? (cl_uint)most : UINT32_MAX;
+    const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
+    const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
+    arguments a = {.count = 0};
+
+    add_stage1_front(p, &a, &n1);
+    ADD(&a, p->ray_o.mem);
+    ADD(&a, p->ray_d.mem);
+    ADD(&a, p->intervals.mem);
+    ADD(&a, p->used.mem);
+    ADD(&a, p->sample_starts.mem);
+    ADD(&a, p->samples.mem);
+    ADD(&a, first);
+    ADD(&a, n);
+    ADD(&a, rays);
+    ADD(&a, allowed);
+    ADD(&a, s->uniform_share);
+    ADD(&a, jitter);
+    ADD(&a, seed);
+    ADD(&a, s->step);
+    add_stage1_back(p, &a);
+    return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES,
+                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.args, a.count);
+}
+
+/* Largest number of rays, at least one, whose samples fit. */
+static cln_status cut(cln_pipeline *p, int n, size_t max_samples, int *rays_used, uint32_t *total)
+{
+    cln_status st = CLN_OK;
+    uint32_t *starts = NULL;
+    int low = 1, high = n;
+
+    CLN_TRY(cln_alloc(&starts, (size_t)n + 1, sizeof *starts, "sample counts"));
+    CLN_TRY(
+        cln_buffer_read(p->device, &p->sample_starts, 0, starts, ((size_t)n + 1) * sizeof *starts));
+    while (low < high) {
+        const int middle = low + (high - low + 1) / 2;
+
+        if (starts[middle] <= max_samples)
+            low = middle;
+        else
+            high = middle - 1;
+    }
+    *rays_used = low;
+    *total = starts[low];
+done:
+    free(starts);
+    return st;
+}
+
+cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *rays_used,
+                            uint32_t *sample_count)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const size_t rays = (size_t)n;
+    const cl_uint count = (cl_uint)n;
+    const bool splat = p->config.stage1 == CLN_STAGE1_SPLAT;
+    cln_splat_group all = {.first_ray = 0, .rays = n}, *groups = NULL;
+    int group_count = 0;
+    cln_mark mark = {.event = NULL};
+    cln_status made = CLN_OK;
+    const size_t extra = (size_t)cln_pipeline_extra_samples(p);
+    const size_t there = p->samples.bytes / sizeof(cln_sample);
+    const size_t room = there > extra ? there - extra : 0;
+    const size_t limit = room < s->max_samples ? room : s->max_samples;
+
+    *rays_used = n;
+    *sample_count = 0;
+    CLN_TRY(cln_buffer_reserve(device, &p->intervals,
+                               rays * ((size_t)3 << p->depth) * sizeof(cln_interval), "intervals"));
+    CLN_TRY(cln_buffer_reserve(device, &p->used, rays * sizeof(cl_uint), "intervals"));
+    CLN_TRY(cln_buffer_reserve(device, &p->sample_counts, rays * sizeof(cl_uint), "samples"));
+    CLN_TRY(cln_buffer_reserve(device, &p->sample_starts, (rays + 1) * sizeof(cl_uint), "samples"));
+    if (splat) {
+        CLN_TRY(cln_stage_splat_plan(p, n, &groups, &group_count));
+    } else {
+        groups = &all;
+        group_count = 1;
+    }
+    for (int g = 0; g < group_count; g++) {
+        if (splat)
+            CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
+        CLN_TRY(fill(p, s, &groups[g], n));
+    }
+    CLN_TRY(
+        cln_stage_scan(p, &p->sample_counts, &p->sample_starts, count, CLN_STAGE_INTERVALS, NULL));
+    CLN_TRY(cln_buffer_fetch(device, &p->sample_starts, rays * sizeof(cl_uint), &p->sample_total,
+                             sizeof p->sample_total));
+    CLN_TRY(cln_device_mark(device, &mark));
+    /* into the room that there is, most often enough: the device does not wait for the host to wait */
+    if (group_count == 1 && limit > 0)
+        made = emit(p, s, &groups[0], n, limit);
+    CLN_TRY(cln_device_wait(device, &mark));
+    CLN_TRY(made);
+    *sample_count = p->sample_total;
+    if (n > 0 && *sample_count > s->max_samples)
+        CLN_TRY(cut(p, n, s->max_samples, rays_used, sample_count));
+    if (group_count == 1 && *sample_count <= limit)
+        goto done;
+    CLN_TRY(cln_buffer_reserve(device, &p->samples, (*sample_count + extra) * sizeof(cln_sample),
+                               "samples"));
+    for (int g = 0; g < group_count; g++) {
+        if (splat && group_count > 1) /* a single group's lists are still there */
+            CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
+        CLN_TRY(emit(p, s, &groups[g], n, *sample_count));
+    }
+done:
+    if (splat)
+        free(groups);
+    return st;
+}

@@ -1,0 +1,131 @@
+/* PSNR and SSIM. See metrics_image.h for the definitions.
+ *
+ * SSIM filters a, b, aa, bb, ab with a separable Gaussian in one sweep down the image: each row is
+ * filtered sideways once into a ring of 11 rows, and a row of the map is the weighted sum of the
+ * ring. Memory is that of 55 rows, whatever the height. */
+#include "render/metrics_image.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include "base/memory.h"
+
+enum { WINDOW = 11, MOMENTS = 5 /* a, b, aa, bb, ab */ };
+
+/* Not fmin/fmax: they would turn a NaN into a number. */
+static double clipped(float value)
+{
+    return value < 0 ? 0 : value > 1 ? 1 : (double)value;
+}
+
+double cln_image_mse(int width, int height, const float *a, const float *b)
+{
+    const size_t count = (size_t)width * (size_t)height * 3;
+    double sum = 0;
+
+    for (size_t i = 0; i < count; i++) {
+        const double difference = clipped(a[i]) - clipped(b[i]);
+
+        sum += difference * difference;
+    }
+    return count ? sum / (double)count : 0;
+}
+
+double cln_psnr(double mse)
+{
+    /* Equal images have no finite PSNR; 100 dB is beyond what 8 or 16 bits can show. */
+    return mse < 1e-10 ? 100 : -10 * log10(mse);
+}
+
+static void gaussian(double weight[WINDOW])
+{
+    double sum = 0;
+
+    for (int i = 0; i < WINDOW; i++) {
+        const double x = (i - WINDOW / 2) / 1.5;
+
+        weight[i] = exp(-0.5 * x * x);
+        sum += weight[i];
+    }
+    for (int i = 0; i < WINDOW; i++)
+        weight[i] /= sum;
+}
+
+/* Moments of one row and channel, filtered sideways: out[moment][valid]. */
+static void filter_row(int valid, const double weight[WINDOW], const float *a, const float *b,
+                       double *out)
+{
+    for (int x = 0; x < valid; x++) {
+        double m[MOMENTS] = {0};
+
+        for (int i = 0; i < WINDOW; i++) {
+            const double va = clipped(a[(x + i) * 3]), vb = clipped(b[(x + i) * 3]);
+
+            m[0] += weight[i] * va;
+            m[1] += weight[i] * vb;
+            m[2] += weight[i] * va * va;
+            m[3] += weight[i] * vb * vb;
+            m[4] += weight[i] * va * vb;
+        }
+        for (int k = 0; k < MOMENTS; k++)
+            out[(size_t)k * (size_t)valid + (size_t)x] = m[k];
+    }
+}
+
+static double ssim_of_moments(const double m[MOMENTS])
+{
+    const double c1 = 0.01 * 0.01, c2 = 0.03 * 0.03;
+    const double mu00 = m[0] * m[0], mu11 = m[1] * m[1], mu01 = m[0] * m[1];
+    double s00 = m[2] - mu00, s11 = m[3] - mu11, s01 = m[4] - mu01, bound = 0;
+
+    /* Rounding may leave tiny negative variances, and a covariance beyond them. */
+    if (s00 < 0)
+        s00 = 0;
+    if (s11 < 0)
+        s11 = 0;
+    bound = sqrt(s00 * s11);
+    if (fabs(s01) > bound)
+        s01 = copysign(bound, s01);
+    return (2 * mu01 + c1) * (2 * s01 + c2) / ((mu00 + mu11 + c1) * (s00 + s11 + c2));
+}
+
+cln_status cln_image_ssim(int width, int height, const float *a, const float *b, double *ssim)
+{
+    cln_status st = CLN_OK;
+    const int valid = width - WINDOW + 1;
+    double weight[WINDOW], total = 0;
+    double *ring = NULL; /* [WINDOW][MOMENTS][valid] */
+    size_t stride = 0;
+
+    if (width < WINDOW || height < WINDOW)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "SSIM needs images of %d x %d pixels or more, this one is %d x %d", WINDOW,
+                         WINDOW, width, height));
+    gaussian(weight);
+    stride = MOMENTS * (size_t)valid;
+    CLN_TRY(cln_alloc(&ring, WINDOW * stride, sizeof *ring, "SSIM rows"));
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < height; y++) {
+            const size_t row = (size_t)y * (size_t)width * 3 + (size_t)c;
+            double row_sum = 0;
+
+            filter_row(valid, weight, a + row, b + row, ring + (size_t)(y % WINDOW) * stride);
+            if (y < WINDOW - 1)
+                continue;
+            for (int x = 0; x < valid; x++) {
+                double m[MOMENTS] = {0};
+
+                for (int i = 0; i < WINDOW; i++) {
+                    const double *from = ring + (size_t)((y + 1 + i) % WINDOW) * stride + x;
+
+                    for (int k = 0; k < MOMENTS; k++)
+                        m[k] += weight[i] * from[(size_t)k * (size_t)valid];
+                }
+                row_sum += ssim_of_moments(m);
+            }
+            total += row_sum;
+        }
+    *ssim = total / ((double)valid * (height - WINDOW + 1) * 3);
+done:
+    free(ring);
+    return st;
+}

@@ -1,0 +1,150 @@
+/* Opens a run for eval and render. See viewer.h. The settings are the checkpoint's, so that pictures are
+ * those of the training that made it, bit for bit. */
+#include "render/open_run.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "pipeline/plan.h"
+#include "io/run_folder.h"
+
+cln_status cln_viewer_compare(const char *run, const cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const char *saved = NULL;
+    char digest[24];
+
+    CLN_TRY(cln_run_read(run, &document));
+    saved = json_string_value(json_object_get(json_object_get(document, "dataset"), "digest"));
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
+    if (!saved || strcmp(saved, digest) != 0)
+        cln_warn(
+            "%s: the scene is not the one that %s began with (digest %s, was %s); results will "
+            "not be those of the same photos and poses",
+            scene->folder, run, digest, saved ? saved : "unknown");
+done:
+    json_decref(document);
+    return st;
+}
+
+static bool same_text(const json_t *object, const char *key, const char *text)
+{
+    const char *saved = json_string_value(json_object_get(object, key));
+
+    return saved && strcmp(saved, text) == 0;
+}
+
+cln_status cln_viewer_keep_tune(const char *run, cln_device *device)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const json_t *saved = NULL;
+    const char *list = NULL, *from = NULL;
+    cln_tune tune = device->tune; /* for what an older program did not know */
+
+    if (device->tune_from[0])
+        return CLN_OK;
+    CLN_TRY(cln_run_read(run, &document));
+    saved = json_object_get(document, "device");
+    list = json_string_value(json_object_get(document, "tune"));
+    from = json_string_value(json_object_get(document, "tune_from"));
+    if (!list || !same_text(saved, "name", device->info.name) ||
+        !same_text(saved, "platform", device->info.platform) ||
+        !same_text(saved, "driver", device->info.driver))
+        goto done;
+    if (cln_tune_parse(list, &tune) != CLN_OK) {
+        cln_warn("%s/run.json: tune: its kernel parameters are not understood (%s); others are "
+                 "chosen, and results may differ in the last bits",
+                 run, cln_error_text());
+        cln_clear_error();
+        goto done;
+    }
+    device->tune = tune;
+    snprintf(device->tune_from, sizeof device->tune_from, "%.400s", from ? from : "the run");
+done:
+    json_decref(document);
+    return st;
+}
+
+cln_status cln_viewer_split(const cln_scene *scene, const char *name, cln_split *split)
+{
+    for (int s = 0; s < CLN_SPLITS; s++) {
+        if (strcmp(name, cln_split_names[s]) != 0)
+            continue;
+        *split = (cln_split)s;
+        if (cln_scene_split_count(scene, *split) > 0)
+            return CLN_OK;
+        return cln_fail(CLN_INPUT,
+                        "%s: no view is in the split %s (%s); choose another with --split",
+                        scene->folder, name, scene->split_rule);
+    }
+    return cln_fail(CLN_USAGE, "--split: '%s' is not one of train|val|test", name);
+}
+
+cln_status cln_viewer_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
+                           cln_viewer *out)
+{
+    cln_status st = CLN_OK;
+    cln_config recorded;
+    char *own_scene = NULL;
+    cln_scene_desc desc = {.config = &out->model.config};
+
+    memset(out, 0, sizeof *out);
+    out->run = run;
+    memcpy(desc.pixels, pixels, sizeof desc.pixels);
+    CLN_TRY(cln_run_config(run, &recorded, &own_scene));
+    desc.path = scene ? scene : own_scene;
+    CLN_TRY(cln_checkpoint_read(run, false, &out->model));
+    st = cln_scene_load(&desc, &out->scene);
+    if (st != CLN_OK && !scene)
+        cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
+    CLN_TRY(st);
+    CLN_TRY(cln_viewer_compare(run, out->scene));
+done:
+    free(own_scene);
+    if (st != CLN_OK)
+        cln_viewer_close(out);
+    return st;
+}
+
+cln_status cln_viewer_start(cln_viewer *viewer, const cln_device_desc *device, bool distortion)
+{
+    cln_status st = CLN_OK;
+    const cln_config *config = &viewer->model.config;
+    cln_pipeline *p = &viewer->pipeline;
+    char text[1024];
+    const cln_plan_desc desc = {p, viewer->scene, viewer->model.tree.leaf_count, false, 0};
+    cln_plan plan, host_plan;
+
+    CLN_TRY(cln_device_open(device, &viewer->device));
+    cln_info("device: %s (%s, %d compute units)", viewer->device->info.name,
+             viewer->device->info.platform, viewer->device->info.compute_units);
+    CLN_TRY(cln_viewer_keep_tune(viewer->run, viewer->device));
+    cln_debug("building kernels for %s", viewer->device->info.name);
+    CLN_TRY(cln_pipeline_create(viewer->device, config, distortion,
+                                config->random_background && viewer->scene->has_alpha, p));
+    cln_tune_text(&p->tune, text);
+    cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
+    cln_plan_device(&desc, &plan);
+    cln_plan_host(&desc, &plan, &host_plan);
+    CLN_TRY(cln_plan_check(viewer->device, &plan));
+    CLN_TRY(cln_plan_check_host(&host_plan));
+    cln_plan_text(&plan, text, sizeof text);
+    cln_debug("memory plan: %s", text);
+    cln_plan_apply(&plan, p);
+    CLN_TRY(cln_pipeline_upload(p, &viewer->model, false));
+done:
+    return st;
+}
+
+void cln_viewer_close(cln_viewer *viewer)
+{
+    cln_pipeline_free(&viewer->pipeline);
+    cln_device_close(viewer->device);
+    cln_scene_free(viewer->scene);
+    cln_model_free(&viewer->model);
+    memset(viewer, 0, sizeof *viewer);
+}

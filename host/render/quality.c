@@ -1,0 +1,213 @@
+/* Quality of held-out views. See evaluate.h. */
+#include "render/quality.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/files.h"
+#include "base/memory.h"
+#include "render/tree_picture.h"
+#include "io/image.h"
+#include "render/metrics_image.h"
+#include "io/names.h"
+#include "io/run_folder.h"
+
+enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
+
+void cln_eval_free(cln_eval_result *result)
+{
+    for (int i = 0; result->images && i < result->count; i++)
+        free(result->images[i].name);
+    free(result->images);
+    memset(result, 0, sizeof *result);
+}
+
+cln_status cln_evaluate_choose(const cln_scene *scene, cln_split split, int most, int **views,
+                               int *count)
+{
+    cln_status st = CLN_OK;
+    const int total = cln_scene_split_count(scene, split);
+
+    *count = most > 0 && most < total ? most : total;
+    CLN_TRY(cln_alloc(views, (size_t)*count, sizeof **views, "views"));
+    for (int i = 0; i < *count; i++)
+        (*views)[i] = cln_scene_split_view(scene, split, (int)((int64_t)i * total / *count));
+done:
+    return st;
+}
+
+static cln_status write_picture(const char *folder, const char *name, const char *suffix, int width,
+                                int height, const float *rgb)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    uint8_t *bytes = NULL;
+    const size_t n = (size_t)width * (size_t)height * 3;
+
+    CLN_TRY(cln_asprintf(&path, "%s/%s%s", folder, name, suffix));
+    CLN_TRY(cln_alloc(&bytes, n, 1, "picture"));
+    for (size_t i = 0; i < n; i++)
+        bytes[i] = cln_to_u8(rgb[i]);
+    CLN_TRY(cln_image_write_png(path, width, height, 3, bytes));
+done:
+    free(path);
+    free(bytes);
+    return st;
+}
+
+/* Truth, render and their absolute difference times four. */
+static cln_status save(const char *folder, const char *view_name, int width, int height,
+                       const float *rgb, const float *truth, float *scratch)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL;
+    const size_t n = (size_t)width * (size_t)height * 3;
+
+    CLN_TRY(cln_view_file_name(view_name, &name));
+    CLN_TRY(write_picture(folder, name, ".png", width, height, rgb));
+    CLN_TRY(write_picture(folder, name, ".truth.png", width, height, truth));
+    for (size_t i = 0; i < n; i++)
+        scratch[i] = 4.0f * fabsf(rgb[i] - truth[i]);
+    CLN_TRY(write_picture(folder, name, ".error.png", width, height, scratch));
+done:
+    free(name);
+    return st;
+}
+
+static cln_status measure(const cln_scene *scene, int view, const cln_picture *picture,
+                          const char *folder, cln_eval_image *image)
+{
+    cln_status st = CLN_OK;
+    const cln_view *v = &scene->views[view];
+    const int width = picture->width, height = picture->height;
+    const size_t pixels = (size_t)width * (size_t)height;
+    float *truth = NULL, *rounded = NULL, alpha = 0;
+
+    CLN_TRY(cln_alloc(&truth, pixels * 3, sizeof *truth, "picture"));
+    CLN_TRY(cln_alloc(&rounded, pixels * 3, sizeof *rounded, "picture"));
+    for (size_t i = 0; i < pixels; i++)
+        cln_view_pixel(v, (int)(i % (size_t)width), (int)(i / (size_t)width), scene->background,
+                       truth + 3 * i, &alpha);
+    for (size_t i = 0; i < pixels * 3; i++)
+        rounded[i] = (float)cln_to_u8(picture->rgb[i]) / 255.0f;
+    image->width = width;
+    image->height = height;
+    image->mse = cln_image_mse(width, height, picture->rgb, truth);
+    image->psnr = cln_psnr(image->mse);
+    image->psnr_u8 = cln_psnr(cln_image_mse(width, height, rounded, truth));
+    CLN_TRY(cln_image_ssim(width, height, picture->rgb, truth, &image->ssim));
+    if (folder)
+        CLN_TRY(save(folder, v->name, width, height, picture->rgb, truth, rounded));
+done:
+    free(truth);
+    free(rounded);
+    return st;
+}
+
+/* If view i of `count` is one of those: its pictures of the tree, and its name to `drawn`. */
+static cln_status draw_tree(const cln_model *model, const cln_view *view, int i, int count,
+                            const cln_picture *picture, const char *folder, json_t *drawn)
+{
+    cln_status st = CLN_OK;
+    bool wanted = false;
+
+    for (int k = 0; k < TREE_VIEWS; k++)
+        wanted |= i == (int)((int64_t)k * count / TREE_VIEWS);
+    if (!wanted)
+        return CLN_OK;
+    CLN_TRY(cln_tree_save(model, view, picture, folder));
+    json_array_append_new(drawn, json_string(view->name));
+done:
+    return st;
+}
+
+cln_status cln_evaluate(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
+                        const int *views, int count, const char *folder,
+                        const cln_callbacks *callbacks, cln_eval_result *result)
+{
+    cln_status st = CLN_OK;
+    const bool tree = model && folder;
+    json_t *drawn = json_array();
+
+    CLN_TRY(cln_alloc(&result->images, (size_t)count, sizeof *result->images, "evaluation"));
+    result->count = count;
+    memcpy(result->background, scene->background, sizeof result->background);
+    if (count > 0)
+        snprintf(result->split, sizeof result->split, "%s",
+                 cln_split_names[scene->views[views[0]].split]);
+    if (folder)
+        CLN_TRY(cln_make_dirs(folder));
+    if (callbacks && callbacks->work)
+        callbacks->work("eval", 0, count, callbacks->user);
+    CLN_TRY(cln_render_prepare(p));
+    for (int i = 0; i < count; i++) {
+        cln_eval_image *image = &result->images[i];
+        cln_picture picture;
+        const double start = cln_now();
+
+        CLN_TRY(cln_strdup(&image->name, scene->views[views[i]].name));
+        CLN_TRY(cln_render_view(p, views[i], scene->background, false, callbacks, &picture));
+        image->seconds = cln_now() - start;
+        st = measure(scene, views[i], &picture, folder, image);
+        if (st == CLN_OK && tree)
+            st = draw_tree(model, &scene->views[views[i]], i, count, &picture, folder, drawn);
+        cln_picture_free(&picture);
+        CLN_TRY(st);
+        result->psnr += image->psnr / count;
+        result->psnr_u8 += image->psnr_u8 / count;
+        result->ssim += image->ssim / count;
+        result->mse += image->mse / count;
+        result->seconds += image->seconds / count;
+        if (callbacks && callbacks->work)
+            callbacks->work("eval", i + 1, count, callbacks->user);
+    }
+    result->psnr_of_mean_mse = cln_psnr(result->mse);
+    if (tree)
+        CLN_TRY(cln_tree_describe(model, drawn, folder));
+done:
+    json_decref(drawn);
+    return st;
+}
+
+static double deviation(const cln_eval_result *r, bool ssim)
+{
+    double sum = 0;
+
+    for (int i = 0; i < r->count; i++) {
+        const double d = ssim ? r->images[i].ssim - r->ssim : r->images[i].psnr - r->psnr;
+
+        sum += d * d;
+    }
+    return r->count > 0 ? sqrt(sum / r->count) : 0;
+}
+
+cln_status cln_evaluate_json(const cln_eval_result *r, json_t **out)
+{
+    char digest[24];
+    json_t *images = json_array();
+
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)r->digest);
+    for (int i = 0; i < r->count; i++) {
+        const cln_eval_image *e = &r->images[i];
+
+        json_array_append_new(
+            images, json_pack("{s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:f}", "name", e->name, "width",
+                              e->width, "height", e->height, "psnr", cln_json_real(e->psnr),
+                              "psnr_u8", cln_json_real(e->psnr_u8), "ssim", cln_json_real(e->ssim),
+                              "mse", cln_json_real(e->mse), "seconds", e->seconds));
+    }
+    *out = json_pack(
+        "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:f}, "
+        "s:{s:o, s:o}, s:o, s:o}",
+        "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "model_digest", digest,
+        "step", (json_int_t)r->step, "train_seconds", r->train_seconds, "split", r->split,
+        "color_space", "srgb", "background", (double)r->background[0], (double)r->background[1],
+        (double)r->background[2], "pixel_centre", 0.5, "mean", "psnr", cln_json_real(r->psnr),
+        "psnr_u8", cln_json_real(r->psnr_u8), "ssim", cln_json_real(r->ssim), "mse",
+        cln_json_real(r->mse), "seconds", r->seconds, "std", "psnr",
+        cln_json_real(deviation(r, false)), "ssim", cln_json_real(deviation(r, true)),
+        "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
+    return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");
+}

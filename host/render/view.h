@@ -1,0 +1,26 @@
+/* One view rendered with a pipeline whose tree and weights are uploaded: the way every picture is made,
+ * for eval, render and the evaluations during training. */
+#ifndef CLN_RENDER_H
+#define CLN_RENDER_H
+
+#include "pipeline/stages.h"
+
+typedef struct cln_picture {
+    int width, height;
+    float *rgb;     /* [height][width][3] */
+    float *depth;   /* [height][width] normalised units; 0 where nothing is (opacity 0) */
+    float *opacity; /* [height][width] */
+} cln_picture;
+
+void cln_picture_free(cln_picture *picture);
+
+/* Stage-1 densities at cell centres, for pictures. Training's own densities are lost: save them before. */
+cln_status cln_render_prepare(cln_pipeline *p);
+
+/* View number `view` of the cameras given to cln_pipeline_cameras. axis_depth: depth along the optical
+ * axis instead of along the ray. `interrupted` (may be NULL) is polled between batches and ends the
+ * picture with CLN_SIGINT / CLN_SIGTERM. */
+cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
+                           const cln_callbacks *callbacks, cln_picture *out);
+
+#endif

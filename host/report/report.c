@@ -1,0 +1,236 @@
+/* The report page: reads the run folder (report_data.c), writes head, headline figures and what was
+ * left out, and calls the sections (report_*.c) in between. Everything from a file goes through
+ * cln_html_text; the page refers to nothing outside itself. */
+#include "report/report.h"
+
+#include <locale.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "report/html.h"
+#include "io/progress.h"
+#include "report/report_sections.h"
+#include "report/report_style.h"
+
+static double last_finite(int count, const double *values)
+{
+    for (int i = count - 1; i >= 0; i--) {
+        if (isfinite(values[i]))
+            return values[i];
+    }
+    return NAN;
+}
+
+/* The last part of a path, trailing slashes aside. */
+static const char *base_name(const char *path, int *length)
+{
+    const char *end = path + strlen(path);
+    const char *start = NULL;
+
+    while (end > path + 1 && end[-1] == '/')
+        end--;
+    start = end;
+    while (start > path && start[-1] != '/')
+        start--;
+    *length = (int)(end - start);
+    return start;
+}
+
+static void put_title(FILE *to, const char *run)
+{
+    char name[256];
+    int length = 0;
+    const char *start = base_name(run, &length);
+
+    snprintf(name, sizeof name, "%.*s", length, start);
+    cln_html_text(to, strcmp(name, ".") == 0 ? "run" : name);
+}
+
+static void put_head(FILE *to, const char *run, const json_t *document)
+{
+    const char *state = cln_json_text(document, "state");
+    const char *started = cln_json_text(document, "started");
+    const char *ended = cln_json_text(document, "ended");
+    const char *command = cln_json_text(document, "command");
+    const char *path = cln_json_text(json_object_get(document, "dataset"), "path");
+
+    fputs("<!doctype html>\n<html lang=en>\n<meta charset=utf-8>\n"
+          "<meta name=viewport content=\"width=device-width,initial-scale=1\">\n<title>",
+          to);
+    put_title(to, run);
+    fprintf(to, " &ndash; cl-nascent</title>\n<style>%s</style>\n<main>\n<h1>", report_style);
+    put_title(to, run);
+    if (*state) {
+        fprintf(to, "<span class='state%s'>", strcmp(state, "done") == 0 ? "" : " other");
+        cln_html_text(to, state);
+        fputs("</span>", to);
+    }
+    fputs("</h1>\n<p class=soft>", to);
+    if (*path) {
+        fputs("trained on ", to);
+        cln_html_text(to, path);
+    }
+    if (*started) {
+        fputs(*path ? " &middot; " : "", to);
+        cln_html_text(to, started);
+        fputs(*ended ? " to " : "", to);
+        cln_html_text(to, ended);
+    }
+    fputs("</p>\n", to);
+    if (*command) {
+        fputs("<p><code>", to);
+        cln_html_text(to, command);
+        fputs("</code></p>\n", to);
+    }
+    if (json_object_size(document) == 0)
+        fputs("<p class=soft>There is no readable run.json in this folder.</p>\n", to);
+}
+
+static void open_card(FILE *to, bool main_one)
+{
+    fprintf(to, "<div class='card%s'><b>", main_one ? " main" : "");
+}
+
+static void close_card(FILE *to, const char *caption)
+{
+    fputs("</b><span>", to);
+    cln_html_text(to, caption);
+    fputs("</span></div>\n", to);
+}
+
+static void put_psnr_card(FILE *to, double psnr, const char *caption, bool main_one)
+{
+    open_card(to, main_one);
+    cln_report_number(to, psnr, 2);
+    fputs(" <small>dB</small>", to);
+    close_card(to, caption);
+}
+
+/* Figures of the shown evaluation, else of the last test during training, else of training alone. */
+static void put_headline(FILE *to, const cln_report_data *data)
+{
+    const cln_report_rows *r = &data->rows;
+    const json_t *result = json_object_get(data->run, "result");
+    const cln_report_eval *e = data->shown >= 0 ? &data->evals[data->shown] : NULL;
+    double seconds = fmax(last_finite(r->count, r->seconds), cln_json_number(result, "seconds"));
+    double step = fmax(last_finite(r->count, r->step), cln_json_number(result, "step"));
+    double leaves = last_finite(r->count, r->leaves), params = last_finite(r->count, r->params);
+    double test = last_finite(r->count, r->psnr_test);
+    char caption[128], text[32];
+
+    fputs("<div class=cards>\n", to);
+    if (e) {
+        cln_format_duration(e->seconds, text);
+        snprintf(caption, sizeof caption, "%s PSNR after %s", e->split, text);
+        put_psnr_card(to, e->psnr, caption, true);
+        open_card(to, false);
+        cln_report_number(to, e->ssim, 4);
+        snprintf(caption, sizeof caption, "%s SSIM, %d view%s", e->split, e->images,
+                 e->images == 1 ? "" : "s");
+        close_card(to, caption);
+    } else if (isfinite(test)) {
+        put_psnr_card(to, test, "test PSNR, some views, while training", true);
+    }
+    put_psnr_card(to, last_finite(r->count, r->smooth), "train PSNR, smoothed", false);
+    open_card(to, false);
+    cln_format_duration(seconds, text);
+    fputs(text, to);
+    cln_format_short(last_finite(r->count, r->rays_per_s), text);
+    snprintf(caption, sizeof caption, "training time%s%s%s", *text != '?' ? ", at the end " : "",
+             *text != '?' ? text : "", *text != '?' ? " rays/s" : "");
+    close_card(to, caption);
+    open_card(to, false);
+    cln_format_count(step, text);
+    fputs(isfinite(step) ? text : "&ndash;", to);
+    close_card(to, "steps");
+    open_card(to, false);
+    cln_format_count(leaves, text);
+    fputs(isfinite(leaves) ? text : "&ndash;", to);
+    cln_format_short(params, text);
+    snprintf(caption, sizeof caption, "leaves%s%s%s", isfinite(params) ? ", " : "",
+             isfinite(params) ? text : "", isfinite(params) ? " parameters" : "");
+    close_card(to, caption);
+    fputs("</div>\n", to);
+}
+
+static void put_left_out(FILE *to, const json_t *run)
+{
+    const json_t *sentences = json_object_get(run, "left_out");
+
+    if (!json_is_array(sentences))
+        return;
+    fputs("<h2>What was left out</h2>\n", to);
+    if (json_array_size(sentences) == 0) {
+        fputs("<p>Nothing: this scene needs all of it.</p>\n", to);
+        return;
+    }
+    fputs("<p class=soft>What this scene does not need is not in its kernels and not in its "
+          "work.</p>\n"
+          "<ul>\n",
+          to);
+    for (size_t i = 0; i < json_array_size(sentences); i++) {
+        fputs("<li>", to);
+        cln_html_text(to, json_string_value(json_array_get(sentences, i)));
+        fputc('\n', to);
+    }
+    fputs("</ul>\n", to);
+}
+
+static void put_foot(FILE *to, const json_t *run)
+{
+    const char *version = cln_json_text(run, "version");
+    const char *digest = cln_json_text(json_object_get(run, "result"), "model_digest");
+
+    fputs("<footer>cl-nascent ", to);
+    cln_html_text(to, version);
+    if (*digest) {
+        fputs(" &middot; model ", to);
+        cln_html_text(to, digest);
+    }
+    fputs("</footer>\n</main>\n", to);
+}
+
+static cln_status put_page(FILE *to, const char *run, const cln_report_data *data)
+{
+    cln_status st = CLN_OK;
+
+    put_head(to, run, data->run);
+    put_headline(to, data);
+    cln_report_curves(to, data);
+    CLN_TRY(cln_report_views(to, run, data));
+    CLN_TRY(cln_report_tree(to, run, data));
+    cln_report_stages(to, data);
+    put_left_out(to, data->run);
+    cln_report_settings(to, data);
+    cln_report_machine(to, data);
+    put_foot(to, data->run);
+done:
+    return st;
+}
+
+cln_status cln_report_write(const char *run)
+{
+    cln_status st = CLN_OK;
+    cln_report_data data = {.shown = -1};
+    cln_atomic_file *file = NULL;
+    char *path = NULL;
+    /* Decimal points in CSS and SVG whatever the program that uses the library has set. */
+    locale_t c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    locale_t outside = uselocale(c_locale);
+
+    CLN_TRY(cln_report_data_read(run, &data));
+    CLN_TRY(cln_path_join(&path, run, "report.html"));
+    CLN_TRY(cln_atomic_open(path, &file));
+    CLN_TRY(put_page(cln_atomic_stream(file), run, &data));
+    st = cln_atomic_commit(file);
+    file = NULL;
+done:
+    cln_atomic_abandon(file);
+    cln_report_data_free(&data);
+    free(path);
+    uselocale(outside);
+    if (c_locale)
+        freelocale(c_locale);
+    return st;
+}

@@ -1,0 +1,322 @@
+/* The report's curves: PSNR over seconds and over steps, the tree and the speed over seconds, the test
+ * points as a table, and where the time went. */
+#include "report/report_sections.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "report/html.h"
+#include "io/progress.h"
+#include "report/svg.h"
+
+enum { EVENTS = 16, MARKS = 64, TABLE_ROWS = 16 };
+
+static const char train_colour[] = "#2f6da8";
+static const char train_faint[] = "#c3d5e6";
+static const char test_colour[] = "#c2501c";
+static const char other_colour[] = "#4d6a57";
+
+static const char *const stage_colours[] = {"#2f6da8", "#c2501c", "#4d8a5f", "#8a63a6",
+                                            "#c59a2e", "#4f9bab", "#a65068", "#7d8791"};
+enum { STAGE_COLOURS = sizeof stage_colours / sizeof stage_colours[0] };
+static const char rest_colour[] = "#d5dade";
+
+typedef struct curve {
+    int count;
+    double x[CLN_REPORT_POINTS], y[CLN_REPORT_POINTS];
+} curve;
+
+void cln_report_number(FILE *to, double value, int decimals)
+{
+    if (isfinite(value))
+        fprintf(to, "%.*f", decimals, value);
+    else
+        fputs("&ndash;", to);
+}
+
+/* ---- error against run time ---- */
+
+/* Where decisions on the structure stand on an axis; returns how many, at most MARKS. */
+static int find_marks(const cln_report_data *data, bool over_steps, double x[MARKS])
+{
+    int count = 0;
+
+    for (int i = 0; i < data->decision_count && count < MARKS; i++) {
+        const double at = over_steps ? data->decisions[i].step : data->decisions[i].seconds;
+        if (isfinite(at))
+            x[count++] = at;
+    }
+    return count;
+}
+
+/* PSNR of train and test over an axis, with the full evaluations as rings. */
+static bool put_psnr(FILE *to, const cln_report_data *data, bool over_steps)
+{
+    curve raw, smooth, test, full;
+    double marks[MARKS];
+    const cln_report_rows *r = &data->rows;
+    const double *x = over_steps ? r->step : r->seconds;
+    cln_series series[] = {
+        {NULL, train_faint, CLN_SERIES_FAINT, 0, raw.x, raw.y},
+        {"train", train_colour, CLN_SERIES_LINE, 0, smooth.x, smooth.y},
+        {"test, while training", test_colour, CLN_SERIES_DOTS, 0, test.x, test.y},
+        {"evaluation", test_colour, CLN_SERIES_RINGS, 0, full.x, full.y},
+    };
+    cln_chart chart = {.title = over_steps ? "PSNR over steps" : "PSNR over training time, dB",
+                       .x_label = over_steps ? "steps" : "training time",
+                       .x_axis = over_steps ? CLN_AXIS_COUNT : CLN_AXIS_SECONDS,
+                       .width = 560,
+                       .height = 330,
+                       .series_count = 4,
+                       .series = series,
+                       .mark_count = find_marks(data, over_steps, marks),
+                       .marks = marks};
+
+    series[0].count = cln_report_decimate(r->count, x, r->psnr_train, raw.x, raw.y);
+    series[1].count = cln_report_decimate(r->count, x, r->smooth, smooth.x, smooth.y);
+    series[2].count = cln_report_decimate(r->count, x, r->psnr_test, test.x, test.y);
+    full.count = 0;
+    for (int i = 0; i < data->eval_count && full.count < CLN_REPORT_POINTS; i++) {
+        const cln_report_eval *e = &data->evals[i];
+        if (strcmp(e->split, "train") == 0)
+            continue;
+        full.x[full.count] = over_steps ? e->step : e->seconds;
+        full.y[full.count++] = e->psnr;
+    }
+    series[3].count = full.count;
+    return cln_svg_chart(to, &chart);
+}
+
+static bool was_decided(const cln_report_data *data, double after, double until)
+{
+    for (int i = 0; i < data->decision_count; i++) {
+        if (data->decisions[i].step >= after && data->decisions[i].step < until)
+            return true;
+    }
+    return false;
+}
+
+/* Where the tree grew by half or more between two rows, and not by a decision on single leaves. */
+static int find_growth(const cln_report_data *data, double seconds[EVENTS])
+{
+    const cln_report_rows *r = &data->rows;
+    int count = 0;
+
+    for (int i = 1; i < r->count && count < EVENTS; i++) {
+        if (r->leaves[i] > 1.5 * r->leaves[i - 1] && !was_decided(data, r->step[i - 1], r->step[i]))
+            seconds[count++] = r->seconds[i];
+    }
+    return count;
+}
+
+static void put_small(FILE *to, const cln_report_data *data, const char *title, const double *y,
+                      cln_series_style style, cln_axis axis)
+{
+    curve c;
+    const cln_report_rows *r = &data->rows;
+    double growth[EVENTS], marks[MARKS];
+    cln_series series = {NULL, other_colour, style, 0, c.x, c.y};
+    cln_chart chart = {.title = title,
+                       .x_label = "training time",
+                       .x_axis = CLN_AXIS_SECONDS,
+                       .y_axis = axis,
+                       .width = 360,
+                       .height = 190,
+                       .y_from_zero = true,
+                       .series_count = 1,
+                       .series = &series,
+                       .lines = growth,
+                       .marks = marks};
+
+    series.count = cln_report_decimate(r->count, r->seconds, y, c.x, c.y);
+    chart.line_count = find_growth(data, growth);
+    chart.mark_count = find_marks(data, false, marks);
+    cln_svg_chart(to, &chart);
+}
+
+/* One row of the table of test points. */
+typedef struct point {
+    double seconds, step, psnr, ssim, train;
+    int images; /* 0 = a measurement during training */
+} point;
+
+static int by_seconds(const void *a, const void *b)
+{
+    const point *x = a, *y = b;
+
+    if (x->seconds != y->seconds)
+        return x->seconds < y->seconds ? -1 : 1;
+    return x->images - y->images;
+}
+
+/* Smoothed train PSNR at a time: of the last row not after it. */
+static double train_at(const cln_report_rows *r, double seconds)
+{
+    double psnr = NAN;
+
+    for (int i = 0; i < r->count && r->seconds[i] <= seconds + 1e-6; i++)
+        psnr = isfinite(r->smooth[i]) ? r->smooth[i] : psnr;
+    return psnr;
+}
+
+static int find_points(const cln_report_data *data, point *out)
+{
+    const cln_report_rows *r = &data->rows;
+    int count = 0;
+
+    for (int i = 0; i < r->count; i++) {
+        if (isfinite(r->psnr_test[i]) && isfinite(r->seconds[i]))
+            out[count++] = (point){r->seconds[i], r->step[i], r->psnr_test[i], NAN, NAN, 0};
+    }
+    for (int i = 0; i < data->eval_count; i++) {
+        const cln_report_eval *e = &data->evals[i];
+        if (strcmp(e->split, "train") != 0 && isfinite(e->seconds))
+            out[count++] = (point){e->seconds, e->step, e->psnr, e->ssim, NAN, e->images};
+    }
+    qsort(out, (size_t)count, sizeof *out, by_seconds);
+    return count;
+}
+
+static void put_points(FILE *to, const cln_report_data *data)
+{
+    point *points = calloc((size_t)data->rows.count + (size_t)data->eval_count + 1, sizeof *points);
+    int count = points ? find_points(data, points) : 0;
+    int shown = count < TABLE_ROWS ? count : TABLE_ROWS;
+
+    if (count > 0) {
+        fputs("<table><tr><th>training time<th class=n>steps<th class=n>test PSNR<th class=n>SSIM"
+              "<th class=n>train PSNR<th>measured on\n",
+              to);
+        for (int k = 0; k < shown; k++) {
+            const point *p = &points[shown > 1 ? (int64_t)k * (count - 1) / (shown - 1) : 0];
+            char time[32], steps[32];
+
+            cln_format_duration(p->seconds, time);
+            cln_format_count(p->step, steps);
+            fprintf(to, "<tr><td>%s<td class=n>%s<td class=n>", time, steps);
+            cln_report_number(to, p->psnr, 2);
+            fputs("<td class=n>", to);
+            cln_report_number(to, p->ssim, 4);
+            fputs("<td class=n>", to);
+            cln_report_number(to, train_at(&data->rows, p->seconds), 2);
+            if (p->images > 0)
+                fprintf(to, "<td>an evaluation of %d image%s\n", p->images,
+                        p->images == 1 ? "" : "s");
+            else
+                fputs("<td>some images, while training\n", to);
+        }
+        fputs("</table>\n", to);
+    }
+    free(points);
+}
+
+void cln_report_curves(FILE *to, const cln_report_data *data)
+{
+    const cln_report_rows *r = &data->rows;
+
+    fputs("<h2>Error against run time</h2>\n<div class=two>\n", to);
+    if (!put_psnr(to, data, false)) {
+        fputs("</div><p class=soft>Nothing was measured yet.</p>\n", to);
+        return;
+    }
+    put_psnr(to, data, true);
+    fputs("</div>\n<div class=three>\n", to);
+    put_small(to, data, "Leaves", r->leaves, CLN_SERIES_STEPS, CLN_AXIS_COUNT);
+    put_small(to, data, "Rays per second", r->rays_per_s, CLN_SERIES_LINE, CLN_AXIS_COUNT);
+    put_small(to, data, "Samples per ray", r->samples_per_ray, CLN_SERIES_LINE, CLN_AXIS_NUMBER);
+    fputs("</div>\n<p class=soft>Train PSNR is that of each batch of training rays, pale as "
+          "measured, "
+          "dark smoothed. Dashed lines: a level more.",
+          to);
+    if (data->decision_count > 0)
+        fputs(" Marks at the foot: decisions on single leaves.", to);
+    fputs("</p>\n", to);
+    put_points(to, data);
+}
+
+/* ---- time per stage ---- */
+
+static int by_time(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return x < y ? 1 : x > y ? -1 : 0;
+}
+
+static const char *stage_colour(int rank)
+{
+    return stage_colours[rank < STAGE_COLOURS ? rank : STAGE_COLOURS - 1];
+}
+
+static void put_stage(FILE *to, const char *name, const char *colour, double seconds, double total,
+                      double steps)
+{
+    char time[32];
+
+    cln_format_duration(seconds, time);
+    fprintf(to, "<tr><td class=name><span class=key style='background:%s'></span>", colour);
+    cln_html_text(to, name);
+    fprintf(to, "<td class=n>%s<td class=n>%.1f&thinsp;%%<td class=n>", time,
+            100 * seconds / total);
+    cln_report_number(to, 1000 * seconds / steps, seconds / steps < 0.01 ? 2 : 1);
+    fprintf(to, "<td class=wide><span class=bar style='width:%.1f%%;background:%s'></span>\n",
+            100 * seconds / total, colour);
+}
+
+/* Time on the wall; a resumed run starts to count anew. */
+static double wall_seconds(const cln_report_rows *r)
+{
+    double sum = 0, last = 0;
+
+    for (int i = 0; i < r->count; i++) {
+        if (!isfinite(r->wall[i]))
+            continue;
+        if (r->wall[i] < last)
+            sum += last;
+        last = r->wall[i];
+    }
+    return sum + last;
+}
+
+void cln_report_stages(FILE *to, const cln_report_data *data)
+{
+    const cln_report_rows *r = &data->rows;
+    double order[CLN_REPORT_STAGES][2]; /* seconds, index */
+    double sum = 0, total = 0, steps = 0;
+
+    fputs("<h2>Time per stage</h2>\n", to);
+    for (int i = 0; i < r->stage_count; i++) {
+        order[i][0] = r->stages[i].seconds;
+        order[i][1] = i;
+        sum += r->stages[i].seconds;
+    }
+    if (!(sum > 0)) {
+        fputs("<p class=soft>No stage was timed.</p>\n", to);
+        return;
+    }
+    qsort(order, (size_t)r->stage_count, sizeof order[0], by_time);
+    total = fmax(sum, wall_seconds(r));
+    if (r->count > 0 && r->step[r->count - 1] > 0)
+        steps = r->step[r->count - 1];
+    fputs("<div class=stack>", to);
+    for (int i = 0; i < r->stage_count; i++) {
+        fprintf(to, "<i style='width:%.3f%%;background:%s' title='", 100 * order[i][0] / total,
+                stage_colour(i));
+        cln_html_text(to, r->stages[(int)order[i][1]].name);
+        fputs("'></i>", to);
+    }
+    fprintf(to, "<i style='flex:1;background:%s' title='elsewhere'></i></div>\n", rest_colour);
+    fputs("<table class=wide><tr><th>stage<th class=n>time<th class=n>share<th class=n>ms per "
+          "step<th>\n",
+          to);
+    for (int i = 0; i < r->stage_count; i++)
+        put_stage(to, r->stages[(int)order[i][1]].name, stage_colour(i), order[i][0], total,
+                  steps > 0 ? steps : NAN);
+    if (total - sum > 0.001 * total)
+        put_stage(to, "elsewhere", rest_colour, total - sum, total, steps > 0 ? steps : NAN);
+    fputs("</table>\n", to);
+    if (total - sum > 0.001 * total)
+        fputs("<p class=soft>Elsewhere: loading, evaluation, checkpoints, waiting for the "
+              "device.</p>\n",
+              to);
+}

@@ -1,0 +1,366 @@
+/* Reads a run folder for the report. See report_data.h. A report is made at the end of hours of work,
+ * so nothing in the folder but a lack of memory can stop it: a damaged file is told in the log and
+ * left out. */
+#include "report/report_data.h"
+
+#include <dirent.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "io/run_folder.h"
+
+static const size_t metrics_max_bytes = (size_t)1 << 30;
+
+double cln_json_number(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+
+    return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
+const char *cln_json_text(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+
+    return text ? text : "";
+}
+
+/* A file that cannot be used: say so, forget the error, go on. */
+static void skip_file(cln_status before)
+{
+    cln_warn("report: left out %s", cln_error_text());
+    if (before == CLN_OK)
+        cln_clear_error();
+}
+
+/* ---- metrics.jsonl ---- */
+
+static int count_lines(const char *text)
+{
+    int lines = 0;
+
+    for (; *text; lines++) {
+        text += strcspn(text, "\n");
+        text += *text == '\n';
+    }
+    return lines;
+}
+
+static void add_stages(cln_report_rows *rows, const json_t *stages)
+{
+    const char *name = NULL;
+    json_t *value = NULL;
+
+    json_object_foreach((json_t *)stages, name, value)
+    {
+        int i = 0;
+
+        if (!json_is_number(value))
+            continue;
+        while (i < rows->stage_count && strncmp(rows->stages[i].name, name, 47) != 0)
+            i++;
+        if (i == CLN_REPORT_STAGES)
+            continue;
+        if (i == rows->stage_count) {
+            strncpy(rows->stages[i].name, name, 47);
+            rows->stage_count++;
+        }
+        rows->stages[i].seconds += json_number_value(value);
+    }
+}
+
+static void add_row(cln_report_rows *rows, const json_t *row)
+{
+    int i = rows->count++;
+
+    rows->step[i] = cln_json_number(row, "step");
+    rows->seconds[i] = cln_json_number(row, "seconds");
+    rows->wall[i] = cln_json_number(row, "wall_seconds");
+    rows->psnr_train[i] = cln_json_number(row, "psnr_train");
+    rows->psnr_test[i] = cln_json_number(row, "psnr_test");
+    rows->rays_per_s[i] = cln_json_number(row, "rays_per_s");
+    rows->samples_per_ray[i] = cln_json_number(row, "samples_per_ray");
+    rows->leaves[i] = cln_json_number(row, "leaves");
+    rows->params[i] = cln_json_number(row, "params");
+    add_stages(rows, json_object_get(row, "stages"));
+}
+
+static cln_report_decision decision_of(const json_t *row)
+{
+    return (cln_report_decision){.step = cln_json_number(row, "step"),
+                                 .seconds = cln_json_number(row, "seconds"),
+                                 .leaves_before = cln_json_number(row, "leaves_before"),
+                                 .leaves = cln_json_number(row, "leaves"),
+                                 .split = cln_json_number(row, "split"),
+                                 .merged = cln_json_number(row, "merged"),
+                                 .budget = cln_json_number(row, "budget"),
+                                 .psnr_before = cln_json_number(row, "psnr_before"),
+                                 .psnr_after = cln_json_number(row, "psnr_after"),
+                                 .psnr_pretrained = cln_json_number(row, "psnr_pretrained"),
+                                 .work_seconds = cln_json_number(row, "work_seconds"),
+                                 .over_budget = json_is_true(json_object_get(row, "infeasible"))};
+}
+
+/* A row of training, or an event; of those only decisions on the structure are shown. */
+static void add_line(cln_report_data *data, const json_t *row)
+{
+    if (!json_object_get(row, "event"))
+        add_row(&data->rows, row);
+    else if (strcmp(cln_json_text(row, "event"), "structure") == 0)
+        data->decisions[data->decision_count++] = decision_of(row);
+}
+
+/* Exponential mean, forwards then backwards (so without delay), over about 2 % of the rows. */
+static void smooth(int count, const double *from, double *to)
+{
+    double keep = 1 - 1 / (1 + 0.01 * count);
+    double mean = NAN;
+
+    for (int i = 0; i < count; i++) {
+        if (isfinite(from[i]))
+            mean = isfinite(mean) ? keep * mean + (1 - keep) * from[i] : from[i];
+        to[i] = isfinite(from[i]) ? mean : NAN;
+    }
+    mean = NAN;
+    for (int i = count - 1; i >= 0; i--) {
+        if (!isfinite(to[i]))
+            continue;
+        mean = isfinite(mean) ? keep * mean + (1 - keep) * to[i] : to[i];
+        to[i] = mean;
+    }
+}
+
+static cln_status read_metrics(const char *run, cln_report_data *data)
+{
+    cln_status st = CLN_OK;
+    cln_report_rows *rows = &data->rows;
+    cln_status before = cln_error_status();
+    double **const columns[] = {&rows->step,
+                                &rows->seconds,
+                                &rows->wall,
+                                &rows->psnr_train,
+                                &rows->psnr_test,
+                                &rows->rays_per_s,
+                                &rows->samples_per_ray,
+                                &rows->leaves,
+                                &rows->params,
+                                &rows->smooth};
+    char *path = NULL, *text = NULL, *line = NULL;
+    size_t bytes = 0;
+    int lines = 0;
+
+    CLN_TRY(cln_path_join(&path, run, "metrics.jsonl"));
+    if (!cln_is_file(path))
+        goto done;
+    if (cln_read_file(path, metrics_max_bytes, &text, &bytes) != CLN_OK) {
+        skip_file(before);
+        goto done;
+    }
+    lines = count_lines(text);
+    for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++)
+        CLN_TRY(cln_alloc(columns[c], (size_t)lines, sizeof(double), "report: metrics"));
+    CLN_TRY(cln_alloc(&data->decisions, (size_t)lines, sizeof *data->decisions, "report: metrics"));
+    line = text;
+    while (*line) {
+        size_t length = strcspn(line, "\n");
+        json_t *row = json_loadb(line, length, 0, NULL);
+
+        if (json_is_object(row))
+            add_line(data, row); /* a last line that was cut off is none */
+        json_decref(row);
+        line += length + (line[length] == '\n');
+    }
+    smooth(rows->count, rows->psnr_train, rows->smooth);
+done:
+    free(path);
+    free(text);
+    return st;
+}
+
+int cln_report_decimate(int count, const double *from_x, const double *from_y, double *x, double *y)
+{
+    int finite = 0, kept = 0, seen = 0;
+    int buckets = CLN_REPORT_POINTS / 2;
+
+    for (int i = 0; i < count; i++)
+        finite += isfinite(from_x[i]) && isfinite(from_y[i]);
+    for (int i = 0; i < count;) {
+        int low = -1, high = -1;
+        int end = 0;
+
+        /* The next bucket's share of the finite points: all of them alone if there are few. */
+        if (finite <= CLN_REPORT_POINTS)
+            end = seen + 1;
+        else
+            end = (int)((int64_t)(kept / 2 + 1) * finite / buckets);
+        for (; i < count && seen < end; i++) {
+            if (!isfinite(from_x[i]) || !isfinite(from_y[i]))
+                continue;
+            seen++;
+            low = low < 0 || from_y[i] < from_y[low] ? i : low;
+            high = high < 0 || from_y[i] >= from_y[high] ? i : high;
+        }
+        if (low < 0)
+            break;
+        for (int pass = 0; pass < 2; pass++) {
+            int at = (pass == 0) == (low < high) ? low : high;
+            if (pass == 1 && finite <= CLN_REPORT_POINTS)
+                break;
+            x[kept] = from_x[at];
+            y[kept++] = from_y[at];
+        }
+    }
+    return kept;
+}
+
+/* ---- eval/ ---- */
+
+static int by_step(const void *a, const void *b)
+{
+    const cln_report_eval *x = a, *y = b;
+
+    if (x->step != y->step)
+        return x->step < y->step ? -1 : 1;
+    return strcmp(x->split, y->split);
+}
+
+static int split_rank(const char *split)
+{
+    return strcmp(split, "test") == 0 ? 2 : strcmp(split, "val") == 0 ? 1 : 0;
+}
+
+static cln_status add_eval(const char *folder, const char *name, cln_report_data *data)
+{
+    cln_status st = CLN_OK;
+    cln_status before = cln_error_status();
+    cln_report_eval *e = &data->evals[data->eval_count];
+    char *path = NULL;
+    const json_t *mean = NULL;
+
+    CLN_TRY(cln_path_join(&path, folder, name));
+    if (cln_json_read(path, false, &e->document) != CLN_OK || !json_is_object(e->document)) {
+        skip_file(before);
+        json_decref(e->document);
+        e->document = NULL;
+        goto done;
+    }
+    CLN_TRY(cln_asprintf(&e->stem, "%.*s", (int)(strlen(name) - strlen(".json")), name));
+    mean = json_object_get(e->document, "mean");
+    e->split = cln_json_text(e->document, "split");
+    e->step = cln_json_number(e->document, "step");
+    e->seconds = cln_json_number(e->document, "train_seconds");
+    e->psnr = cln_json_number(mean, "psnr");
+    e->ssim = cln_json_number(mean, "ssim");
+    e->images = (int)json_array_size(json_object_get(e->document, "images"));
+    data->eval_count++;
+done:
+    if (st != CLN_OK) {
+        json_decref(e->document);
+        e->document = NULL;
+    }
+    free(path);
+    return st;
+}
+
+static cln_status read_evals(const char *run, cln_report_data *data)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL;
+    DIR *dir = NULL;
+    struct dirent *entry = NULL;
+    int files = 0;
+
+    data->shown = -1;
+    CLN_TRY(cln_path_join(&folder, run, "eval"));
+    dir = opendir(folder);
+    if (!dir)
+        goto done;
+    while ((entry = readdir(dir)))
+        files++;
+    rewinddir(dir);
+    CLN_TRY(cln_alloc(&data->evals, (size_t)files, sizeof *data->evals, "report: evaluations"));
+    while ((entry = readdir(dir)) && data->eval_count < files) {
+        size_t length = strlen(entry->d_name);
+        if (length > 5 && strcmp(entry->d_name + length - 5, ".json") == 0)
+            CLN_TRY(add_eval(folder, entry->d_name, data));
+    }
+    qsort(data->evals, (size_t)data->eval_count, sizeof *data->evals, by_step);
+    for (int i = 0; i < data->eval_count; i++) {
+        if (data->shown < 0 ||
+            split_rank(data->evals[i].split) >= split_rank(data->evals[data->shown].split))
+            data->shown = i;
+    }
+done:
+    if (dir)
+        closedir(dir);
+    free(folder);
+    return st;
+}
+
+/* What the shown evaluation's pictures of the tree are of. */
+static cln_status read_tree(const char *run, cln_report_data *data)
+{
+    cln_status st = CLN_OK;
+    cln_status before = cln_error_status();
+    char *path = NULL;
+
+    if (data->shown < 0)
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&path, "%s/eval/%s/tree.json", run, data->evals[data->shown].stem));
+    if (cln_is_file(path) && cln_json_read(path, false, &data->tree) != CLN_OK)
+        skip_file(before);
+    if (!json_is_object(data->tree)) {
+        json_decref(data->tree);
+        data->tree = NULL;
+    }
+done:
+    free(path);
+    return st;
+}
+
+cln_status cln_report_data_read(const char *run, cln_report_data *out)
+{
+    cln_status st = CLN_OK;
+    cln_status before = cln_error_status();
+    char *path = NULL;
+
+    *out = (cln_report_data){.shown = -1};
+    CLN_TRY(cln_path_join(&path, run, "run.json"));
+    if (cln_is_file(path) && cln_json_read(path, false, &out->run) != CLN_OK)
+        skip_file(before);
+    if (!json_is_object(out->run)) {
+        json_decref(out->run);
+        out->run = json_object();
+    }
+    CLN_TRY(read_metrics(run, out));
+    CLN_TRY(read_evals(run, out));
+    CLN_TRY(read_tree(run, out));
+done:
+    free(path);
+    if (st != CLN_OK)
+        cln_report_data_free(out);
+    return st;
+}
+
+void cln_report_data_free(cln_report_data *data)
+{
+    cln_report_rows *r = &data->rows;
+    double *const columns[] = {
+        r->step,       r->seconds,         r->wall,   r->psnr_train, r->psnr_test,
+        r->rays_per_s, r->samples_per_ray, r->leaves, r->params,     r->smooth};
+
+    for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++)
+        free(columns[c]);
+    for (int i = 0; i < data->eval_count; i++) {
+        free(data->evals[i].stem);
+        json_decref(data->evals[i].document);
+    }
+    free(data->evals);
+    free(data->decisions);
+    json_decref(data->tree);
+    json_decref(data->run);
+    *data = (cln_report_data){.shown = -1};
+}

@@ -1,0 +1,212 @@
+/* The report's tables of facts: settings beside the preset's, and the machine, its memory and the data,
+ * all from run.json. */
+#include "report/report_sections.h"
+
+#include <math.h>
+#include <string.h>
+#include "base/config.h"
+#include "report/html.h"
+#include "io/progress.h"
+
+static const char *const group_titles[][2] = {{"run", "Data, budgets, output"},
+                                              {"network", "Leaf networks"},
+                                              {"tree", "Octree"},
+                                              {"sampling", "Sampling"},
+                                              {"optim", "Loss and optimiser"}};
+
+/* ---- settings ---- */
+
+/* A value of run.json as its option would be written. */
+static void put_value(FILE *to, const json_t *value)
+{
+    if (json_is_string(value)) {
+        cln_html_text(to, *json_string_value(value) ? json_string_value(value) : "\u2013");
+    } else if (json_is_boolean(value)) {
+        fputs(json_is_true(value) ? "yes" : "no", to);
+    } else if (json_is_integer(value)) {
+        fprintf(to, "%lld", (long long)json_integer_value(value));
+    } else if (json_is_real(value)) {
+        fprintf(to, "%.10g", json_real_value(value));
+    } else {
+        fputs("&ndash;", to);
+    }
+}
+
+static bool same_value(const json_t *a, const json_t *b)
+{
+    if (json_is_number(a) && json_is_number(b))
+        return json_number_value(a) == json_number_value(b);
+    return json_equal(a, b);
+}
+
+static void put_row(FILE *to, const cln_config_row *row, const json_t *value,
+                    const json_t *standard)
+{
+    bool differs = standard && !same_value(value, standard);
+
+    fprintf(to, "<tr%s><td>%s<td class=n>", differs ? " class=set" : "", row->option);
+    put_value(to, value);
+    if (differs) {
+        fputs(" <span class=soft>(", to);
+        put_value(to, standard);
+        fputs(")</span>", to);
+    }
+    fputc('\n', to);
+}
+
+void cln_report_settings(FILE *to, const cln_report_data *data)
+{
+    cln_status before = cln_error_status();
+    const json_t *config = json_object_get(data->run, "config");
+    const char *preset = cln_json_text(data->run, "preset");
+    cln_config standard;
+    json_t *standards = NULL;
+
+    if (!json_is_object(config))
+        return;
+    if (!*preset || cln_config_preset(preset, &standard) != CLN_OK ||
+        cln_config_to_json(&standard, &standards) != CLN_OK) {
+        if (before == CLN_OK)
+            cln_clear_error();
+    }
+    fputs("<h2>Settings</h2>\n", to);
+    if (standards) {
+        fputs("<p class=soft>What differs from the preset <b>", to);
+        cln_html_text(to, preset);
+        fputs("</b> is marked, the preset's value behind it.</p>\n", to);
+    }
+    fputs("<div class=settings>\n", to);
+    for (size_t g = 0; g < sizeof group_titles / sizeof group_titles[0]; g++) {
+        fprintf(to, "<section><h3>%s</h3><table>\n", group_titles[g][1]);
+        for (int i = 0; i < cln_config_row_count; i++) {
+            const cln_config_row *row = &cln_config_rows[i];
+            const json_t *value = json_object_get(config, row->field);
+            if (value && strcmp(row->group, group_titles[g][0]) == 0)
+                put_row(to, row, value, json_object_get(standards, row->field));
+        }
+        fputs("</table></section>\n", to);
+    }
+    fputs("</div>\n", to);
+    json_decref(standards);
+}
+
+/* ---- machine, memory, data ---- */
+
+static void put_fact(FILE *to, const char *name, const char *value)
+{
+    if (!value || !*value)
+        return;
+    fprintf(to, "<tr><td class=soft>%s<td>", name);
+    cln_html_text(to, value);
+    fputc('\n', to);
+}
+
+static void put_device(FILE *to, const json_t *run)
+{
+    const json_t *device = json_object_get(run, "device");
+    double units = cln_json_number(device, "compute_units");
+    char global[32], largest[32];
+
+    fputs("<section><h3>Device</h3><table>\n", to);
+    put_fact(to, "name", cln_json_text(device, "name"));
+    put_fact(to, "type", cln_json_text(device, "type"));
+    if (isfinite(units))
+        fprintf(to, "<tr><td class=soft>compute units<td>%.0f\n", units);
+    put_fact(to, "platform", cln_json_text(device, "platform"));
+    put_fact(to, "vendor", cln_json_text(device, "vendor"));
+    put_fact(to, "version", cln_json_text(device, "version"));
+    put_fact(to, "driver", cln_json_text(device, "driver"));
+    if (isfinite(cln_json_number(device, "global_mem"))) {
+        cln_format_bytes(cln_json_number(device, "global_mem"), global);
+        cln_format_bytes(cln_json_number(device, "max_alloc"), largest);
+        fprintf(to, "<tr><td class=soft>memory<td>%s, largest allocation %s\n", global, largest);
+    }
+    put_fact(to, "tuning", cln_json_text(run, "tune"));
+    put_fact(to, "tuning from", cln_json_text(run, "tune_from"));
+    fputs("</table></section>\n", to);
+}
+
+static bool is_purpose(const char *key)
+{
+    return strcmp(key, "total") != 0 && strcmp(key, "limit") != 0;
+}
+
+static void put_bytes(FILE *to, const char *name, double bytes)
+{
+    char text[32];
+
+    cln_format_bytes(bytes, text);
+    fputs("<tr><td class=soft>", to);
+    cln_html_text(to, name);
+    fprintf(to, "<td class=n>%s\n", text);
+}
+
+static void put_plan(FILE *to, const json_t *run)
+{
+    const json_t *plan = json_object_get(run, "plan"), *result = json_object_get(run, "result");
+    const char *key = NULL;
+    json_t *bytes = NULL;
+    double total = 0;
+
+    json_object_foreach((json_t *)plan, key, bytes)
+    {
+        if (is_purpose(key) && json_is_number(bytes))
+            total += json_number_value(bytes);
+    }
+    if (!(total > 0))
+        return;
+    fputs("<section><h3>Device memory as planned</h3><table>\n", to);
+    json_object_foreach((json_t *)plan, key, bytes)
+    {
+        if (is_purpose(key) && json_is_number(bytes))
+            put_bytes(to, key, json_number_value(bytes));
+    }
+    put_bytes(to, "together", total);
+    if (cln_json_number(plan, "limit") > 0)
+        put_bytes(to, "limit", cln_json_number(plan, "limit"));
+    if (cln_json_number(result, "device_peak") > 0)
+        put_bytes(to, "used at most", cln_json_number(result, "device_peak"));
+    if (cln_json_number(result, "host_peak") > 0)
+        put_bytes(to, "the process at most", cln_json_number(result, "host_peak"));
+    fputs("</table></section>\n", to);
+}
+
+static void put_data(FILE *to, const json_t *dataset)
+{
+    const json_t *views = json_object_get(dataset, "splits");
+    double downscale = cln_json_number(dataset, "downscale");
+
+    if (!json_is_object(dataset))
+        return;
+    fputs("<section><h3>Data</h3><table>\n", to);
+    put_fact(to, "path", cln_json_text(dataset, "path"));
+    put_fact(to, "read as", cln_json_text(dataset, "dialect"));
+    put_fact(to, "because", cln_json_text(dataset, "because"));
+    if (json_is_object(views)) {
+        fputs("<tr><td class=soft>views<td>", to);
+        cln_report_number(to, cln_json_number(views, "train"), 0);
+        fputs(" train, ", to);
+        cln_report_number(to, cln_json_number(views, "val"), 0);
+        fputs(" val, ", to);
+        cln_report_number(to, cln_json_number(views, "test"), 0);
+        fputs(" test\n", to);
+    }
+    put_fact(to, "split", cln_json_text(dataset, "split_rule"));
+    if (downscale > 1)
+        fprintf(to, "<tr><td class=soft>size divided by<td>%g\n", downscale);
+    put_fact(to, "scene cube", cln_json_text(dataset, "bounds_rule"));
+    put_fact(to, "digest", cln_json_text(dataset, "digest"));
+    fputs("</table></section>\n", to);
+}
+
+void cln_report_machine(FILE *to, const cln_report_data *data)
+{
+    if (!json_is_object(json_object_get(data->run, "device")) &&
+        !json_is_object(json_object_get(data->run, "dataset")))
+        return;
+    fputs("<h2>Machine and data</h2>\n<div class=settings>\n", to);
+    put_device(to, data->run);
+    put_plan(to, data->run);
+    put_data(to, json_object_get(data->run, "dataset"));
+    fputs("</div>\n", to);
+}

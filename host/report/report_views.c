@@ -1,0 +1,217 @@
+/* The report's held-out views: truth, render and error side by side for a few views from the best to
+ * the worst, and the figures of all. Pictures are those that the evaluation left in
+ * RUN/eval/STEM/NAME{.truth.png,.png,.error.png}, made smaller for the page. */
+#include "report/report_sections.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "report/html.h"
+#include "io/image.h"
+#include "io/names.h"
+#include "io/progress.h"
+
+enum { SHOWN = 6, LISTED = 400, PICTURE_WIDTH = 400 };
+
+cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what)
+{
+    cln_status st = CLN_OK;
+    cln_status before = cln_error_status();
+    uint8_t *pixels = NULL, *png = NULL;
+    size_t bytes = 0;
+    int width = 0, height = 0, channels = 0;
+
+    if (!cln_is_file(path) || cln_image_load(path, &width, &height, &channels, &pixels) != CLN_OK) {
+        if (before == CLN_OK)
+            cln_clear_error();
+        fprintf(to, "<span class=none>no %s picture</span>", what);
+        goto done;
+    }
+    if (width >= 2 * PICTURE_WIDTH && height >= 2)
+        CLN_TRY(cln_image_downscale(width / PICTURE_WIDTH < height ? width / PICTURE_WIDTH : height,
+                                    &width, &height, channels, &pixels));
+    CLN_TRY(cln_image_encode_png(width, height, channels, pixels, &png, &bytes));
+    fprintf(to, "<img width=%d height=%d alt=\"%s of ", width, height, what);
+    cln_html_text(to, view);
+    fputs("\" src=\"data:image/png;base64,", to);
+    cln_base64_write(to, png, bytes);
+    fputs("\">", to);
+done:
+    free(pixels);
+    free(png);
+    return st;
+}
+
+static cln_status put_view(FILE *to, const char *folder, const json_t *image)
+{
+    static const struct {
+        const char *suffix, *what;
+    } pictures[] = {{".truth.png", "truth"}, {".png", "render"}, {".error.png", "error"}};
+    cln_status st = CLN_OK;
+    const char *name = cln_json_text(image, "name");
+    char *file = NULL, *path = NULL;
+
+    CLN_TRY(cln_view_file_name(name, &file));
+    fputs("<div class=view><h3><b>", to);
+    cln_html_text(to, name);
+    fputs("</b><span class=soft>PSNR ", to);
+    cln_report_number(to, cln_json_number(image, "psnr"), 2);
+    fputs(" dB &middot; SSIM ", to);
+    cln_report_number(to, cln_json_number(image, "ssim"), 4);
+    fputs("</span></h3><div>", to);
+    for (size_t i = 0; i < sizeof pictures / sizeof pictures[0]; i++) {
+        free(path);
+        CLN_TRY(cln_asprintf(&path, "%s/%s%s", folder, file, pictures[i].suffix));
+        CLN_TRY(cln_report_picture(to, path, name, pictures[i].what));
+    }
+    fputs("</div></div>\n", to);
+done:
+    free(file);
+    free(path);
+    return st;
+}
+
+static void put_list(FILE *to, const json_t *images)
+{
+    int count = (int)json_array_size(images);
+
+    fprintf(to, "<h3>All %d</h3><div class=list><table>\n", count);
+    for (int i = 0; i < count && i < LISTED; i++) {
+        const json_t *image = json_array_get(images, (size_t)i);
+
+        fputs("<tr><td>", to);
+        cln_html_text(to, cln_json_text(image, "name"));
+        fputs("<td class=n>", to);
+        cln_report_number(to, cln_json_number(image, "psnr"), 2);
+        fputs("<td class=n>", to);
+        cln_report_number(to, cln_json_number(image, "ssim"), 4);
+        fputc('\n', to);
+    }
+    fputs("</table></div>\n", to);
+    if (count > LISTED)
+        fprintf(to, "<p class=soft>The first %d are listed.</p>\n", LISTED);
+}
+
+typedef struct ranked {
+    int index;
+    double psnr;
+} ranked;
+
+/* Best first; without a PSNR last. */
+static int by_psnr(const void *a, const void *b)
+{
+    const ranked *x = a, *y = b;
+    double p = isfinite(x->psnr) ? x->psnr : -1e300, q = isfinite(y->psnr) ? y->psnr : -1e300;
+
+    if (p != q)
+        return p > q ? -1 : 1;
+    return x->index - y->index;
+}
+
+static bool has_picture(const char *folder, const json_t *image)
+{
+    cln_status before = cln_error_status();
+    char *file = NULL, *path = NULL;
+    bool found = false;
+
+    if (cln_view_file_name(cln_json_text(image, "name"), &file) == CLN_OK &&
+        cln_asprintf(&path, "%s/%s.png", folder, file) == CLN_OK)
+        found = cln_is_file(path);
+    if (before == CLN_OK)
+        cln_clear_error();
+    free(file);
+    free(path);
+    return found;
+}
+
+static cln_status put_pictures(FILE *to, const char *folder, const json_t *images)
+{
+    cln_status st = CLN_OK;
+    ranked *order = NULL;
+    int count = (int)json_array_size(images), saved = 0, shown = 0;
+
+    CLN_TRY(cln_alloc(&order, (size_t)count, sizeof *order, "report: views"));
+    for (int i = 0; i < count; i++) {
+        const json_t *image = json_array_get(images, (size_t)i);
+        if (has_picture(folder, image))
+            order[saved++] = (ranked){i, cln_json_number(image, "psnr")};
+    }
+    if (saved == 0) {
+        fputs("<p class=soft>The evaluation saved no pictures.</p>\n", to);
+        goto done;
+    }
+    qsort(order, (size_t)saved, sizeof *order, by_psnr);
+    shown = saved < SHOWN ? saved : SHOWN;
+    if (shown < saved)
+        fprintf(
+            to,
+            "<p class=soft>%d of %d, from the best PSNR to the worst in even steps of rank.</p>\n",
+            shown, saved);
+    fputs("<div class=captions><span>photo</span><span>render</span><span>error, "
+          "brightened</span></div>\n",
+          to);
+    for (int k = 0; k < shown; k++) {
+        int rank = shown > 1 ? (int)((int64_t)k * (saved - 1) / (shown - 1)) : 0;
+        CLN_TRY(put_view(to, folder, json_array_get(images, (size_t)order[rank].index)));
+    }
+done:
+    free(order);
+    return st;
+}
+
+static void put_background(FILE *to, const json_t *background)
+{
+    double sum = 0;
+
+    if (json_array_size(background) != 3)
+        return;
+    for (size_t i = 0; i < 3; i++)
+        sum += json_number_value(json_array_get(background, i));
+    fputs(" on background ", to);
+    if (sum == 0 || sum == 3) {
+        fputs(sum == 0 ? "black" : "white", to);
+        return;
+    }
+    for (size_t i = 0; i < 3; i++)
+        fprintf(to, "%s%g", i ? "," : "", json_number_value(json_array_get(background, i)));
+}
+
+cln_status cln_report_views(FILE *to, const char *run, const cln_report_data *data)
+{
+    cln_status st = CLN_OK;
+    const cln_report_eval *e = data->shown >= 0 ? &data->evals[data->shown] : NULL;
+    const json_t *images = e ? json_object_get(e->document, "images") : NULL;
+    char *folder = NULL;
+    char time[32], steps[32];
+
+    if (!e) {
+        fputs("<h2>Held-out views</h2>\n<p class=soft>Not evaluated yet: <code>cl-nascent "
+              "eval</code> "
+              "renders the held-out views, compares them, and renews this page.</p>\n",
+              to);
+        return CLN_OK;
+    }
+    cln_format_duration(e->seconds, time);
+    cln_format_count(e->step, steps);
+    fprintf(to, "<h2>%s</h2>\n<p>%d view%s of the split <b>",
+            strcmp(e->split, "train") == 0 ? "Training views (none held out was evaluated)"
+                                           : "Held-out views",
+            e->images, e->images == 1 ? "" : "s");
+    cln_html_text(to, e->split);
+    fprintf(to, "</b> at step %s, after %s of training", steps, time);
+    put_background(to, json_object_get(e->document, "background"));
+    fputs(": PSNR ", to);
+    cln_report_number(to, e->psnr, 2);
+    fputs(" dB, SSIM ", to);
+    cln_report_number(to, e->ssim, 4);
+    fputs(" in the mean.</p>\n", to);
+    CLN_TRY(cln_asprintf(&folder, "%s/eval/%s", run, e->stem));
+    CLN_TRY(put_pictures(to, folder, images));
+    if (e->images > SHOWN)
+        put_list(to, images);
+done:
+    free(folder);
+    return st;
+}

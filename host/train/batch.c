@@ -1,0 +1,196 @@
+/* Random pixels of random views. See batch.h. */
+#include "train/batch.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/config.h"
+#include "base/memory.h"
+#include "base/rng.h"
+
+cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out)
+{
+    cln_status st = CLN_OK;
+
+    memset(out, 0, sizeof *out);
+    out->capacity = cln_config_most_rays(config);
+    out->train_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    CLN_TRY(cln_alloc(&out->pixels, (size_t)out->capacity, sizeof *out->pixels, "batch"));
+    CLN_TRY(cln_alloc(&out->targets, (size_t)out->capacity, sizeof *out->targets, "batch"));
+    CLN_TRY(cln_alloc(&out->backgrounds, (size_t)out->capacity, sizeof *out->backgrounds, "batch"));
+    CLN_TRY(cln_alloc(&out->first, (size_t)out->train_views + 1, sizeof *out->first, "batch"));
+    CLN_TRY(cln_coverage_create(scene, &out->coverage));
+    for (int i = 0; i < out->train_views; i++) {
+        const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
+
+        out->first[i + 1] = out->first[i] + (uint64_t)c->width * (uint64_t)c->height;
+    }
+done:
+    if (st != CLN_OK)
+        cln_batch_free(out);
+    return st;
+}
+
+void cln_batch_free(cln_batch *batch)
+{
+    free(batch->pixels);
+    free(batch->targets);
+    free(batch->backgrounds);
+    free(batch->first);
+    cln_coverage_free(&batch->coverage);
+    memset(batch, 0, sizeof *batch);
+}
+
+/* floor(random * n) for 64 random bits. */
+static uint64_t bounded64(uint64_t random, uint64_t n)
+{
+    return (uint64_t)(((unsigned __int128)random * n) >> 64);
+}
+
+static void draw_bits(uint64_t seed, uint32_t step, uint32_t index, uint32_t attempt,
+                      uint32_t bits[4])
+{
+    const uint32_t counter[4] = {index, CLN_STREAM_PIXELS << 24, step, attempt};
+    const uint32_t key[2] = {(uint32_t)seed, (uint32_t)(seed >> 32)};
+
+    cln_philox(counter, key, bits);
+}
+
+/* Where a ray looks: the index of a training view among them, and a pixel of it. */
+typedef struct place {
+    int index, x, y;
+} place;
+
+static const cln_camera *camera_of(const cln_scene *scene, int index)
+{
+    return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, index)].camera;
+}
+
+/* The `at`-th pixel of all training pixels. */
+static place locate(const cln_batch *b, const cln_scene *scene, uint64_t at)
+{
+    /* views are most often as large as each other */
+    int low = (int)((double)at / (double)b->first[b->train_views] * b->train_views);
+    uint64_t width = 0;
+
+    while (b->first[low] > at)
+        low--;
+    while (b->first[low + 1] <= at)
+        low++;
+    at -= b->first[low];
+    width = (uint64_t)camera_of(scene, low)->width;
+    return (place){low, (int)(at % width), (int)(at / width)};
+}
+
+static place crop(const cln_scene *scene, place p)
+{
+    const cln_camera *c = camera_of(scene, p.index);
+
+    return (place){p.index, c->width / 4 + p.x / 2, c->height / 4 + p.y / 2};
+}
+
+/* A pixel of the covered tiles, by 64 random bits; false if there a tile reaches over the image's edge, whose
+ * nearest pixel is given. */
+static bool locate_covered(const cln_coverage *c, const cln_scene *scene, const uint32_t bits[2],
+                           place *out)
+{
+    const uint64_t side = (uint64_t)c->side, tiles = (uint64_t)c->start[c->views];
+    const uint64_t at = bounded64((uint64_t)bits[0] << 32 | bits[1], tiles * side * side);
+    const cln_tile *tile = &c->tiles[at / (side * side)];
+    const cln_camera *camera = camera_of(scene, (int)tile->view);
+    const int x = tile->x + (int)(at % side), y = tile->y + (int)(at / side % side);
+
+    *out = (place){(int)tile->view, x < camera->width ? x : camera->width - 1,
+                   y < camera->height ? y : camera->height - 1};
+    return x < camera->width && y < camera->height;
+}
+
+bool cln_batch_skips(const cln_batch *b, const cln_config *config, int64_t step)
+{
+    return config->skip_uncovered && config->stage1 == CLN_STAGE1_GATHER && !b->coverage.whole &&
+           b->coverage.share > 0 && step >= config->precrop_steps;
+}
+
+enum { DRAWS = 64 }; /* of which all would have to fall outside the image */
+
+static place draw_place(const cln_batch *b, const cln_scene *scene, const cln_config *config,
+                        const cln_draw *d, uint32_t ray)
+{
+    const uint64_t seed = (uint64_t)config->seed;
+    uint32_t bits[4];
+    place p = {0};
+
+    draw_bits(seed, d->step, ray, 0, bits);
+    if (!d->covered)
+        return locate(b, scene,
+                      bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
+    for (uint32_t k = 1; !locate_covered(&b->coverage, scene, bits, &p) && k < DRAWS; k++)
+        draw_bits(seed, d->step, ray, k, bits);
+    return p;
+}
+
+/* In one of the views of a batch, whose slots are in the order of the rays. */
+static place draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_config *config,
+                          const cln_draw *d, uint32_t ray, uint32_t slot)
+{
+    const uint64_t seed = (uint64_t)config->seed;
+    uint32_t bits[4], choice[4];
+    const cln_camera *camera = NULL;
+    place p = {0};
+
+    draw_bits(seed, d->step, ray, 0, bits);
+    draw_bits(seed, d->step, 0x80000000u + slot, 0, choice);
+    p.index = (int)cln_bounded(choice[0], (uint32_t)b->train_views);
+    camera = camera_of(scene, p.index);
+    p.x = (int)cln_bounded(bits[0], (uint32_t)camera->width);
+    p.y = (int)cln_bounded(bits[1], (uint32_t)camera->height);
+    return p;
+}
+
+static int by_view_and_row(const void *a, const void *b)
+{
+    const cln_pixel *p = a, *q = b;
+
+    if (p->pad != q->pad)
+        return p->pad < q->pad ? -1 : 1;
+    if (p->y != q->y)
+        return p->y < q->y ? -1 : 1;
+    return p->x < q->x ? -1 : p->x > q->x;
+}
+
+enum { FETCH_AHEAD = 16 }; /* pixels lie far from each other */
+
+void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *config,
+                    const cln_draw *d)
+{
+    const bool splat = config->stage1 == CLN_STAGE1_SPLAT;
+    const int n = d->n, views = config->views_per_batch < n ? config->views_per_batch : n;
+    const uint64_t seed = (uint64_t)config->seed;
+
+    CLN_ASSERT(n <= b->capacity);
+    for (int i = 0; i < n; i++) {
+        /* splat: ray i looks through batch view i * views / n */
+        const uint32_t slot = splat ? (uint32_t)((int64_t)i * views / n) : 0;
+        place p = splat ? draw_in_slot(b, scene, config, d, (uint32_t)i, slot)
+                        : draw_place(b, scene, config, d, (uint32_t)i);
+
+        if (d->step < (uint32_t)config->precrop_steps)
+            p = crop(scene, p);
+        b->pixels[i] = (cln_pixel){(cln_u32)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, p.index),
+                                   (cln_u32)p.x, (cln_u32)p.y, slot};
+    }
+    if (splat)
+        qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);
+    memcpy(b->backgrounds[0], scene->background, sizeof scene->background);
+    for (int i = 0; i < n; i++) {
+        const cln_view *view = &scene->views[b->pixels[i].view];
+        const cln_pixel *later = &b->pixels[i + FETCH_AHEAD < n ? i + FETCH_AHEAD : n - 1];
+        float *back = b->backgrounds[d->ray_background ? i : 0], alpha = 1;
+
+        cln_view_fetch(&scene->views[later->view], (int)later->x, (int)later->y);
+        if (d->ray_background)
+            cln_uniform4(seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0, back);
+        cln_view_pixel(view, (int)b->pixels[i].x, (int)b->pixels[i].y, back, b->targets[i], &alpha);
+        b->targets[i][3] = 0;
+    }
+}

@@ -1,0 +1,245 @@
+/* Leaves projected into the training views. See coverage.h. */
+#include "train/coverage.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+/* Small tiles follow an outline closely; so many a side are enough for an image of any size. */
+enum { SMALLEST_TILE = 4, MOST_TILES = 64 };
+
+/* Pixels that rounding may move a border by, float32 rays of the device included. */
+static const double SLACK = 0.02;
+
+static const cln_view *train_view(const cln_scene *scene, int i)
+{
+    return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)];
+}
+
+/* One size for all views, so that every tile stands for as many pixels. */
+static int tile_side(const cln_scene *scene)
+{
+    const int n = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    int side = SMALLEST_TILE;
+
+    for (int i = 0; i < n; i++) {
+        const cln_camera *c = &train_view(scene, i)->camera;
+        const int longest = c->width > c->height ? c->width : c->height;
+
+        if ((longest + MOST_TILES - 1) / MOST_TILES > side)
+            side = (longest + MOST_TILES - 1) / MOST_TILES;
+    }
+    return side;
+}
+
+typedef struct grid {
+    int across, down;
+} grid;
+
+static grid grid_of(const cln_camera *c, int side)
+{
+    return (grid){(c->width + side - 1) / side, (c->height + side - 1) / side};
+}
+
+/* Tiles of all training views; first (may be NULL): [views + 1]. */
+static size_t count_tiles(const cln_scene *scene, size_t *first)
+{
+    const int n = cln_scene_split_count(scene, CLN_SPLIT_TRAIN), side = tile_side(scene);
+    size_t tiles = 0;
+
+    for (int i = 0; i < n; i++) {
+        const grid g = grid_of(&train_view(scene, i)->camera, side);
+
+        tiles += (size_t)g.across * (size_t)g.down;
+        if (first)
+            first[i + 1] = tiles;
+    }
+    return tiles;
+}
+
+double cln_coverage_bytes(const cln_scene *scene)
+{
+    return (double)count_tiles(scene, NULL) * (sizeof(cln_tile) + sizeof(float)) +
+           (double)cln_scene_split_count(scene, CLN_SPLIT_TRAIN) * 2 * sizeof(size_t);
+}
+
+cln_status cln_coverage_create(const cln_scene *scene, cln_coverage *out)
+{
+    cln_status st = CLN_OK;
+    const size_t views = (size_t)cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    size_t tiles = 0;
+
+    *out = (cln_coverage){.side = tile_side(scene), .views = (int)views, .whole = true, .share = 1};
+    CLN_TRY(cln_alloc(&out->first, views + 1, sizeof *out->first, "coverage"));
+    CLN_TRY(cln_alloc(&out->start, views + 1, sizeof *out->start, "coverage"));
+    tiles = count_tiles(scene, out->first);
+    CLN_TRY(cln_alloc(&out->tiles, tiles, sizeof *out->tiles, "coverage"));
+    CLN_TRY(cln_alloc(&out->error, tiles, sizeof *out->error, "coverage"));
+    for (size_t i = 0; i < tiles; i++)
+        out->error[i] = -1;
+done:
+    if (st != CLN_OK)
+        cln_coverage_free(out);
+    return st;
+}
+
+void cln_coverage_free(cln_coverage *coverage)
+{
+    free(coverage->first);
+    free(coverage->start);
+    free(coverage->tiles);
+    free(coverage->error);
+    memset(coverage, 0, sizeof *coverage);
+}
+
+/* ---- a leaf in a view ---- */
+
+static double norm1(const double v[3])
+{
+    return fabs(v[0]) + fabs(v[1]) + fabs(v[2]);
+}
+
+/* Interval of x / z over a cube around p (camera axes x and z, p in their terms; reach: half the cube's side). With
+ * u = px / pz it is (px + dx) / (pz + dz) - u = (dx - u dz) / (pz + dz). */
+static void extent(double px, double pz, const double x[3], const double z[3], double reach,
+                   double out[2])
+{
+    const double u = px / pz, along[3] = {x[0] - u * z[0], x[1] - u * z[1], x[2] - u * z[2]};
+    const double most = reach * norm1(along) / (pz - reach * norm1(z));
+
+    out[0] = u - most;
+    out[1] = u + most;
+}
+
+/* First and last tile of the pixels whose centres lie in [low, high]; false if there is none. */
+static bool tiles_between(double low, double high, int pixels, int side, int out[2])
+{
+    const double first = fmax(ceil(low - 0.5 - SLACK), 0);
+    const double last = fmin(floor(high - 0.5 + SLACK), pixels - 1);
+
+    if (!(first <= last))
+        return false;
+    out[0] = (int)first / side;
+    out[1] = (int)last / side;
+    return true;
+}
+
+/* Marks the tiles that a cube may be seen in: its middle in world units, half its side. False if that may be any,
+ * since it reaches the camera's plane. */
+static bool mark_cube(const cln_camera *c, int side, const double middle[3], double reach,
+                      uint8_t *marks)
+{
+    const double *m = c->c2w;
+    const double x[3] = {m[0], m[4], m[8]}, y[3] = {m[1], m[5], m[9]}, z[3] = {m[2], m[6], m[10]};
+    const double to[3] = {middle[0] - m[3], middle[1] - m[7], middle[2] - m[11]};
+    const double pz = to[0] * z[0] + to[1] * z[1] + to[2] * z[2], deep = reach * norm1(z);
+    double across[2], down[2];
+    int columns[2], rows[2];
+
+    if (pz + deep <= 0)
+        return true; /* behind */
+    if (!(pz - deep > 1e-3 * reach))
+        return false;
+    extent(to[0] * x[0] + to[1] * x[1] + to[2] * x[2], pz, x, z, reach, across);
+    extent(to[0] * y[0] + to[1] * y[1] + to[2] * y[2], pz, y, z, reach, down);
+    if (tiles_between(c->fx * across[0] + c->cx, c->fx * across[1] + c->cx, c->width, side,
+                      columns) &&
+        tiles_between(c->fy * down[0] + c->cy, c->fy * down[1] + c->cy, c->height, side, rows))
+        for (int row = rows[0]; row <= rows[1]; row++)
+            memset(marks + row * grid_of(c, side).across + columns[0], 1,
+                   (size_t)(columns[1] - columns[0] + 1));
+    return true;
+}
+
+/* The tiles of a view that a leaf may be seen in; marks: [tile of the view]. */
+static void mark_view(const cln_camera *c, int side, const cln_octree *tree, const double centre[3],
+                      double half, uint8_t *marks)
+{
+    const grid g = grid_of(c, side);
+    const size_t tiles = (size_t)g.across * (size_t)g.down;
+    bool whole = cln_camera_is_distorted(c);
+
+    memset(marks, 0, tiles);
+    for (int s = 0; s < tree->leaf_count && !whole; s++) {
+        double middle[3], reach = 0;
+        float box[4];
+
+        cln_octree_box(tree, tree->leaf[s], box);
+        reach = 0.5 * (double)box[3];
+        for (int a = 0; a < 3; a++)
+            middle[a] = centre[a] + half * ((double)box[a] + reach);
+        whole = !mark_cube(c, side, middle, half * reach, marks);
+    }
+    if (whole)
+        memset(marks, 1, tiles);
+}
+
+/* ---- all of them ---- */
+
+/* Columns and rows of a tile that lie in the image. */
+static grid inside(const cln_camera *c, const cln_tile *tile, int side)
+{
+    const int wide = c->width - tile->x, high = c->height - tile->y;
+
+    return (grid){wide < side ? wide : side, high < side ? high : side};
+}
+
+/* Squared errors of a tile's pixels, each the mean of its channels, where a picture shows the background. */
+static double background_error(const cln_scene *scene, const cln_view *view, const cln_tile *tile,
+                               int side)
+{
+    const grid g = inside(&view->camera, tile, side);
+    double sum = 0;
+
+    for (int y = tile->y; y < tile->y + g.down; y++)
+        for (int x = tile->x; x < tile->x + g.across; x++) {
+            float rgb[3], alpha = 0;
+
+            cln_view_pixel(view, x, y, scene->background, rgb, &alpha);
+            for (int k = 0; k < 3; k++) {
+                const double error = (double)rgb[k] - (double)scene->background[k];
+
+                sum += error * error / 3;
+            }
+        }
+    return sum;
+}
+
+void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const cln_octree *tree,
+                         const double centre[3], double half)
+{
+    const int side = coverage->side;
+    uint8_t marks[MOST_TILES * MOST_TILES];
+    int64_t all = 0, other = 0;
+    double error = 0;
+    size_t found = 0;
+
+    for (int i = 0; i < coverage->views; i++) {
+        const cln_view *view = train_view(scene, i);
+        const grid g = grid_of(&view->camera, side);
+        float *errors = coverage->error + coverage->first[i];
+
+        mark_view(&view->camera, side, tree, centre, half, marks);
+        all += (int64_t)view->camera.width * view->camera.height;
+        for (int k = 0; k < g.across * g.down; k++) {
+            const cln_tile tile = {(uint32_t)i, (uint16_t)(k % g.across * side),
+                                   (uint16_t)(k / g.across * side)};
+            const grid part = inside(&view->camera, &tile, side);
+
+            if (marks[k]) {
+                coverage->tiles[found++] = tile;
+                continue;
+            }
+            if (errors[k] < 0)
+                errors[k] = (float)background_error(scene, view, &tile, side);
+            error += (double)errors[k];
+            other += (int64_t)part.across * part.down;
+        }
+        coverage->start[i + 1] = found;
+    }
+    coverage->whole = other == 0;
+    coverage->share = (double)(all - other) / (double)all;
+    coverage->error_other = error / (double)all;
+}

@@ -1,0 +1,320 @@
+/* Distillation of merged leaves. See distil.h. Points are stratified in the new leaf's box, directions come
+ * from training cameras that see it; all of it is a function of seed, step and node. */
+#include "train/distil.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/rng.h"
+
+enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
+
+void cln_distil_free(cln_distil *d)
+{
+    free(d->nodes);
+    free(d->origins);
+    free(d->directions);
+    free(d->targets);
+    free(d->lengths);
+    memset(d, 0, sizeof *d);
+}
+
+/* ---- points and directions ---- */
+
+static void draw(const cln_trainer *t, int32_t node, uint32_t index, uint32_t what, float out[4])
+{
+    cln_uniform4((uint64_t)t->model.config.seed, CLN_STREAM_DISTIL, (uint32_t)t->model.step,
+                 (uint32_t)node * 65536u + index, what, out);
+}
+
+/* Pinhole test: is the point before the camera and inside its image? */
+static bool sees(const cln_device_camera *c, const float point[3])
+{
+    float local[3] = {0, 0, 0}, u, v;
+
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++)
+            local[k] += c->c2w[4 * a + k] * (point[a] - c->c2w[4 * a + 3]);
+    if (!(local[2] > 0))
+        return false;
+    u = c->fx * local[0] / local[2] + c->cx;
+    v = c->fy * local[1] / local[2] + c->cy;
+    return u >= 0 && v >= 0 && u < (float)c->width && v < (float)c->height;
+}
+
+/* Training views that see the centre of the box; fewer than DIRECTIONS if few do. */
+static int choose_views(const cln_trainer *t, int32_t node, const float box[4],
+                        int views[DIRECTIONS])
+{
+    const cln_pipeline *p = &t->pipeline;
+    float centre[3], u[4];
+    int count = 0;
+
+    for (int a = 0; a < 3; a++)
+        centre[a] = box[a] + 0.5f * box[3];
+    for (uint32_t i = 0; i < TRIES && count < DIRECTIONS; i++) {
+        int view = 0;
+
+        draw(t, node, i, 1, u);
+        view = (int)(u[0] * (float)p->training_views);
+        view = view < p->training_views ? view : p->training_views - 1;
+        if (sees(&p->host_cameras[view], centre))
+            views[count++] = view;
+    }
+    return count;
+}
+
+static void direct(const cln_trainer *t, int view, const float point[3], const float u[4],
+                   float out[4])
+{
+    float length = 0;
+
+    if (view >= 0) {
+        for (int a = 0; a < 3; a++)
+            out[a] = point[a] - t->pipeline.host_cameras[view].c2w[4 * a + 3];
+    } else { /* nobody sees it: anywhere on the sphere */
+        const float z = 2 * u[0] - 1, r = sqrtf(fmaxf(1 - z * z, 0));
+
+        out[0] = r * cosf(6.2831853f * u[1]);
+        out[1] = r * sinf(6.2831853f * u[1]);
+        out[2] = z;
+    }
+    for (int a = 0; a < 3; a++)
+        length += out[a] * out[a];
+    length = sqrtf(length);
+    for (int a = 0; a < 3; a++)
+        out[a] = length > 0 ? out[a] / length : a == 2;
+    out[3] = 1;
+}
+
+static cln_status make_points(const cln_trainer *t, cln_distil *d, int net)
+{
+    cln_status st = CLN_OK;
+    const int32_t node = d->nodes[net];
+    const int cells = (int)floor(cbrt((double)d->pool) + 1e-9), full = cells * cells * cells;
+    float(*origins)[4] = d->origins + (size_t)net * (size_t)d->pool;
+    float(*directions)[4] = d->directions + (size_t)net * (size_t)d->pool;
+    float box[4], u[4];
+    int views[DIRECTIONS], view_count = 0, *order = NULL;
+
+    cln_octree_box(&t->model.tree, node, box);
+    d->lengths[net] = sqrtf(3) * box[3] / 32;
+    view_count = choose_views(t, node, box, views);
+    CLN_TRY(cln_alloc(&order, (size_t)d->pool, sizeof *order, "points of a merge"));
+    for (int i = 0; i < d->pool; i++)
+        order[i] = i;
+    for (int i = d->pool - 1; i > 0; i--) { /* batches are runs of a shuffled order */
+        int other = 0, kept = order[i];
+
+        draw(t, node, (uint32_t)i, 2, u);
+        other = (int)(u[0] * (float)(i + 1));
+        other = other < i ? other : i;
+        order[i] = order[other];
+        order[other] = kept;
+    }
+    for (int i = 0; i < d->pool; i++) {
+        const int cell = order[i];
+        const int at[3] = {cell % cells, cell / cells % cells, cell / cells / cells};
+
+        draw(t, node, (uint32_t)i, 3, u);
+        for (int a = 0; a < 3; a++)
+            origins[i][a] =
+                box[a] + box[3] * (cell < full ? ((float)at[a] + u[a]) / (float)cells : u[a]);
+        origins[i][3] = 0;
+        draw(t, node, (uint32_t)i, 4, u);
+        direct(t, view_count ? views[i % view_count] : -1, origins[i], u, directions[i]);
+    }
+done:
+    free(order);
+    return st;
+}
+
+/* ---- what the old leaves say ---- */
+
+/* Targets of points [first, first + n) of all; culled octants are empty and ask nobody. */
+static cln_status ask(cln_trainer *t, cln_distil *d, size_t first, size_t n, cln_sample *samples,
+                      float (*out)[4])
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = &t->pipeline;
+    uint32_t count = 0, slices = 0;
+
+    for (size_t i = 0; i < n; i++) {
+        const float *o = d->origins[first + i];
+        const double point[3] = {o[0], o[1], o[2]};
+        const int slot = cln_octree_find(&t->model.tree, point);
+
+        memset(d->targets[first + i], 0, sizeof d->targets[0]);
+        if (slot >= 0)
+            samples[count++] = (cln_sample){.ray = (cln_u32)i, .slot = slot};
+    }
+    if (count == 0)
+        return CLN_OK;
+    CLN_TRY(cln_pipeline_points(p, d->origins[first], d->directions[first], NULL, (uint32_t)n));
+    CLN_TRY(cln_pipeline_samples(p, samples, count));
+    CLN_TRY(cln_stage_group(p, count, &slices));
+    CLN_TRY(cln_stage_forward(p, count, slices, false, 0));
+    CLN_TRY(cln_buffer_read(p->device, &p->out, 0, out, count * sizeof *out));
+    for (uint32_t i = 0; i < count; i++) {
+        const size_t at = first + samples[i].ray;
+        const double length = d->lengths[at / (size_t)d->pool];
+
+        memcpy(d->targets[at], out[i], 3 * sizeof(float));
+        d->targets[at][3] = (float)-expm1(-out[i][3] * length);
+    }
+done:
+    return st;
+}
+
+cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *out)
+{
+    cln_status st = CLN_OK;
+    const cln_octree *tree = &t->model.tree;
+    const size_t most = t->plan.max_samples < 65536 ? t->plan.max_samples : 65536;
+    cln_sample *samples = NULL;
+    float(*answers)[4] = NULL;
+    int32_t last = -1;
+    size_t points = 0;
+
+    memset(out, 0, sizeof *out);
+    out->pool = CLN_DISTIL_BATCHES * t->model.config.distil_samples;
+    CLN_TRY(cln_alloc(&out->nodes, (size_t)tree->leaf_count, sizeof *out->nodes, "merges"));
+    for (int s = 0; s < tree->leaf_count; s++) { /* siblings without INNER ones stand in a row */
+        const int32_t parent = merge[s] ? tree->parent[tree->leaf[s]] : -1;
+
+        if (parent >= 0 && parent != last)
+            out->nodes[out->nets++] = last = parent;
+    }
+    points = (size_t)out->nets * (size_t)out->pool;
+    CLN_TRY(cln_alloc(&out->origins, points, sizeof *out->origins, "points of merges"));
+    CLN_TRY(cln_alloc(&out->directions, points, sizeof *out->directions, "points of merges"));
+    CLN_TRY(cln_alloc(&out->targets, points, sizeof *out->targets, "points of merges"));
+    CLN_TRY(cln_alloc(&out->lengths, (size_t)out->nets, sizeof *out->lengths, "merges"));
+    CLN_TRY(cln_alloc(&samples, most, sizeof *samples, "samples of merges"));
+    CLN_TRY(cln_alloc(&answers, most, sizeof *answers, "samples of merges"));
+    for (int n = 0; n < out->nets; n++)
+        CLN_TRY(make_points(t, out, n));
+    for (size_t first = 0; first < points; first += most)
+        CLN_TRY(
+            ask(t, out, first, points - first < most ? points - first : most, samples, answers));
+done:
+    free(samples);
+    free(answers);
+    if (st != CLN_OK)
+        cln_distil_free(out);
+    return st;
+}
+
+/* ---- what the new ones learn ---- */
+
+/* The largest mean loss of a net, of the batch just trained. */
+static cln_status worst_loss(cln_pipeline *p, int nets, int samples, float *losses, double *worst)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)nets * (size_t)samples;
+
+    *worst = 0;
+    CLN_TRY(cln_buffer_read(p->device, &p->losses, 0, losses, n * sizeof *losses));
+    for (int k = 0; k < nets; k++) {
+        double sum = 0;
+
+        for (int i = 0; i < samples; i++)
+            sum += losses[(size_t)k * (size_t)samples + (size_t)i];
+        *worst = fmax(*worst, sum / samples);
+    }
+done:
+    return st;
+}
+
+/* Nets [first, first + nets), together. */
+static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int nets, int *steps)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    cln_pipeline *p = &t->pipeline;
+    const int samples = c->distil_samples;
+    const size_t pool = (size_t)d->pool, base = (size_t)first * pool;
+    const uint32_t n = (uint32_t)(nets * samples);
+    cln_sample *batch = NULL;
+    float *losses = NULL;
+    double worst = 0;
+    int done_steps = 0;
+
+    CLN_TRY(cln_alloc(&batch, n, sizeof *batch, "samples of merges"));
+    CLN_TRY(cln_alloc(&losses, n, sizeof *losses, "samples of merges"));
+    CLN_TRY(cln_pipeline_points(p, d->origins[base], d->directions[base], d->targets[base],
+                                (uint32_t)((size_t)nets * pool)));
+    while (done_steps < c->distil_steps) {
+        const int part = done_steps % CLN_DISTIL_BATCHES;
+        const uint32_t key = (uint32_t)done_steps * 0x9E3779B9u + (uint32_t)t->model.step;
+        uint32_t slices = 0;
+
+        for (uint32_t i = 0; i < n; i++) {
+            const int net = (int)i / samples;
+
+            batch[i] =
+                (cln_sample){.delta = d->lengths[first + net],
+                             .ray = (cln_u32)(net * d->pool + part * samples + (int)i % samples),
+                             .slot = t->model.tree.slot[d->nodes[first + net]]};
+        }
+        CLN_TRY(cln_pipeline_samples(p, batch, n));
+        CLN_TRY(cln_stage_group(p, n, &slices));
+        CLN_TRY(cln_stage_forward(p, n, slices, true, key));
+        CLN_TRY(cln_stage_distil_gradient(p, n, 1.0 / samples));
+        CLN_TRY(cln_stage_update(p, n, slices, key, c->distil_lr));
+        CLN_TRY(cln_device_finish(p->device));
+        done_steps++;
+        if (done_steps % CHECK_EVERY == 0) {
+            CLN_TRY(worst_loss(p, nets, samples, losses, &worst));
+            if (worst < c->distil_stop)
+                break;
+        }
+    }
+    *steps = done_steps > *steps ? done_steps : *steps;
+done:
+    free(batch);
+    free(losses);
+    return st;
+}
+
+/* The new leaves' Adam state back to zero: what distillation gathered is not of their rays. */
+static cln_status forget_moments(cln_trainer *t, const cln_distil *d)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = &t->pipeline;
+    const size_t bytes = (size_t)p->net.params * cln_moment_bytes(&p->config);
+    const int32_t none = 0;
+    char *zeros = NULL;
+
+    CLN_TRY(cln_alloc(&zeros, bytes, 1, "Adam's state"));
+    for (int n = 0; n < d->nets; n++) {
+        const size_t slot = (size_t)t->model.tree.slot[d->nodes[n]];
+
+        CLN_TRY(cln_buffer_write(p->device, &p->adam_m, slot * bytes, zeros, bytes));
+        CLN_TRY(cln_buffer_write(p->device, &p->adam_v, slot * bytes, zeros, bytes));
+        CLN_TRY(
+            cln_buffer_write(p->device, &p->adam_steps, slot * sizeof none, &none, sizeof none));
+    }
+done:
+    free(zeros);
+    return st;
+}
+
+cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = &t->pipeline;
+    const int min_samples = p->config.min_leaf_samples;
+    const int most = t->plan.distil_nets;
+
+    *steps = 0;
+    p->config.min_leaf_samples = 1;
+    for (int first = 0; first < d->nets; first += most)
+        CLN_TRY(train_chunk(t, d, first, d->nets - first < most ? d->nets - first : most, steps));
+    CLN_TRY(forget_moments(t, d));
+done:
+    p->config.min_leaf_samples = min_samples;
+    return st;
+}

@@ -1,0 +1,543 @@
+/* Between the steps. See maintain.h. Every decision is a function of the seed, the step and the model, and
+ * all that it rests on is in the checkpoint, so a resumed run decides as one that went through. */
+#include "train/maintain.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "train/distil.h"
+#include "train/record.h"
+#include "model/integer_program.h"
+#include "model/structure.h"
+
+/* ---- changes of the tree ---- */
+
+/* The model's tree has changed, its weights were carried over on the host: send all back. */
+static cln_status send_back(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
+    CLN_TRY(cln_stage_seen(&t->pipeline));
+    cln_trainer_cover(t);
+done:
+    return st;
+}
+
+static cln_status apply_change(cln_trainer *t, const cln_octree_change *change)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_model_apply(&t->model, change));
+    CLN_TRY(send_back(t));
+done:
+    return st;
+}
+
+/* Mean density (--density-weight) and peak of every leaf; [leaf], the caller frees. */
+static cln_status leaf_stats(cln_trainer *t, float **mean, float **peak)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = &t->pipeline;
+    const size_t leaves = (size_t)p->leaves, sums_count = leaves * CLN_MEASURES * 2;
+    float(*pairs)[2] = NULL, (*sums)[CLN_MEASURES][2] = NULL;
+
+    CLN_TRY(cln_alloc(&pairs, leaves, sizeof *pairs, "leaf statistics"));
+    CLN_TRY(cln_alloc(mean, leaves, sizeof **mean, "leaf statistics"));
+    CLN_TRY(cln_alloc(peak, leaves, sizeof **peak, "leaf statistics"));
+    CLN_TRY(cln_stage_stats(p, pairs[0]));
+    if (t->model.config.density_weight == CLN_WEIGHT_VISIBILITY) {
+        CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "leaf statistics"));
+        CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, sums_count * sizeof(float)));
+    }
+    for (size_t i = 0; i < leaves; i++) {
+        (*mean)[i] = pairs[i][0];
+        (*peak)[i] = pairs[i][1];
+        if (sums && sums[i][2][0] > 0) /* sum T sigma delta / sum T delta along the training rays */
+            (*mean)[i] = sums[i][1][0] / sums[i][2][0];
+    }
+done:
+    free(pairs);
+    free(sums);
+    return st;
+}
+
+/* A change of the tree brings the model to the host and back, some ten steps' time: for a leaf or two of thousands, which
+ * cost next to nothing, it waits until CULL_PART of the leaves are marked, or until there is a change anyway (`now`). */
+enum { CULL_PART = 100 };
+
+static cln_status cull(cln_trainer *t, bool now)
+{
+    cln_status st = CLN_OK;
+    const int leaves = t->pipeline.leaves;
+    int marked = 0;
+    uint8_t *marks = NULL;
+    cln_leaf_stats stats = {0};
+    cln_octree_change change = {0};
+
+    CLN_TRY(cln_trainer_catch_up(t));
+    CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
+    CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
+    marked = cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks);
+    if (marked > 0 && (now || (int64_t)marked * CULL_PART >= leaves)) {
+        CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
+        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
+        CLN_TRY(apply_change(t, &change));
+        cln_debug("step %lld: culled %d of %d leaves", (long long)t->model.step,
+                  leaves - t->pipeline.leaves, leaves);
+    }
+    if (!t->model.config.adaptive) { /* weights by visibility are of one interval, too */
+        cln_model_restart_measures(&t->model);
+        CLN_TRY(cln_stage_measure_reset(&t->pipeline));
+    }
+done:
+    free(stats.mean);
+    free(stats.peak);
+    free(marks);
+    cln_octree_change_free(&change);
+    return st;
+}
+
+/* The memory plans of a tree with `leaves` leaves. */
+typedef struct plans {
+    cln_plan device, host;
+} plans;
+
+static void make_plans(const cln_trainer *t, int leaves, plans *out)
+{
+    const cln_plan_desc desc = {&t->pipeline, t->scene, leaves, true, cln_coverage_bytes(t->scene)};
+
+    cln_plan_device(&desc, &out->device);
+    cln_plan_host(&desc, &out->device, &out->host);
+}
+
+static cln_status check_plans(const cln_trainer *t, const plans *p)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_plan_check(t->device, &p->device));
+    CLN_TRY(cln_plan_check_host(&p->host));
+done:
+    return st;
+}
+
+static void adopt_plans(cln_trainer *t, const plans *p)
+{
+    t->plan = p->device;
+    t->host_plan = p->host;
+    cln_plan_apply(&p->device, &t->pipeline);
+    cln_stage_splat_release(&t->pipeline); /* the next batch takes what the plan says */
+}
+
+/* One level finer, by the exact split; not if it would not fit in memory. */
+static cln_status grow(cln_trainer *t, bool *grown)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = &t->pipeline;
+    cln_octree_change change = {0}, gone = {0};
+    uint8_t *marks = NULL;
+    int leaves = p->leaves;
+    plans next;
+    char text[1536];
+
+    *grown = false;
+    CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
+    leaves -= cln_structure_marked(&t->model.tree, &t->model.config, marks);
+    make_plans(t, 8 * leaves, &next);
+    if (check_plans(t, &next) != CLN_OK) {
+        snprintf(text, sizeof text, "%s", cln_error_text());
+        cln_clear_error();
+        if (!t->full)
+            cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * leaves,
+                     text);
+        t->full = true;
+        goto done;
+    }
+    CLN_TRY(cln_trainer_catch_up(t));
+    CLN_TRY(cln_pipeline_download(p, &t->model, true));
+    cln_model_restart_measures(&t->model);
+    if (leaves < p->leaves) { /* those that waited for it (cull) */
+        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &gone));
+        CLN_TRY(cln_model_apply(&t->model, &gone));
+    }
+    CLN_TRY(cln_octree_split(&t->model.tree, NULL, &change));
+    t->model.level++;
+    t->model.growth_step = t->model.step;
+    t->model.last_square = 0;
+    adopt_plans(t, &next);
+    CLN_TRY(apply_change(t, &change));
+    cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
+              p->leaves);
+    *grown = true;
+done:
+    free(marks);
+    cln_octree_change_free(&gone);
+    cln_octree_change_free(&change);
+    return st;
+}
+
+/* ---- stage 1 ---- */
+
+static cln_status refresh(cln_trainer *t, int first, int count)
+{
+    return cln_stage_refresh(&t->pipeline, first, count, true, (uint64_t)t->model.config.seed,
+                             (uint32_t)t->model.step);
+}
+
+/* The marked leaves only, run by run. */
+static cln_status refresh_marked(cln_trainer *t, const uint8_t *marks)
+{
+    cln_status st = CLN_OK;
+    const int leaves = t->pipeline.leaves;
+
+    for (int first = 0, end = 0; first < leaves; first = end) {
+        if (!marks[first]) {
+            end = first + 1;
+            continue;
+        }
+        for (end = first + 1; end < leaves && marks[end];)
+            end++;
+        CLN_TRY(refresh(t, first, end - first));
+    }
+done:
+    return st;
+}
+
+/* Steps from one refresh to the next: soon after a growth, when densities and emptiness change fast, then
+ * ever more rarely up to refresh_every (instant-ngp refreshes all cells in its first steps, too). */
+static int64_t refresh_interval(const cln_trainer *t)
+{
+    const int64_t interval = (t->model.refresh_step - t->model.growth_step) / 4;
+    const int64_t most = t->model.config.refresh_every;
+
+    return interval < 32 ? (most < 32 ? most : 32) : interval < most ? interval : most;
+}
+
+/* ---- the effect of a change on a fixed batch ---- */
+
+enum { PROBE_RAYS = 2048 };
+
+cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    cln_pipeline *p = &t->pipeline;
+    const int wanted = c->rays < PROBE_RAYS ? c->rays : PROBE_RAYS;
+    const int rays = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
+    const cln_sampling sampling = {.t_min = (float)c->render_t_min,
+                                   .empty_weight = (float)c->empty_weight,
+                                   .empty_share = c->empty_weight > 0 ? 0 : 1,
+                                   .max_samples = t->plan.max_samples};
+    /* any pixel: the same ones before a change and after it */
+    const cln_draw draw = {.step = UINT32_MAX, .n = rays, .ray_background = p->ray_background};
+    uint32_t samples = 0, slices = 0;
+    int used = 0;
+    double square = 0;
+
+    CLN_TRY(cln_trainer_catch_up(t));
+    t->drawn = false;
+    cln_batch_draw(&t->batch, t->scene, c, &draw);
+    CLN_TRY(
+        cln_pipeline_batch(p, t->batch.pixels, rays, t->batch.targets[0], t->batch.backgrounds[0]));
+    CLN_TRY(cln_stage_rays(p, rays));
+    CLN_TRY(cln_stage_sample(p, rays, &sampling, &used, &samples));
+    CLN_TRY(cln_stage_group(p, samples, &slices));
+    CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
+    CLN_TRY(cln_stage_composite(p, used, false));
+    CLN_TRY(
+        cln_buffer_read(t->device, &p->results, 0, t->results, (size_t)used * sizeof *t->results));
+    CLN_TRY(cln_device_finish(t->device));
+    for (int i = 0; i < used; i++) {
+        const float got[3] = {t->results[i].r, t->results[i].g, t->results[i].b};
+
+        for (int k = 0; k < 3; k++)
+            square += ((double)got[k] - t->batch.targets[i][k]) *
+                      ((double)got[k] - t->batch.targets[i][k]);
+    }
+    *psnr = -10 * log10(fmax(square / (3.0 * used), 1e-10));
+done:
+    return st;
+}
+
+/* ---- decisions ---- */
+
+/* Cost e d of each merged leaf's children, by node of the parent, before they are gone. */
+static void save_costs(const cln_model *model, const float *mean, const uint8_t *merge,
+                       double *cost)
+{
+    const cln_octree *tree = &model->tree;
+
+    for (int s = 0; s < tree->leaf_count; s++)
+        if (merge[s])
+            cost[tree->parent[tree->leaf[s]]] +=
+                model->error[s] * pow(fmax(mean[s], 0), model->config.cost_density);
+}
+
+/* The tree of the model after merges and splits; fresh[slot]: new leaves; merged ones are also the
+ * distillation's. split, merge: [old slot]. */
+static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
+                               uint8_t **fresh)
+{
+    cln_status st = CLN_OK;
+    cln_model *m = &t->model;
+    cln_octree *tree = &m->tree;
+    const size_t nodes = (size_t)tree->node_count, old = (size_t)tree->leaf_count;
+    cln_octree_change merges = {0}, splits = {0};
+    float *mean = NULL, *peak = NULL;
+    uint8_t *marks = NULL, *by_node = NULL;
+    double *cost = NULL;
+
+    CLN_TRY(cln_alloc(&by_node, nodes, 1, "leaf marks"));
+    CLN_TRY(cln_alloc(&cost, nodes, sizeof *cost, "costs of leaves"));
+    CLN_TRY(leaf_stats(t, &mean, &peak));
+    for (size_t s = 0; s < old; s++)
+        by_node[tree->leaf[s]] = split[s];
+    save_costs(m, mean, merge, cost);
+    CLN_TRY(cln_octree_merge(tree, merge, mean, &merges));
+    CLN_TRY(cln_model_apply(m, &merges));
+    CLN_TRY(cln_alloc(&marks, (size_t)tree->leaf_count, 1, "leaf marks"));
+    for (int s = 0; s < tree->leaf_count; s++) {
+        marks[s] = by_node[tree->leaf[s]];
+        if (merges.octant[s] <= CLN_MERGED)
+            m->saved[s] = (float)cost[tree->leaf[s]];
+    }
+    CLN_TRY(cln_octree_split(tree, marks, &splits));
+    CLN_TRY(cln_model_apply(m, &splits));
+    CLN_TRY(cln_alloc(fresh, (size_t)tree->leaf_count, 1, "leaf marks"));
+    for (int s = 0; s < tree->leaf_count; s++)
+        (*fresh)[s] = splits.octant[s] != CLN_COPIED || merges.octant[splits.from[s]] != CLN_COPIED;
+done:
+    free(mean);
+    free(peak);
+    free(marks);
+    free(by_node);
+    free(cost);
+    cln_octree_change_free(&merges);
+    cln_octree_change_free(&splits);
+    return st;
+}
+
+cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
+                                    int leaves_after, cln_decision *d)
+{
+    cln_status st = CLN_OK;
+    cln_distil distil = {0};
+    plans next;
+    uint8_t *fresh = NULL;
+
+    CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
+    CLN_TRY(cln_distil_prepare(t, merge, &distil));
+    CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
+    make_plans(t, leaves_after, &next);
+    CLN_TRY(change_model(t, split, merge, &fresh));
+    CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
+    cln_model_restart_measures(&t->model);
+    adopt_plans(t, &next);
+    CLN_TRY(send_back(t));
+    CLN_TRY(refresh_marked(t, fresh));
+    CLN_TRY(cln_maintain_probe(t, &d->psnr_after));
+    d->psnr_pretrained = d->psnr_after;
+    if (distil.nets > 0) {
+        CLN_TRY(cln_distil_train(t, &distil, &d->distil_steps));
+        memset(fresh, 0, (size_t)t->model.tree.leaf_count);
+        for (int n = 0; n < distil.nets; n++)
+            fresh[t->model.tree.slot[distil.nodes[n]]] = 1;
+        CLN_TRY(refresh_marked(t, fresh));
+        CLN_TRY(cln_maintain_probe(t, &d->psnr_pretrained));
+    }
+done:
+    free(fresh);
+    cln_distil_free(&distil);
+    return st;
+}
+
+/* --max-leaves, or fewer where there is no memory for them. */
+static int leaf_budget(cln_trainer *t)
+{
+    const int wanted = t->model.config.max_leaves, leaves = t->pipeline.leaves;
+    int n = wanted;
+    plans p;
+
+    for (make_plans(t, n, &p); n > leaves && check_plans(t, &p) != CLN_OK; make_plans(t, n, &p)) {
+        cln_clear_error();
+        n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
+    }
+    if (n < wanted && n <= leaves && !t->full) {
+        cln_warn("no memory for more than the %d leaves there are (--max-leaves %d)", leaves,
+                 wanted);
+        t->full = true;
+    }
+    return n;
+}
+
+/* Errors per ray, densities and permissions of every leaf; the errors also stay in the model. */
+static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
+{
+    cln_status st = CLN_OK;
+    cln_model *m = &t->model;
+    cln_pipeline *p = &t->pipeline;
+    const size_t leaves = (size_t)p->leaves;
+    float *mean = NULL, *peak = NULL;
+
+    CLN_TRY(cln_alloc(out, leaves, sizeof **out, "measures of leaves"));
+    CLN_TRY(leaf_stats(t, &mean, &peak));
+    CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, m->sums,
+                            leaves * CLN_MEASURES * 2 * sizeof *m->sums));
+    CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, m->met, leaves * sizeof *m->met));
+    for (size_t i = 0; i < leaves; i++) {
+        m->error[i] = m->sums[i * CLN_MEASURES * 2] / (float)m->sum_rays;
+        (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
+                                       .density = pow(fmax(mean[i], 0), m->config.cost_density),
+                                       .saved = m->saved[i],
+                                       .may_split = m->met[i] >= m->config.split_samples};
+    }
+done:
+    free(mean);
+    free(peak);
+    return st;
+}
+
+static void say(const cln_trainer *t, const cln_decision *d)
+{
+    char psnr[96] = "";
+
+    if (d->splits + d->merges > 0)
+        snprintf(psnr, sizeof psnr, "; PSNR of a fixed batch %.2f -> %.2f%s dB", d->psnr_before,
+                 d->psnr_pretrained, d->merges ? " (merged ones trained)" : "");
+    cln_info("step %lld: %d leaves -> %d: %d split, %d groups merged, %d kept; objective %.4g -> "
+             "%.4g%s; %.1f s",
+             (long long)t->model.step, d->leaves_before, d->leaves, d->splits, d->merges, d->keeps,
+             d->objective_before, d->objective, psnr, d->work_seconds);
+    if (d->infeasible)
+        cln_warn("no choice of splits and merges meets --max-leaves %d; only merges were made",
+                 d->budget);
+}
+
+static cln_status decide(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    cln_model *m = &t->model;
+    const double began = cln_now(), square = m->sum_square / (double)m->sum_rays;
+    cln_leaf_measure *measures = NULL;
+    cln_program_result r = {0};
+    cln_decision d = {.leaves_before = t->pipeline.leaves,
+                      .psnr_before = NAN,
+                      .psnr_after = NAN,
+                      .psnr_pretrained = NAN};
+    cln_program_desc desc = {.tree = &m->tree,
+                             .max_leaves = leaf_budget(t),
+                             .max_level = m->config.max_level,
+                             .split_factor = m->config.split_factor,
+                             .merge_factor = m->config.merge_factor};
+
+    CLN_TRY(measure(t, &measures));
+    desc.measures = measures;
+    CLN_TRY(cln_program_solve(&desc, &r));
+    if (t->desc->dump_program)
+        CLN_TRY(cln_program_write_lp(&desc, t->desc->dump_program));
+    d.leaves = r.leaves;
+    d.splits = r.splits;
+    d.merges = r.merges;
+    d.keeps = r.keeps;
+    d.budget = desc.max_leaves;
+    d.infeasible = r.infeasible;
+    d.objective = r.objective;
+    d.objective_before = r.cost_before;
+    if (r.splits + r.merges > 0) {
+        CLN_TRY(cln_maintain_restructure(t, r.split, r.merge, r.leaves, &d));
+        m->last_square = 0;
+        if (8 * r.splits + r.merges > r.leaves / 8) /* a growth: densities change fast again */
+            m->growth_step = m->step;
+    } else {
+        m->last_square = square;
+        cln_model_restart_measures(m);
+        CLN_TRY(cln_stage_measure_reset(&t->pipeline));
+    }
+    d.work_seconds = cln_now() - began;
+    say(t, &d);
+    CLN_TRY(cln_record_decision(t, &d));
+done:
+    free(measures);
+    cln_program_result_free(&r);
+    return st;
+}
+
+/* Is a decision due? Counts it, also when the error still falls and the tree is left alone. */
+static bool decision_comes(cln_trainer *t, double fraction)
+{
+    const cln_config *c = &t->model.config;
+    int due = 0;
+
+    if (!c->adaptive || c->tree_from[0] || fraction < c->structure_from ||
+        fraction >= c->structure_until)
+        return false;
+    due = 1 + (int)floor((fraction - c->structure_from) / c->structure_every);
+    if (due <= t->model.decisions)
+        return false;
+    t->model.decisions = due;
+    return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
+}
+
+/* method.md 11: only when the error no longer falls, by comparison with the interval before. */
+static cln_status wait_or_decide(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    cln_model *m = &t->model;
+    const double wait = m->config.structure_wait;
+    double square = 0;
+
+    CLN_TRY(cln_trainer_catch_up(t));
+    square = m->sum_square / (double)m->sum_rays;
+    if (wait <= 0 || (m->last_square > 0 && square >= wait * m->last_square))
+        return decide(t);
+    cln_debug("step %lld: mean square error %.4g after %.4g: the tree waits", (long long)m->step,
+              square, m->last_square);
+    m->last_square = square;
+    cln_model_restart_measures(m);
+    CLN_TRY(cln_stage_measure_reset(&t->pipeline));
+done:
+    return st;
+}
+
+/* ---- all of it ---- */
+
+/* A rolling refresh takes this many steps from part to part, and parts (instant-ngp's sixteen). */
+enum { PARTS = 16 };
+
+cln_status cln_maintain(cln_trainer *t, double fraction)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    const int64_t refresh_age = t->model.step - t->model.refresh_step;
+    cln_pipeline *p = &t->pipeline;
+    const bool fixed = c->tree_from[0] != 0;
+    bool grown = false, full = false, decision = false;
+
+    if (!fixed && t->model.level < cln_structure_level(c, fraction))
+        CLN_TRY(grow(t, &grown));
+    decision = !grown && decision_comes(t, fraction);
+    if (grown || decision || t->model.step == 0 ||
+        (!c->rolling_refresh && refresh_age >= refresh_interval(t))) {
+        CLN_TRY(refresh(t, 0, p->leaves));
+        t->model.refresh_step = t->model.step;
+        full = true;
+    } else if (c->rolling_refresh && t->model.step % PARTS == 0) {
+        const int part = (int)(t->model.step / PARTS % PARTS);
+        const int first = (int)((int64_t)p->leaves * part / PARTS);
+        const int end = (int)((int64_t)p->leaves * (part + 1) / PARTS);
+
+        CLN_TRY(refresh(t, first, end - first));
+        full = part == PARTS - 1;
+    }
+    if (full && !grown && !fixed && fraction >= c->cull_from && t->model.step > 0 &&
+        t->model.step >= t->model.growth_step + c->cull_after)
+        CLN_TRY(cull(t, decision));
+    if (decision)
+        CLN_TRY(wait_or_decide(t));
+done:
+    return st;
+}

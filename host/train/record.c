@@ -1,0 +1,267 @@
+/* The written record of a run. See record.h; docs/formats.md has the schemas. */
+#include "train/record.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/config.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "report/report.h"
+#include "scene/scene.h"
+
+static void say(json_t *list, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+static void say(json_t *list, const char *fmt, ...)
+{
+    char text[512];
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(text, sizeof text, fmt, args);
+    va_end(args);
+    json_array_append_new(list, json_string(text));
+}
+
+cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
+{
+    const cln_config *c = &t->model.config;
+    const cln_pipeline *p = &t->pipeline;
+    const cln_octree *tree = &t->model.tree;
+    double empty = 1; /* share of the cube */
+    json_t *list = json_array();
+
+    *out = list;
+    if (!list)
+        return cln_fail(CLN_MEMORY, "record: cannot make JSON");
+    if (!p->distortion)
+        say(list, "lens distortion (pinhole cameras)");
+    if (!t->scene->has_alpha)
+        say(list, "alpha (images have none)");
+    else if (!p->ray_background)
+        say(list, "background per ray (one background for all)");
+    if (!c->view_dependence)
+        say(list, "view layer (--no-view-dependence)");
+    if (p->net.skip_layer < 0)
+        say(list, "skip connection");
+    if (c->rrelu_scope == CLN_RRELU_MEAN)
+        say(list, "random slopes (mean slope instead)");
+    if (c->stage1 == CLN_STAGE1_GATHER)
+        say(list, "projection and sort of stage-1 samples (read along the rays instead)");
+    if (c->density_noise <= 0)
+        say(list, "density noise");
+    if (c->sparsity <= 0 && c->edge <= 0 && c->cauchy <= 0 && c->opacity_entropy <= 0 &&
+        c->distortion_loss <= 0 && c->view_l2 <= 0)
+        say(list, "regularisers");
+    if (c->t_min > 0)
+        say(list, "leaves behind less than %g transmittance (from %g%% of the budget)", c->t_min,
+            100 * c->occlusion_from);
+    if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
+        say(list, "%g%% of the passages through leaves that stage 1 finds empty",
+            100 * (1 - c->empty_share));
+    if (t->batch.coverage.share < 1 && cln_batch_skips(&t->batch, c, INT64_MAX))
+        say(list, "%.1f%% of the training pixels (no leaf is before them)",
+            100 * (1 - t->batch.coverage.share));
+    if (!c->adaptive)
+        say(list, "the structure optimisation (whole levels only)");
+    else if (c->tree_from[0])
+        say(list, "the structure optimisation (the tree of %s)", c->tree_from);
+    for (int s = 0; s < tree->leaf_count; s++)
+        empty -= 1.0 / (1 << (3 * tree->level[tree->leaf[s]]));
+    if (empty > 0)
+        say(list, "%.1f%% of the cube (empty leaves)", 100 * empty);
+    return CLN_OK;
+}
+
+static cln_status add_left_out(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    json_t *list = NULL;
+
+    CLN_TRY(cln_record_left_out(t, &list));
+    json_object_set_new(t->run, "left_out", list);
+done:
+    return st;
+}
+
+static json_t *device_json(const cln_device_info *info)
+{
+    return json_pack("{s:s, s:s, s:s, s:s, s:s, s:s, s:f, s:f, s:i}", "name", info->name, "vendor",
+                     info->vendor, "platform", info->platform, "driver", info->driver, "version",
+                     info->version, "type", info->type, "global_mem", info->global_mem, "max_alloc",
+                     info->max_alloc, "compute_units", info->compute_units);
+}
+
+static const char *text_of(const json_t *object, const char *key, const char *otherwise)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+
+    return text ? text : otherwise;
+}
+
+/* A resumed run keeps what this process was not told: its preset and its scene's path, and when it was
+ * first started. */
+cln_status cln_record_start(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    json_t *config = NULL, *scene = NULL, *plan = NULL, *host_plan = NULL, *before = NULL;
+    const char *path = t->desc->scene, *preset = t->desc->preset;
+    char now[32], tune[CLN_TUNE_TEXT];
+
+    if (t->desc->resume)
+        CLN_TRY(cln_run_read(t->desc->run, &before));
+    if (!path)
+        path = text_of(json_object_get(before, "dataset"), "path", t->scene->folder);
+    if (!preset)
+        preset = text_of(before, "preset", "");
+    CLN_TRY(cln_config_to_json(&t->model.config, &config));
+    CLN_TRY(cln_scene_describe(t->scene, &scene));
+    CLN_TRY(cln_plan_json(&t->plan, &plan));
+    CLN_TRY(cln_plan_json(&t->host_plan, &host_plan));
+    json_object_del(scene, "cameras"); /* the per-view list is long */
+    json_object_set_new(scene, "path", json_string(path));
+    cln_utc_now(now);
+    cln_tune_text(&t->pipeline.tune, tune);
+    t->run =
+        json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:s, s:n}",
+                  "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
+                  t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
+                  "device", device_json(&t->device->info), "dataset", scene, "state", "running",
+                  "started", text_of(before, "started", now), "ended", "plan", plan, "host_plan",
+                  host_plan, "tune", tune, "tune_from", t->pipeline.tune_from, "result");
+    config = scene = plan = host_plan = NULL;
+    if (!t->run) {
+        st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");
+        goto done;
+    }
+    CLN_TRY(add_left_out(t));
+    CLN_TRY(cln_run_write(t->desc->run, t->run));
+done:
+    json_decref(config);
+    json_decref(scene);
+    json_decref(plan);
+    json_decref(host_plan);
+    json_decref(before);
+    return st;
+}
+
+cln_status cln_record_end(cln_trainer *t, const char *state)
+{
+    cln_status st = CLN_OK;
+    json_t *plan = NULL;
+    char now[32], digest[24];
+
+    if (!t->run)
+        return CLN_OK;
+    cln_utc_now(now);
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_model_digest(&t->model));
+    json_object_set_new(t->run, "state", json_string(state));
+    json_object_set_new(t->run, "ended", json_string(now));
+    json_object_set_new(t->run, "result",
+                        json_pack("{s:I, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:s}", "step",
+                                  (json_int_t)t->model.step, "seconds", t->model.train_seconds,
+                                  "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
+                                  cln_json_real(t->psnr_test), "leaves", t->model.tree.leaf_count,
+                                  "params", (double)t->model.tree.leaf_count * t->model.net.learned,
+                                  "device_peak", (double)t->device->peak, "host_peak",
+                                  cln_peak_rss(), "model_digest", digest));
+    CLN_TRY(cln_plan_json(&t->plan, &plan));
+    json_object_set_new(t->run, "plan", plan);
+    CLN_TRY(cln_plan_json(&t->host_plan, &plan));
+    json_object_set_new(t->run, "host_plan", plan);
+    CLN_TRY(add_left_out(t));
+    CLN_TRY(cln_run_write(t->desc->run, t->run));
+    CLN_TRY(cln_report_write(t->desc->run));
+done:
+    return st;
+}
+
+cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
+{
+    cln_status st = CLN_OK;
+    const double spent = t->model.train_seconds - t->interval.began_seconds;
+    const double waits = (double)(t->device->waits - t->interval.waits);
+    double leaf_samples = 0, padding = 0;
+    json_t *stages = NULL, *row = NULL;
+
+    if (!evaluated && !t->signal) /* else the newest grouping may be a picture's */
+        CLN_TRY(cln_stage_fill(&t->pipeline, &leaf_samples, &padding));
+    stages = json_object();
+    for (int i = 0; i < CLN_STAGES; i++) {
+        const double seconds = t->device->stage_seconds[i] - t->interval.stage_seconds[i];
+
+        if (seconds > 0)
+            json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
+    }
+    row =
+        json_pack("{s:I, s:f, s:f, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
+                  (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
+                  cln_now() - t->began, "loss", cln_json_real(t->interval.loss / t->interval.steps),
+                  "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
+                  cln_json_real((double)t->interval.rays / spent), "samples_per_ray",
+                  cln_json_real((double)t->interval.samples / (double)t->interval.rays), "leaves",
+                  t->pipeline.leaves, "params",
+                  (double)t->pipeline.leaves * t->pipeline.net.learned, "host_mem", cln_peak_rss(),
+                  "dev_mem", (double)t->device->allocated, "host_waits", waits, "stages", stages);
+    if (!row) {
+        st = cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
+        goto done;
+    }
+    if (evaluated) {
+        json_object_set_new(row, "psnr_test", cln_json_real(t->psnr_test));
+    } else if (!t->signal) {
+        json_object_set_new(row, "leaf_samples", json_real(leaf_samples));
+        json_object_set_new(row, "padding", json_real(padding));
+    }
+    CLN_TRY(cln_metrics_add(t->metrics, row));
+    memcpy(t->interval.stage_seconds, t->device->stage_seconds, sizeof t->interval.stage_seconds);
+    t->interval.waits = t->device->waits;
+done:
+    json_decref(row);
+    return st;
+}
+
+cln_status cln_record_decision(cln_trainer *t, const cln_decision *d)
+{
+    cln_status st = CLN_OK;
+    json_t *row = json_pack(
+        "{s:s, s:I, s:f, s:f, s:i, s:i, s:i, s:i, s:i, s:i, s:b, s:o, s:o, s:o, s:o, s:o, s:i, "
+        "s:f}",
+        "event", "structure", "step", (json_int_t)t->model.step, "seconds", t->model.train_seconds,
+        "wall_seconds", cln_now() - t->began, "leaves_before", d->leaves_before, "leaves",
+        d->leaves, "split", d->splits, "merged", d->merges, "kept", d->keeps, "budget", d->budget,
+        "infeasible", d->infeasible, "objective", cln_json_real(d->objective), "objective_before",
+        cln_json_real(d->objective_before), "psnr_before", cln_json_real(d->psnr_before),
+        "psnr_after", cln_json_real(d->psnr_after), "psnr_pretrained",
+        cln_json_real(d->psnr_pretrained), "distil_steps", d->distil_steps, "work_seconds",
+        d->work_seconds);
+
+    if (!row)
+        return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
+    CLN_TRY(cln_metrics_add(t->metrics, row));
+done:
+    json_decref(row);
+    return st;
+}
+
+cln_status cln_record_folder(const char *run, int64_t step, const char *split, char **folder)
+{
+    return cln_asprintf(folder, "%s/eval/%08lld-%s", run, (long long)step, split);
+}
+
+cln_status cln_record_eval(const char *run, const cln_eval_result *result)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL;
+    json_t *document = NULL;
+
+    CLN_TRY(cln_evaluate_json(result, &document));
+    CLN_TRY(cln_asprintf(&name, "eval/%08lld-%s.json", (long long)result->step, result->split));
+    CLN_TRY(cln_run_write_json(run, name, document));
+done:
+    json_decref(document);
+    free(name);
+    return st;
+}

@@ -1,0 +1,27 @@
+/* What a training run writes down beside its checkpoints: run.json, rows of metrics.jsonl, evaluations,
+ * the report, and the sentences about what was left out. */
+#ifndef CLN_RECORD_H
+#define CLN_RECORD_H
+
+#include "render/quality.h"
+#include "train/maintain.h"
+#include "train/trainer.h"
+
+/* run.json at the start (state "running"), and at the end with state and result. */
+cln_status cln_record_start(cln_trainer *t);
+cln_status cln_record_end(cln_trainer *t, const char *state);
+
+/* One row for the interval that ends now. */
+cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
+
+/* The row of a structure decision, "event": "structure". */
+cln_status cln_record_decision(cln_trainer *t, const cln_decision *decision);
+
+/* RUN/eval/STEP-SPLIT.json, and the folder beside it for pictures. */
+cln_status cln_record_eval(const char *run, const cln_eval_result *result);
+cln_status cln_record_folder(const char *run, int64_t step, const char *split, char **folder);
+
+/* "left out: lens distortion (pinhole cameras); ..." for the log, and as a JSON array. */
+cln_status cln_record_left_out(const cln_trainer *t, json_t **out);
+
+#endif

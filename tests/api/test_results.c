@@ -1,0 +1,434 @@
+/* What a run is looked at with: eval (equal to train's own figures, image by image), render (files, what
+ * is there already, stopping, folders of others), orbits, info, the self-test and the device list. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "engine_fixture.h"
+#include "render/orbit.h"
+#include "check/selftest.h"
+#include "io/npy.h"
+#include "tests.h"
+
+/* ---- eval ---- */
+
+static cln_status evaluate(const char *run, const char *split, engine_stop *stop,
+                           cln_eval_result *result)
+{
+    engine_stop none = {0};
+    const cln_eval_desc desc = {.run = engine_path(run),
+                                .split = split,
+                                .save_images = true,
+                                .device = engine_device(),
+                                .callbacks = engine_callbacks(stop ? stop : &none)};
+
+    return cln_eval(&desc, result);
+}
+
+/* The document without what is measured by the clock. */
+static void drop_seconds(json_t *document)
+{
+    json_t *images = engine_at(document, "images");
+
+    json_object_del(engine_at(document, "mean"), "seconds");
+    for (size_t i = 0; i < json_array_size(images); i++)
+        json_object_del(json_array_get(images, i), "seconds");
+}
+
+static void test_eval_equals_training(void **state)
+{
+    json_t *of_train = NULL, *of_eval = NULL, *printed = NULL;
+    cln_eval_result result;
+    char *text = NULL;
+
+    NEED_DEVICE();
+    of_train = engine_json("whole/eval/00000030-test.json");
+    assert_ok(evaluate("whole", "test", NULL, &result));
+    assert_int_equal(result.count, TEST_VIEWS);
+    assert_true(result.psnr == engine_whole.psnr_test);
+    assert_int_equal(result.digest, engine_whole.digest);
+    assert_int_equal(result.step, STEPS);
+    assert_string_equal(result.images[1].name, "test/r_1");
+    of_eval = engine_json("whole/eval/00000030-test.json");
+    assert_ok(cln_eval_json(&result, &text));
+    printed = engine_parse(text);
+    assert_true(json_equal(printed, of_eval));
+    drop_seconds(of_train);
+    drop_seconds(of_eval);
+    if (!json_equal(of_train, of_eval))
+        fail_msg("train's last evaluation: %s, eval's: %s", json_dumps(of_train, 0),
+                 json_dumps(of_eval, 0));
+    assert_true(cln_is_file(engine_path("whole/eval/00000030-test/test_r_0.error.png")));
+    cln_eval_free(&result);
+    json_decref(of_train);
+    json_decref(of_eval);
+    json_decref(printed);
+}
+
+static void test_eval_of_other_splits(void **state)
+{
+    cln_eval_result result;
+    engine_stop stop = {.signal = SIGINT, .pictures = 2};
+
+    NEED_DEVICE();
+    assert_ok(evaluate("whole", "train", NULL, &result));
+    assert_int_equal(result.count, TRAIN_VIEWS);
+    assert_string_equal(result.split, "train");
+    cln_eval_free(&result);
+    assert_fails(evaluate("whole", "val", NULL, &result), CLN_INPUT, "val");
+    assert_fails(evaluate("whole", "nonsense", NULL, &result), CLN_USAGE, "nonsense");
+    assert_fails(evaluate("scene", "test", NULL, &result), CLN_INPUT, "run.json");
+    assert_fails(evaluate("whole", "test", &stop, &result), CLN_SIGINT, "");
+    assert_null(result.images);
+}
+
+/* ---- render ---- */
+
+static cln_render_desc render_desc(const char *out, engine_stop *stop)
+{
+    return (cln_render_desc){.run = engine_path("whole"),
+                             .out = engine_path(out),
+                             .split = "test",
+                             .device = engine_device(),
+                             .callbacks = engine_callbacks(stop)};
+}
+
+static void assert_rendered(const cln_render_desc *desc, int rendered, int skipped)
+{
+    cln_render_result result;
+
+    assert_ok(cln_render(desc, &result));
+    assert_int_equal(result.rendered, rendered);
+    assert_int_equal(result.skipped, skipped);
+}
+
+static uint64_t digest_of(const char *path)
+{
+    size_t bytes = 0;
+    char *data = scratch_get(path, &bytes);
+    const uint64_t digest = cln_digest(CLN_DIGEST_START, data, bytes);
+
+    free(data);
+    return digest;
+}
+
+static void test_render_skips(void **state)
+{
+    static const char *const files[] = {"frames/test_r_1.png", "frames/test_r_1.depth.npy",
+                                        "frames/test_r_1.depth.png", "frames/test_r_1.opacity.png",
+                                        "frames/render.json"};
+    engine_stop none = {0};
+    cln_render_desc desc = render_desc("frames", &none);
+    uint64_t before[5];
+
+    NEED_DEVICE();
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    for (int i = 0; i < 5; i++)
+        before[i] = digest_of(engine_path(files[i]));
+    assert_rendered(&desc, 0, TEST_VIEWS);
+    for (int i = 0; i < 4; i++) { /* whichever file is missing, the frame is made again */
+        assert_int_equal(remove(engine_path(files[i])), 0);
+        assert_rendered(&desc, 1, TEST_VIEWS - 1);
+    }
+    for (int i = 0; i < 5; i++)
+        assert_int_equal(digest_of(engine_path(files[i])), before[i]);
+    desc.overwrite = true;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    assert_int_equal(digest_of(engine_path(files[0])), before[0]);
+}
+
+/* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in nothing. */
+static void test_render_files(void **state)
+{
+    engine_stop none = {0};
+    cln_render_desc desc = render_desc("along", &none);
+    int dims = 0, shape[4], width = 0, height = 0, channels = 0, seen = 0;
+    float *ray = NULL, *axis = NULL;
+    uint8_t *opacity = NULL, *picture = NULL, *evaluated = NULL;
+
+    NEED_DEVICE();
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    desc.out = engine_path("axis");
+    desc.z_depth = true;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    assert_ok(cln_npy_read_f32(engine_path("along/test_r_0.depth.npy"), &dims, shape, &ray));
+    assert_int_equal(dims, 2);
+    assert_int_equal(shape[0], SIDE);
+    assert_int_equal(shape[1], SIDE);
+    assert_ok(cln_npy_read_f32(engine_path("axis/test_r_0.depth.npy"), &dims, shape, &axis));
+    assert_ok(cln_image_load(engine_path("along/test_r_0.opacity.png"), &width, &height, &channels,
+                             &opacity));
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        assert_true(isfinite(ray[i]) && ray[i] >= 0 && axis[i] <= ray[i]);
+        if (opacity[i * channels] < 128)
+            continue;
+        seen++;
+        assert_true(ray[i] > 1.3 && ray[i] < 6.7); /* the cube of +-1.5 from 4 away */
+        assert_true(axis[i] > 0.85f * ray[i]);     /* 1 / cos of the corner */
+    }
+    assert_true(seen > SIDE);
+    assert_ok(
+        cln_image_load(engine_path("along/test_r_0.png"), &width, &height, &channels, &picture));
+    assert_int_equal(channels, 3);
+    free(evaluated);
+    assert_ok(cln_image_load(engine_path("whole/eval/00000030-test/test_r_0.png"), &width, &height,
+                             &channels, &evaluated));
+    assert_memory_equal(picture, evaluated, SIDE * SIDE * 3);
+    free(ray);
+    free(axis);
+    free(opacity);
+    free(picture);
+    free(evaluated);
+}
+
+static void test_render_stops_and_goes_on(void **state)
+{
+    engine_stop stop = {.signal = SIGTERM, .pictures = 2}, none = {0};
+    cln_render_desc desc = render_desc("stopped", &stop);
+    cln_render_result result;
+
+    NEED_DEVICE();
+    assert_fails(cln_render(&desc, &result), CLN_SIGTERM, "1 of 2 frames");
+    assert_int_equal(result.rendered, 1);
+    desc.callbacks = engine_callbacks(&none);
+    assert_rendered(&desc, 1, 1);
+}
+
+static int warnings;
+
+/* Frames of other settings are not taken for these without a word; nothing of others is written to. */
+static void test_render_folders(void **state)
+{
+    engine_stop none = {0};
+    cln_render_desc desc = render_desc("mixed", &none);
+    cln_render_result result;
+
+    NEED_DEVICE();
+    warnings = 0;
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    assert_rendered(&desc, 0, TEST_VIEWS);
+    assert_int_equal(warnings, 0);
+    desc.z_depth = true;
+    assert_rendered(&desc, 0, TEST_VIEWS);
+    assert_int_equal(warnings, 1);
+    desc.overwrite = true;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    desc.overwrite = false;
+    assert_rendered(&desc, 0, TEST_VIEWS);
+    assert_int_equal(warnings, 1);
+    desc.out = engine_path("scene");
+    assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "render.json");
+    assert_false(cln_is_file(engine_path("scene/render.json")));
+}
+
+/* ---- orbits ---- */
+
+static double dot(const double *c2w, int a, int b)
+{
+    return c2w[a] * c2w[b] + c2w[4 + a] * c2w[4 + b] + c2w[8 + a] * c2w[8 + b];
+}
+
+/* Each camera has a right-handed rotation, stands at its distance and elevation, and has the target in
+ * the middle of its picture, upright. */
+static void check_orbit(const cln_scene *scene, const cln_render_desc *desc, double elevation)
+{
+    cln_orbit orbit;
+    const double above[3] = {0, 0, 0.1}, middle[3] = {0, 0, 0};
+
+    assert_ok(cln_orbit_make(scene, desc, &orbit));
+    for (int i = 0; i < 7; i++) {
+        cln_camera c;
+        double u = 0, v = 0, z = 0, distance = 0;
+
+        cln_orbit_camera(&orbit, i, 7, &c);
+        for (int a = 0; a < 3; a++) {
+            for (int b = 0; b < 3; b++)
+                assert_true(fabs(dot(c.c2w, a, b) - (a == b)) < 1e-12);
+            distance += c.c2w[4 * a + 3] * c.c2w[4 * a + 3];
+        }
+        assert_true(fabs(c.c2w[0] * (c.c2w[5] * c.c2w[10] - c.c2w[6] * c.c2w[9]) -
+                         c.c2w[1] * (c.c2w[4] * c.c2w[10] - c.c2w[6] * c.c2w[8]) +
+                         c.c2w[2] * (c.c2w[4] * c.c2w[9] - c.c2w[5] * c.c2w[8]) - 1) < 1e-12);
+        assert_true(fabs(sqrt(distance) - 4 * desc->orbit_radius) < 1e-6);
+        assert_true(fabs(c.c2w[11] - 4 * desc->orbit_radius * sin(elevation)) < 1e-6);
+        assert_true(cln_camera_project(&c, middle, &u, &v, &z));
+        assert_true(fabs(u - 0.5 * c.width) < 1e-6 && fabs(v - 0.5 * c.height) < 1e-6);
+        assert_true(cln_camera_project(&c, above, &u, &v, &z));
+        assert_true(v < 0.5 * c.height - (elevation < 1.5 ? 0.1 : -1e-6));
+    }
+}
+
+static void test_orbit_cameras(void **state)
+{
+    const cln_config config = engine_config();
+    const cln_scene_desc scene_desc = {.path = engine_path("scene"), .config = &config};
+    cln_render_desc desc = {.orbit_frames = 7, .orbit_elevation = 25, .orbit_radius = 1.25};
+    cln_scene *scene = NULL;
+    cln_orbit orbit;
+
+    (void)state;
+    assert_ok(cln_scene_load(&scene_desc, &scene));
+    check_orbit(scene, &desc, 25 * 3.14159265358979 / 180);
+    desc.orbit_elevation = 90;
+    check_orbit(scene, &desc, 3.14159265358979 / 2);
+    assert_ok(cln_orbit_make(scene, &desc, &orbit));
+    assert_int_equal(orbit.lens.width, SIDE);
+    assert_true(fabs(orbit.lens.fx - scene->views[0].camera.fx) < 1e-9);
+    desc.width = 3 * SIDE; /* the shape is kept, and the field of view */
+    assert_ok(cln_orbit_make(scene, &desc, &orbit));
+    assert_int_equal(orbit.lens.height, 3 * SIDE);
+    assert_true(fabs(orbit.lens.fx - 3 * scene->views[0].camera.fx) < 1e-9);
+    desc.height = 50;
+    desc.fov = 90;
+    assert_ok(cln_orbit_make(scene, &desc, &orbit));
+    assert_int_equal(orbit.lens.height, 50);
+    assert_true(fabs(orbit.lens.fx - 1.5 * SIDE) < 1e-9);
+    desc.width = desc.height = 30000;
+    assert_fails(cln_orbit_make(scene, &desc, &orbit), CLN_USAGE, "30000");
+    cln_scene_free(scene);
+}
+
+static void test_orbit_renders(void **state)
+{
+    engine_stop none = {0};
+    cln_render_desc desc = render_desc("orbit", &none);
+    int width = 0, height = 0, channels = 0;
+
+    NEED_DEVICE();
+    desc.split = NULL;
+    desc.orbit_frames = 2;
+    desc.orbit_elevation = 20;
+    desc.orbit_radius = 1;
+    desc.width = 20;
+    desc.height = 12;
+    assert_rendered(&desc, 2, 0);
+    assert_ok(cln_image_info(engine_path("orbit/orbit_0001.png"), &width, &height, &channels));
+    assert_int_equal(width, 20);
+    assert_int_equal(height, 12);
+    assert_rendered(&desc, 0, 2);
+}
+
+/* ---- info ---- */
+
+static void test_info(void **state)
+{
+    const cln_config config = engine_config();
+    char *text = NULL;
+    json_t *about = NULL;
+    json_int_t leaves = 0;
+
+    (void)state;
+    assert_ok(cln_info_scene(engine_path("scene"), &config, &text));
+    about = engine_parse(text);
+    assert_string_equal(json_string_value(engine_at(about, "dialect")), "blender");
+    assert_int_equal(json_integer_value(engine_at(about, "splits.train")), TRAIN_VIEWS);
+    json_decref(about);
+    assert_fails(cln_info_scene(engine_path("nowhere"), &config, &text), CLN_INPUT, "nowhere");
+    assert_null(text);
+    NEED_DEVICE();
+    assert_ok(cln_info_run(engine_path("whole"), &text));
+    about = engine_parse(text);
+    assert_int_equal(json_integer_value(engine_at(about, "step")), STEPS);
+    for (size_t level = 0; level < 6; level++)
+        leaves += json_integer_value(json_array_get(engine_at(about, "leaves_by_level"), level));
+    assert_int_equal(leaves, json_integer_value(engine_at(about, "leaves")));
+    assert_int_equal(json_integer_value(json_array_get(engine_at(about, "leaves_by_level"), 1)), 8);
+    assert_string_equal(json_string_value(engine_at(about, "result.model_digest")),
+                        json_string_value(engine_at(about, "model_digest")));
+    assert_int_equal(json_integer_value(engine_at(about, "config.width")), 16);
+    json_decref(about);
+    assert_fails(cln_info_run(engine_path("scene"), &text), CLN_INPUT, "run.json");
+}
+
+/* ---- self-test and devices ---- */
+
+typedef struct tally {
+    int passed, failed;
+    char first[128];
+} tally;
+
+static void on_check(const char *name, bool passed, bool skipped, const char *detail, void *user)
+{
+    tally *t = user;
+
+    assert_non_null(detail);
+    if (!passed && !skipped && t->failed == 0)
+        snprintf(t->first, sizeof t->first, "%s", name);
+    t->passed += passed;
+    t->failed += !passed && !skipped;
+}
+
+static void test_selftest_passes(void **state)
+{
+    const cln_device_desc device = engine_device();
+    cln_device_info *devices = NULL;
+    tally t = {0};
+    int count = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_selftest(&device, true, on_check, &t));
+    assert_true(t.passed > 30);
+    assert_int_equal(t.failed, 0);
+    assert_ok(cln_devices_list(&device, true, &devices, &count));
+    assert_true(count > 0);
+    for (int i = 0; i < count; i++)
+        assert_true(devices[i].verdict[0] != 0 && devices[i].name[0] != 0);
+    free(devices);
+}
+
+/* A kernel that builds and computes something else is noticed, and named. */
+static void check_wrong_kernel(const char *file, const char *from, const char *to, const char *name)
+{
+    cln_device_desc device = engine_device();
+    char path[128], source[128], *text = NULL, *at = NULL, *wrong = NULL;
+    size_t bytes = 0;
+    tally t = {0};
+
+    snprintf(path, sizeof path, "wrong/%s", file);
+    snprintf(source, sizeof source, "kernels/%s", file);
+    assert_ok(cln_read_file(source, (size_t)1 << 20, &text, &bytes));
+    at = strstr(text, from);
+    assert_non_null(at);
+    assert_true(asprintf(&wrong, "%.*s%s%s", (int)(at - text), text, to, at + strlen(from)) > 0);
+    assert_ok(cln_make_dirs(engine_path("wrong")));
+    scratch_put(engine_path(path), wrong, strlen(wrong));
+    device.kernel_dir = engine_path("wrong");
+    assert_fails(cln_selftest(&device, true, on_check, &t), CLN_CHECK, name);
+    assert_true(t.failed > 0);
+    assert_non_null(strstr(t.first, name));
+    assert_int_equal(remove(engine_path(path)), 0);
+    free(text);
+    free(wrong);
+}
+
+static void test_selftest_notices(void **state)
+{
+    NEED_DEVICE();
+    if (!cln_is_file("kernels/composite.cl"))
+        skip(); /* not run from the source tree */
+    check_wrong_kernel("composite.cl", "through *= 1.0f - alpha", "through *= 1.0f - 0.99f * alpha",
+                       "composite");
+    check_wrong_kernel("scan.cl", "at += value;", "at += value + 1u;", "scan");
+    check_wrong_kernel("adam.h", "(1.0f - BETA1) * g", "(1.0f - BETA1 * 0.9f) * g", "adam");
+}
+
+int test_group_results(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_eval_equals_training),
+        cmocka_unit_test(test_eval_of_other_splits),
+        cmocka_unit_test(test_render_skips),
+        cmocka_unit_test(test_render_files),
+        cmocka_unit_test(test_render_stops_and_goes_on),
+        cmocka_unit_test(test_render_folders),
+        cmocka_unit_test(test_orbit_cameras),
+        cmocka_unit_test(test_orbit_renders),
+        cmocka_unit_test(test_info),
+        cmocka_unit_test(test_selftest_passes),
+        cmocka_unit_test(test_selftest_notices),
+    };
+
+    return cmocka_run_group_tests_name("results", tests, engine_setup, engine_teardown);
+}

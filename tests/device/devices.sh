@@ -1,0 +1,244 @@
+#!/bin/bash
+# One table of cases on every OpenCL device found, against float64 and against each other: vendors' compilers
+# miscompile silently, and what runs on one device proves little about the next. docs/devices.md has what
+# came out. Where a case fails, the device and the case are named.
+#   tests/device/devices.sh [-q] [SECTION...]      -q: the part that `make test` runs
+#   table    every check of the self-test against float64, its outputs against the first device that
+#            passed all: whole numbers equal, floats within the check's own bounds
+#   unit     the kernels' tests in build/tests on each device (not with -q)
+#   train    a scene trained and evaluated on each: PSNR within 0.1 dB of the first device's; the first
+#            device's run evaluated on each: within 0.01 dB
+#   broken   kernels broken on purpose are noticed and named, and `train` refuses them unless forced
+#   grind    the tiny shapes under Oclgrind, a simulator: races and bad accesses fail; all kernels ran
+# Devices are those that the loader knows (OCL_ICD_VENDORS), of PoCL both pthread and basic, of Mesa's
+# rusticl llvmpipe. ONLY=N tests row N of `cl-nascent devices` alone.
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+here=$PWD
+cln=$here/build/cl-nascent
+make_scene=$here/build/make-scene
+cases=$here/build/device-cases
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln-devices-XXXXXX")
+trap 'rm -rf "$work"' EXIT
+. tests/support/checks.sh
+export POCL_DEVICES=${POCL_DEVICES-pthread basic} RUSTICL_ENABLE=${RUSTICL_ENABLE-llvmpipe}
+reference="" reference_name=""
+
+# ---- helpers ----
+
+# add NAME: the counts of the last line on stdout become ours; without it, a failure
+add() {
+    local line p f s
+    line=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$work/out" | tail -1)
+    if [ -z "$line" ]; then
+        bad "$1" "ended with status $rc; the last row is the last that it came to"
+        return 1
+    fi
+    p=${line%% passed*}
+    f=$(echo "$line" | sed 's/.* \([0-9]*\) failed.*/\1/')
+    s=$(echo "$line" | sed -n 's/.* \([0-9]*\) skipped.*/\1/p')
+    grep -E '^(failed|skipped) |FAILED|^error' "$work/out" | cut -c -200 | sed "s/^/$1: /"
+    echo "$1: $line"
+    passed=$((passed + p))
+    failed=$((failed + f))
+    skipped=$((skipped + ${s:-0}))
+    [ "$f" = 0 ]
+}
+
+# Rows and names of the devices, in devices[] and names[]; best: the one for what one device shows.
+find_devices() {
+    local i name units most=0
+    devices=() names=() best=0
+    run "$cln" devices --no-test --json
+    cp "$work/out" "$work/list"
+    for i in $(seq 0 63); do
+        name=$("$query" "devices.$i.name" <"$work/list" 2>/dev/null) || break
+        [ -n "${ONLY-}" ] && [ "$ONLY" != "$i" ] && continue
+        units=$("$query" "devices.$i.compute_units" <"$work/list")
+        if [ "$units" -gt "$most" ]; then most=$units best=${#devices[@]}; fi
+        devices+=("$i")
+        names+=("$i $name, $("$query" "devices.$i.platform" <"$work/list") $("$query" "devices.$i.driver" <"$work/list")")
+    done
+    if [ ${#devices[@]} = 0 ]; then skip "all" "no OpenCL device"; fi
+}
+
+# break_kernel FILE SED: a folder of kernels in which one file differs
+break_kernel() {
+    mkdir -p "$work/kernels"
+    cp kernels/* include/device_abi.h "$work/kernels/"
+    sed -i "$2" "$work/kernels/$1"
+    if cmp -s "kernels/$1" "$work/kernels/$1"; then
+        bad "kernels/$1 can be broken" "nothing in it matches $2"
+        return 1
+    fi
+}
+
+differ_by() { # A B MOST
+    awk -v a="$1" -v b="$2" -v most="$3" 'BEGIN { d = a - b; exit !(a != "" && b != "" && d <= most && -d <= most) }'
+}
+
+# ---- sections ----
+
+section_table() {
+    local i
+    for i in "${!devices[@]}"; do
+        run timeout 900 "$cases" -d "${devices[$i]}" -s "$shapes" -r "$work/record" \
+            ${reference:+-a "$reference"}
+        if add "device ${names[$i]}" && [ -z "$reference" ]; then
+            mv "$work/record" "$work/reference"
+            reference=$work/reference reference_name=${names[$i]}
+            echo "device $reference_name is what the others are compared with"
+        fi
+    done
+    [ ${#devices[@]} -gt 1 ] || skip "devices against each other" "there is one"
+}
+
+section_unit() {
+    local i groups="adam composite measure mlp rays regularise sampling scan_sort splat"
+    for i in "${!devices[@]}"; do
+        # shellcheck disable=SC2086
+        run env CLN_TEST_DEVICE="${devices[$i]}" timeout 1800 build/tests $groups
+        add "device ${names[$i]}: unit tests"
+    done
+}
+
+section_train() {
+    local i psnr leaves first="" first_leaves=0 settings=(--width 16 --depth 2 --view-width 16 --bands 4
+        --view-bands 1 --start-level 1 --level-at "2:0.2,3:0.4" --n1 8 --rays 512 --max-leaves 120
+        --structure-from 0.5 --structure-until 0.9 --split-samples 0 --steps 200)
+    "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
+    for i in "${!devices[@]}"; do
+        expect "device ${names[$i]}: trains" 0 "" timeout 1800 "$cln" train "$work/scene" -o "$work/run$i" \
+            -d "${devices[$i]}" --progress none --quiet "${settings[@]}" || continue
+        run "$cln" eval "$work/run$i" -d "${devices[$i]}" --json --quiet --progress none
+        psnr=$(json mean.psnr)
+        leaves=$("$cln" info "$work/run$i" --json | "$query" leaves)
+        echo "device ${names[$i]}: $psnr dB, $leaves leaves"
+        if [ -z "$first" ]; then
+            first=$psnr first_leaves=$leaves first_run=$work/run$i
+            # an empty tree's PSNR on this scene is 10.8 dB
+            check "device ${names[$i]}: learns" number_above "$psnr" 16
+            continue
+        fi
+        check "device ${names[$i]}: PSNR within 0.1 dB" differ_by "$psnr" "$first" 0.1
+        # decisions near a threshold fall either way by rounding: a twentieth of the leaves
+        check "device ${names[$i]}: as many leaves" differ_by "$leaves" "$first_leaves" $((first_leaves / 20))
+        run "$cln" eval "$first_run" -d "${devices[$i]}" --json --quiet --progress none
+        psnr=$(json mean.psnr)
+        echo "device ${names[$i]}: $psnr dB of the first device's run"
+        check "device ${names[$i]}: the first one's run, within 0.01 dB" differ_by "$psnr" "$first" 0.01
+    done
+}
+
+# noticed NAME FILE SED ROWS: each of ROWS (grep -E patterns) fails
+noticed() {
+    local row
+    break_kernel "$2" "$3" || return
+    run "$cases" -d "${devices[$best]}" -s tiny -k "$work/kernels" -a "$work/whole"
+    for row in "${@:4}"; do
+        if [ $rc = 1 ] && grep -E "^failed  .*: $row" "$work/out" >/dev/null; then
+            ok "$1: $row fails"
+        else
+            bad "$1: $row fails" "exit status $rc"
+        fi
+    done
+}
+
+section_broken() {
+    local settings=(--width 16 --depth 2 --bands 2 --steps 3 --rays 64 --edge 0.1 --quiet --progress none)
+    run "$cases" -d "${devices[$best]}" -s tiny -r "$work/whole"
+    add "device ${names[$best]}: tiny shapes" || return
+    noticed "a wrong sign" regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' "regularisers backward "
+    noticed "one too few" group.cl 's/end\[keys\[i\]\] = i + 1u/end[keys[i]] = i/' "networks backward "
+    # between layers: elsewhere indices would be read too early, and the device might crash
+    noticed "a missing barrier" mlp.cl '/define TRUNK_FORWARD/,/float \*h =/s/GROUP_SYNC();/            /' \
+        "networks: (colour|density) "
+    # right by float64 (any random number is), but not what the others make of it
+    noticed "other random numbers" sampling.cl 's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
+        "samples: where, as the other"
+    [ -d "$work/scene" ] || "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
+    break_kernel regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' || return
+    expect "train refuses, names the case and the way out" 10 "regularisers.backward --skip-selftest" \
+        "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" --kernel-dir "$work/kernels" "${settings[@]}"
+    check "and writes nothing" [ ! -e "$work/refused" ]
+    expect "train goes on if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" \
+        --kernel-dir "$work/kernels" "${settings[@]}" --skip-selftest
+}
+
+# Oclgrind 21.10 simulates what clang 14 makes of the source, and stops at two things in it:
+#   -Drestrict=   `restrict` of inlined helpers leaves llvm.experimental.noalias.scope.decl calls, which it
+#                 takes for an undefined function
+#   --max-errors   by default errors after the first thousand are not logged; which come first is by chance
+#   no --uninitialized   its shadow of a global buffer is made anew by every write of the host, with that
+#                 write's size, and kept when the buffer's number is used again: the rest then counts as
+#                 unwritten; and `freeze` instructions end a kernel. device-cases fills new buffers with NaN
+#                 instead, so what nothing wrote fails a comparison.
+simulate() {
+    rm -f "$work/log"
+    run timeout 900 oclgrind --log "$work/log" --max-errors 100000 --build-options -Drestrict= --data-races \
+        --inst-counts "$cases" -s tiny "$@"
+    touch "$work/log"
+}
+
+reports() {
+    grep -E "$1" "$work/log" >/dev/null
+}
+
+section_grind() {
+    local kernel ran missing=""
+    if ! command -v oclgrind >/dev/null; then
+        skip "grind" "oclgrind is not installed"
+        return
+    fi
+    if [ ! -e "$work/whole" ] && [ ${#devices[@]} -gt 0 ]; then
+        run "$cases" -d "${devices[$best]}" -s tiny -r "$work/whole"
+    fi
+    if [ -e "$work/whole" ]; then simulate -a "$work/whole"; else simulate; fi
+    add "Oclgrind"
+    ran=$(sed -n "s/.*executed for kernel '\([a-z_0-9]*\)'.*/\1/p" "$work/out" | sort -u)
+    head -n 40 "$work/log"
+    check "no race, no bad access" [ ! -s "$work/log" ]
+    # peak_*: ceilings, for the benches; sort_varying, sort_buckets: from 32768 and a million pairs on, half
+    # a minute and many here
+    for kernel in $(cat kernels/*.cl | tr '\n' ' ' |
+        grep -oE '__kernel( __attribute__\(\(reqd_work_group_size\([A-Z0-9, ]*\)\)\))? void [a-z_0-9]+' | sed 's/.* //'); do
+        case $kernel in
+        peak_* | sort_varying | sort_buckets) ;;
+        *) grep -qx "$kernel" <<<"$ran" || missing="$missing $kernel" ;;
+        esac
+    done
+    check "all kernels ran${missing:+, but not$missing}" [ -z "$missing" ]
+    break_kernel stats.cl 's/^ *barrier(.*//' || return
+    sed -i '/if (r >= n)/,/return;/d' "$work/kernels/rays.cl"
+    simulate -k "$work/kernels"
+    check "a missing barrier is a race" reports "data race"
+    check "with its kernel" reports "Kernel: stats_leaf"
+    check "a missing guard is a bad access" reports 'Invalid (read|write)'
+    check "its kernel is named" reports 'Kernel: rays_make'
+}
+
+shapes=all sections=(table unit train broken grind)
+if [ "${1-}" = -q ]; then
+    shapes=quick sections=(table train broken grind)
+    shift
+fi
+[ $# -gt 0 ] && sections=("$@")
+for program in "$cln" "$make_scene" "$query" "$cases"; do
+    if [ ! -x "$program" ]; then
+        echo "devices.sh: $program is not there; make it first" >&2
+        exit 1
+    fi
+done
+find_devices
+for s in "${sections[@]}"; do
+    if [ "$(type -t "section_$s")" != function ]; then
+        echo "devices.sh: no section $s" >&2
+        exit 2
+    fi
+    [ ${#devices[@]} = 0 ] && [ "$s" != grind ] && continue
+    started=$SECONDS
+    "section_$s"
+    echo "-- $s: $((SECONDS - started)) s"
+done
+count

@@ -1,0 +1,606 @@
+/* Images and arrays on disk: PNG and JPEG through io/image.c, the area filter, .npy, and the
+ * picture metrics. Oracles: numbers worked out by hand, the bytes of the formats' definitions, and
+ * SSIM from a separate program with direct two-dimensional windows. Damaged files: every truncation
+ * and every flipped byte of small images must be an error with the path in it, never pixels. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zlib.h>
+#include "io/image.h"
+#include "render/metrics_image.h"
+#include "io/npy.h"
+#include "near.h"
+#include "scratch.h"
+#include "stb_image_write.h"
+#include "tests.h"
+
+/* A picture without symmetry, so that exchanged axes or channels show. */
+static uint8_t *make_pixels(int width, int height, int channels)
+{
+    uint8_t *pixels = malloc((size_t)(width * height * channels));
+
+    assert_non_null(pixels);
+    for (int i = 0; i < width * height * channels; i++)
+        pixels[i] = (uint8_t)((i * 37 + i / 7 * 11) & 255);
+    return pixels;
+}
+
+static void put_be32(uint8_t *p, uint32_t value)
+{
+    for (int i = 0; i < 4; i++)
+        p[i] = (uint8_t)(value >> (24 - 8 * i));
+}
+
+/* Appends a PNG chunk with its CRC; returns the new length. */
+static size_t put_chunk(uint8_t *png, size_t at, const char *type, const void *data, size_t bytes)
+{
+    put_be32(png + at, (uint32_t)bytes);
+    memcpy(png + at + 4, type, 4);
+    if (bytes)
+        memcpy(png + at + 8, data, bytes);
+    put_be32(png + at + 8 + bytes, (uint32_t)crc32(0, png + at + 4, (uInt)bytes + 4));
+    return at + 12 + bytes;
+}
+
+static size_t put_png_start(uint8_t *png, uint32_t width, uint32_t height, int colour_type)
+{
+    uint8_t ihdr[13] = {0, 0, 0, 0, 0, 0, 0, 0, 8, (uint8_t)colour_type, 0, 0, 0};
+
+    memcpy(png, "\x89PNG\r\n\x1a\n", 8);
+    put_be32(ihdr, width);
+    put_be32(ihdr + 4, height);
+    return put_chunk(png, 8, "IHDR", ihdr, sizeof ihdr);
+}
+
+/* Loading must fail with CLN_INPUT, the path and `word` in the sentence, and no pixels. */
+static void assert_refused(const char *path, const char *word)
+{
+    uint8_t *pixels = (uint8_t *)1;
+    int w, h, c;
+
+    cln_clear_error();
+    assert_int_equal(cln_image_load(path, &w, &h, &c, &pixels), CLN_INPUT);
+    assert_null(pixels);
+    if (!strstr(cln_error_text(), path) || !strstr(cln_error_text(), word))
+        fail_msg("'%s' lacks the path or '%s'", cln_error_text(), word);
+    cln_clear_error();
+}
+
+/* ---- PNG ---- */
+
+static void test_png_round_trip(void **state)
+{
+    static const int sizes[][2] = {{1, 1}, {5, 3}, {3, 64}, {67, 2}};
+    static const int channels[] = {1, 3, 4};
+    const char *path = scratch_path(*state, "a.png");
+
+    for (size_t s = 0; s < 4; s++)
+        for (size_t k = 0; k < 3; k++) {
+            const int w = sizes[s][0], h = sizes[s][1], n = channels[k];
+            uint8_t *pixels = make_pixels(w, h, n), *back = NULL;
+            int bw, bh, bn, iw, ih, in;
+
+            assert_int_equal(cln_image_write_png(path, w, h, n, pixels), CLN_OK);
+            assert_int_equal(cln_image_info(path, &iw, &ih, &in), CLN_OK);
+            assert_int_equal(cln_image_load(path, &bw, &bh, &bn, &back), CLN_OK);
+            assert_true(bw == w && bh == h && bn == (n == 4 ? 4 : 3));
+            assert_true(iw == w && ih == h && in == bn);
+            for (int i = 0; i < w * h; i++)
+                for (int c = 0; c < bn; c++)
+                    assert_int_equal(back[i * bn + c], pixels[i * n + (n == 1 ? 0 : c)]);
+            free(pixels);
+            free(back);
+        }
+}
+
+/* Alpha may also come from a tRNS chunk: one colour is transparent. */
+static void test_png_transparent_colour(void **state)
+{
+    const char *path = scratch_path(*state, "key.png");
+    const uint8_t rows[] = {0, 10, 20, 30, 40, 50, 60}; /* filter 0, two RGB pixels */
+    const uint8_t key[6] = {0, 10, 0, 20, 0, 30};
+    uint8_t png[256], packed[64], *pixels = NULL;
+    uLongf bytes = sizeof packed;
+    size_t used = put_png_start(png, 2, 1, 2);
+    int w, h, c;
+    const uint8_t expected[8] = {10, 20, 30, 0, 40, 50, 60, 255};
+
+    assert_int_equal(compress(packed, &bytes, rows, sizeof rows), Z_OK);
+    used = put_chunk(png, used, "tRNS", key, sizeof key);
+    used = put_chunk(png, used, "IDAT", packed, bytes);
+    used = put_chunk(png, used, "IEND", NULL, 0);
+    scratch_put(path, png, used);
+    assert_int_equal(cln_image_info(path, &w, &h, &c), CLN_OK);
+    assert_int_equal(c, 4);
+    assert_int_equal(cln_image_load(path, &w, &h, &c, &pixels), CLN_OK);
+    assert_memory_equal(pixels, expected, sizeof expected);
+    free(pixels);
+}
+
+static void test_png_damage(void **state)
+{
+    const char *path = scratch_path(*state, "damaged.png");
+    uint8_t *pixels = make_pixels(9, 7, 4), *png = NULL;
+    size_t bytes = 0;
+
+    assert_int_equal(cln_image_encode_png(9, 7, 4, pixels, &png, &bytes), CLN_OK);
+    for (size_t cut = 0; cut < bytes; cut++) {
+        scratch_put(path, png, cut);
+        assert_refused(path, cut == 0 ? "empty file" : cut < 8 ? "not a PNG" : "truncated PNG");
+    }
+    for (size_t at = 0; at < bytes; at++) {
+        png[at] ^= 0x10;
+        scratch_put(path, png, bytes);
+        assert_refused(path, "PNG");
+        png[at] ^= 0x10;
+    }
+    free(pixels);
+    free(png);
+}
+
+/* Headers that promise too much are refused before anything is decoded or allocated. */
+static void test_absurd_sizes(void **state)
+{
+    static const struct {
+        uint32_t width, height;
+        const char *word;
+    } cases[] = {
+        {100000, 100000, "100000 x 100000"}, {32769, 1, "32769 x 1"}, {1, 0xFFFFFFFF, "4294967295"},
+        {32768, 8193, "32768 x 8193"},       {0, 5, "0 x 5"},         {5, 0, "5 x 0"}};
+    const char *path = scratch_path(*state, "huge.png");
+    uint8_t png[128];
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        size_t used = put_png_start(png, cases[i].width, cases[i].height, 6);
+        int w, h, c;
+
+        used = put_chunk(png, used, "IDAT", "x", 1);
+        used = put_chunk(png, used, "IEND", NULL, 0);
+        scratch_put(path, png, used);
+        assert_refused(path, cases[i].word);
+        assert_int_equal(cln_image_info(path, &w, &h, &c), CLN_INPUT);
+        cln_clear_error();
+    }
+}
+
+/* 8 x 8 pixels whose compressed data inflate to 64 MiB. */
+static void test_inflating_png(void **state)
+{
+    const char *path = scratch_path(*state, "bomb.png");
+    const size_t inflated = (size_t)64 << 20;
+    uint8_t *zeros = calloc(inflated, 1), *packed = NULL, *png = NULL;
+    uLongf bytes = compressBound(inflated);
+    size_t used = 0;
+
+    packed = malloc(bytes);
+    assert_true(zeros && packed);
+    assert_int_equal(compress2(packed, &bytes, zeros, inflated, 1), Z_OK);
+    png = malloc(bytes + 256);
+    assert_non_null(png);
+    used = put_png_start(png, 8, 8, 2);
+    used = put_chunk(png, used, "IDAT", packed, bytes);
+    used = put_chunk(png, used, "IEND", NULL, 0);
+    scratch_put(path, png, used);
+    assert_refused(path, "damaged or unsupported PNG");
+    free(zeros);
+    free(packed);
+    free(png);
+}
+
+/* ---- JPEG ---- */
+
+typedef struct bytes {
+    uint8_t data[65536];
+    size_t used;
+} bytes;
+
+static void append(void *context, void *data, int size)
+{
+    bytes *out = context;
+
+    assert_true(out->used + (size_t)size <= sizeof out->data);
+    memcpy(out->data + out->used, data, (size_t)size);
+    out->used += (size_t)size;
+}
+
+static void make_jpeg(int width, int height, bytes *out)
+{
+    uint8_t *pixels = malloc((size_t)(width * height * 3));
+
+    assert_non_null(pixels);
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            uint8_t *p = pixels + (y * width + x) * 3;
+
+            p[0] = (uint8_t)(x * 255 / width);
+            p[1] = (uint8_t)(y * 255 / height);
+            p[2] = 90;
+        }
+    out->used = 0;
+    assert_true(stbi_write_jpg_to_func(append, out, width, height, 3, pixels, 100));
+    free(pixels);
+}
+
+static void test_jpeg_load(void **state)
+{
+    const char *path = scratch_path(*state, "a.jpg");
+    bytes *jpeg = calloc(1, sizeof *jpeg);
+    uint8_t *pixels = NULL;
+    int w, h, c;
+
+    assert_non_null(jpeg);
+    make_jpeg(40, 24, jpeg);
+    scratch_put(path, jpeg->data, jpeg->used);
+    assert_int_equal(cln_image_info(path, &w, &h, &c), CLN_OK);
+    assert_true(w == 40 && h == 24 && c == 3);
+    assert_int_equal(cln_image_load(path, &w, &h, &c, &pixels), CLN_OK);
+    assert_true(w == 40 && h == 24 && c == 3);
+    /* Quality 100: rounding of colour conversion and of the transform, a few grey levels. */
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            const uint8_t *p = pixels + (y * w + x) * 3;
+
+            assert_in_range(p[0] + 6 - x * 255 / w, 0, 12);
+            assert_in_range(p[1] + 6 - y * 255 / h, 0, 12);
+            assert_in_range(p[2], 84, 96);
+        }
+    free(pixels);
+    free(jpeg);
+}
+
+/* Every truncation, also behind a thumbnail whose own end-of-image marker must not count. */
+static void test_jpeg_truncation(void **state)
+{
+    const char *path = scratch_path(*state, "cut.jpg");
+    bytes *jpeg = calloc(1, sizeof *jpeg), *thumbnail = calloc(1, sizeof *thumbnail);
+    bytes *both = calloc(1, sizeof *both);
+
+    assert_true(jpeg && thumbnail && both);
+    make_jpeg(24, 16, jpeg);
+    make_jpeg(8, 8, thumbnail);
+    append(both, jpeg->data, 2);
+    append(both,
+           (uint8_t[4]){0xFF, 0xE1, (uint8_t)((thumbnail->used + 2) >> 8),
+                        (uint8_t)(thumbnail->used + 2)},
+           4);
+    append(both, thumbnail->data, (int)thumbnail->used);
+    append(both, jpeg->data + 2, (int)jpeg->used - 2);
+    for (int embedded = 0; embedded < 2; embedded++) {
+        const bytes *whole = embedded ? both : jpeg;
+        uint8_t *pixels = NULL;
+        int w, h, c;
+
+        scratch_put(path, whole->data, whole->used);
+        assert_int_equal(cln_image_load(path, &w, &h, &c, &pixels), CLN_OK);
+        assert_true(w == 24 && h == 16);
+        free(pixels);
+        for (size_t cut = 3; cut < whole->used; cut++) {
+            scratch_put(path, whole->data, cut);
+            assert_refused(path, "truncated JPEG");
+        }
+    }
+    free(jpeg);
+    free(thumbnail);
+    free(both);
+}
+
+/* Damage anywhere may go unseen in a JPEG (it has no checksum) but never harms the program; run
+ * under sanitizers this is the point of the test. A result keeps the promised size. */
+static void test_jpeg_damage(void **state)
+{
+    const char *path = scratch_path(*state, "damaged.jpg");
+    bytes *jpeg = calloc(1, sizeof *jpeg);
+    int refused = 0;
+
+    assert_non_null(jpeg);
+    make_jpeg(24, 16, jpeg);
+    for (size_t at = 0; at < jpeg->used; at++)
+        for (int bit = 0; bit < 8; bit += 3) {
+            uint8_t *pixels = NULL;
+            int w = 0, h = 0, c = 0;
+
+            jpeg->data[at] ^= (uint8_t)(1 << bit);
+            if (cln_image_decode(path, jpeg->data, jpeg->used, &w, &h, &c, &pixels) == CLN_OK) {
+                assert_true(w > 0 && h > 0 && c == 3 && pixels);
+            } else {
+                assert_null(pixels);
+                assert_non_null(strstr(cln_error_text(), path));
+                refused++;
+            }
+            cln_clear_error();
+            free(pixels);
+            jpeg->data[at] ^= (uint8_t)(1 << bit);
+        }
+    assert_true(refused > 100); /* the headers at least */
+    free(jpeg);
+}
+
+/* Tables with more symbols than there can be, or than the segment holds: stb_image 2.27 would write
+ * beyond its own. */
+static void test_jpeg_tables(void **state)
+{
+    const char *path = scratch_path(*state, "tables.jpg");
+    bytes *jpeg = calloc(1, sizeof *jpeg);
+    uint8_t *counts = NULL;
+
+    assert_non_null(jpeg);
+    make_jpeg(24, 16, jpeg);
+    for (size_t at = 0; !counts && at + 1 < jpeg->used; at++)
+        if (jpeg->data[at] == 0xFF && jpeg->data[at + 1] == 0xC4)
+            counts = jpeg->data + at + 5; /* marker, length, class and slot */
+    assert_non_null(counts);
+    counts[15] += 200;
+    scratch_put(path, jpeg->data, jpeg->used);
+    assert_refused(path, "Huffman");
+    counts[14] += 200;
+    scratch_put(path, jpeg->data, jpeg->used);
+    assert_refused(path, "Huffman");
+    free(jpeg);
+}
+
+static void test_not_an_image(void **state)
+{
+    const char *path = scratch_path(*state, "a.png");
+    uint8_t pixel[3] = {0};
+    int w, h, c;
+
+    scratch_put(path, "GIF89a and more", 15);
+    assert_refused(path, "not a PNG or JPEG");
+    assert_refused(scratch_path(*state, "missing.png"), "No such file");
+    assert_refused(*state, "folder");
+    assert_int_equal(cln_image_info(*state, &w, &h, &c), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "folder"));
+    cln_clear_error();
+    assert_int_equal(cln_image_write_png(scratch_path(*state, "no/such.png"), 1, 1, 3, pixel),
+                     CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "no/such.png"));
+    cln_clear_error();
+}
+
+/* ---- the area filter ---- */
+
+static void check_downscale(int n, int w, int h, int channels, const uint8_t *in, int out_w,
+                            int out_h, const uint8_t *expected)
+{
+    uint8_t *pixels = malloc((size_t)(w * h * channels));
+
+    assert_non_null(pixels);
+    memcpy(pixels, in, (size_t)(w * h * channels));
+    assert_int_equal(cln_image_downscale(n, &w, &h, channels, &pixels), CLN_OK);
+    assert_true(w == out_w && h == out_h);
+    assert_memory_equal(pixels, expected, (size_t)(w * h * channels));
+    free(pixels);
+}
+
+static void test_downscale(void **state)
+{
+    /* 3 x 3 by 2: the last row and column go; (0+2+3+4)/4 = 2.25, (1+1+2+2)/4 = 1.5 rounds up,
+     * (255*3+254)/4 = 254.75. */
+    static const uint8_t rgb[27] = {0,   1, 255, 2, 1, 255, 9, 9, 9, 3, 2, 255, 4, 2,
+                                    254, 9, 9,   9, 9, 9,   9, 9, 9, 9, 9, 9,   9};
+    /* Premultiplied: red opaque and green at 1/3 of it, the colour of alpha 0 counts for nothing:
+     * alpha (255+85+0+0)/4 = 85, red 200*255/340 = 150, green 100*85/340 = 25. */
+    static const uint8_t rgba[16] = {200, 0, 0, 255, 0, 100, 0, 85, 255, 255, 255, 0, 9, 9, 9, 0};
+    static const uint8_t clear[16] = {50, 60, 70, 0, 50, 60, 70, 0, 50, 60, 70, 0, 50, 60, 70, 0};
+    /* Two blocks side by side: the order of blocks. */
+    static const uint8_t wide[24] = {10, 20, 30, 10, 20, 30, 40, 50, 60, 40, 50, 60,
+                                     10, 20, 30, 10, 20, 30, 40, 50, 60, 40, 50, 60};
+    uint8_t *pixels = NULL;
+    int w = 3, h = 3;
+
+    (void)state;
+    check_downscale(2, 3, 3, 3, rgb, 1, 1, (uint8_t[3]){2, 2, 255});
+    check_downscale(2, 2, 2, 4, rgba, 1, 1, (uint8_t[4]){150, 25, 0, 85});
+    check_downscale(2, 2, 2, 4, clear, 1, 1, (uint8_t[4]){0, 0, 0, 0});
+    check_downscale(2, 4, 2, 3, wide, 2, 1, (uint8_t[6]){10, 20, 30, 40, 50, 60});
+    check_downscale(1, 3, 3, 3, rgb, 3, 3, rgb);
+    pixels = make_pixels(3, 3, 3);
+    assert_int_equal(cln_image_downscale(4, &w, &h, 3, &pixels), CLN_INPUT);
+    assert_true(w == 3 && h == 3);
+    assert_non_null(strstr(cln_error_text(), "downscale 4"));
+    cln_clear_error();
+    assert_int_equal(cln_image_downscale(0, &w, &h, 3, &pixels), CLN_INPUT);
+    cln_clear_error();
+    free(pixels);
+}
+
+static void test_to_u8(void **state)
+{
+    (void)state;
+    assert_int_equal(cln_to_u8(0), 0);
+    assert_int_equal(cln_to_u8(1), 255);
+    assert_int_equal(cln_to_u8(0.5f), 128); /* 127.5 */
+    assert_int_equal(cln_to_u8(0.499f), 127);
+    assert_int_equal(cln_to_u8(-3), 0);
+    assert_int_equal(cln_to_u8(1e30f), 255);
+    assert_int_equal(cln_to_u8(INFINITY), 255);
+    assert_int_equal(cln_to_u8(-INFINITY), 0);
+    assert_int_equal(cln_to_u8(NAN), 0);
+    for (int i = 0; i < 256; i++)
+        assert_int_equal(cln_to_u8((float)i / 255), i);
+}
+
+/* ---- .npy ---- */
+
+static void test_npy_round_trip(void **state)
+{
+    static const int shapes[][4] = {{0}, {6}, {2, 3}, {1, 3, 2}, {3, 1, 1, 2}, {0, 5}};
+    static const int dims[] = {0, 1, 2, 3, 4, 2}, counts[] = {1, 6, 6, 6, 6, 0};
+    const float data[6] = {0, -0.0f, 1e-40f, -INFINITY, 3.25f, NAN};
+    const char *path = scratch_path(*state, "a.npy");
+
+    for (size_t i = 0; i < 6; i++) {
+        float *back = NULL;
+        int n = -1, shape[4] = {-1, -1, -1, -1};
+
+        assert_int_equal(cln_npy_write_f32(path, dims[i], shapes[i], data), CLN_OK);
+        assert_int_equal(cln_npy_read_f32(path, &n, shape, &back), CLN_OK);
+        assert_int_equal(n, dims[i]);
+        assert_memory_equal(shape, shapes[i], (size_t)n * sizeof *shape);
+        assert_memory_equal(back, data, (size_t)counts[i] * sizeof *data);
+        free(back);
+    }
+}
+
+/* The bytes that numpy.lib.format defines: numpy.save of a (2, 3) '<f4' array starts like this. */
+static void test_npy_bytes(void **state)
+{
+    static const char text[] = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }";
+    const char *path = scratch_path(*state, "a.npy");
+    const float data[6] = {1, 2, 3, 4, 5, 6};
+    size_t size = 0;
+    char *file = NULL;
+
+    assert_int_equal(cln_npy_write_f32(path, 2, (int[2]){2, 3}, data), CLN_OK);
+    file = scratch_get(path, &size);
+    assert_int_equal(size, 128 + sizeof data);
+    assert_memory_equal(file, "\x93NUMPY\x01\x00\x76\x00", 10); /* 118 = 128 - 10 */
+    assert_memory_equal(file + 10, text, sizeof text - 1);
+    assert_int_equal(file[127], '\n');
+    assert_memory_equal(file + 128, data, sizeof data);
+    free(file);
+    assert_int_equal(cln_npy_write_f32(path, 1, (int[1]){3}, data), CLN_OK);
+    file = scratch_get(path, &size);
+    assert_non_null(strstr(file + 10, "'shape': (3,), }"));
+    free(file);
+}
+
+static void test_npy_broken(void **state)
+{
+    static const struct {
+        const char *header, *word;
+    } cases[] = {
+        {"{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }", "float32"},
+        {"{'descr': '<f4', 'fortran_order': True, 'shape': (2,), }", "C order"},
+        {"{'descr': '<f4', 'fortran_order': False, }", "shape"},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (3,), }", "truncated"},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (1,), }", "too long"},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (-1,), }", "shape"},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 1, 1, 2), }", "shape"},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (65536, 65536), }", "shape"},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999,), }", "shape"},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (2", "shape"},
+        {"", "lacks"},
+    };
+    const char *path = scratch_path(*state, "broken.npy");
+    float *data = (float *)1;
+    int dims, shape[4];
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char file[256] = "\x93NUMPY\x01";
+        const size_t length = strlen(cases[i].header);
+
+        file[7] = 0;
+        file[8] = (char)length;
+        file[9] = 0;
+        memcpy(file + 10, cases[i].header, length);
+        memset(file + 10 + length, 0, 8);
+        scratch_put(path, file, 10 + length + 8);
+        assert_int_equal(cln_npy_read_f32(path, &dims, shape, &data), CLN_INPUT);
+        assert_null(data);
+        if (!strstr(cln_error_text(), path) || !strstr(cln_error_text(), cases[i].word))
+            fail_msg("case %zu: '%s' lacks the path or '%s'", i, cln_error_text(), cases[i].word);
+        cln_clear_error();
+    }
+    scratch_put(path, "\x93NUMPY\x01\0\xff\xff", 10);
+    assert_int_equal(cln_npy_read_f32(path, &dims, shape, &data), CLN_INPUT);
+    cln_clear_error();
+    scratch_put(path, "no array", 8);
+    assert_int_equal(cln_npy_read_f32(path, &dims, shape, &data), CLN_INPUT);
+    cln_clear_error();
+}
+
+/* ---- metrics ---- */
+
+/* What a separate program (direct 11 x 11 windows, centred moments, double) found for make_pair. */
+enum { W = 14, H = 13 };
+static const double MSE_OF_PAIR = 0.14807978479853479, SSIM_OF_PAIR = 0.12970402123047567;
+
+/* The pair of images that program was given. */
+static void make_pair(float *a, float *b)
+{
+    for (int y = 0; y < H; y++)
+        for (int x = 0; x < W; x++)
+            for (int c = 0; c < 3; c++) {
+                const int i = (y * W + x) * 3 + c, base = x * 7 + y * 3 + c * 5;
+
+                a[i] = (float)(base % 16) / 16;
+                b[i] = (float)((base + x * y) % 16) / 16;
+            }
+}
+
+static void test_psnr(void **state)
+{
+    float a[W * H * 3], b[W * H * 3];
+    const float two[6] = {0, 0.5f, 1, 0, 0, 0}, other[6] = {0.1f, 0.5f, 1, 0, 0, -5};
+    const float not_a_number[3] = {NAN, 0, 0};
+
+    (void)state;
+    make_pair(a, b);
+    assert_true(cln_image_mse(W, H, a, a) == 0);
+    assert_true(cln_psnr(0) == 100);
+    assert_near(cln_psnr(0.01), 20, 1e-12);
+    assert_near(cln_psnr(1), 0, 1e-12);
+    /* One channel of six differs by 0.1; -5 is clipped to 0. */
+    assert_near(cln_image_mse(2, 1, two, other), 0.01 / 6, 1e-9);
+    assert_near(cln_image_mse(W, H, a, b), MSE_OF_PAIR, 1e-12);
+    assert_true(isnan(cln_image_mse(1, 1, not_a_number, two)));
+}
+
+static void test_ssim(void **state)
+{
+    float a[W * H * 3], b[W * H * 3];
+    double ssim = 0;
+
+    (void)state;
+    make_pair(a, b);
+    assert_int_equal(cln_image_ssim(W, H, a, a, &ssim), CLN_OK);
+    assert_near(ssim, 1, 1e-12);
+    assert_int_equal(cln_image_ssim(W, H, a, b, &ssim), CLN_OK);
+    assert_near(ssim, SSIM_OF_PAIR, 1e-9);
+    assert_int_equal(cln_image_ssim(W, H, b, a, &ssim), CLN_OK);
+    assert_near(ssim, SSIM_OF_PAIR, 1e-9);
+
+    /* Constant images have no variance: (2 * 0.5 * 0.75 + C1) / (0.25 + 0.5625 + C1). */
+    for (int i = 0; i < W * H * 3; i++) {
+        a[i] = 0.5f;
+        b[i] = 0.75f;
+    }
+    assert_int_equal(cln_image_ssim(W, H, a, b, &ssim), CLN_OK);
+    assert_near(ssim, (0.75 + 1e-4) / (0.8125 + 1e-4), 1e-9);
+
+    assert_int_equal(cln_image_ssim(11, 11, a, b, &ssim), CLN_OK);
+    assert_int_equal(cln_image_ssim(10, 13, a, b, &ssim), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "10 x 13"));
+    cln_clear_error();
+}
+
+int test_group_image(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_png_round_trip, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_png_transparent_colour, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_png_damage, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_absurd_sizes, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_inflating_png, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_jpeg_load, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_jpeg_truncation, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_jpeg_damage, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_jpeg_tables, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_not_an_image, scratch_make, scratch_remove),
+        cmocka_unit_test(test_downscale),
+        cmocka_unit_test(test_to_u8),
+        cmocka_unit_test_setup_teardown(test_npy_round_trip, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_npy_bytes, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_npy_broken, scratch_make, scratch_remove),
+        cmocka_unit_test(test_psnr),
+        cmocka_unit_test(test_ssim),
+    };
+
+    return cmocka_run_group_tests_name("image", tests, NULL, NULL);
+}

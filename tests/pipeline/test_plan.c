@@ -1,0 +1,475 @@
+/* The memory plans (pipeline/plan.h). As arithmetic, on devices that do not exist: rows add up, what can be
+ * cut stays below the largest allocation, what cannot is refused by name. As a promise, on the device at
+ * hand: no run allocates more than its plan or its limit, growth stops where the limit is, and batches cut
+ * by a small largest allocation train and render as batches of that size do, to the last bit. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "pipeline/plan.h"
+#include "engine_fixture.h"
+#include "tests.h"
+
+/* ---- arithmetic ---- */
+
+static const double MIB = 1 << 20;
+
+/* Four views of 100 x 50, RGBA, with pixels; a pipeline without buffers on a device without a driver. */
+typedef struct fake {
+    cln_device device;
+    cln_pipeline pipeline;
+    cln_view views[4];
+    cln_scene scene;
+    cln_plan_desc desc;
+} fake;
+
+static void make_fake(fake *f, const cln_config *config, double max_alloc, const char *type)
+{
+    static uint8_t pixel;
+
+    memset(f, 0, sizeof *f);
+    f->device.info.max_alloc = max_alloc;
+    f->device.info.global_mem = 8192 * MIB;
+    f->device.max_alloc = (size_t)max_alloc;
+    snprintf(f->device.info.type, sizeof f->device.info.type, "%s", type);
+    snprintf(f->device.info.name, sizeof f->device.info.name, "a device");
+    f->device.tune =
+        (cln_tune){.vw = 8, .nv = 2, .ls = 1, .ts = 6, .nb = 48, .sl = 480, .wg = 16, .chunk = 64};
+    f->pipeline.device = &f->device;
+    f->pipeline.config = *config;
+    f->pipeline.tune = f->device.tune;
+    assert_ok(cln_network_layout(config, &f->pipeline.net));
+    for (int i = 0; i < 4; i++) {
+        f->views[i].camera.width = 100;
+        f->views[i].camera.height = 50;
+        f->views[i].channels = 4;
+        f->views[i].pixels = &pixel;
+    }
+    f->scene.views = f->views;
+    f->scene.view_count = 4;
+    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0};
+}
+
+static cln_config preset(const char *name)
+{
+    cln_config config;
+
+    assert_ok(cln_config_preset(name, &config));
+    return config;
+}
+
+static double row_bytes(const cln_plan *plan, const char *purpose, bool largest)
+{
+    for (int i = 0; i < plan->count; i++)
+        if (strcmp(plan->rows[i].purpose, purpose) == 0)
+            return largest ? plan->rows[i].largest : plan->rows[i].bytes;
+    fail_msg("no row %s", purpose);
+    return 0;
+}
+
+static void test_adds_up(void **state)
+{
+    static const char *const presets[] = {"fast", "paper", "nerf", "kilonerf"};
+    fake f;
+    cln_plan plan;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof presets / sizeof presets[0]; i++) {
+        const cln_config config = preset(presets[i]);
+        double sum = 0;
+
+        make_fake(&f, &config, 4096 * MIB, "gpu");
+        cln_plan_device(&f.desc, &plan);
+        for (int k = 0; k < plan.count; k++) {
+            assert_true(plan.rows[k].largest > 0 && plan.rows[k].largest <= plan.rows[k].bytes);
+            sum += plan.rows[k].bytes;
+        }
+        assert_true(fabs(sum - plan.total) < 1);
+        assert_true(plan.limit == 0.9 * 8192 * MIB);
+        assert_true(plan.max_samples == 2 * (size_t)config.batch_samples);
+        assert_true(plan.batch_samples == (size_t)config.batch_samples);
+        assert_true(row_bytes(&plan, "network weights", true) == 64 * 4.0 * f.pipeline.net.params);
+        assert_ok(cln_plan_check(&f.device, &plan));
+    }
+}
+
+/* Largest allocations from plenty to hardly any: rows that grow with the batch fit, until the smallest batch
+ * is reached; then the check names the row that does not. */
+static void test_cut_below_the_largest(void **state)
+{
+    const cln_config config = preset("fast");
+    size_t before = SIZE_MAX;
+    fake f;
+    cln_plan plan;
+
+    (void)state;
+    for (double most = 512 * MIB; most >= 4 * MIB; most *= 0.7) {
+        make_fake(&f, &config, floor(most), "gpu");
+        cln_plan_device(&f.desc, &plan);
+        for (int i = 0; i < plan.count; i++)
+            if (plan.rows[i].largest > most)
+                fail_msg("%s: %.0f bytes, allowed are %.0f", plan.rows[i].purpose,
+                         plan.rows[i].largest, most);
+        assert_ok(cln_plan_check(&f.device, &plan));
+        assert_true(plan.max_samples <= before);
+        assert_true(plan.batch_samples < plan.max_samples);
+        before = plan.max_samples;
+    }
+    assert_true(before < 2 * (size_t)config.batch_samples);
+    make_fake(&f, &config, 1 * MIB, "gpu");
+    f.desc.leaves = 1;
+    cln_plan_device(&f.desc, &plan);
+    assert_ok(cln_plan_check(&f.device, &plan));
+    make_fake(&f, &config, 0.2 * MIB, "gpu"); /* one ray's samples may be 768 */
+    f.desc.leaves = 1;
+    cln_plan_device(&f.desc, &plan);
+    assert_int_equal(plan.max_samples, 768);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "activations");
+}
+
+static int row_parts(const cln_plan *plan, const char *purpose)
+{
+    for (int i = 0; i < plan->count; i++)
+        if (strcmp(plan->rows[i].purpose, purpose) == 0)
+            return plan->rows[i].parts;
+    fail_msg("no row %s", purpose);
+    return 0;
+}
+
+/* What has a row per leaf is split into as few parts as do, never refused below four whole ones. */
+static void test_parts(void **state)
+{
+    const cln_config config = preset("fast");
+    const double n1 = config.n1, cells = n1 * n1 * n1;
+    fake f;
+    cln_plan plan;
+    char text[1024];
+
+    (void)state;
+    for (int leaf = 0; leaf < 2; leaf++) { /* tune.leaf */
+        for (int leaves = 1; leaves <= 4 * 60 + 1; leaves++) {
+            double weights = 0, row = 0;
+            int parts = 0;
+
+            make_fake(&f, &config, 0, "gpu");
+            weights = 4.0 * f.pipeline.net.params;
+            row = fmax(weights, 2 * cells);
+            f.device.max_alloc = (size_t)(60.5 * row);
+            f.pipeline.tune.leaf = leaf;
+            f.desc.leaves = leaves;
+            cln_plan_device(&f.desc, &plan);
+            cln_plan_text(&plan, text, sizeof text);
+            parts = leaves <= 60 ? 1 : leaves <= 120 ? 2 : leaves <= 180 ? 3 : 4;
+            assert_int_equal(row_parts(&plan, "network weights"), parts);
+            assert_int_equal(row_parts(&plan, "optimiser state"), parts);
+            assert_int_equal(row_parts(&plan, "stage-1 densities"), parts);
+            assert_int_equal(row_parts(&plan, "activations"), 1);
+            assert_true(row_bytes(&plan, "network weights", false) == leaves * weights);
+            assert_true((strncmp(strstr(text, ", optimiser") - 11, " in 3 parts", 11) == 0) ==
+                        (parts == 3));
+            assert_true(fabs(row_bytes(&plan, "stage-1 densities", false) - 8 * leaves -
+                             3 * leaves * cells) < 1);
+            if (leaves > 4 * 60 - !leaf) { /* two slices in one leaf make 241 gradients */
+                assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "in each of 4 parts");
+                continue;
+            }
+            assert_true(row_bytes(&plan, "network weights", true) == fmin(leaves, 60) * weights);
+            assert_ok(cln_plan_check(&f.device, &plan));
+        }
+    }
+}
+
+/* Weight gradients are of slices: a leaf's samples, 480 at a time. Counted here one leaf at a time. */
+static void test_slices_fit(void **state)
+{
+    const cln_config config = preset("fast");
+    static const int leaves[] = {1, 8, 100, 512};
+    fake f;
+    cln_plan plan;
+
+    (void)state;
+    for (size_t k = 0; k < sizeof leaves / sizeof leaves[0]; k++) {
+        for (double most = 16 * MIB; most < 128 * MIB; most *= 2) {
+            double params = 0, even = 0, spread = 0;
+            size_t left = 0;
+
+            make_fake(&f, &config, most, "gpu");
+            f.desc.leaves = leaves[k];
+            params = 4.0 * f.pipeline.net.params;
+            cln_plan_device(&f.desc, &plan);
+            left = plan.max_samples;
+            for (int i = 0; i < leaves[k]; i++) { /* the same everywhere */
+                const size_t n = left / (size_t)(leaves[k] - i);
+
+                even += ceil((double)n / 480);
+                left -= n;
+            }
+            left = plan.max_samples; /* one each, and the rest in the first */
+            spread = fmin(leaves[k] - 1, (double)left);
+            spread += ceil(((double)left - spread) / 480);
+            assert_true(even * params <= row_bytes(&plan, "weight gradients", true));
+            assert_true(spread * params <= row_bytes(&plan, "weight gradients", true));
+            assert_true(row_bytes(&plan, "weight gradients", true) <= most);
+        }
+    }
+}
+
+static void test_limits_by_name(void **state)
+{
+    cln_config config = preset("fast");
+    fake f;
+    cln_plan plan, host;
+
+    (void)state;
+    config.device_mem = 20 * MIB;
+    config.host_mem = 310 * MIB;
+    make_fake(&f, &config, 4096 * MIB, "gpu");
+    cln_plan_device(&f.desc, &plan);
+    assert_true(plan.limit == 20 * MIB);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--device-mem");
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_true(host.limit == 310 * MIB);
+    assert_true(row_bytes(&host, "images", false) == 4 * 100 * 50 * 4);
+    assert_ok(cln_plan_check_host(&host));
+    f.views[2].camera.width = 300000; /* one is large: 60 MB */
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_fails(cln_plan_check_host(&host), CLN_MEMORY, "--host-mem");
+    f.views[2].camera.width = 100;
+    snprintf(f.device.info.type, sizeof f.device.info.type, "cpu"); /* its memory is the host's */
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_true(row_bytes(&host, "the device's, a CPU", false) == plan.total);
+    assert_fails(cln_plan_check_host(&host), CLN_MEMORY, "--host-mem");
+    f.desc.leaves = 512 * 1024; /* 2.2e9 cells with n1 = 16 */
+    f.pipeline.config.n1 = 64;
+    f.pipeline.config.device_mem = 0;
+    f.device.info.global_mem = 1e15;
+    cln_plan_device(&f.desc, &plan);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--n1");
+}
+
+/* ---- runs ---- */
+
+static char warnings[4096], said[16384];
+
+static void keep_log(cln_log_level level, const char *line, void *user)
+{
+    char *to = level == CLN_LOG_WARN ? warnings : said;
+    const size_t size = level == CLN_LOG_WARN ? sizeof warnings : sizeof said, used = strlen(to);
+
+    (void)user;
+    snprintf(to + used, size - used, "%s\n", line);
+}
+
+/* A new run, as engine_train, on a device with this largest allocation. */
+static cln_status train_on(const char *run, const cln_config *config, const char *max_alloc,
+                           cln_train_result *result)
+{
+    engine_stop none = {0};
+    cln_train_desc desc = {.scene = engine_path("scene"),
+                           .run = engine_path(run),
+                           .preset = "fast",
+                           .skip_selftest = true,
+                           .config = *config,
+                           .device = engine_device(),
+                           .command = "test",
+                           .callbacks = engine_callbacks(&none)};
+
+    desc.device.max_alloc = max_alloc;
+    warnings[0] = said[0] = 0;
+    cln_log_set_sink(keep_log, NULL);
+    return cln_train(&desc, result);
+}
+
+static double planned(const char *run, const char *path)
+{
+    char name[64];
+    json_t *document = NULL;
+    double value = 0;
+
+    snprintf(name, sizeof name, "%s/run.json", run);
+    document = engine_json(name);
+    value = json_number_value(engine_at(document, path));
+    json_decref(document);
+    return value;
+}
+
+/* Ways to train that use other buffers. The tree does not shrink, so the last plan is the largest; 4 MiB a
+ * buffer keep what is planned for rays near what is used. */
+static void test_peak_is_planned(void **state)
+{
+    static const struct {
+        const char *name, *options[4][2];
+    } cases[] = {
+        {"plain", {{NULL}}},
+        {"deep", {{"level-at", "2:0.3,3:0.6"}}},
+        {"deep-splat", {{"level-at", "2:0.3"}, {"stage1", "splat"}, {"device-mem", "256M"}}},
+        {"regularised", {{"sparsity", "0.01"}, {"edge", "0.01"}, {"rays", "16"}}},
+        {"backgrounds", {{"random-background", "yes"}, {"density-weight", "visibility"}}},
+        {"splitting",
+         {{"adaptive", "yes"},
+          {"split-samples", "0"},
+          {"structure-from", "0.3"},
+          {"max-level", "3"}}},
+    };
+    NEED_DEVICE();
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cln_config config = engine_config();
+        cln_train_result result;
+
+        config.max_leaves = 64;
+        for (int k = 0; k < 4 && cases[i].options[k][0]; k++)
+            assert_ok(cln_config_set(&config, cln_config_find(cases[i].options[k][0]),
+                                     cases[i].options[k][1]));
+        assert_ok(train_on(cases[i].name, &config, "4M", &result));
+        print_message("%-12s %4d leaves, device peak %5.1f %% of the plan\n", cases[i].name,
+                      result.leaves,
+                      100 * result.device_peak / planned(cases[i].name, "plan.total"));
+        assert_true(result.device_peak > 0);
+        assert_true(result.device_peak <= planned(cases[i].name, "plan.total"));
+        assert_true(result.device_peak == planned(cases[i].name, "result.device_peak"));
+        assert_true(result.device_peak <= planned(cases[i].name, "plan.limit"));
+        assert_true(result.host_peak >= 1 << 20);
+        assert_true(planned(cases[i].name, "host_plan.total") > 0);
+    }
+}
+
+/* Level 2 needs more than the limit, which has just room for level 1: a warning, and a run that ends well. */
+static void test_growth_stops_at_the_limit(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+    double small = 0, large = 0;
+
+    NEED_DEVICE();
+    config.width = config.view_width = 32; /* weights weigh more */
+    assert_ok(train_on("small", &config, NULL, &result));
+    small = planned("small", "plan.total");
+    snprintf(config.level_at, sizeof config.level_at, "2:0.5");
+    assert_ok(train_on("large", &config, NULL, &result));
+    assert_int_equal(result.leaves, 64);
+    large = planned("large", "plan.total");
+    assert_true(large > 1.02 * small);
+    config.device_mem = 0.5 * (small + large);
+    assert_ok(train_on("limited", &config, NULL, &result));
+    assert_int_equal(result.leaves, 8);
+    assert_int_equal(result.step, STEPS);
+    assert_non_null(strstr(warnings, "the tree stays at level 1"));
+    assert_true(result.device_peak <= config.device_mem);
+    config.device_mem = 0;
+    config.host_mem =
+        0.5 * (planned("small", "host_plan.total") + planned("large", "host_plan.total"));
+    assert_ok(train_on("host-limited", &config, NULL, &result));
+    assert_int_equal(result.leaves, 8);
+    assert_non_null(strstr(warnings, "--host-mem"));
+}
+
+/* A largest allocation of 256 KiB cuts the batch; another run with that batch as its setting is the same to
+ * the last bit, training and pictures. */
+static void test_cut_batches(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result cut, set, plain;
+    unsigned long samples = 0;
+    const char *at = NULL;
+
+    NEED_DEVICE();
+    config.batch_samples = 4096;
+    config.rays = 128;
+    assert_ok(train_on("uncut", &config, NULL, &plain));
+    assert_null(strstr(said, "batches are cut"));
+    assert_ok(train_on("cut", &config, "256K", &cut));
+    at = strstr(said, "batches are cut to ");
+    assert_non_null(at);
+    samples = strtoul(at + strlen("batches are cut to "), NULL, 10);
+    assert_true(samples > 500 && samples < 4096);
+    assert_int_not_equal(cut.digest, plain.digest);
+    print_message("PSNR %.2f dB, cut to %lu samples %.2f dB\n", plain.psnr_test, samples,
+                  cut.psnr_test);
+    config.batch_samples = (int)samples;
+    assert_ok(train_on("set", &config, NULL, &set));
+    assert_int_equal(set.digest, cut.digest);
+    assert_true(set.psnr_test == cut.psnr_test);
+    assert_true(cut.device_peak < plain.device_peak);
+    /* one leaf's weights fit, two of eight leaves in each of four parts do not */
+    config.width = config.view_width = 64;
+    assert_fails(train_on("never", &config, "64K", &cut), CLN_MEMORY,
+                 "network weights: 81.8 KiB in each of 4 parts");
+    assert_false(cln_is_dir(engine_path("never")));
+    assert_fails(train_on("never", &config, "64X", &cut), CLN_USAGE, "--max-alloc");
+}
+
+/* A largest allocation that has room for the batch, but not for the arrays of 512 leaves: these are split, at
+ * the start or when the tree grows, and what is learnt is the same to the last bit. */
+static void test_split_arrays(void **state)
+{
+    static const char *const stage1[] = {"gather", "splat"};
+
+    NEED_DEVICE();
+    for (int i = 0; i < 2; i++) {
+        cln_config config = engine_config();
+        cln_train_result whole, parts;
+        char run[32];
+
+        assert_ok(cln_config_set(&config, cln_config_find("stage1"), stage1[i]));
+        config.batch_samples = 1024;
+        config.rays = 128;
+        config.n1 = 4;
+        config.steps = 16;
+        config.start_level = i == 0 ? 2 : 3;
+        snprintf(config.level_at, sizeof config.level_at, "%s", i == 0 ? "3:0.5" : "");
+        snprintf(run, sizeof run, "whole-%s", stage1[i]);
+        assert_ok(train_on(run, &config, NULL, &whole));
+        assert_null(strstr(said, " parts"));
+        snprintf(run, sizeof run, "parts-%s", stage1[i]);
+        assert_ok(train_on(run, &config, "640K", &parts));
+        assert_true((strstr(said, "in 4 parts") != NULL) == (i == 1)); /* level 2 needs none */
+        assert_true(parts.leaves > 64);
+        assert_int_equal(parts.leaves, whole.leaves);
+        assert_int_equal(parts.digest, whole.digest);
+        assert_true(parts.psnr_test == whole.psnr_test);
+        assert_true(parts.device_peak <= planned(run, "plan.total"));
+    }
+}
+
+/* Refused before an image is read, with a --downscale that will do. */
+static void test_images_that_do_not_fit(void **state)
+{
+    cln_config config = engine_config();
+    const char *advice = NULL;
+    cln_scene *scene = NULL;
+    char path[PATH_MAX + 64];
+    cln_scene_desc desc = {.config = &config, .pixels = {true, true, true}};
+
+    (void)state;
+    snprintf(path, sizeof path, "%s/scene", engine_folder);
+    desc.path = path;
+    config.host_mem = 12000; /* 8 images of 2,304 bytes, and two being read */
+    assert_int_equal(cln_scene_load(&desc, &scene), CLN_MEMORY);
+    assert_non_null(strstr(cln_error_text(), "--host-mem"));
+    advice = strstr(cln_error_text(), "use --downscale ");
+    assert_non_null(advice);
+    config.downscale = (int)strtol(advice + strlen("use --downscale "), NULL, 10);
+    assert_true(config.downscale > 1);
+    cln_clear_error();
+    assert_ok(cln_scene_load(&desc, &scene));
+    cln_scene_free(scene);
+    memset(desc.pixels, 0, sizeof desc.pixels); /* cameras alone */
+    config.downscale = 1;
+    config.host_mem = 1;
+    assert_ok(cln_scene_load(&desc, &scene));
+    cln_scene_free(scene);
+}
+
+int test_group_plan(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_adds_up),         cmocka_unit_test(test_cut_below_the_largest),
+        cmocka_unit_test(test_slices_fit),      cmocka_unit_test(test_limits_by_name),
+        cmocka_unit_test(test_peak_is_planned), cmocka_unit_test(test_growth_stops_at_the_limit),
+        cmocka_unit_test(test_cut_batches),     cmocka_unit_test(test_images_that_do_not_fit),
+        cmocka_unit_test(test_parts),           cmocka_unit_test(test_split_arrays),
+    };
+
+    return cmocka_run_group_tests_name("plan", tests, engine_setup, engine_teardown);
+}

@@ -1,0 +1,718 @@
+/* The report page, the charts, and the progress line (io/report.h, io/report_data.h, io/svg.h,
+ * io/html.h, io/progress.h): what is in the page of a run folder made here, what hostile names become,
+ * that missing and damaged files still give a page, and what progress writes off a terminal.
+ * Oracle: texts and numbers written down here; for base64, the vectors of RFC 4648. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include "base/config.h"
+#include "report/html.h"
+#include "io/image.h"
+#include "io/progress.h"
+#include "report/report.h"
+#include "report/report_data.h"
+#include "io/run_folder.h"
+#include "report/svg.h"
+#include "scratch.h"
+#include "tests.h"
+
+/* ---- a run folder ---- */
+
+static void put_text(const char *run, const char *name, const char *text)
+{
+    scratch_put(scratch_path(run, name), text, strlen(text));
+}
+
+static void put_json(const char *run, const char *name, json_t *document)
+{
+    assert_non_null(document);
+    assert_int_equal(cln_run_write_json(run, name, document), CLN_OK);
+    json_decref(document);
+}
+
+static void put_run(const char *run, const char *state, const char *left_out)
+{
+    cln_config config;
+    json_t *settings = NULL;
+
+    assert_int_equal(cln_config_preset("fast", &config), CLN_OK);
+    config.seed = 4711;
+    assert_int_equal(cln_config_to_json(&config, &settings), CLN_OK);
+    put_json(
+        run, "run.json",
+        json_pack("{s:s s:s s:s s:s s:o s:{s:s s:f s:f s:i} s:{s:s s:{s:i s:i s:i}} s:s s:s s:[s] "
+                  "s:{s:i s:i s:i}}",
+                  "schema", "cl-nascent.run/1", "version", "0.1.0", "command",
+                  "cl-nascent train a<b -o run", "preset", "fast", "config", settings, "device",
+                  "name", "Some \"Device\" & Co", "global_mem", 8589934592.0, "max_alloc",
+                  1073741824.0, "compute_units", 12, "dataset", "path", "scenes/pot", "splits",
+                  "train", 90, "val", 0, "test", 10, "state", state, "started",
+                  "2025-01-02T03:04:05Z", "left_out", left_out, "plan", "parameters", 3145728,
+                  "images", 1048576, "limit", 8388608));
+}
+
+/* rows with PSNR rising from 10 to 30; test PSNR in every tenth. */
+static void put_metrics(const char *run, int rows)
+{
+    FILE *f = NULL;
+
+    assert_int_equal(cln_make_dirs(run), CLN_OK);
+    f = fopen(scratch_path(run, "metrics.jsonl"), "w");
+    assert_non_null(f);
+    for (int i = 1; i <= rows; i++) {
+        char test[32] = "null";
+        if (i % 10 == 0)
+            snprintf(test, sizeof test, "%g", 9 + 20.0 * i / rows);
+        fprintf(
+            f,
+            "{\"step\":%d,\"seconds\":%g,\"wall_seconds\":%g,\"psnr_train\":%g,\"psnr_test\":%s,"
+            "\"rays_per_s\":1000,\"samples_per_ray\":9,\"leaves\":%d,\"params\":5000,"
+            "\"stages\":{\"forward\":0.3,\"backward\":0.5}}\n",
+            i * 25, (double)i, i * 1.1, 10 + 20.0 * i / rows, test, i < rows / 2 ? 64 : 512);
+    }
+    assert_int_equal(fclose(f), 0);
+}
+
+static void put_eval(const char *run, int step, const char *split, double psnr, json_t *images)
+{
+    char name[64];
+
+    snprintf(name, sizeof name, "eval/%08d-%s.json", step, split);
+    put_json(run, name,
+             json_pack("{s:s s:i s:f s:s s:[i,i,i] s:{s:f s:f} s:o}", "schema", "cl-nascent.eval/1",
+                       "step", step, "train_seconds", step / 25.0, "split", split, "background", 1,
+                       1, 1, "mean", "psnr", psnr, "ssim", 0.9375, "images", images));
+}
+
+static json_t *one_image(const char *name, double psnr)
+{
+    return json_pack("{s:s s:i s:i s:o s:f s:f}", "name", name, "width", 16, "height", 12, "psnr",
+                     cln_json_real(psnr), "ssim", 0.875, "seconds", 0.5);
+}
+
+static void put_picture(const char *run, const char *stem, const char *file)
+{
+    char folder[64];
+    uint8_t pixels[16 * 12 * 3];
+
+    memset(pixels, 77, sizeof pixels);
+    snprintf(folder, sizeof folder, "eval/%s", stem);
+    assert_int_equal(cln_make_dirs(scratch_path(run, folder)), CLN_OK);
+    assert_int_equal(
+        cln_image_write_png(scratch_path(scratch_path(run, folder), file), 16, 12, 3, pixels),
+        CLN_OK);
+}
+
+/* The page of the run; the caller frees it. */
+static char *page_of(const char *run)
+{
+    size_t bytes = 0;
+    char *page = NULL;
+
+    if (cln_report_write(run) != CLN_OK)
+        fail_msg("%s", cln_error_text());
+    assert_string_equal(cln_error_text(), ""); /* nothing that was skipped stays behind */
+    page = scratch_get(scratch_path(run, "report.html"), &bytes);
+    assert_int_equal(strlen(page), bytes);
+    assert_ptr_equal(strstr(page, "<!doctype html>"), page);
+    assert_non_null(strstr(page, "</main>"));
+    assert_null(strstr(page, "nan"));
+    assert_null(strstr(page, "inf"));
+    return page;
+}
+
+static void assert_has(const char *page, const char *text)
+{
+    if (!strstr(page, text))
+        fail_msg("the page has no \"%s\"", text);
+}
+
+static void assert_has_not(const char *page, const char *text)
+{
+    if (strstr(page, text))
+        fail_msg("the page has \"%s\"", text);
+}
+
+static int count_of(const char *page, const char *text)
+{
+    int count = 0;
+
+    for (; (page = strstr(page, text)); page += strlen(text))
+        count++;
+    return count;
+}
+
+/* ---- the page ---- */
+
+static void page_shows_what_the_run_left(void **state)
+{
+    const char *run = scratch_path(*state, "pot");
+    json_t *images = json_array();
+    char *page = NULL;
+
+    put_run(run, "done", "lens distortion: all cameras are pinholes");
+    put_metrics(run, 100);
+    json_array_append_new(images, one_image("test/r_0.png", 27.25));
+    json_array_append_new(images, one_image("test/r_1.png", 26.75));
+    put_eval(run, 2500, "test", 27.0, images);
+    put_picture(run, "00002500-test", "test_r_0.png");
+    put_picture(run, "00002500-test", "test_r_0.truth.png");
+    put_picture(run, "00002500-test", "test_r_0.error.png");
+    page = page_of(run);
+    assert_has(page, "<h1>pot<span class='state'>done</span>");
+    assert_has(page, "27.00 <small>dB</small></b><span>test PSNR after 01:40");
+    assert_has(page, "0.9375");
+    assert_has(page, "cl-nascent train a&lt;b -o run");
+    assert_has(page, "Some &quot;Device&quot; &amp; Co");
+    assert_has(page, "8.0 GiB, largest allocation 1.0 GiB");
+    assert_has(page, "lens distortion: all cameras are pinholes");
+    assert_has(page, "<b>test/r_0.png</b>");
+    assert_has(page, "PSNR 27.25 dB &middot; SSIM 0.8750");
+    assert_has(page, "on background white");
+    assert_int_equal(count_of(page, "data:image/png;base64,"), 3);
+    assert_has(page, "alt=\"error of test/r_0.png\"");
+    assert_has(page, "4711 <span class=soft>(42)</span>"); /* differs from the preset */
+    assert_int_equal(count_of(page, "<tr class=set>"), 1);
+    assert_has(page, "backward");
+    assert_has(page, "50.0"); /* of 110 wall seconds: 100 x 0.5 */
+    assert_has(page, "90 train, 0 val, 10 test");
+    assert_has(page, "<td class=soft>together<td class=n>4.0 MiB"); /* without the limit */
+    assert_has(page, "<td class=soft>limit<td class=n>8.0 MiB");
+    assert_int_equal(count_of(page, "<svg "), 5);
+    assert_int_equal(count_of(page, "r='4.5'"), 2); /* the evaluation, in both PSNR curves */
+    /* test points of the metrics, in both curves */
+    assert_int_equal(count_of(page, "r='2.6'"), 20);
+    free(page);
+}
+
+static void page_refers_to_nothing_outside(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    put_metrics(run, 30);
+    put_eval(run, 750, "test", 20, json_pack("[o]", one_image("r.png", 20)));
+    page = page_of(run);
+    assert_has_not(page, "http:");
+    assert_has_not(page, "https:");
+    assert_has_not(page, "//");
+    assert_has_not(page, "<script");
+    assert_has_not(page, "<link");
+    assert_has_not(page, "@import");
+    assert_has_not(page, "url(");
+    free(page);
+}
+
+static void hostile_texts_stay_text(void **state)
+{
+    static const char name[] = "<script>alert(1)</script>\"'&.png";
+    const char *run = scratch_path(*state, "<b>run</b>");
+    char *page = NULL;
+    FILE *f = NULL;
+
+    put_run(run, "<i>odd</i>", "<script>x</script>");
+    f = fopen(scratch_path(run, "metrics.jsonl"), "w");
+    assert_non_null(f);
+    fputs("{\"step\":1,\"seconds\":1,\"psnr_train\":5,\"stages\":{\"<img src=x>'\":1}}\n", f);
+    assert_int_equal(fclose(f), 0);
+    put_eval(run, 25, "test", 20, json_pack("[o]", one_image(name, 20)));
+    /* '/' of the name becomes '_' and what follows the last '.' goes */
+    put_picture(run, "00000025-test", "<script>alert(1)<_script>\"'&.png");
+    page = page_of(run);
+    assert_has_not(page, "<script");
+    assert_has_not(page, "<img src=x");
+    assert_has_not(page, "<i>odd");
+    assert_has_not(page, "<b>run");
+    assert_has(page, "<b>&lt;script&gt;alert(1)&lt;/script&gt;&quot;&#39;&amp;.png</b>");
+    assert_has(page, "&lt;img src=x&gt;&#39;");
+    assert_has(page, "&lt;i&gt;odd&lt;/i&gt;");
+    assert_int_equal(count_of(page, "data:image/png;base64,"), 1);
+    free(page);
+}
+
+static void missing_and_damaged_files_give_a_page(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+    int warnings = 0;
+
+    assert_int_equal(cln_make_dirs(run), CLN_OK);
+    page = page_of(run); /* an empty folder */
+    assert_has(page, "no readable run.json");
+    assert_has(page, "Nothing was measured yet");
+    assert_has(page, "Not evaluated yet");
+    assert_has(page, "No stage was timed");
+    assert_int_equal(count_of(page, "<svg "), 0);
+    free(page);
+
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    put_text(run, "run.json", "{ broken");
+    put_text(run, "metrics.jsonl",
+             "{\"step\":25,\"seconds\":1,\"psnr_train\":11}\nnot json\n[]\n"
+             "{\"step\":50,\"seconds\":2,\"psnr_train\":null,\"psnr_test\":null}\n"
+             "{\"step\":75,\"seconds\":\"3\",\"psnr_train\":12}\n{\"step\":100,\"sec");
+    assert_int_equal(cln_make_dirs(scratch_path(run, "eval")), CLN_OK);
+    put_text(run, "eval/00000025-test.json", "[1, 2");
+    put_text(run, "eval/00000050-test.json", "{}");
+    put_text(run, "eval/notes.txt", "?");
+    page = page_of(run);
+    assert_int_equal(warnings, 2);
+    assert_int_equal(count_of(page, "<svg "), 2); /* PSNR; no leaves, rays or samples */
+    assert_has(page, "0 views of the split");
+    free(page);
+}
+
+static void null_figures_are_dashes(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    json_t *images = json_array();
+    char *page = NULL;
+
+    put_run(run, "interrupted", "nothing");
+    put_metrics(run, 10);
+    json_array_append_new(images, one_image("a.png", NAN));
+    json_array_append_new(images, one_image("b.png", 21.5));
+    put_json(run, "eval/00000250-test.json",
+             json_pack("{s:i s:n s:s s:{s:n s:n} s:o}", "step", 250, "train_seconds", "split",
+                       "test", "mean", "psnr", "ssim", "images", images));
+    put_picture(run, "00000250-test", "a.png");
+    page = page_of(run);
+    assert_has(page, "<span class='state other'>interrupted");
+    assert_has(page, "PSNR &ndash; dB &middot; SSIM 0.8750");
+    assert_has(page, "no truth picture");
+    free(page);
+}
+
+/* Events are no rows of training: they are marks in the curves and a table of their own. */
+static void decisions_are_marks_and_a_table(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    cln_report_data data;
+    char *page = NULL;
+    FILE *f = NULL;
+
+    put_run(run, "done", "nothing");
+    put_metrics(run, 20); /* from 64 leaves in the row of step 225 to 512 in that of step 250 */
+    page = page_of(run);
+    assert_int_equal(count_of(page, "class='event'"), 3); /* a level more, it seems */
+    assert_int_equal(count_of(page, "class='mark'"), 0);
+    assert_has_not(page, "The octree");
+    free(page);
+
+    f = fopen(scratch_path(run, "metrics.jsonl"), "a");
+    assert_non_null(f);
+    fputs("{\"event\":\"other\",\"step\":225,\"leaves\":9,\"psnr_test\":99}\n"
+          "{\"event\":\"structure\",\"step\":225,\"seconds\":9.5,\"wall_seconds\":10,"
+          "\"leaves_before\":64,\"leaves\":1234,\"split\":170,\"merged\":3,\"kept\":40,"
+          "\"budget\":2048,\"infeasible\":true,\"objective\":0.5,\"objective_before\":0.7,"
+          "\"psnr_before\":21.25,\"psnr_after\":21.5,\"psnr_pretrained\":null,"
+          "\"distil_steps\":0,\"work_seconds\":1.5}\n"
+          "{\"event\":\"structure\",\"step\":\"no number\"}\n",
+          f);
+    assert_int_equal(fclose(f), 0);
+    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(data.rows.count, 20);
+    assert_int_equal(data.decision_count, 2);
+    assert_true(data.decisions[0].split == 170 && data.decisions[0].over_budget);
+    assert_true(isnan(data.decisions[1].step) && !data.decisions[1].over_budget);
+    cln_report_data_free(&data);
+    page = page_of(run);
+    assert_has(page, "The octree");
+    assert_has(page, "<tr><td>00:10<td class=n>225<td class=n>64<td class=n>170<td class=n>3"
+                     "<td class=n>1,234<td class=n>21.25<td class=n>21.50<td class=n>&ndash;"
+                     "<td class=n>1.5<td>over budget\n");
+    assert_int_equal(count_of(page, "class='mark'"), 5); /* one in each curve */
+    assert_int_equal(count_of(page, "class='event'"), 0);
+    assert_has(page, "512</b><span>leaves"); /* of the rows of training */
+    free(page);
+}
+
+static json_t *tree_of(json_t *error)
+{
+    return json_pack("{s:s s:i s:i s:[i,i,i,i,i,i] s:o s:[s]}", "schema", "cl-nascent.tree/1",
+                     "step", 25, "leaves", 1213, "leaves_by_level", 0, 0, 0, 12, 1200, 1, "error",
+                     error, "views", "test/r<0>.png");
+}
+
+static void the_tree_is_shown_with_its_legend(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+    int warnings = 0;
+
+    put_run(run, "done", "nothing");
+    put_eval(run, 25, "test", 20, json_pack("[o]", one_image("test/r<0>.png", 20)));
+    put_picture(run, "00000025-test", "test_r<0>.png");
+    put_picture(run, "00000025-test", "test_r<0>.tree.png");
+    put_picture(run, "00000025-test", "test_r<0>.tree-error.png");
+    put_json(run, "eval/00000025-test/tree.json",
+             tree_of(json_pack("{s:f s:f}", "low", 1e-5, "high", 0.01)));
+    page = page_of(run);
+    assert_has(page, "1,213 leaves with a network at step 25.");
+    assert_has(page, "background:#f0e442'></span>level 3: 12 leaves</span>");
+    assert_has(page, "background:#d55e00'></span>level 5: 1 leaf</span>");
+    assert_has_not(page, "level 2:");
+    assert_has(page, "error 1e-05<i class=ramp style='background:linear-gradient(90deg,#0d0887,");
+    assert_has(page, "#f0f921)'></i>0.01</span>");
+    assert_has(page, "alt=\"level of test/r&lt;0&gt;.png\"");
+    assert_has(page, "alt=\"leaf error of test/r&lt;0&gt;.png\"");
+    assert_int_equal(count_of(page, "data:image/png;base64,"), 4); /* the render twice */
+    free(page);
+
+    put_json(run, "eval/00000025-test/tree.json", tree_of(json_null()));
+    page = page_of(run);
+    assert_has(page, "level 4: 1,200 leaves");
+    assert_has_not(page, "linear-gradient");
+    assert_int_equal(count_of(page, "data:image/png;base64,"), 3);
+    free(page);
+
+    put_text(run, "eval/00000025-test/tree.json", "{ broken");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    page = page_of(run);
+    assert_int_equal(warnings, 1);
+    assert_has_not(page, "The octree");
+    free(page);
+}
+
+/* Without a test split the newest of what there is; test before val before train. */
+static void shown_views_are_the_most_held_out(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    cln_report_data data;
+
+    put_eval(run, 900, "train", 30, json_array());
+    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(data.shown, 0);
+    cln_report_data_free(&data);
+    put_eval(run, 100, "test", 20, json_array());
+    put_eval(run, 300, "test", 22, json_array());
+    put_eval(run, 500, "val", 21, json_array());
+    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(data.eval_count, 4);
+    assert_string_equal(data.evals[data.shown].stem, "00000300-test");
+    assert_true(data.evals[data.shown].psnr == 22);
+    cln_report_data_free(&data);
+}
+
+static void many_views_are_sampled_by_rank(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    json_t *images = json_array();
+    char *page = NULL;
+
+    for (int i = 0; i < 11; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "v%02d.png", i);
+        json_array_append_new(images, one_image(name, 20 + i));
+        put_picture(run, "00000100-test", name);
+    }
+    put_eval(run, 100, "test", 25, images);
+    page = page_of(run);
+    assert_has(page, "6 of 11, from the best PSNR to the worst");
+    assert_has(page, "<b>v10.png</b>");
+    assert_has(page, "<b>v00.png</b>");
+    assert_has(page, "<b>v08.png</b>");
+    assert_has_not(page, "<b>v09.png</b>");
+    assert_has(page, "<td>v09.png<td class=n>29.00<td class=n>0.8750"); /* in the list of all */
+    free(page);
+}
+
+static void long_runs_stay_small(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+
+    put_metrics(run, 20000);
+    page = page_of(run);
+    assert_in_range(strlen(page), 1000, 250000);
+    free(page);
+}
+
+static void an_unwritable_folder_is_said(void **state)
+{
+    const char *run = scratch_path(*state, "nowhere");
+
+    assert_int_equal(cln_report_write(run), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "nowhere"));
+    cln_clear_error();
+}
+
+static void an_earlier_error_is_kept(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    int warnings = 0;
+
+    assert_int_equal(cln_make_dirs(run), CLN_OK);
+    put_text(run, "run.json", "{ broken");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    cln_fail(CLN_DIVERGED, "what really happened");
+    assert_int_equal(cln_report_write(run), CLN_OK); /* as train does on its way out */
+    assert_string_equal(cln_error_text(), "what really happened");
+}
+
+/* ---- decimation, charts, escaping ---- */
+
+static void decimation_keeps_ends_and_extremes(void **state)
+{
+    enum { COUNT = 5000 };
+    double x[COUNT], y[COUNT], to_x[CLN_REPORT_POINTS], to_y[CLN_REPORT_POINTS];
+    double least = INFINITY, greatest = -INFINITY;
+    int kept = 0;
+
+    (void)state;
+    for (int i = 0; i < COUNT; i++) {
+        x[i] = i;
+        y[i] = i % 7 == 3 ? NAN : sin(0.01 * i);
+    }
+    y[2345] = 9;
+    y[4001] = -9;
+    kept = cln_report_decimate(COUNT, x, y, to_x, to_y);
+    assert_in_range(kept, 500, CLN_REPORT_POINTS);
+    for (int i = 0; i < kept; i++) {
+        assert_true(isfinite(to_x[i]) && isfinite(to_y[i]));
+        assert_true(to_y[i] == y[(int)to_x[i]]);
+        assert_true(i == 0 || to_x[i] >= to_x[i - 1]);
+        least = fmin(least, to_y[i]);
+        greatest = fmax(greatest, to_y[i]);
+    }
+    assert_true(least == -9 && greatest == 9);
+    /* few points: all of them, without the NaN */
+    assert_int_equal(cln_report_decimate(10, x, y, to_x, to_y), 9);
+    assert_true(to_x[3] == 4);
+    assert_int_equal(cln_report_decimate(0, x, y, to_x, to_y), 0);
+}
+
+static char *chart_text(const cln_chart *chart, bool drawn)
+{
+    char *text = NULL;
+    size_t bytes = 0;
+    FILE *stream = open_memstream(&text, &bytes);
+
+    assert_non_null(stream);
+    assert_int_equal(cln_svg_chart(stream, chart), drawn);
+    assert_int_equal(fclose(stream), 0);
+    return text;
+}
+
+static void charts_have_round_ticks_and_no_nan(void **state)
+{
+    const double x[] = {60, 120, 600}, y[] = {20, NAN, 27};
+    const double nothing[] = {NAN};
+    cln_series series = {"a<b", "#123456", CLN_SERIES_DOTS, 3, x, y};
+    cln_chart chart = {.title = "T&T",
+                       .x_label = "time",
+                       .x_axis = CLN_AXIS_SECONDS,
+                       .width = 560,
+                       .height = 330,
+                       .series_count = 1,
+                       .series = &series};
+    char *text = chart_text(&chart, true);
+
+    (void)state;
+    assert_has(text, "T&amp;T");
+    assert_has(text, "a&lt;b");
+    assert_has(text, ">10 min</text>");
+    assert_has(text, ">20</text>");
+    assert_has(text, ">28</text>");
+    assert_int_equal(count_of(text, "<title>"), 2);
+    assert_has_not(text, "nan");
+    free(text);
+    series = (cln_series){"one", "#123456", CLN_SERIES_LINE, 1, x, y}; /* a single point */
+    text = chart_text(&chart, true);
+    assert_has_not(text, "nan");
+    assert_has_not(text, "inf");
+    free(text);
+    series = (cln_series){"none", "#123456", CLN_SERIES_LINE, 1, nothing, nothing};
+    text = chart_text(&chart, false);
+    assert_string_equal(text, "");
+    free(text);
+}
+
+static void base64_agrees_with_rfc_4648(void **state)
+{
+    static const char *const vectors[][2] = {{"", ""},
+                                             {"f", "Zg=="},
+                                             {"fo", "Zm8="},
+                                             {"foo", "Zm9v"},
+                                             {"foob", "Zm9vYg=="},
+                                             {"fooba", "Zm9vYmE="},
+                                             {"foobar", "Zm9vYmFy"},
+                                             {"\xff\xfe\xfd", "//79"}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++) {
+        char *text = NULL;
+        size_t bytes = 0;
+        FILE *stream = open_memstream(&text, &bytes);
+
+        assert_non_null(stream);
+        cln_base64_write(stream, (const uint8_t *)vectors[i][0], strlen(vectors[i][0]));
+        assert_int_equal(fclose(stream), 0);
+        assert_string_equal(text, vectors[i][1]);
+        free(text);
+    }
+}
+
+/* ---- progress ---- */
+
+/* stderr into a file while `show` runs; its text. The caller frees it. */
+static char *stderr_of(const char *folder, void (*show)(void))
+{
+    const char *path = scratch_path(folder, "stderr");
+    int saved = dup(STDERR_FILENO);
+    int file = open(path, O_CREAT | O_TRUNC | O_WRONLY, 0600);
+    size_t bytes = 0;
+
+    assert_true(saved >= 0 && file >= 0);
+    fflush(stderr);
+    assert_int_equal(dup2(file, STDERR_FILENO), STDERR_FILENO);
+    show();
+    fflush(stderr);
+    dup2(saved, STDERR_FILENO);
+    close(saved);
+    close(file);
+    return scratch_get(path, &bytes);
+}
+
+static void show_steps(const char *mode)
+{
+    cln_progress *progress = NULL;
+    char text[32];
+
+    assert_int_equal(cln_progress_open(mode, &progress), CLN_OK);
+    for (int i = 0; i <= 100; i++) {
+        snprintf(text, sizeof text, "step %d", i);
+        cln_progress_show(progress, i / 100.0, text);
+        if (i == 50)
+            cln_info("a log line");
+    }
+    cln_progress_close(progress);
+    cln_info("after");
+}
+
+static void show_auto(void)
+{
+    show_steps("auto");
+}
+
+static void show_bar(void)
+{
+    show_steps("bar");
+}
+
+static void show_none(void)
+{
+    show_steps("none");
+}
+
+static void progress_off_a_terminal_is_plain_lines(void **state)
+{
+    char *text = stderr_of(*state, show_auto);
+
+    /* The first at once, then none within ten seconds, the last at the end. */
+    assert_string_equal(text, "step 0\na log line\nstep 100\nafter\n");
+    free(text);
+}
+
+static void progress_as_a_bar_redraws_its_line(void **state)
+{
+    char *text = stderr_of(*state, show_bar);
+
+    assert_ptr_equal(strstr(text, "\rstep 0\033[K"), text);
+    assert_non_null(strstr(text, "\r\033[Ka log line\n\rstep 50\033[K"));
+    assert_non_null(strstr(text, "\rstep 100\033[K\nafter\n"));
+    assert_in_range(count_of(text, "\rstep"), 3, 20); /* ten a second at most */
+    free(text);
+}
+
+static void progress_can_be_off(void **state)
+{
+    cln_progress *progress = NULL;
+    char *text = stderr_of(*state, show_none);
+
+    assert_string_equal(text, "a log line\nafter\n");
+    free(text);
+    assert_int_equal(cln_progress_open("fancy", &progress), CLN_USAGE);
+    assert_null(progress);
+    cln_clear_error();
+    cln_progress_close(NULL);
+}
+
+static void formats_are_for_people(void **state)
+{
+    static const struct {
+        void (*format)(double, char[32]);
+        double value;
+        const char *text;
+    } cases[] = {
+        {cln_format_duration, 0, "00:00"},
+        {cln_format_duration, 491.6, "08:12"},
+        {cln_format_duration, 3723, "1:02:03"},
+        {cln_format_duration, NAN, "--:--"},
+        {cln_format_duration, 3599.6, "1:00:00"},
+        {cln_format_duration, -1, "--:--"},
+        {cln_format_bytes, 0, "0 B"},
+        {cln_format_bytes, 1023, "1023 B"},
+        {cln_format_bytes, 641728512, "612 MiB"},
+        {cln_format_bytes, 1288490189, "1.2 GiB"},
+        {cln_format_bytes, 1048575, "1.0 MiB"},
+        {cln_format_bytes, NAN, "?"},
+        {cln_format_count, 0, "0"},
+        {cln_format_count, 999, "999"},
+        {cln_format_count, 12400, "12,400"},
+        {cln_format_count, 1234567, "1,234,567"},
+        {cln_format_count, -1234, "-1,234"},
+        {cln_format_count, INFINITY, "?"},
+        {cln_format_short, 0, "0"},
+        {cln_format_short, 950, "950"},
+        {cln_format_short, 999.7, "1.0 k"},
+        {cln_format_short, 182345, "182 k"},
+        {cln_format_short, 3.1e6, "3.1 M"},
+        {cln_format_short, 2.5e13, "25.0 T"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char text[32];
+        cases[i].format(cases[i].value, text);
+        assert_string_equal(text, cases[i].text);
+    }
+}
+
+#define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
+
+int test_group_report(void)
+{
+    const struct CMUnitTest tests[] = {
+        ON_DISK(page_shows_what_the_run_left),
+        ON_DISK(page_refers_to_nothing_outside),
+        ON_DISK(hostile_texts_stay_text),
+        ON_DISK(missing_and_damaged_files_give_a_page),
+        ON_DISK(null_figures_are_dashes),
+        ON_DISK(decisions_are_marks_and_a_table),
+        ON_DISK(the_tree_is_shown_with_its_legend),
+        ON_DISK(shown_views_are_the_most_held_out),
+        ON_DISK(many_views_are_sampled_by_rank),
+        ON_DISK(long_runs_stay_small),
+        ON_DISK(an_unwritable_folder_is_said),
+        ON_DISK(an_earlier_error_is_kept),
+        cmocka_unit_test(decimation_keeps_ends_and_extremes),
+        cmocka_unit_test(charts_have_round_ticks_and_no_nan),
+        cmocka_unit_test(base64_agrees_with_rfc_4648),
+        ON_DISK(progress_off_a_terminal_is_plain_lines),
+        ON_DISK(progress_as_a_bar_redraws_its_line),
+        ON_DISK(progress_can_be_off),
+        cmocka_unit_test(formats_are_for_people),
+    };
+
+    return cmocka_run_group_tests_name("report", tests, NULL, NULL);
+}

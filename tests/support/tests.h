@@ -1,0 +1,55 @@
+/* The test groups: each tests/test_*.c exports one function, int test_group_NAME(void), which runs its
+ * cmocka group and returns the number of failures. The table of groups that tests/support/main.c runs is made
+ * from those files by make (build/test_groups.c); only the prototype goes here. */
+#ifndef CLN_TESTS_H
+#define CLN_TESTS_H
+
+int test_group_adam(void);
+int test_group_regularise(void);
+int test_group_base(void);
+int test_group_camera(void);
+int test_group_checkpoint(void);
+int test_group_composite(void);
+int test_group_config(void);
+int test_group_coverage(void);
+int test_group_engine(void);
+int test_group_export(void);
+int test_group_help(void);
+int test_group_image(void);
+int test_group_integer_program(void);
+int test_group_measure(void);
+int test_group_mlp(void);
+int test_group_model(void);
+int test_group_network(void);
+int test_group_octree(void);
+int test_group_options(void);
+int test_group_plan(void);
+int test_group_rays(void);
+int test_group_reference(void);
+int test_group_reference_rays(void);
+int test_group_report(void);
+int test_group_results(void);
+int test_group_roulette(void);
+int test_group_run_folder(void);
+int test_group_safetensors(void);
+int test_group_sampling(void);
+int test_group_scan_sort(void);
+int test_group_scene(void);
+int test_group_scene_input(void);
+int test_group_splat(void);
+int test_group_structure(void);
+int test_group_trace(void);
+int test_group_train(void);
+int test_group_tree_from(void);
+int test_group_tune(void);
+int test_group_tuner(void);
+
+/* The table, in the files' order; ends with a NULL name. */
+typedef struct test_group {
+    const char *name;
+    int (*run)(void);
+} test_group;
+
+extern const test_group test_groups[];
+
+#endif

@@ -1,0 +1,317 @@
+/* Which training pixels have a leaf before them (train/coverage.h), against rays through all of them in float64, and
+ * what batches draw from that (train/batch.h). */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include "base/rng.h"
+#include "train/batch.h"
+#include "scene_fixture.h"
+#include "tests.h"
+
+static uint32_t random_state;
+
+static uint32_t random_below(uint32_t n)
+{
+    random_state = cln_hash(random_state + 1);
+    return cln_bounded(random_state, n);
+}
+
+/* A tree whose leaves are culled with the chance one - 1 / keep_one_of. */
+static cln_octree random_tree(int level, uint32_t keep_one_of)
+{
+    cln_octree tree;
+    cln_octree_change change = {0};
+    uint8_t *marks = NULL;
+
+    assert_int_equal(cln_octree_create(level, &tree), CLN_OK);
+    marks = calloc((size_t)tree.leaf_count, 1);
+    assert_non_null(marks);
+    for (int s = 1; s < tree.leaf_count; s++) /* one stays */
+        marks[s] = random_below(keep_one_of) != 0;
+    assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    free(marks);
+    return tree;
+}
+
+/* Views on a sphere of this radius round the cube's middle, looking about there; the last one looks away. */
+static cln_scene *make_scene(const char *folder, int views, double radius, int width, int height,
+                             int channels)
+{
+    char json[4096] = "{\"camera_angle_x\":0.7,\"frames\":[";
+
+    for (int i = 0; i < views; i++) {
+        const double yaw = 2.4 * i, up = 0.9 * sin(1.3 * i), r = sqrt(1 - up * up);
+        const double sign = i == views - 1 ? -1 : 1;
+        const double z[3] = {sign * r * cos(yaw), sign * r * sin(yaw), sign * up};
+        const double x[3] = {-sin(yaw), cos(yaw), 0};
+        const double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2],
+                             z[0] * x[1] - z[1] * x[0]};
+        char name[32], frame[512];
+
+        snprintf(name, sizeof name, "v%d.png", i);
+        put_image(folder, name, width, height, channels, i);
+        snprintf(frame, sizeof frame,
+                 "%s{\"file_path\":\"v%d\",\"transform_matrix\":[[%.17g,%.17g,%.17g,%.17g],[%.17g,"
+                 "%.17g,%.17g,%.17g],[%.17g,%.17g,%.17g,%.17g],[0,0,0,1]]}",
+                 i ? "," : "", i, x[0], y[0], z[0], sign * radius * z[0], x[1], y[1], z[1],
+                 sign * radius * z[1], x[2], y[2], z[2], sign * radius * z[2]);
+        strcat(json, frame);
+    }
+    strcat(json, "]}");
+    put_text(folder, "transforms_train.json", json);
+    put_text(folder, "transforms_test.json", json);
+    return load(folder, NULL);
+}
+
+/* Does the ray meet a leaf's box? */
+static bool meets(const cln_octree *tree, const double o[3], const double d[3],
+                  const double centre[3], double half)
+{
+    for (int s = 0; s < tree->leaf_count; s++) {
+        double near = 0, far = INFINITY;
+        float box[4];
+
+        cln_octree_box(tree, tree->leaf[s], box);
+        for (int a = 0; a < 3; a++) {
+            const double low = centre[a] + half * (double)box[a],
+                         high = low + half * (double)box[3];
+            const double t0 = (low - o[a]) / d[a], t1 = (high - o[a]) / d[a];
+
+            near = fmax(near, fmin(t0, t1));
+            far = fmin(far, fmax(t0, t1));
+        }
+        if (near < far)
+            return true;
+    }
+    return false;
+}
+
+/* [pixel of view i]: 1 where a tile covers it. The caller frees. */
+static uint8_t *covered_pixels(const cln_coverage *c, const cln_scene *scene, int i)
+{
+    const cln_camera *camera = &scene->views[i].camera;
+    uint8_t *out = calloc((size_t)(camera->width * camera->height), 1);
+
+    assert_non_null(out);
+    for (size_t k = c->start[i]; k < c->start[i + 1]; k++) {
+        const cln_tile *tile = &c->tiles[k];
+
+        assert_int_equal(tile->view, i);
+        for (int y = tile->y; y < tile->y + c->side && y < camera->height; y++)
+            for (int x = tile->x; x < tile->x + c->side && x < camera->width; x++)
+                out[y * camera->width + x]++;
+    }
+    return out;
+}
+
+/* Every ray that meets a leaf goes through a covered pixel; share and error by counting pixels. Returns covered
+ * pixels over pixels that meet a leaf. */
+static double check(const cln_scene *scene, const cln_octree *tree, double half)
+{
+    const double centre[3] = {0.1, -0.2, 0.05};
+    cln_coverage c;
+    double hits = 0, covered = 0, all = 0, error = 0;
+
+    assert_int_equal(cln_coverage_create(scene, &c), CLN_OK);
+    for (int twice = 0; twice < 2; twice++) /* the second time errors of tiles are known */
+        cln_coverage_update(&c, scene, tree, centre, half);
+    for (int i = 0; i < c.views; i++) {
+        const cln_view *view = &scene->views[i];
+        uint8_t *marks = covered_pixels(&c, scene, i);
+
+        for (int k = 0; k < view->camera.width * view->camera.height; k++) {
+            const int x = k % view->camera.width, y = k / view->camera.width;
+            double o[3], d[3];
+            float rgb[3], alpha = 0;
+
+            assert_in_range(marks[k], 0, 1);
+            assert_true(cln_camera_ray(&view->camera, x + 0.5, y + 0.5, o, d));
+            if (meets(tree, o, d, centre, half)) {
+                hits++;
+                if (!marks[k])
+                    fail_msg("view %d, pixel %d %d: a leaf, and no tile", i, x, y);
+            }
+            all++;
+            covered += marks[k];
+            cln_view_pixel(view, x, y, scene->background, rgb, &alpha);
+            for (int n = 0; n < 3 && !marks[k]; n++)
+                error += pow((double)rgb[n] - (double)scene->background[n], 2) / 3;
+        }
+        free(marks);
+    }
+    assert_true(fabs(c.share - covered / all) < 1e-12);
+    assert_true(fabs(c.error_other - error / all) < 1e-6);
+    assert_int_equal(c.whole, covered == all);
+    cln_coverage_free(&c);
+    return covered / fmax(hits, 1);
+}
+
+/* From outside, near by and from within the cube; sparse trees and full ones. */
+static void test_no_leaf_is_missed(void **state)
+{
+    static const double radii[] = {4, 2.2, 1.1, 0.4};
+
+    random_state = 5;
+    for (int r = 0; r < 4; r++) {
+        cln_scene *scene = make_scene(*state, 5, radii[r], 53, 38, 4);
+
+        for (int level = 0; level <= 4; level++) {
+            cln_octree tree = random_tree(level, level < 4 ? 6 : 200);
+
+            check(scene, &tree, 0.8);
+            cln_octree_free(&tree);
+        }
+        cln_scene_free(scene);
+    }
+}
+
+/* Not many more pixels than meet a leaf: those of the tiles at its edge. */
+static void test_tight(void **state)
+{
+    cln_scene *scene = make_scene(*state, 3, 4, 240, 200, 3);
+    cln_octree tree = random_tree(3, 60);
+    const double more = check(scene, &tree, 1);
+
+    if (!(more >= 1 && more < 1.8))
+        fail_msg("%.3f times as many pixels are covered as meet a leaf", more);
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
+/* A lens that bends lines is not worked out: its whole view counts. So does one that a leaf is around. No leaf: nothing. */
+static void test_whole_and_nothing(void **state)
+{
+    const double centre[3] = {0, 0, 0};
+    cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
+    cln_octree tree = random_tree(3, 400);
+    cln_octree_change change = {0};
+    uint8_t all[512];
+    cln_coverage c;
+
+    memset(all, 1, sizeof all);
+    assert_int_equal(cln_coverage_create(scene, &c), CLN_OK);
+    cln_coverage_update(&c, scene, &tree, centre, 1);
+    assert_true(c.share < 1 && !c.whole);
+    scene->views[1].camera.k1 = 1e-3;
+    cln_coverage_update(&c, scene, &tree, centre, 1);
+    assert_int_equal(c.start[2] - c.start[1], c.first[2] - c.first[1]);
+    assert_true(c.start[1] < c.first[1]);
+    cln_coverage_update(&c, scene, &tree, centre, 100); /* all cameras stand in the cube */
+    assert_int_equal(cln_octree_cull(&tree, all, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    scene->views[1].camera.k1 = 0;
+    cln_coverage_update(&c, scene, &tree, centre, 1);
+    assert_int_equal(c.start[3], 0);
+    assert_true(c.share == 0 && !c.whole);
+    cln_coverage_free(&c);
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
+/* A batch's pixels are covered ones, each as often as any other; the same again for the same step. Views of several
+ * sizes, none a multiple of a tile. */
+static void test_draw(void **state)
+{
+    enum { STEPS = 100 };
+    const double centre[3] = {0, 0, 0};
+    cln_config config = default_config();
+    cln_scene *scene = make_scene(*state, 4, 3.5, 50, 46, 4);
+    cln_octree tree = random_tree(3, 40);
+    cln_batch b;
+    double square = 0, expected = 0, pixels = 0;
+    int32_t *counts[4] = {0};
+    cln_pixel *before = NULL;
+
+    config.leaf_samples = 0;
+    put_image(*state, "v0.png", 37, 31, 4, 9); /* one view of another size */
+    cln_scene_free(scene);
+    scene = load(*state, NULL);
+    assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
+    assert_false(cln_batch_skips(&b, &config, 0)); /* of no tree yet */
+    cln_coverage_update(&b.coverage, scene, &tree, centre, 1);
+    assert_true(cln_batch_skips(&b, &config, 0));
+    for (int i = 0; i < 4; i++)
+        counts[i] = calloc(50 * 46, sizeof *counts[i]);
+    for (uint32_t step = 0; step < STEPS; step++) {
+        const cln_draw draw = {.step = step, .n = config.rays, .covered = true};
+
+        cln_batch_draw(&b, scene, &config, &draw);
+        for (int i = 0; i < config.rays; i++)
+            counts[b.pixels[i].view][b.pixels[i].y * 50 + b.pixels[i].x]++;
+    }
+    before = malloc((size_t)config.rays * sizeof *before);
+    memcpy(before, b.pixels, (size_t)config.rays * sizeof *before);
+    cln_batch_draw(&b, scene, &config,
+                   &(cln_draw){.step = STEPS - 1, .n = config.rays, .covered = true});
+    assert_memory_equal(before, b.pixels, (size_t)config.rays * sizeof *before);
+    for (int i = 0; i < 4; i++) {
+        const cln_camera *camera = &scene->views[i].camera;
+        uint8_t *marks = covered_pixels(&b.coverage, scene, i);
+
+        expected =
+            (double)config.rays * STEPS / (b.coverage.share * (double)b.first[b.train_views]);
+        for (int y = 0; y < camera->height; y++)
+            for (int x = 0; x < camera->width; x++) {
+                const int count = counts[i][y * 50 + x];
+
+                if (!marks[y * camera->width + x])
+                    assert_int_equal(count, 0);
+                else
+                    square += pow(count - expected, 2) / expected, pixels++;
+            }
+        free(marks);
+        free(counts[i]);
+    }
+    /* chi squared of that many pixels: mean as many, standard deviation sqrt of twice */
+    if (fabs(square - pixels) > 4 * sqrt(2 * pixels))
+        fail_msg("chi squared %.0f of %.0f pixels", square, pixels);
+    free(before);
+    cln_batch_free(&b);
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
+/* When all pixels count: no such option, splatting, the middle of the images first, or no leaf at all. */
+static void test_when_all_count(void **state)
+{
+    const double centre[3] = {0, 0, 0};
+    cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
+    cln_octree tree = random_tree(3, 400);
+    cln_config config = default_config(), other = config;
+    cln_batch b;
+
+    assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
+    cln_coverage_update(&b.coverage, scene, &tree, centre, 1);
+    assert_true(cln_batch_skips(&b, &config, 0));
+    other.skip_uncovered = false;
+    assert_false(cln_batch_skips(&b, &other, 0));
+    other = config;
+    other.stage1 = CLN_STAGE1_SPLAT;
+    assert_false(cln_batch_skips(&b, &other, 0));
+    other = config;
+    other.precrop_steps = 10;
+    assert_false(cln_batch_skips(&b, &other, 9));
+    assert_true(cln_batch_skips(&b, &other, 10));
+    b.coverage.share = 0;
+    assert_false(cln_batch_skips(&b, &config, 0));
+    cln_batch_free(&b);
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
+int test_group_coverage(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_no_leaf_is_missed, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_tight, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_whole_and_nothing, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_draw, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_when_all_count, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("coverage", tests, NULL, NULL);
+}

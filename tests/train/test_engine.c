@@ -1,0 +1,652 @@
+/* Training as a whole: that it learns; that seed and settings alone decide every bit, also over
+ * interruptions; growth, culling and both ways of stage 1; and that what cannot work ends in its
+ * status with nothing written. What a run is looked at with is in test_results.c. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "engine_fixture.h"
+#include "render/quality.h"
+#include "render/open_run.h"
+#include "tests.h"
+
+/* Column `key` of a run's metrics.jsonl, of the steps (event NULL) or of one kind of event; returns the
+ * number of rows. */
+static int column(const char *run, const char *event, const char *key, double *out, int most)
+{
+    char name[64], line[4096];
+    FILE *f = NULL;
+    int rows = 0;
+
+    snprintf(name, sizeof name, "%s/metrics.jsonl", run);
+    f = fopen(engine_path(name), "r");
+    assert_non_null(f);
+    while (fgets(line, sizeof line, f)) {
+        json_t *row = json_loads(line, 0, NULL);
+        const char *is = json_string_value(json_object_get(row, "event"));
+
+        if (is && event ? strcmp(is, event) == 0 : is == event) {
+            assert_true(json_is_number(json_object_get(row, key)));
+            assert_true(rows < most);
+            out[rows++] = json_number_value(json_object_get(row, key));
+        }
+        json_decref(row);
+    }
+    fclose(f);
+    return rows;
+}
+
+static int metrics(const char *run, const char *key, double *out, int most)
+{
+    return column(run, NULL, key, out, most);
+}
+
+static void assert_every_step_once(const char *run, int steps)
+{
+    double step[256];
+
+    assert_int_equal(metrics(run, "step", step, 256), steps);
+    for (int i = 0; i < steps; i++)
+        assert_int_equal((int)step[i], i + 1);
+}
+
+static void test_learns(void **state)
+{
+    double loss[STEPS], first = 0, last = 0;
+    json_t *run = NULL;
+
+    NEED_DEVICE();
+    assert_int_equal(engine_whole.step, STEPS);
+    assert_int_equal(engine_whole.leaves, 8);
+    assert_true(engine_whole.psnr_test > 5 && engine_whole.psnr_test < 60);
+    assert_int_equal(metrics("whole", "loss", loss, STEPS), STEPS);
+    for (int i = 0; i < 5; i++) {
+        first += loss[i];
+        last += loss[STEPS - 1 - i];
+    }
+    assert_true(last < 0.7 * first);
+    run = engine_json("whole/run.json");
+    assert_string_equal(json_string_value(engine_at(run, "state")), "done");
+    assert_int_equal(json_integer_value(engine_at(run, "result.step")), STEPS);
+    assert_true(json_array_size(engine_at(run, "left_out")) > 0);
+    json_decref(run);
+    assert_int_equal(engine_digest("whole"), engine_whole.digest);
+    assert_true(cln_is_file(engine_path("whole/report.html")));
+}
+
+static void test_seed_decides(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result again, other;
+
+    NEED_DEVICE();
+    assert_ok(engine_train("again", false, &config, NULL, &again));
+    assert_int_equal(again.digest, engine_whole.digest);
+    config.seed = 7;
+    assert_ok(engine_train("other", false, &config, NULL, &other));
+    assert_int_not_equal(other.digest, engine_whole.digest);
+}
+
+/* Stopped after a step, then gone on with: run.json keeps what the second process was not told. */
+static void test_interrupted(void **state)
+{
+    const cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGINT, .step = 13};
+    cln_train_result result;
+    json_t *before = NULL, *after = NULL;
+
+    NEED_DEVICE();
+    assert_fails(engine_train("stopped", false, &config, &stop, &result), CLN_SIGINT, "--resume");
+    assert_int_equal(result.step, 13);
+    assert_int_not_equal(engine_digest("stopped"), engine_whole.digest);
+    before = engine_json("stopped/run.json");
+    assert_string_equal(json_string_value(engine_at(before, "state")), "interrupted");
+    assert_ok(engine_train("stopped", true, &config, NULL, &result));
+    assert_int_equal(result.digest, engine_whole.digest);
+    assert_int_equal(engine_digest("stopped"), engine_whole.digest);
+    assert_every_step_once("stopped", STEPS);
+    after = engine_json("stopped/run.json");
+    assert_string_equal(json_string_value(engine_at(after, "state")), "done");
+    assert_true(json_equal(engine_at(after, "started"), engine_at(before, "started")));
+    assert_true(json_equal(engine_at(after, "dataset"), engine_at(before, "dataset")));
+    assert_string_equal(json_string_value(engine_at(after, "dataset.path")), engine_path("scene"));
+    assert_string_equal(json_string_value(engine_at(after, "preset")), "fast");
+    json_decref(before);
+    json_decref(after);
+}
+
+/* A rolling refresh is another training, and it, too, goes on as if it had not been stopped. */
+static void test_rolling_refresh(void **state)
+{
+    cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGINT, .step = 21};
+    cln_train_result whole, resumed;
+
+    NEED_DEVICE();
+    config.rolling_refresh = true;
+    assert_ok(engine_train("rolling", false, &config, NULL, &whole));
+    assert_int_not_equal(whole.digest, engine_whole.digest);
+    assert_fails(engine_train("rolling-stopped", false, &config, &stop, &resumed), CLN_SIGINT,
+                 "--resume");
+    assert_ok(engine_train("rolling-stopped", true, &config, NULL, &resumed));
+    assert_int_equal(resumed.digest, whole.digest);
+}
+
+/* SIGTERM while test views are rendered: the training is whole, and neither evaluations nor their end
+ * change it. */
+static void test_interrupted_in_evaluation(void **state)
+{
+    cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGTERM, .pictures = 2};
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.eval_every = 11;
+    assert_fails(engine_train("looking", false, &config, &stop, &result), CLN_SIGTERM, "step 11");
+    assert_int_equal(result.step, 11);
+    /* pictures after this: step 22, and at the end, where it is stopped again */
+    stop = (engine_stop){.signal = SIGINT, .pictures = TEST_VIEWS + 2};
+    assert_fails(engine_train("looking", true, &config, &stop, &result), CLN_SIGINT,
+                 "last evaluation");
+    assert_int_equal(result.digest, engine_whole.digest);
+    assert_false(cln_is_file(engine_path("looking/eval/00000030-test.json")));
+    assert_ok(engine_train("looking", true, &config, NULL, &result));
+    assert_int_equal(engine_digest("looking"), engine_whole.digest);
+    assert_true(cln_is_file(engine_path("looking/eval/00000030-test.json")));
+    assert_every_step_once("looking", STEPS);
+}
+
+/* SIGUSR1: a checkpoint more, nothing else. */
+static void test_checkpoint_on_the_way(void **state)
+{
+    const cln_config config = engine_config();
+    engine_stop stop = {.signal = SIGUSR1, .step = 7};
+    cln_train_result result;
+
+    NEED_DEVICE();
+    assert_ok(engine_train("saved", false, &config, &stop, &result));
+    assert_int_equal(result.digest, engine_whole.digest);
+    assert_true(cln_is_file(engine_path("saved/checkpoint/00000007.json")));
+    assert_true(cln_is_file(engine_path("saved/checkpoint/00000030.json")));
+}
+
+/* Budgets may grow and batches shrink with a resume; the network may not change. */
+static void test_resumed_with_other_settings(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.steps = STEPS / 2;
+    assert_ok(engine_train("more", false, &config, NULL, &result));
+    config.steps = STEPS;
+    config.rays = 32;
+    assert_ok(engine_train("more", true, &config, NULL, &result));
+    assert_int_equal(result.step, STEPS);
+    config.width = 32;
+    assert_fails(engine_train("more", true, &config, NULL, &result), CLN_CHECKPOINT, "width");
+}
+
+/* ---- structure ---- */
+
+static double psnr_of(cln_viewer *v, const int *views, int count)
+{
+    cln_eval_result result = {0};
+    double psnr = 0;
+
+    assert_ok(cln_pipeline_upload(&v->pipeline, &v->model, false));
+    assert_ok(cln_evaluate(&v->pipeline, NULL, v->scene, views, count, NULL, NULL, &result));
+    psnr = result.psnr;
+    cln_eval_free(&result);
+    return psnr;
+}
+
+/* method.md 11: the exact split by folding leaves the pictures as they are. */
+static void test_split_keeps_pictures(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {true, false, true};
+    const cln_device_desc device = engine_device();
+    cln_viewer v;
+    cln_octree_change change = {0};
+    double before = 0, after = 0;
+    int *views = NULL, count = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_viewer_open(engine_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_viewer_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, v.model.centre, v.model.half));
+    assert_ok(cln_evaluate_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
+    before = psnr_of(&v, views, count);
+    assert_true(before == engine_whole.psnr_test);
+    assert_ok(cln_octree_split(&v.model.tree, NULL, &change));
+    assert_ok(cln_model_apply(&v.model, &change));
+    assert_int_equal(v.model.tree.leaf_count, 64);
+    after = psnr_of(&v, views, count);
+    print_message("PSNR before and after a split: %.4f %.4f dB\n", before, after);
+    assert_true(fabs(before - after) < 0.05);
+    cln_octree_change_free(&change);
+    cln_viewer_close(&v);
+    free(views);
+}
+
+static void test_growth(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+    double leaves[STEPS], loss[STEPS];
+
+    NEED_DEVICE();
+    snprintf(config.level_at, sizeof config.level_at, "2:0.5");
+    assert_ok(engine_train("grown", false, &config, NULL, &result));
+    assert_int_equal(result.leaves, 64);
+    assert_int_equal(metrics("grown", "leaves", leaves, STEPS), STEPS);
+    metrics("grown", "loss", loss, STEPS);
+    assert_int_equal((int)leaves[STEPS / 2 - 1], 8);
+    assert_int_equal((int)leaves[STEPS / 2], 64);
+    assert_true(loss[STEPS - 1] < loss[0]);
+}
+
+/* The host waits for the device once a step, and once for a row of metrics. */
+static void test_waits(void **state)
+{
+    enum { EVERY = 10 };
+    cln_config config = engine_config();
+    cln_train_result result;
+    double waits[STEPS] = {0}, least = INFINITY;
+    int rows = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    config.level_at[0] = 0;
+    config.adaptive = false;
+    config.log_every = EVERY;
+    assert_ok(engine_train("watched", false, &config, NULL, &result));
+    rows = metrics("watched", "host_waits", waits, STEPS);
+    assert_int_equal(rows, STEPS / EVERY);
+    for (int i = 0; i < rows; i++) /* rows with a refresh or an evaluation have more */
+        least = fmin(least, waits[i]);
+    assert_int_equal((int)least, EVERY + 1);
+}
+
+/* Leaves after that many steps. */
+static double leaves_at(const char *run, int step)
+{
+    double leaves[STEPS];
+
+    metrics(run, "leaves", leaves, STEPS);
+    return leaves[step - 1];
+}
+
+/* Culling that wants every leaf leaves one, and the training goes on with it and the pixels it is before, also when
+ * resumed just before and after. */
+static void test_culling(void **state)
+{
+    static const int stops[] = {6, 7, 8, 9, 20};
+    cln_config config = engine_config();
+    cln_train_result all, part;
+    json_t *run = NULL;
+    char *left_out = NULL;
+
+    NEED_DEVICE();
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.2;
+    config.refresh_every = 4;
+    assert_ok(engine_train("culled", false, &config, NULL, &all));
+    assert_int_equal(all.leaves, 1);
+    assert_true(isfinite(all.psnr_test));
+    run = engine_json("culled/run.json");
+    left_out = json_dumps(engine_at(run, "left_out"), 0);
+    assert_non_null(strstr(left_out, "87.5% of the cube"));
+    assert_non_null(strstr(left_out, "of the training pixels"));
+    free(left_out);
+    json_decref(run);
+    assert_int_equal((int)leaves_at("culled", stops[0]), 8);
+    assert_int_equal((int)leaves_at("culled", stops[3]), 1);
+    for (size_t i = 0; i < sizeof stops / sizeof stops[0]; i++) {
+        engine_stop stop = {.signal = SIGINT, .step = stops[i]};
+        char name[32];
+
+        snprintf(name, sizeof name, "cut-%d", stops[i]);
+        assert_fails(engine_train(name, false, &config, &stop, &part), CLN_SIGINT, "");
+        assert_ok(engine_train(name, true, &config, NULL, &part));
+        assert_int_equal(part.digest, all.digest);
+    }
+    config.cull_after = 10; /* checks every fourth step */
+    assert_ok(engine_train("later", false, &config, NULL, &all));
+    assert_int_equal((int)leaves_at("later", 11), 8);
+    assert_int_equal((int)leaves_at("later", 13), 1);
+}
+
+/* Mean square error of the last rows of a run, by their PSNR. */
+static double last_error(const char *run)
+{
+    double psnr[STEPS], sum = 0;
+    const int rows = metrics(run, "psnr_train", psnr, STEPS);
+
+    for (int i = rows / 3; i < rows; i++)
+        sum += pow(10, -psnr[i] / 10) / (rows - rows / 3);
+    return sum;
+}
+
+/* The training PSNR is that of all training pixels, also where rays go through some of them alone. */
+static void test_psnr_of_all_pixels(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+    double all = 0, covered = 0;
+
+    NEED_DEVICE();
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.1;
+    config.refresh_every = 4;
+    config.lr = config.lr_final = 1e-8;
+    config.rays = 2048;
+    config.batch_samples = 65536;
+    assert_ok(engine_train("covered", false, &config, NULL, &result));
+    covered = last_error("covered");
+    config.skip_uncovered = false;
+    assert_ok(engine_train("all", false, &config, NULL, &result));
+    all = last_error("all");
+    if (!(fabs(covered / all - 1) < 0.03))
+        fail_msg("mean square error %.4g, by the covered pixels %.4g", all, covered);
+}
+
+/* Rows of the structure decisions of a run; the sum of their column `key`. */
+static int decisions(const char *run, const char *key, double *sum)
+{
+    double values[STEPS];
+    const int rows = column(run, "structure", key, values, STEPS);
+
+    *sum = 0;
+    for (int i = 0; i < rows; i++)
+        *sum += values[i];
+    return rows;
+}
+
+static cln_config adaptive_config(void)
+{
+    cln_config config = engine_config();
+
+    config.adaptive = true;
+    config.start_level = 2;
+    config.max_leaves = 90;
+    config.structure_from = 0.2;
+    config.structure_every = 0.2;
+    config.structure_until = 0.9;
+    config.split_samples = 0;
+    config.merge_factor = 0.9; /* so that there is both, in a few steps */
+    config.distil_steps = 30;
+    config.distil_samples = 32;
+    return config;
+}
+
+/* The integer program at work: merges to meet the budget, then splits and merges inside it; the same bits
+ * when interrupted on the way, before, between and after decisions. */
+static void test_adaptive(void **state)
+{
+    static const int stops[] = {5, 6, 13, 25};
+    cln_config config = adaptive_config();
+    cln_train_result whole, part;
+    double sum = 0, leaves[STEPS];
+
+    NEED_DEVICE();
+    assert_ok(engine_train("adaptive", false, &config, NULL, &whole));
+    assert_true(whole.leaves <= 90 && isfinite(whole.psnr_test));
+    assert_int_equal(decisions("adaptive", "merged", &sum), 4);
+    assert_true(sum >= 1);
+    decisions("adaptive", "split", &sum);
+    assert_true(sum >= 1);
+    decisions("adaptive", "distil_steps", &sum);
+    assert_true(sum >= 25);
+    metrics("adaptive", "leaves", leaves, STEPS);
+    assert_int_equal((int)leaves[5], 64);
+    assert_true((int)leaves[6] != 64 && leaves[6] <= 90);
+    for (size_t i = 0; i < sizeof stops / sizeof stops[0]; i++) {
+        engine_stop stop = {.signal = SIGINT, .step = stops[i]};
+        char run[32];
+
+        snprintf(run, sizeof run, "adaptive-%d", stops[i]);
+        assert_fails(engine_train(run, false, &config, &stop, &part), CLN_SIGINT, "");
+        assert_ok(engine_train(run, true, &config, NULL, &part));
+        assert_int_equal(part.digest, whole.digest);
+        assert_int_equal(decisions(run, "leaves", &sum), 4);
+    }
+}
+
+/* An error that still falls makes the tree wait; densities weighted by visibility are another measure. */
+static void test_adaptive_waits(void **state)
+{
+    cln_config config = adaptive_config();
+    cln_train_result waits, weighted, again;
+    engine_stop stop = {.signal = SIGINT, .step = 14};
+    double sum = 0;
+
+    NEED_DEVICE();
+    config.structure_wait = 1;
+    assert_ok(engine_train("waits", false, &config, NULL, &waits));
+    assert_true(decisions("waits", "leaves", &sum) < 4);
+    config.structure_wait = 0;
+    config.density_weight = CLN_WEIGHT_VISIBILITY;
+    assert_ok(engine_train("weighted", false, &config, NULL, &weighted));
+    assert_true(weighted.leaves <= 90);
+    assert_fails(engine_train("weighted-cut", false, &config, &stop, &again), CLN_SIGINT, "");
+    assert_ok(engine_train("weighted-cut", true, &config, NULL, &again));
+    assert_int_equal(again.digest, weighted.digest);
+}
+
+/* A budget that no choice meets is said, and merges bring the tree as near as they can. */
+static void test_adaptive_infeasible(void **state)
+{
+    cln_config config = adaptive_config();
+    cln_train_result result;
+    double sum = 0;
+    FILE *f = NULL;
+    char line[4096] = "";
+
+    NEED_DEVICE();
+    config.max_leaves = 3;
+    assert_ok(engine_train("infeasible", false, &config, NULL, &result));
+    assert_true(decisions("infeasible", "merged", &sum) >= 1);
+    assert_true(result.leaves <= 8);
+    f = fopen(engine_path("infeasible/metrics.jsonl"), "r");
+    while (fgets(line, sizeof line, f) && !strstr(line, "\"infeasible\":true"))
+        ;
+    assert_non_null(strstr(line, "\"infeasible\":true"));
+    fclose(f);
+}
+
+/* The tree of another run, kept as it is. */
+static void test_tree_from(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result, base;
+
+    NEED_DEVICE();
+    config.adaptive = true;
+    snprintf(config.tree_from, sizeof config.tree_from, "%s", engine_path("adaptive"));
+    assert_ok(engine_train("taken", false, &config, NULL, &result));
+    config = adaptive_config();
+    assert_ok(engine_train("adaptive-again", false, &config, NULL, &base));
+    assert_int_equal(result.leaves, base.leaves);
+    assert_int_not_equal(result.digest, base.digest);
+}
+
+/* Memory of culled leaves is given back. */
+static void test_memory_given_back(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+    double memory[STEPS];
+
+    NEED_DEVICE();
+    config.start_level = 3;
+    config.n1 = 8;
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0.4;
+    config.refresh_every = 4;
+    assert_ok(engine_train("returned", false, &config, NULL, &result));
+    assert_int_equal(result.leaves, 1);
+    assert_int_equal(metrics("returned", "dev_mem", memory, STEPS), STEPS);
+    assert_true(memory[STEPS - 1] < 0.5 * memory[5]);
+}
+
+/* ---- stage 1 by projection ---- */
+
+static void train_splat(const char *run, int lists, cln_train_result *result)
+{
+    cln_config config = engine_config();
+
+    config.stage1 = CLN_STAGE1_SPLAT;
+    config.lists = lists;
+    assert_ok(engine_train(run, false, &config, NULL, result));
+}
+
+static void test_splat(void **state)
+{
+    cln_train_result csr, padded;
+    double loss[STEPS];
+
+    NEED_DEVICE();
+    train_splat("csr", CLN_LISTS_CSR, &csr);
+    assert_int_equal(metrics("csr", "loss", loss, STEPS), STEPS);
+    assert_true(loss[STEPS - 1] < 0.8 * loss[0]);
+    assert_int_not_equal(csr.digest, engine_whole.digest);
+    train_splat("padded", CLN_LISTS_PADDED, &padded);
+    assert_int_equal(padded.digest, csr.digest);
+}
+
+/* Room for some of a view's projected samples alone: bands of rows, and the same picture. */
+static void test_splat_in_bands(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = engine_device();
+    const float white[3] = {1, 1, 1};
+    const cln_camera *pointer = NULL;
+    cln_camera tall;
+    cln_viewer v;
+    cln_picture whole, bands;
+    cln_train_result result;
+    size_t n = 0;
+
+    NEED_DEVICE();
+    train_splat("tall", CLN_LISTS_CSR, &result);
+    assert_ok(cln_viewer_open(engine_path("tall"), NULL, pixels, &v));
+    tall = v.scene->views[0].camera;
+    tall.width = 64;
+    tall.height = 192; /* three bands: they are multiples of the coarsest pixel, 64 rows */
+    tall.fx = tall.fy = 8 * tall.fx;
+    tall.cx = 32;
+    tall.cy = 96;
+    n = (size_t)tall.width * (size_t)tall.height;
+    pointer = &tall;
+    assert_ok(cln_viewer_start(&v, &device, false));
+    assert_ok(cln_pipeline_cameras(&v.pipeline, &pointer, 1, v.model.centre, v.model.half));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_render_view(&v.pipeline, 0, white, false, NULL, &whole));
+    assert_true(v.pipeline.splat_entries > 100);
+    v.pipeline.max_entries = (size_t)v.pipeline.splat_entries * 3 / 5;
+    assert_ok(cln_render_view(&v.pipeline, 0, white, false, NULL, &bands));
+    assert_memory_equal(whole.rgb, bands.rgb, 3 * n * sizeof(float));
+    assert_memory_equal(whole.depth, bands.depth, n * sizeof(float));
+    cln_picture_free(&bands);
+    v.pipeline.max_entries = 10;
+    assert_fails(cln_render_view(&v.pipeline, 0, white, false, NULL, &bands), CLN_MEMORY,
+                 "--stage1 gather");
+    cln_picture_free(&whole);
+    cln_viewer_close(&v);
+}
+
+/* ---- what cannot work ---- */
+
+static void assert_nothing_written(const char *run)
+{
+    assert_false(cln_is_dir(engine_path(run)));
+}
+
+static void test_too_little_memory(void **state)
+{
+    cln_config config = engine_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.device_mem = 1 << 20;
+    assert_fails(engine_train("never", false, &config, NULL, &result), CLN_MEMORY, "--device-mem");
+    assert_nothing_written("never");
+}
+
+static void test_broken_kernel(void **state)
+{
+    const char text[] = "this is no OpenCL;\n";
+    cln_train_desc desc = {.scene = engine_path("scene"),
+                           .run = engine_path("never"),
+                           .skip_selftest = true,
+                           .config = engine_config(),
+                           .device = engine_device()};
+    cln_train_result result;
+
+    NEED_DEVICE();
+    assert_ok(cln_make_dirs(engine_path("kernels")));
+    scratch_put(engine_path("kernels/composite.cl"), text, strlen(text));
+    desc.device.kernel_dir = engine_path("kernels");
+    assert_fails(cln_train(&desc, &result), CLN_BUILD, "composite.cl");
+    assert_nothing_written("never");
+}
+
+static void test_no_such_device(void **state)
+{
+    cln_train_desc desc = {.scene = engine_path("scene"),
+                           .run = engine_path("never"),
+                           .config = engine_config(),
+                           .device = {.spec = "no such device"}};
+    cln_train_result result;
+
+    (void)state;
+    assert_fails(cln_train(&desc, &result), CLN_NO_DEVICE, "");
+    assert_nothing_written("never");
+}
+
+static void test_folders_of_others(void **state)
+{
+    const cln_config config = engine_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    assert_fails(engine_train("scene", false, &config, NULL, &result), CLN_OUTPUT, "run.json");
+    assert_fails(engine_train("whole", false, &config, NULL, &result), CLN_OUTPUT, "--resume");
+    assert_int_equal(engine_digest("whole"), engine_whole.digest);
+}
+
+int test_group_engine(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_learns),
+        cmocka_unit_test(test_seed_decides),
+        cmocka_unit_test(test_interrupted),
+        cmocka_unit_test(test_rolling_refresh),
+        cmocka_unit_test(test_interrupted_in_evaluation),
+        cmocka_unit_test(test_checkpoint_on_the_way),
+        cmocka_unit_test(test_resumed_with_other_settings),
+        cmocka_unit_test(test_split_keeps_pictures),
+        cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_waits),
+        cmocka_unit_test(test_culling),
+        cmocka_unit_test(test_psnr_of_all_pixels),
+        cmocka_unit_test(test_adaptive),
+        cmocka_unit_test(test_adaptive_waits),
+        cmocka_unit_test(test_adaptive_infeasible),
+        cmocka_unit_test(test_tree_from),
+        cmocka_unit_test(test_memory_given_back),
+        cmocka_unit_test(test_splat),
+        cmocka_unit_test(test_splat_in_bands),
+        cmocka_unit_test(test_too_little_memory),
+        cmocka_unit_test(test_broken_kernel),
+        cmocka_unit_test(test_no_such_device),
+        cmocka_unit_test(test_folders_of_others),
+    };
+
+    return cmocka_run_group_tests_name("engine", tests, engine_setup, engine_teardown);
+}
