@@ -129,9 +129,9 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     ENUM(cdf, "cdf", CLN_CDF_SIGMA, CLN_CDF_WEIGHT, "sigma|weight",                                \
          "stage-2 samples follow the density, or the compositing weight")                          \
     REAL(empty_weight, "empty-weight", 0, 1e-3, 0, 1,                                              \
-         "a ray's passage through a leaf counts as empty below this stage-1 weight")               \
+         "a ray's interval through a leaf counts as empty below this stage-1 weight")              \
     REAL(empty_share, "empty-share", 1, 0.25, 0, 1,                                                \
-         "training: probability that an empty passage is sampled all the same (once)")             \
+         "training: probability that an empty interval is sampled all the same (once)")            \
     REAL(t_min, "t-min", 1e-4, 1e-3, 0, 0.5,                                                       \
          "training: leave out leaves behind less transmittance")                                   \
     REAL(render_t_min, "render-t-min", 1e-3, 1e-3, 0, 0.5, "the same when rendering")              \

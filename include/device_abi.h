@@ -33,7 +33,7 @@ typedef struct cln_pixel {
     cln_u32 view, x, y, pad;
 } cln_pixel;
 
-/* The passage of a ray through an ACTIVE leaf. mass: by stage 1, its optical depth, or its alpha with
+/* The interval of a ray in an ACTIVE leaf. mass: by stage 1, its optical depth, or its alpha with
  * CLN_CDF_WEIGHT. count: stage-2 samples in it | the leaf's level << 24. */
 typedef struct cln_interval {
     cln_f32 t_in, t_out, mass;
@@ -62,7 +62,7 @@ typedef struct cln_ray_result {
 } cln_ray_result;
 
 /* Numbers of a ray's random values (base/rng.h): those of its samples go by the number of the interval. */
-#define CLN_DRAW_ROULETTE 0x800000u /* on, by the passage's number */
+#define CLN_DRAW_ROULETTE 0x800000u /* on, by the interval's number */
 
 /* Entries of the octree map that stand for empty cells: the sign bit, and a box of cells around: five bits each for
  * its lowest x, y, z and its highest. */

@@ -96,6 +96,6 @@ bits options object --skip --depth 6 --bands-by-level --rrelu-scope element --de
 bits exp object --density exp --rolling-refresh --density-weight visibility --cull mean --cost-density 1
 bits precrop object --precrop-steps 100 --lr-schedule step --no-skip-uncovered --no-adaptive
 bits plain object --tune VW=1,LS=1,TS=4 --steps 100
-bits gpu object --tune VW=1,LS=64,TS=8,STAGE_W=1 --steps 100
+bits gpu object --tune VW=1,LS=64,TS=8,NB=16,LEAF=0 --steps 100
 bits lanes object --tune VW=4,LS=8,LEAF=0 --steps 100
 bits parts object --max-alloc 1M --steps 200

@@ -6,7 +6,7 @@
 
 enum { DENSITY, EVAL, TRAINING, FORWARD, ROULETTE, BACKWARD, ADAM, UPDATE, NETWORK_PARTS };
 
-/* Of the roulette's own row; the way back is timed with all samples. */
+/* Of the roulette's own row; the backward pass is timed with all samples. */
 #define ROULETTE_CUTOFF 1.0
 
 typedef struct network_run {

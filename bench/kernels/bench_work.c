@@ -114,7 +114,7 @@ bench_work bench_work_rays(double rays)
     return (bench_work){.bytes = rays * (PIXEL + RAY)};
 }
 
-/* cells: of stage 1, 2 bytes each; no more than there are, and n1 a passage. */
+/* cells: of stage 1, 2 bytes each; no more than there are, and n1 a interval. */
 bench_work bench_work_intervals(double rays, double intervals, double cells)
 {
     return (bench_work){.bytes = rays * (RAY + 3 * WORD) + intervals * INTERVAL + 2 * cells};

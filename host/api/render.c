@@ -37,7 +37,7 @@ typedef struct frame {
 
 typedef struct job {
     const cln_render_desc *desc;
-    cln_viewer viewer;
+    cln_open_run opened;
     frame *frames;
     int count, there;
     json_t *before; /* the folder's render.json; NULL if there is none */
@@ -53,12 +53,12 @@ static cln_status path_of(const job *j, const frame *f, int file, char **path)
 static cln_status frames_of_split(job *j)
 {
     cln_status st = CLN_OK;
-    const cln_scene *scene = j->viewer.scene;
+    const cln_scene *scene = j->opened.scene;
     cln_split split = CLN_SPLIT_TEST;
     int *views = NULL;
 
-    CLN_TRY(cln_viewer_split(scene, j->desc->split, &split));
-    CLN_TRY(cln_evaluate_choose(scene, split, j->desc->max_images, &views, &j->count));
+    CLN_TRY(cln_open_run_split(scene, j->desc->split, &split));
+    CLN_TRY(cln_quality_choose(scene, split, j->desc->max_images, &views, &j->count));
     CLN_TRY(cln_alloc(&j->frames, (size_t)j->count, sizeof *j->frames, "frames"));
     for (int i = 0; i < j->count; i++) {
         j->frames[i].camera = scene->views[views[i]].camera;
@@ -77,7 +77,7 @@ static cln_status frames_of_orbit(job *j)
 
     if (count < 1)
         CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d frames are none", count));
-    CLN_TRY(cln_orbit_make(j->viewer.scene, j->desc, &orbit));
+    CLN_TRY(cln_orbit_make(j->opened.scene, j->desc, &orbit));
     CLN_TRY(cln_alloc(&j->frames, (size_t)count, sizeof *j->frames, "frames"));
     j->count = count;
     for (int i = 0; i < count; i++) {
@@ -119,10 +119,10 @@ static json_t *describe(const job *j)
     json_t *about = NULL;
 
     snprintf(digest, sizeof digest, "%016llx",
-             (unsigned long long)cln_model_digest(&j->viewer.model));
+             (unsigned long long)cln_model_digest(&j->opened.model));
     about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s}", "schema", SCHEMA, "tool",
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
-                      (json_int_t)j->viewer.model.step, "depth", d->z_depth ? "axis" : "ray",
+                      (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
                       "poses", d->split ? d->split : "orbit");
     if (about && !d->split)
         json_object_set_new(about, "orbit",
@@ -248,7 +248,7 @@ static cln_status write_frame(const job *j, const frame *f, const cln_picture *p
     if (remove(path[COLOUR_PNG]) != 0 && errno != ENOENT)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path[COLOUR_PNG], strerror(errno)));
     for (size_t i = 0; i < n; i++)
-        p->depth[i] = p->opacity[i] > 0 ? p->depth[i] * (float)j->viewer.model.half : 0;
+        p->depth[i] = p->opacity[i] > 0 ? p->depth[i] * (float)j->opened.model.half : 0;
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
     CLN_TRY(draw_depth(p, bytes));
     CLN_TRY(cln_image_write_png(path[DEPTH_PNG], p->width, p->height, 1, bytes));
@@ -270,7 +270,7 @@ done:
 static cln_status start(job *j)
 {
     cln_status st = CLN_OK;
-    cln_viewer *v = &j->viewer;
+    cln_open_run *v = &j->opened;
     const cln_camera **cameras = NULL;
     bool distortion = false;
 
@@ -279,7 +279,7 @@ static cln_status start(job *j)
         cameras[i] = &j->frames[i].camera;
         distortion |= cln_camera_is_distorted(cameras[i]);
     }
-    CLN_TRY(cln_viewer_start(v, &j->desc->device, distortion));
+    CLN_TRY(cln_open_run_start(v, &j->desc->device, distortion));
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, v->model.centre, v->model.half));
     CLN_TRY(write_about(j));
     CLN_TRY(cln_render_prepare(&v->pipeline));
@@ -302,7 +302,7 @@ static cln_status render_frames(job *j, cln_render_result *result)
         if (callbacks->work)
             callbacks->work("render", result->skipped + result->rendered, j->count,
                             callbacks->user);
-        st = cln_render_view(&j->viewer.pipeline, i, j->viewer.scene->background, j->desc->z_depth,
+        st = cln_render_view(&j->opened.pipeline, i, j->opened.scene->background, j->desc->z_depth,
                              callbacks, &picture);
         if (st == CLN_SIGINT || st == CLN_SIGTERM)
             cln_note(
@@ -328,7 +328,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     job j = {.desc = desc};
 
     memset(result, 0, sizeof *result);
-    CLN_TRY(cln_viewer_open(desc->run, desc->scene, pixels, &j.viewer));
+    CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
     if (desc->split)
         CLN_TRY(frames_of_split(&j));
     else
@@ -347,6 +347,6 @@ done:
         free(j.frames[i].name);
     free(j.frames);
     json_decref(j.before);
-    cln_viewer_close(&j.viewer);
+    cln_open_run_close(&j.opened);
     return st;
 }

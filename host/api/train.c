@@ -236,7 +236,7 @@ static cln_status prepare(cln_trainer *t)
                                    &t->point_count));
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     if (t->desc->resume)
-        CLN_TRY(cln_viewer_keep_tune(t->desc->run, t->device));
+        CLN_TRY(cln_open_run_keep_tune(t->desc->run, t->device));
     CLN_TRY(cln_scene_load(&scene, &t->scene));
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
@@ -248,13 +248,13 @@ static cln_status prepare(cln_trainer *t)
     }
     CLN_TRY(load_model(t, &config));
     if (t->desc->resume)
-        CLN_TRY(cln_viewer_compare(t->desc->run, t->scene));
+        CLN_TRY(cln_open_run_compare(t->desc->run, t->scene));
     t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
                       "ray results"));
-    CLN_TRY(cln_evaluate_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
-                                &t->eval_count));
+    CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
+                               &t->eval_count));
     cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion,
                                 config.random_background && t->scene->has_alpha, &t->pipeline));

@@ -409,7 +409,7 @@ static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const 
     return other;
 }
 
-/* Which samples go the way back (kernels/roulette.cl), of the newest forward pass. */
+/* Which samples go through the backward pass (kernels/roulette.cl), of the newest forward pass. */
 static cln_status check_roulette(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;

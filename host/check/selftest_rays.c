@@ -190,8 +190,8 @@ done:
 /* What the device made of the batch. */
 typedef struct made {
     int rays;
-    uint32_t used[RAYS], sample_starts[RAYS + 1], passages; /* most of a ray */
-    cln_interval *intervals;                                /* [passages][rays] */
+    uint32_t used[RAYS], sample_starts[RAYS + 1], most; /* intervals of a ray */
+    cln_interval *intervals;                            /* [most][rays] */
     cln_sample *samples;
     float chords[RAYS];
 } made;
@@ -202,16 +202,16 @@ static cln_status check_chords(cln_checks *c, const float (*ray_o)[4], const flo
 {
     cln_status st = CLN_OK;
     double *want = NULL;
-    ref_interval passages[64];
+    ref_interval crossed[64];
 
     CLN_TRY(cln_alloc(&want, RAYS, sizeof *want, "self-test"));
     for (int r = 0; r < m->rays; r++) {
         const double o[3] = {ray_o[r][0], ray_o[r][1], ray_o[r][2]};
         const double d[3] = {ray_d[r][0], ray_d[r][1], ray_d[r][2]};
-        const int count = ref_intervals(&c->model->tree, o, d, passages, 64);
+        const int count = ref_intervals(&c->model->tree, o, d, crossed, 64);
 
         for (int i = 0; i < count; i++)
-            want[r] += passages[i].t_out - passages[i].t_in;
+            want[r] += crossed[i].t_out - crossed[i].t_in;
     }
     cln_check_compare(c, "intervals: chord of a ray", m->chords, want, (size_t)m->rays, 1e-10,
                       1e-4);
@@ -220,17 +220,17 @@ done:
     return st;
 }
 
-/* Samples of a passage stand in its chord, ascending, and their deltas add up to it. */
+/* Samples of an interval stand in its chord, ascending, and their deltas add up to it. */
 static void check_samples(cln_checks *c, made *m)
 {
     double worst = 0;
-    int wrong = 0, passages = 0;
+    int wrong = 0, intervals = 0;
 
     for (int r = 0; r < m->rays; r++) {
         const cln_sample *s = m->samples + m->sample_starts[r];
         const cln_sample *end = m->samples + m->sample_starts[r + 1];
 
-        for (uint32_t i = 0; i < m->used[r]; i++, passages++) {
+        for (uint32_t i = 0; i < m->used[r]; i++, intervals++) {
             const cln_interval v = m->intervals[i * (uint32_t)m->rays + (uint32_t)r];
             const uint32_t count = v.count & 0xFFFFFFu;
             double sum = 0, chord = (double)v.t_out - v.t_in;
@@ -251,10 +251,10 @@ static void check_samples(cln_checks *c, made *m)
         }
         wrong += s != end;
     }
-    cln_check_say(c, "samples: order", wrong == 0 && passages > 0, "%d of %u misplaced", wrong,
+    cln_check_say(c, "samples: order", wrong == 0 && intervals > 0, "%d of %u misplaced", wrong,
                   m->sample_starts[m->rays]);
-    cln_check_say(c, "samples: deltas add up to the chord", worst <= 1e-5 && passages > 0,
-                  "%.1f %% of the bound, %d passages", 100 * worst / 1e-5, passages);
+    cln_check_say(c, "samples: deltas add up to the chord", worst <= 1e-5 && intervals > 0,
+                  "%.1f %% of the bound, %d intervals", 100 * worst / 1e-5, intervals);
 }
 
 static cln_status read_batch(cln_checks *c, uint32_t samples, made *m)
@@ -263,8 +263,8 @@ static cln_status read_batch(cln_checks *c, uint32_t samples, made *m)
     cln_pipeline *p = c->p;
     size_t intervals = 0;
 
-    m->passages = 3u << p->depth;
-    intervals = (size_t)m->rays * m->passages;
+    m->most = 3u << p->depth;
+    intervals = (size_t)m->rays * m->most;
 
     CLN_TRY(cln_alloc(&m->intervals, intervals, sizeof *m->intervals, "self-test"));
     CLN_TRY(cln_alloc(&m->samples, samples, sizeof *m->samples, "self-test"));
@@ -283,7 +283,7 @@ static bool counts_agree(const made *m, uint32_t samples)
     bool agree = m->sample_starts[0] == 0 && m->sample_starts[m->rays] == samples;
 
     for (int r = 0; r < m->rays; r++)
-        agree &= m->sample_starts[r] <= m->sample_starts[r + 1] && m->used[r] <= m->passages;
+        agree &= m->sample_starts[r] <= m->sample_starts[r + 1] && m->used[r] <= m->most;
     return agree;
 }
 
@@ -294,23 +294,23 @@ static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_p
 {
     const double margin = 3e-5, n1 = c->p->config.n1;
     double o[3], d[3];
-    ref_interval passages[64];
+    ref_interval crossed[64];
     int count = 0;
 
     if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* lists, the same for all rays of a pixel */
         return true;
     cln_camera_ray(camera, pixel->x + 0.5, pixel->y + 0.5, o, d);
-    count = ref_intervals(&c->model->tree, o, d, passages, 64);
+    count = ref_intervals(&c->model->tree, o, d, crossed, 64);
     for (int i = 0; i < count; i++) {
-        const float *box = boxes[passages[i].slot];
-        const double length = passages[i].t_out - passages[i].t_in, cells = length * n1 / box[3];
+        const float *box = boxes[crossed[i].slot];
+        const double length = crossed[i].t_out - crossed[i].t_in, cells = length * n1 / box[3];
         const double points = fmax(1, ceil(cells));
 
         if (length < 10 * CLN_MIN_CHORD || fabs(cells - round(cells)) < margin)
             return false;
         for (int k = 0; k < (int)points; k++)
             for (int a = 0; a < 3; a++) {
-                const double at = o[a] + d[a] * (passages[i].t_in + (k + 0.5) * length / points);
+                const double at = o[a] + d[a] * (crossed[i].t_in + (k + 0.5) * length / points);
                 const double cell = (at - box[a]) * n1 / box[3];
 
                 if (fabs(cell - round(cell)) < margin)
@@ -325,29 +325,29 @@ static cln_status put_out_batch(cln_checks *c, const cln_camera *cameras, const 
                                 const made *m)
 {
     cln_status st = CLN_OK;
-    uint32_t *numbers = NULL, passages = 0, samples = 0;
+    uint32_t *numbers = NULL, intervals = 0, samples = 0;
     float *ends = NULL, *places = NULL, (*boxes)[4] = NULL;
     int left_out = 0;
 
     for (int r = 0; r < m->rays; r++)
-        passages += m->used[r];
+        intervals += m->used[r];
     CLN_TRY(cln_octree_boxes(&c->model->tree, (float **)&boxes));
-    CLN_TRY(cln_alloc(&numbers, 2 * (size_t)passages, sizeof *numbers, "self-test"));
-    CLN_TRY(cln_alloc(&ends, 2 * (size_t)passages, sizeof *ends, "self-test"));
+    CLN_TRY(cln_alloc(&numbers, 2 * (size_t)intervals, sizeof *numbers, "self-test"));
+    CLN_TRY(cln_alloc(&ends, 2 * (size_t)intervals, sizeof *ends, "self-test"));
     CLN_TRY(cln_alloc(&places, 2 * (size_t)m->sample_starts[m->rays], sizeof *places, "self-test"));
-    passages = 0;
+    intervals = 0;
     for (int r = 0; r < m->rays; r++) {
         if (!is_steady(c, &cameras[pixels[r].view], &pixels[r], (const float(*)[4])boxes)) {
             left_out++;
             continue;
         }
-        for (uint32_t i = 0; i < m->used[r]; i++, passages++) {
+        for (uint32_t i = 0; i < m->used[r]; i++, intervals++) {
             const cln_interval v = m->intervals[i * (uint32_t)m->rays + (uint32_t)r];
 
-            numbers[2 * passages] = (uint32_t)v.slot;
-            numbers[2 * passages + 1] = v.count;
-            ends[2 * passages] = v.t_in;
-            ends[2 * passages + 1] = v.t_out;
+            numbers[2 * intervals] = (uint32_t)v.slot;
+            numbers[2 * intervals + 1] = v.count;
+            ends[2 * intervals] = v.t_in;
+            ends[2 * intervals + 1] = v.t_out;
         }
         for (uint32_t i = m->sample_starts[r]; i < m->sample_starts[r + 1]; i++, samples++) {
             places[2 * samples] = m->samples[i].t;
@@ -356,8 +356,8 @@ static cln_status put_out_batch(cln_checks *c, const cln_camera *cameras, const 
     }
     cln_check_say(c, "rays clear of borders", left_out <= 1 + m->rays / 50, "all but %d of %d",
                   left_out, m->rays);
-    cln_check_numbers(c, "passages: leaves and samples", numbers, 2 * (size_t)passages);
-    cln_check_values(c, "passages: ends", ends, 2 * (size_t)passages, 1e-12, 1e-5);
+    cln_check_numbers(c, "intervals: leaves and samples", numbers, 2 * (size_t)intervals);
+    cln_check_values(c, "intervals: ends", ends, 2 * (size_t)intervals, 1e-12, 1e-5);
     cln_check_values(c, "samples: where", places, 2 * (size_t)samples, 1e-10, 1e-4);
 done:
     free(numbers);

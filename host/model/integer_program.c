@@ -86,7 +86,7 @@ static bool gather(const cln_octree *tree, int slot, group *g)
     return g->slot[0] == slot;
 }
 
-static cln_status set_costs(const cln_program_desc *desc, group *g)
+static cln_status set_costs(const cln_integer_program_desc *desc, group *g)
 {
     cln_status st = CLN_OK;
     double errors = 0, density = 0;
@@ -174,7 +174,7 @@ static void free_program(program *p)
     memset(p, 0, sizeof *p);
 }
 
-static cln_status make_program(const cln_program_desc *desc, program *p)
+static cln_status make_program(const cln_integer_program_desc *desc, program *p)
 {
     cln_status st = CLN_OK;
     int leaves = desc->tree->leaf_count;
@@ -267,7 +267,7 @@ done:
     return st;
 }
 
-static void mark(const group *g, const way *w, cln_program_result *out)
+static void mark(const group *g, const way *w, cln_integer_program_result *out)
 {
     if (w->splits == MERGE) {
         for (int i = 0; i < g->count; i++)
@@ -284,14 +284,15 @@ static void mark(const group *g, const way *w, cln_program_result *out)
     out->cost_before += cost_of_splits(g, 0);
 }
 
-void cln_program_result_free(cln_program_result *result)
+void cln_integer_program_result_free(cln_integer_program_result *result)
 {
     free(result->split);
     free(result->merge);
     memset(result, 0, sizeof *result);
 }
 
-cln_status cln_program_solve(const cln_program_desc *desc, cln_program_result *out)
+cln_status cln_integer_program_solve(const cln_integer_program_desc *desc,
+                                     cln_integer_program_result *out)
 {
     cln_status st = CLN_OK;
     program p = {0};
@@ -318,7 +319,7 @@ done:
     free(chosen);
     free_program(&p);
     if (st != CLN_OK)
-        cln_program_result_free(out);
+        cln_integer_program_result_free(out);
     return st;
 }
 
@@ -402,7 +403,7 @@ static void write_binaries(FILE *f, const program *p)
 }
 
 /* Keywords begin their lines and nothing else does: that is how glpsol tells them from names. */
-cln_status cln_program_write_lp(const cln_program_desc *desc, const char *path)
+cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, const char *path)
 {
     cln_status st = CLN_OK;
     program p = {0};

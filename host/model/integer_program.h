@@ -26,29 +26,30 @@ typedef struct cln_leaf_measure {
     bool may_split; /* enough samples met it; the depth limit is checked here */
 } cln_leaf_measure;
 
-typedef struct cln_program_desc {
+typedef struct cln_integer_program_desc {
     const cln_octree *tree;
     const cln_leaf_measure *measures; /* [slot] */
     int max_leaves, max_level;
     double split_factor, merge_factor;
-} cln_program_desc;
+} cln_integer_program_desc;
 
-typedef struct cln_program_result {
+typedef struct cln_integer_program_result {
     uint8_t *split, *merge;        /* [slot] marks; merge: on every ACTIVE leaf of a group */
     int splits, merges, keeps;     /* leaves split; groups merged; leaves kept */
     int leaves;                    /* ACTIVE leaves afterwards */
     double objective, cost_before; /* of the solution; of keeping every leaf */
     bool infeasible;               /* no choice meets the budget: merges alone, cheapest first */
-} cln_program_result;
+} cln_integer_program_result;
 
 /* The optimum; among equal ones always the same. CLN_MEMORY; CLN_INTERNAL for a measure that is
  * negative or not finite. */
-cln_status cln_program_solve(const cln_program_desc *desc, cln_program_result *out);
-void cln_program_result_free(cln_program_result *result); /* accepts a zeroed one */
+cln_status cln_integer_program_solve(const cln_integer_program_desc *desc,
+                                     cln_integer_program_result *out);
+void cln_integer_program_result_free(cln_integer_program_result *result); /* accepts a zeroed one */
 
 /* The same program as text in CPLEX's LP format, for a MIP solver (cbc, glpsol --lp): variables nSLOT,
  * sSLOT, gSLOT; the budget row counts a merge once, on its group's first g. CLN_OUTPUT; CLN_INTERNAL for a
  * tree without leaves. */
-cln_status cln_program_write_lp(const cln_program_desc *desc, const char *path);
+cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, const char *path);
 
 #endif

@@ -199,9 +199,9 @@ cln_status cln_stage_roulette(cln_pipeline *p, uint32_t sample_count, uint32_t s
     const size_t n = sample_count, word = sizeof(cl_uint);
 
     CLN_TRY(cln_buffer_reserve(p->device, &p->heads, n * 4 * sizeof(float), "head gradients"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen, n * word, "samples of the way back"));
+    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen, n * word, "samples of the backward pass"));
     CLN_TRY(cln_buffer_reserve(p->device, &p->chosen_counts, slice_count * word,
-                               "counts of the way back"));
+                               "counts of the backward pass"));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.roulette, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
                        CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->out.mem),
                        CLN_ARG(p->dout.mem), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),

@@ -68,7 +68,7 @@ typedef struct sizes {
 } sizes;
 
 /* Intervals that a ray can have, at the deepest level. */
-static double passages(void)
+static double most_intervals(void)
 {
     return 3.0 * (1 << CLN_MAX_LEVEL);
 }
@@ -98,7 +98,7 @@ static double samples_of(double most, double leaves, double slice)
 static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest)
 {
     const cln_config *c = &d->pipeline->config;
-    double per_sample = 16, least = passages() * c->samples_per_leaf;
+    double per_sample = 16, least = most_intervals() * c->samples_per_leaf;
     double wanted = c->batch_samples, room = 0;
 
     if (d->training) {
@@ -122,7 +122,7 @@ static double fit_rays(const cln_plan_desc *d, double largest)
 {
     const int wanted = d->training ? cln_config_most_rays(&d->pipeline->config) : 0;
     const double rays = wanted > CLN_RENDER_RAYS ? wanted : CLN_RENDER_RAYS;
-    const double room = floor(largest / (passages() * sizeof(cln_interval)));
+    const double room = floor(largest / (most_intervals() * sizeof(cln_interval)));
 
     return fmax(16, fmin(rays, room));
 }
@@ -185,7 +185,7 @@ static void add_networks(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, rows * s->params);
     row(out, "activations", "--batch-samples, --width or --depth");
     add(out, s->samples * s->acts);
-    add(out, 16 * s->samples); /* gradients of heads, rows of the way back and their counts */
+    add(out, 16 * s->samples); /* gradients of heads, rows of the backward pass and their counts */
     add(out, 4 * s->samples);
     add(out, 4 * s->slices);
     if (s->measures > 0) {
@@ -215,7 +215,7 @@ static void add_rays(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     const double n = s->rays, all = fmax(n + s->extra_rays, s->points);
 
     row(out, "rays", d->training ? "--rays or --distil-samples" : "--width and --height");
-    add(out, n * passages() * sizeof(cln_interval));
+    add(out, n * most_intervals() * sizeof(cln_interval));
     add(out, 16 * all); /* origins */
     add(out, 16 * all); /* directions */
     add(out, sizeof(cln_ray_result) * n);

@@ -123,7 +123,7 @@ typedef struct cln_pipeline {
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */
     cln_buffer out, dout;                                      /* float4 [sample] */
     cln_buffer heads, chosen,
-        chosen_counts;   /* of the way back: float4, uint [grouped sample], uint [slice] */
+        chosen_counts;   /* of the backward pass: float4, uint [grouped sample], uint [slice] */
     cln_buffer measures; /* float [sample][numbers measured] */
     cln_buffer losses;   /* float [sample]; distillation only */
     cln_buffer acts;  /* float or half, cln_pipeline_acts() of each grouped sample; training only */
@@ -258,8 +258,8 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                              bool training, uint32_t step_key);
 cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth);
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
-/* What goes the way back through the networks (kernels/roulette.cl), of slices of leaves with at least min_samples
- * samples: p->heads, p->chosen, p->chosen_counts. Both ways back below begin with it, by config.roulette. */
+/* What goes through the backward pass (kernels/roulette.cl), of slices of leaves with at least min_samples
+ * samples: p->heads, p->chosen, p->chosen_counts. Both forms of the backward pass below begin with it, by config.roulette. */
 cln_status cln_stage_roulette(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                               uint32_t min_samples, double cutoff, uint32_t step_key);
 /* Gradients of all slices, p->grads [slice][params]; then Adam with them. */

@@ -38,7 +38,7 @@ static double leaf_side(const cln_octree *tree, int slot)
     return 2.0 / (1 << tree->level[tree->leaf[slot]]);
 }
 
-double ref_passage_depth(const ref_interval *v, int m, const double *t, const double *sigma)
+double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma)
 {
     double tau = 0;
 
@@ -51,7 +51,7 @@ double ref_passage_depth(const ref_interval *v, int m, const double *t, const do
     return tau;
 }
 
-/* Is the number of samples of this passage one that rounding could change? */
+/* Is the number of samples of this interval one that rounding could change? */
 static bool close_count(const ref_sampling *s, double length, double side, double tau_in,
                         double tau)
 {
@@ -97,7 +97,7 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
     ref_interval iv[REF_MOST_INTERVALS];
     const int n = ref_intervals(way->tree, o, d, iv, REF_MOST_INTERVALS);
     double tau = 0;
-    uint32_t kept = 0; /* passages with samples */
+    uint32_t kept = 0; /* intervals with samples */
 
     out->n = 0;
     out->close = near_edges(way->tree, o, d, iv, n);
@@ -105,13 +105,13 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
         const double side = leaf_side(way->tree, iv[i].slot), length = iv[i].t_out - iv[i].t_in;
         double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], xi[256], at[256], delta[256];
         const int m = way->points(way->user, r, o, d, &iv[i], t, sigma, &out->close);
-        const double passage = ref_passage_depth(&iv[i], m, t, sigma);
+        const double optical_depth = ref_interval_depth(&iv[i], m, t, sigma);
         const float chance = cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
                                               CLN_DRAW_ROULETTE + (uint32_t)i, 0);
-        const int count = ref_sample_count(&way->rule, length, side, tau, passage, chance);
+        const int count = ref_sample_count(&way->rule, length, side, tau, optical_depth, chance);
 
-        out->close = out->close || close_count(&way->rule, length, side, tau, passage);
-        tau += passage;
+        out->close = out->close || close_count(&way->rule, length, side, tau, optical_depth);
+        tau += optical_depth;
         CLN_ASSERT(count <= 256 && out->n + count <= REF_MOST_SAMPLES);
         for (int k = 0; k < count; k++) {
             xi[k] = way->jitter ? (double)cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step,

@@ -72,7 +72,7 @@ void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta
 enum { REF_MOST_INTERVALS = 64, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
 #define REF_NEAR 4e-6 /* a ray that passes an edge closer than this may be decided otherwise */
 
-/* Stage-1 points of one passage of ray r, ascending; returns their number, at most REF_MOST_POINTS. *close
+/* Stage-1 points of one interval of ray r, ascending; returns their number, at most REF_MOST_POINTS. *close
  * is set if rounding may give others. */
 typedef int ref_points_fn(void *user, int r, const double o[3], const double d[3],
                           const ref_interval *interval, double *t, double *sigma, bool *close);
@@ -102,10 +102,10 @@ typedef struct ref_samples {
     int slot[REF_MOST_SAMPLES];
 } ref_samples;
 
-/* Optical depth of a passage: points' densities times their share of the chord. */
-double ref_passage_depth(const ref_interval *v, int m, const double *t, const double *sigma);
+/* Optical depth of an interval: points' densities times their share of the chord. */
+double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma);
 
-/* Samples of ray r of a batch, all passages. */
+/* Samples of ray r of a batch, all intervals. */
 void ref_ray_samples(const ref_way *way, int r, const float o[4], const float d[4],
                      ref_samples *out);
 
@@ -137,7 +137,7 @@ void ref_backward(const ref_network *r, const float *params, const double local[
                   const double dir[3], const double *slopes, double slope, const double dout[4],
                   double *grad);
 
-/* ---- Russian roulette before the way back (kernels/roulette.cl) ---- */
+/* ---- Russian roulette before the backward pass (kernels/roulette.cl) ---- */
 
 /* n samples ids[0..n) that are decided upon together, of out and dout [sample], with draws in (0, 1] by hash of key and
  * id. heads [n]: dL/d(raw r, g, b, sigma) times factors; factors [n]: with size |heads|_1 and `least` the mean size times

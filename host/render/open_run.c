@@ -1,4 +1,4 @@
-/* Opens a run for eval and render. See viewer.h. The settings are the checkpoint's, so that pictures are
+/* Opens a run for eval and render. See opened.h. The settings are the checkpoint's, so that pictures are
  * those of the training that made it, bit for bit. */
 #include "render/open_run.h"
 
@@ -10,7 +10,7 @@
 #include "pipeline/plan.h"
 #include "io/run_folder.h"
 
-cln_status cln_viewer_compare(const char *run, const cln_scene *scene)
+cln_status cln_open_run_compare(const char *run, const cln_scene *scene)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
@@ -37,7 +37,7 @@ static bool same_text(const json_t *object, const char *key, const char *text)
     return saved && strcmp(saved, text) == 0;
 }
 
-cln_status cln_viewer_keep_tune(const char *run, cln_device *device)
+cln_status cln_open_run_keep_tune(const char *run, cln_device *device)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
@@ -69,7 +69,7 @@ done:
     return st;
 }
 
-cln_status cln_viewer_split(const cln_scene *scene, const char *name, cln_split *split)
+cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)
 {
     for (int s = 0; s < CLN_SPLITS; s++) {
         if (strcmp(name, cln_split_names[s]) != 0)
@@ -84,8 +84,8 @@ cln_status cln_viewer_split(const cln_scene *scene, const char *name, cln_split 
     return cln_fail(CLN_USAGE, "--split: '%s' is not one of train|val|test", name);
 }
 
-cln_status cln_viewer_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
-                           cln_viewer *out)
+cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
+                             cln_open_run *out)
 {
     cln_status st = CLN_OK;
     cln_config recorded;
@@ -102,49 +102,49 @@ cln_status cln_viewer_open(const char *run, const char *scene, const bool pixels
     if (st != CLN_OK && !scene)
         cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
     CLN_TRY(st);
-    CLN_TRY(cln_viewer_compare(run, out->scene));
+    CLN_TRY(cln_open_run_compare(run, out->scene));
 done:
     free(own_scene);
     if (st != CLN_OK)
-        cln_viewer_close(out);
+        cln_open_run_close(out);
     return st;
 }
 
-cln_status cln_viewer_start(cln_viewer *viewer, const cln_device_desc *device, bool distortion)
+cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, bool distortion)
 {
     cln_status st = CLN_OK;
-    const cln_config *config = &viewer->model.config;
-    cln_pipeline *p = &viewer->pipeline;
+    const cln_config *config = &opened->model.config;
+    cln_pipeline *p = &opened->pipeline;
     char text[1024];
-    const cln_plan_desc desc = {p, viewer->scene, viewer->model.tree.leaf_count, false, 0};
+    const cln_plan_desc desc = {p, opened->scene, opened->model.tree.leaf_count, false, 0};
     cln_plan plan, host_plan;
 
-    CLN_TRY(cln_device_open(device, &viewer->device));
-    cln_info("device: %s (%s, %d compute units)", viewer->device->info.name,
-             viewer->device->info.platform, viewer->device->info.compute_units);
-    CLN_TRY(cln_viewer_keep_tune(viewer->run, viewer->device));
-    cln_debug("building kernels for %s", viewer->device->info.name);
-    CLN_TRY(cln_pipeline_create(viewer->device, config, distortion,
-                                config->random_background && viewer->scene->has_alpha, p));
+    CLN_TRY(cln_device_open(device, &opened->device));
+    cln_info("device: %s (%s, %d compute units)", opened->device->info.name,
+             opened->device->info.platform, opened->device->info.compute_units);
+    CLN_TRY(cln_open_run_keep_tune(opened->run, opened->device));
+    cln_debug("building kernels for %s", opened->device->info.name);
+    CLN_TRY(cln_pipeline_create(opened->device, config, distortion,
+                                config->random_background && opened->scene->has_alpha, p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);
     cln_plan_host(&desc, &plan, &host_plan);
-    CLN_TRY(cln_plan_check(viewer->device, &plan));
+    CLN_TRY(cln_plan_check(opened->device, &plan));
     CLN_TRY(cln_plan_check_host(&host_plan));
     cln_plan_text(&plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
     cln_plan_apply(&plan, p);
-    CLN_TRY(cln_pipeline_upload(p, &viewer->model, false));
+    CLN_TRY(cln_pipeline_upload(p, &opened->model, false));
 done:
     return st;
 }
 
-void cln_viewer_close(cln_viewer *viewer)
+void cln_open_run_close(cln_open_run *opened)
 {
-    cln_pipeline_free(&viewer->pipeline);
-    cln_device_close(viewer->device);
-    cln_scene_free(viewer->scene);
-    cln_model_free(&viewer->model);
-    memset(viewer, 0, sizeof *viewer);
+    cln_pipeline_free(&opened->pipeline);
+    cln_device_close(opened->device);
+    cln_scene_free(opened->scene);
+    cln_model_free(&opened->model);
+    memset(opened, 0, sizeof *opened);
 }

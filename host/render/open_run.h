@@ -1,36 +1,36 @@
 /* A trained run opened to be looked at: newest checkpoint (weights alone), scene, device, programs. What
  * eval and render have in common. Writes nothing. */
-#ifndef CLN_VIEWER_H
-#define CLN_VIEWER_H
+#ifndef CLN_OPEN_RUN_H
+#define CLN_OPEN_RUN_H
 
 #include "pipeline/stages.h"
 
-typedef struct cln_viewer {
+typedef struct cln_open_run {
     const char *run;
     cln_model model;
     cln_scene *scene;
     cln_device *device;
     cln_pipeline pipeline;
-} cln_viewer;
+} cln_open_run;
 
 /* Checkpoint, and scene (NULL = the run's own) with the images of these splits. No device yet. */
-cln_status cln_viewer_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
-                           cln_viewer *out);
+cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
+                             cln_open_run *out);
 
 /* Device, memory plan, programs, tree and weights; cameras are the caller's. distortion: some view that
  * will be rendered is distorted. */
-cln_status cln_viewer_start(cln_viewer *viewer, const cln_device_desc *device, bool distortion);
-void cln_viewer_close(cln_viewer *viewer); /* accepts a zeroed one */
+cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, bool distortion);
+void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 
 /* "train", "val" or "test" that the scene has views of; CLN_USAGE, CLN_INPUT. */
-cln_status cln_viewer_split(const cln_scene *scene, const char *name, cln_split *split);
+cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split);
 
 /* A run keeps the kernel parameters that it began with, so that its bits do not depend on what a file of
  * rows says by now: device->tune is set to run.json's. Not if they were given (--tune), and not on another
  * device or with another driver. */
-cln_status cln_viewer_keep_tune(const char *run, cln_device *device);
+cln_status cln_open_run_keep_tune(const char *run, cln_device *device);
 
 /* Warns if the scene is not the one that run.json tells of: its results would silently be others. */
-cln_status cln_viewer_compare(const char *run, const cln_scene *scene);
+cln_status cln_open_run_compare(const char *run, const cln_scene *scene);
 
 #endif

@@ -1,4 +1,4 @@
-/* Quality of held-out views. See evaluate.h. */
+/* Quality of held-out views. See quality.h. */
 #include "render/quality.h"
 
 #include <math.h>
@@ -24,8 +24,8 @@ void cln_eval_free(cln_eval_result *result)
     memset(result, 0, sizeof *result);
 }
 
-cln_status cln_evaluate_choose(const cln_scene *scene, cln_split split, int most, int **views,
-                               int *count)
+cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most, int **views,
+                              int *count)
 {
     cln_status st = CLN_OK;
     const int total = cln_scene_split_count(scene, split);
@@ -123,9 +123,9 @@ done:
     return st;
 }
 
-cln_status cln_evaluate(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
-                        const int *views, int count, const char *folder,
-                        const cln_callbacks *callbacks, cln_eval_result *result)
+cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
+                               const int *views, int count, const char *folder,
+                               const cln_callbacks *callbacks, cln_eval_result *result)
 {
     cln_status st = CLN_OK;
     const bool tree = model && folder;
@@ -183,7 +183,7 @@ static double deviation(const cln_eval_result *r, bool ssim)
     return r->count > 0 ? sqrt(sum / r->count) : 0;
 }
 
-cln_status cln_evaluate_json(const cln_eval_result *r, json_t **out)
+cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
 {
     char digest[24];
     json_t *images = json_array();

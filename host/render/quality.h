@@ -1,24 +1,24 @@
 /* Renders held-out views and measures them (method.md 14): the one way to every PSNR and SSIM that
  * train, eval and the report print. */
-#ifndef CLN_EVALUATE_H
-#define CLN_EVALUATE_H
+#ifndef CLN_QUALITY_H
+#define CLN_QUALITY_H
 
 #include <jansson.h>
 #include "render/view.h"
 
 /* Evenly chosen `most` (0 = all) of a split's views: indices into scene->views. */
-cln_status cln_evaluate_choose(const cln_scene *scene, cln_split split, int most, int **views,
-                               int *count);
+cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most, int **views,
+                              int *count);
 
 /* Renders the given views (their pixels must be loaded) and fills `result` (digest, step and train
  * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go, and
  * of a few views pictures of the tree, which is `model`'s (NULL: none), with tree.json. Prepares the
  * densities for pictures. */
-cln_status cln_evaluate(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
-                        const int *views, int count, const char *folder,
-                        const cln_callbacks *callbacks, cln_eval_result *result);
+cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
+                               const int *views, int count, const char *folder,
+                               const cln_callbacks *callbacks, cln_eval_result *result);
 
 /* The document of RUN/eval/STEP-SPLIT.json (docs/formats.md). */
-cln_status cln_evaluate_json(const cln_eval_result *result, json_t **out);
+cln_status cln_quality_json(const cln_eval_result *result, json_t **out);
 
 #endif

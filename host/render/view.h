@@ -1,7 +1,7 @@
 /* One view rendered with a pipeline whose tree and weights are uploaded: the way every picture is made,
  * for eval, render and the evaluations during training. */
-#ifndef CLN_RENDER_H
-#define CLN_RENDER_H
+#ifndef CLN_VIEW_H
+#define CLN_VIEW_H
 
 #include "pipeline/stages.h"
 

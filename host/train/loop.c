@@ -99,11 +99,11 @@ static cln_status account(cln_trainer *t)
             "training diverged: the loss of step %lld is not finite; the last checkpoint is "
             "kept, resume from it with a lower --lr",
             (long long)t->owed.step);
-    t->interval.steps++;
-    t->interval.loss += loss;
-    t->interval.square += square / rays;
-    t->interval.rays += t->owed.rays;
-    t->interval.samples += t->owed.samples;
+    t->window.steps++;
+    t->window.loss += loss;
+    t->window.square += square / rays;
+    t->window.rays += t->owed.rays;
+    t->window.samples += t->owed.samples;
     return CLN_OK;
 }
 
@@ -227,8 +227,8 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         return CLN_OK;
     /* the pictures' densities are not training's: put those back afterwards */
     CLN_TRY(cln_buffer_read(t->device, &t->pipeline.density, 0, t->model.density, bytes));
-    rendered = cln_evaluate(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count, folder,
-                            &callbacks, &result);
+    rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
+                                   folder, &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
         cln_clear_error();
     else
@@ -293,20 +293,18 @@ static bool evaluation_due(cln_trainer *t)
 static void report_progress(const cln_trainer *t, double fraction)
 {
     const cln_callbacks *callbacks = &t->desc->callbacks;
-    const double spent = t->model.train_seconds - t->interval.began_seconds;
+    const double spent = t->model.train_seconds - t->window.began_seconds;
     cln_train_progress progress = {
         .step = t->model.step,
         .steps = t->steps,
         .fraction = fraction,
         .seconds = t->model.train_seconds,
         .eta = fraction > 0.001 ? (t->model.train_seconds) * (1 - fraction) / fraction : NAN,
-        .rays_per_s = spent > 0 ? (double)t->interval.rays / spent : 0,
-        .samples_per_ray =
-            t->interval.rays ? (double)t->interval.samples / (double)t->interval.rays : 0,
-        .loss = t->interval.steps ? t->interval.loss / t->interval.steps : NAN,
-        .psnr_train = t->interval.steps
-                          ? -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10))
-                          : NAN,
+        .rays_per_s = spent > 0 ? (double)t->window.rays / spent : 0,
+        .samples_per_ray = t->window.rays ? (double)t->window.samples / (double)t->window.rays : 0,
+        .loss = t->window.steps ? t->window.loss / t->window.steps : NAN,
+        .psnr_train =
+            t->window.steps ? -10 * log10(fmax(t->window.square / t->window.steps, 1e-10)) : NAN,
         .psnr_test = t->psnr_test,
         .leaves = t->pipeline.leaves,
         .params = (double)t->pipeline.leaves * t->pipeline.net.learned,
@@ -322,7 +320,7 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
     cln_status st = CLN_OK;
     char peak[32], limit[32];
 
-    t->psnr_train = -10 * log10(fmax(t->interval.square / t->interval.steps, 1e-10));
+    t->psnr_train = -10 * log10(fmax(t->window.square / t->window.steps, 1e-10));
     CLN_TRY(cln_record_row(t, learning_rate(&t->model.config, fraction), evaluated));
     if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
         cln_format_bytes(cln_peak_rss(), peak);
@@ -330,10 +328,10 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
         cln_warn("host memory: %s at its peak, more than the %s of --host-mem", peak, limit);
         t->host_full = true;
     }
-    t->interval.steps = 0;
-    t->interval.rays = t->interval.samples = 0;
-    t->interval.loss = t->interval.square = 0;
-    t->interval.began_seconds = t->model.train_seconds;
+    t->window.steps = 0;
+    t->window.rays = t->window.samples = 0;
+    t->window.loss = t->window.square = 0;
+    t->window.began_seconds = t->model.train_seconds;
 done:
     return st;
 }
@@ -371,7 +369,7 @@ static cln_status warm_up(cln_trainer *t)
         CLN_TRY(cln_maintain_probe(t, &psnr));
     t->model = before;
     t->drawn = false;
-    memset(&t->interval, 0, sizeof t->interval);
+    memset(&t->window, 0, sizeof t->window);
     memset(t->device->stage_seconds, 0, sizeof t->device->stage_seconds);
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
@@ -388,8 +386,8 @@ cln_status cln_trainer_run(cln_trainer *t)
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = steps_of_epochs(t);
     CLN_TRY(warm_up(t));
-    t->interval.began_seconds = t->looked_seconds = t->model.train_seconds;
-    t->interval.waits = t->device->waits;
+    t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
+    t->window.waits = t->device->waits;
     t->saved_at = cln_now();
     while (cln_trainer_fraction(t) < 1 && t->signal == 0) {
         const double began = cln_now();

@@ -423,22 +423,22 @@ static cln_status decide(cln_trainer *t)
     cln_model *m = &t->model;
     const double began = cln_now(), square = m->sum_square / (double)m->sum_rays;
     cln_leaf_measure *measures = NULL;
-    cln_program_result r = {0};
+    cln_integer_program_result r = {0};
     cln_decision d = {.leaves_before = t->pipeline.leaves,
                       .psnr_before = NAN,
                       .psnr_after = NAN,
                       .psnr_pretrained = NAN};
-    cln_program_desc desc = {.tree = &m->tree,
-                             .max_leaves = leaf_budget(t),
-                             .max_level = m->config.max_level,
-                             .split_factor = m->config.split_factor,
-                             .merge_factor = m->config.merge_factor};
+    cln_integer_program_desc desc = {.tree = &m->tree,
+                                     .max_leaves = leaf_budget(t),
+                                     .max_level = m->config.max_level,
+                                     .split_factor = m->config.split_factor,
+                                     .merge_factor = m->config.merge_factor};
 
     CLN_TRY(measure(t, &measures));
     desc.measures = measures;
-    CLN_TRY(cln_program_solve(&desc, &r));
+    CLN_TRY(cln_integer_program_solve(&desc, &r));
     if (t->desc->dump_program)
-        CLN_TRY(cln_program_write_lp(&desc, t->desc->dump_program));
+        CLN_TRY(cln_integer_program_write_lp(&desc, t->desc->dump_program));
     d.leaves = r.leaves;
     d.splits = r.splits;
     d.merges = r.merges;
@@ -462,7 +462,7 @@ static cln_status decide(cln_trainer *t)
     CLN_TRY(cln_record_decision(t, &d));
 done:
     free(measures);
-    cln_program_result_free(&r);
+    cln_integer_program_result_free(&r);
     return st;
 }
 

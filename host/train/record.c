@@ -59,7 +59,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
         say(list, "leaves behind less than %g transmittance (from %g%% of the budget)", c->t_min,
             100 * c->occlusion_from);
     if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
-        say(list, "%g%% of the passages through leaves that stage 1 finds empty",
+        say(list, "%g%% of the intervals in leaves that stage 1 finds empty",
             100 * (1 - c->empty_share));
     if (t->batch.coverage.share < 1 && cln_batch_skips(&t->batch, c, INT64_MAX))
         say(list, "%.1f%% of the training pixels (no leaf is before them)",
@@ -181,8 +181,8 @@ done:
 cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
 {
     cln_status st = CLN_OK;
-    const double spent = t->model.train_seconds - t->interval.began_seconds;
-    const double waits = (double)(t->device->waits - t->interval.waits);
+    const double spent = t->model.train_seconds - t->window.began_seconds;
+    const double waits = (double)(t->device->waits - t->window.waits);
     double leaf_samples = 0, padding = 0;
     json_t *stages = NULL, *row = NULL;
 
@@ -190,7 +190,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         CLN_TRY(cln_stage_fill(&t->pipeline, &leaf_samples, &padding));
     stages = json_object();
     for (int i = 0; i < CLN_STAGES; i++) {
-        const double seconds = t->device->stage_seconds[i] - t->interval.stage_seconds[i];
+        const double seconds = t->device->stage_seconds[i] - t->window.stage_seconds[i];
 
         if (seconds > 0)
             json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
@@ -198,10 +198,10 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
     row =
         json_pack("{s:I, s:f, s:f, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
                   (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
-                  cln_now() - t->began, "loss", cln_json_real(t->interval.loss / t->interval.steps),
+                  cln_now() - t->began, "loss", cln_json_real(t->window.loss / t->window.steps),
                   "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
-                  cln_json_real((double)t->interval.rays / spent), "samples_per_ray",
-                  cln_json_real((double)t->interval.samples / (double)t->interval.rays), "leaves",
+                  cln_json_real((double)t->window.rays / spent), "samples_per_ray",
+                  cln_json_real((double)t->window.samples / (double)t->window.rays), "leaves",
                   t->pipeline.leaves, "params",
                   (double)t->pipeline.leaves * t->pipeline.net.learned, "host_mem", cln_peak_rss(),
                   "dev_mem", (double)t->device->allocated, "host_waits", waits, "stages", stages);
@@ -216,8 +216,8 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         json_object_set_new(row, "padding", json_real(padding));
     }
     CLN_TRY(cln_metrics_add(t->metrics, row));
-    memcpy(t->interval.stage_seconds, t->device->stage_seconds, sizeof t->interval.stage_seconds);
-    t->interval.waits = t->device->waits;
+    memcpy(t->window.stage_seconds, t->device->stage_seconds, sizeof t->window.stage_seconds);
+    t->window.waits = t->device->waits;
 done:
     json_decref(row);
     return st;
@@ -257,7 +257,7 @@ cln_status cln_record_eval(const char *run, const cln_eval_result *result)
     char *name = NULL;
     json_t *document = NULL;
 
-    CLN_TRY(cln_evaluate_json(result, &document));
+    CLN_TRY(cln_quality_json(result, &document));
     CLN_TRY(cln_asprintf(&name, "eval/%08lld-%s.json", (long long)result->step, result->split));
     CLN_TRY(cln_run_write_json(run, name, document));
 done:

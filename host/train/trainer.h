@@ -50,7 +50,7 @@ typedef struct cln_trainer {
         double began_seconds;
         double stage_seconds[CLN_STAGES]; /* the device's at the start of it */
         uint64_t waits;                   /* likewise */
-    } interval;
+    } window;
 } cln_trainer;
 
 /* Fraction 0..1 of the budget used so far. */

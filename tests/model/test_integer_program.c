@@ -23,7 +23,7 @@ enum { SEED = 20240611, BRUTE_PROGRAMS = 80, SOLVER_PROGRAMS = 300, ALL_WAYS = 2
 typedef struct problem {
     cln_octree tree;
     cln_leaf_measure *measures; /* [slot] */
-    cln_program_desc desc;
+    cln_integer_program_desc desc;
     uint32_t draws;
 } problem;
 
@@ -102,12 +102,12 @@ static void measure(problem *p, int max_leaves)
     assert_non_null(p->measures);
     for (int s = 0; s < p->tree.leaf_count; s++)
         p->measures[s] = (cln_leaf_measure){1, 1, NAN, true};
-    p->desc = (cln_program_desc){.tree = &p->tree,
-                                 .measures = p->measures,
-                                 .max_leaves = max_leaves,
-                                 .max_level = CLN_MAX_LEVEL,
-                                 .split_factor = 0.75,
-                                 .merge_factor = 1.1};
+    p->desc = (cln_integer_program_desc){.tree = &p->tree,
+                                         .measures = p->measures,
+                                         .max_leaves = max_leaves,
+                                         .max_level = CLN_MAX_LEVEL,
+                                         .split_factor = 0.75,
+                                         .merge_factor = 1.1};
 }
 
 /* Costs of 1e-4 to 1e5, some zero, some known from before, some equal. */
@@ -220,7 +220,7 @@ static int fewest_leaves(const problem *p, double *cost, int *most)
 /* ---- answers ---- */
 
 /* Everything that must hold for any answer, the best or not. */
-static void check_answer(const problem *p, const cln_program_result *r)
+static void check_answer(const problem *p, const cln_integer_program_result *r)
 {
     int splits = 0, merges = 0, keeps = 0, leaves = 0, fewest = 0, most = 0;
     double cost = 0, before = 0, least = 0;
@@ -272,11 +272,11 @@ static void check_answer(const problem *p, const cln_program_result *r)
     }
 }
 
-static cln_program_result solve(const problem *p)
+static cln_integer_program_result solve(const problem *p)
 {
-    cln_program_result r;
+    cln_integer_program_result r;
 
-    assert_int_equal(cln_program_solve(&p->desc, &r), CLN_OK);
+    assert_int_equal(cln_integer_program_solve(&p->desc, &r), CLN_OK);
     check_answer(p, &r);
     return r;
 }
@@ -284,7 +284,7 @@ static cln_program_result solve(const problem *p)
 /* Solves, and compares marks (one character per slot: n, s or g) and objective. */
 static void assert_solution(const problem *p, const char *marks, double objective)
 {
-    cln_program_result r = solve(p);
+    cln_integer_program_result r = solve(p);
 
     assert_int_equal(strlen(marks), p->tree.leaf_count);
     for (int s = 0; marks[s]; s++)
@@ -292,7 +292,7 @@ static void assert_solution(const problem *p, const char *marks, double objectiv
             fail_msg("slot %d: split %d, merge %d, but %s is right", s, r.split[s], r.merge[s],
                      marks);
     assert_near(r.objective, objective, 1e-12 * objective);
-    cln_program_result_free(&r);
+    cln_integer_program_result_free(&r);
 }
 
 /* ---- hand-made cases ---- */
@@ -402,7 +402,7 @@ static void test_merge_with_culled(void **state)
 static void test_root(void **state)
 {
     problem p;
-    cln_program_result r;
+    cln_integer_program_result r;
 
     (void)state;
     start(&p, 0, 0);
@@ -422,8 +422,8 @@ static void test_root(void **state)
     r = solve(&p);
     assert_int_equal(r.leaves, 0);
     assert_false(r.infeasible);
-    cln_program_result_free(&r);
-    assert_int_equal(cln_program_write_lp(&p.desc, "/nowhere/none.lp"), CLN_INTERNAL);
+    cln_integer_program_result_free(&r);
+    assert_int_equal(cln_integer_program_write_lp(&p.desc, "/nowhere/none.lp"), CLN_INTERNAL);
     cln_clear_error();
     end(&p);
 }
@@ -432,7 +432,7 @@ static void test_root(void **state)
 static void test_ties(void **state)
 {
     problem p;
-    cln_program_result a, b;
+    cln_integer_program_result a, b;
 
     (void)state;
     start(&p, 1, 0);
@@ -454,8 +454,8 @@ static void test_ties(void **state)
         assert_memory_equal(a.split, b.split, (size_t)p.tree.leaf_count);
         assert_memory_equal(a.merge, b.merge, (size_t)p.tree.leaf_count);
         assert_true(a.objective == b.objective);
-        cln_program_result_free(&a);
-        cln_program_result_free(&b);
+        cln_integer_program_result_free(&a);
+        cln_integer_program_result_free(&b);
         end(&p);
     }
 }
@@ -476,20 +476,20 @@ static void test_refused_measures(void **state)
     (void)state;
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         problem p;
-        cln_program_result r;
+        cln_integer_program_result r;
 
         start(&p, 1, 0);
         measure(&p, 8);
         p.measures[5] = wrong[i].measure;
-        assert_int_equal(cln_program_solve(&p.desc, &r), CLN_INTERNAL);
+        assert_int_equal(cln_integer_program_solve(&p.desc, &r), CLN_INTERNAL);
         assert_non_null(strstr(cln_error_text(), "slot 5"));
         assert_non_null(strstr(cln_error_text(), wrong[i].what));
         assert_null(r.split);
         assert_null(r.merge);
         cln_clear_error();
-        assert_int_equal(cln_program_write_lp(&p.desc, "/nowhere/none.lp"), CLN_INTERNAL);
+        assert_int_equal(cln_integer_program_write_lp(&p.desc, "/nowhere/none.lp"), CLN_INTERNAL);
         cln_clear_error();
-        cln_program_result_free(&r); /* a failed one is empty */
+        cln_integer_program_result_free(&r); /* a failed one is empty */
         end(&p);
     }
 }
@@ -597,7 +597,7 @@ static void test_against_all_assignments(void **state)
     (void)state;
     for (int number = 0; number < BRUTE_PROGRAMS; number++) {
         problem p;
-        cln_program_result r;
+        cln_integer_program_result r;
         double least = 0;
 
         start(&p, 1, number);
@@ -617,7 +617,7 @@ static void test_against_all_assignments(void **state)
         unmet += r.infeasible;
         splits += r.splits;
         merges += r.infeasible ? 0 : r.merges;
-        cln_program_result_free(&r);
+        cln_integer_program_result_free(&r);
         end(&p);
     }
     assert_true(met > BRUTE_PROGRAMS / 2 && unmet > 0 && splits > met && merges > 5);
@@ -656,20 +656,20 @@ static void test_lp_text(void **state)
     p.measures[0] = (cln_leaf_measure){2, 3, NAN, true};
     p.measures[1] = (cln_leaf_measure){1, 4, NAN, false};
     p.desc.merge_factor = 1.5; /* 1.5 x 3 x 4 = 18, half for each */
-    assert_int_equal(cln_program_write_lp(&p.desc, path), CLN_OK);
+    assert_int_equal(cln_integer_program_write_lp(&p.desc, path), CLN_OK);
     text = scratch_get(path, &bytes);
     assert_non_null(strstr(text, "Minimize"));
     assert_string_equal(strstr(text, "Minimize"), want);
     free(text);
     assert_solution(&p, "sn", 8.5);
-    assert_int_equal(cln_program_write_lp(&p.desc, "/nowhere/none.lp"), CLN_OUTPUT);
+    assert_int_equal(cln_integer_program_write_lp(&p.desc, "/nowhere/none.lp"), CLN_OUTPUT);
     cln_clear_error();
     end(&p);
 
     start(&p, 2, 0); /* zeros have no sign, lines are short */
     measure_random(&p, 80);
     p.measures[0].error = -0.0;
-    assert_int_equal(cln_program_write_lp(&p.desc, path), CLN_OK);
+    assert_int_equal(cln_integer_program_write_lp(&p.desc, path), CLN_OK);
     text = scratch_get(path, &bytes);
     assert_non_null(strstr(text, "+ 0 n0"));
     assert_null(strstr(text, " -0")); /* an exponent has no space before it */
@@ -735,13 +735,13 @@ static void test_against_solver(void **state)
     }
     for (int number = 0; number < SOLVER_PROGRAMS; number++) {
         problem p;
-        cln_program_result r;
+        cln_integer_program_result r;
         double theirs = 0, bound = 0;
         char status = 0;
 
         random_tree(&p, number);
         r = solve(&p);
-        assert_int_equal(cln_program_write_lp(&p.desc, lp), CLN_OK);
+        assert_int_equal(cln_integer_program_write_lp(&p.desc, lp), CLN_OK);
         status = run_solver(lp, solution, log, &theirs);
         if ((status != 'o' && status != 'f') != r.infeasible)
             fail_msg("random program %d of %d leaves: infeasible %d, glpsol's status is %c", number,
@@ -754,7 +754,7 @@ static void test_against_solver(void **state)
         unmet += r.infeasible;
         optima += status == 'o';
         unproved += status == 'f';
-        cln_program_result_free(&r);
+        cln_integer_program_result_free(&r);
         end(&p);
     }
     if (unproved)
@@ -814,7 +814,7 @@ static void test_big_trees(void **state)
     (void)state;
     for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
         problem p;
-        cln_program_result r;
+        cln_integer_program_result r;
         double low = 0, high = 1, below = 0, above = 0, cost = 0;
         int leaves = 0;
 
@@ -847,7 +847,7 @@ static void test_big_trees(void **state)
             fail_msg("%d leaves, at most %d: objective %.17g, not in %.17g .. %.17g",
                      p.tree.leaf_count, p.desc.max_leaves, r.objective, below, above);
         assert_true(above - below <= 0.02 * below); /* a bracket that says something */
-        cln_program_result_free(&r);
+        cln_integer_program_result_free(&r);
         end(&p);
     }
 }

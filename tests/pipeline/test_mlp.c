@@ -359,7 +359,7 @@ static void compare_gradients(const mlp_case *c, const cln_network *net, int lea
     free(sums);
 }
 
-/* What every sample counted for in the newest way back: its chosen head over the one it would have had. */
+/* What every sample counted for in the newest backward pass: its chosen head over the one it would have had. */
 static double *factors_of(cln_pipeline *p, const mlp_data *d, const cln_slice *slices,
                           uint32_t slice_count, uint32_t step_key)
 {

@@ -19,7 +19,7 @@ typedef struct sampling_case {
 
 enum { CHORD = CLN_ALLOCATE_CHORD, WEIGHT = CLN_ALLOCATE_WEIGHT };
 
-/* n1 is odd: with an even one, midpoints of a passage from face to face fall exactly between cells, where
+/* n1 is odd: with an even one, midpoints of a interval from face to face fall exactly between cells, where
  * rounding may choose either. */
 static const sampling_case cases[] = {
     {"paper", 0, CHORD, CLN_CDF_SIGMA, 7, true, 0.25, 1e-4, 0, 1},

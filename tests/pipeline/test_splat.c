@@ -415,7 +415,7 @@ static void test_no_room(void **state)
     free_run(&run);
 }
 
-/* The same scene seen by splatted lists and by walking the leaves: mean optical depth of the passages
+/* The same scene seen by splatted lists and by walking the leaves: mean optical depth of the intervals
  * through leaves with a smooth density, where a sample fell into the chord at all. */
 static void test_splat_like_gather(void **state)
 {
@@ -456,10 +456,10 @@ static void test_splat_like_gather(void **state)
 
             if (m == 0) /* no sample fell on this list's part of the chord */
                 continue;
-            splat += ref_passage_depth(&iv[i], m, t, sigma);
+            splat += ref_interval_depth(&iv[i], m, t, sigma);
             m = ref_gather(o, d, &iv[i], boxes + 4 * iv[i].slot, cache + iv[i].slot * cells, 16, t,
                            sigma, REF_MOST_POINTS);
-            gather += ref_passage_depth(&iv[i], m, t, sigma);
+            gather += ref_interval_depth(&iv[i], m, t, sigma);
         }
     }
     assert_true(gather > 100);

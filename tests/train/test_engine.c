@@ -190,13 +190,13 @@ static void test_resumed_with_other_settings(void **state)
 
 /* ---- structure ---- */
 
-static double psnr_of(cln_viewer *v, const int *views, int count)
+static double psnr_of(cln_open_run *v, const int *views, int count)
 {
     cln_eval_result result = {0};
     double psnr = 0;
 
     assert_ok(cln_pipeline_upload(&v->pipeline, &v->model, false));
-    assert_ok(cln_evaluate(&v->pipeline, NULL, v->scene, views, count, NULL, NULL, &result));
+    assert_ok(cln_quality_measure(&v->pipeline, NULL, v->scene, views, count, NULL, NULL, &result));
     psnr = result.psnr;
     cln_eval_free(&result);
     return psnr;
@@ -207,16 +207,16 @@ static void test_split_keeps_pictures(void **state)
 {
     const bool pixels[CLN_SPLITS] = {true, false, true};
     const cln_device_desc device = engine_device();
-    cln_viewer v;
+    cln_open_run v;
     cln_octree_change change = {0};
     double before = 0, after = 0;
     int *views = NULL, count = 0;
 
     NEED_DEVICE();
-    assert_ok(cln_viewer_open(engine_path("whole"), NULL, pixels, &v));
-    assert_ok(cln_viewer_start(&v, &device, false));
+    assert_ok(cln_open_run_open(engine_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, v.model.centre, v.model.half));
-    assert_ok(cln_evaluate_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
+    assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
     before = psnr_of(&v, views, count);
     assert_true(before == engine_whole.psnr_test);
     assert_ok(cln_octree_split(&v.model.tree, NULL, &change));
@@ -226,7 +226,7 @@ static void test_split_keeps_pictures(void **state)
     print_message("PSNR before and after a split: %.4f %.4f dB\n", before, after);
     assert_true(fabs(before - after) < 0.05);
     cln_octree_change_free(&change);
-    cln_viewer_close(&v);
+    cln_open_run_close(&v);
     free(views);
 }
 
@@ -527,14 +527,14 @@ static void test_splat_in_bands(void **state)
     const float white[3] = {1, 1, 1};
     const cln_camera *pointer = NULL;
     cln_camera tall;
-    cln_viewer v;
+    cln_open_run v;
     cln_picture whole, bands;
     cln_train_result result;
     size_t n = 0;
 
     NEED_DEVICE();
     train_splat("tall", CLN_LISTS_CSR, &result);
-    assert_ok(cln_viewer_open(engine_path("tall"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(engine_path("tall"), NULL, pixels, &v));
     tall = v.scene->views[0].camera;
     tall.width = 64;
     tall.height = 192; /* three bands: they are multiples of the coarsest pixel, 64 rows */
@@ -543,7 +543,7 @@ static void test_splat_in_bands(void **state)
     tall.cy = 96;
     n = (size_t)tall.width * (size_t)tall.height;
     pointer = &tall;
-    assert_ok(cln_viewer_start(&v, &device, false));
+    assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_cameras(&v.pipeline, &pointer, 1, v.model.centre, v.model.half));
     assert_ok(cln_render_prepare(&v.pipeline));
     assert_ok(cln_render_view(&v.pipeline, 0, white, false, NULL, &whole));
@@ -557,7 +557,7 @@ static void test_splat_in_bands(void **state)
     assert_fails(cln_render_view(&v.pipeline, 0, white, false, NULL, &bands), CLN_MEMORY,
                  "--stage1 gather");
     cln_picture_free(&whole);
-    cln_viewer_close(&v);
+    cln_open_run_close(&v);
 }
 
 /* ---- what cannot work ---- */
