@@ -19,7 +19,7 @@ here=$PWD
 cln=$here/build/cl-nascent
 make_scene=$here/build/make-scene
 cases=$here/build/device-cases
-work=$(mktemp -d "${TMPDIR:-/tmp}/cln-devices-XXXXXX")
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln devices [*] (+) XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
 export POCL_DEVICES=${POCL_DEVICES-pthread basic} RUSTICL_ENABLE=${RUSTICL_ENABLE-llvmpipe}
@@ -29,17 +29,18 @@ reference="" reference_name=""
 
 # add NAME: the counts of the last line on stdout become ours; without it, a failure
 add() {
-    local line p f s
-    line=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$work/out" | tail -1)
-    if [ -z "$line" ]; then
+    local counts line p f s
+    counts=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$work/out" | tail -1)
+    if [ -z "$counts" ]; then
         bad "$1" "ended with status $rc; the last row is the last that it came to"
         return 1
     fi
-    p=${line%% passed*}
-    f=$(echo "$line" | sed 's/.* \([0-9]*\) failed.*/\1/')
-    s=$(echo "$line" | sed -n 's/.* \([0-9]*\) skipped.*/\1/p')
-    grep -E '^(failed|skipped) |FAILED|^error' "$work/out" | cut -c -200 | sed "s/^/$1: /"
-    echo "$1: $line"
+    p=${counts%% passed*}
+    f=$(echo "$counts" | sed 's/.* \([0-9]*\) failed.*/\1/')
+    s=$(echo "$counts" | sed -n 's/.* \([0-9]*\) skipped.*/\1/p')
+    grep -E '^(failed|skipped) |FAILED|^error' "$work/out" | cut -c -200 |
+        while IFS= read -r line; do printf '%s: %s\n' "$1" "$line"; done
+    echo "$1: $counts"
     passed=$((passed + p))
     failed=$((failed + f))
     skipped=$((skipped + ${s:-0}))
@@ -159,7 +160,7 @@ section_broken() {
         "samples: where, as the other"
     [ -d "$work/scene" ] || "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
     break_kernel regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' || return
-    expect "train refuses, names the case and the way out" 10 "regularisers.backward --skip-selftest" \
+    expect "train refuses, names the case and the way out" 10 "~regularisers.backward --skip-selftest" \
         "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" --kernel-dir "$work/kernels" "${settings[@]}"
     check "and writes nothing" [ ! -e "$work/refused" ]
     expect "train goes on if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" \

@@ -38,17 +38,28 @@ run() {
     rc=$?
 }
 
-# expect NAME CODE WORDS COMMAND...: exit code, and every word (a grep -E pattern) on stderr
+# said WORD: WORD is on the last stderr, in capitals or not. The word is literal, whatever characters it
+# has, unless it begins with ~, which makes the rest of it a pattern of grep -E.
+said() {
+    case $1 in
+    "~"*) grep -qiE -- "${1#"~"}" "$work/err" ;;
+    *) grep -qiF -- "$1" "$work/err" ;;
+    esac
+}
+
+# expect NAME CODE WORDS COMMAND...: the exit code, and each of WORDS on stderr, as `said` takes it. WORDS are
+# separated by spaces; a text that has spaces itself is a check of its own: check NAME said TEXT.
 expect() {
-    local name=$1 code=$2 words=$3 word
+    local name=$1 code=$2 words word
+    read -ra words <<<"$3"
     shift 3
     run "$@"
     if [ $rc != "$code" ]; then
         bad "$name" "exit code $rc, not $code"
         return 1
     fi
-    for word in $words; do
-        if ! grep -qiE -- "$word" "$work/err"; then
+    for word in "${words[@]}"; do
+        if ! said "$word"; then
             bad "$name" "nothing about '$word' on stderr"
             return 1
         fi
