@@ -1,7 +1,8 @@
 /* The distance between two names by dynamic programming over their prefixes (optimal string alignment:
- * Levenshtein's with swaps). See text.h; who suggests what is the callers' affair. */
+ * Levenshtein's with swaps), and UTF-8. See text.h; who suggests what is the callers' affair. */
 #include "base/text.h"
 
+#include <stdint.h>
 #include <string.h>
 
 int cln_edit_distance(const char *a, const char *b)
@@ -28,4 +29,40 @@ int cln_edit_distance(const char *a, const char *b)
         }
     }
     return cost[na][nb];
+}
+
+int cln_utf8_bytes(const char *at)
+{
+    static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000}; /* shorter forms are wrong */
+    const unsigned char first = (unsigned char)*at;
+    const int bytes = first < 0x80 ? 1 : first < 0xC0 ? 0 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
+    uint32_t code = bytes == 1 ? first : first & (0xFFu >> (bytes + 1));
+
+    for (int i = 1; i < bytes; i++) {
+        if (((unsigned char)at[i] & 0xC0) != 0x80)
+            return 0;
+        code = code << 6 | ((unsigned char)at[i] & 0x3F);
+    }
+    if (first >= 0xF8 || code < least[bytes] || code > 0x10FFFF ||
+        (code >= 0xD800 && code <= 0xDFFF))
+        return 0;
+    return bytes;
+}
+
+bool cln_utf8_valid(const char *text)
+{
+    while (*text && cln_utf8_bytes(text))
+        text += cln_utf8_bytes(text);
+    return !*text;
+}
+
+void cln_utf8_repair(char *text)
+{
+    while (*text) {
+        const int bytes = cln_utf8_bytes(text);
+
+        if (!bytes)
+            *text = '?';
+        text += bytes ? bytes : 1;
+    }
 }

@@ -14,6 +14,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 
 static const int orbit_frames_standard = 60;
 
@@ -512,6 +513,11 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
                          .elevation = 25,
                          .radius = 1,
                          .budget = 60};
+    for (int i = 1; i < argc; i++)
+        if (!cln_utf8_valid(argv[i]))
+            return cln_fail(CLN_USAGE,
+                            "'%s': this is not UTF-8, and run.json could not hold it; rename it",
+                            argv[i]);
     CLN_TRY(cln_alloc(&p.settings, (size_t)argc + 1, sizeof *p.settings, "options"));
     CLN_TRY(quote_line(argc, argv, &out->line));
     CLN_TRY(parse_first(&p));

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "device/device_list.h"
 #include "device/tune.h"
 
@@ -34,6 +35,7 @@ static void device_text(cl_device_id id, cl_device_info what, char *out, size_t 
 {
     memset(out, 0, bytes);
     clGetDeviceInfo(id, what, bytes - 1, out, NULL);
+    cln_utf8_repair(out); /* JSON and HTML hold nothing else */
 }
 
 void cln_device_describe(cl_device_id id, cln_device_info *info)
@@ -46,6 +48,7 @@ void cln_device_describe(cl_device_id id, cln_device_info *info)
     memset(info, 0, sizeof *info);
     clGetDeviceInfo(id, CL_DEVICE_PLATFORM, sizeof platform, &platform, NULL);
     clGetPlatformInfo(platform, CL_PLATFORM_NAME, sizeof info->platform - 1, info->platform, NULL);
+    cln_utf8_repair(info->platform);
     device_text(id, CL_DEVICE_NAME, info->name, sizeof info->name);
     device_text(id, CL_DEVICE_VENDOR, info->vendor, sizeof info->vendor);
     device_text(id, CL_DRIVER_VERSION, info->driver, sizeof info->driver);

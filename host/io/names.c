@@ -1,8 +1,16 @@
 /* View names to file names. See names.h; opens nothing. */
 #include "io/names.h"
 
+#include <stdbool.h>
 #include <string.h>
+#include <strings.h>
 #include "base/memory.h"
+
+/* The extensions that images have. Any other dot belongs to the name: "frame.0001" has no extension. */
+static bool is_extension(const char *dot)
+{
+    return !strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg");
+}
 
 cln_status cln_view_file_name(const char *name, char **out)
 {
@@ -15,7 +23,7 @@ cln_status cln_view_file_name(const char *name, char **out)
     base = strrchr(*out, '/');
     base = base ? base + 1 : *out;
     dot = strrchr(base, '.');
-    if (dot && dot != base)
+    if (dot && dot != base && is_extension(dot))
         *dot = 0;
     for (char *c = *out; *c; c++)
         *c = *c == '/' || *c == '\\' ? '_' : *c;

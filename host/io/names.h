@@ -4,8 +4,8 @@
 
 #include "base/status.h"
 
-/* "train/r_0.png" -> "train_r_0": the dataset's name without extension, in one folder. The caller frees
- * *out. */
+/* "train/r_0.png" -> "train_r_0": the dataset's name without .png, .jpg or .jpeg, in one folder. The caller
+ * frees *out. */
 cln_status cln_view_file_name(const char *name, char **out);
 
 #endif

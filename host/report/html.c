@@ -1,6 +1,8 @@
 /* Escaping and base64. See html.h. Streams; keeps nothing. */
 #include "report/html.h"
 
+#include "base/text.h"
+
 void cln_html_text(FILE *to, const char *text)
 {
     for (; text && *text; text++) {
@@ -18,8 +20,14 @@ void cln_html_text(FILE *to, const char *text)
             fputs("&#39;", to);
         else if ((c < 32 && c != '\n' && c != '\t') || c == 127)
             fputs("&#xFFFD;", to);
-        else
-            fputc(c, to);
+        else {
+            const int bytes = cln_utf8_bytes(text);
+
+            if (!bytes)
+                fputs("&#xFFFD;", to);
+            fwrite(text, 1, (size_t)bytes, to);
+            text += bytes ? bytes - 1 : 0;
+        }
     }
 }
 

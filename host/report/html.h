@@ -6,8 +6,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
-/* Text as HTML or SVG character data or attribute value: & < > " ' escaped, control characters shown
- * as U+FFFD. NULL writes nothing. */
+/* Text as HTML or SVG character data or attribute value: & < > " ' are escaped; control characters, and
+ * bytes that are no UTF-8, are shown as U+FFFD. NULL writes nothing. */
 void cln_html_text(FILE *to, const char *text);
 
 /* Base64 with padding (RFC 4648), no line breaks. */

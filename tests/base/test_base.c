@@ -20,6 +20,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/rng.h"
+#include "base/text.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -508,6 +509,46 @@ static void test_log(void **state)
     assert_string_equal(text, "1:warning: disk at 90 %\n2:hello\n3:seen\n");
 }
 
+/* The borders of RFC 3629: shortest forms only, no surrogates, nothing beyond U+10FFFF. */
+static void test_utf8(void **state)
+{
+    static const struct {
+        const char *text;
+        int bytes;
+    } cases[] = {
+        {"", 1},
+        {"a", 1},
+        {"\x7f", 1},
+        {"\xc2\x80", 2},
+        {"\xdf\xbf", 2},
+        {"\xe0\xa0\x80", 3},
+        {"\xed\x9f\xbf", 3},
+        {"\xef\xbf\xbf", 3},
+        {"\xf0\x90\x80\x80", 4},
+        {"\xf4\x8f\xbf\xbf", 4},
+        {"\x80", 0},
+        {"\xc1\xbf", 0},
+        {"\xc3", 0},
+        {"\xc3(", 0},
+        {"\xe0\x9f\xbf", 0},
+        {"\xed\xa0\x80", 0},
+        {"\xf0\x8f\xbf\xbf", 0},
+        {"\xf4\x90\x80\x80", 0},
+        {"\xf8\x88\x80\x80", 0},
+        {"\xff", 0},
+        {"\xe2\x82", 0},
+    };
+    char name[] = "Xeon\xae \xc3\xbc \xe2\x82";
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        assert_int_equal(cln_utf8_bytes(cases[i].text), cases[i].bytes);
+    assert_true(cln_utf8_valid("") && cln_utf8_valid("\xc3\xbc\xe2\x82\xac"));
+    assert_false(cln_utf8_valid("a\xfc"));
+    cln_utf8_repair(name);
+    assert_string_equal(name, "Xeon? \xc3\xbc ??");
+}
+
 int test_group_base(void)
 {
     const struct CMUnitTest tests[] = {
@@ -529,6 +570,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
         cmocka_unit_test(test_digest),
         cmocka_unit_test(test_log),
+        cmocka_unit_test(test_utf8),
     };
 
     return cmocka_run_group_tests_name("base", tests, NULL, NULL);

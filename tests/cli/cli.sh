@@ -1,8 +1,8 @@
 #!/bin/bash
 # The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind, its
 # exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
-#   tests/cli/cli.sh [SECTION...]      sections: usage devices tune scenes train structure resume results damage output
-#                                  memory bench
+#   tests/cli/cli.sh [SECTION...]      sections: usage devices tune scenes names train structure resume results damage
+#                                  output memory bench
 #   BUILD=build/sanitize           the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -293,6 +293,53 @@ section_scenes() {
         [[1,0,0,0],[0,1,0,0],[0,0,1,-9],[0,0,0,1]]}]}' >"$train_json"
     bad_scene "no camera sees the cube" "camera"
     rm -rf "$work/bad"
+}
+
+# Names with characters that shells, grep -E, JSON, HTML and printf take for something else.
+section_names() {
+    local odd="a [b] (c)+*\"q' <i>&amp; ü%41#?;" view="r [0] (+)*\"'<b>&ü%d" s r name json_view text words
+    s="$work/scene $odd" r="$work/run $odd"
+    scene tiny --size 32 --train 6 --test 2
+    cp -r "$work/tiny" "$s"
+    # two names that differ only behind a dot, which begins no extension
+    mv "$s/test/r_000.png" "$s/test/$view.0001.png"
+    mv "$s/test/r_001.png" "$s/test/$view.0002.png"
+    json_view=${view//\"/\\\"}
+    text=$(<"$s/transforms_test.json")
+    printf '%s\n' "${text//"test/r_00"[01]/"test/$json_view.0001"}" |
+        awk '/0001"/ && n++ { sub(/0001"/, "0002\"") } { print }' >"$s/transforms_test.json"
+    name=$("$cln" devices --no-test --json | "$query" devices.0.name)
+    expect "a scene, a run and images with odd names" 0 "" \
+        "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --cull-from 1 -d "$name"
+    check "its report is named" grep -qF "$r/report.html" "$work/out"
+    check "run.json keeps the scene's name" [ "$("$query" dataset.path <"$r/run.json")" = "$s" ]
+    eval "words=($("$query" command <"$r/run.json"))"
+    check "its command can be typed again" [ "${words[2]}|${words[4]}|${words[-1]}" = "$s|$r|$name" ]
+    expect "a piece of the device's name chooses it" 0 "" "$cln" train --resume "$r" --steps +1 -d "${name:3}" \
+        --skip-selftest --progress none
+    expect "eval finds the scene" 0 "" "$cln" eval "$r" --json --progress none
+    check "the images' names come back" [ "$(json images.0.name)|$(json images.1.name)" = \
+        "test/$view.0001|test/$view.0002" ]
+    check "each has pictures of its own" [ "$(find "$r/eval/00000004-test" -name '*.truth.png' | wc -l)" = 2 ]
+    check "named like it" [ -s "$r/eval/00000004-test/test_$view.0002.error.png" ]
+    check "the report has them all" [ "$(grep -o 'data:image/png' "$r/report.html" | wc -l)" -ge 6 ]
+    check "the report has the run's name, escaped" grep -qF \
+        '<h1>run a [b] (c)+*&quot;q&#39; &lt;i&gt;&amp;amp; ü%41#?;<' "$r/report.html"
+    check "and a view's" grep -qF \
+        '<b>test/r [0] (+)*&quot;&#39;&lt;b&gt;&amp;ü%d.0002</b>' "$r/report.html"
+    check "and no name as it is" eval '! grep -qF -e "<i>&" -e "<b>&" "$r/report.html"'
+    expect "render" 0 "" "$cln" render "$r" --json --progress none
+    check "leaves frames of both" [ -s "$r/render/test/test_$view.0001.depth.npy" -a \
+        -s "$r/render/test/test_$view.0002.png" ]
+    expect "info RUN" 0 "" "$cln" info "$r" --json
+    check "info RUN --json keeps the run's name" [ "$(json run)" = "$r" ]
+    expect "info SCENE" 0 "" "$cln" info "$s" --json
+    check "info SCENE --json keeps the scene's name" [ "$(json folder)" = "$s" ]
+    expect "export" 0 "" "$cln" export "$r" --octree "$work/$odd.ply"
+    check "leaves its file" [ -s "$work/$odd.ply" ]
+    expect "a scene that is not there, by its odd name" 3 "" "$cln" info "$s!"
+    check "it is named in full" said "$s!"
+    expect "a name that is not UTF-8" 2 "UTF-8" "$cln" train "$work/tiny" -o "$work/"$'l\xfc'
 }
 
 section_train() {
@@ -679,7 +726,7 @@ for program in "$cln" "$make_scene" "$query"; do
     fi
 done
 sections=("$@")
-[ $# = 0 ] && sections=(usage devices tune scenes train structure resume results damage output memory bench)
+[ $# = 0 ] && sections=(usage devices tune scenes names train structure resume results damage output memory bench)
 for s in "${sections[@]}"; do
     if [ "$(type -t "section_$s")" != function ]; then
         echo "cli.sh: no section $s" >&2

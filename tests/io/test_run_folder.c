@@ -11,6 +11,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include "io/names.h"
 #include "io/run_folder.h"
 #include "scratch.h"
 #include "tests.h"
@@ -269,6 +270,28 @@ static void test_machine(void **state)
     free((void *)memory);
 }
 
+static void test_view_file_name(void **state)
+{
+    static const char *const cases[][2] = {{"train/r_0.png", "train_r_0"},
+                                           {"./test/a/b.JPG", "test_a_b"},
+                                           {"r_0", "r_0"},
+                                           {"frame.0001", "frame.0001"},
+                                           {"frame.0001.jpeg", "frame.0001"},
+                                           {".png", ".png"},
+                                           {"v1.5/r_0", "v1.5_r_0"},
+                                           {"a\\b.png", "a_b"},
+                                           {"ü (1)*.png", "ü (1)*"}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char *name = NULL;
+
+        assert_int_equal(cln_view_file_name(cases[i][0], &name), CLN_OK);
+        assert_string_equal(name, cases[i][1]);
+        free(name);
+    }
+}
+
 int test_group_run_folder(void)
 {
     const struct CMUnitTest tests[] = {
@@ -280,6 +303,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),
         cmocka_unit_test(test_machine),
+        cmocka_unit_test(test_view_file_name),
     };
 
     return cmocka_run_group_tests_name("run_folder", tests, NULL, NULL);
