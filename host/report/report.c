@@ -1,6 +1,6 @@
-/* The report page: reads the run folder (report_data.c), writes head, headline figures and what was
- * left out, and calls the sections (report_*.c) in between. Everything from a file goes through
- * cln_html_text; the page refers to nothing outside itself. */
+/* The report's page: reads the run folder (report_data.c), writes the head, the headline figures, the
+ * table of contents and each section (report_sections.h). Texts from files go through cln_html_text; the
+ * page refers to nothing outside itself. */
 #include "report/report.h"
 
 #include <locale.h>
@@ -154,29 +154,6 @@ static void put_headline(FILE *to, const cln_report_data *data)
     fputs("</div>\n", to);
 }
 
-static void put_left_out(FILE *to, const json_t *run)
-{
-    const json_t *sentences = json_object_get(run, "left_out");
-
-    if (!json_is_array(sentences))
-        return;
-    fputs("<h2>What was left out</h2>\n", to);
-    if (json_array_size(sentences) == 0) {
-        fputs("<p>Nothing: this scene needs all of it.</p>\n", to);
-        return;
-    }
-    fputs("<p class=soft>What this scene does not need is not in its kernels and not in its "
-          "work.</p>\n"
-          "<ul>\n",
-          to);
-    for (size_t i = 0; i < json_array_size(sentences); i++) {
-        fputs("<li>", to);
-        cln_html_text(to, json_string_value(json_array_get(sentences, i)));
-        fputc('\n', to);
-    }
-    fputs("</ul>\n", to);
-}
-
 static void put_foot(FILE *to, const json_t *run)
 {
     const char *version = cln_json_text(run, "version");
@@ -191,19 +168,33 @@ static void put_foot(FILE *to, const json_t *run)
     fputs("</footer>\n</main>\n", to);
 }
 
-static cln_status put_page(FILE *to, const char *run, const cln_report_data *data)
+static void put_contents(FILE *to, const cln_report_data *data)
+{
+    fputs("<nav>\n", to);
+    for (int i = 0; i < cln_report_section_count; i++) {
+        const cln_report_section *s = &cln_report_sections[i];
+
+        if (s->when(data))
+            fprintf(to, "<a href='#%s'>%s</a>\n", s->id, s->title);
+    }
+    fputs("</nav>\n", to);
+}
+
+static cln_status put_page(FILE *to, const cln_report_data *data)
 {
     cln_status st = CLN_OK;
 
-    put_head(to, run, data->run);
+    put_head(to, data->folder, data->run);
     put_headline(to, data);
-    cln_report_curves(to, data);
-    CLN_TRY(cln_report_views(to, run, data));
-    CLN_TRY(cln_report_tree(to, run, data));
-    cln_report_stages(to, data);
-    put_left_out(to, data->run);
-    cln_report_settings(to, data);
-    cln_report_machine(to, data);
+    put_contents(to, data);
+    for (int i = 0; i < cln_report_section_count; i++) {
+        const cln_report_section *s = &cln_report_sections[i];
+
+        if (!s->when(data))
+            continue;
+        fprintf(to, "<h2 id='%s'>%s</h2>\n", s->id, s->title);
+        CLN_TRY(s->put(to, data));
+    }
     put_foot(to, data->run);
 done:
     return st;
@@ -222,7 +213,7 @@ cln_status cln_report_write(const char *run)
     CLN_TRY(cln_report_data_read(run, &data));
     CLN_TRY(cln_path_join(&path, run, "report.html"));
     CLN_TRY(cln_atomic_open(path, &file));
-    CLN_TRY(put_page(cln_atomic_stream(file), run, &data));
+    CLN_TRY(put_page(cln_atomic_stream(file), &data));
     st = cln_atomic_commit(file);
     file = NULL;
 done:

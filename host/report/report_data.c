@@ -327,7 +327,7 @@ cln_status cln_report_data_read(const char *run, cln_report_data *out)
     cln_status before = cln_error_status();
     char *path = NULL;
 
-    *out = (cln_report_data){.shown = -1};
+    *out = (cln_report_data){.folder = run, .shown = -1};
     CLN_TRY(cln_path_join(&path, run, "run.json"));
     if (cln_is_file(path) && cln_json_read(path, false, &out->run) != CLN_OK)
         skip_file(before);

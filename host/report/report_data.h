@@ -41,7 +41,8 @@ typedef struct cln_report_eval {
 } cln_report_eval;
 
 typedef struct cln_report_data {
-    json_t *run; /* an empty object if there is none */
+    const char *folder; /* the run folder; the caller's */
+    json_t *run;        /* an empty object if there is none */
     cln_report_rows rows;
     int decision_count;
     cln_report_decision *decisions; /* in the file's order */

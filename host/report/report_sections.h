@@ -1,23 +1,49 @@
-/* The report's sections, each written to the page from what was read; a section with nothing to show
- * says so in a sentence or writes nothing. Internal to the report. */
+/* The report's sections. To add one: a file with its function, and a row in this table, from which come the
+ * page, its table of contents and the tests. Internal to the report. */
 #ifndef CLN_REPORT_SECTIONS_H
 #define CLN_REPORT_SECTIONS_H
 
+#include <stdbool.h>
 #include <stdio.h>
 #include "report/report_data.h"
 
-void cln_report_curves(FILE *to, const cln_report_data *data); /* error against run time */
-void cln_report_stages(FILE *to, const cln_report_data *data); /* time per stage */
-cln_status cln_report_views(FILE *to, const char *run, const cln_report_data *data);
-cln_status cln_report_tree(FILE *to, const char *run, const cln_report_data *data);
-void cln_report_settings(FILE *to, const cln_report_data *data); /* against the preset */
-void cln_report_machine(FILE *to, const cln_report_data *data);  /* device, memory plan, data */
+/* In the page's order: id (its link), title, the function that writes what is below the title, and when it is
+ * there. A section that is always there says in a sentence that it has nothing to show. */
+/* clang-format off */
+#define CLN_REPORT_SECTIONS(ROW) \
+    ROW("error", "Error against run time", cln_report_curves, cln_report_always) \
+    ROW("views", "Held-out views", cln_report_views, cln_report_always) \
+    ROW("octree", "The octree", cln_report_tree, cln_report_has_tree) \
+    ROW("stages", "Time per stage", cln_report_stages, cln_report_always) \
+    ROW("left-out", "What was left out", cln_report_left_out, cln_report_has_left_out) \
+    ROW("settings", "Settings", cln_report_settings, cln_report_has_settings) \
+    ROW("machine", "Machine and data", cln_report_machine, cln_report_has_machine)
+/* clang-format on */
+
+typedef struct cln_report_section {
+    const char *id, *title; /* HTML, as they are */
+    cln_status (*put)(FILE *to, const cln_report_data *data);
+    bool (*when)(const cln_report_data *data);
+} cln_report_section;
+
+extern const cln_report_section cln_report_sections[];
+extern const int cln_report_section_count;
+
+bool cln_report_always(const cln_report_data *data);
+
+#define ROW(id, title, function, when)                          \
+    cln_status function(FILE *to, const cln_report_data *data); \
+    bool when(const cln_report_data *data);
+CLN_REPORT_SECTIONS(ROW)
+#undef ROW
+
+/* ---- what sections write in common ---- */
+
+/* "27.93", or an en dash where the value is not finite. */
+void cln_report_number(FILE *to, double value, int decimals);
 
 /* An <img> of the file, made smaller for the page, or a note that there is none ("no WHAT picture"); only
  * lack of memory is an error. */
 cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what);
-
-/* "27.93", or "–". */
-void cln_report_number(FILE *to, double value, int decimals);
 
 #endif

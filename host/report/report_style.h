@@ -27,6 +27,7 @@ static const char report_style[] =
     ".two{display:grid;grid-template-columns:1fr 1fr;gap:10px 26px}"
     ".three{display:grid;grid-template-columns:repeat(auto-fit,minmax(190px,1fr));gap:10px 26px;"
     "margin-top:10px}"
+    "nav{margin:14px 0 0;font-size:13.5px}nav a{margin-right:16px;color:var(--soft)}"
     "svg{display:block;width:100%;height:auto}"
     "svg text{font-family:inherit;fill:var(--ink)}"
     "svg .title{font-size:13px;font-weight:600}"
@@ -63,7 +64,7 @@ static const char report_style[] =
     ".settings td.n{white-space:normal}"
     "footer{margin-top:44px;color:var(--soft);font-size:12.5px}"
     "@media screen and (max-width:760px){.two{grid-template-columns:1fr}.list,.settings{columns:1}}"
-    "@media print{main{max-width:none;padding:0}h2{margin-top:28px}.list,.settings{columns:2}"
+    "@media print{nav{display:none}main{max-width:none;padding:0}h2{margin-top:28px}.list,.settings{columns:2}"
     "h2,h3{break-after:avoid}.two,.three,.cards,table{break-inside:avoid}"
     "body{font-size:12px;-webkit-print-color-adjust:exact;print-color-adjust:exact}}";
 /* clang-format on */

@@ -1,6 +1,6 @@
-/* The report's octree: which leaf holds what a view shows, by level and by error, as the evaluation left
+/* The report's section "The octree": which leaf holds what a view shows, by level and by error, as the evaluation left
  * it in RUN/eval/STEM/NAME{.tree,.tree-error}.png with tree.json; and the decisions of the integer program
- * as a table. Writes nothing for a run that has neither. */
+ * as a table. */
 #include "report/report_sections.h"
 
 #include <math.h>
@@ -94,7 +94,7 @@ done:
     return st;
 }
 
-static cln_status put_pictures(FILE *to, const char *run, const cln_report_data *data)
+static cln_status put_pictures(FILE *to, const cln_report_data *data)
 {
     cln_status st = CLN_OK;
     const json_t *views = json_object_get(data->tree, "views");
@@ -119,7 +119,7 @@ static cln_status put_pictures(FILE *to, const char *run, const cln_report_data 
         put_error_scale(to, low, high);
     fprintf(to, "<div class=captions><span>render</span><span>level</span><span>%s</span></div>\n",
             errors ? "error" : "");
-    CLN_TRY(cln_asprintf(&folder, "%s/eval/%s", run, data->evals[data->shown].stem));
+    CLN_TRY(cln_asprintf(&folder, "%s/eval/%s", data->folder, data->evals[data->shown].stem));
     for (size_t i = 0; i < json_array_size(views); i++) {
         const char *view = json_string_value(json_array_get(views, i));
 
@@ -194,15 +194,17 @@ static void put_decisions(FILE *to, const cln_report_data *data)
         fprintf(to, "<p class=soft>%d of %d, in even steps.</p>\n", shown, count);
 }
 
-cln_status cln_report_tree(FILE *to, const char *run, const cln_report_data *data)
+bool cln_report_has_tree(const cln_report_data *data)
+{
+    return data->tree || data->decision_count > 0;
+}
+
+cln_status cln_report_tree(FILE *to, const cln_report_data *data)
 {
     cln_status st = CLN_OK;
 
-    if (!data->tree && data->decision_count == 0)
-        return CLN_OK;
-    fputs("<h2>The octree</h2>\n", to);
     if (data->tree)
-        CLN_TRY(put_pictures(to, run, data));
+        CLN_TRY(put_pictures(to, data));
     if (data->decision_count > 0)
         put_decisions(to, data);
 done:

@@ -1,4 +1,4 @@
-/* The report's held-out views: truth, render and error side by side for a few views from the best to
+/* The report's section "Held-out views": truth, render and error side by side for a few views from the best to
  * the worst, and the figures of all. Pictures are those that the evaluation left in
  * RUN/eval/STEM/NAME{.truth.png,.png,.error.png}, made smaller for the page. */
 #include "report/report_sections.h"
@@ -9,40 +9,10 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "report/html.h"
-#include "io/image.h"
 #include "io/names.h"
 #include "io/progress.h"
 
-enum { SHOWN = 6, LISTED = 400, PICTURE_WIDTH = 400 };
-
-cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what)
-{
-    cln_status st = CLN_OK;
-    cln_status before = cln_error_status();
-    uint8_t *pixels = NULL, *png = NULL;
-    size_t bytes = 0;
-    int width = 0, height = 0, channels = 0;
-
-    if (!cln_is_file(path) || cln_image_load(path, &width, &height, &channels, &pixels) != CLN_OK) {
-        if (before == CLN_OK)
-            cln_clear_error();
-        fprintf(to, "<span class=none>no %s picture</span>", what);
-        goto done;
-    }
-    if (width >= 2 * PICTURE_WIDTH && height >= 2)
-        CLN_TRY(cln_image_downscale(width / PICTURE_WIDTH < height ? width / PICTURE_WIDTH : height,
-                                    &width, &height, channels, &pixels));
-    CLN_TRY(cln_image_encode_png(width, height, channels, pixels, &png, &bytes));
-    fprintf(to, "<img width=%d height=%d alt=\"%s of ", width, height, what);
-    cln_html_text(to, view);
-    fputs("\" src=\"data:image/png;base64,", to);
-    cln_base64_write(to, png, bytes);
-    fputs("\">", to);
-done:
-    free(pixels);
-    free(png);
-    return st;
-}
+enum { SHOWN = 6, LISTED = 400 };
 
 static cln_status put_view(FILE *to, const char *folder, const json_t *image)
 {
@@ -178,7 +148,7 @@ static void put_background(FILE *to, const json_t *background)
         fprintf(to, "%s%g", i ? "," : "", json_number_value(json_array_get(background, i)));
 }
 
-cln_status cln_report_views(FILE *to, const char *run, const cln_report_data *data)
+cln_status cln_report_views(FILE *to, const cln_report_data *data)
 {
     cln_status st = CLN_OK;
     const cln_report_eval *e = data->shown >= 0 ? &data->evals[data->shown] : NULL;
@@ -187,27 +157,25 @@ cln_status cln_report_views(FILE *to, const char *run, const cln_report_data *da
     char time[32], steps[32];
 
     if (!e) {
-        fputs("<h2>Held-out views</h2>\n<p class=soft>Not evaluated yet: <code>cl-nascent "
-              "eval</code> "
-              "renders the held-out views, compares them, and renews this page.</p>\n",
+        fputs("<p class=soft>Not evaluated yet: <code>cl-nascent eval</code> renders the held-out "
+              "views, compares them, and renews this page.</p>\n",
               to);
         return CLN_OK;
     }
+    if (strcmp(e->split, "train") == 0)
+        fputs("<p class=soft>None was evaluated; these are training views.</p>\n", to);
     cln_format_duration(e->seconds, time);
     cln_format_count(e->step, steps);
-    fprintf(to, "<h2>%s</h2>\n<p>%d view%s of the split <b>",
-            strcmp(e->split, "train") == 0 ? "Training views (none held out was evaluated)"
-                                           : "Held-out views",
-            e->images, e->images == 1 ? "" : "s");
+    fprintf(to, "<p>%d view%s of the split <b>", e->images, e->images == 1 ? "" : "s");
     cln_html_text(to, e->split);
     fprintf(to, "</b> at step %s, after %s of training", steps, time);
     put_background(to, json_object_get(e->document, "background"));
-    fputs(": PSNR ", to);
+    fputs(": mean PSNR ", to);
     cln_report_number(to, e->psnr, 2);
-    fputs(" dB, SSIM ", to);
+    fputs(" dB, mean SSIM ", to);
     cln_report_number(to, e->ssim, 4);
-    fputs(" in the mean.</p>\n", to);
-    CLN_TRY(cln_asprintf(&folder, "%s/eval/%s", run, e->stem));
+    fputs(".</p>\n", to);
+    CLN_TRY(cln_asprintf(&folder, "%s/eval/%s", data->folder, e->stem));
     CLN_TRY(put_pictures(to, folder, images));
     if (e->images > SHOWN)
         put_list(to, images);

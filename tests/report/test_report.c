@@ -1,6 +1,5 @@
-/* The report page, the charts, and the progress line (io/report.h, io/report_data.h, io/svg.h,
- * io/html.h, io/progress.h): what is in the page of a run folder made here, what hostile names become,
- * that missing and damaged files still give a page, and what progress writes off a terminal.
+/* The report: what is on the page of a run folder made here, that its HTML is well formed, what hostile names
+ * become, that missing and damaged files still give a page; the charts; escaping.
  * Oracle: texts and numbers written down here; for base64, the vectors of RFC 4648. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -19,6 +18,7 @@
 #include "io/progress.h"
 #include "report/report.h"
 #include "report/report_data.h"
+#include "report/report_sections.h"
 #include "io/run_folder.h"
 #include "report/svg.h"
 #include "scratch.h"
@@ -111,6 +111,104 @@ static void put_picture(const char *run, const char *stem, const char *file)
         CLN_OK);
 }
 
+static int count_of(const char *page, const char *text)
+{
+    int count = 0;
+
+    for (; (page = strstr(page, text)); page += strlen(text))
+        count++;
+    return count;
+}
+
+/* Is there a character reference at `at`: &name; &#39; &#xFFFD; */
+static bool is_reference(const char *at)
+{
+    const char *end = at + 1 +
+                      strspn(at + 1, "#abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                     "0123456789");
+
+    return end > at + 1 && *end == ';';
+}
+
+/* Steps over a tag: a name, then attributes, quoted where they hold more than letters and digits. Its name
+ * goes to name. */
+static const char *read_tag(const char *at, char name[16])
+{
+    size_t length = 0;
+
+    at++;
+    length = strspn(at, "!/abcdefghijklmnopqrstuvwxyz0123456789");
+    if (length == 0 || length >= 16)
+        fail_msg("'<' begins no tag: %.60s", at);
+    memcpy(name, at, length);
+    name[length] = 0;
+    for (at += length; *at != '>';) {
+        size_t space = strspn(at, " \n");
+        size_t key =
+            strspn(at + space, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-:/");
+        char quote = 0;
+
+        if (space + key == 0)
+            fail_msg("no attribute: %.60s", at);
+        at += space + key;
+        if (*at != '=')
+            continue;
+        quote = *++at;
+        if (quote != '"' && quote != '\'') {
+            at += strcspn(at, " >");
+            continue;
+        }
+        for (at++; *at != quote; at++)
+            if (!*at || *at == '<' || (*at == '&' && !is_reference(at)))
+                fail_msg("in an attribute: %.60s", at);
+        at++;
+    }
+    return at + 1;
+}
+
+/* Every '<' begins a tag and every '&' a reference; elements that must be closed are, in order; every link
+ * leads to an id of the page, every id is there once. */
+static void assert_well_formed(const char *page)
+{
+    static const char *const closed[] = {
+        "main", "div", "span",  "section", "table", "svg", "h1",     "h2",    "h3",    "p", "code",
+        "b",    "i",   "small", "a",       "nav",   "ul",  "footer", "title", "style", "g", "text"};
+    char open[64][16];
+    int depth = 0;
+
+    for (const char *at = page; *at;) {
+        char name[16];
+        bool must = false;
+
+        if (*at == '&' && !is_reference(at))
+            fail_msg("'&' begins no reference: %.60s", at);
+        if (*at != '<') {
+            at++;
+            continue;
+        }
+        at = read_tag(at, name);
+        for (size_t i = 0; i < sizeof closed / sizeof closed[0]; i++)
+            must = must || strcmp(closed[i], name + (name[0] == '/')) == 0;
+        if (!must || at[-2] == '/')
+            continue;
+        if (name[0] != '/') {
+            assert_in_range(depth, 0, 63);
+            strcpy(open[depth++], name);
+        } else if (depth == 0 || strcmp(open[--depth], name + 1) != 0) {
+            fail_msg("<%s> closes <%s> before %.60s", name, depth >= 0 ? open[depth] : "", at);
+        }
+    }
+    assert_int_equal(depth, 0);
+    for (const char *at = strstr(page, "href="); at; at = strstr(at + 1, "href=")) {
+        char id[64];
+
+        assert_int_equal(sscanf(at, "href='#%31[a-z-]'", id + 4), 1);
+        memcpy(id, "id='", 4);
+        strcat(id, "'");
+        assert_int_equal(count_of(page, id), 1);
+    }
+}
+
 /* The page of the run; the caller frees it. */
 static char *page_of(const char *run)
 {
@@ -126,6 +224,7 @@ static char *page_of(const char *run)
     assert_non_null(strstr(page, "</main>"));
     assert_null(strstr(page, "nan"));
     assert_null(strstr(page, "inf"));
+    assert_well_formed(page);
     return page;
 }
 
@@ -139,15 +238,6 @@ static void assert_has_not(const char *page, const char *text)
 {
     if (strstr(page, text))
         fail_msg("the page has \"%s\"", text);
-}
-
-static int count_of(const char *page, const char *text)
-{
-    int count = 0;
-
-    for (; (page = strstr(page, text)); page += strlen(text))
-        count++;
-    return count;
 }
 
 /* ---- the page ---- */
@@ -193,6 +283,46 @@ static void page_shows_what_the_run_left(void **state)
     free(page);
 }
 
+/* Each section of the table is on the page, with its link, exactly when it says so. */
+static void sections_are_those_of_the_table(void **state)
+{
+    const char *const runs[] = {"empty", "full"};
+
+    for (int full = 0; full < 2; full++) {
+        const char *run = scratch_path(*state, runs[full]);
+        cln_report_data data;
+        char *page = NULL;
+        int there = 0;
+
+        assert_int_equal(cln_make_dirs(run), CLN_OK);
+        if (full) {
+            put_run(run, "done", "nothing");
+            put_metrics(run, 30);
+            put_text(run, "metrics.jsonl", "{\"event\":\"structure\",\"step\":1,\"seconds\":1}\n");
+        }
+        page = page_of(run);
+        assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+        for (int i = 0; i < cln_report_section_count; i++) {
+            const cln_report_section *s = &cln_report_sections[i];
+            char title[128], link[128];
+
+            snprintf(title, sizeof title, "<h2 id='%s'>%s</h2>\n", s->id, s->title);
+            snprintf(link, sizeof link, "<a href='#%s'>%s</a>", s->id, s->title);
+            assert_int_equal(count_of(page, title), s->when(&data));
+            assert_int_equal(count_of(page, link), s->when(&data));
+            there += s->when(&data);
+        }
+        assert_int_equal(count_of(page, "<h2"), there);
+        assert_int_equal(count_of(page, "href="), there);
+        if (full)
+            assert_int_equal(there, cln_report_section_count);
+        else
+            assert_in_range(there, 1, cln_report_section_count - 1);
+        cln_report_data_free(&data);
+        free(page);
+    }
+}
+
 static void page_refers_to_nothing_outside(void **state)
 {
     const char *run = scratch_path(*state, "run");
@@ -214,7 +344,7 @@ static void page_refers_to_nothing_outside(void **state)
 
 static void hostile_texts_stay_text(void **state)
 {
-    static const char name[] = "<script>alert(1)</script>\"'&.png";
+    static const char name[] = "<script>alert(1)</script>\"'&\xc3\xbc %41#?.png";
     const char *run = scratch_path(*state, "<b>run</b>");
     char *page = NULL;
     FILE *f = NULL;
@@ -225,14 +355,15 @@ static void hostile_texts_stay_text(void **state)
     fputs("{\"step\":1,\"seconds\":1,\"psnr_train\":5,\"stages\":{\"<img src=x>'\":1}}\n", f);
     assert_int_equal(fclose(f), 0);
     put_eval(run, 25, "test", 20, json_pack("[o]", one_image(name, 20)));
-    /* '/' of the name becomes '_' and what follows the last '.' goes */
-    put_picture(run, "00000025-test", "<script>alert(1)<_script>\"'&.png");
+    /* '/' of the name becomes '_' and its extension goes */
+    put_picture(run, "00000025-test", "<script>alert(1)<_script>\"'&\xc3\xbc %41#?.png");
     page = page_of(run);
     assert_has_not(page, "<script");
     assert_has_not(page, "<img src=x");
     assert_has_not(page, "<i>odd");
     assert_has_not(page, "<b>run");
-    assert_has(page, "<b>&lt;script&gt;alert(1)&lt;/script&gt;&quot;&#39;&amp;.png</b>");
+    assert_has(page,
+               "<b>&lt;script&gt;alert(1)&lt;/script&gt;&quot;&#39;&amp;\xc3\xbc %41#?.png</b>");
     assert_has(page, "&lt;img src=x&gt;&#39;");
     assert_has(page, "&lt;i&gt;odd&lt;/i&gt;");
     assert_int_equal(count_of(page, "data:image/png;base64,"), 1);
@@ -537,6 +668,29 @@ static void charts_have_round_ticks_and_no_nan(void **state)
     free(text);
 }
 
+static void html_text_is_escaped(void **state)
+{
+    static const char *const cases[][2] = {
+        {"a<b>&\"'", "a&lt;b&gt;&amp;&quot;&#39;"},
+        {"\xc3\xbc \xe2\x82\xac\n\t", "\xc3\xbc \xe2\x82\xac\n\t"},
+        {"\001\x7f", "&#xFFFD;&#xFFFD;"},
+        {"l\xfc \xe2\x82", "l&#xFFFD; &#xFFFD;&#xFFFD;"}, /* Latin-1, and a euro sign cut off */
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char *text = NULL;
+        size_t bytes = 0;
+        FILE *stream = open_memstream(&text, &bytes);
+
+        assert_non_null(stream);
+        cln_html_text(stream, cases[i][0]);
+        assert_int_equal(fclose(stream), 0);
+        assert_string_equal(text, cases[i][1]);
+        free(text);
+    }
+}
+
 static void base64_agrees_with_rfc_4648(void **state)
 {
     static const char *const vectors[][2] = {{"", ""},
@@ -562,138 +716,13 @@ static void base64_agrees_with_rfc_4648(void **state)
     }
 }
 
-/* ---- progress ---- */
-
-/* stderr into a file while `show` runs; its text. The caller frees it. */
-static char *stderr_of(const char *folder, void (*show)(void))
-{
-    const char *path = scratch_path(folder, "stderr");
-    int saved = dup(STDERR_FILENO);
-    int file = open(path, O_CREAT | O_TRUNC | O_WRONLY, 0600);
-    size_t bytes = 0;
-
-    assert_true(saved >= 0 && file >= 0);
-    fflush(stderr);
-    assert_int_equal(dup2(file, STDERR_FILENO), STDERR_FILENO);
-    show();
-    fflush(stderr);
-    dup2(saved, STDERR_FILENO);
-    close(saved);
-    close(file);
-    return scratch_get(path, &bytes);
-}
-
-static void show_steps(const char *mode)
-{
-    cln_progress *progress = NULL;
-    char text[32];
-
-    assert_int_equal(cln_progress_open(mode, &progress), CLN_OK);
-    for (int i = 0; i <= 100; i++) {
-        snprintf(text, sizeof text, "step %d", i);
-        cln_progress_show(progress, i / 100.0, text);
-        if (i == 50)
-            cln_info("a log line");
-    }
-    cln_progress_close(progress);
-    cln_info("after");
-}
-
-static void show_auto(void)
-{
-    show_steps("auto");
-}
-
-static void show_bar(void)
-{
-    show_steps("bar");
-}
-
-static void show_none(void)
-{
-    show_steps("none");
-}
-
-static void progress_off_a_terminal_is_plain_lines(void **state)
-{
-    char *text = stderr_of(*state, show_auto);
-
-    /* The first at once, then none within ten seconds, the last at the end. */
-    assert_string_equal(text, "step 0\na log line\nstep 100\nafter\n");
-    free(text);
-}
-
-static void progress_as_a_bar_redraws_its_line(void **state)
-{
-    char *text = stderr_of(*state, show_bar);
-
-    assert_ptr_equal(strstr(text, "\rstep 0\033[K"), text);
-    assert_non_null(strstr(text, "\r\033[Ka log line\n\rstep 50\033[K"));
-    assert_non_null(strstr(text, "\rstep 100\033[K\nafter\n"));
-    assert_in_range(count_of(text, "\rstep"), 3, 20); /* ten a second at most */
-    free(text);
-}
-
-static void progress_can_be_off(void **state)
-{
-    cln_progress *progress = NULL;
-    char *text = stderr_of(*state, show_none);
-
-    assert_string_equal(text, "a log line\nafter\n");
-    free(text);
-    assert_int_equal(cln_progress_open("fancy", &progress), CLN_USAGE);
-    assert_null(progress);
-    cln_clear_error();
-    cln_progress_close(NULL);
-}
-
-static void formats_are_for_people(void **state)
-{
-    static const struct {
-        void (*format)(double, char[32]);
-        double value;
-        const char *text;
-    } cases[] = {
-        {cln_format_duration, 0, "00:00"},
-        {cln_format_duration, 491.6, "08:12"},
-        {cln_format_duration, 3723, "1:02:03"},
-        {cln_format_duration, NAN, "--:--"},
-        {cln_format_duration, 3599.6, "1:00:00"},
-        {cln_format_duration, -1, "--:--"},
-        {cln_format_bytes, 0, "0 B"},
-        {cln_format_bytes, 1023, "1023 B"},
-        {cln_format_bytes, 641728512, "612 MiB"},
-        {cln_format_bytes, 1288490189, "1.2 GiB"},
-        {cln_format_bytes, 1048575, "1.0 MiB"},
-        {cln_format_bytes, NAN, "?"},
-        {cln_format_count, 0, "0"},
-        {cln_format_count, 999, "999"},
-        {cln_format_count, 12400, "12,400"},
-        {cln_format_count, 1234567, "1,234,567"},
-        {cln_format_count, -1234, "-1,234"},
-        {cln_format_count, INFINITY, "?"},
-        {cln_format_short, 0, "0"},
-        {cln_format_short, 950, "950"},
-        {cln_format_short, 999.7, "1.0 k"},
-        {cln_format_short, 182345, "182 k"},
-        {cln_format_short, 3.1e6, "3.1 M"},
-        {cln_format_short, 2.5e13, "25.0 T"},
-    };
-
-    (void)state;
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        char text[32];
-        cases[i].format(cases[i].value, text);
-        assert_string_equal(text, cases[i].text);
-    }
-}
-
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
 int test_group_report(void)
 {
     const struct CMUnitTest tests[] = {
         ON_DISK(page_shows_what_the_run_left),
+        ON_DISK(sections_are_those_of_the_table),
         ON_DISK(page_refers_to_nothing_outside),
         ON_DISK(hostile_texts_stay_text),
         ON_DISK(missing_and_damaged_files_give_a_page),
@@ -707,11 +736,8 @@ int test_group_report(void)
         ON_DISK(an_earlier_error_is_kept),
         cmocka_unit_test(decimation_keeps_ends_and_extremes),
         cmocka_unit_test(charts_have_round_ticks_and_no_nan),
+        cmocka_unit_test(html_text_is_escaped),
         cmocka_unit_test(base64_agrees_with_rfc_4648),
-        ON_DISK(progress_off_a_terminal_is_plain_lines),
-        ON_DISK(progress_as_a_bar_redraws_its_line),
-        ON_DISK(progress_can_be_off),
-        cmocka_unit_test(formats_are_for_people),
     };
 
     return cmocka_run_group_tests_name("report", tests, NULL, NULL);

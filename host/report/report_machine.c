@@ -1,96 +1,11 @@
-/* The report's tables of facts: settings beside the preset's, and the machine, its memory and the data,
- * all from run.json. */
+/* The report's section "Machine and data": the device, its memory as planned, and the data, from
+ * run.json. */
 #include "report/report_sections.h"
 
 #include <math.h>
 #include <string.h>
-#include "base/config.h"
-#include "report/html.h"
 #include "io/progress.h"
-
-static const char *const group_titles[][2] = {{"run", "Data, budgets, output"},
-                                              {"network", "Leaf networks"},
-                                              {"tree", "Octree"},
-                                              {"sampling", "Sampling"},
-                                              {"optim", "Loss and optimiser"}};
-
-/* ---- settings ---- */
-
-/* A value of run.json as its option would be written. */
-static void put_value(FILE *to, const json_t *value)
-{
-    if (json_is_string(value)) {
-        cln_html_text(to, *json_string_value(value) ? json_string_value(value) : "\u2013");
-    } else if (json_is_boolean(value)) {
-        fputs(json_is_true(value) ? "yes" : "no", to);
-    } else if (json_is_integer(value)) {
-        fprintf(to, "%lld", (long long)json_integer_value(value));
-    } else if (json_is_real(value)) {
-        fprintf(to, "%.10g", json_real_value(value));
-    } else {
-        fputs("&ndash;", to);
-    }
-}
-
-static bool same_value(const json_t *a, const json_t *b)
-{
-    if (json_is_number(a) && json_is_number(b))
-        return json_number_value(a) == json_number_value(b);
-    return json_equal(a, b);
-}
-
-static void put_row(FILE *to, const cln_config_row *row, const json_t *value,
-                    const json_t *standard)
-{
-    bool differs = standard && !same_value(value, standard);
-
-    fprintf(to, "<tr%s><td>%s<td class=n>", differs ? " class=set" : "", row->option);
-    put_value(to, value);
-    if (differs) {
-        fputs(" <span class=soft>(", to);
-        put_value(to, standard);
-        fputs(")</span>", to);
-    }
-    fputc('\n', to);
-}
-
-void cln_report_settings(FILE *to, const cln_report_data *data)
-{
-    cln_status before = cln_error_status();
-    const json_t *config = json_object_get(data->run, "config");
-    const char *preset = cln_json_text(data->run, "preset");
-    cln_config standard;
-    json_t *standards = NULL;
-
-    if (!json_is_object(config))
-        return;
-    if (!*preset || cln_config_preset(preset, &standard) != CLN_OK ||
-        cln_config_to_json(&standard, &standards) != CLN_OK) {
-        if (before == CLN_OK)
-            cln_clear_error();
-    }
-    fputs("<h2>Settings</h2>\n", to);
-    if (standards) {
-        fputs("<p class=soft>What differs from the preset <b>", to);
-        cln_html_text(to, preset);
-        fputs("</b> is marked, the preset's value behind it.</p>\n", to);
-    }
-    fputs("<div class=settings>\n", to);
-    for (size_t g = 0; g < sizeof group_titles / sizeof group_titles[0]; g++) {
-        fprintf(to, "<section><h3>%s</h3><table>\n", group_titles[g][1]);
-        for (int i = 0; i < cln_config_row_count; i++) {
-            const cln_config_row *row = &cln_config_rows[i];
-            const json_t *value = json_object_get(config, row->field);
-            if (value && strcmp(row->group, group_titles[g][0]) == 0)
-                put_row(to, row, value, json_object_get(standards, row->field));
-        }
-        fputs("</table></section>\n", to);
-    }
-    fputs("</div>\n", to);
-    json_decref(standards);
-}
-
-/* ---- machine, memory, data ---- */
+#include "report/html.h"
 
 static void put_fact(FILE *to, const char *name, const char *value)
 {
@@ -199,14 +114,18 @@ static void put_data(FILE *to, const json_t *dataset)
     fputs("</table></section>\n", to);
 }
 
-void cln_report_machine(FILE *to, const cln_report_data *data)
+bool cln_report_has_machine(const cln_report_data *data)
 {
-    if (!json_is_object(json_object_get(data->run, "device")) &&
-        !json_is_object(json_object_get(data->run, "dataset")))
-        return;
-    fputs("<h2>Machine and data</h2>\n<div class=settings>\n", to);
+    return json_is_object(json_object_get(data->run, "device")) ||
+           json_is_object(json_object_get(data->run, "dataset"));
+}
+
+cln_status cln_report_machine(FILE *to, const cln_report_data *data)
+{
+    fputs("<div class=settings>\n", to);
     put_device(to, data->run);
     put_plan(to, data->run);
     put_data(to, json_object_get(data->run, "dataset"));
     fputs("</div>\n", to);
+    return CLN_OK;
 }

@@ -1,0 +1,98 @@
+/* The report's section "Time per stage": a bar and a table of what each stage of a step took, by OpenCL
+ * events, and of the rest of the time on the wall. */
+#include "report/report_sections.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include "io/progress.h"
+#include "report/html.h"
+
+static const char *const stage_colours[] = {"#2f6da8", "#c2501c", "#4d8a5f", "#8a63a6",
+                                            "#c59a2e", "#4f9bab", "#a65068", "#7d8791"};
+enum { STAGE_COLOURS = sizeof stage_colours / sizeof stage_colours[0] };
+static const char rest_colour[] = "#d5dade";
+
+static int by_time(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return x < y ? 1 : x > y ? -1 : 0;
+}
+
+static const char *stage_colour(int rank)
+{
+    return stage_colours[rank < STAGE_COLOURS ? rank : STAGE_COLOURS - 1];
+}
+
+static void put_stage(FILE *to, const char *name, const char *colour, double seconds, double total,
+                      double steps)
+{
+    char time[32];
+
+    cln_format_duration(seconds, time);
+    fprintf(to, "<tr><td class=name><span class=key style='background:%s'></span>", colour);
+    cln_html_text(to, name);
+    fprintf(to, "<td class=n>%s<td class=n>%.1f&thinsp;%%<td class=n>", time,
+            100 * seconds / total);
+    cln_report_number(to, 1000 * seconds / steps, seconds / steps < 0.01 ? 2 : 1);
+    fprintf(to, "<td class=wide><span class=bar style='width:%.1f%%;background:%s'></span>\n",
+            100 * seconds / total, colour);
+}
+
+/* Time on the wall; a resumed run starts to count anew. */
+static double wall_seconds(const cln_report_rows *r)
+{
+    double sum = 0, last = 0;
+
+    for (int i = 0; i < r->count; i++) {
+        if (!isfinite(r->wall[i]))
+            continue;
+        if (r->wall[i] < last)
+            sum += last;
+        last = r->wall[i];
+    }
+    return sum + last;
+}
+
+cln_status cln_report_stages(FILE *to, const cln_report_data *data)
+{
+    const cln_report_rows *r = &data->rows;
+    double order[CLN_REPORT_STAGES][2]; /* seconds, index */
+    double sum = 0, total = 0, steps = 0;
+
+    for (int i = 0; i < r->stage_count; i++) {
+        order[i][0] = r->stages[i].seconds;
+        order[i][1] = i;
+        sum += r->stages[i].seconds;
+    }
+    if (!(sum > 0)) {
+        fputs("<p class=soft>No stage was timed.</p>\n", to);
+        return CLN_OK;
+    }
+    qsort(order, (size_t)r->stage_count, sizeof order[0], by_time);
+    total = fmax(sum, wall_seconds(r));
+    if (r->count > 0 && r->step[r->count - 1] > 0)
+        steps = r->step[r->count - 1];
+    fputs("<div class=stack>", to);
+    for (int i = 0; i < r->stage_count; i++) {
+        fprintf(to, "<i style='width:%.3f%%;background:%s' title='", 100 * order[i][0] / total,
+                stage_colour(i));
+        cln_html_text(to, r->stages[(int)order[i][1]].name);
+        fputs("'></i>", to);
+    }
+    fprintf(to, "<i style='flex:1;background:%s' title='elsewhere'></i></div>\n", rest_colour);
+    fputs("<table class=wide><tr><th>stage<th class=n>time<th class=n>share<th class=n>ms per "
+          "step<th>\n",
+          to);
+    for (int i = 0; i < r->stage_count; i++)
+        put_stage(to, r->stages[(int)order[i][1]].name, stage_colour(i), order[i][0], total,
+                  steps > 0 ? steps : NAN);
+    if (total - sum > 0.001 * total)
+        put_stage(to, "elsewhere", rest_colour, total - sum, total, steps > 0 ? steps : NAN);
+    fputs("</table>\n", to);
+    if (total - sum > 0.001 * total)
+        fputs("<p class=soft>Elsewhere: loading, evaluation, checkpoints, waiting for the "
+              "device.</p>\n",
+              to);
+    return CLN_OK;
+}

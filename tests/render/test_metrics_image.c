@@ -1,0 +1,85 @@
+/* PSNR and SSIM of pictures. Oracles: numbers worked out by hand, and SSIM from a separate program with direct
+ * two-dimensional windows. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <string.h>
+#include "near.h"
+#include "render/metrics_image.h"
+#include "tests.h"
+
+/* What a separate program (direct 11 x 11 windows, centred moments, double) found for make_pair. */
+enum { W = 14, H = 13 };
+static const double MSE_OF_PAIR = 0.14807978479853479, SSIM_OF_PAIR = 0.12970402123047567;
+
+/* The pair of images that program was given. */
+static void make_pair(float *a, float *b)
+{
+    for (int y = 0; y < H; y++)
+        for (int x = 0; x < W; x++)
+            for (int c = 0; c < 3; c++) {
+                const int i = (y * W + x) * 3 + c, base = x * 7 + y * 3 + c * 5;
+
+                a[i] = (float)(base % 16) / 16;
+                b[i] = (float)((base + x * y) % 16) / 16;
+            }
+}
+
+static void test_psnr(void **state)
+{
+    float a[W * H * 3], b[W * H * 3];
+    const float two[6] = {0, 0.5f, 1, 0, 0, 0}, other[6] = {0.1f, 0.5f, 1, 0, 0, -5};
+    const float not_a_number[3] = {NAN, 0, 0};
+
+    (void)state;
+    make_pair(a, b);
+    assert_true(cln_image_mse(W, H, a, a) == 0);
+    assert_true(cln_psnr(0) == 100);
+    assert_near(cln_psnr(0.01), 20, 1e-12);
+    assert_near(cln_psnr(1), 0, 1e-12);
+    /* One channel of six differs by 0.1; -5 is clipped to 0. */
+    assert_near(cln_image_mse(2, 1, two, other), 0.01 / 6, 1e-9);
+    assert_near(cln_image_mse(W, H, a, b), MSE_OF_PAIR, 1e-12);
+    assert_true(isnan(cln_image_mse(1, 1, not_a_number, two)));
+}
+
+static void test_ssim(void **state)
+{
+    float a[W * H * 3], b[W * H * 3];
+    double ssim = 0;
+
+    (void)state;
+    make_pair(a, b);
+    assert_int_equal(cln_image_ssim(W, H, a, a, &ssim), CLN_OK);
+    assert_near(ssim, 1, 1e-12);
+    assert_int_equal(cln_image_ssim(W, H, a, b, &ssim), CLN_OK);
+    assert_near(ssim, SSIM_OF_PAIR, 1e-9);
+    assert_int_equal(cln_image_ssim(W, H, b, a, &ssim), CLN_OK);
+    assert_near(ssim, SSIM_OF_PAIR, 1e-9);
+
+    /* Constant images have no variance: (2 * 0.5 * 0.75 + C1) / (0.25 + 0.5625 + C1). */
+    for (int i = 0; i < W * H * 3; i++) {
+        a[i] = 0.5f;
+        b[i] = 0.75f;
+    }
+    assert_int_equal(cln_image_ssim(W, H, a, b, &ssim), CLN_OK);
+    assert_near(ssim, (0.75 + 1e-4) / (0.8125 + 1e-4), 1e-9);
+
+    assert_int_equal(cln_image_ssim(11, 11, a, b, &ssim), CLN_OK);
+    assert_int_equal(cln_image_ssim(10, 13, a, b, &ssim), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "10 x 13"));
+    cln_clear_error();
+}
+
+int test_group_metrics_image(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_psnr),
+        cmocka_unit_test(test_ssim),
+    };
+
+    return cmocka_run_group_tests_name("metrics_image", tests, NULL, NULL);
+}
