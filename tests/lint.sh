@@ -6,6 +6,7 @@
 #   rooms       host/ folders include only themselves and what stands below them (ORDER, DOWN)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
 #   options     every option of include/cln_config.h is in the man page
+#   method      every section of docs/method.md that a comment cites is a heading there
 #   format      clang-format has nothing to change
 #   length      no file over 1000 lines
 #   scripts     shellcheck, if it is installed
@@ -118,6 +119,23 @@ options() {
         done
 }
 
+# "method.md 4, 5", "method.md sections 4 to 7", "method.md 9's rule": the numbers behind the name, as far as the line
+# goes.
+method() {
+    local file line words number headings
+    headings=" $(sed -n 's/^##* \([0-9][0-9.]*\)[. ].*/\1/p' docs/method.md | sed 's/\.$//' | tr '\n' ' ')"
+    # shellcheck disable=SC2086
+    grep -noE 'method\.md,? (sections? )?[0-9][0-9.]*(((,| and| to|, and) )[0-9][0-9.]*)*' $all_files docs/*.md /dev/null |
+        while IFS=: read -r file line words; do
+            for number in $(grep -oE '[0-9][0-9.]*' <<<"$words" | sed 's/\.$//'); do
+                case $headings in
+                *" $number "*) ;;
+                *) echo "$file:$line: docs/method.md has no section $number" ;;
+                esac
+            done
+        done
+}
+
 format() {
     local file
     for file in $all_files; do
@@ -145,6 +163,7 @@ if [ -n "$clang" ]; then check kernels kernels; else skip kernels "no clang"; fi
 check rooms rooms
 check CL/cl.h opencl_header
 if [ -e docs/cl-nascent.1 ]; then check options options; else skip options "no man page yet"; fi
+check method method
 if [ -n "$clang_format" ]; then check format format; else skip format "no clang-format"; fi
 check length lengths
 if command -v shellcheck >/dev/null; then check scripts shell_scripts; else skip scripts "not installed"; fi
