@@ -50,7 +50,6 @@ cln_status bench_scene_start(bench *b, const cln_config *config, bool distortion
                              bench_scene *s)
 {
     cln_status st = CLN_OK;
-    const double centre[3] = {0, 0, 0};
     const float white[4] = {1, 1, 1, 1};
     const cln_camera *list[SCENE_VIEWS];
     size_t cells = 0;
@@ -78,7 +77,7 @@ cln_status bench_scene_start(bench *b, const cln_config *config, bool distortion
         s->pixels[r].y = (cln_u32)((r - first) * SCENE_SIDE * SCENE_VIEWS / (rays + SCENE_VIEWS));
     }
     CLN_TRY(cln_pipeline_upload(s->p, &s->model, false));
-    CLN_TRY(cln_pipeline_cameras(s->p, list, SCENE_VIEWS, centre, 1));
+    CLN_TRY(cln_pipeline_cameras(s->p, list, SCENE_VIEWS, &cln_space_unit));
     s->p->training_views = SCENE_VIEWS;
     CLN_TRY(cln_pipeline_batch(s->p, s->pixels, rays, NULL, white));
     CLN_TRY(cln_stage_rays(s->p, rays));

@@ -32,8 +32,7 @@ static cln_status check_target(const cln_export_desc *desc)
     return CLN_OK;
 }
 
-/* World coordinates of the leaves' boxes. Faces that two leaves share get the same numbers, whatever
- * their levels: positions in the cube are dyadic and so exact. */
+/* The leaves' boxes in scene units. */
 static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box **out)
 {
     cln_status st = CLN_OK;
@@ -50,10 +49,7 @@ static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box 
         float cube[4];
 
         cln_octree_box(tree, node, cube);
-        for (int a = 0; a < 3; a++) {
-            box->min[a] = (float)(model->centre[a] + model->half * cube[a]);
-            box->max[a] = (float)(model->centre[a] + model->half * (cube[a] + cube[3]));
-        }
+        cln_space_box_to_scene(&model->space, cube, box->min, box->max);
         box->level = (uint8_t)level;
         box->error = model->error ? model->error[s] : NAN;
         if (by_error)

@@ -68,8 +68,8 @@ static cln_status add_checkpoint(const char *run, json_t *about)
     json_object_set_new(about, "model_digest", json_string(digest));
     json_object_set_new(about, "checkpoint",
                         json_pack("{s:i, s:[f,f,f], s:f}", "params_per_leaf", model.net.params,
-                                  "centre", model.centre[0], model.centre[1], model.centre[2],
-                                  "half", model.half));
+                                  "centre", model.space.centre[0], model.space.centre[1],
+                                  model.space.centre[2], "half", model.space.half));
 done:
     free(folder);
     cln_model_free(&model);

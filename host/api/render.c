@@ -248,7 +248,8 @@ static cln_status write_frame(const job *j, const frame *f, const cln_picture *p
     if (remove(path[COLOUR_PNG]) != 0 && errno != ENOENT)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path[COLOUR_PNG], strerror(errno)));
     for (size_t i = 0; i < n; i++)
-        p->depth[i] = p->opacity[i] > 0 ? p->depth[i] * (float)j->opened.model.half : 0;
+        p->depth[i] =
+            p->opacity[i] > 0 ? cln_space_depth_to_scene(&j->opened.model.space, p->depth[i]) : 0;
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
     CLN_TRY(draw_depth(p, bytes));
     CLN_TRY(cln_image_write_png(path[DEPTH_PNG], p->width, p->height, 1, bytes));
@@ -280,7 +281,7 @@ static cln_status start(job *j)
         distortion |= cln_camera_is_distorted(cameras[i]);
     }
     CLN_TRY(cln_open_run_start(v, &j->desc->device, distortion));
-    CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, v->model.centre, v->model.half));
+    CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, &v->model.space));
     CLN_TRY(write_about(j));
     CLN_TRY(cln_render_prepare(&v->pipeline));
 done:

@@ -86,18 +86,16 @@ static cln_status check_same_tree(const cln_config *saved, const cln_config *wan
 /* Leaves are boxes of the cube: in another cube they would be other boxes of the scene. */
 static cln_status check_same_cube(const char *run, const cln_model *other, const cln_scene *scene)
 {
-    bool same = fabs(other->half - scene->half) <= 1e-6 * scene->half;
+    const cln_space *its = &other->space, *ours = &scene->space;
 
-    for (int a = 0; a < 3; a++)
-        same = same && fabs(other->centre[a] - scene->centre[a]) <= 1e-6 * scene->half;
-    if (same)
+    if (cln_space_equal(its, ours))
         return CLN_OK;
     return cln_fail(
         CLN_USAGE,
         "--tree-from '%s': its cube has its centre at %g,%g,%g and half %g, this scene's "
         "%g,%g,%g and %g; give both runs the same scene and --bbox",
-        run, other->centre[0], other->centre[1], other->centre[2], other->half, scene->centre[0],
-        scene->centre[1], scene->centre[2], scene->half);
+        run, its->centre[0], its->centre[1], its->centre[2], its->half, ours->centre[0],
+        ours->centre[1], ours->centre[2], ours->half);
 }
 
 /* A new model on the tree of the run config.tree_from: its leaves, none of its weights. */
@@ -141,8 +139,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
         else
             CLN_TRY(cln_model_create(config, &t->model));
-        memcpy(t->model.centre, t->scene->centre, sizeof t->model.centre);
-        t->model.half = t->scene->half;
+        t->model.space = t->scene->space;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
         t->model.has_distortion = t->scene->has_distortion;
@@ -261,7 +258,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(plan(t));
     say_what_runs(t);
     CLN_TRY(cln_run_open(t->desc->run, t->desc->resume));
-    CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, t->model.centre, t->model.half));
+    CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
     cln_trainer_cover(t);

@@ -402,7 +402,6 @@ cln_status cln_check_rays(cln_checks *c)
                                    .seed = 3,
                                    .step = 1,
                                    .max_samples = 1 << 24};
-    const double centre[3] = {0, 0, 0};
     cln_camera cameras[VIEWS];
     const cln_camera *pointers[VIEWS] = {&cameras[0], &cameras[1], &cameras[2]};
     cln_pixel *pixels = NULL;
@@ -427,7 +426,7 @@ cln_status cln_check_rays(cln_checks *c)
         pixels[r].x = at % row * STEP + 1;
         pixels[r].y = at / row * STEP + 2;
     }
-    CLN_TRY(cln_pipeline_cameras(p, pointers, VIEWS, centre, 1));
+    CLN_TRY(cln_pipeline_cameras(p, pointers, VIEWS, &cln_space_unit));
     CLN_TRY(cln_check_spoil(p->device, &p->ray_o, (size_t)rays * sizeof *ray_o));
     CLN_TRY(cln_check_spoil(p->device, &p->ray_d, (size_t)rays * sizeof *ray_d));
     CLN_TRY(cln_pipeline_batch(p, pixels, rays, NULL, backgrounds[0]));

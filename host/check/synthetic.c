@@ -174,13 +174,12 @@ cln_status cln_synthetic_upload(const cln_synthetic *s, cln_pipeline *p)
 {
     cln_status st = CLN_OK;
     const cln_camera *cameras[CLN_SYNTHETIC_VIEWS];
-    const double centre[3] = {0, 0, 0};
 
     for (int v = 0; v < CLN_SYNTHETIC_VIEWS; v++)
         cameras[v] = &s->cameras[v];
     p->max_entries = s->max_entries;
     CLN_TRY(cln_pipeline_upload(p, &s->model, true));
-    CLN_TRY(cln_pipeline_cameras(p, cameras, CLN_SYNTHETIC_VIEWS, centre, 1));
+    CLN_TRY(cln_pipeline_cameras(p, cameras, CLN_SYNTHETIC_VIEWS, &cln_space_unit));
     p->training_views = CLN_SYNTHETIC_VIEWS;
 done:
     return st;

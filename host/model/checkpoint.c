@@ -69,8 +69,8 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         (json_int_t)model->refresh_step, "growth_step", (json_int_t)model->growth_step,
         "train_seconds", model->train_seconds, "rays", model->rays, "level", model->level,
         "training", model->adam_m != NULL, "leaves", model->tree.leaf_count, "params_per_leaf",
-        model->net.params, "cube", "centre", model->centre[0], model->centre[1], model->centre[2],
-        "half", model->half, "background", (double)model->background[0],
+        model->net.params, "cube", "centre", model->space.centre[0], model->space.centre[1], model->space.centre[2],
+        "half", model->space.half, "background", (double)model->background[0],
         (double)model->background[1], (double)model->background[2], "has_alpha", model->has_alpha,
         "has_distortion", model->has_distortion, "tensors", tensors, "tensors_digest", data_hex,
         "model_digest", model_hex, "config", config, "measured", "rays",
@@ -133,15 +133,15 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     CLN_TRY(get_real(json_object_get(measured, "square"), path, "square", &out->sum_square));
     CLN_TRY(
         get_real(json_object_get(measured, "last_square"), path, "last_square", &out->last_square));
-    CLN_TRY(get_real(json_object_get(cube, "half"), path, "half", &out->half));
+    CLN_TRY(get_real(json_object_get(cube, "half"), path, "half", &out->space.half));
     for (size_t a = 0; a < 3; a++) {
         CLN_TRY(get_real(json_array_get(json_object_get(cube, "centre"), a), path, "centre",
-                         &out->centre[a]));
+                         &out->space.centre[a]));
         CLN_TRY(get_real(json_array_get(json_object_get(document, "background"), a), path,
                          "background", &channel));
         out->background[a] = (float)channel;
     }
-    if (!(out->half > 0))
+    if (!(out->space.half > 0))
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its cube has no size", path));
     if (!json_is_boolean(alpha) || !json_is_boolean(distortion))
         CLN_TRY(

@@ -48,7 +48,7 @@ cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree,
 
     memset(out, 0, sizeof *out);
     out->config = *config;
-    out->half = 1;
+    out->space = cln_space_unit;
     CLN_TRY(cln_network_layout(config, &out->net));
     CLN_TRY(cln_octree_copy(tree, &out->tree));
     out->level = cln_octree_depth(&out->tree);

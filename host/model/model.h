@@ -7,12 +7,13 @@
 #include <stdint.h>
 #include "model/network.h"
 #include "model/octree.h"
+#include "scene/space.h"
 
 typedef struct cln_model {
     cln_config config;
     cln_network net;
     cln_octree tree;
-    double centre[3], half; /* world = centre + half * normalised */
+    cln_space space; /* of the cube that the tree divides */
     float background[3];
     bool has_alpha, has_distortion; /* of the scene it was trained on */
     float *params;                  /* [slot][net.params] */

@@ -205,11 +205,10 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
 
 /* Cameras of `count` views in normalised space. */
 cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
-                                const double centre[3], double half);
+                                const cln_space *space);
 
 /* The same of all views of a scene, by their numbers; the training views come first. */
-cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const double centre[3],
-                              double half);
+cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const cln_space *space);
 
 /* A batch's pixels (pad = index of the view among the batch's views; for splatting, rays are in order of
  * pad, then y), and in training its targets and backgrounds ([n][4], [1][4] or [n][4]). Does not wait: the arrays

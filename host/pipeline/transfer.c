@@ -187,7 +187,7 @@ done:
     return st;
 }
 
-static cln_device_camera normalised(const cln_camera *c, const double centre[3], double half)
+static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
 {
     cln_device_camera out = {.fx = (float)c->fx,
                              .fy = (float)c->fy,
@@ -200,16 +200,12 @@ static cln_device_camera normalised(const cln_camera *c, const double centre[3],
                              .width = c->width,
                              .height = c->height};
 
-    for (int row = 0; row < 3; row++) {
-        for (int column = 0; column < 3; column++)
-            out.c2w[4 * row + column] = (float)c->c2w[4 * row + column];
-        out.c2w[4 * row + 3] = (float)((c->c2w[4 * row + 3] - centre[row]) / half);
-    }
+    cln_space_pose_to_cube(space, c->c2w, out.c2w);
     return out;
 }
 
 cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
-                                const double centre[3], double half)
+                                const cln_space *space)
 {
     cln_status st = CLN_OK;
 
@@ -217,7 +213,7 @@ cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *camera
     p->view_count = 0;
     CLN_TRY(cln_alloc(&p->host_cameras, (size_t)count, sizeof *p->host_cameras, "cameras"));
     for (int i = 0; i < count; i++)
-        p->host_cameras[i] = normalised(cameras[i], centre, half);
+        p->host_cameras[i] = in_cube(cameras[i], space);
     CLN_TRY(put(p->device, &p->cameras, p->host_cameras, (size_t)count * sizeof *p->host_cameras,
                 "cameras"));
     p->view_count = count;
@@ -225,8 +221,7 @@ done:
     return st;
 }
 
-cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const double centre[3],
-                              double half)
+cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const cln_space *space)
 {
     cln_status st = CLN_OK;
     const cln_camera **cameras = NULL;
@@ -234,7 +229,7 @@ cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const dou
     CLN_TRY(cln_alloc(&cameras, (size_t)scene->view_count, sizeof *cameras, "cameras"));
     for (int i = 0; i < scene->view_count; i++)
         cameras[i] = &scene->views[i].camera;
-    CLN_TRY(cln_pipeline_cameras(p, cameras, scene->view_count, centre, half));
+    CLN_TRY(cln_pipeline_cameras(p, cameras, scene->view_count, space));
     p->training_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 done:
     free(cameras);

@@ -46,13 +46,9 @@ static void find_target(const cln_scene *scene, double target[3])
 {
     double focus[3];
 
-    memcpy(target, scene->centre, 3 * sizeof *target);
-    if (!cln_scene_focus(scene, focus))
-        return;
-    for (int a = 0; a < 3; a++)
-        if (fabs(focus[a] - scene->centre[a]) > scene->half)
-            return;
-    memcpy(target, focus, sizeof focus);
+    memcpy(target, scene->space.centre, 3 * sizeof *target);
+    if (cln_scene_focus(scene, focus) && cln_space_holds(&scene->space, focus))
+        memcpy(target, focus, sizeof focus);
 }
 
 /* Up, distance, and east towards the first training camera. Cameras whose up vectors cancel out, or that
@@ -75,7 +71,7 @@ static void find_frame(const cln_scene *scene, cln_orbit *out)
         }
         distance += sqrt(dot(away, away)) / count;
     }
-    out->distance = distance > 1e-6 * scene->half ? distance : scene->half;
+    out->distance = distance > 1e-6 * scene->space.half ? distance : scene->space.half;
     if (!normalise(out->up))
         memcpy(out->up, (const double[3]){0, 0, 1}, sizeof out->up);
     if (!flatten(out->up, out->east)) {

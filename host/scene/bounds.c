@@ -1,14 +1,15 @@
-/* The root cube, and whether any training camera sees it. The first that applies:
- *   1. --bbox: the smallest cube around that box, with the same centre.
- *   2. what the dataset says (the reader).
- *   3. cameras that look at something together: centre = the point nearest to all optical axes;
- *      half = large enough for every camera, and for the part of the plane through the centre that
- *      each camera sees. So the cube holds what is looked at and as much behind it as the cameras
- *      are away.
- *   4. cameras that look in parallel or outwards: nothing tells how far the scene is. half = 4
- *      times the spread of the cameras, and the cube is moved along their mean direction until, for
- *      parallel cameras, they stand at its face.
- * 3 and 4 are guesses; bounds_rule says so and users give --bbox to do better. */
+/* The scene's cube, and whether any training camera sees it. How the cube is chosen: `rules` below,
+ * the first that applies, and bounds_rule says which it was.
+ *   given_box       --bbox: the smallest cube around that box, with the same centre
+ *   of_dataset      what the reader found in the files
+ *   looked_at       the cameras look at something together: centre = the point nearest to all
+ *                   optical axes; half = out to every camera, and to the rim of what each camera
+ *                   sees of the plane through the centre. So the cube holds what is looked at, and
+ *                   as much behind it as the cameras are away.
+ *   before_cameras  the cameras look in parallel or outwards, and nothing tells how far the scene
+ *                   is: half = 4 times the spread of the cameras, and the cube is moved along their
+ *                   mean direction until parallel cameras stand at its face.
+ * The last two are guesses; their bounds_rule names --bbox as the way to a better cube. */
 #include "scene/build.h"
 
 #include <math.h>
@@ -117,98 +118,112 @@ static bool nearest_point(const axes *mean, double point[3])
     return true;
 }
 
-/* Rule 3; false if the axes are parallel, or if the point lies behind a quarter of the cameras. */
-static bool looked_at(const cln_scene *scene, const axes *mean, double centre[3], double *half)
-{
-    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    int behind = 0;
+/* ---- the rules: each leaves *because NULL if it does not apply ---- */
 
-    if (!nearest_point(mean, centre))
-        return false;
-    *half = 0;
-    for (int v = 0; v < count; v++) {
-        double o[3], d[3], depth = 0;
+typedef struct evidence {
+    const cln_scene *scene;
+    const cln_reader_result *result;
+    const char *bbox; /* "" = none */
+    axes mean;        /* of the training cameras */
+} evidence;
 
-        position_and_axis(&scene->views[v].camera, o, d);
-        for (int i = 0; i < 3; i++)
-            depth += d[i] * (centre[i] - o[i]);
-        behind += depth <= 0;
-        *half = fmax(*half, max_norm_distance(o, centre));
-        *half = fmax(*half, depth * view_radius(&scene->views[v].camera));
-    }
-    return 4 * behind < count;
-}
-
-/* Rule 4. */
-static void in_front_of_cameras(const cln_scene *scene, const axes *mean, double centre[3],
-                                double *half)
-{
-    double spread = 0;
-
-    for (int v = 0; v < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); v++) {
-        double o[3], d[3];
-
-        position_and_axis(&scene->views[v].camera, o, d);
-        spread = fmax(spread, max_norm_distance(o, mean->position));
-    }
-    *half = spread > 0 ? SPREADS * spread : 1; /* one camera, or all in one place: any scale */
-    for (int i = 0; i < 3; i++)
-        centre[i] = mean->position[i] + *half * mean->direction[i];
-}
-
-static cln_status box_of_option(cln_scene *scene, const char *bbox)
+static cln_status given_box(const evidence *e, cln_space *space, char **because)
 {
     cln_status st = CLN_OK;
     double box[6];
 
-    CLN_TRY(cln_parse_reals(bbox, 6, box));
-    scene->half = 0;
+    if (!e->bbox[0])
+        return CLN_OK;
+    CLN_TRY(cln_parse_reals(e->bbox, 6, box));
+    space->half = 0;
     for (int i = 0; i < 3; i++) {
         if (!(box[i] < box[i + 3]))
             CLN_TRY(cln_fail(CLN_USAGE, "--bbox %s: the minimum %g is not below the maximum %g",
-                             bbox, box[i], box[i + 3]));
-        scene->centre[i] = 0.5 * (box[i] + box[i + 3]);
-        scene->half = fmax(scene->half, 0.5 * (box[i + 3] - box[i]));
+                             e->bbox, box[i], box[i + 3]));
+        space->centre[i] = 0.5 * (box[i] + box[i + 3]);
+        space->half = fmax(space->half, 0.5 * (box[i + 3] - box[i]));
     }
-    CLN_TRY(cln_asprintf(&scene->bounds_rule, "the cube around --bbox %s", bbox));
+    CLN_TRY(cln_asprintf(because, "the cube around --bbox %s", e->bbox));
 done:
     return st;
 }
+
+static cln_status of_dataset(const evidence *e, cln_space *space, char **because)
+{
+    if (!e->result->has_bounds)
+        return CLN_OK;
+    *space = e->result->space;
+    return cln_strdup(because, e->result->bounds_rule);
+}
+
+/* Does not apply if the axes are parallel, or if a quarter of the cameras have the point behind
+ * them. */
+static cln_status looked_at(const evidence *e, cln_space *space, char **because)
+{
+    const int count = cln_scene_split_count(e->scene, CLN_SPLIT_TRAIN);
+    int behind = 0;
+
+    if (!nearest_point(&e->mean, space->centre))
+        return CLN_OK;
+    space->half = 0;
+    for (int v = 0; v < count; v++) {
+        double o[3], d[3], depth = 0;
+
+        position_and_axis(&e->scene->views[v].camera, o, d);
+        for (int i = 0; i < 3; i++)
+            depth += d[i] * (space->centre[i] - o[i]);
+        behind += depth <= 0;
+        space->half = fmax(space->half, max_norm_distance(o, space->centre));
+        space->half = fmax(space->half, depth * view_radius(&e->scene->views[v].camera));
+    }
+    if (4 * behind >= count)
+        return CLN_OK;
+    return cln_strdup(because, "around the point nearest to all optical axes, out to the cameras; "
+                               "--bbox sets a tighter one");
+}
+
+static cln_status before_cameras(const evidence *e, cln_space *space, char **because)
+{
+    double spread = 0;
+
+    for (int v = 0; v < cln_scene_split_count(e->scene, CLN_SPLIT_TRAIN); v++) {
+        double o[3], d[3];
+
+        position_and_axis(&e->scene->views[v].camera, o, d);
+        spread = fmax(spread, max_norm_distance(o, e->mean.position));
+    }
+    space->half =
+        spread > 0 ? SPREADS * spread : 1; /* one camera, or all in one place: any scale */
+    for (int i = 0; i < 3; i++)
+        space->centre[i] = e->mean.position[i] + space->half * e->mean.direction[i];
+    return cln_strdup(because, "a guess, 4 times the spread of the cameras, because they look in "
+                               "parallel or outwards; --bbox sets a better one");
+}
+
+/* In this order; the last one always applies. */
+static cln_status (*const rules[])(const evidence *, cln_space *,
+                                   char **) = {given_box, of_dataset, looked_at, before_cameras};
 
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
                                  const char *bbox)
 {
     cln_status st = CLN_OK;
-    axes mean;
+    cln_space *space = &scene->space;
+    evidence e = {.scene = scene, .result = result, .bbox = bbox};
+    bool sane = true;
 
-    if (bbox[0]) {
-        CLN_TRY(box_of_option(scene, bbox));
-    } else if (result->has_bounds) {
-        memcpy(scene->centre, result->centre, sizeof scene->centre);
-        scene->half = result->half;
-        CLN_TRY(cln_strdup(&scene->bounds_rule, result->bounds_rule));
-    } else {
-        gather_axes(scene, &mean);
-        if (looked_at(scene, &mean, scene->centre, &scene->half)) {
-            CLN_TRY(cln_strdup(&scene->bounds_rule,
-                               "around the point nearest to all optical axes, out to the cameras; "
-                               "--bbox sets a tighter one"));
-        } else {
-            in_front_of_cameras(scene, &mean, scene->centre, &scene->half);
-            CLN_TRY(cln_strdup(&scene->bounds_rule,
-                               "a guess, 4 times the spread of the cameras, because they look in "
-                               "parallel or outwards; --bbox sets a better one"));
-        }
-    }
+    gather_axes(scene, &e.mean);
+    for (size_t i = 0; i < sizeof rules / sizeof *rules && !scene->bounds_rule; i++)
+        CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
+    sane = space->half >= HALF_MIN && space->half <= HALF_MAX;
     for (int i = 0; i < 3; i++)
-        if (!isfinite(scene->centre[i]) || fabs(scene->centre[i]) > HALF_MAX ||
-            !(scene->half >= HALF_MIN && scene->half <= HALF_MAX))
-            CLN_TRY(
-                cln_fail(CLN_INPUT,
+        sane = sane && fabs(space->centre[i]) <= HALF_MAX; /* false for NaN, too */
+    if (!sane)
+        CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: absurd scene cube, centre (%g, %g, %g) and half side %g (%s); give "
                          "a box with --bbox",
-                         scene->folder, scene->centre[0], scene->centre[1], scene->centre[2],
-                         scene->half, scene->bounds_rule));
+                         scene->folder, space->centre[0], space->centre[1], space->centre[2],
+                         space->half, scene->bounds_rule));
 done:
     return st;
 }
@@ -221,33 +236,13 @@ bool cln_scene_focus(const cln_scene *scene, double point[3])
     return nearest_point(&mean, point);
 }
 
-/* Slab test of the ray o + t d, t >= 0, against the cube. */
-static bool ray_meets_cube(const cln_scene *scene, const double o[3], const double d[3])
-{
-    double enter = 0, leave = INFINITY;
-
-    for (int i = 0; i < 3; i++) {
-        const double low = scene->centre[i] - scene->half - o[i];
-        const double high = scene->centre[i] + scene->half - o[i];
-
-        if (d[i] == 0) {
-            if (low > 0 || high < 0)
-                return false;
-            continue;
-        }
-        enter = fmax(enter, fmin(low / d[i], high / d[i]));
-        leave = fmin(leave, fmax(low / d[i], high / d[i]));
-    }
-    return enter < leave;
-}
-
 static bool pixel_meets_cube(const cln_scene *scene, const cln_camera *camera, double u, double v)
 {
     double o[3], d[3];
 
     return u > 0 && v > 0 && u < camera->width && v < camera->height &&
            cln_camera_ray(camera, floor(u) + 0.5, floor(v) + 0.5, o, d) &&
-           ray_meets_cube(scene, o, d);
+           cln_space_met_by(&scene->space, o, d);
 }
 
 /* Not every pixel: a grid over the image finds cubes that are large in it, the pixels onto which a
@@ -264,7 +259,8 @@ static bool camera_sees_cube(const cln_scene *scene, const cln_camera *camera)
         double point[3], u, v, z;
 
         for (int k = 0; k < 3; k++)
-            point[k] = scene->centre[k] + scene->half * (2.0 * index[k] / (LATTICE - 1) - 1);
+            point[k] = 2.0 * index[k] / (LATTICE - 1) - 1;
+        cln_space_point_to_scene(&scene->space, point, point);
         if (!cln_camera_project(camera, point, &u, &v, &z))
             continue;
         /* Neighbours too: the centre of the pixel with the cube's corner may just miss it. */
@@ -277,6 +273,7 @@ static bool camera_sees_cube(const cln_scene *scene, const cln_camera *camera)
 
 cln_status cln_scene_check_seen(const cln_scene *scene)
 {
+    const cln_space *space = &scene->space;
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 
     for (int v = 0; v < count; v++)
@@ -287,6 +284,6 @@ cln_status cln_scene_check_seen(const cln_scene *scene)
         "%s: no camera looks at the cube: none of the %d training views has a ray through "
         "centre (%g, %g, %g), half side %g (%s); give the box of the scene with --bbox or "
         "check the axes of the poses",
-        scene->folder, count, scene->centre[0], scene->centre[1], scene->centre[2], scene->half,
+        scene->folder, count, space->centre[0], space->centre[1], space->centre[2], space->half,
         scene->bounds_rule);
 }

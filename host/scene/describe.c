@@ -12,7 +12,7 @@ static double distance_to_centre(const cln_scene *scene, const cln_view *view)
     double sum = 0;
 
     for (int i = 0; i < 3; i++) {
-        const double difference = view->camera.c2w[4 * i + 3] - scene->centre[i];
+        const double difference = view->camera.c2w[4 * i + 3] - scene->space.centre[i];
 
         sum += difference * difference;
     }
@@ -70,7 +70,7 @@ cln_status cln_scene_describe(const cln_scene *scene, json_t **out)
         json_object_set_new(splits, cln_split_names[s],
                             json_integer(cln_scene_split_count(scene, (cln_split)s)));
     for (int i = 0; i < 3; i++) {
-        json_array_append_new(centre, cln_json_real(scene->centre[i]));
+        json_array_append_new(centre, cln_json_real(scene->space.centre[i]));
         /* To the digits a float has, so that 0.1f is told as 0.1. */
         json_array_append_new(background, cln_json_real(round(scene->background[i] * 1e7) / 1e7));
     }
@@ -86,8 +86,8 @@ cln_status cln_scene_describe(const cln_scene *scene, json_t **out)
         scene->view_count, "splits", splits, "split_rule", scene->split_rule, "sizes",
         describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha, "distortion",
         scene->has_distortion, "downscale", scene->downscale, "centre", centre, "half",
-        cln_json_real(scene->half), "bounds_rule", scene->bounds_rule, "background", background,
-        "digest", digest, "camera_distance", cln_json_real(distance), "cameras",
+        cln_json_real(scene->space.half), "bounds_rule", scene->bounds_rule, "background",
+        background, "digest", digest, "camera_distance", cln_json_real(distance), "cameras",
         describe_views(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);

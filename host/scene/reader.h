@@ -12,7 +12,7 @@ typedef struct cln_reader_result {
     cln_view *views;   /* name, path, camera (at file size; width/height 0 = ask the image) */
     bool named_splits; /* the dataset says which view is what; else --holdout applies */
     bool has_bounds;
-    double centre[3], half;
+    cln_space space;
     char *bounds_rule;
     const char *dialect;
     char *because;

@@ -196,8 +196,8 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
         CLN_TRY(cln_fail(CLN_INPUT, "%s: aabb_scale %g and scale %g must be above zero", file,
                          aabb_scale, scale));
     for (int i = 0; i < 3; i++)
-        result->centre[i] = (0.5 - shift[i]) / scale;
-    result->half = 0.5 * aabb_scale / scale;
+        result->space.centre[i] = (0.5 - shift[i]) / scale;
+    result->space.half = 0.5 * aabb_scale / scale;
     if (aabb) {
         double longest = 1e-6; /* instant-ngp's floor */
 
@@ -205,9 +205,9 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
         CLN_TRY(read_vector3(file, "aabb[1]", json_array_get(aabb, 1), high));
         for (int i = 0; i < 3; i++) {
             longest = fmax(longest, fabs(high[i] - low[i]));
-            result->centre[i] = 0.5 * (low[i] + high[i]);
+            result->space.centre[i] = 0.5 * (low[i] + high[i]);
         }
-        result->half = 0.5 * aabb_scale * longest;
+        result->space.half = 0.5 * aabb_scale * longest;
     }
     result->has_bounds = true;
     CLN_TRY(cln_asprintf(&result->bounds_rule, "the file's %s, times aabb_scale %g",
@@ -246,7 +246,7 @@ static cln_status read_blender(const char *folder, cln_reader_result *result)
     }
     if (!result->has_bounds) {
         result->has_bounds = true;
-        result->half = 1.5;
+        result->space.half = 1.5;
         CLN_TRY(cln_strdup(&result->bounds_rule, "the Blender scenes' convention, 0 +- 1.5"));
     }
 done:

@@ -12,6 +12,7 @@
 #include <stdint.h>
 #include "base/status.h"
 #include "cln_config.h"
+#include "scene/space.h"
 
 typedef enum { CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, CLN_SPLIT_TEST, CLN_SPLITS } cln_split;
 extern const char *const cln_split_names[CLN_SPLITS]; /* "train", "val", "test" */
@@ -60,7 +61,7 @@ typedef struct cln_scene {
     cln_view *views; /* train, then val, then test; by name within a split */
     uint8_t *pixels; /* of all loaded views: one piece, so that it lies in huge pages */
     bool has_alpha, has_distortion; /* over the views of all splits */
-    double centre[3], half;         /* root cube = centre + [-half, half]^3, world units */
+    cln_space space;                /* its cube */
     char *bounds_rule;              /* where the cube comes from, a phrase */
     float background[3];            /* composited behind alpha and behind the scene */
     uint64_t digest;                /* of poses, intrinsics, split, names and image bytes on disk */

@@ -154,8 +154,8 @@ static bool mark_cube(const cln_camera *c, int side, const double middle[3], dou
 }
 
 /* The tiles of a view that a leaf may be seen in; marks: [tile of the view]. */
-static void mark_view(const cln_camera *c, int side, const cln_octree *tree, const double centre[3],
-                      double half, uint8_t *marks)
+static void mark_view(const cln_camera *c, int side, const cln_octree *tree, const cln_space *space,
+                      uint8_t *marks)
 {
     const grid g = grid_of(c, side);
     const size_t tiles = (size_t)g.across * (size_t)g.down;
@@ -169,8 +169,9 @@ static void mark_view(const cln_camera *c, int side, const cln_octree *tree, con
         cln_octree_box(tree, tree->leaf[s], box);
         reach = 0.5 * (double)box[3];
         for (int a = 0; a < 3; a++)
-            middle[a] = centre[a] + half * ((double)box[a] + reach);
-        whole = !mark_cube(c, side, middle, half * reach, marks);
+            middle[a] = (double)box[a] + reach;
+        cln_space_point_to_scene(space, middle, middle);
+        whole = !mark_cube(c, side, middle, cln_space_distance_to_scene(space, reach), marks);
     }
     if (whole)
         memset(marks, 1, tiles);
@@ -208,7 +209,7 @@ static double background_error(const cln_scene *scene, const cln_view *view, con
 }
 
 void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const cln_octree *tree,
-                         const double centre[3], double half)
+                         const cln_space *space)
 {
     const int side = coverage->side;
     uint8_t marks[MOST_TILES * MOST_TILES];
@@ -221,7 +222,7 @@ void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const c
         const grid g = grid_of(&view->camera, side);
         float *errors = coverage->error + coverage->first[i];
 
-        mark_view(&view->camera, side, tree, centre, half, marks);
+        mark_view(&view->camera, side, tree, space, marks);
         all += (int64_t)view->camera.width * view->camera.height;
         for (int k = 0; k < g.across * g.down; k++) {
             const cln_tile tile = {(uint32_t)i, (uint16_t)(k % g.across * side),

@@ -33,9 +33,9 @@ typedef struct cln_coverage {
 cln_status cln_coverage_create(const cln_scene *scene, cln_coverage *out);
 void cln_coverage_free(cln_coverage *coverage);
 
-/* Of this tree, whose cube is centre + [-half, half]^3 in world units. Costs views x leaves, until a view is whole. */
+/* Of this tree, whose cube is `space`'s. Costs views x leaves, until a view is whole. */
 void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const cln_octree *tree,
-                         const double centre[3], double half);
+                         const cln_space *space);
 
 /* Host memory for the training views of a scene. */
 double cln_coverage_bytes(const cln_scene *scene);

@@ -123,8 +123,7 @@ void cln_trainer_cover(cln_trainer *t)
     CLN_ASSERT(!t->owed.due);
     t->drawn = false;
     if (t->model.config.skip_uncovered)
-        cln_coverage_update(&t->batch.coverage, t->scene, &t->model.tree, t->model.centre,
-                            t->model.half);
+        cln_coverage_update(&t->batch.coverage, t->scene, &t->model.tree, &t->model.space);
 }
 
 static void draw(cln_trainer *t)

@@ -64,10 +64,10 @@ static void make_tree(cln_model *model)
     assert_non_null(model->error);
     for (int s = 0; s < LEAVES; s++)
         model->error[s] = NAN;
-    model->centre[0] = 1;
-    model->centre[1] = 2;
-    model->centre[2] = 3;
-    model->half = 4;
+    model->space.centre[0] = 1;
+    model->space.centre[1] = 2;
+    model->space.centre[2] = 3;
+    model->space.half = 4;
     model->step = 321;
 }
 

@@ -41,8 +41,7 @@ static void same_model(const cln_model *a, const cln_model *b, bool training)
     assert_true(json_equal(config_a, config_b));
     json_decref(config_a);
     json_decref(config_b);
-    assert_memory_equal(a->centre, b->centre, sizeof a->centre);
-    assert_memory_equal(&a->half, &b->half, sizeof a->half);
+    assert_memory_equal(&a->space, &b->space, sizeof a->space);
     assert_memory_equal(a->background, b->background, sizeof a->background);
     assert_memory_equal(&a->train_seconds, &b->train_seconds, sizeof a->train_seconds);
     assert_int_equal(a->has_alpha, b->has_alpha);

@@ -13,7 +13,7 @@
 enum { VIEWS = 5, RAYS = 331 };
 
 /* A camera that looks at the centre from somewhere, upright or not. */
-static void make_camera(int i, bool distorted, const double centre[3], double half, cln_camera *c)
+static void make_camera(int i, bool distorted, const cln_space *space, cln_camera *c)
 {
     double back[3], right[3], down[3], length = 0;
 
@@ -41,7 +41,7 @@ static void make_camera(int i, bool distorted, const double centre[3], double ha
         c->c2w[4 * a] = right[a];
         c->c2w[4 * a + 1] = down[a];
         c->c2w[4 * a + 2] = -back[a];
-        c->c2w[4 * a + 3] = centre[a] + half * (2 + i) * back[a];
+        c->c2w[4 * a + 3] = space->centre[a] + space->half * (2 + i) * back[a];
     }
     c->width = 160 + 17 * i;
     c->height = 120;
@@ -61,7 +61,7 @@ static void check_rays(int set, bool distorted, double unit)
 {
     const cln_config config = small_config();
     cln_pipeline *p = test_pipeline(&tune_sets[set], &config, distorted, false);
-    const double centre[3] = {3 * unit, -2 * unit, 0.5 * unit}, half = 1.5 * unit;
+    const cln_space space = {{3 * unit, -2 * unit, 0.5 * unit}, 1.5 * unit};
     const float white[4] = {1, 1, 1, 1};
     cln_camera cameras[VIEWS];
     const cln_camera *list[VIEWS];
@@ -70,7 +70,7 @@ static void check_rays(int set, bool distorted, double unit)
     double want[7 * RAYS];
 
     for (int i = 0; i < VIEWS; i++) {
-        make_camera(i, distorted, centre, half, &cameras[i]);
+        make_camera(i, distorted, &space, &cameras[i]);
         list[i] = &cameras[i];
     }
     for (int r = 0; r < RAYS; r++) { /* corners first, then anywhere */
@@ -81,7 +81,7 @@ static void check_rays(int set, bool distorted, double unit)
         pixels[r].x = r < 20 ? (r / 5 % 2) * (w - 1) : (uint32_t)test_uniform(2, r, 0, w);
         pixels[r].y = r < 20 ? (r / 10) * (h - 1) : (uint32_t)test_uniform(3, r, 0, h);
     }
-    assert_ok(cln_pipeline_cameras(p, list, VIEWS, centre, half));
+    assert_ok(cln_pipeline_cameras(p, list, VIEWS, &space));
     assert_ok(cln_pipeline_batch(p, pixels, RAYS, NULL, white));
     test_fill(p->device, &p->ray_o, NULL, sizeof *o * RAYS);
     test_fill(p->device, &p->ray_d, NULL, sizeof *d * RAYS);
@@ -94,7 +94,7 @@ static void check_rays(int set, bool distorted, double unit)
 
         assert_true(cln_camera_ray(c, pixels[r].x + 0.5, pixels[r].y + 0.5, origin, direction));
         for (int a = 0; a < 3; a++) {
-            want[7 * r + a] = (origin[a] - centre[a]) / half;
+            want[7 * r + a] = (origin[a] - space.centre[a]) / space.half;
             got[7 * r + a] = o[r][a];
             want[7 * r + 3 + a] = direction[a];
             got[7 * r + 3 + a] = d[r][a];
@@ -130,14 +130,13 @@ static void test_few_rays(void **state)
 {
     const cln_config config = small_config();
     cln_pipeline *p = test_pipeline(&tune_sets[4], &config, false, false);
-    const double centre[3] = {0, 0, 0};
     const float white[4] = {1, 1, 1, 1};
     cln_camera camera;
     const cln_camera *list = &camera;
 
     (void)state;
-    make_camera(1, false, centre, 1, &camera);
-    assert_ok(cln_pipeline_cameras(p, &list, 1, centre, 1));
+    make_camera(1, false, &cln_space_unit, &camera);
+    assert_ok(cln_pipeline_cameras(p, &list, 1, &cln_space_unit));
     for (int n = 0; n < 3; n++) {
         const cln_pixel pixels[3] = {{0, 1, 2, 0}, {0, 3, 4, 0}, {0, 5, 6, 0}};
         float(*d)[4] = NULL;

@@ -305,7 +305,6 @@ static const cln_sampling sampling = {.jitter = true,
 static void run_splat(cln_pipeline *p, const cln_config *config, bool distorted, size_t entries,
                       splat_run *run)
 {
-    const double centre[3] = {0, 0, 0};
     const float white[4] = {1, 1, 1, 1};
     const cln_camera *list[VIEWS];
 
@@ -316,7 +315,7 @@ static void run_splat(cln_pipeline *p, const cln_config *config, bool distorted,
     for (int v = 0; v < VIEWS; v++)
         list[v] = &run->cameras[v];
     assert_ok(cln_pipeline_upload(p, &run->model, false));
-    assert_ok(cln_pipeline_cameras(p, list, VIEWS, centre, 1));
+    assert_ok(cln_pipeline_cameras(p, list, VIEWS, &cln_space_unit));
     assert_ok(cln_pipeline_batch(p, run->pixels, RAYS, NULL, white));
     assert_ok(cln_stage_rays(p, RAYS));
     p->max_entries = entries;

@@ -66,8 +66,8 @@ static void test_blender(void **state)
                         "test/r_0");
     assert_true(scene->has_alpha);
     assert_false(scene->has_distortion);
-    assert_near(scene->half, 1.5, 0);
-    assert_near(scene->centre[0], 0, 0);
+    assert_near(scene->space.half, 1.5, 0);
+    assert_near(scene->space.centre[0], 0, 0);
     /* In front: right is +x, up is +y and smaller v; depth 4. */
     view = view_named(scene, "train/r_0");
     assert_projects(view, 0, 0, 0, 10, 6);
@@ -114,8 +114,8 @@ static void test_instant_ngp(void **state)
     assert_true(scene->has_distortion);
     assert_false(scene->has_alpha);
     /* 0.33: the box of side 4 around 0.5 is 4 / 0.33 wide here. */
-    assert_near(scene->half, 2 / 0.33, 1e-12);
-    assert_near(scene->centre[1], 0, 1e-12);
+    assert_near(scene->space.half, 2 / 0.33, 1e-12);
+    assert_near(scene->space.centre[1], 0, 1e-12);
     /* a = 0.5, b = 0.25 (v down, so y = -0.25 * 4): the distorted point of test_camera.c. */
     view = view_named(scene, "images/0001.png");
     assert_projects(view, 2, -1, 0, 9.5 + 30 * 0.51798828125, 6.25 + 40 * 0.258994140625);
@@ -311,8 +311,8 @@ static void check_bounds(const char *folder, const char *bbox, const char *keys,
     put_text(folder, "transforms.json", json);
     scene = load(folder, &config);
     for (int i = 0; i < 3; i++)
-        assert_near(scene->centre[i], centre[i], 1e-9);
-    assert_near(scene->half, half, 1e-9);
+        assert_near(scene->space.centre[i], centre[i], 1e-9);
+    assert_near(scene->space.half, half, 1e-9);
     if (!strstr(scene->bounds_rule, rule))
         fail_msg("rule '%s' lacks '%s'", scene->bounds_rule, rule);
     cln_scene_free(scene);

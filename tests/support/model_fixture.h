@@ -81,10 +81,10 @@ static inline void make_model(int64_t step, cln_model *model)
     model->last_square = 2.0 / 7;
     model->decisions = 5;
     model->tree.strikes[model->tree.leaf[0]] = 1;
-    model->centre[0] = 0.1 + 0.2;
-    model->centre[1] = -1.0 / 3;
-    model->centre[2] = 5e-324;
-    model->half = 1e-4 / 7;
+    model->space.centre[0] = 0.1 + 0.2;
+    model->space.centre[1] = -1.0 / 3;
+    model->space.centre[2] = 5e-324;
+    model->space.half = 1e-4 / 7;
     model->background[0] = 0.1f;
     model->background[2] = 1;
     model->has_distortion = true;

@@ -69,7 +69,7 @@ static cln_scene *make_scene(const char *folder, int views, double radius, int w
 
 /* Does the ray meet a leaf's box? */
 static bool meets(const cln_octree *tree, const double o[3], const double d[3],
-                  const double centre[3], double half)
+                  const cln_space *space)
 {
     for (int s = 0; s < tree->leaf_count; s++) {
         double near = 0, far = INFINITY;
@@ -77,8 +77,8 @@ static bool meets(const cln_octree *tree, const double o[3], const double d[3],
 
         cln_octree_box(tree, tree->leaf[s], box);
         for (int a = 0; a < 3; a++) {
-            const double low = centre[a] + half * (double)box[a],
-                         high = low + half * (double)box[3];
+            const double low = space->centre[a] + space->half * (double)box[a],
+                         high = low + space->half * (double)box[3];
             const double t0 = (low - o[a]) / d[a], t1 = (high - o[a]) / d[a];
 
             near = fmax(near, fmin(t0, t1));
@@ -112,13 +112,13 @@ static uint8_t *covered_pixels(const cln_coverage *c, const cln_scene *scene, in
  * pixels over pixels that meet a leaf. */
 static double check(const cln_scene *scene, const cln_octree *tree, double half)
 {
-    const double centre[3] = {0.1, -0.2, 0.05};
+    const cln_space space = {{0.1, -0.2, 0.05}, half};
     cln_coverage c;
     double hits = 0, covered = 0, all = 0, error = 0;
 
     assert_int_equal(cln_coverage_create(scene, &c), CLN_OK);
     for (int twice = 0; twice < 2; twice++) /* the second time errors of tiles are known */
-        cln_coverage_update(&c, scene, tree, centre, half);
+        cln_coverage_update(&c, scene, tree, &space);
     for (int i = 0; i < c.views; i++) {
         const cln_view *view = &scene->views[i];
         uint8_t *marks = covered_pixels(&c, scene, i);
@@ -130,7 +130,7 @@ static double check(const cln_scene *scene, const cln_octree *tree, double half)
 
             assert_in_range(marks[k], 0, 1);
             assert_true(cln_camera_ray(&view->camera, x + 0.5, y + 0.5, o, d));
-            if (meets(tree, o, d, centre, half)) {
+            if (meets(tree, o, d, &space)) {
                 hits++;
                 if (!marks[k])
                     fail_msg("view %d, pixel %d %d: a leaf, and no tile", i, x, y);
@@ -185,7 +185,6 @@ static void test_tight(void **state)
 /* A lens that bends lines is not worked out: its whole view counts. So does one that a leaf is around. No leaf: nothing. */
 static void test_whole_and_nothing(void **state)
 {
-    const double centre[3] = {0, 0, 0};
     cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
     cln_octree tree = random_tree(3, 400);
     cln_octree_change change = {0};
@@ -194,17 +193,18 @@ static void test_whole_and_nothing(void **state)
 
     memset(all, 1, sizeof all);
     assert_int_equal(cln_coverage_create(scene, &c), CLN_OK);
-    cln_coverage_update(&c, scene, &tree, centre, 1);
+    cln_coverage_update(&c, scene, &tree, &cln_space_unit);
     assert_true(c.share < 1 && !c.whole);
     scene->views[1].camera.k1 = 1e-3;
-    cln_coverage_update(&c, scene, &tree, centre, 1);
+    cln_coverage_update(&c, scene, &tree, &cln_space_unit);
     assert_int_equal(c.start[2] - c.start[1], c.first[2] - c.first[1]);
     assert_true(c.start[1] < c.first[1]);
-    cln_coverage_update(&c, scene, &tree, centre, 100); /* all cameras stand in the cube */
+    cln_coverage_update(&c, scene, &tree,
+                        &(cln_space){.half = 100}); /* all cameras stand in the cube */
     assert_int_equal(cln_octree_cull(&tree, all, &change), CLN_OK);
     cln_octree_change_free(&change);
     scene->views[1].camera.k1 = 0;
-    cln_coverage_update(&c, scene, &tree, centre, 1);
+    cln_coverage_update(&c, scene, &tree, &cln_space_unit);
     assert_int_equal(c.start[3], 0);
     assert_true(c.share == 0 && !c.whole);
     cln_coverage_free(&c);
@@ -217,7 +217,6 @@ static void test_whole_and_nothing(void **state)
 static void test_draw(void **state)
 {
     enum { STEPS = 100 };
-    const double centre[3] = {0, 0, 0};
     cln_config config = default_config();
     cln_scene *scene = make_scene(*state, 4, 3.5, 50, 46, 4);
     cln_octree tree = random_tree(3, 40);
@@ -232,7 +231,7 @@ static void test_draw(void **state)
     scene = load(*state, NULL);
     assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
     assert_false(cln_batch_skips(&b, &config, 0)); /* of no tree yet */
-    cln_coverage_update(&b.coverage, scene, &tree, centre, 1);
+    cln_coverage_update(&b.coverage, scene, &tree, &cln_space_unit);
     assert_true(cln_batch_skips(&b, &config, 0));
     for (int i = 0; i < 4; i++)
         counts[i] = calloc(50 * 46, sizeof *counts[i]);
@@ -278,14 +277,13 @@ static void test_draw(void **state)
 /* When all pixels count: no such option, splatting, the middle of the images first, or no leaf at all. */
 static void test_when_all_count(void **state)
 {
-    const double centre[3] = {0, 0, 0};
     cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
     cln_octree tree = random_tree(3, 400);
     cln_config config = default_config(), other = config;
     cln_batch b;
 
     assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
-    cln_coverage_update(&b.coverage, scene, &tree, centre, 1);
+    cln_coverage_update(&b.coverage, scene, &tree, &cln_space_unit);
     assert_true(cln_batch_skips(&b, &config, 0));
     other.skip_uncovered = false;
     assert_false(cln_batch_skips(&b, &other, 0));

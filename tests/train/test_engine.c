@@ -215,7 +215,7 @@ static void test_split_keeps_pictures(void **state)
     NEED_DEVICE();
     assert_ok(cln_open_run_open(engine_path("whole"), NULL, pixels, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
-    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, v.model.centre, v.model.half));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
     before = psnr_of(&v, views, count);
     assert_true(before == engine_whole.psnr_test);
@@ -544,7 +544,7 @@ static void test_splat_in_bands(void **state)
     n = (size_t)tall.width * (size_t)tall.height;
     pointer = &tall;
     assert_ok(cln_open_run_start(&v, &device, false));
-    assert_ok(cln_pipeline_cameras(&v.pipeline, &pointer, 1, v.model.centre, v.model.half));
+    assert_ok(cln_pipeline_cameras(&v.pipeline, &pointer, 1, &v.model.space));
     assert_ok(cln_render_prepare(&v.pipeline));
     assert_ok(cln_render_view(&v.pipeline, 0, white, false, NULL, &whole));
     assert_true(v.pipeline.splat_entries > 100);
