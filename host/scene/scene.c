@@ -72,13 +72,17 @@ static void digest_cameras(cln_scene *scene)
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         const cln_camera *c = &view->camera;
-        const double lens[8] = {c->fx, c->fy, c->cx, c->cy, c->k1, c->k2, c->p1, c->p2};
+        const cln_lens_model *lens = &cln_lens_models[c->lens];
+        double lengths[4 + CLN_LENS_PARAMS] = {c->fx, c->fy, c->cx, c->cy};
         const int32_t numbers[3] = {(int32_t)view->split, c->width, c->height};
 
         digest = cln_digest(digest, view->name, strlen(view->name));
         digest = cln_digest(digest, numbers, sizeof numbers);
         digest = cln_digest(digest, c->c2w, sizeof c->c2w);
-        digest = cln_digest(digest, lens, sizeof lens);
+        memcpy(lengths + 4, c->distortion, sizeof c->distortion);
+        digest = cln_digest(digest, lengths, (4 + (size_t)lens->count) * sizeof *lengths);
+        if (c->lens != CLN_LENS_OPENCV) /* whose digests are older than the names of models */
+            digest = cln_digest(digest, lens->name, strlen(lens->name));
     }
     scene->digest = digest;
 }

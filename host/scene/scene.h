@@ -12,32 +12,36 @@
 #include <stdint.h>
 #include "base/status.h"
 #include "cln_config.h"
+#include "scene/lens.h"
 #include "scene/space.h"
 
 typedef enum { CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, CLN_SPLIT_TEST, CLN_SPLITS } cln_split;
 extern const char *const cln_split_names[CLN_SPLITS]; /* "train", "val", "test" */
 
-/* Pinhole with OPENCV distortion: for a camera-space point (x, y, z), a = x/z, b = y/z, r2 = a2 +
- * b2,
- *   a' = a (1 + k1 r2 + k2 r2^2) + 2 p1 a b + p2 (r2 + 2 a2)
- *   b' = b (1 + k1 r2 + k2 r2^2) + p1 (r2 + 2 b2) + 2 p2 a b
- *   u = fx a' + cx, v = fy b' + cy        (pixels) */
+/* A point at (x, y, z) in the camera's frame has its place (a', b') by the lens model (lens.h), and
+ * its pixel position at u = fx a' + cx, v = fy b' + cy. */
 typedef struct cln_camera {
-    double c2w[12]; /* 3x4 row-major [R|o], R a rotation, o in world units */
+    double c2w[12]; /* 3x4 row-major [R|o], R a rotation, o in scene units */
     double fx, fy, cx, cy;
-    double k1, k2, p1, p2;
+    cln_lens lens;
+    union {
+        double distortion[CLN_LENS_PARAMS]; /* in the order of the model's parameters */
+        struct {
+            double k1, k2, p1, p2; /* OPENCV's */
+        };
+    };
     int width, height;
 } cln_camera;
 
 bool cln_camera_is_distorted(const cln_camera *camera);
 
-/* World ray through pixel position (u, v): origin, unit direction. The distortion is inverted by
- * Newton's method to 1e-12 in the normalised plane; a position that no point maps to (beyond the
- * model's fold) yields false and the undistorted direction. */
+/* The ray through pixel position (u, v): origin in scene units, unit direction. A position that no
+ * direction has (beyond the lens model's fold) yields false and the pinhole's direction. */
 bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[3],
                     double direction[3]);
 
-/* World point -> (u, v) and camera z; false if z <= 0. */
+/* Point in scene units -> (u, v) and its z in the camera's frame; false, (0, 0) and z if it is not
+ * before the lens. */
 bool cln_camera_project(const cln_camera *camera, const double point[3], double *u, double *v,
                         double *z);
 

@@ -8,8 +8,8 @@
  *   distance    (also t of a ray, and depth) scene = half * cube
  *   density     (per unit of distance) scene = cube / half
  *
- * A space of another shape is another branch in space.c, and one in the kernels' header for it;
- * nothing else does this arithmetic. Functions do not fail. */
+ * Nothing else does this arithmetic: a space of another shape (forward-facing, unbounded) joins here
+ * and in kernels/space.h, its twin. Functions do not fail. */
 #ifndef CLN_SPACE_H
 #define CLN_SPACE_H
 

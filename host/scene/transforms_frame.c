@@ -14,10 +14,6 @@
 /* Names tried behind a file_path, in this order. */
 static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
 
-/* Models whose distortion is a subset of k1 k2 p1 p2. */
-static const char *const camera_models[] = {"OPENCV",        "PINHOLE", "SIMPLE_PINHOLE",
-                                            "SIMPLE_RADIAL", "RADIAL",  "PERSPECTIVE"};
-
 /* One frame being read: values are looked up in the frame, then in the whole document. */
 typedef struct source {
     const char *folder; /* of the JSON document */
@@ -92,40 +88,79 @@ done:
     return st;
 }
 
-static cln_status check_model(const source *src)
+/* "OPENCV (k1 k2 p1 p2)", for every model there is. The caller frees *out. */
+static cln_status list_models(char **out)
 {
     cln_status st = CLN_OK;
-    const json_t *model = value_of(src, "camera_model");
-    const char *const unread[4] = {"k3", "k4", "k5", "k6"};
-    bool known = !model || json_is_null(model);
+    char *list = NULL, *longer = NULL;
 
-    if (model && !known && !json_is_string(model))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: camera_model must be a string", src->where));
-    for (size_t i = 0; !known && i < sizeof camera_models / sizeof *camera_models; i++)
-        known = !strcmp(json_string_value(model), camera_models[i]);
-    if (!known)
-        CLN_TRY(
-            cln_fail(CLN_INPUT,
-                     "%s: camera_model %s is not read, only pinhole cameras with OPENCV distortion "
-                     "(k1 k2 p1 p2) are; undistort the images to such a camera",
-                     src->where, json_string_value(model)));
+    CLN_TRY(cln_strdup(&list, ""));
+    for (int lens = 0; lens < CLN_LENSES; lens++) {
+        const cln_lens_model *model = &cln_lens_models[lens];
+
+        for (int i = -1; i < model->count; i++) { /* -1: the name */
+            const char *comma = i < 0 && lens > 0 ? ", " : i > 0 ? " " : "";
+
+            CLN_TRY(cln_asprintf(&longer, "%s%s%s%s%s", list, comma, i == 0 ? " (" : "",
+                                 i < 0 ? model->name : model->params[i],
+                                 i >= 0 && i == model->count - 1 ? ")" : ""));
+            free(list);
+            list = longer;
+            longer = NULL;
+        }
+    }
+    *out = list;
+    list = NULL;
+done:
+    free(list);
+    return st;
+}
+
+/* The lens model, OPENCV if none is named, and its parameters; refuses what they leave out. */
+static cln_status read_lens(const source *src, cln_camera *camera)
+{
+    static const char *const others[] = {"k3", "k4", "k5", "k6"};
+    cln_status st = CLN_OK;
+    const json_t *named = value_of(src, "camera_model");
+    const cln_lens_model *model = NULL;
+    char *known = NULL;
+
+    CLN_TRY(list_models(&known));
+    camera->lens = CLN_LENS_OPENCV;
+    if (named && !json_is_null(named)) {
+        if (!json_is_string(named))
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: camera_model must be a string", src->where));
+        camera->lens = cln_lens_find(json_string_value(named));
+    }
+    if (camera->lens == CLN_LENSES)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: cameras of camera_model %s are not read, only %s; undistort the "
+                         "images to such a camera",
+                         src->where, json_string_value(named), known));
     if (json_is_true(value_of(src, "is_fisheye")) || value_of(src, "ftheta_p0"))
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: fisheye cameras are not read; undistort the images to a pinhole "
-                         "camera",
-                         src->where));
-    for (int i = 0; i < 4; i++) {
+                         "%s: fisheye cameras are not read, only %s; undistort the images to such "
+                         "a camera",
+                         src->where, known));
+    model = &cln_lens_models[camera->lens];
+    for (size_t k = 0; k < sizeof others / sizeof *others; k++) {
         double value = 0;
+        bool has = false;
 
-        CLN_TRY(number_of(src, unread[i], 0, &value));
+        for (int i = 0; i < model->count; i++)
+            has = has || !strcmp(model->params[i], others[k]);
+        if (!has)
+            CLN_TRY(number_of(src, others[k], 0, &value));
         if (value != 0)
-            CLN_TRY(
-                cln_fail(CLN_INPUT,
-                         "%s: %s = %g: only k1 k2 p1 p2 are read; calibrate with the OPENCV model "
-                         "or undistort the images",
-                         src->where, unread[i], value));
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: %s = %g is not a parameter of the lens models that are read: %s; "
+                             "calibrate with one of these or undistort the images",
+                             src->where, others[k], value, known));
     }
+    for (int i = 0; i < model->count; i++)
+        CLN_TRY(number_of(src, model->params[i], 0, &camera->distortion[i]));
 done:
+    free(known);
     return st;
 }
 
@@ -148,7 +183,7 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
     cln_status st = CLN_OK;
     int channels = 0;
 
-    CLN_TRY(check_model(src));
+    CLN_TRY(read_lens(src, camera));
     CLN_TRY(read_side(src, "w", &camera->width));
     CLN_TRY(read_side(src, "h", &camera->height));
     if (!camera->width || !camera->height)
@@ -156,10 +191,6 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
     CLN_TRY(read_focal(src, camera));
     CLN_TRY(number_of(src, "cx", 0.5 * camera->width, &camera->cx));
     CLN_TRY(number_of(src, "cy", 0.5 * camera->height, &camera->cy));
-    CLN_TRY(number_of(src, "k1", 0, &camera->k1));
-    CLN_TRY(number_of(src, "k2", 0, &camera->k2));
-    CLN_TRY(number_of(src, "p1", 0, &camera->p1));
-    CLN_TRY(number_of(src, "p2", 0, &camera->p2));
 done:
     return st;
 }

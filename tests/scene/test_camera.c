@@ -85,35 +85,43 @@ static void test_ray_by_hand(void **state)
     assert_near(o[2], 3, 0);
 }
 
-/* Lenses far stronger than photographs have, over the whole image and beyond it. */
+/* Lenses far stronger than photographs have, and the share of positions, over the image and beyond
+ * it, that must have a ray: all, unless the model folds. The fox's lens has its fold far outside. */
+static const struct {
+    cln_lens lens;
+    double distortion[CLN_LENS_PARAMS], share;
+} lenses[] = {
+    {CLN_LENS_OPENCV, {0, 0, 0, 0}, 1},
+    {CLN_LENS_OPENCV, {0.0578421, -0.0805099, -0.000980296, 0.00015575}, 1},
+    {CLN_LENS_OPENCV, {-0.4, 0.2, 0, 0}, 0.6},
+    {CLN_LENS_OPENCV, {0.8, 0.5, 0.01, -0.02}, 1},
+    {CLN_LENS_OPENCV, {0, 0, 0.05, 0.05}, 1},
+    {CLN_LENS_OPENCV, {-0.3, 0.12, -0.03, 0.02}, 0.6},
+    {CLN_LENS_OPENCV, {2, 0, 0, 0}, 1},
+};
+enum { LENSES = sizeof lenses / sizeof *lenses, POSITIONS = 500 };
+
 static void test_round_trip(void **state)
 {
-    static const double lenses[][4] = {
-        {0, 0, 0, 0},       {0.0578421, -0.0805099, -0.000980296, 0.00015575},
-        {-0.4, 0.2, 0, 0},  {0.8, 0.5, 0.01, -0.02},
-        {0, 0, 0.05, 0.05}, {-0.3, 0.12, -0.03, 0.02},
-        {2, 0, 0, 0}};
-    int found = 0;
+    int found[LENSES] = {0};
 
     (void)state;
-    for (uint32_t i = 0; i < 7 * 500; i++) {
-        const double *lens = lenses[i / 500];
+    for (uint32_t i = 0; i < LENSES * POSITIONS; i++) {
+        const uint32_t row = i / POSITIONS;
         cln_camera camera = plain_camera();
         float r[4];
         double u, v, z, o[3], d[3], point[3], length = 0;
 
         cln_uniform4(1, CLN_STREAM_SCENE, 0, i, 0, r);
-        camera.k1 = lens[0];
-        camera.k2 = lens[1];
-        camera.p1 = lens[2];
-        camera.p2 = lens[3];
+        camera.lens = lenses[row].lens;
+        memcpy(camera.distortion, lenses[row].distortion, sizeof camera.distortion);
         camera.fx = camera.fy = 50;
         turn(&camera, 6 * r[2], 3 * r[3] - 1.5);
         u = 80 * r[0] - 8;
         v = 60 * r[1] - 6;
         if (!cln_camera_ray(&camera, u, v, o, d))
             continue;
-        found++;
+        found[row]++;
         for (int k = 0; k < 3; k++) {
             point[k] = o[k] + 7.5 * d[k];
             length += d[k] * d[k];
@@ -123,8 +131,39 @@ static void test_round_trip(void **state)
         assert_near(u, 80 * r[0] - 8, 1e-9);
         assert_near(v, 60 * r[1] - 6, 1e-9);
     }
-    /* Only {-0.4, 0.2} and {-0.3, 0.12, ..} may have a fold, the fox's lens has one far outside. */
-    assert_true(found >= 7 * 500 - 2 * 200);
+    for (int row = 0; row < LENSES; row++)
+        if (found[row] < lenses[row].share * POSITIONS)
+            fail_msg("lens %d has %d rays for %d positions", row, found[row], POSITIONS);
+}
+
+/* Every model has rows above, and is found by its names alone. */
+static void test_lens_models(void **state)
+{
+    (void)state;
+    for (int lens = 0; lens < CLN_LENSES; lens++) {
+        const cln_lens_model *model = &cln_lens_models[lens];
+        bool tested = false;
+
+        for (int row = 0; row < LENSES; row++)
+            tested = tested || lenses[row].lens == (cln_lens)lens;
+        if (!tested)
+            fail_msg("no row of `lenses` is %s's", model->name);
+        assert_int_equal(cln_lens_find(model->name), lens);
+        for (const char *const *name = model->covers; *name; name++)
+            assert_int_equal(cln_lens_find(*name), lens);
+        assert_in_range(model->count, 0, CLN_LENS_PARAMS);
+        for (int i = 0; i < model->count; i++)
+            assert_non_null(model->params[i]);
+    }
+    assert_int_equal(cln_lens_find("OPENCV_FISHEYE"), CLN_LENSES);
+    assert_int_equal(cln_lens_find(""), CLN_LENSES);
+    assert_true(cln_lens_is_pinhole(CLN_LENS_OPENCV, (double[CLN_LENS_PARAMS]){0}));
+    for (int i = 0; i < CLN_LENS_PARAMS; i++) {
+        double one[CLN_LENS_PARAMS] = {0};
+
+        one[i] = 1e-9;
+        assert_false(cln_lens_is_pinhole(CLN_LENS_OPENCV, one));
+    }
 }
 
 /* k1 = -0.5: r' = r - r^3/2 grows up to r = sqrt(2/3), r' = 0.5443310539518174. */
@@ -231,6 +270,7 @@ int test_group_camera(void)
         cmocka_unit_test(test_project_by_hand), cmocka_unit_test(test_ray_by_hand),
         cmocka_unit_test(test_round_trip),      cmocka_unit_test(test_fold),
         cmocka_unit_test(test_resize),          cmocka_unit_test(test_check),
+        cmocka_unit_test(test_lens_models),
     };
 
     return cmocka_run_group_tests_name("camera", tests, NULL, NULL);
