@@ -50,7 +50,6 @@ static json_t *describe_views(const cln_scene *scene)
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
 
-        /* "s%" would fail on names that are not UTF-8; JSON input cannot hold such names. */
         json_array_append_new(views, json_pack("{s:s, s:s, s:i, s:i}", "name", view->name, "split",
                                                cln_split_names[view->split], "width",
                                                view->camera.width, "height", view->camera.height));
@@ -58,7 +57,7 @@ static json_t *describe_views(const cln_scene *scene)
     return views;
 }
 
-cln_status cln_scene_describe(const cln_scene *scene, json_t **out)
+static cln_status describe(const cln_scene *scene, json_t **out)
 {
     json_t *splits = json_object(), *centre = json_array(), *background = json_array();
     double distance = 0;
@@ -92,4 +91,17 @@ cln_status cln_scene_describe(const cln_scene *scene, json_t **out)
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;
+}
+
+/* Views are named in JSON, so their names are UTF-8; a folder's name may be anything. */
+cln_status cln_scene_describe(const cln_scene *scene, json_t **out)
+{
+    json_t *folder = json_string(scene->folder);
+
+    *out = NULL;
+    if (!folder)
+        return cln_fail(CLN_INPUT, "%s: the folder's name is not UTF-8, as JSON must be; rename it",
+                        scene->folder);
+    json_decref(folder);
+    return describe(scene, out);
 }

@@ -1,7 +1,14 @@
-/* What a dataset reader is: one per format, one file each, listed in scene.c in order of detection.
- * A reader fills views without pixels; scene.c then checks poses, splits, downscales, loads images,
- * finds bounds and the digest, the same for every format. To add a format: write reader_x.c with
- * one `const cln_reader cln_reader_x`, and add it to the list in scene.c. */
+/* What a dataset reader is: one per format, one file each, one row each of cln_readers (readers.c),
+ * which are tried in that order. A reader fills views without pixels; scene.c then splits, checks,
+ * downscales and loads them, finds the cube and the digest, the same for every format.
+ *
+ * To add a format: write reader_x.c with one `const cln_reader cln_reader_x`, declare it below, add
+ * it to readers.c, and take its marker out of found.c.
+ *
+ * What a dataset knows of one image is a member of cln_view (scene.h): name, file, split, pose,
+ * intrinsics, lens model. What it knows of the whole is a member of cln_reader_result, and a zeroed
+ * one says nothing. Poses come in the dataset's own frame and units, and everything that users see
+ * stays in them: a format with a frame of its own turns the camera's axes only. */
 #ifndef CLN_READER_H
 #define CLN_READER_H
 
@@ -11,21 +18,36 @@ typedef struct cln_reader_result {
     int view_count;
     cln_view *views;   /* name, path, camera (at file size; width/height 0 = ask the image) */
     bool named_splits; /* the dataset says which view is what; else --holdout applies */
-    bool has_bounds;
+    bool has_bounds;   /* the dataset says where the scene is: `space`, and why, a phrase */
     cln_space space;
     char *bounds_rule;
-    const char *dialect;
-    char *because;
+    const char *dialect; /* what cln_scene.dialect is to say */
+    char *because;       /* why it was read as that, a phrase */
 } cln_reader_result;
 
 typedef struct cln_reader {
     const char *name;
-    /* Does this folder (or file) look like the format? Cheap, never an error. */
-    bool (*detect)(const char *path);
+    const char *wants; /* "NAME wants ...": what it takes for its own */
+
+    /* Does this folder or file look like the format? Cheap, never an error. On false *missing is a
+     * phrase that says what is not there. */
+    bool (*detect)(const char *path, const char **missing);
+
     /* Reads it; on failure the result may be partly filled and is freed by the caller. */
     cln_status (*read)(const char *path, cln_reader_result *result);
 } cln_reader;
 
 extern const cln_reader cln_reader_transforms; /* reader_transforms.c */
+
+/* readers.c: the first reader that detects its format at `path`. CLN_INPUT if there is none: the
+ * sentence says what lies there instead, what each reader wants and misses, and what to do. */
+cln_status cln_reader_pick(const char *path, const cln_reader **out);
+
+/* readers.c: does any reader detect its format at `path`? */
+bool cln_reader_any(const char *path);
+
+/* found.c: what lies at a path that no reader takes, and what its owner can do about it, both
+ * phrases: "it holds 12 images (the first is 'a.jpg')". The caller frees them. */
+cln_status cln_reader_found(const char *path, char **what, char **advice);
 
 #endif

@@ -284,11 +284,16 @@ static bool is_split_file(const char *path)
            ends_with(path, "transforms_test.json");
 }
 
-static bool detect(const char *path)
+static bool detect(const char *path, const char **missing)
 {
-    if (cln_is_dir(path))
-        return folder_has(path, "transforms.json") || folder_has(path, "transforms_train.json");
-    return cln_is_file(path) && ends_with(path, ".json");
+    if (!cln_is_dir(path)) {
+        *missing = "the file is not .json";
+        return cln_is_file(path) && ends_with(path, ".json");
+    }
+    *missing = folder_has(path, "transforms_val.json") || folder_has(path, "transforms_test.json")
+                   ? "transforms_train.json is missing beside the others"
+                   : "the folder has neither";
+    return folder_has(path, "transforms.json") || folder_has(path, "transforms_train.json");
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)
@@ -311,4 +316,9 @@ done:
     return st;
 }
 
-const cln_reader cln_reader_transforms = {"transforms", detect, read_scene};
+const cln_reader cln_reader_transforms = {
+    .name = "the transforms reader",
+    .wants = "a folder with transforms.json or transforms_train.json, or a .json file",
+    .detect = detect,
+    .read = read_scene,
+};

@@ -3,19 +3,14 @@
  * pixels. Knows no file format; those are in reader_*.c. */
 #include "scene/scene.h"
 
-#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
 #include "scene/build.h"
-#include "scene/reader.h"
 
 enum { MAX_VIEWS = 100000 };
-
-/* In order of detection. */
-static const cln_reader *const readers[] = {&cln_reader_transforms};
 
 cln_status cln_scene_folder(const char *path, char **out)
 {
@@ -32,26 +27,6 @@ cln_status cln_scene_folder(const char *path, char **out)
         strcpy(*out, ".");
 done:
     return st;
-}
-
-static cln_status pick_reader(const char *path, const cln_reader **out)
-{
-    for (size_t i = 0; i < sizeof readers / sizeof *readers; i++)
-        if (readers[i]->detect(path)) {
-            *out = readers[i];
-            return CLN_OK;
-        }
-    errno = 0;
-    if (!cln_is_dir(path) && !cln_is_file(path))
-        return cln_fail(CLN_INPUT,
-                        "%s: %s; give the folder of a scene, or its transforms JSON file", path,
-                        errno ? strerror(errno) : "not a scene");
-    return cln_fail(
-        CLN_INPUT,
-        "%s: not a scene: %s; give a folder with transforms.json or transforms_train.json, "
-        "or such a file",
-        path,
-        cln_is_dir(path) ? "there is no transforms JSON in this folder" : "this file is not .json");
 }
 
 static void free_views(cln_view *views, int count)
@@ -93,7 +68,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     const cln_reader *reader = NULL;
 
     CLN_TRY(cln_config_background(desc->config, scene->background));
-    CLN_TRY(pick_reader(desc->path, &reader));
+    CLN_TRY(cln_reader_pick(desc->path, &reader));
     CLN_TRY(cln_scene_folder(desc->path, &scene->folder));
     CLN_TRY(reader->read(desc->path, result));
     if (result->view_count < 1)

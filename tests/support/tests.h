@@ -38,6 +38,7 @@ int test_group_sampling(void);
 int test_group_scan_sort(void);
 int test_group_scene(void);
 int test_group_scene_input(void);
+int test_group_readers(void);
 int test_group_space(void);
 int test_group_splat(void);
 int test_group_structure(void);

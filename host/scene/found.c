@@ -1,0 +1,207 @@
+/* What lies at a path that no reader takes: for the sentence that tells so, nothing else. Datasets
+ * that are known but not read are told by one file each (markers), everything else by the names of
+ * files (kinds), in the folder and in the folders in it. */
+#include "scene/reader.h"
+
+#include <ctype.h>
+#include <dirent.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "scene/build.h"
+
+#define WITH_POSES   "for example with nerfstudio's ns-process-data, which writes transforms.json"
+#define NOT_YET      "this format is not read yet: convert it to transforms.json"
+#define COLMAP       "a COLMAP reconstruction", NOT_YET ", " COLMAP_TOOLS
+#define COLMAP_TOOLS "for example with nerfstudio's ns-process-data or instant-ngp's colmap2nerf.py"
+
+/* Datasets of other kinds, by a file that they have. */
+static const struct {
+    const char *file, *what, *advice;
+} markers[] = {
+    {"sparse/0/cameras.bin", COLMAP},
+    {"sparse/0/cameras.txt", COLMAP},
+    {"sparse/cameras.bin", COLMAP},
+    {"sparse/cameras.txt", COLMAP},
+    {"cameras.bin", COLMAP},
+    {"poses_bounds.npy", "an LLFF scene", NOT_YET},
+    {"cameras_sphere.npz", "a NeuS scene", NOT_YET},
+    {"bbox.txt", "an NSVF scene", NOT_YET},
+    {"reconstruction.json", "an OpenSfM reconstruction", NOT_YET},
+};
+
+enum { JSON, IMAGE, VIDEO, ARCHIVE, FILE_OF_ANY, FOLDER, KINDS };
+
+/* Kinds of files, with the advice for a folder that has some; an earlier kind's goes first. */
+static const struct {
+    const char *one, *many, *extensions, *advice;
+} kinds[KINDS] = {
+    [JSON] = {"a JSON file", "JSON files", " json ",
+              "if the frames are in a JSON file of another name, give that file"},
+    [IMAGE] =
+        {"an image", "images",
+         " png jpg jpeg jpe tif tiff webp heic heif avif bmp gif exr dng cr2 nef arw ",
+         "photos alone do not say where the cameras stood: find their poses first, " WITH_POSES},
+    [VIDEO] = {"a video", "videos", " mp4 mov m4v mkv webm avi mts 3gp insv ",
+               "take pictures from the video and find their poses first, " WITH_POSES},
+    [ARCHIVE] = {"an archive", "archives", " zip tar gz tgz bz2 xz zst 7z rar ",
+                 "unpack the archive and give the folder in it"},
+    [FILE_OF_ANY] = {"a file", "files", "", "give the folder of a scene"},
+    [FOLDER] = {"a folder", "folders", "", "give the folder of a scene"},
+};
+
+typedef struct survey {
+    int count[KINDS];
+    char *first[KINDS]; /* name of the first of each, in natural order */
+    int scenes;         /* folders that are a scene */
+    char *scene;        /* the first of them */
+} survey;
+
+static int kind_of(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+    char word[16] = " ";
+    size_t length = dot ? strlen(dot + 1) : 0;
+
+    if (!length || length > sizeof word - 3)
+        return FILE_OF_ANY;
+    for (size_t i = 0; i < length; i++)
+        word[1 + i] = (char)tolower((unsigned char)dot[1 + i]);
+    strcpy(word + 1 + length, " ");
+    for (int kind = 0; kind < KINDS; kind++)
+        if (strstr(kinds[kind].extensions, word))
+            return kind;
+    return FILE_OF_ANY;
+}
+
+static cln_status keep_first(char **first, const char *name)
+{
+    if (*first && cln_natural_compare(*first, name) <= 0)
+        return CLN_OK;
+    free(*first);
+    return cln_strdup(first, name);
+}
+
+/* Counts what is in `folder`, and in the folders in it; `within`: this is one of those, by name. */
+static cln_status look(const char *folder, const char *within, survey *found)
+{
+    cln_status st = CLN_OK;
+    DIR *dir = opendir(folder);
+    char *path = NULL, *name = NULL;
+
+    if (!dir && within)
+        return CLN_OK; /* a folder that may not be read is still counted */
+    if (!dir)
+        return cln_fail(CLN_INPUT, "%s: %s", folder, strerror(errno));
+    for (struct dirent *entry = NULL; (entry = readdir(dir));) {
+        int kind = FOLDER;
+
+        if (entry->d_name[0] == '.')
+            continue;
+        free(path);
+        free(name);
+        path = name = NULL;
+        CLN_TRY(cln_path_join(&path, folder, entry->d_name));
+        CLN_TRY(cln_path_join(&name, within ? within : "", entry->d_name));
+        if (!cln_is_dir(path)) {
+            kind = kind_of(name);
+        } else if (!within && cln_reader_any(path)) {
+            found->scenes++;
+            CLN_TRY(keep_first(&found->scene, name));
+        } else if (!within) {
+            CLN_TRY(look(path, name, found));
+        }
+        found->count[kind]++;
+        CLN_TRY(keep_first(&found->first[kind], name));
+    }
+done:
+    closedir(dir);
+    free(path);
+    free(name);
+    return st;
+}
+
+/* Appends ", " or `begin`, and the text; takes *text over. */
+static cln_status append(char **text, const char *begin, char *more)
+{
+    cln_status st = CLN_OK;
+    char *longer = NULL;
+
+    CLN_TRY(cln_asprintf(&longer, "%s%s%s", *text ? *text : begin, *text ? ", " : "", more));
+    free(*text);
+    *text = longer;
+done:
+    free(more);
+    return st;
+}
+
+/* The first marker; of what else is there, its images; without a marker all kinds, and folders if
+ * there is nothing else. *advice is the first one's. */
+static cln_status describe_folder(const char *path, const survey *found, char **what,
+                                  const char **advice)
+{
+    cln_status st = CLN_OK;
+    char *part = NULL, *file = NULL;
+    bool marked = false;
+
+    for (size_t i = 0; i < sizeof markers / sizeof *markers && !marked; i++) {
+        free(file);
+        file = NULL;
+        CLN_TRY(cln_path_join(&file, path, markers[i].file));
+        marked = cln_is_file(file);
+        if (!marked)
+            continue;
+        *advice = markers[i].advice;
+        CLN_TRY(cln_asprintf(&part, "%s (%s)", markers[i].what, markers[i].file));
+        CLN_TRY(append(what, "it holds ", part));
+    }
+    for (int kind = 0; kind < KINDS; kind++) {
+        if (!found->count[kind] || (marked && kind != IMAGE) || (kind == FOLDER && *what))
+            continue;
+        if (!*advice)
+            *advice = kinds[kind].advice;
+        if (found->count[kind] == 1)
+            CLN_TRY(cln_asprintf(&part, "%s ('%s')", kinds[kind].one, found->first[kind]));
+        else
+            CLN_TRY(cln_asprintf(&part, "%d %s (the first is '%s')", found->count[kind],
+                                 kinds[kind].many, found->first[kind]));
+        CLN_TRY(append(what, "it holds ", part));
+    }
+    if (!*what)
+        CLN_TRY(cln_strdup(what, "it is empty"));
+    if (!*advice)
+        *advice = kinds[FOLDER].advice;
+done:
+    free(file);
+    return st;
+}
+
+cln_status cln_reader_found(const char *path, char **what, char **advice)
+{
+    cln_status st = CLN_OK;
+    const char *known = NULL;
+    survey found = {0};
+
+    *what = *advice = NULL;
+    if (!cln_is_dir(path)) {
+        const int kind = kind_of(path);
+
+        CLN_TRY(cln_asprintf(what, "it is %s", kinds[kind].one));
+        CLN_TRY(cln_strdup(advice, kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice));
+        goto done;
+    }
+    CLN_TRY(look(path, NULL, &found));
+    CLN_TRY(describe_folder(path, &found, what, &known));
+    if (found.scenes)
+        CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
+                             found.scenes > 1 ? ", or another of its folders" : ""));
+    else
+        CLN_TRY(cln_strdup(advice, known));
+done:
+    for (int kind = 0; kind < KINDS; kind++)
+        free(found.first[kind]);
+    free(found.scene);
+    return st;
+}

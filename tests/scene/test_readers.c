@@ -1,0 +1,253 @@
+/* Which reader takes a path, and what is told when none does: the sentence names what lies there,
+ * what the reader misses and what to do. And scenes whose folder and images have names that shells,
+ * patterns and JSON give a meaning to: they load, and `info` tells them letter by letter. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <jansson.h>
+#include <sys/stat.h>
+#include "cl_nascent.h"
+#include "scene/reader.h"
+#include "scene_fixture.h"
+#include "tests.h"
+
+typedef struct no_scene {
+    const char *what;
+    const char *files[8]; /* that are put there: "/" at the end makes a folder */
+    const char *path;     /* that is given: "" = the folder itself */
+    const char *words[6];
+} no_scene;
+
+static const no_scene cases[] = {
+    {"empty folder", {NULL}, "", {"it is empty", "or a .json file: the folder has neither"}},
+    {"photos",
+     {"IMG 10.JPG", "IMG 9.JPG", "more/x.png", ".hidden"},
+     "",
+     {"it holds 3 images (the first is 'IMG 9.JPG'); ", "transforms.json", "has neither",
+      "photos alone", "ns-process-data"}},
+    {"one photo", {"b.jpg"}, "", {"it holds an image ('b.jpg'); "}},
+    {"COLMAP",
+     {"images/1.jpg", "images/2.jpg", "sparse/0/cameras.bin", "sparse/0/images.bin",
+      "sparse/0/points3D.bin", "database.db"},
+     "",
+     {"it holds a COLMAP reconstruction (sparse/0/cameras.bin), 2 images (the first is "
+      "'images/1.jpg'); ",
+      "has neither", "not read yet", "colmap2nerf.py"}},
+    {"COLMAP's text files",
+     {"sparse/cameras.txt", "sparse/images.txt"},
+     "",
+     {"it holds a COLMAP reconstruction (sparse/cameras.txt); ", "not read yet"}},
+    {"LLFF",
+     {"poses_bounds.npy", "images/1.png"},
+     "",
+     {"an LLFF scene (poses_bounds.npy), an image ('images/1.png'); ", "not read yet"}},
+    {"NeuS", {"cameras_sphere.npz", "image/0.png"}, "", {"a NeuS scene", "not read yet"}},
+    {"NSVF", {"bbox.txt", "intrinsics.txt"}, "", {"an NSVF scene (bbox.txt); ", "not read yet"}},
+    {"OpenSfM", {"reconstruction.json"}, "", {"an OpenSfM reconstruction", "not read yet"}},
+    {"zip file",
+     {"scene.zip"},
+     "scene.zip",
+     {"scene.zip: not a scene: it is an archive", "the file is not .json", "unpack"}},
+    {"folder with a zip file", {"a.zip"}, "", {"it holds an archive ('a.zip')", "unpack"}},
+    {"video file",
+     {"walk.MP4"},
+     "walk.MP4",
+     {"walk.MP4: not a scene: it is a video", "not .json", "take pictures from the video"}},
+    {"folder with a video and a note",
+     {"walk.mov", "notes.txt"},
+     "",
+     {"it holds a video ('walk.mov'), a file ('notes.txt'); ", "take pictures"}},
+    {"image file", {"a.png"}, "a.png", {"it is an image", "give the folder of a scene"}},
+    {"file of no kind", {"Makefile"}, "Makefile", {"it is a file", "give the folder of a scene"}},
+    {"JSON of another name",
+     {"cameras.json", "a.png"},
+     "",
+     {"it holds a JSON file ('cameras.json'), an image ('a.png'); ", "give that file"}},
+    {"test without train",
+     {"transforms_test.json"},
+     "",
+     {"transforms_train.json is missing beside the others"}},
+    {"folders only", {"one/", "two/"}, "", {"it holds 2 folders (the first is 'one'); "}},
+    {"the folder around a scene",
+     {"lego 2/transforms_train.json", "lego 2/a.png"},
+     "",
+     {"its folder 'lego 2' is a scene: give that one"}},
+    {"the folder around two scenes",
+     {"b/transforms.json", "a/transforms.json", "c.txt"},
+     "",
+     {"its folder 'a' is a scene: give that one, or another"}},
+};
+
+static void put(const char *folder, const char *name)
+{
+    char *path = NULL, *slash = NULL;
+
+    assert_int_equal(cln_path_join(&path, folder, name), CLN_OK);
+    slash = strrchr(path, '/');
+    *slash = 0;
+    assert_int_equal(cln_make_dirs(path), CLN_OK);
+    *slash = '/';
+    if (slash[1])
+        scratch_put(path, "x", 1);
+    free(path);
+}
+
+static void test_not_a_scene(void **state)
+{
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const no_scene *c = &cases[i];
+        const char *folder = NULL;
+        cln_scene *scene = NULL;
+        char name[16];
+
+        snprintf(name, sizeof name, "case %zu", i);
+        put_folder(*state, name);
+        folder = scratch_path(*state, name);
+        for (int k = 0; k < 8 && c->files[k]; k++)
+            put(folder, c->files[k]);
+        assert_int_equal(
+            try_load(c->path[0] ? scratch_path(folder, c->path) : folder, NULL, &scene), CLN_INPUT);
+        assert_null(scene);
+        if (!strstr(cln_error_text(), ": not a scene: "))
+            fail_msg("%s: '%s'", c->what, cln_error_text());
+        for (int k = 0; k < 6 && c->words[k]; k++)
+            if (!strstr(cln_error_text(), c->words[k]))
+                fail_msg("%s: '%s' lacks '%s'", c->what, cln_error_text(), c->words[k]);
+        cln_clear_error();
+    }
+}
+
+/* Nothing there, and a folder with a subfolder that may not be read. */
+static void test_unreadable(void **state)
+{
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    assert_int_equal(try_load(scratch_path(folder, "gone"), NULL, &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "gone: No such file"));
+    cln_clear_error();
+    put(folder, "shut/a.png");
+    assert_int_equal(chmod(scratch_path(folder, "shut"), 0), 0);
+    assert_int_equal(try_load(folder, NULL, &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "not a scene: it holds ")); /* the superuser sees it */
+    cln_clear_error();
+    assert_int_equal(chmod(scratch_path(folder, "shut"), 0700), 0);
+}
+
+/* Names that have a meaning to shells, regular expressions, printf, HTML, JSON or paths. */
+static const char *const odd_names[] = {
+    "a (1) [2].png",
+    "b + c * d?.png",
+    "quote ' and \" and `.png",
+    "back\\slash $x.png",
+    "<b>&amp;%s%n.png",
+    "\xC3\xA9t\xC3\xA9 \xE6\x97\xA5\xE6\x9C\xAC.png",
+    " -leading and trailing .png",
+    "#1;{x}|y^~!.png",
+};
+enum { ODD = sizeof odd_names / sizeof *odd_names };
+
+/* transforms.json over all odd names. */
+static void put_odd_scene(const char *folder)
+{
+    json_t *frames = json_array(), *document = NULL;
+    char *text = NULL;
+
+    for (int i = 0; i < ODD; i++) {
+        char pixels[8 * 6 * 3];
+        json_t *pose = json_loads(POSE_FRONT, 0, NULL);
+
+        memset(pixels, 20 * i, sizeof pixels);
+        assert_int_equal(cln_image_write_png(scratch_path(folder, odd_names[i]), 8, 6, 3,
+                                             (const uint8_t *)pixels),
+                         CLN_OK);
+        json_array_append_new(
+            frames, json_pack("{s:s, s:o}", "file_path", odd_names[i], "transform_matrix", pose));
+    }
+    document =
+        json_pack("{s:f, s:i, s:o}", "camera_angle_x", 0.8, "aabb_scale", 1, "frames", frames);
+    text = json_dumps(document, 0);
+    put_text(folder, "transforms.json", text);
+    json_decref(document);
+    free(text);
+}
+
+static void test_odd_names(void **state)
+{
+    static const char odd_folder[] = "s [1] (x+*) 'q' \"d\" \\ %s <i> \xC3\xBC \xE5\x9C\xB0";
+    const char *folder = NULL;
+    const cln_config config = default_config();
+    cln_scene *scene = NULL;
+    json_t *told = NULL;
+    char *text = NULL;
+
+    put_folder(*state, odd_folder);
+    folder = scratch_path(*state, odd_folder);
+    put_odd_scene(folder);
+    scene = load(folder, NULL);
+    assert_string_equal(scene->folder, folder);
+    assert_int_equal(scene->view_count, ODD);
+    for (int i = 0; i < ODD; i++) {
+        const char *name = strchr(odd_names[i], '\\') ? "back/slash $x.png" : odd_names[i];
+        bool there = false;
+
+        for (int v = 0; v < ODD; v++) /* each with its own pixels */
+            there = there || (!strcmp(scene->views[v].name, name) &&
+                              scene->views[v].pixels[0] == (uint8_t)(20 * i));
+        if (!there)
+            fail_msg("no view '%s' with its pixels", name);
+    }
+    assert_int_equal(cln_info_scene(folder, &config, &text), CLN_OK);
+    told = json_loads(text, 0, NULL);
+    assert_non_null(told);
+    assert_string_equal(json_string_value(json_object_get(told, "folder")), folder);
+    assert_int_equal(json_array_size(json_object_get(told, "cameras")), ODD);
+    for (int v = 0; v < ODD; v++) {
+        const json_t *row = json_array_get(json_object_get(told, "cameras"), (size_t)v);
+
+        assert_string_equal(json_string_value(json_object_get(row, "name")), scene->views[v].name);
+    }
+    json_decref(told);
+    free(text);
+    cln_scene_free(scene);
+    /* The same in a sentence. */
+    assert_int_equal(remove(scratch_path(folder, odd_names[1])), 0);
+    assert_int_equal(try_load(folder, NULL, &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), odd_folder));
+    assert_non_null(strstr(cln_error_text(), odd_names[1]));
+    cln_clear_error();
+}
+
+/* A folder whose name is no UTF-8 cannot stand in JSON. */
+static void test_name_not_utf8(void **state)
+{
+    const char *folder = NULL;
+    const cln_config config = default_config();
+    char *text = NULL;
+
+    put_folder(*state, "caf\xE9");
+    folder = scratch_path(*state, "caf\xE9");
+    put_image(folder, "a.png", 8, 6, 3, 0);
+    put_image(folder, "b.png", 8, 6, 3, 1);
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "a.png", POSE_FRONT) "," FRAME("b.png", POSE_FRONT) "]}");
+    assert_int_equal(cln_info_scene(folder, &config, &text), CLN_INPUT);
+    assert_null(text);
+    assert_non_null(strstr(cln_error_text(), "not UTF-8"));
+    cln_clear_error();
+}
+
+int test_group_readers(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_not_a_scene, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_unreadable, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_odd_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_name_not_utf8, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("readers", tests, NULL, NULL);
+}
