@@ -1,7 +1,7 @@
-/* build/make-scene: renders a small scene with exactly known geometry, colour and depth in a format
- * that the dataset readers read. Here: options, camera positions, files. The shapes are in
- * scene_object.c and scene_room.c, the ray tracer in trace.c and shade.c. The same options give the
- * same bytes on every run, for any number of threads. */
+/* build/make-scene: renders a small scene with exactly known geometry, colour and depth, in a
+ * format that the dataset readers read. This file has the options, the cameras and the files that are
+ * written; scene_object.c and scene_room.c have the shapes, trace.c and shade.c the ray tracer. The
+ * same options give the same bytes on every run, for any number of threads. */
 #include <errno.h>
 #include <dirent.h>
 #include <getopt.h>
@@ -21,20 +21,19 @@
 
 static const char usage[] =
     "usage: make-scene OUT [options]\n"
-    "Renders a generated scene with known geometry, colour and depth.\n"
-    "  --kind object|room            seen from around, or from inside (default object)\n"
-    "  --format blender|nerfstudio|ngp\n"
-    "                                blender (default): transforms_SPLIT.json, RGBA images;\n"
-    "                                nerfstudio: one transforms.json that names the splits, RGB "
-    "images\n"
-    "                                over white; ngp: the same with aabb_scale, and without "
-    "splits\n"
-    "  --size N                      width and height in pixels, 8 to 4096 (default 200)\n"
-    "  --train N --val N --test N    views per split (default 60, 0, 8)\n"
-    "  --distortion k1,k2,p1,p2      lens distortion of the images (not for blender)\n"
-    "  --depth                       also NAME.depth.npy: distance along the ray, 0 = nothing "
-    "there\n"
-    "  --seed N                      camera positions and noise textures (default 1)\n";
+    "Renders a scene with exactly known geometry, colour and depth into the folder OUT.\n"
+    "  --kind object|room         an object seen from all sides (default), or a room from inside\n"
+    "  --format NAME              how the cameras are written:\n"
+    "             blender         transforms_SPLIT.json, RGBA images (default)\n"
+    "             nerfstudio      one transforms.json that names the splits, RGB images over "
+    "white\n"
+    "             ngp             as nerfstudio, with aabb_scale and without splits\n"
+    "  --size N                   width and height in pixels, 8 to 4096 (default 200)\n"
+    "  --train N --val N --test N number of views of each split (default 60, 0, 8)\n"
+    "  --distortion k1,k2,p1,p2   lens distortion, OPENCV's model (not with blender)\n"
+    "  --depth                    also write NAME.depth.npy, distance along the ray; 0 = nothing\n"
+    "                             there\n"
+    "  --seed N                   of camera positions and noise textures (default 1)\n";
 
 static const double pi = 3.14159265358979323846;
 
@@ -79,8 +78,8 @@ static void look(cln_camera *camera, vec from, vec forward)
     }
 }
 
-/* Object: evenly over the sphere from a little below the horizon to nearly above, by the golden angle.
- * Room: anywhere in its middle, looking all round. Each split starts its own sequence. */
+/* Object: evenly over the sphere, from a little below the horizon to nearly overhead, by the golden
+ * angle. Room: anywhere in its middle, looking all round. Each split has a sequence of its own. */
 static void place_camera(const settings *set, int split, int i, cln_camera *camera)
 {
     const double golden = pi * (3 - sqrt(5));
@@ -90,10 +89,8 @@ static void place_camera(const settings *set, int split, int i, cln_camera *came
     *camera = (cln_camera){.width = set->size, .height = set->size};
     camera->fx = camera->fy = 0.5 * set->size / tan(0.5 * fov);
     camera->cx = camera->cy = 0.5 * set->size;
-    camera->k1 = set->distortion[0];
-    camera->k2 = set->distortion[1];
-    camera->p1 = set->distortion[2];
-    camera->p2 = set->distortion[3];
+    camera->lens = CLN_LENS_OPENCV;
+    memcpy(camera->distortion, set->distortion, sizeof set->distortion);
 
     cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 1, (uint32_t)split, 0, start);
     cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 2 + (uint32_t)split, (uint32_t)i, 0, u);
@@ -114,7 +111,7 @@ static void place_camera(const settings *set, int split, int i, cln_camera *came
 
 static json_t *matrix_json(const cln_camera *camera)
 {
-    /* OpenCV camera axes (ours) to OpenGL's (the formats'): y and z turn round */
+    /* From OpenCV's camera axes (ours) to OpenGL's (the formats'): y and z change sign. */
     static const double flip[4] = {1, -1, -1, 1};
     json_t *rows = json_array();
 
@@ -137,7 +134,7 @@ static cln_status write_json(const char *folder, const char *name, json_t *docum
     CLN_TRY(cln_path_join(&path, folder, name));
     text = json_dumps(document, JSON_INDENT(1));
     if (!text) {
-        st = cln_fail(CLN_MEMORY, "%s: no memory for its text", path);
+        st = cln_fail(CLN_MEMORY, "%s: out of memory for its text", path);
         goto done;
     }
     CLN_TRY(cln_write_file(path, text, strlen(text)));
@@ -279,14 +276,14 @@ static cln_status render_all(job *j)
 
     while (started < wanted && !pthread_create(&threads[started], NULL, render_views, j))
         started++;
-    if (!started) /* no thread to be had: this one does it */
+    if (!started) /* no thread could be started: this one does the work */
         render_views(j);
     for (int i = 0; i < started; i++)
         pthread_join(threads[i], NULL);
     return j->st == CLN_OK ? CLN_OK : cln_fail(j->st, "%s", j->error);
 }
 
-/* A folder that holds something and is not one of ours stays as it is. */
+/* A folder is written to only if it is empty or a generated scene. */
 static cln_status check_folder(const char *folder)
 {
     cln_status st = CLN_OK;
@@ -299,10 +296,11 @@ static cln_status check_folder(const char *folder)
     if (!cln_is_file(marker))
         for (struct dirent *entry; (entry = readdir(dir)) && st == CLN_OK;)
             if (strcmp(entry->d_name, ".") && strcmp(entry->d_name, ".."))
-                st = cln_fail(CLN_OUTPUT,
-                              "%s: holds files that are not a generated scene (no generator.json); "
-                              "name another folder",
-                              folder);
+                st = cln_fail(
+                    CLN_OUTPUT,
+                    "%s: this folder holds other files than a generated scene's (it has no "
+                    "generator.json); name another folder",
+                    folder);
 done:
     free(marker);
     closedir(dir);
@@ -354,7 +352,7 @@ static cln_status make_scene(const settings *set)
     CLN_TRY(make_folders(set));
     CLN_TRY(write_marker(set));
     CLN_TRY(render_all(j));
-    /* last: a folder that the reader accepts is complete */
+    /* Last, so that a folder with transforms is complete. */
     CLN_TRY(set->format == BLENDER ? write_blender(j) : write_single(j));
 done:
     if (j) {
@@ -378,7 +376,7 @@ static cln_status parse_int(const char *option, const char *text, int min, int m
     long value = strtol(text, &end, 10);
 
     if (errno || end == text || *end || value < min || value > max)
-        return cln_fail(CLN_USAGE, "--%s %s: a whole number from %d to %d is wanted", option, text,
+        return cln_fail(CLN_USAGE, "--%s %s: must be a whole number from %d to %d", option, text,
                         min, max);
     *out = (int)value;
     return CLN_OK;
@@ -387,12 +385,16 @@ static cln_status parse_int(const char *option, const char *text, int min, int m
 static cln_status parse_word(const char *option, const char *text, const char *const *words,
                              int *out)
 {
-    for (int i = 0; words[i]; i++)
+    char list[64] = "";
+
+    for (int i = 0; words[i]; i++) {
         if (!strcmp(text, words[i])) {
             *out = i;
             return CLN_OK;
         }
-    return cln_fail(CLN_USAGE, "--%s %s: no such word; try --help", option, text);
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "", words[i]);
+    }
+    return cln_fail(CLN_USAGE, "--%s %s: must be one of %s", option, text, list);
 }
 
 static cln_status parse(int argc, char **argv, settings *set)
@@ -435,16 +437,15 @@ static cln_status parse(int argc, char **argv, settings *set)
             CLN_TRY(parse_int("seed", optarg, 0, 2147483647, &set->seed));
             break;
         default: /* getopt has said what is wrong */
-            return cln_fail(CLN_USAGE, "try make-scene without arguments for its options");
+            return cln_fail(CLN_USAGE, "try make-scene --help");
         }
     if (optind + 1 != argc)
-        return cln_fail(CLN_USAGE, "exactly one output folder is wanted, %d given", argc - optind);
+        return cln_fail(CLN_USAGE, "give one output folder, not %d", argc - optind);
     set->out = argv[optind];
     for (int i = 0; i < 4; i++)
         if (set->distortion[i] != 0 && set->format == BLENDER)
             return cln_fail(CLN_USAGE,
-                            "--distortion: the blender format cannot hold it; add --format "
-                            "nerfstudio");
+                            "--distortion: the blender format has none; add --format nerfstudio");
 done:
     return st;
 }

@@ -1,5 +1,5 @@
-/* Camera rays through the sub-pixels, and their average; see picture.h. Averages are taken over encoded
- * values, since that is where a radiance field composites and where errors are measured. */
+/* Camera rays through the sub-pixels, and their average; see picture.h. Encoded values are
+ * averaged, since a radiance field composites those, and errors are measured in them. */
 #include "picture.h"
 #include "io/image.h"
 
@@ -14,7 +14,7 @@ void picture_render(const world *w, const cln_camera *camera, uint8_t *rgba, flo
             for (int i = 0; i < SUBSAMPLES; i++) {
                 double o[3], d[3];
                 hit h;
-                /* a position beyond the distortion's fold sees nothing */
+                /* A position beyond the lens model's fold sees nothing. */
                 if (!cln_camera_ray(camera, x + (i % 3 + 0.5) / 3, y + (i / 3 + 0.5) / 3, o, d))
                     continue;
                 vec origin = vec3(o[0], o[1], o[2]), direction = vec3(d[0], d[1], d[2]);

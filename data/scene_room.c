@@ -1,6 +1,6 @@
-/* A furnished room, all within the cube and seen from inside it, so that rays start in the middle of
- * the octree and every ray ends on something (scenes.h). The middle is free for the cameras
- * (|x|, |y| < 0.6); furniture stands along the walls. */
+/* A furnished room inside the cube, seen from within: rays start in the middle of the octree, and
+ * every ray ends on something (scenes.h). The middle is free for the cameras (|x|, |y| < 0.6); the
+ * furniture stands along the walls. */
 #include "scenes.h"
 
 static void walls(builder *b)

@@ -1,10 +1,10 @@
-/* The generated scenes, as lists of shapes and materials. All fit in the cube [-1.5, 1.5]^3, z up. */
+/* The generated scenes, as lists of shapes and materials. All fit in [-1.5, 1.5]^3; z is up. */
 #ifndef DATA_SCENES_H
 #define DATA_SCENES_H
 
 #include "shade.h"
 
-/* Building a scene: calls after a failure do nothing, `st` holds the first failure. */
+/* A scene being built: calls after a failure do nothing, and `st` holds the first failure. */
 typedef struct builder {
     world *world;
     vec shift; /* added to every position */

@@ -55,8 +55,8 @@ static double modulo(double a, double b)
     return a - b * floor(a / b);
 }
 
-/* Position on the surface in two coordinates of length units: a box by the axis it faces, round shapes
- * by angle and height. */
+/* Position on the surface as two lengths: on a box's face by the face's axes, on round shapes by
+ * angle and height. */
 static void unroll(const hit *h, double *a, double *b)
 {
     vec p = h->local, n = h->local_normal;
@@ -100,7 +100,7 @@ static double pattern_at(const world *w, const surface *m, const hit *h)
     return 0;
 }
 
-/* Sub-sample number -> a point of the unit disc, one in the middle and eight around it. */
+/* Sub-sample number -> point of the unit disc: one in the middle, eight around it. */
 static void disc_point(int sample, double *x, double *y)
 {
     double angle = 2 * 3.14159265358979323846 * sample / (SUBSAMPLES - 1);
@@ -121,7 +121,7 @@ vec shade(const world *w, const hit *h, vec origin, vec direction, int sample)
     disc_point(sample, &x, &y);
     light = w->light_near ? sub(w->light, p) : w->light;
     if (w->light_near) {
-        /* the lamp's own shape hangs at its middle: stop short of it */
+        /* The lamp's own shape is at the light's middle: stop short of it. */
         reach = sqrt(dot(light, light)) - 1.3 * w->light_size;
         frame_of(unit(light), &u, &v);
     } else {

@@ -1,7 +1,7 @@
-/* Colour of what a ray meets: procedural textures, one light with soft shadows, sky light with ambient
- * occlusion, a Phong highlight. Colours are linear inside and encoded (sRGB's curve) on return. The
- * points on the light and the directions to the sky are fixed per sub-sample of a pixel, not random,
- * so a surface has the same colour in every view. */
+/* Colour of what a ray meets: procedural textures, one light with soft shadows, sky light with
+ * ambient occlusion, a Phong highlight. Colours are linear inside, and sRGB-encoded on return. The
+ * points on the light and the directions to the sky are fixed for each sub-sample of a pixel, not
+ * random, so a surface has the same colour in every view. */
 #ifndef DATA_SHADE_H
 #define DATA_SHADE_H
 

@@ -1,12 +1,12 @@
 /* Rays against spheres, boxes, frusta, capsules and tori by their equations (trace.h), and a
- * bounding-volume tree (at most two shapes in a leaf) to find the nearest. Quartics of
- * the torus are solved by bracketing between the roots of their derivatives: slower than Ferrari's
- * formula and never wrong by cancellation. */
+ * bounding-volume tree, at most two shapes in a leaf, to find the nearest. The torus's quartics are
+ * solved by bracketing between the roots of their derivatives: slower than Ferrari's formula, and
+ * never wrong by cancellation. */
 #include "trace.h"
 #include <stdlib.h>
 #include "base/memory.h"
 
-/* fmin and fmax without their NaN rules: they are calls otherwise, and this is the inner loop. */
+/* fmin and fmax without their rules for NaN, which make them calls; this is the inner loop. */
 static inline double lesser(double a, double b)
 {
     return a < b ? a : b;
@@ -138,7 +138,7 @@ static bool hit_capsule(const shape *s, vec o, vec d, double t_min, double *t_ma
                 found = true;
             }
     for (int side = -1; side <= 1; side += 2) {
-        /* of the end's sphere only the half that is outside the cylinder */
+        /* The half of the end's sphere that is outside the cylinder. */
         vec p = vec3(o.x, o.y, o.z - side * s->c);
         if (!quadratic(1, dot(p, d), dot(p, p) - s->a * s->a, t))
             continue;
@@ -159,7 +159,8 @@ static double polynomial(const double *c, int degree, double t)
     return y;
 }
 
-/* The root in [a, b], where the sign changes: Newton's method, bisection where that leaves the bracket. */
+/* The root in [a, b], where the sign changes: Newton's method, with bisection where a step would
+ * leave the bracket. */
 static double bracketed_root(const double *c, int degree, double a, double b, bool rising)
 {
     double t = 0.5 * (a + b);
@@ -218,8 +219,8 @@ static bool hit_torus(const shape *s, vec o, vec d, double t_min, double *t_max,
     o = along(o, shift, d);
     if (!quadratic(1, 0, dot(o, o) - outer * outer * 1.0001, t))
         return false;
-    /* Clip to the slab that holds the torus; a piece that stays in the hole hits nothing (the distance
-     * from the axis is convex along a line). */
+    /* Clip to the slab that holds the torus; a piece that stays in the hole hits nothing, as the
+     * distance from the axis is convex along a line. */
     if (fabs(d.z) > 1e-12) {
         double half = 1.0001 * s->b / fabs(d.z), middle = -o.z / d.z;
         t[0] = greater(t[0], middle - half);

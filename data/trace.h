@@ -7,7 +7,7 @@
 #include "base/status.h"
 #include "vec.h"
 
-/* All in a local frame (u, v, w) around `centre`. */
+/* Each in a local frame (u, v, w) around `centre`. */
 typedef enum {
     SHAPE_SPHERE,  /* radius a */
     SHAPE_BOX,     /* half sides a, b, c */
@@ -26,8 +26,8 @@ typedef struct shape {
 
 typedef struct tree_node {
     vec low, high;
-    int first,
-        count; /* leaf: count shapes from order[first]; inner: count 0, children first, first+1 */
+    /* Leaf: `count` shapes from order[first]. Inner node: count 0, children first, first + 1. */
+    int first, count;
 } tree_node;
 
 /* The shapes of a scene with a bounding-volume tree over them. */

@@ -17,8 +17,8 @@ cln_status cln_camera_check(cln_camera *camera, const char *frame);
 /* camera.c: divides the image size and everything in pixels by x (width) and y (height). */
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
-/* split.c: every holdout-th view by name becomes test unless the dataset named splits; fills
- * split_rule; then views are ordered and checked for duplicates and for a training view. */
+/* split.c: every holdout-th view by name becomes test, unless the dataset named the splits; fills
+ * split_rule; then orders the views, and checks for duplicates and for a training view. */
 cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout);
 
 /* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
@@ -28,15 +28,15 @@ int cln_natural_compare(const char *a, const char *b);
  * checked, then brought to the downscaled size. Fills downscale, has_alpha, has_distortion. */
 cln_status cln_scene_size_views(cln_scene *scene, int downscale);
 
-/* images.c: CLN_MEMORY, with the --downscale that would do, if the images of the wanted splits and two that
- * are being read need more than `limit` bytes (0: than the machine has). */
+/* images.c: CLN_MEMORY, naming the --downscale that would do, if the images of the wanted splits
+ * and two that are being read need more than `limit` bytes (0: than the machine has). */
 cln_status cln_scene_check_memory(const cln_scene *scene, const bool wanted[CLN_SPLITS],
                                   double limit);
 
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits. */
 cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]);
 
-/* bounds.c: the root cube from --bbox, else from the reader, else from where the cameras look. */
+/* bounds.c: the cube, by the first of its rules that applies; fills space and bounds_rule. */
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
                                  const char *bbox);
 

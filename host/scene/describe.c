@@ -70,7 +70,7 @@ static cln_status describe(const cln_scene *scene, json_t **out)
                             json_integer(cln_scene_split_count(scene, (cln_split)s)));
     for (int i = 0; i < 3; i++) {
         json_array_append_new(centre, cln_json_real(scene->space.centre[i]));
-        /* To the digits a float has, so that 0.1f is told as 0.1. */
+        /* To a float's digits: 0.1f is written as 0.1. */
         json_array_append_new(background, cln_json_real(round(scene->background[i] * 1e7) / 1e7));
     }
     for (int i = 0; i < scene->view_count; i++) {

@@ -1,6 +1,6 @@
-/* What lies at a path that no reader takes: for the sentence that tells so, nothing else. Datasets
- * that are known but not read are told by one file each (markers), everything else by the names of
- * files (kinds), in the folder and in the folders in it. */
+/* What lies at a path that no reader takes, for the sentence that says so. Datasets that are known
+ * but not read are recognised by one file each (markers), everything else by the endings of names
+ * (kinds), in the folder and in the folders in it. */
 #include "scene/reader.h"
 
 #include <ctype.h>
@@ -17,7 +17,7 @@
 #define COLMAP       "a COLMAP reconstruction", NOT_YET ", " COLMAP_TOOLS
 #define COLMAP_TOOLS "for example with nerfstudio's ns-process-data or instant-ngp's colmap2nerf.py"
 
-/* Datasets of other kinds, by a file that they have. */
+/* Datasets that no reader reads, by a file that they have. A reader's row replaces its marker. */
 static const struct {
     const char *file, *what, *advice;
 } markers[] = {

@@ -18,9 +18,8 @@
 enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600 };
 static const size_t FILE_MAX_BYTES = (size_t)1 << 30;
 
-/* Brings a camera given for another image size to the size of the file. Scaled-down copies of a
- * data set keep the numbers of the originals; another shape means that the numbers belong
- * elsewhere. */
+/* Brings a camera that is given for another image size to the size of the file: smaller copies of a
+ * dataset keep the cameras of the originals. Another shape is an error. */
 static cln_status fit_camera(cln_view *view, int width, int height, bool *warned)
 {
     cln_camera *camera = &view->camera;

@@ -1,14 +1,15 @@
-/* What a dataset reader is: one per format, one file each, one row each of cln_readers (readers.c),
- * which are tried in that order. A reader fills views without pixels; scene.c then splits, checks,
- * downscales and loads them, finds the cube and the digest, the same for every format.
+/* What a dataset reader is: one per format, each a file and a row of the table in readers.c, whose
+ * order they are tried in. A reader fills views without pixels; scene.c then splits, checks,
+ * downscales and loads them, and finds the cube and the digest, the same for every format.
  *
  * To add a format: write reader_x.c with one `const cln_reader cln_reader_x`, declare it below, add
  * it to readers.c, and take its marker out of found.c.
  *
- * What a dataset knows of one image is a member of cln_view (scene.h): name, file, split, pose,
- * intrinsics, lens model. What it knows of the whole is a member of cln_reader_result, and a zeroed
- * one says nothing. Poses come in the dataset's own frame and units, and everything that users see
- * stays in them: a format with a frame of its own turns the camera's axes only. */
+ * What a dataset says of one image is in cln_view (scene.h): name, file, split, and a camera with
+ * its own pose, intrinsics and lens. What it says of the whole is in cln_reader_result; zero means
+ * that it says nothing. Something new (a mask, a near distance, a unit) becomes a member of the one
+ * or the other. Poses keep the dataset's frame and units, which users see everywhere; a reader
+ * turns only the camera's axes, to OpenCV's. */
 #ifndef CLN_READER_H
 #define CLN_READER_H
 

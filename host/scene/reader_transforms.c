@@ -1,12 +1,12 @@
 /* Reader of transforms JSON, in its dialects:
  *   blender      transforms_train.json with _val and _test beside it, one camera_angle_x, file_path
- *                without extension, RGBA images; root cube 0 +- 1.5
+ *                without extension, RGBA images; the cube is 0 +- 1.5
  *   instant-ngp  one transforms.json; intrinsics shared or per frame (fl_x fl_y cx cy w h k1 k2 p1
  *                p2, or camera_angle_x/y); aabb_scale, scale, offset, aabb say where the scene is
  *   nerfstudio   the same without those; camera_model; train/val/test_filenames name the splits
  * Poses are camera-to-world with OpenGL axes (x right, y up, z backwards); transforms_frame.c turns
- * them. Comments and trailing commas are allowed. Not read: fisheye and equirectangular cameras
- * (refused), masks (a warning), depth images. */
+ * them. Comments and trailing commas are allowed. Lens models that lens.h lacks are refused, masks
+ * are left out with a warning, depth images are left out. */
 #include "scene/reader.h"
 
 #include <jansson.h>

@@ -1,6 +1,6 @@
 /* A scene as the rest of the program sees it: views (camera + 8-bit image + split) in the dataset's
- * own world frame and units, and the cube that the octree covers. Readers, one file per format
- * behind cln_scene_load, convert at the border to one convention:
+ * own frame and units ("scene units"), and the cube that the octree divides (space.h). Readers,
+ * one file per format (reader.h), convert to one convention:
  *   camera  OpenCV axes (x right, y down, z forward), camera-to-world, double
  *   pixel   centre of the top-left pixel at (0.5, 0.5)
  *   image   sRGB values as stored, straight alpha
@@ -18,8 +18,8 @@
 typedef enum { CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, CLN_SPLIT_TEST, CLN_SPLITS } cln_split;
 extern const char *const cln_split_names[CLN_SPLITS]; /* "train", "val", "test" */
 
-/* A point at (x, y, z) in the camera's frame has its place (a', b') by the lens model (lens.h), and
- * its pixel position at u = fx a' + cx, v = fy b' + cy. */
+/* A point at (x, y, z) in the camera's frame has a place (a', b') by the lens model (lens.h), which
+ * is pixel position u = fx a' + cx, v = fy b' + cy. */
 typedef struct cln_camera {
     double c2w[12]; /* 3x4 row-major [R|o], R a rotation, o in scene units */
     double fx, fy, cx, cy;
@@ -88,14 +88,15 @@ void cln_scene_free(cln_scene *scene); /* accepts NULL */
 int cln_scene_split_count(const cln_scene *scene, cln_split split);
 int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 
-/* The point nearest to the optical axes of the training views, world units; false if they are parallel. */
+/* The point nearest to the optical axes of the training views, scene units; false if these are
+ * parallel. */
 bool cln_scene_focus(const cln_scene *scene, double point[3]);
 
 /* Pixel (x, y) of a loaded view as float RGB in 0..1 over `background`, alpha in *alpha (1
  * without). */
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha);
-/* Brings that pixel into the cache, for those who read pixels here and there. */
+/* Prefetches that pixel, for those who read single pixels in any order. */
 void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, splits,

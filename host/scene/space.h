@@ -8,8 +8,8 @@
  *   distance    (also t of a ray, and depth) scene = half * cube
  *   density     (per unit of distance) scene = cube / half
  *
- * Nothing else does this arithmetic: a space of another shape (forward-facing, unbounded) joins here
- * and in kernels/space.h, its twin. Functions do not fail. */
+ * Nothing else does this arithmetic: a space of another shape (forward-facing, unbounded) joins
+ * here, and in kernels/space.h, the twin. No function fails. */
 #ifndef CLN_SPACE_H
 #define CLN_SPACE_H
 
@@ -26,7 +26,7 @@ extern const cln_space cln_space_unit;
 void cln_space_point_to_cube(const cln_space *space, const double scene[3], double cube[3]);
 void cln_space_point_to_scene(const cln_space *space, const double cube[3], double scene[3]);
 
-/* A ray of the scene, unit direction, as the cube has it: its t is in cube units. */
+/* A ray of the scene (unit direction) as a ray of the cube, whose t is in cube units. */
 void cln_space_ray_to_cube(const cln_space *space, const double origin[3],
                            const double direction[3], double cube_origin[3],
                            double cube_direction[3]);
@@ -43,12 +43,12 @@ float cln_space_depth_to_scene(const cln_space *space, float cube);
 void cln_space_box_to_scene(const cln_space *space, const float cube[4], float low[3],
                             float high[3]);
 
-/* Is a point of the scene in the cube (faces included); does the ray origin + t direction, t >= 0,
- * pass through it. */
+/* Does the cube hold a point of the scene, faces included? Does the scene's ray
+ * origin + t direction, t >= 0, pass through it? */
 bool cln_space_holds(const cln_space *space, const double scene[3]);
 bool cln_space_met_by(const cln_space *space, const double origin[3], const double direction[3]);
 
-/* Are they the same to a millionth of b's half. */
+/* Are they the same to a millionth of b's half? */
 bool cln_space_equal(const cln_space *a, const cln_space *b);
 
 #endif

@@ -1,7 +1,7 @@
-/* Which view is train, val or test, and in which order views stand. Where a dataset names no test
- * views, every Nth image by name is held out, starting at the first, as COLMAP-based evaluations
- * do; names are compared byte by byte for that (Python's sorted), so that numbers compare with
- * theirs. The order of views is for people: split, then natural order of names. */
+/* Which view is train, val or test, and the order of views. Where a dataset names no test views,
+ * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do; for
+ * that, names are ordered byte by byte, as Python sorts them, so that results compare. The views
+ * themselves stand in an order for people: by split, then by name in natural order. */
 #include "scene/build.h"
 
 #include <ctype.h>

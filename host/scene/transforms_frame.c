@@ -1,7 +1,7 @@
 /* One frame of a transforms JSON document -> a view: name, image file, camera. Values are looked up
- * in the frame first and in the whole document second, so shared and per-frame intrinsics are one
- * case. The pose changes from OpenGL camera axes to ours here. Ranges are not judged here; camera.c
- * does that for every format. Used by reader_transforms.c alone. */
+ * in the frame first, then in the document, so shared and per-frame intrinsics are one case. The
+ * pose changes from OpenGL's camera axes to ours. Ranges are checked by camera.c, for every format.
+ * Used by reader_transforms.c alone. */
 #include "scene/transforms.h"
 
 #include <math.h>

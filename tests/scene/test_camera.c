@@ -86,7 +86,7 @@ static void test_ray_by_hand(void **state)
 }
 
 /* Lenses far stronger than photographs have, and the share of positions, over the image and beyond
- * it, that must have a ray: all, unless the model folds. The fox's lens has its fold far outside. */
+ * it, that must have a ray: all, unless the model folds. The second row's fold is far outside. */
 static const struct {
     cln_lens lens;
     double distortion[CLN_LENS_PARAMS], share;

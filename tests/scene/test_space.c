@@ -84,7 +84,7 @@ static void test_one_map(void **state)
         }
         assert_int_equal(cln_space_holds(&space, o), most <= 1);
         inside += most <= 1;
-        /* Walked in small steps: what these find must be met, what is not met they must not find. */
+        /* If small steps along the ray find the cube, the ray meets it. */
         for (steps = 0; steps < 5 && !hit; steps += 0.01) {
             most = 0;
             for (int a = 0; a < 3; a++)
