@@ -4,6 +4,7 @@
 #   warnings    every C file compiles with gcc's warnings as errors
 #   kernels     every kernels/*.cl compiles with clang as OpenCL C 1.2, with no device involved
 #   rooms       host/ folders include only themselves and what stands below them (ORDER, DOWN)
+#   circles     no file of host/ includes, over others, itself (a.c and a.h count as one)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
 #   options     every option of include/cln_config.h is in the man page
 #   method      every section of docs/method.md that a comment cites is a heading there
@@ -102,6 +103,14 @@ rooms() {
     done
 }
 
+# One line "from to" for each file and what it includes; tsort names the files of a circle.
+circles() {
+    grep -H '^#include "[a-z_]*/' host/*/*.[ch] |
+        sed 's/^host\/\([^.]*\)\.[ch]:#include "\([^.]*\)\.h".*/\1 \2/' |
+        awk '$1 != $2' | sort -u | tsort 2>&1 >/dev/null |
+        sed 's/^tsort: -: input contains a loop:/files of host that include each other in a circle:/; s/^tsort:/   /'
+}
+
 opencl_header() {
     grep -n '#include *[<"]CL/' $all_files | grep -v '^include/cl\.h:'
     grep -n '#include *"cl\.h"' host/*/*.[ch] | grep -v '^host/\(device\|pipeline\)/'
@@ -161,6 +170,7 @@ clang_format=$(first_of clang-format-14 clang-format)
 check warnings warnings
 if [ -n "$clang" ]; then check kernels kernels; else skip kernels "no clang"; fi
 check rooms rooms
+check circles circles
 check CL/cl.h opencl_header
 if [ -e docs/cl-nascent.1 ]; then check options options; else skip options "no man page yet"; fi
 check method method

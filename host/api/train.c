@@ -9,31 +9,13 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "train/record.h"
 #include "check/selftest.h"
-#include "train/trainer.h"
-#include "render/open_run.h"
 #include "io/progress.h"
-
-cln_status cln_run_config(const char *run, cln_config *config, char **scene)
-{
-    cln_status st = CLN_OK;
-    json_t *document = NULL;
-    const json_t *dataset = NULL;
-
-    if (scene)
-        *scene = NULL;
-    CLN_TRY(cln_run_read(run, &document));
-    CLN_TRY(cln_config_from_json(json_object_get(document, "config"), config));
-    dataset = json_object_get(document, "dataset");
-    if (scene)
-        CLN_TRY(cln_strdup(scene, json_string_value(json_object_get(dataset, "path"))));
-    if (scene && !*scene)
-        st = cln_fail(CLN_INPUT, "%s/run.json: dataset.path is missing", run);
-done:
-    json_decref(document);
-    return st;
-}
+#include "render/quality.h"
+#include "render/recorded.h"
+#include "train/loop.h"
+#include "train/record.h"
+#include "train/step.h"
 
 /* What the checkpoint fixes: the network's shape and everything the kernels' layout depends on. The first that differs,
  * or NULL. */
@@ -233,7 +215,7 @@ static cln_status prepare(cln_trainer *t)
                                    &t->point_count));
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     if (t->desc->resume)
-        CLN_TRY(cln_open_run_keep_tune(t->desc->run, t->device));
+        CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
     CLN_TRY(cln_scene_load(&scene, &t->scene));
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
@@ -245,7 +227,7 @@ static cln_status prepare(cln_trainer *t)
     }
     CLN_TRY(load_model(t, &config));
     if (t->desc->resume)
-        CLN_TRY(cln_open_run_compare(t->desc->run, t->scene));
+        CLN_TRY(cln_recorded_compare(t->desc->run, t->scene));
     t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
@@ -261,7 +243,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
-    cln_trainer_cover(t);
+    cln_step_cover(t);
     CLN_TRY(cln_record_start(t));
     CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
 done:
@@ -277,7 +259,7 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
 
     memset(result, 0, sizeof *result);
     CLN_TRY(prepare(&t));
-    CLN_TRY(cln_trainer_run(&t));
+    CLN_TRY(cln_loop_run(&t));
 done:
     if (t.device) /* after a failure the queue may still have to do with our arrays */
         (void)cln_device_finish(t.device);

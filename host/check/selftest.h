@@ -4,19 +4,7 @@
 #ifndef CLN_SELFTEST_H
 #define CLN_SELFTEST_H
 
-#include "device/device.h"
-
-/* Outputs of a check: n floats (with the bounds they are held to), or n whole numbers, which do not
- * depend on the device. */
-typedef struct cln_output {
-    const char *name; /* "SHAPE: CHECK" */
-    bool discrete;
-    size_t n;
-    const float *values;     /* unless discrete */
-    const uint32_t *numbers; /* if discrete */
-    double nmse, worst;      /* as cln_compare_values */
-} cln_output;
-typedef void cln_output_sink(const cln_output *output, void *user);
+#include "check/compare.h"
 
 typedef enum cln_shapes { CLN_SHAPES_QUICK, CLN_SHAPES_ALL, CLN_SHAPES_TINY } cln_shapes;
 
@@ -38,11 +26,5 @@ cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln
 /* What a training with these settings asks of its device: the quick set, and where the fast preset has
  * other networks, these. */
 cln_status cln_selftest_training(cln_device *device, const cln_config *config);
-
-/* Compares by two bounds: NMSE, and the worst element in units of the reference's rms (the one misses one
- * bad element in many, the other a small error everywhere). Values that are not finite fail; an
- * all-zero reference must be met exactly. `text` says by how much. */
-bool cln_compare_values(const float *got, const double *want, size_t n, double nmse, double worst,
-                        char text[256]);
 
 #endif

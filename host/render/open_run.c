@@ -1,4 +1,4 @@
-/* Opens a run for eval and render. See opened.h. The settings are the checkpoint's, so that pictures are
+/* Opens a run for eval and render. See open_run.h. The settings are the checkpoint's, so that pictures are
  * those of the training that made it, bit for bit. */
 #include "render/open_run.h"
 
@@ -8,66 +8,7 @@
 
 #include "base/log.h"
 #include "pipeline/plan.h"
-#include "io/run_folder.h"
-
-cln_status cln_open_run_compare(const char *run, const cln_scene *scene)
-{
-    cln_status st = CLN_OK;
-    json_t *document = NULL;
-    const char *saved = NULL;
-    char digest[24];
-
-    CLN_TRY(cln_run_read(run, &document));
-    saved = json_string_value(json_object_get(json_object_get(document, "dataset"), "digest"));
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
-    if (!saved || strcmp(saved, digest) != 0)
-        cln_warn(
-            "%s: the scene is not the one that %s began with (digest %s, was %s); results will "
-            "not be those of the same photos and poses",
-            scene->folder, run, digest, saved ? saved : "unknown");
-done:
-    json_decref(document);
-    return st;
-}
-
-static bool same_text(const json_t *object, const char *key, const char *text)
-{
-    const char *saved = json_string_value(json_object_get(object, key));
-
-    return saved && strcmp(saved, text) == 0;
-}
-
-cln_status cln_open_run_keep_tune(const char *run, cln_device *device)
-{
-    cln_status st = CLN_OK;
-    json_t *document = NULL;
-    const json_t *saved = NULL;
-    const char *list = NULL, *from = NULL;
-    cln_tune tune = device->tune; /* for what an older program did not know */
-
-    if (device->tune_from[0])
-        return CLN_OK;
-    CLN_TRY(cln_run_read(run, &document));
-    saved = json_object_get(document, "device");
-    list = json_string_value(json_object_get(document, "tune"));
-    from = json_string_value(json_object_get(document, "tune_from"));
-    if (!list || !same_text(saved, "name", device->info.name) ||
-        !same_text(saved, "platform", device->info.platform) ||
-        !same_text(saved, "driver", device->info.driver))
-        goto done;
-    if (cln_tune_parse(list, &tune) != CLN_OK) {
-        cln_warn("%s/run.json: tune: its kernel parameters are not understood (%s); others are "
-                 "chosen, and results may differ in the last bits",
-                 run, cln_error_text());
-        cln_clear_error();
-        goto done;
-    }
-    device->tune = tune;
-    snprintf(device->tune_from, sizeof device->tune_from, "%.400s", from ? from : "the run");
-done:
-    json_decref(document);
-    return st;
-}
+#include "render/recorded.h"
 
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)
 {
@@ -102,7 +43,7 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
     if (st != CLN_OK && !scene)
         cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
     CLN_TRY(st);
-    CLN_TRY(cln_open_run_compare(run, out->scene));
+    CLN_TRY(cln_recorded_compare(run, out->scene));
 done:
     free(own_scene);
     if (st != CLN_OK)
@@ -122,7 +63,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_device_open(device, &opened->device));
     cln_info("device: %s (%s, %d compute units)", opened->device->info.name,
              opened->device->info.platform, opened->device->info.compute_units);
-    CLN_TRY(cln_open_run_keep_tune(opened->run, opened->device));
+    CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, config, distortion,
                                 config->random_background && opened->scene->has_alpha, p));

@@ -25,12 +25,4 @@ void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 /* "train", "val" or "test" that the scene has views of; CLN_USAGE, CLN_INPUT. */
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split);
 
-/* A run keeps the kernel parameters that it began with, so that its bits do not depend on what a file of
- * rows says by now: device->tune is set to run.json's. Not if they were given (--tune), and not on another
- * device or with another driver. */
-cln_status cln_open_run_keep_tune(const char *run, cln_device *device);
-
-/* Warns if the scene is not the one that run.json tells of: its results would silently be others. */
-cln_status cln_open_run_compare(const char *run, const cln_scene *scene);
-
 #endif

@@ -1,7 +1,8 @@
-/* Training: the step loop, evaluations and checkpoints. What happens to the tree between steps is in
- * maintain.c, the stages of a step are in sampling.c, splat.c and networks.c; what the run folder gets is
- * in record.c. Every decision is a function of the seed, the step and the model, so that a run
- * interrupted and resumed equals one that was not, bit for bit (budgets in time excepted). */
+/* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way: loop ->
+ * maintain -> step, and both to record. Every decision is a function of the seed, the step and the model,
+ * so that a run interrupted and resumed equals one that was not, bit for bit (budgets in time excepted). */
+#include "train/loop.h"
+
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -11,16 +12,16 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "base/rng.h"
-#include "train/batch.h"
+#include "io/progress.h"
+#include "render/quality.h"
 #include "train/maintain.h"
 #include "train/record.h"
-#include "train/trainer.h"
-#include "io/progress.h"
+#include "train/step.h"
 
-/* ---- budgets and schedules ---- */
+/* ---- budgets ---- */
 
-double cln_trainer_fraction(const cln_trainer *t)
+/* The fraction 0..1 of the budget that is used, in steps or in time, whichever is more. */
+static double fraction_used(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
     double fraction = 0;
@@ -32,14 +33,6 @@ double cln_trainer_fraction(const cln_trainer *t)
     return fmin(fraction, 1);
 }
 
-/* method.md 11: x0.1 at each third (the paper's every 10 of 30 epochs), or exponential. */
-static double learning_rate(const cln_config *c, double fraction)
-{
-    if (c->lr_schedule == CLN_SCHEDULE_STEP)
-        return c->lr * pow(0.1, floor(fmin(fraction, 0.999999) * 3));
-    return c->lr * pow(c->lr_final / c->lr, fraction);
-}
-
 /* An epoch draws a tenth of all training pixels (method.md 11). */
 static int64_t steps_of_epochs(const cln_trainer *t)
 {
@@ -47,145 +40,6 @@ static int64_t steps_of_epochs(const cln_trainer *t)
     const double pixels = (double)t->batch.first[t->batch.train_views];
 
     return (int64_t)fmax(1, ceil(c->epochs * pixels / 10 / c->rays));
-}
-
-/* ---- one step ---- */
-
-/* Rays for the next step: --rays, more where leaves would meet too few samples, fewer where samples would pass
- * what is aimed at. Integers only, bounded change. */
-static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
-{
-    const cln_config *c = &t->model.config;
-    const int64_t met = samples ? samples : 1, allowed = cln_config_most_rays(c);
-    const int64_t most = allowed < t->plan.max_rays ? allowed : t->plan.max_rays;
-    const int64_t by_leaf = (int64_t)(c->leaf_samples * t->pipeline.leaves) * rays / met;
-    int64_t next = by_leaf > c->rays ? by_leaf : c->rays;
-
-    next = next < most ? next : most;
-    if (next * met > (int64_t)t->plan.batch_samples * rays)
-        next = (int64_t)t->plan.batch_samples * rays / met;
-    if (next > rays + rays / 4)
-        next = rays + rays / 4 + 1;
-    if (next < rays / 2)
-        next = rays / 2;
-    return next < 16 ? 16 : (int)next;
-}
-
-/* Adds the results of the step before, which the host has by now. Its rays stand for more: those through pixels
- * without a leaf before them, whose error is known. */
-static cln_status account(cln_trainer *t)
-{
-    const cln_coverage *cover = &t->batch.coverage;
-    double loss = 0, square = 0, rays = t->owed.rays;
-
-    if (!t->owed.due)
-        return CLN_OK;
-    t->owed.due = false;
-    for (int i = 0; i < t->owed.rays; i++) {
-        loss += t->results[i].loss;
-        square += t->results[i].square_error;
-    }
-    loss /= rays;
-    if (cln_batch_skips(&t->batch, &t->model.config, t->owed.step)) {
-        rays = round(rays / cover->share);
-        loss *= cover->share;
-        square += rays * cover->error_other;
-    }
-    t->model.sum_square += square;
-    t->model.sum_rays += (int64_t)rays;
-    if (!isfinite(loss))
-        return cln_fail(
-            CLN_DIVERGED,
-            "training diverged: the loss of step %lld is not finite; the last checkpoint is "
-            "kept, resume from it with a lower --lr",
-            (long long)t->owed.step);
-    t->window.steps++;
-    t->window.loss += loss;
-    t->window.square += square / rays;
-    t->window.rays += t->owed.rays;
-    t->window.samples += t->owed.samples;
-    return CLN_OK;
-}
-
-cln_status cln_trainer_catch_up(cln_trainer *t)
-{
-    cln_status st = CLN_OK;
-
-    if (t->owed.due)
-        CLN_TRY(cln_device_finish(t->device));
-    CLN_TRY(account(t));
-done:
-    return st;
-}
-
-void cln_trainer_cover(cln_trainer *t)
-{
-    CLN_ASSERT(!t->owed.due);
-    t->drawn = false;
-    if (t->model.config.skip_uncovered)
-        cln_coverage_update(&t->batch.coverage, t->scene, &t->model.tree, &t->model.space);
-}
-
-static void draw(cln_trainer *t)
-{
-    const cln_draw d = {.step = (uint32_t)t->model.step,
-                        .n = t->model.rays,
-                        .ray_background = t->pipeline.ray_background,
-                        .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step)};
-
-    cln_batch_draw(&t->batch, t->scene, &t->model.config, &d);
-    t->drawn = true;
-}
-
-/* The host waits once, for the number of samples; the results of a step are looked at in the next one, and the
- * next batch is drawn while the device works. */
-static cln_status step(cln_trainer *t, double fraction)
-{
-    cln_status st = CLN_OK;
-    const cln_config *c = &t->model.config;
-    cln_pipeline *p = &t->pipeline;
-    const uint32_t number = (uint32_t)t->model.step,
-                   key = cln_hash(number + cln_hash((uint32_t)c->seed));
-    const cln_sampling sampling = {.jitter = true,
-                                   .t_min = fraction >= c->occlusion_from ? (float)c->t_min : 0.0f,
-                                   .uniform_share = (float)c->uniform_share,
-                                   .empty_weight = (float)c->empty_weight,
-                                   .empty_share = (float)c->empty_share,
-                                   .seed = (uint64_t)c->seed,
-                                   .step = number,
-                                   .max_samples =
-                                       t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
-    uint32_t samples = 0, measured = 0, slices = 0;
-    int rays = 0;
-
-    if (!t->drawn)
-        draw(t);
-    t->drawn = false;
-    CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],
-                               t->batch.backgrounds[0]));
-    CLN_TRY(cln_stage_rays(p, t->model.rays));
-    CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples));
-    CLN_TRY(account(t));
-    measured = samples;
-    CLN_TRY(cln_stage_regularise(p, &sampling, rays, &samples));
-    CLN_TRY(cln_stage_group(p, samples, &slices));
-    CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
-    CLN_TRY(cln_stage_composite_train(p, rays, samples));
-    CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
-    CLN_TRY(cln_stage_update(p, samples, slices, key, learning_rate(c, fraction)));
-    CLN_TRY(cln_stage_measure(p, measured));
-    CLN_TRY(
-        cln_buffer_fetch(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
-    CLN_TRY(cln_device_flush(t->device));
-    t->owed.due = true;
-    t->owed.step = t->model.step;
-    t->owed.rays = rays;
-    t->owed.samples = samples;
-    t->model.rays = adapt_rays(t, rays, samples);
-    t->model.step++;
-    draw(t);
-done:
-    return st;
 }
 
 /* ---- evaluation, checkpoints ---- */
@@ -320,7 +174,7 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
     char peak[32], limit[32];
 
     t->psnr_train = -10 * log10(fmax(t->window.square / t->window.steps, 1e-10));
-    CLN_TRY(cln_record_row(t, learning_rate(&t->model.config, fraction), evaluated));
+    CLN_TRY(cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated));
     if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
         cln_format_bytes(cln_peak_rss(), peak);
         cln_format_bytes(t->host_plan.limit, limit);
@@ -347,7 +201,7 @@ static cln_status stopped(const cln_trainer *t, const char *when)
 static cln_status wait_for_step(cln_trainer *t)
 {
     const double began = cln_now();
-    const cln_status st = cln_trainer_catch_up(t);
+    const cln_status st = cln_step_catch_up(t);
 
     t->model.train_seconds += cln_now() - began;
     return st;
@@ -362,8 +216,8 @@ static cln_status warm_up(cln_trainer *t)
     const cln_model before = t->model; /* its numbers; the arrays are not touched by a step */
 
     CLN_TRY(cln_stage_refresh(&t->pipeline, 0, 1, true, 0, 0));
-    CLN_TRY(step(t, 0));
-    CLN_TRY(cln_trainer_catch_up(t));
+    CLN_TRY(cln_step(t, 0));
+    CLN_TRY(cln_step_catch_up(t));
     if (t->model.config.adaptive)
         CLN_TRY(cln_maintain_probe(t, &psnr));
     t->model = before;
@@ -376,7 +230,7 @@ done:
     return st;
 }
 
-cln_status cln_trainer_run(cln_trainer *t)
+cln_status cln_loop_run(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
@@ -388,17 +242,17 @@ cln_status cln_trainer_run(cln_trainer *t)
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;
     t->saved_at = cln_now();
-    while (cln_trainer_fraction(t) < 1 && t->signal == 0) {
+    while (fraction_used(t) < 1 && t->signal == 0) {
         const double began = cln_now();
-        const double fraction = cln_trainer_fraction(t);
+        const double fraction = fraction_used(t);
         bool row = false;
 
         CLN_TRY(cln_maintain(t, fraction));
-        CLN_TRY(step(t, fraction));
+        CLN_TRY(cln_step(t, fraction));
         t->model.train_seconds += cln_now() - began;
         report_progress(t, fraction);
         evaluated = false;
-        row = t->model.step % c->log_every == 0 || cln_trainer_fraction(t) >= 1;
+        row = t->model.step % c->log_every == 0 || fraction_used(t) >= 1;
         if (evaluation_due(t)) {
             CLN_TRY(wait_for_step(t));
             CLN_TRY(evaluate(t, NULL, &evaluated));

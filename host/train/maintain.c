@@ -10,7 +10,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "train/distil.h"
-#include "train/record.h"
+#include "train/step.h"
 #include "model/integer_program.h"
 #include "model/structure.h"
 
@@ -23,7 +23,7 @@ static cln_status send_back(cln_trainer *t)
 
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
-    cln_trainer_cover(t);
+    cln_step_cover(t);
 done:
     return st;
 }
@@ -79,7 +79,7 @@ static cln_status cull(cln_trainer *t, bool now)
     cln_leaf_stats stats = {0};
     cln_octree_change change = {0};
 
-    CLN_TRY(cln_trainer_catch_up(t));
+    CLN_TRY(cln_step_catch_up(t));
     CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
     CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
     marked = cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks);
@@ -157,7 +157,7 @@ static cln_status grow(cln_trainer *t, bool *grown)
         t->full = true;
         goto done;
     }
-    CLN_TRY(cln_trainer_catch_up(t));
+    CLN_TRY(cln_step_catch_up(t));
     CLN_TRY(cln_pipeline_download(p, &t->model, true));
     cln_model_restart_measures(&t->model);
     if (leaves < p->leaves) { /* those that waited for it (cull) */
@@ -238,7 +238,7 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
     int used = 0;
     double square = 0;
 
-    CLN_TRY(cln_trainer_catch_up(t));
+    CLN_TRY(cln_step_catch_up(t));
     t->drawn = false;
     cln_batch_draw(&t->batch, t->scene, c, &draw);
     CLN_TRY(
@@ -490,7 +490,7 @@ static cln_status wait_or_decide(cln_trainer *t)
     const double wait = m->config.structure_wait;
     double square = 0;
 
-    CLN_TRY(cln_trainer_catch_up(t));
+    CLN_TRY(cln_step_catch_up(t));
     square = m->sum_square / (double)m->sum_rays;
     if (wait <= 0 || (m->last_square > 0 && square >= wait * m->last_square))
         return decide(t);

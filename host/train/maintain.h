@@ -4,18 +4,7 @@
 #ifndef CLN_MAINTAIN_H
 #define CLN_MAINTAIN_H
 
-#include "train/trainer.h"
-
-/* A structure decision: one row of metrics.jsonl ("event": "structure") and one line of the log. PSNR is
- * over a fixed batch of training rays, without jitter; NaN where nothing changed. */
-typedef struct cln_decision {
-    int leaves_before, leaves, splits, merges, keeps, budget;
-    bool infeasible;
-    double objective, objective_before;
-    double psnr_before, psnr_after, psnr_pretrained;
-    int distil_steps;
-    double work_seconds;
-} cln_decision;
+#include "train/record.h"
 
 /* All that is due before the next step at this fraction of the budget. */
 cln_status cln_maintain(cln_trainer *t, double fraction);

@@ -4,8 +4,18 @@
 #define CLN_RECORD_H
 
 #include "render/quality.h"
-#include "train/maintain.h"
 #include "train/trainer.h"
+
+/* A structure decision: one row of metrics.jsonl ("event": "structure") and one line of the log. PSNR is
+ * over a fixed batch of training rays, without jitter; NaN where nothing changed. */
+typedef struct cln_decision {
+    int leaves_before, leaves, splits, merges, keeps, budget;
+    bool infeasible;
+    double objective, objective_before;
+    double psnr_before, psnr_after, psnr_pretrained;
+    int distil_steps;
+    double work_seconds;
+} cln_decision;
 
 /* run.json at the start (state "running"), and at the end with state and result. */
 cln_status cln_record_start(cln_trainer *t);

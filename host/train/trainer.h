@@ -1,5 +1,5 @@
-/* A training run in memory: made by session.c (cln_train), stepped by train.c, written down by
- * record.c. */
+/* A training run in memory: made by cln_train (api/train.c), run by loop.c, trained by step.c, its tree
+ * changed by maintain.c, written down by record.c. A struct without functions of its own. */
 #ifndef CLN_TRAINER_H
 #define CLN_TRAINER_H
 
@@ -52,20 +52,5 @@ typedef struct cln_trainer {
         uint64_t waits;                   /* likewise */
     } window;
 } cln_trainer;
-
-/* Fraction 0..1 of the budget used so far. */
-double cln_trainer_fraction(const cln_trainer *t);
-
-/* Which training pixels have a leaf before them, after a change of the tree: the next batch is drawn from those. The
- * newest step has been accounted for. */
-void cln_trainer_cover(cln_trainer *t);
-
-/* Waits for the newest step's results and adds them to the model's and the interval's sums; nothing if they
- * are there. CLN_DIVERGED. Whoever reads or restarts those sums calls this first. */
-cln_status cln_trainer_catch_up(cln_trainer *t);
-
-/* Runs until a budget is used up, the target is reached or a signal comes; checkpoints and final
- * evaluation included. */
-cln_status cln_trainer_run(cln_trainer *t);
 
 #endif

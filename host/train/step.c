@@ -1,0 +1,152 @@
+/* One training step. See step.h. */
+#include "train/step.h"
+
+#include <math.h>
+
+#include "base/config.h"
+#include "base/rng.h"
+
+/* method.md 11: x0.1 at each third (the paper's every 10 of 30 epochs), or exponential. */
+double cln_step_learning_rate(const cln_config *c, double fraction)
+{
+    if (c->lr_schedule == CLN_SCHEDULE_STEP)
+        return c->lr * pow(0.1, floor(fmin(fraction, 0.999999) * 3));
+    return c->lr * pow(c->lr_final / c->lr, fraction);
+}
+
+/* Rays for the next step: --rays, more where leaves would meet too few samples, fewer where samples would pass
+ * what is aimed at. Integers only, bounded change. */
+static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
+{
+    const cln_config *c = &t->model.config;
+    const int64_t met = samples ? samples : 1, allowed = cln_config_most_rays(c);
+    const int64_t most = allowed < t->plan.max_rays ? allowed : t->plan.max_rays;
+    const int64_t by_leaf = (int64_t)(c->leaf_samples * t->pipeline.leaves) * rays / met;
+    int64_t next = by_leaf > c->rays ? by_leaf : c->rays;
+
+    next = next < most ? next : most;
+    if (next * met > (int64_t)t->plan.batch_samples * rays)
+        next = (int64_t)t->plan.batch_samples * rays / met;
+    if (next > rays + rays / 4)
+        next = rays + rays / 4 + 1;
+    if (next < rays / 2)
+        next = rays / 2;
+    return next < 16 ? 16 : (int)next;
+}
+
+/* Adds the results of the step before, which the host has by now. Its rays stand for more: those through pixels
+ * without a leaf before them, whose error is known. */
+static cln_status account(cln_trainer *t)
+{
+    const cln_coverage *cover = &t->batch.coverage;
+    double loss = 0, square = 0, rays = t->owed.rays;
+
+    if (!t->owed.due)
+        return CLN_OK;
+    t->owed.due = false;
+    for (int i = 0; i < t->owed.rays; i++) {
+        loss += t->results[i].loss;
+        square += t->results[i].square_error;
+    }
+    loss /= rays;
+    if (cln_batch_skips(&t->batch, &t->model.config, t->owed.step)) {
+        rays = round(rays / cover->share);
+        loss *= cover->share;
+        square += rays * cover->error_other;
+    }
+    t->model.sum_square += square;
+    t->model.sum_rays += (int64_t)rays;
+    if (!isfinite(loss))
+        return cln_fail(
+            CLN_DIVERGED,
+            "training diverged: the loss of step %lld is not finite; the last checkpoint is "
+            "kept, resume from it with a lower --lr",
+            (long long)t->owed.step);
+    t->window.steps++;
+    t->window.loss += loss;
+    t->window.square += square / rays;
+    t->window.rays += t->owed.rays;
+    t->window.samples += t->owed.samples;
+    return CLN_OK;
+}
+
+cln_status cln_step_catch_up(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+
+    if (t->owed.due)
+        CLN_TRY(cln_device_finish(t->device));
+    CLN_TRY(account(t));
+done:
+    return st;
+}
+
+void cln_step_cover(cln_trainer *t)
+{
+    CLN_ASSERT(!t->owed.due);
+    t->drawn = false;
+    if (t->model.config.skip_uncovered)
+        cln_coverage_update(&t->batch.coverage, t->scene, &t->model.tree, &t->model.space);
+}
+
+static void draw(cln_trainer *t)
+{
+    const cln_draw d = {.step = (uint32_t)t->model.step,
+                        .n = t->model.rays,
+                        .ray_background = t->pipeline.ray_background,
+                        .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step)};
+
+    cln_batch_draw(&t->batch, t->scene, &t->model.config, &d);
+    t->drawn = true;
+}
+
+/* The host waits once, for the number of samples; the results of a step are looked at in the next one, and the
+ * next batch is drawn while the device works. */
+cln_status cln_step(cln_trainer *t, double fraction)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    cln_pipeline *p = &t->pipeline;
+    const uint32_t number = (uint32_t)t->model.step,
+                   key = cln_hash(number + cln_hash((uint32_t)c->seed));
+    const cln_sampling sampling = {.jitter = true,
+                                   .t_min = fraction >= c->occlusion_from ? (float)c->t_min : 0.0f,
+                                   .uniform_share = (float)c->uniform_share,
+                                   .empty_weight = (float)c->empty_weight,
+                                   .empty_share = (float)c->empty_share,
+                                   .seed = (uint64_t)c->seed,
+                                   .step = number,
+                                   .max_samples =
+                                       t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
+    uint32_t samples = 0, measured = 0, slices = 0;
+    int rays = 0;
+
+    if (!t->drawn)
+        draw(t);
+    t->drawn = false;
+    CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],
+                               t->batch.backgrounds[0]));
+    CLN_TRY(cln_stage_rays(p, t->model.rays));
+    CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples));
+    CLN_TRY(account(t));
+    measured = samples;
+    CLN_TRY(cln_stage_regularise(p, &sampling, rays, &samples));
+    CLN_TRY(cln_stage_group(p, samples, &slices));
+    CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
+    CLN_TRY(cln_stage_composite_train(p, rays, samples));
+    CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
+    CLN_TRY(cln_stage_update(p, samples, slices, key, cln_step_learning_rate(c, fraction)));
+    CLN_TRY(cln_stage_measure(p, measured));
+    CLN_TRY(
+        cln_buffer_fetch(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));
+    CLN_TRY(cln_device_flush(t->device));
+    t->owed.due = true;
+    t->owed.step = t->model.step;
+    t->owed.rays = rays;
+    t->owed.samples = samples;
+    t->model.rays = adapt_rays(t, rays, samples);
+    t->model.step++;
+    draw(t);
+done:
+    return st;
+}
