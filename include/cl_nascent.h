@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "base/status.h"
-#include "cln_config.h"
+#include "base/config_rows.h"
 
 #define CLN_VERSION "0.1.0"
 

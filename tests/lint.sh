@@ -6,7 +6,7 @@
 #   rooms       host/ folders include only themselves and what stands below them (ORDER, DOWN)
 #   circles     no file of host/ includes, over others, itself (a.c and a.h count as one)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
-#   options     every option of include/cln_config.h is in the man page
+#   options     every option of host/base/config_rows.h is in the man page
 #   method      every section of docs/method.md that a comment cites is a heading there
 #   format      clang-format has nothing to change
 #   length      no file over 1000 lines
@@ -119,11 +119,11 @@ opencl_header() {
 options() {
     local page
     page=$(tr -d '\\' <docs/cl-nascent.1)
-    sed -n 's/^ *\(INT\|REAL\|BOOL\|ENUM\|TEXT\)([a-z0-9_]*, "\([a-z0-9-]*\)".*/\2/p' include/cln_config.h |
+    sed -n 's/^ *\(INT\|REAL\|BOOL\|ENUM\|TEXT\)([a-z0-9_]*, "\([a-z0-9-]*\)".*/\2/p' host/base/config_rows.h |
         while read -r option; do
             case $page in
             *"--$option"*) ;;
-            *) echo "docs/cl-nascent.1: --$option of include/cln_config.h is not in it" ;;
+            *) echo "docs/cl-nascent.1: --$option of host/base/config_rows.h is not in it" ;;
             esac
         done
 }

@@ -109,7 +109,7 @@ static const struct {
               {16384, 3, true}, {65536, 4, false}, {262144, 3, false}};
 
 static const cln_sampling sampling = {.jitter = true,
-                                      .t_min = 1e-3f,
+                                      .min_transmittance = 1e-3f,
                                       .uniform_share = 0.25f,
                                       .empty_weight = 1e-3f,
                                       .empty_share = 0.25f,

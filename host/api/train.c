@@ -17,40 +17,17 @@
 #include "train/record.h"
 #include "train/step.h"
 
-/* What the checkpoint fixes: the network's shape and everything the kernels' layout depends on. The first that differs,
- * or NULL. */
-static const char *fixed_setting(const cln_config *a, const cln_config *b)
-{
-#define FIXED(field, option)  \
-    if (a->field != b->field) \
-        return option;
-    FIXED(width, "width")
-    FIXED(depth, "depth")
-    FIXED(view_width, "view-width")
-    FIXED(bands, "bands")
-    FIXED(view_bands, "view-bands")
-    FIXED(skip, "skip")
-    FIXED(view_dependence, "view-dependence")
-    FIXED(n1, "n1")
-    FIXED(density, "density")
-    FIXED(density_scale, "density-scale")
-    FIXED(initial_depth, "initial-depth")
-    FIXED(bands_by_level, "bands-by-level")
-    FIXED(moments, "moments")
-#undef FIXED
-    return strcmp(a->bbox, b->bbox) ? "bbox" : NULL;
-}
-
+/* What the checkpoint fixes: the networks' shape and everything the kernels' layout depends on. */
 static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
 {
-    const char *option = fixed_setting(saved, wanted);
+    const cln_config_row *row = cln_config_differs(saved, wanted, CLN_ROW_FIXED);
 
-    if (!option)
+    if (!row)
         return CLN_OK;
     return cln_fail(CLN_CHECKPOINT,
                     "--resume: the checkpoint has another --%s, which cannot change; leave it out "
                     "or start a new run",
-                    option);
+                    row->option);
 }
 
 /* A tree is taken over by a new run alone; what a run began with, it keeps. */

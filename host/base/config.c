@@ -11,16 +11,25 @@
 #include "base/number.h"
 #include "base/text.h"
 
-#define ROW_INT(field, option, paper, fast, min, max, help) \
-    {CLN_ROW_INT, #field, option, help, NULL, min, max, offsetof(cln_config, field), GROUP},
-#define ROW_REAL(field, option, paper, fast, min, max, help) \
-    {CLN_ROW_REAL, #field, option, help, NULL, min, max, offsetof(cln_config, field), GROUP},
-#define ROW_BOOL(field, option, paper, fast, help) \
-    {CLN_ROW_BOOL, #field, option, help, NULL, 0, 1, offsetof(cln_config, field), GROUP},
-#define ROW_ENUM(field, option, paper, fast, words, help) \
-    {CLN_ROW_ENUM, #field, option, help, words, 0, 0, offsetof(cln_config, field), GROUP},
-#define ROW_TEXT(field, option, paper, fast, help) \
-    {CLN_ROW_TEXT, #field, option, help, NULL, 0, 0, offsetof(cln_config, field), GROUP},
+/* What every type of row has, and the flags and alias that stand behind its help. */
+#define ROW(row_type, row_field, row_option, row_help, ...) \
+    {.type = row_type,                                      \
+     .field = #row_field,                                   \
+     .option = row_option,                                  \
+     .help = row_help,                                      \
+     .offset = offsetof(cln_config, row_field),             \
+     .group = GROUP,                                        \
+     __VA_ARGS__},
+#define ROW_INT(field, option, paper, fast, low, high, help, ...) \
+    ROW(CLN_ROW_INT, field, option, help, .min = low, .max = high, __VA_ARGS__)
+#define ROW_REAL(field, option, paper, fast, low, high, help, ...) \
+    ROW(CLN_ROW_REAL, field, option, help, .min = low, .max = high, __VA_ARGS__)
+#define ROW_BOOL(field, option, paper, fast, help, ...) \
+    ROW(CLN_ROW_BOOL, field, option, help, .max = 1, __VA_ARGS__)
+#define ROW_ENUM(field, option, paper, fast, list, help, ...) \
+    ROW(CLN_ROW_ENUM, field, option, help, .words = list, __VA_ARGS__)
+#define ROW_TEXT(field, option, paper, fast, help, ...) \
+    ROW(CLN_ROW_TEXT, field, option, help, __VA_ARGS__)
 
 /* clang-format off */
 const cln_config_row cln_config_rows[] = {
@@ -44,14 +53,14 @@ const cln_config_row cln_config_rows[] = {
 
 const int cln_config_row_count = sizeof cln_config_rows / sizeof cln_config_rows[0];
 
-#define PAPER_NUMBER(field, option, paper, fast, min, max, help) .field = paper,
-#define PAPER_BOOL(field, option, paper, fast, help)             .field = paper,
-#define PAPER_ENUM(field, option, paper, fast, words, help)      .field = paper,
-#define PAPER_TEXT(field, option, paper, fast, help)             .field = paper,
-#define FAST_NUMBER(field, option, paper, fast, min, max, help)  .field = fast,
-#define FAST_BOOL(field, option, paper, fast, help)              .field = fast,
-#define FAST_ENUM(field, option, paper, fast, words, help)       .field = fast,
-#define FAST_TEXT(field, option, paper, fast, help)              .field = fast,
+#define PAPER_NUMBER(field, option, paper, fast, min, max, help, ...) .field = paper,
+#define PAPER_BOOL(field, option, paper, fast, help, ...)             .field = paper,
+#define PAPER_ENUM(field, option, paper, fast, words, help, ...)      .field = paper,
+#define PAPER_TEXT(field, option, paper, fast, help, ...)             .field = paper,
+#define FAST_NUMBER(field, option, paper, fast, min, max, help, ...)  .field = fast,
+#define FAST_BOOL(field, option, paper, fast, help, ...)              .field = fast,
+#define FAST_ENUM(field, option, paper, fast, words, help, ...)       .field = fast,
+#define FAST_TEXT(field, option, paper, fast, help, ...)              .field = fast,
 
 static const cln_config preset_paper = {
     CLN_CONFIG_LIST(PAPER_NUMBER, PAPER_NUMBER, PAPER_BOOL, PAPER_ENUM, PAPER_TEXT)};
@@ -154,19 +163,15 @@ static void word_copy(const char *words, int index, char out[CLN_TEXT_BYTES])
     snprintf(out, CLN_TEXT_BYTES, "%.*s", (int)strcspn(words, "|"), words);
 }
 
-static bool row_is(const cln_config_row *row, const char *option)
+bool cln_config_named(const cln_config_row *row, const char *name, size_t length)
 {
-    return strcmp(row->option, option) == 0;
-}
+    const char *const names[] = {row->option, row->alias};
 
-static bool row_is_seconds(const cln_config_row *row)
-{
-    return row_is(row, "time-limit") || row_is(row, "save-every");
-}
-
-static bool row_is_bytes(const cln_config_row *row)
-{
-    return row_is(row, "device-mem") || row_is(row, "host-mem");
+    for (int i = 0; i < 2; i++) {
+        if (names[i] && strlen(names[i]) == length && memcmp(names[i], name, length) == 0)
+            return true;
+    }
+    return false;
 }
 
 /* Records "--rays: 'x' is not a whole number from 16 to 1048576" and returns st. */
@@ -177,9 +182,9 @@ static cln_status fail_value(cln_status st, const cln_config_row *row, const cha
 
     cln_number_write(row->min, min);
     cln_number_write(row->max, max);
-    if (row_is_seconds(row))
+    if (row->flags & CLN_ROW_SECONDS)
         form = " seconds (or 90s, 10m, 2h)";
-    else if (row_is_bytes(row))
+    else if (row->flags & CLN_ROW_BYTES)
         form = " bytes (or 512M, 4G)";
     switch (row->type) {
     case CLN_ROW_INT:
@@ -209,7 +214,7 @@ static bool in_range(const cln_config_row *row, double value)
 const cln_config_row *cln_config_find(const char *option)
 {
     for (int i = 0; i < cln_config_row_count; i++) {
-        if (row_is(&cln_config_rows[i], option))
+        if (cln_config_named(&cln_config_rows[i], option, strlen(option)))
             return &cln_config_rows[i];
     }
     return NULL;
@@ -247,9 +252,9 @@ static bool read_real(const cln_config_row *row, const char *text, double *value
 {
     const char *end = NULL;
 
-    if (row_is_seconds(row))
+    if (row->flags & CLN_ROW_SECONDS)
         return cln_seconds_read(text, value, NULL);
-    if (row_is_bytes(row))
+    if (row->flags & CLN_ROW_BYTES)
         return cln_bytes_read(text, value);
     return cln_number_read(text, value, &end) && *end == 0;
 }
@@ -264,8 +269,8 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
 
     switch (row->type) {
     case CLN_ROW_INT:
-        if (row_is(row, "downscale") && strcmp(text, "auto") == 0)
-            integer = 0; /* as the help says */
+        if (row->flags & CLN_ROW_AUTO && strcmp(text, "auto") == 0)
+            integer = 0;
         else if (!cln_integer_read(text, &integer) || !in_range(row, (double)integer))
             return fail_value(CLN_USAGE, row, text);
         *(int *)field = (int)integer;
@@ -457,15 +462,27 @@ static cln_status set_from_json(cln_config *config, const cln_config_row *row, c
     return CLN_OK;
 }
 
-/* Rows that came after the first runs were written, whose settings lack them. Their paper values must mean what was
- * done before. */
-static const char *const later_fields[] = {"skip_uncovered", "roulette", "moments", "cull_after"};
-
-static bool came_later(const char *field)
+/* The key of a row in an object: its field, or where that is missing its earlier name ("t-min" is "t_min"
+ * there). NULL if it has neither. */
+static const char *key_of(const json_t *object, const cln_config_row *row, char earlier[64])
 {
-    for (size_t i = 0; i < sizeof later_fields / sizeof *later_fields; i++)
-        if (strcmp(field, later_fields[i]) == 0)
+    if (json_object_get(object, row->field))
+        return row->field;
+    snprintf(earlier, 64, "%s", row->alias ? row->alias : "");
+    for (char *c = earlier; *c; c++)
+        *c = *c == '-' ? '_' : *c;
+    return json_object_get(object, earlier) ? earlier : NULL;
+}
+
+static bool is_read(const json_t *object, const char *key)
+{
+    for (int i = 0; i < cln_config_row_count; i++) {
+        char earlier[64];
+        const char *own = key_of(object, &cln_config_rows[i], earlier);
+
+        if (own && strcmp(own, key) == 0)
             return true;
+    }
     return false;
 }
 
@@ -473,36 +490,60 @@ cln_status cln_config_from_json(const json_t *object, cln_config *out)
 {
     cln_status st = CLN_OK;
     cln_config config = preset_paper; /* every row is overwritten below, but for later ones */
-    int missing = 0;
+    const char *key = NULL;
+    json_t *given = NULL;
 
     if (!json_is_object(object))
         return cln_fail(CLN_INPUT, "settings: a JSON object is expected");
     for (int i = 0; i < cln_config_row_count; i++) {
-        const json_t *value = json_object_get(object, cln_config_rows[i].field);
+        const cln_config_row *row = &cln_config_rows[i];
+        char earlier[64];
+        const char *own = key_of(object, row, earlier);
 
-        if (!value && came_later(cln_config_rows[i].field)) {
-            missing++;
-            continue;
-        }
-        if (!value)
+        if (own)
+            CLN_TRY(set_from_json(&config, row, json_object_get(object, own)));
+        else if (!(row->flags & CLN_ROW_LATER))
             return cln_fail(CLN_INPUT, "settings: '%s' is missing; written by another version?",
-                            cln_config_rows[i].field);
-        CLN_TRY(set_from_json(&config, &cln_config_rows[i], value));
+                            row->field);
     }
-    if (json_object_size(object) != (size_t)(cln_config_row_count - missing)) {
-        const char *key = NULL;
-        json_t *value = NULL;
-        json_object_foreach((json_t *)object, key, value)
-        {
-            bool known = false;
-            for (int i = 0; i < cln_config_row_count; i++)
-                known = known || strcmp(cln_config_rows[i].field, key) == 0;
-            if (!known)
-                return cln_fail(CLN_INPUT, "settings: '%s' is unknown; written by another version?",
-                                key);
-        }
+    json_object_foreach((json_t *)object, key, given)
+    {
+        if (!is_read(object, key))
+            return cln_fail(CLN_INPUT, "settings: '%s' is unknown; written by another version?",
+                            key);
     }
     *out = config;
 done:
     return st;
+}
+
+/* ---- comparing ---- */
+
+static bool same_value(const cln_config *a, const cln_config *b, const cln_config_row *row)
+{
+    const void *x = const_field_of(a, row), *y = const_field_of(b, row);
+
+    switch (row->type) {
+    case CLN_ROW_INT:
+    case CLN_ROW_ENUM:
+        return *(const int *)x == *(const int *)y;
+    case CLN_ROW_REAL:
+        return *(const double *)x == *(const double *)y;
+    case CLN_ROW_BOOL:
+        return *(const bool *)x == *(const bool *)y;
+    case CLN_ROW_TEXT:
+        return strcmp(x, y) == 0;
+    }
+    return false;
+}
+
+const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *b, unsigned flags)
+{
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+
+        if ((row->flags & flags) == flags && !same_value(a, b, row))
+            return row;
+    }
+    return NULL;
 }

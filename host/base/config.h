@@ -1,12 +1,12 @@
-/* The rows of include/cln_config.h as data: presets, set by text, to and from JSON, compare. Used by the
+/* The rows of config_rows.h as data: presets, set by text, to and from JSON, compare. Used by the
  * CLI's parser and help, by run.json and by checkpoints. Interprets nothing. */
 #ifndef CLN_BASE_CONFIG_H
 #define CLN_BASE_CONFIG_H
 
 #include <jansson.h>
 #include <stddef.h>
+#include "base/config_rows.h"
 #include "base/status.h"
-#include "cln_config.h"
 
 typedef enum { CLN_ROW_INT, CLN_ROW_REAL, CLN_ROW_BOOL, CLN_ROW_ENUM, CLN_ROW_TEXT } cln_row_type;
 
@@ -17,13 +17,18 @@ typedef struct cln_config_row {
     double min, max;   /* INT, REAL */
     size_t offset;     /* into cln_config */
     const char *group; /* "network", "tree", "sampling", "optim", "run" */
+    unsigned flags;    /* CLN_ROW_FIXED ... */
+    const char *alias; /* an earlier name of the option; NULL = none */
 } cln_config_row;
 
 extern const cln_config_row cln_config_rows[];
 extern const int cln_config_row_count;
 
-/* The row of an option name ("rays", without dashes); NULL if there is none. For misspelt names:
- * the nearest one (never NULL). */
+/* Whether name ([length], need not end there) is the row's option or its alias. */
+bool cln_config_named(const cln_config_row *row, const char *name, size_t length);
+
+/* The row of an option name or alias ("rays", without dashes); NULL if there is none. For misspelt
+ * names: the nearest one (never NULL). */
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);
 
@@ -31,8 +36,8 @@ const char *cln_config_nearest(const char *option);
  * small ones, from scratch), both fast in all else. CLN_USAGE for another name. */
 cln_status cln_config_preset(const char *name, cln_config *out);
 
-/* Sets one value from text, range-checked, independent of LC_NUMERIC. REAL rows "time-limit" and
- * "save-every" take 90s 10m 2h, "device-mem" and "host-mem" take 512M 4G; BOOL takes yes|no|true|false|1|0.
+/* Sets one value from text, range-checked, independent of LC_NUMERIC. Units by the row's flags
+ * (CLN_ROW_SECONDS, _BYTES, _AUTO); BOOL takes yes|no|true|false|1|0.
  * CLN_USAGE names the option, the text and the legal range; *config is then untouched. */
 cln_status cln_config_set(cln_config *config, const cln_config_row *row, const char *text);
 
@@ -44,10 +49,14 @@ cln_status cln_parse_reals(const char *text, int count, double *out); /* "a,b,c"
 /* The value as text that cln_config_set reads back exactly. */
 void cln_config_text(const cln_config *config, const cln_config_row *row, char out[CLN_TEXT_BYTES]);
 
-/* JSON object field -> value (ENUM as its word), and back; unknown or missing keys are CLN_INPUT, but for those of
- * rows that older runs cannot have: they get their paper value. */
+/* JSON object field -> value (ENUM as its word), and back. An unknown or missing key is CLN_INPUT, except
+ * that an alias may stand for its row, and that a row flagged CLN_ROW_LATER may be missing: it then gets
+ * its paper value. */
 cln_status cln_config_to_json(const cln_config *config, json_t **out);
 cln_status cln_config_from_json(const json_t *object, cln_config *out);
+
+/* The first row with all these flags whose values differ; NULL if there is none. */
+const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *b, unsigned flags);
 
 /* Checks between values that no single row can make (widths, level_at syntax and order). CLN_USAGE. */
 cln_status cln_config_check(const cln_config *config);

@@ -221,10 +221,7 @@ cln_status cln_selftest_training(cln_device *device, const cln_config *config)
 
     CLN_TRY(cln_selftest_device(device, &plan));
     CLN_TRY(cln_config_preset("fast", &fast));
-    if (fast.width != config->width || fast.depth != config->depth ||
-        fast.view_width != config->view_width || fast.bands != config->bands ||
-        fast.view_bands != config->view_bands || fast.skip != config->skip ||
-        fast.view_dependence != config->view_dependence || fast.density != config->density)
+    if (cln_config_differs(&fast, config, CLN_ROW_SHAPE))
         CLN_TRY(cln_selftest_config(device, config, NULL, NULL));
 done:
     return st;

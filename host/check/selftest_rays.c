@@ -127,7 +127,7 @@ ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cl
                               .samples_per_leaf = config->samples_per_leaf,
                               .samples_per_ray = config->samples_per_ray,
                               .uniform_share = s->uniform_share,
-                              .t_min = s->t_min,
+                              .min_transmittance = s->min_transmittance,
                               .empty_weight = s->empty_weight,
                               .empty_share = s->empty_share},
                      .jitter = s->jitter,

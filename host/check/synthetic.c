@@ -147,7 +147,7 @@ cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cl
     CLN_TRY(cln_plan_check(device, &plan));
     out->max_entries = plan.max_entries;
     out->sampling = (cln_sampling){.jitter = true,
-                                   .t_min = (float)ours.t_min,
+                                   .min_transmittance = (float)ours.min_transmittance,
                                    .uniform_share = (float)ours.uniform_share,
                                    .empty_weight = (float)ours.empty_weight,
                                    .empty_share = (float)ours.empty_share,

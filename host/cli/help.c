@@ -102,7 +102,7 @@ static void put_row(FILE *to, const cln_config_row *row, const cln_config *fast,
 {
     char left[96], help[768], range[2 * CLN_NUMBER_BYTES + 8] = "";
     char in_fast[CLN_TEXT_BYTES], in_paper[CLN_TEXT_BYTES];
-    char min[CLN_NUMBER_BYTES], max[CLN_NUMBER_BYTES];
+    char min[CLN_NUMBER_BYTES], max[CLN_NUMBER_BYTES], alias[64] = "";
 
     cln_config_text(fast, row, in_fast);
     cln_config_text(paper, row, in_paper);
@@ -120,12 +120,14 @@ static void put_row(FILE *to, const cln_config_row *row, const cln_config *fast,
         cln_number_write(row->max, max);
         snprintf(range, sizeof range, "%s to %s; ", min, max);
     }
+    if (row->alias)
+        snprintf(alias, sizeof alias, "; also --%s", row->alias);
     if (strcmp(in_fast, in_paper) == 0)
-        snprintf(help, sizeof help, "%s (%sdefault %s)", row->help, range,
-                 *in_fast ? in_fast : "none");
+        snprintf(help, sizeof help, "%s (%sdefault %s%s)", row->help, range,
+                 *in_fast ? in_fast : "none", alias);
     else
-        snprintf(help, sizeof help, "%s (%sfast %s, paper %s)", row->help, range,
-                 *in_fast ? in_fast : "none", *in_paper ? in_paper : "none");
+        snprintf(help, sizeof help, "%s (%sfast %s, paper %s%s)", row->help, range,
+                 *in_fast ? in_fast : "none", *in_paper ? in_paper : "none", alias);
     put_entry(to, left, help);
 }
 

@@ -152,28 +152,11 @@ const cln_arg cln_args[] = {
 const int cln_arg_count = sizeof cln_args / sizeof cln_args[0];
 _Static_assert(sizeof cln_args / sizeof cln_args[0] <= CLN_ARGS_MAX, "parser keeps a flag per row");
 
-/* Rows that `info SCENE` needs to read a scene as train would. */
-static const char *const info_rows[] = {"downscale", "bbox", "background", "holdout"};
-
-/* Rows that shape the networks and the work, for `tune`. */
-static const char *const tune_rows[] = {"width",      "depth",           "view-width", "bands",
-                                        "view-bands", "view-dependence", "skip",       "stage1",
-                                        "rays",       "batch-samples"};
-
 /* ---- names ---- */
 
 bool cln_command_takes_arg(const cln_command *command, const cln_arg *arg)
 {
     return (arg->commands & (command ? command->bit : EVERY)) != 0;
-}
-
-static bool is_among(const char *const *names, size_t count, const char *name)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (strcmp(names[i], name) == 0)
-            return true;
-    }
-    return false;
 }
 
 bool cln_command_takes_row(const cln_command *command, const cln_config_row *row)
@@ -182,9 +165,9 @@ bool cln_command_takes_row(const cln_command *command, const cln_config_row *row
     case CLN_TRAIN:
         return true;
     case CLN_INFO:
-        return is_among(info_rows, sizeof info_rows / sizeof info_rows[0], row->option);
+        return row->flags & CLN_ROW_SCENE;
     case CLN_TUNE:
-        return is_among(tune_rows, sizeof tune_rows / sizeof tune_rows[0], row->option);
+        return row->flags & CLN_ROW_TUNE;
     default:
         return false;
     }
@@ -214,8 +197,7 @@ const cln_config_row *cln_row_find(const cln_command *command, const char *name,
 {
     for (int i = 0; i < cln_config_row_count; i++) {
         const cln_config_row *row = &cln_config_rows[i];
-        if (cln_command_takes_row(command, row) && strlen(row->option) == length &&
-            memcmp(row->option, name, length) == 0)
+        if (cln_command_takes_row(command, row) && cln_config_named(row, name, length))
             return row;
     }
     return NULL;

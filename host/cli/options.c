@@ -336,12 +336,6 @@ done:
     return st;
 }
 
-static bool is_budget(const cln_config_row *row)
-{
-    return strcmp(row->option, "steps") == 0 || strcmp(row->option, "epochs") == 0 ||
-           strcmp(row->option, "time-limit") == 0;
-}
-
 static cln_status apply_settings(parser *p)
 {
     cln_status st = CLN_OK;
@@ -357,7 +351,7 @@ static cln_status apply_settings(parser *p)
         const cln_config_row *row = p->settings[i].row;
         const char *text = p->settings[i].text;
 
-        if (is_budget(row) && text[0] == '+') {
+        if (row->flags & CLN_ROW_BUDGET && text[0] == '+') {
             cln_config extended = base; /* of two "+N" the last counts, like of any option */
             char value[CLN_TEXT_BYTES];
 

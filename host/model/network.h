@@ -20,7 +20,7 @@
 
 #include <stddef.h>
 #include "base/status.h"
-#include "cln_config.h"
+#include "base/config_rows.h"
 
 typedef struct cln_network {
     int width, depth, view_width, bands, view_bands;

@@ -3,7 +3,7 @@
 #ifndef CLN_STRUCTURE_H
 #define CLN_STRUCTURE_H
 
-#include "cln_config.h"
+#include "base/config_rows.h"
 #include "model/octree.h"
 
 /* Measured per ACTIVE leaf from the stage-1 samples, sigma in normalised units. */

@@ -66,7 +66,7 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
     const cl_uint rays = (cl_uint)all;
     const cl_int depth = p->depth;
-    const cl_float max_depth = s->t_min > 0 ? -logf(s->t_min) : 1e30f;
+    const cl_float max_depth = s->min_transmittance > 0 ? -logf(s->min_transmittance) : 1e30f;
     const cl_uint per_leaf = (cl_uint)p->config.samples_per_leaf;
     const cl_uint per_ray = (cl_uint)p->config.samples_per_ray;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};

@@ -219,8 +219,8 @@ cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, c
 cln_status cln_stage_rays(cln_pipeline *p, int n);
 
 typedef struct cln_sampling {
-    bool jitter; /* training: random positions, roulette; else midpoints */
-    float t_min; /* leaves behind less transmittance are left out; 0 = none */
+    bool jitter;             /* training: random positions, roulette; else midpoints */
+    float min_transmittance; /* leaves behind less transmittance are left out; 0 = none */
     float uniform_share, empty_weight, empty_share;
     uint64_t seed;
     uint32_t step;

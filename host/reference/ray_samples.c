@@ -57,7 +57,7 @@ static bool close_count(const ref_sampling *s, double length, double side, doubl
 {
     const double weight = exp(-tau_in) * -expm1(-tau);
 
-    if (s->t_min > 0 && fabs(exp(-tau_in) / s->t_min - 1) < 1e-3)
+    if (s->min_transmittance > 0 && fabs(exp(-tau_in) / s->min_transmittance - 1) < 1e-3)
         return true;
     if (!s->by_weight)
         return near_integer(s->samples_per_leaf * length / (sqrt(3) * side), 1e-3);

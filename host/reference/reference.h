@@ -44,11 +44,11 @@ typedef struct ref_sampling {
     bool by_weight;  /* allocate weight (else chord) */
     bool cdf_weight; /* cdf weight (else sigma) */
     int samples_per_leaf, samples_per_ray;
-    double uniform_share, t_min; /* t_min 0 = no occlusion culling */
+    double uniform_share, min_transmittance; /* min_transmittance 0 = no occlusion culling */
     double empty_weight, empty_share;
 } ref_sampling;
 
-/* Number of samples for a chord of length L in a leaf of side `side`: 0 if exp(-tau_in) < t_min; chord:
+/* Number of samples for a chord of length L in a leaf of side `side`: 0 if exp(-tau_in) < min_transmittance; chord:
  * ceil(samples_per_leaf * L / (sqrt(3) side)), at least 1; weight: with W = exp(-tau_in) *
  * (1 - exp(-tau)), tau the chord's own optical depth from stage 1: W < empty_weight: 1 if
  * roulette < empty_share else 0; otherwise min(samples_per_leaf,

@@ -65,7 +65,7 @@ int ref_sample_count(const ref_sampling *s, double length, double side, double t
     double weight = exp(-tau_in) * -expm1(-tau);
     double count = 0;
 
-    if (exp(-tau_in) < s->t_min)
+    if (exp(-tau_in) < s->min_transmittance)
         return 0;
     if (!s->by_weight) {
         count = ceil(s->samples_per_leaf * length / (sqrt(3) * side));

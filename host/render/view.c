@@ -30,7 +30,7 @@ static cln_status render_batch(cln_pipeline *p, const cln_pixel *pixels, int n,
     const size_t wanted = (size_t)p->config.batch_samples;
     const cln_sampling sampling = {
         .jitter = false,
-        .t_min = (float)p->config.render_t_min,
+        .min_transmittance = (float)p->config.render_min_transmittance,
         .uniform_share = 0,
         .empty_weight = (float)p->config.empty_weight,
         .empty_share = p->config.empty_weight > 0 ? 0 : 1,

@@ -11,7 +11,7 @@
 #include <jansson.h>
 #include <stdint.h>
 #include "base/status.h"
-#include "cln_config.h"
+#include "base/config_rows.h"
 #include "scene/lens.h"
 #include "scene/space.h"
 

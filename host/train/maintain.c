@@ -228,7 +228,7 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
     cln_pipeline *p = &t->pipeline;
     const int wanted = c->rays < PROBE_RAYS ? c->rays : PROBE_RAYS;
     const int rays = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
-    const cln_sampling sampling = {.t_min = (float)c->render_t_min,
+    const cln_sampling sampling = {.min_transmittance = (float)c->render_min_transmittance,
                                    .empty_weight = (float)c->empty_weight,
                                    .empty_share = c->empty_weight > 0 ? 0 : 1,
                                    .max_samples = t->plan.max_samples};

@@ -55,9 +55,9 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     if (c->sparsity <= 0 && c->edge <= 0 && c->cauchy <= 0 && c->opacity_entropy <= 0 &&
         c->distortion_loss <= 0 && c->view_l2 <= 0)
         say(list, "regularisers");
-    if (c->t_min > 0)
-        say(list, "leaves behind less than %g transmittance (from %g%% of the budget)", c->t_min,
-            100 * c->occlusion_from);
+    if (c->min_transmittance > 0)
+        say(list, "leaves behind less than %g transmittance (from %g%% of the budget)",
+            c->min_transmittance, 100 * c->occlusion_from);
     if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
         say(list, "%g%% of the intervals in leaves that stage 1 finds empty",
             100 * (1 - c->empty_share));

@@ -109,15 +109,15 @@ cln_status cln_step(cln_trainer *t, double fraction)
     cln_pipeline *p = &t->pipeline;
     const uint32_t number = (uint32_t)t->model.step,
                    key = cln_hash(number + cln_hash((uint32_t)c->seed));
-    const cln_sampling sampling = {.jitter = true,
-                                   .t_min = fraction >= c->occlusion_from ? (float)c->t_min : 0.0f,
-                                   .uniform_share = (float)c->uniform_share,
-                                   .empty_weight = (float)c->empty_weight,
-                                   .empty_share = (float)c->empty_share,
-                                   .seed = (uint64_t)c->seed,
-                                   .step = number,
-                                   .max_samples =
-                                       t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
+    const cln_sampling sampling = {
+        .jitter = true,
+        .min_transmittance = fraction >= c->occlusion_from ? (float)c->min_transmittance : 0.0f,
+        .uniform_share = (float)c->uniform_share,
+        .empty_weight = (float)c->empty_weight,
+        .empty_share = (float)c->empty_share,
+        .seed = (uint64_t)c->seed,
+        .step = number,
+        .max_samples = t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
     uint32_t samples = 0, measured = 0, slices = 0;
     int rays = 0;
 

@@ -574,6 +574,71 @@ static void test_json_of_before(void **state)
     json_decref(object);
 }
 
+/* A row that was renamed: its earlier name is still an option, and a key of the runs from before. */
+static void test_alias(void **state)
+{
+    static const char *const names[][2] = {{"min_transmittance", "t_min"},
+                                           {"render_min_transmittance", "render_t_min"}};
+    cln_config from = preset("fast"), to = preset("paper");
+    json_t *object = NULL;
+
+    (void)state;
+    assert_ptr_equal(row_of("t-min"), row_of("min-transmittance"));
+    assert_ptr_equal(row_of("render-t-min"), row_of("render-min-transmittance"));
+    assert_null(cln_config_find("t-mi"));
+    from.min_transmittance = 0.125;
+    from.render_min_transmittance = 0.0625;
+    object = to_json(&from);
+    for (int i = 0; i < 2; i++) {
+        json_t *value = json_incref(json_object_get(object, names[i][0]));
+
+        assert_null(json_object_get(object, names[i][1])); /* never written */
+        assert_int_equal(json_object_del(object, names[i][0]), 0);
+        assert_int_equal(json_object_set_new(object, names[i][1], value), 0);
+    }
+    assert_int_equal(cln_config_from_json(object, &to), CLN_OK);
+    assert_same(&from, &to);
+    assert_int_equal(json_object_set_new(object, "min_transmittance", json_real(0.25)), 0);
+    assert_failed(cln_config_from_json(object, &to), CLN_INPUT, "'t_min'|unknown");
+    assert_int_equal(json_object_del(object, "min_transmittance"), 0);
+    assert_int_equal(json_object_del(object, "t_min"), 0);
+    assert_failed(cln_config_from_json(object, &to), CLN_INPUT, "'min_transmittance'|missing");
+    json_decref(object);
+    assert_refused("t-min", "2", "--min-transmittance|'2'|0 to 0.5");
+}
+
+/* A value that differs is found if its row has the flag, for every row and type. */
+static void test_differs(void **state)
+{
+    static const unsigned flags[] = {0, CLN_ROW_FIXED, CLN_ROW_SHAPE,
+                                     CLN_ROW_FIXED | CLN_ROW_LATER};
+
+    (void)state;
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+        const cln_config a = preset("fast");
+        cln_config b = a;
+        char *field = (char *)&b + row->offset;
+
+        if (row->type == CLN_ROW_TEXT)
+            field[0] ^= 1;
+        else if (row->type == CLN_ROW_BOOL)
+            *(bool *)field = !*(bool *)field;
+        else if (row->type == CLN_ROW_REAL)
+            *(double *)(void *)field += 1e-3;
+        else
+            *(int *)(void *)field += 1;
+        for (size_t f = 0; f < sizeof flags / sizeof flags[0]; f++) {
+            const bool has = (row->flags & flags[f]) == flags[f];
+
+            assert_null(cln_config_differs(&a, &a, flags[f]));
+            assert_ptr_equal(cln_config_differs(&a, &b, flags[f]), has ? row : NULL);
+        }
+    }
+    assert_true(row_of("n1")->flags & CLN_ROW_FIXED);
+    assert_false(row_of("rays")->flags & CLN_ROW_FIXED);
+}
+
 static cln_status levels(const char *text, int start, double fraction[6])
 {
     cln_config config = preset("fast");
@@ -752,6 +817,10 @@ int test_group_config(void)
         cmocka_unit_test(test_json),
         cmocka_unit_test(test_json_refused),
         cmocka_unit_test(test_json_of_before),
+        cmocka_unit_test(test_alias),
+        cmocka_unit_test(test_differs),
+        cmocka_unit_test(test_alias),
+        cmocka_unit_test(test_differs),
         cmocka_unit_test(test_level_at),
         cmocka_unit_test(test_eval_points),
         cmocka_unit_test(test_background),

@@ -86,6 +86,8 @@ static void help_shows_ranges_words_and_presets(void **state)
     assert_non_null(strstr(text, wanted));
     assert_non_null(strstr(text, "--cull guarded|mean "));
     assert_non_null(strstr(text, "CL_NASCENT_DEVICE"));
+    assert_non_null(strstr(text, "also --t-min)"));
+    assert_null(strstr(text, "  --t-min"));
     free(text);
 }
 

@@ -14,7 +14,7 @@ typedef struct sampling_case {
     const char *name;
     int set, allocate, cdf, n1;
     bool jitter;
-    double uniform_share, t_min, empty_weight, empty_share;
+    double uniform_share, min_transmittance, empty_weight, empty_share;
 } sampling_case;
 
 enum { CHORD = CLN_ALLOCATE_CHORD, WEIGHT = CLN_ALLOCATE_WEIGHT };
@@ -43,7 +43,7 @@ static cln_config config_of(const sampling_case *c)
 static cln_sampling sampling_of(const sampling_case *c)
 {
     return (cln_sampling){.jitter = c->jitter,
-                          .t_min = (float)c->t_min,
+                          .min_transmittance = (float)c->min_transmittance,
                           .uniform_share = (float)c->uniform_share,
                           .empty_weight = (float)c->empty_weight,
                           .empty_share = (float)c->empty_share,
@@ -183,7 +183,7 @@ static void check_special(int set, int level)
     config.n1 = 2;
     p = test_pipeline(&tune_sets[set], &config, false, false);
     config.start_level = level;
-    sampling.t_min = 0;
+    sampling.min_transmittance = 0;
     assert_ok(cln_model_create(&config, &model));
     for (int r = 0; r < SPECIAL_RAYS; r++) {
         unit(special[r] + 3, d[r]);
@@ -311,7 +311,7 @@ static void test_exact_slots(void **state)
     config.n1 = 2;
     p = test_pipeline(&tune_sets[1], &config, false, false);
     config.start_level = 2;
-    sampling.t_min = 0;
+    sampling.min_transmittance = 0;
     for (int r = 0; r < 64; r++) {
         const int axis = r % 3, sign = r / 3 % 2 ? 1 : -1;
 

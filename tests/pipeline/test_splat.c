@@ -293,7 +293,7 @@ typedef struct splat_run {
 } splat_run;
 
 static const cln_sampling sampling = {.jitter = true,
-                                      .t_min = 1e-3f,
+                                      .min_transmittance = 1e-3f,
                                       .uniform_share = 0.25f,
                                       .empty_weight = 1e-3f,
                                       .empty_share = 0.5f,

@@ -1,6 +1,7 @@
 /* Every hyperparameter and run option, one row each. From this list come the struct, the presets, the
- * command-line options with their help, run.json and the checkpoint's settings, so they cannot drift
- * apart. Nothing here reads or interprets a value; see the room that the comment names.
+ * command-line options with their help, the settings of the public interface, run.json and the
+ * checkpoint's settings, so they cannot drift apart. Nothing here reads or interprets a value; see the
+ * room that the comment names.
  *
  * Rows, by type (paper = method.md's default, fast = chosen by error against run time on a CPU,
  * docs/results.md):
@@ -9,17 +10,34 @@
  *   BOOL(field, option, paper, fast, help)                 --option / --no-option
  *   ENUM(field, option, paper, fast, "a|b|c", help)        stored as the index of the word
  *   TEXT(field, option, paper, fast, help)                 at most 127 characters
+ * and behind the help, where a row needs it, what else is known of it:
+ *   .flags = CLN_ROW_...      who else must know this row (below)
+ *   .alias = "old-name"       an earlier name: still an option, and a key of older runs
  *
- * A new row's paper value must mean what was done without it, and its field belongs into later_fields
- * (host/base/config.c): runs written before are read with that value.
+ * A new row is CLN_ROW_LATER, and its paper value means what was done without it: runs written before
+ * are read with that value.
  */
-#ifndef CLN_CONFIG_H
-#define CLN_CONFIG_H
+#ifndef CLN_CONFIG_ROWS_H
+#define CLN_CONFIG_ROWS_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
 enum { CLN_TEXT_BYTES = 128 };
+
+/* Flags of a row. */
+enum {
+    CLN_ROW_FIXED = 1,   /* a checkpoint fixes it: a resumed run cannot change it */
+    CLN_ROW_SHAPE = 2,   /* shape of the networks' kernels: checked on the device before training */
+    CLN_ROW_TUNE = 4,    /* an option of `tune`, too */
+    CLN_ROW_SCENE = 8,   /* an option of `info SCENE`, too: how a scene is read */
+    CLN_ROW_LATER = 16,  /* runs from before this row existed have its paper value */
+    CLN_ROW_BUDGET = 32, /* +N extends a resumed run */
+    CLN_ROW_SECONDS = 64, /* REAL: also 90s, 10m, 2h */
+    CLN_ROW_BYTES = 128,  /* REAL: also 512M, 4G */
+    CLN_ROW_AUTO = 256,   /* INT: "auto" is 0 */
+    CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE
+};
 
 /* Words of the ENUM rows, in the order of their "a|b|c". */
 enum { CLN_RRELU_ELEMENT, CLN_RRELU_NEURON, CLN_RRELU_MEAN };
@@ -37,25 +55,33 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
 
 /* What shapes the leaf networks: compile-time constants of the kernels (method.md section 1). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
-    INT(width, "width", 64, 32, 16, 256, "neurons of a trunk layer: 16, 32, 64, 128 or 256")       \
-    INT(depth, "depth", 8, 3, 2, 8, "trunk layers")                                                \
-    INT(view_width, "view-width", 256, 32, 16, 256, "neurons of the view layer: 16 to 256")        \
-    INT(bands, "bands", 10, 6, 1, 10, "frequencies of the position encoding")                      \
-    INT(view_bands, "view-bands", 4, 2, 0, 4, "frequencies of the direction encoding")             \
+    INT(width, "width", 64, 32, 16, 256, "neurons of a trunk layer: 16, 32, 64, 128 or 256",       \
+        .flags = CLN_ROW_NETWORK)                                                                  \
+    INT(depth, "depth", 8, 3, 2, 8, "trunk layers", .flags = CLN_ROW_NETWORK)                      \
+    INT(view_width, "view-width", 256, 32, 16, 256, "neurons of the view layer: 16 to 256",        \
+        .flags = CLN_ROW_NETWORK)                                                                  \
+    INT(bands, "bands", 10, 6, 1, 10, "frequencies of the position encoding",                      \
+        .flags = CLN_ROW_NETWORK)                                                                  \
+    INT(view_bands, "view-bands", 4, 2, 0, 4, "frequencies of the direction encoding",             \
+        .flags = CLN_ROW_NETWORK)                                                                  \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
-         "colour depends on the direction; without it the view layer is left out")                 \
-    BOOL(skip, "skip", true, false, "feed the encoding again into the layer after depth/2 layers") \
-    BOOL(bands_by_level, "bands-by-level", false, false, "fade bands out that alias at a level")   \
+         "colour depends on the direction; without it the view layer is left out",                 \
+         .flags = CLN_ROW_NETWORK)                                                                 \
+    BOOL(skip, "skip", true, false, "feed the encoding again into the layer after depth/2 layers", \
+         .flags = CLN_ROW_NETWORK)                                                                 \
+    BOOL(bands_by_level, "bands-by-level", false, false, "fade bands out that alias at a level",   \
+         .flags = CLN_ROW_FIXED)                                                                   \
     ENUM(rrelu_scope, "rrelu-scope", CLN_RRELU_ELEMENT, CLN_RRELU_MEAN, "element|neuron|mean",     \
          "one random slope per element, per neuron and step, or the mean slope")                   \
     REAL(rrelu_lower, "rrelu-lower", -0.3, -0.3, -1, 1, "lower bound of the negative-side slope")  \
     REAL(rrelu_upper, "rrelu-upper", -0.1, -0.1, -1, 1, "upper bound of the negative-side slope")  \
     ENUM(density, "density", CLN_DENSITY_SOFTPLUS, CLN_DENSITY_SOFTPLUS, "softplus|relu|exp",      \
-         "density activation")                                                                     \
+         "density activation", .flags = CLN_ROW_FIXED | CLN_ROW_SHAPE)                             \
     REAL(density_scale, "density-scale", 10, 10, 1e-3, 1e4,                                        \
-         "kappa: density per unit of the normalised cube and unit of activation")                  \
+         "kappa: density per unit of the normalised cube and unit of activation",                  \
+         .flags = CLN_ROW_FIXED)                                                                   \
     REAL(initial_depth, "initial-depth", 1, 1, 1e-4, 10,                                           \
-         "optical depth straight through the empty cube at the start")                             \
+         "optical depth straight through the empty cube at the start", .flags = CLN_ROW_FIXED)     \
     ENUM(init, "init", CLN_INIT_KAIMING, CLN_INIT_KAIMING, "kaiming|fan-in",                       \
          "bound of the initial weights")
 
@@ -74,7 +100,8 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     REAL(cull_from, "cull-from", 0.067, 0.02, 0, 1,                                             \
          "no culling before this fraction of the budget")                                       \
     INT(cull_after, "cull-after", 0, 512, 0, 1000000,                                           \
-        "no culling in so many steps after the start or a growth of the tree")                  \
+        "no culling in so many steps after the start or a growth of the tree",                  \
+        .flags = CLN_ROW_LATER)                                                                 \
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
          "mean density of a leaf: over samples that a view sees, or weighted by how well")      \
     BOOL(adaptive, "adaptive", true, true,                                                      \
@@ -106,13 +133,14 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
 
 /* Stage 1 and stage 2 sampling (method.md sections 4 to 7). */
 #define CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                           \
-    INT(n1, "n1", 64, 12, 2, 128, "stage-1 samples per leaf and axis")                             \
+    INT(n1, "n1", 64, 12, 2, 128, "stage-1 samples per leaf and axis", .flags = CLN_ROW_FIXED)     \
     INT(refresh_every, "refresh-every", 256, 768, 1, 1000000,                                      \
         "most steps between refreshes of the cached stage-1 densities")                            \
     BOOL(rolling_refresh, "rolling-refresh", false, false,                                         \
          "refresh a sixteenth of the leaves every 16 steps instead of all at once")                \
     ENUM(stage1, "stage1", CLN_STAGE1_SPLAT, CLN_STAGE1_GATHER, "splat|gather",                    \
-         "project the stage-1 samples into the views and sort, or read them along each ray")       \
+         "project the stage-1 samples into the views and sort, or read them along each ray",       \
+         .flags = CLN_ROW_TUNE)                                                                    \
     ENUM(lists, "lists", CLN_LISTS_CSR, CLN_LISTS_CSR, "csr|padded",                               \
          "splat: lists by offset, or padded to one length (the paper's)")                          \
     REAL(splat_per_ray, "splat-per-ray", 8, 8, 0.1, 1000,                                          \
@@ -132,21 +160,23 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
          "a ray's interval through a leaf counts as empty below this stage-1 weight")              \
     REAL(empty_share, "empty-share", 1, 0.25, 0, 1,                                                \
          "training: probability that an empty interval is sampled all the same (once)")            \
-    REAL(t_min, "t-min", 1e-4, 1e-3, 0, 0.5,                                                       \
-         "training: leave out leaves behind less transmittance")                                   \
-    REAL(render_t_min, "render-t-min", 1e-3, 1e-3, 0, 0.5, "the same when rendering")              \
+    REAL(min_transmittance, "min-transmittance", 1e-4, 1e-3, 0, 0.5,                               \
+         "training: leave out leaves behind less transmittance", .alias = "t-min")                 \
+    REAL(render_min_transmittance, "render-min-transmittance", 1e-3, 1e-3, 0, 0.5,                 \
+         "the same when rendering", .alias = "render-t-min")                                       \
     REAL(occlusion_from, "occlusion-from", 0.067, 0.02, 0, 1,                                      \
          "no samples left out as occluded before this fraction of the budget")
 
 /* Loss, regularisers, optimiser, batch (method.md sections 10, 11). */
 #define CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                              \
-    INT(rays, "rays", 8192, 2048, 16, 1048576, "rays in a batch")                                  \
+    INT(rays, "rays", 8192, 2048, 16, 1048576, "rays in a batch", .flags = CLN_ROW_TUNE)           \
     REAL(leaf_samples, "leaf-samples", 0, 24, 0, 10000,                                            \
          "more rays, up to 8 times, until a leaf meets this many samples on average")              \
     BOOL(skip_uncovered, "skip-uncovered", false, true,                                            \
-         "gather: no rays through pixels that have no leaf before them; they would train nothing") \
+         "gather: no rays through pixels that have no leaf before them; they would train nothing", \
+         .flags = CLN_ROW_LATER)                                                                   \
     INT(batch_samples, "batch-samples", 262144, 65536, 256, 16777216,                              \
-        "samples per batch; fewer rays where it would be more")                                    \
+        "samples per batch; fewer rays where it would be more", .flags = CLN_ROW_TUNE)             \
     REAL(lr, "lr", 5e-4, 1e-2, 1e-8, 1, "learning rate at the start")                              \
     REAL(lr_final, "lr-final", 5e-6, 2e-4, 1e-9, 1, "learning rate at the end of the budget")      \
     ENUM(lr_schedule, "lr-schedule", CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP, "step|exp",              \
@@ -155,10 +185,12 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     REAL(beta2, "beta2", 0.999, 0.99, 0, 0.999999, "Adam")                                         \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \
-         "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average")   \
+         "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average",   \
+         .flags = CLN_ROW_FIXED | CLN_ROW_LATER)                                                   \
     REAL(                                                                                          \
         roulette, "roulette", 0, 0.1, 0, 1000,                                                     \
-        "of samples whose gradient is under this share of their leaf's mean, some train (0: all)") \
+        "of samples whose gradient is under this share of their leaf's mean, some train (0: all)", \
+        .flags = CLN_ROW_LATER)                                                                    \
     INT(min_leaf_samples, "min-leaf-samples", 32, 8, 1, 1000000,                                   \
         "a leaf with fewer samples in a batch is not updated")                                     \
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \
@@ -177,34 +209,41 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
         "first steps that draw rays from the middle half of the images only")
 
 /* Data, budgets and what a run leaves behind. */
-#define CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)                                         \
-    INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                 \
-    INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)")                    \
-    REAL(time_limit, "time-limit", 0, 0, 0, 1e9,                                            \
-         "budget: training seconds, or 90s 10m 2h (0 = none)")                              \
-    REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                          \
-         "budget: stop when test PSNR reaches this (0 = none)")                             \
-    INT(epochs, "epochs", 30, 30, 1, 1000000,                                               \
-        "budget when none other is set; an epoch draws a tenth of all training pixels")     \
-    INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")  \
-    TEXT(eval_at, "eval-at", "", "",                                                        \
-         "test PSNR during training at these points: 60s,2m,5m or steps")                   \
-    INT(eval_every, "eval-every", 0, 0, 0, 1000000000,                                      \
-        "test PSNR during training every N steps (0 = never)")                              \
-    INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")  \
-    REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints")         \
-    INT(downscale, "downscale", 0, 0, 0, 64,                                                \
-        "divide the image size by N with an area filter (0 or auto: longest side <= 1600)") \
-    TEXT(bbox, "bbox", "", "",                                                              \
-         "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)") \
-    TEXT(background, "background", "white", "white",                                        \
-         "white, black or r,g,b in 0..1, behind everything")                                \
-    INT(holdout, "holdout", 8, 8, 0, 1000000,                                               \
-        "every Nth image is test where no split is named (0 = none)")                       \
-    REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                           \
-         "device memory to stay under, bytes or 512M, 4G (0 = by the device)")              \
-    REAL(host_mem, "host-mem", 0, 0, 0, 1e15,                                               \
-         "host memory to stay under, bytes or 512M, 4G (0 = what the machine has)")
+#define CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)                                               \
+    INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                       \
+    INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)", .flags = CLN_ROW_BUDGET) \
+    REAL(time_limit, "time-limit", 0, 0, 0, 1e9,                                                  \
+         "budget: training seconds, or 90s 10m 2h (0 = none)",                                    \
+         .flags = CLN_ROW_SECONDS | CLN_ROW_BUDGET)                                               \
+    REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                                \
+         "budget: stop when test PSNR reaches this (0 = none)")                                   \
+    INT(epochs, "epochs", 30, 30, 1, 1000000,                                                     \
+        "budget when none other is set; an epoch draws a tenth of all training pixels",           \
+        .flags = CLN_ROW_BUDGET)                                                                  \
+    INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")        \
+    TEXT(eval_at, "eval-at", "", "",                                                              \
+         "test PSNR during training at these points: 60s,2m,5m or steps")                         \
+    INT(eval_every, "eval-every", 0, 0, 0, 1000000000,                                            \
+        "test PSNR during training every N steps (0 = never)")                                    \
+    INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")        \
+    REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints",               \
+         .flags = CLN_ROW_SECONDS)                                                                \
+    INT(downscale, "downscale", 0, 0, 0, 64,                                                      \
+        "divide the image size by N with an area filter (0 or auto: longest side <= 1600)",       \
+        .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                    \
+    TEXT(bbox, "bbox", "", "",                                                                    \
+         "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)",       \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                  \
+    TEXT(background, "background", "white", "white",                                              \
+         "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)              \
+    INT(holdout, "holdout", 8, 8, 0, 1000000,                                                     \
+        "every Nth image is test where no split is named (0 = none)", .flags = CLN_ROW_SCENE)     \
+    REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                 \
+         "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                    \
+         .flags = CLN_ROW_BYTES)                                                                  \
+    REAL(host_mem, "host-mem", 0, 0, 0, 1e15,                                                     \
+         "host memory to stay under, bytes or 512M, 4G (0 = what the machine has)",               \
+         .flags = CLN_ROW_BYTES)
 
 #define CLN_CONFIG_LIST(INT, REAL, BOOL, ENUM, TEXT) \
     CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)  \
@@ -214,11 +253,11 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)
 
 typedef struct cln_config {
-#define CLN_FIELD_INT(field, option, paper, fast, min, max, help)  int field;
-#define CLN_FIELD_REAL(field, option, paper, fast, min, max, help) double field;
-#define CLN_FIELD_BOOL(field, option, paper, fast, help)           bool field;
-#define CLN_FIELD_ENUM(field, option, paper, fast, words, help)    int field;
-#define CLN_FIELD_TEXT(field, option, paper, fast, help)           char field[CLN_TEXT_BYTES];
+#define CLN_FIELD_INT(field, option, paper, fast, min, max, help, ...)  int field;
+#define CLN_FIELD_REAL(field, option, paper, fast, min, max, help, ...) double field;
+#define CLN_FIELD_BOOL(field, option, paper, fast, help, ...)           bool field;
+#define CLN_FIELD_ENUM(field, option, paper, fast, words, help, ...)    int field;
+#define CLN_FIELD_TEXT(field, option, paper, fast, help, ...)           char field[CLN_TEXT_BYTES];
     CLN_CONFIG_LIST(CLN_FIELD_INT, CLN_FIELD_REAL, CLN_FIELD_BOOL, CLN_FIELD_ENUM, CLN_FIELD_TEXT)
 #undef CLN_FIELD_INT
 #undef CLN_FIELD_REAL
