@@ -162,8 +162,9 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
 
 typedef struct cln_export_desc {
     const char *run;
-    const char *octree; /* the PLY file to write */
-    const char *colour; /* "level" or "error"; NULL = "level" */
+    const char *what;   /* "octree": the active leaves as boxes, a PLY file */
+    const char *file;   /* the file to write */
+    const char *colour; /* octree: "level" or "error"; NULL = "level" */
     bool overwrite;     /* else a file that is there is CLN_OUTPUT */
 } cln_export_desc;
 
@@ -174,8 +175,8 @@ typedef struct cln_export_result {
     int leaves, levels[CLN_LEVELS]; /* active leaves, and how many of each level */
 } cln_export_result;
 
-/* The active leaves of the newest checkpoint as boxes in the scene's coordinates (docs/formats.md). Needs
- * no device. */
+/* What the newest checkpoint holds, in the scene's coordinates, as a file for other programs
+ * (docs/formats.md). Needs no device. CLN_USAGE for an unknown `what`. */
 cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text (the caller frees it) about a scene or a run. */

@@ -1,10 +1,12 @@
-/* cln_export: a run's octree for other programs. Reads the newest checkpoint; opens no device and no
- * scene. */
+/* cln_export: what a run holds for other programs, one function for each row of export.h. Reads the newest
+ * checkpoint; opens no device and no scene. */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
+#include "api/export.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "cl_nascent.h"
@@ -21,14 +23,15 @@ static cln_status check_target(const cln_export_desc *desc)
 {
     struct stat info;
 
-    if (lstat(desc->octree, &info) != 0)
+    if (lstat(desc->file, &info) != 0)
         return CLN_OK; /* if it cannot be made, writing will say why */
     if (!S_ISREG(info.st_mode))
-        return cln_fail(CLN_OUTPUT, "%s: is there already and is no plain file; choose another",
-                        desc->octree);
+        return cln_fail(CLN_OUTPUT,
+                        "%s: already exists and is not a plain file; choose another name",
+                        desc->file);
     if (!desc->overwrite)
-        return cln_fail(CLN_OUTPUT, "%s: is there already; choose another, or give --overwrite",
-                        desc->octree);
+        return cln_fail(CLN_OUTPUT, "%s: already exists; choose another name, or give --overwrite",
+                        desc->file);
     return CLN_OK;
 }
 
@@ -61,36 +64,77 @@ done:
     return st;
 }
 
-cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
+/* ---- octree ---- */
+
+static cln_status write_octree(const cln_export_desc *desc, const cln_model *model)
 {
     cln_status st = CLN_OK;
     const char *colour = desc->colour ? desc->colour : "level";
     const bool by_error = strcmp(colour, "error") == 0;
-    json_t *run = NULL;
-    cln_model model = {0};
     cln_ply_box *boxes = NULL;
     char *comment = NULL;
 
-    memset(result, 0, sizeof *result);
-    if (!by_error && strcmp(colour, "level") != 0)
-        CLN_TRY(cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", colour));
-    CLN_TRY(cln_run_read(desc->run,
-                         &run)); /* tells a folder that is no run from one without checkpoint */
-    CLN_TRY(check_target(desc));
-    CLN_TRY(cln_checkpoint_read(desc->run, false, &model));
-    CLN_TRY(make_boxes(&model, by_error, &boxes));
+    CLN_TRY(make_boxes(model, by_error, &boxes));
     CLN_TRY(cln_asprintf(&comment,
                          "cl-nascent " CLN_VERSION ": leaves of the octree at step %lld, coloured "
                          "by %s; scene units",
-                         (long long)model.step, colour));
-    CLN_TRY(cln_ply_write_boxes(desc->octree, model.tree.leaf_count, boxes, comment));
+                         (long long)model->step, colour));
+    CLN_TRY(cln_ply_write_boxes(desc->file, model->tree.leaf_count, boxes, comment));
+done:
+    free(boxes);
+    free(comment);
+    return st;
+}
+
+/* ---- the list ---- */
+
+static const struct {
+    const char *what;
+    cln_status (*write)(const cln_export_desc *desc, const cln_model *model);
+} exports[] = {
+#define X(what, form, help) {#what, write_##what},
+    CLN_EXPORT_LIST(X)
+#undef X
+};
+
+enum { EXPORTS = sizeof exports / sizeof exports[0] };
+
+static cln_status find_export(const char *what, int *found)
+{
+    char known[256] = "";
+
+    for (int i = 0; i < EXPORTS; i++) {
+        const size_t used = strlen(known);
+
+        *found = i;
+        if (what && strcmp(what, exports[i].what) == 0)
+            return CLN_OK;
+        snprintf(known + used, sizeof known - used, "%s%s", i ? "|" : "", exports[i].what);
+    }
+    return cln_fail(CLN_USAGE, "export: '%s' is not one of %s", what ? what : "", known);
+}
+
+cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
+{
+    cln_status st = CLN_OK;
+    int wanted = 0;
+    json_t *run = NULL;
+    cln_model model = {0};
+
+    memset(result, 0, sizeof *result);
+    CLN_TRY(find_export(desc->what, &wanted));
+    if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour));
+    /* tells a folder that is no run from one without checkpoint */
+    CLN_TRY(cln_run_read(desc->run, &run));
+    CLN_TRY(check_target(desc));
+    CLN_TRY(cln_checkpoint_read(desc->run, false, &model));
+    CLN_TRY(exports[wanted].write(desc, &model));
     result->step = model.step;
     result->leaves = model.tree.leaf_count;
     cln_tree_levels(&model.tree, result->levels);
 done:
     json_decref(run);
     cln_model_free(&model);
-    free(boxes);
-    free(comment);
     return st;
 }

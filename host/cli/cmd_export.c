@@ -11,7 +11,7 @@ static cln_status print_document(const cln_options *options, const cln_export_re
     for (int level = 0; level < CLN_LEVELS; level++)
         json_array_append_new(levels, json_integer(r->levels[level]));
     return cln_print_json(json_pack("{s:s s:s s:s s:I s:i s:o}", "schema", "cl-nascent.export/1",
-                                    "run", options->operand, "file", options->octree, "step",
+                                    "run", options->operand, "file", options->export_file, "step",
                                     (json_int_t)r->step, "leaves", r->leaves, "levels", levels));
 }
 
@@ -21,7 +21,7 @@ static void print_sentence(const cln_options *options, const cln_export_result *
     char text[32];
 
     cln_format_count(r->leaves, text);
-    printf("%s: %s leaves", options->octree, text);
+    printf("%s: %s leaves", options->export_file, text);
     for (int level = 0; level < CLN_LEVELS; level++) {
         if (r->levels[level] == 0)
             continue;
@@ -38,7 +38,8 @@ cln_status cln_cmd_export(const cln_options *options)
     cln_status st = CLN_OK;
     cln_export_result result = {0};
     const cln_export_desc desc = {.run = options->operand,
-                                  .octree = options->octree,
+                                  .what = options->export_what,
+                                  .file = options->export_file,
                                   .colour = options->colour,
                                   .overwrite = options->overwrite};
 

@@ -62,6 +62,7 @@ static void put_arg(FILE *to, const cln_arg *arg)
 {
     char left[96], help[512], letter[8] = "";
     const char *value = arg->value ? arg->value : arg->words;
+    const char *standard = arg->shown ? arg->shown : arg->standard;
     bool range =
         arg->kind == CLN_ARG_INT || arg->kind == CLN_ARG_OPTINT || arg->kind == CLN_ARG_REAL;
     int used = 0;
@@ -75,7 +76,7 @@ static void put_arg(FILE *to, const cln_arg *arg)
     else
         snprintf(left, sizeof left, "  %s--%s %s", letter, arg->name, value);
     used = snprintf(help, sizeof help, "%s", arg->help);
-    if (range || arg->standard || arg->env) {
+    if (range || standard || arg->env) {
         const char *comma = "";
 
         used += snprintf(help + used, sizeof help - (size_t)used, " (");
@@ -84,9 +85,9 @@ static void put_arg(FILE *to, const cln_arg *arg)
                              arg->max);
             comma = "; ";
         }
-        if (arg->standard) {
-            used += snprintf(help + used, sizeof help - (size_t)used, "%sdefault %s", comma,
-                             arg->standard);
+        if (standard) {
+            used +=
+                snprintf(help + used, sizeof help - (size_t)used, "%sdefault %s", comma, standard);
             comma = "; ";
         }
         if (arg->env)

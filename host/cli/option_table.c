@@ -1,10 +1,12 @@
 /* The tables of option_table.h and the look-ups in them. To add an option: a row in cln_args and a
- * field in cln_options; to add a command: a row in cln_commands and its cmd_*.c. */
+ * field in cln_options; a command: a row in cln_commands and its cmd_*.c; an export: a row in
+ * api/export.h. */
 #include "cli/option_table.h"
 
 #include <limits.h>
 #include <stdio.h>
 #include <string.h>
+#include "api/export.h"
 #include "base/text.h"
 #include "cli/commands.h"
 #include "cli/options.h"
@@ -57,96 +59,111 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 #define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES)
 #define AT(field) offsetof(cln_options, field)
 
-/* Rows by kind. */
-/* clang-format off */
-#define FLAG(commands, name, letter, field, help)                                                  \
-    {name, letter, CLN_ARG_FLAG, NULL, NULL, 0, 0, false, NULL, NULL, commands, AT(field), help}
-#define SWITCH(commands, name, field, standard, help)                                              \
-    {name, 0, CLN_ARG_FLAG, NULL, NULL, 0, 0, true, NULL, standard, commands, AT(field), help}
-#define COUNT(commands, name, letter, field, help)                                                 \
-    {name, letter, CLN_ARG_COUNT, NULL, NULL, 0, 0, false, NULL, NULL, commands, AT(field), help}
-#define TEXT(commands, name, letter, field, value, env, standard, help)                            \
-    {name, letter, CLN_ARG_TEXT, value, NULL, 0, 0, false, env, standard, commands, AT(field), help}
-#define WORD(commands, name, field, words, standard, help)                                         \
-    {name, 0, CLN_ARG_WORD, NULL, words, 0, 0, false, NULL, standard, commands, AT(field), help}
-#define NUMBER(commands, name, field, kind, value, min, max, standard, help)                       \
-    {name, 0, kind, value, NULL, min, max, false, NULL, standard, commands, AT(field), help}
+/* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env, .negatable. */
+#define ROW(kind_, commands_, name_, field, help_, ...)                                          \
+    {                                                                                            \
+        .kind = kind_, .commands = commands_, .name = name_, .offset = AT(field), .help = help_, \
+        __VA_ARGS__                                                                              \
+    }
+#define FLAG(commands, name, field, help, ...) \
+    ROW(CLN_ARG_FLAG, commands, name, field, help, __VA_ARGS__)
+#define COUNT(commands, name, field, help, ...) \
+    ROW(CLN_ARG_COUNT, commands, name, field, help, __VA_ARGS__)
+#define TEXT(commands, name, field, form, help, ...) \
+    ROW(CLN_ARG_TEXT, commands, name, field, help, .value = form, __VA_ARGS__)
+#define WORD(commands, name, field, list, help, ...) \
+    ROW(CLN_ARG_WORD, commands, name, field, help, .words = list, __VA_ARGS__)
+#define NUMBER(kind, commands, name, field, form, low, high, help, ...) \
+    ROW(kind, commands, name, field, help, .value = form, .min = low, .max = high, __VA_ARGS__)
+#define INT(...)  NUMBER(CLN_ARG_INT, __VA_ARGS__)
+#define REAL(...) NUMBER(CLN_ARG_REAL, __VA_ARGS__)
 
+/* clang-format off */
 const cln_arg cln_args[] = {
-    TEXT(CLN_TRAIN | CLN_RENDER | CLN_TUNE, "output", 'o', output, "PATH", NULL, NULL,
-         "folder to write; train: the new run; render: by default RUN/render/SPLIT or /orbit; tune: "
-         "the file to put the row in, by default that of --tune-file"),
-    WORD(CLN_TRAIN | CLN_TUNE, "preset", preset, "fast|paper|nerf|kilonerf", "fast",
+    TEXT(CLN_TRAIN | CLN_RENDER | CLN_TUNE, "output", output, "PATH",
+         "folder to write; train: the new run; render: by default RUN/render/SPLIT or /orbit; "
+         "tune: the file to put the row in, by default that of --tune-file", .letter = 'o'),
+    WORD(CLN_TRAIN | CLN_TUNE, "preset", preset, "fast|paper|nerf|kilonerf",
          "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
-         "inside the same program: one network, a uniform grid of small ones"),
-    TEXT(CLN_TRAIN, "resume", 0, resume, "RUN", NULL, NULL,
+         "inside the same program: one network, a uniform grid of small ones", .standard = "fast"),
+    TEXT(CLN_TRAIN, "resume", resume, "RUN",
          "go on with a run, with its settings; options given override, and --steps, --epochs and "
          "--time-limit take +N to extend its budget"),
-    TEXT(ON_DEVICE, "device", 'd', device.spec, "SPEC", "CL_NASCENT_DEVICE", "auto",
-         "auto, cpu, gpu, a row number of `cl-nascent devices`, or part of a name"),
-    TEXT(ON_DEVICE, "kernel-dir", 0, device.kernel_dir, "DIR", "CL_NASCENT_KERNEL_DIR", NULL,
-         "read the kernels from here instead of from the program"),
-    TEXT(ON_DEVICE, "tune", 0, device.tune, "LIST", NULL, NULL,
-         "kernel parameters over those of the device's class: VW=8,TS=6,...; tune: where the search "
-         "begins"),
-    TEXT(ON_DEVICE | CLN_DEVICES, "tune-file", 0, device.tune_file, "FILE", "CL_NASCENT_TUNE_FILE",
-         "cl-nascent/tune.txt in $XDG_CONFIG_HOME or ~/.config",
-         "your rows of kernel parameters, which go before the program's own"),
-    TEXT(ON_DEVICE, "max-alloc", 0, device.max_alloc, "SIZE", NULL, NULL,
-         "no buffer larger than this (512K, 64M, 4G), as if the device allowed no more: batches are "
-         "cut to it, and what has a row per leaf is split into up to four"),
-    FLAG(CLN_TRAIN, "skip-selftest", 0, skip_selftest,
+    TEXT(ON_DEVICE, "device", device.spec, "SPEC",
+         "auto, cpu, gpu, a row number of `cl-nascent devices`, or part of a name",
+         .letter = 'd', .standard = "auto", .env = "CL_NASCENT_DEVICE"),
+    TEXT(ON_DEVICE, "kernel-dir", device.kernel_dir, "DIR",
+         "read the kernels from here instead of from the program", .env = "CL_NASCENT_KERNEL_DIR"),
+    TEXT(ON_DEVICE, "tune", device.tune, "LIST",
+         "kernel parameters over those of the device's class: VW=8,TS=6,...; tune: where the "
+         "search begins"),
+    TEXT(ON_DEVICE | CLN_DEVICES, "tune-file", device.tune_file, "FILE",
+         "your rows of kernel parameters, which go before the program's own",
+         .shown = "cl-nascent/tune.txt in $XDG_CONFIG_HOME or ~/.config", .env = "CL_NASCENT_TUNE_FILE"),
+    TEXT(ON_DEVICE, "max-alloc", device.max_alloc, "SIZE",
+         "no buffer larger than this (512K, 64M, 4G), as if the device allowed no more: batches "
+         "are cut to it, and what has a row per leaf is split into up to four"),
+    FLAG(CLN_TRAIN, "skip-selftest", skip_selftest,
          "do not check the kernels on this device first"),
-    TEXT(CLN_TRAIN, "dump-program", 0, dump_program, "FILE", NULL, NULL,
-         "write the integer program of each structure decision to this file, in LP format; that of "
-         "the last one stays"),
+    TEXT(CLN_TRAIN, "dump-program", dump_program, "FILE",
+         "write the integer program of each structure decision to this file, in LP format; that "
+         "of the last one stays"),
 
-    WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test", "test",
-         "which views of the scene; render: their poses"),
-    TEXT(CLN_EVAL | CLN_RENDER, "scene", 0, scene, "SCENE", NULL, NULL,
+    WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test",
+         "which views of the scene; render: their poses", .standard = "test"),
+    TEXT(CLN_EVAL | CLN_RENDER, "scene", scene, "SCENE",
          "where the scene is now, if not where the run found it"),
-    NUMBER(CLN_EVAL | CLN_RENDER, "max-images", max_images, CLN_ARG_INT, "N", 0, INT_MAX, "0",
-           "only N views, evenly chosen (0 = all)"),
-    NUMBER(CLN_EVAL, "min-psnr", min_psnr, CLN_ARG_REAL, "DB", 0, 200, "0",
-           "exit with code 9 if the mean PSNR is below this"),
-    SWITCH(CLN_EVAL, "save-images", save_images, "yes",
-           "leave renders, truths, error images and pictures of the tree in RUN/eval/ and show "
-           "them in the report"),
+    INT(CLN_EVAL | CLN_RENDER, "max-images", max_images, "N", 0, INT_MAX,
+         "only N views, evenly chosen (0 = all)", .standard = "0"),
+    REAL(CLN_EVAL, "min-psnr", min_psnr, "DB", 0, 200,
+         "exit with code 9 if the mean PSNR is below this", .standard = "0"),
+    FLAG(CLN_EVAL, "save-images", save_images,
+         "leave renders, truths, error images and pictures of the tree in RUN/eval/ and show them "
+         "in the report", .standard = "yes", .negatable = true),
 
-    NUMBER(CLN_RENDER, "orbit", orbit_frames, CLN_ARG_OPTINT, "FRAMES", 1, 100000, "60 frames",
-           "a circle around the scene instead of a split's poses"),
-    NUMBER(CLN_RENDER, "elevation", elevation, CLN_ARG_REAL, "DEG", -90, 90, "25",
-           "orbit: degrees above the horizon of the training cameras"),
-    NUMBER(CLN_RENDER, "radius", radius, CLN_ARG_REAL, "R", 1e-3, 1e3, "1",
-           "orbit: distance, in mean training camera distances"),
-    NUMBER(CLN_RENDER, "width", image_width, CLN_ARG_INT, "PX", 0, 32768, "0",
-           "orbit: image width (0 = as the training images)"),
-    NUMBER(CLN_RENDER, "height", image_height, CLN_ARG_INT, "PX", 0, 32768, "0",
-           "orbit: image height (0 = as the training images)"),
-    NUMBER(CLN_RENDER, "fov", fov, CLN_ARG_REAL, "DEG", 0, 175, "0",
-           "orbit: horizontal field of view (0 = as the training images)"),
-    FLAG(CLN_RENDER | CLN_EXPORT, "overwrite", 0, overwrite,
+    NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "orbit", orbit_frames, "FRAMES", 1, 100000,
+         "a circle around the scene instead of a split's poses", .standard = "60"),
+    REAL(CLN_RENDER, "elevation", elevation, "DEG", -90, 90,
+         "orbit: degrees above the horizon of the training cameras", .standard = "25"),
+    REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
+         "orbit: distance, in mean training camera distances", .standard = "1"),
+    INT(CLN_RENDER, "width", image_width, "PX", 0, 32768,
+         "orbit: image width (0 = as the training images)", .standard = "0"),
+    INT(CLN_RENDER, "height", image_height, "PX", 0, 32768,
+         "orbit: image height (0 = as the training images)", .standard = "0"),
+    REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
+         "orbit: horizontal field of view (0 = as the training images)", .standard = "0"),
+    FLAG(CLN_RENDER | CLN_EXPORT, "overwrite", overwrite,
          "replace what is there already; otherwise render skips such frames, and export refuses"),
-    FLAG(CLN_RENDER, "z-depth", 0, z_depth,
+    FLAG(CLN_RENDER, "z-depth", z_depth,
          "depth along the optical axis instead of along the ray"),
 
-    TEXT(CLN_EXPORT, "octree", 0, octree, "FILE", NULL, NULL,
-         "write the active leaves to this PLY file, as boxes with level and error"),
-    WORD(CLN_EXPORT, "colour", colour, "level|error", "level",
-         "what the boxes' colours show: the level, or the error on a logarithmic scale"),
+#define X(what, form, help) TEXT(CLN_EXPORT, #what, export_file, form, help, .exports = true),
+    CLN_EXPORT_LIST(X)
+#undef X
+    WORD(CLN_EXPORT, "colour", colour, "level|error",
+         "what the boxes' colours show: the level, or the error on a logarithmic scale",
+         .standard = "level"),
 
-    SWITCH(CLN_DEVICES, "test", test, "yes", "run the quick self-test on each device"),
-    NUMBER(CLN_TUNE, "budget", budget, CLN_ARG_REAL, "SECONDS", 1, 1e6, "60",
-           "time to search in; what is best by then is taken"),
-    FLAG(CLN_SELFTEST, "quick", 0, quick, "only the checks that take about a second"),
+    FLAG(CLN_DEVICES, "test", test,
+         "run the quick self-test on each device", .standard = "yes", .negatable = true),
+    REAL(CLN_TUNE, "budget", budget, "SECONDS", 1, 1e6,
+         "time to search in; what is best by then is taken", .standard = "60"),
+    FLAG(CLN_SELFTEST, "quick", quick,
+         "only the checks that take about a second"),
 
-    FLAG(EVERY, "json", 0, json, "results as one JSON document on standard output"),
-    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE, "progress", progress, "auto|bar|line|none", "auto",
-         "a live line on a terminal, plain lines now and then, or neither"),
-    FLAG(EVERY, "quiet", 'q', quiet, "no log but warnings, no progress"),
-    COUNT(EVERY, "verbose", 'v', verbose, "log more"),
-    FLAG(EVERY, "help", 'h', help, "this help"),
-    FLAG(EVERY, "version", 'V', version, "the program's version; with -v also of what it stands on"),
+    FLAG(EVERY, "json", json,
+         "results as one JSON document on standard output"),
+    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE, "progress", progress, "auto|bar|line|none",
+         "a live line on a terminal, plain lines now and then, or neither", .standard = "auto"),
+    FLAG(EVERY, "quiet", quiet,
+         "no log but warnings, no progress", .letter = 'q'),
+    COUNT(EVERY, "verbose", verbose,
+         "log more", .letter = 'v'),
+    FLAG(EVERY, "help", help,
+         "this help", .letter = 'h'),
+    FLAG(EVERY, "version", version,
+         "the program's version; with -v also of what it stands on", .letter = 'V'),
 };
 /* clang-format on */
 const int cln_arg_count = sizeof cln_args / sizeof cln_args[0];

@@ -38,7 +38,7 @@ typedef enum {
     CLN_ARG_TEXT,   /* const char * */
     CLN_ARG_WORD,   /* const char *, one of words */
     CLN_ARG_INT,    /* int in [min, max] */
-    CLN_ARG_OPTINT, /* the same; the value may be left out */
+    CLN_ARG_OPTINT, /* the same; given without a value it is its standard, not given it is 0 */
     CLN_ARG_REAL    /* double in [min, max] */
 } cln_arg_kind;
 
@@ -50,8 +50,10 @@ typedef struct cln_arg {
     const char *words;
     double min, max;
     bool negatable;
+    bool exports;         /* names what to export, too */
     const char *env;      /* environment variable that gives it when the command line does not */
-    const char *standard; /* the default as help shows it; NULL = nothing to show */
+    const char *standard; /* the default, as it would be given; NULL = nothing (0, NULL, false) */
+    const char *shown;    /* default in words, where it is no value; NULL = as `standard` */
     unsigned commands;
     size_t offset; /* into cln_options */
     const char *help;

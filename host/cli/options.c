@@ -16,8 +16,6 @@
 #include "base/number.h"
 #include "base/text.h"
 
-static const int orbit_frames_standard = 60;
-
 /* A row of the table to be set, in the order of the line. */
 typedef struct setting {
     const cln_config_row *row;
@@ -76,7 +74,7 @@ static cln_status set_arg(cln_options *out, const cln_arg *arg, const char *text
 
     switch (arg->kind) {
     case CLN_ARG_FLAG:
-        *(bool *)field = true;
+        *(bool *)field = strcmp(text, "no") != 0;
         break;
     case CLN_ARG_COUNT:
         ++*(int *)field;
@@ -131,10 +129,32 @@ static const char *form_of_row(const cln_config_row *row)
     return row->type == CLN_ROW_TEXT ? "TEXT" : "N";
 }
 
+static cln_status choose_export(cln_options *out, const cln_arg *arg)
+{
+    if (out->export_what && strcmp(out->export_what, arg->name) != 0)
+        return cln_fail(CLN_USAGE, "--%s and --%s: one export at a time", out->export_what,
+                        arg->name);
+    out->export_what = arg->name;
+    return CLN_OK;
+}
+
+/* Every option's default, before the environment and the command line are read. */
+static cln_status set_standards(cln_options *out)
+{
+    cln_status st = CLN_OK;
+
+    for (int i = 0; i < cln_arg_count; i++) {
+        if (cln_args[i].standard && cln_args[i].kind != CLN_ARG_OPTINT)
+            CLN_TRY(set_arg(out, &cln_args[i], cln_args[i].standard));
+    }
+done:
+    return st;
+}
+
 static cln_status apply_arg(parser *p, const cln_arg *arg, const char *attached)
 {
     cln_status st = CLN_OK;
-    const char *text = NULL;
+    const char *text = "yes";
 
     p->given[arg - cln_args] = true;
     if (arg->kind == CLN_ARG_FLAG || arg->kind == CLN_ARG_COUNT) {
@@ -146,13 +166,14 @@ static cln_status apply_arg(parser *p, const cln_arg *arg, const char *attached)
         if (*text && text[strspn(text, "0123456789")] == 0) {
             p->at++;
         } else {
-            *(int *)field_of(p->out, arg) = orbit_frames_standard;
-            return CLN_OK;
+            text = arg->standard;
         }
     } else {
         CLN_TRY(take_value(p, arg->name, form_of_arg(arg), attached, &text));
     }
     CLN_TRY(set_arg(p->out, arg, text));
+    if (arg->exports)
+        CLN_TRY(choose_export(p->out, arg));
 done:
     return st;
 }
@@ -453,7 +474,7 @@ static cln_status settle(parser *p)
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(
             cln_fail(CLN_USAGE, "%s: a %s is missing", out->command->name, out->command->operand));
-    if (bit == CLN_EXPORT && !out->octree)
+    if (bit == CLN_EXPORT && !out->export_what)
         CLN_TRY(cln_fail(CLN_USAGE, "export: say what to write: --octree FILE.ply"));
     if (bit & (CLN_TRAIN | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
@@ -498,20 +519,15 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
     cln_status st = CLN_OK;
     parser p = {.argc = argc, .argv = argv, .out = out};
 
-    *out = (cln_options){.preset = "fast",
-                         .split = "test",
-                         .progress = "auto",
-                         .colour = "level",
-                         .test = true,
-                         .save_images = true,
-                         .elevation = 25,
-                         .radius = 1,
-                         .budget = 60};
+    *out = (cln_options){0};
+    CLN_TRY(set_standards(out));
     for (int i = 1; i < argc; i++)
-        if (!cln_utf8_valid(argv[i]))
-            return cln_fail(CLN_USAGE,
-                            "'%s': this is not UTF-8, and run.json could not hold it; rename it",
-                            argv[i]);
+        if (!cln_utf8_valid(argv[i])) {
+            st = cln_fail(CLN_USAGE,
+                          "'%s': this is not UTF-8, and run.json could not hold it; rename it",
+                          argv[i]);
+            goto done;
+        }
     CLN_TRY(cln_alloc(&p.settings, (size_t)argc + 1, sizeof *p.settings, "options"));
     CLN_TRY(quote_line(argc, argv, &out->line));
     CLN_TRY(parse_first(&p));

@@ -15,7 +15,8 @@ typedef struct cln_options {
     char *tune_path;     /* the user's rows, there or not; NULL without a home */
 
     const char *output, *resume, *scene, *preset, *split, *progress;
-    const char *dump_program, *octree, *colour;
+    const char *dump_program, *colour;
+    const char *export_what, *export_file; /* "octree" */
     cln_device_desc device;
     bool json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
     int verbose, max_images;

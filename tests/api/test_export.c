@@ -157,7 +157,7 @@ static void assert_box(const mesh *m, int s, int level, const double min[3], con
 
 static cln_export_desc export_desc(const char *run, const char *file)
 {
-    return (cln_export_desc){.run = run, .octree = file};
+    return (cln_export_desc){.run = run, .what = "octree", .file = file};
 }
 
 static void boxes_are_the_active_leaves(void **state)
@@ -352,9 +352,9 @@ static void nothing_is_replaced_unasked(void **state)
     m = read_mesh(file);
     assert_int_equal(m.vertices, 8 * LEAVES);
     free(m.text);
-    desc.octree = folder;
-    assert_fails(cln_export(&desc, &result), CLN_OUTPUT, "no plain file");
-    desc.octree = scratch_path(folder, "nowhere/tree.ply");
+    desc.file = folder;
+    assert_fails(cln_export(&desc, &result), CLN_OUTPUT, "not a plain file");
+    desc.file = scratch_path(folder, "nowhere/tree.ply");
     assert_fails(cln_export(&desc, &result), CLN_OUTPUT, "nowhere");
     assert_int_equal(entries(folder), 1);
     cln_model_free(&model);
@@ -371,6 +371,10 @@ static void what_cannot_be_exported_is_said(void **state)
     assert_fails(cln_export(&desc, &result), CLN_CHECKPOINT, "no checkpoint");
     desc.colour = "red";
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "'red'");
+    desc.what = "mesh";
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "'mesh' is not one of octree");
+    desc.what = NULL;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "not one of octree");
     assert_false(cln_is_file(file));
 }
 

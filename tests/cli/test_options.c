@@ -277,7 +277,8 @@ static void every_other_option_is_read(void **state)
 
     o = parsed(&l, "export run --octree tree.ply --colour error --overwrite");
     assert_string_equal(o->operand, "run");
-    assert_string_equal(o->octree, "tree.ply");
+    assert_string_equal(o->export_file, "tree.ply");
+    assert_string_equal(o->export_what, "octree");
     assert_string_equal(o->colour, "error");
     assert_true(o->overwrite);
     done(&l);
@@ -307,7 +308,7 @@ static void what_is_not_given_has_its_default(void **state)
 
     (void)state;
     assert_string_equal(o->split, "test");
-    assert_null(o->device.spec);
+    assert_string_equal(o->device.spec, "auto");
     assert_null(o->scene);
     assert_int_equal(o->max_images, 0);
     assert_true(o->save_images);
@@ -376,7 +377,7 @@ static void environment_gives_way_to_the_line(void **state)
     done(&l);
     setenv("CL_NASCENT_DEVICE", "", 1); /* empty is unset */
     parsed(&l, "selftest");
-    assert_null(l.options.device.spec);
+    assert_string_equal(l.options.device.spec, "auto");
     done(&l);
 }
 
