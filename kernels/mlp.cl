@@ -1,3 +1,4 @@
+/* needs: rng leaves network adam */
 /* The leaf networks, batched over leaves: densities on the stage-1 grid, forward, backward with weight
  * gradients and, where it can be, their update (method.md 1, 4, 8, 11). Parameters: network.h.
  *

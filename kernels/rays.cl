@@ -1,3 +1,4 @@
+/* needs: camera */
 /* Pixels to rays: origin and unit direction in normalised space, through the pixel's centre (camera.h
  * has the model). Nothing is undistorted beforehand: the lens is inverted per ray. */
 

@@ -1,3 +1,4 @@
+/* needs: rng */
 /* Regularisers that look at points of the volume instead of rays (method.md 10): extra samples behind
  * those of the rays, in the same networks and gradients. An extra ray carries the position (t = 0) and
  * a direction; both samples of an edge pair share one.

@@ -1,3 +1,4 @@
+/* needs: camera leaves */
 /* Stage 1 by projection (method.md 4, 5, 6; paper section 4): every cached sample of every leaf goes to
  * the nearest (coarse) pixel of one view; sorted by the 64-bit key list << 32 | bits of t, the samples
  * of a list stand front to back. t >= 0, so its IEEE bits order like the floats: the paper's key

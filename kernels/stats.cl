@@ -1,3 +1,4 @@
+/* needs: camera leaves */
 /* What the structure decisions need (method.md 12.3): from the cached stage-1 densities, per leaf the
  * mean over samples that some training view sees, and the peak; from a training step, sums over its
  * samples of what composite.cl measured (float64 twins: tests/pipeline/test_measure.c).

@@ -9,7 +9,7 @@
 #   options     every option of host/base/config_rows.h is in the man page
 #   method      every section of docs/method.md that a comment cites is a heading there
 #   format      clang-format has nothing to change
-#   length      no file over 1000 lines
+#   length      no file over 1000 lines, no line of a kernel over 100 columns
 #   scripts     shellcheck, if it is installed
 set -u
 cd "$(dirname "$0")/.." || exit 1
@@ -64,18 +64,25 @@ kernel() {
         -Wno-unused-function -Wno-unused-parameter "$@"
 }
 
+# Headers of a kernel file, in order: those that its first line names, "needs: leaves network", behind theirs
+# (host/device/program.c does the same).
+needs() {
+    local header
+    for header in $(sed -n '1s|^/\* needs: \([a-z_0-9 ]*\).*|\1|p' "$1"); do
+        needs "kernels/$header.h"
+        echo "kernels/$header.h"
+    done
+}
+
 kernels() {
-    local cl headers
+    local cl more header headers
     for cl in kernels/*.cl; do
-        case $cl in # host/device/program.c
-        */mlp.cl | */adam.cl) headers=(-include kernels/leaves.h -include kernels/network.h -include kernels/adam.h) ;;
-        */roulette.cl) headers=(-include kernels/leaves.h -include kernels/network.h) ;;
-        */sampling.cl) headers=(-include kernels/leaves.h -include kernels/walk.h -include kernels/stage1.h) ;;
-        *) headers=(-include kernels/camera.h -include kernels/leaves.h) ;;
-        esac
-        for more in "" -DDISTORTION=1 -DVW=1 -DLEAF=0 -DPARTS=4; do
-            kernel -include include/device_abi.h -include kernels/lanes.h -include kernels/rng.h \
-                "${headers[@]}" ${more:+"$more"} "$cl"
+        headers=(-include include/device_abi.h -include kernels/lanes.h)
+        for header in $(needs "$cl" | awk '!met[$0]++'); do
+            headers+=(-include "$header")
+        done
+        for more in "" -DDISTORTION=1 -DVW=1 -DLEAF=0 -DPARTS=4 -DTRAIN=0; do
+            kernel "${headers[@]}" ${more:+"$more"} "$cl"
         done
     done
     grep -n '#include' kernels/* | sed 's/$/: kernels include nothing, the prelude is put before them/'
@@ -158,6 +165,7 @@ format() {
 lengths() {
     # shellcheck disable=SC2086
     wc -l $all_files | awk '$2 != "total" && $1 > 1000 { print $2 ": " $1 " lines; split it" }'
+    awk 'length > 100 { print FILENAME ":" FNR ": over 100 columns" }' kernels/*
 }
 
 shell_scripts() {

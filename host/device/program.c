@@ -12,23 +12,15 @@
 #include "base/memory.h"
 #include "device/kernel_source.h"
 
+enum { FILES = 24, NAME = 32 };
+
 /* Texts gathered for clCreateProgramWithSource; `owned` ones are freed. */
 typedef struct source {
     const char **text;
-    char **owned;
-    int count, capacity, owned_count;
+    char *owned[2 * FILES + 1]; /* the defines, and of each file its mark and what was read */
+    char names[FILES][NAME];    /* files that are in */
+    int count, capacity, owned_count, files;
 } source;
-
-/* Headers that not every program is given. */
-static const struct {
-    const char *program, *header;
-} headers[] = {
-    {"rays", "camera.h"},      {"splat", "camera.h"},  {"stats", "camera.h"},
-    {"mlp", "leaves.h"},       {"adam", "leaves.h"},   {"sampling", "leaves.h"},
-    {"splat", "leaves.h"},     {"stats", "leaves.h"},  {"mlp", "network.h"},
-    {"mlp", "adam.h"},         {"adam", "network.h"},  {"adam", "adam.h"},
-    {"roulette", "network.h"}, {"sampling", "walk.h"}, {"sampling", "stage1.h"},
-};
 
 static cln_status append(source *s, const char *text)
 {
@@ -54,37 +46,74 @@ static cln_status own(source *s, char *text)
 {
     cln_status st = CLN_OK;
 
-    CLN_ASSERT(s->owned_count < 16);
+    CLN_ASSERT(s->owned_count < (int)(sizeof s->owned / sizeof s->owned[0]));
     s->owned[s->owned_count++] = text;
     CLN_TRY(append(s, text));
 done:
     return st;
 }
 
+static const char *const *embedded(const char *name)
+{
+    for (const cln_kernel_source *k = cln_kernel_sources; k->name; k++)
+        if (strcmp(k->name, name) == 0)
+            return k->lines;
+    return NULL;
+}
+
+/* True the first time. */
+static bool enter(source *s, const char *name)
+{
+    for (int i = 0; i < s->files; i++)
+        if (strcmp(s->names[i], name) == 0)
+            return false;
+    CLN_ASSERT(s->files < FILES);
+    snprintf(s->names[s->files++], NAME, "%s", name);
+    return true;
+}
+
+/* A kernel file, once, behind the headers that its first line names and theirs:
+ *   needs: leaves network */
 static cln_status append_file(cln_device *device, source *s, const char *name)
 {
     cln_status st = CLN_OK;
-    char *mark = NULL, *path = NULL, *text = NULL;
+    static const char needs[] = "/* needs: ";
+    const char *const *lines = embedded(name);
+    char *mark = NULL, *path = NULL, *text = NULL, header[NAME];
+    const char *first = NULL;
     size_t bytes = 0;
 
-    CLN_TRY(cln_asprintf(&mark, "#line 1 \"%s\"\n", name));
-    CLN_TRY(own(s, mark));
+    if (!enter(s, name))
+        return CLN_OK;
     if (device->kernel_dir) {
         CLN_TRY(cln_path_join(&path, device->kernel_dir, name));
-        if (cln_is_file(path)) { /* files that are not there come from the binary */
+        if (cln_is_file(path)) /* files that are not there come from the binary */
             CLN_TRY(cln_read_file(path, 1 << 20, &text, &bytes));
-            CLN_TRY(own(s, text));
-            goto done;
-        }
     }
-    for (const cln_kernel_source *k = cln_kernel_sources; k->name; k++)
-        if (strcmp(k->name, name) == 0) {
-            for (const char *const *line = k->lines; *line; line++)
-                CLN_TRY(append(s, *line));
-            goto done;
+    if (!text && !lines)
+        CLN_TRY(cln_fail(CLN_INTERNAL, "kernel file %s is not embedded", name));
+    first = text ? text : lines[0];
+    if (strncmp(first, needs, sizeof needs - 1) == 0)
+        for (first += sizeof needs - 1; *first && !strchr("*\n", *first);) {
+            const size_t length = strcspn(first, " *\n");
+
+            snprintf(header, sizeof header, "%.*s.h", (int)length, first);
+            CLN_TRY(append_file(device, s, header));
+            first += length + strspn(first + length, " ");
         }
-    st = cln_fail(CLN_INTERNAL, "kernel file %s is not embedded", name);
+    CLN_TRY(cln_asprintf(&mark, "#line 1 \"%s\"\n", name));
+    CLN_TRY(own(s, mark));
+    if (text) {
+        char *read = text;
+
+        text = NULL; /* handed over */
+        CLN_TRY(own(s, read));
+        goto done;
+    }
+    for (int i = 0; lines[i]; i++)
+        CLN_TRY(append(s, lines[i]));
 done:
+    free(text);
     free(path);
     return st;
 }
@@ -107,8 +136,8 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
                              cln_program *out)
 {
     cln_status st = CLN_OK;
-    char *owned[16] = {0}, *copy = NULL, *file = NULL;
-    source s = {.owned = owned};
+    char *copy = NULL, *file = NULL;
+    source s = {0};
     cl_int code = CL_SUCCESS;
 
     memset(out, 0, sizeof *out);
@@ -122,10 +151,6 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     CLN_TRY(own(&s, copy));
     CLN_TRY(append_file(device, &s, "device_abi.h"));
     CLN_TRY(append_file(device, &s, "lanes.h"));
-    CLN_TRY(append_file(device, &s, "rng.h"));
-    for (size_t i = 0; i < sizeof headers / sizeof headers[0]; i++)
-        if (strcmp(headers[i].program, name) == 0)
-            CLN_TRY(append_file(device, &s, headers[i].header));
     CLN_TRY(cln_asprintf(&file, "%s.cl", name));
     CLN_TRY(append_file(device, &s, file));
     out->program =
@@ -144,7 +169,7 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     }
 done:
     for (int i = 0; i < s.owned_count; i++)
-        free(owned[i]);
+        free(s.owned[i]);
     free(s.text);
     free(file);
     if (st != CLN_OK)
