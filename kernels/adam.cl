@@ -1,4 +1,4 @@
-/* needs: rng leaves network adam */
+/* needs: leaves adam */
 /* Adam on leaves that a batch touched, where the gradient comes from memory: a leaf's is the sum of its slices'
  * buffers, in slice order. Leaves with fewer than min_samples samples are left alone, moments included. The step
  * itself: adam.h; leaves of one slice are updated by mlp.cl, if the host asks for that.

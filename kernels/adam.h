@@ -1,3 +1,4 @@
+/* needs: network fetch bfloat16 */
 /* One step of Adam on VW neighbouring weights (method.md 11; twin: host/reference/adam.c), and the transposed copy of
  * the weights that the input gradients read. Used by adam.cl, and by mlp.cl where a leaf's whole gradient is at
  * hand; behind network.h, which has the layout. Bias correction counts the updates of the leaf itself, since leaves
@@ -42,19 +43,19 @@ HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm, uint slot)
     return a;
 }
 
+/* Moments in memory. chance: 16 random bits. Rounding to the nearest bfloat16 would let a second moment stand still
+ * where a step changes it by less than half a unit in its 8 bits; rounding by chance is right on average. */
 #if MOMENTS
 #define moment_type ushort
 
 HELPER vf moment_load(const __global moment_type *p)
 {
-    return V_AS_FLOAT(V_TO_UINT(VLOAD(p)) << 16);
+    return bfloat16_values(VLOAD(p));
 }
 
-/* Rounded up or down by chance, so that what is right on average comes back: to the nearest one, a second moment would stand
- * still where a step changes it by less than half a unit in its 8 bits. chance: 16 bits. */
 HELPER void moment_store(vf value, vu chance, __global moment_type *p)
 {
-    VSTORE_H(__global, V_TO_USHORT((V_AS_UINT(value) + chance) >> 16), p);
+    VSTORE_H(__global, bfloat16_by_chance(value, chance), p);
 }
 #else
 #define moment_type float
@@ -83,12 +84,9 @@ HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global 
 {
     vf w = VLOAD(params + p);
 
-    if (p % LINE_OF(params) == 0u)
-        FETCH_WRITE(params + p + WEIGHTS_AHEAD / sizeof *params);
-    if (p % LINE_OF(m) == 0u) {
-        FETCH_WRITE(m + p + MOMENTS_AHEAD / sizeof *m);
-        FETCH_WRITE(v + p + MOMENTS_AHEAD / sizeof *v);
-    }
+    FETCH_STREAM(params, p, WEIGHTS_AHEAD);
+    FETCH_STREAM(m, p, MOMENTS_AHEAD);
+    FETCH_STREAM(v, p, MOMENTS_AHEAD);
 #if VIEW_L2
     if (p >= VIEW_W && p < VIEW_W + VIEW_ROWS * VIEW)
         g += w * a.pull;

@@ -1,3 +1,4 @@
+/* needs: space */
 /* Compositing along each ray, the loss, and its gradient back to every sample's (r, g, b, sigma)
  * (method.md 9, 10; twin: host/reference/composite.c). One work-item per ray, samples front to back.
  *
@@ -60,9 +61,10 @@ __kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 
         through *= 1.0f - alpha;
     }
     colour = MAD((float4)(through), BACKGROUND(r), colour);
+    const float t = depth / fmax(opacity, 1e-10f);
     const cln_ray_result result = {
         colour.x, colour.y, colour.z,
-        depth / fmax(opacity, 1e-10f) * (axis_depth ? ray_d[r].w : 1.0f), opacity, 0.0f, 0.0f, 0.0f};
+        axis_depth ? ray_depth(t, ray_d[r]) : t, opacity, 0.0f, 0.0f, 0.0f};
 
     results[r] = result;
 }

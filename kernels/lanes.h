@@ -150,20 +150,6 @@ HELPER float v_sum16(float16 v)
                      (T)(1.0f)),                                                                   \
            (x) < (T)(0.15f))
 
-/* The cache line at p, a pointer into global memory, is fetched to be read or written soon. Best one by one between
- * other work: of many at once the last ones are waited for. By the compiler's builtin: PoCL's prefetch() does nothing.
- * FETCHES: whether anything is fetched at all. */
-#if defined(__x86_64__) || defined(__aarch64__)
-#define FETCHES        1
-#define FETCH(p)       __builtin_prefetch((const __private void *)(uintptr_t)(p), 0, 3)
-#define FETCH_WRITE(p) __builtin_prefetch((const __private void *)(uintptr_t)(p), 1, 3)
-#else
-#define FETCHES 0
-#define FETCH(p)
-#define FETCH_WRITE(p)
-#endif
-#define FETCH_FLOATS 16 /* of a cache line of 64 bytes */
-
 /* fma where it is one instruction, else a multiply and an add. PoCL 3.1 does not say so in the standard's way. */
 #if defined(FP_FAST_FMAF) || defined(__FMA__)
 #define MAD(a, b, c) fma(a, b, c)

@@ -1,4 +1,4 @@
-/* needs: camera */
+/* needs: space */
 /* Pixels to rays: origin and unit direction in normalised space, through the pixel's centre (camera.h
  * has the model). Nothing is undistorted beforehand: the lens is inverted per ray. */
 
@@ -15,7 +15,9 @@ __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [
         return;
     const cln_pixel pixel = pixels[r];
     const cln_device_camera camera = cameras[pixel.view];
+    float4 o, d;
 
-    ray_o[r] = (float4)(camera_origin(camera), 0.0f);
-    ray_d[r] = camera_direction(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f);
+    pixel_ray(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f, &o, &d);
+    ray_o[r] = o;
+    ray_d[r] = d;
 }

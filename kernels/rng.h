@@ -1,9 +1,6 @@
 /* Counter-based random numbers on the device: Philox4x32-10, the twin of host/base/rng.c (same words,
  * same bits), and a cheap vector hash for the per-element slopes of RReLU, where Philox would cost more
  * than the layer. */
-#ifndef CLN_RNG_CL
-#define CLN_RNG_CL
-
 #define STREAM_GRID    3u
 #define STREAM_SAMPLES 4u
 #define STREAM_POINTS  6u
@@ -68,4 +65,20 @@ HELPER vf uniform_lanes_of(uint key, vu index, vu number, uint draw)
     return V_TO_FLOAT(hash_lanes(own + (draw + 1u) * 0x9E3779B9u) >> 8) * 0x1p-24f;
 }
 
-#endif
+/* A standard normal number of (key, index): Box-Muller on two hashes. */
+HELPER float normal_number(uint key, uint index)
+{
+    const uint a = (key ^ 0x27D4EB2Fu) + index * 0x9E3779B9u;
+    uint x = a ^ a >> 16, y = 0;
+
+    x *= 0x21F0AAADu;
+    x ^= x >> 15;
+    x *= 0xD35A2D97u;
+    x ^= x >> 15;
+    y = x * 0x85EBCA6Bu + 0x165667B1u;
+    y ^= y >> 16;
+    y *= 0x21F0AAADu;
+    y ^= y >> 15;
+    return sqrt(-2.0f * LOG((convert_float(x >> 8) + 1.0f) * 0x1p-24f)) *
+           cospi(2.0f * convert_float(y >> 8) * 0x1p-24f);
+}

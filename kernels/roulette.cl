@@ -1,4 +1,4 @@
-/* needs: rng network */
+/* needs: network fetch */
 /* Before the way back through the networks: the gradients of each sample's heads, and which samples go. Most gradients
  * of a leaf are far below their mean (samples in the empty, or behind what is opaque): of those a few go, with a
  * chance in proportion to the gradient, and count for more (Russian roulette; the expectation stays). Between

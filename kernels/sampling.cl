@@ -1,4 +1,4 @@
-/* needs: rng leaves walk stage1 */
+/* needs: rng walk stage1 */
 /* Rays through the tree and stage 2's samples (method.md 3, 5, 7, 9; twin: host/reference/rays.c,
  * sampling.c). Lanes run over what is alike: rays while they walk (walk.h), then passages through leaves
  * (stage1.h). A work-item has many rays, so that its lanes are full: half of an object's rays meet no leaf at all.

@@ -1,4 +1,4 @@
-/* needs: camera leaves */
+/* needs: space leaves bfloat16 */
 /* Stage 1 by projection (method.md 4, 5, 6; paper section 4): every cached sample of every leaf goes to
  * the nearest (coarse) pixel of one view; sorted by the 64-bit key list << 32 | bits of t, the samples
  * of a list stand front to back. t >= 0, so its IEEE bits order like the floats: the paper's key
@@ -31,25 +31,23 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
     const uint cells = n1 * n1 * n1, cell = index % cells;
     const float4 box = boxes[index / cells];
     const float spacing = box.w / (float)n1;
-    const float sigma = as_float((uint)LEAF_ELEMENT(density, index, cells) << 16);
+    const float sigma = bfloat16_value(LEAF_ELEMENT(density, index, cells));
     const cln_device_camera camera = cameras[views[view]];
-    const float3 point = box.xyz + ((float3)((float)(cell % n1), (float)(cell / n1 % n1),
-                                             (float)(cell / (n1 * n1))) +
-                                    0.5f) *
-                                       spacing;
+    const float3 point = cell_centre(box, cell, n1);
     float2 pixel;
+    float4 o, d;
 
-    if (!(sigma * spacing >= min_alpha) || !camera_project(camera, point, &pixel))
+    if (!(sigma * spacing >= min_alpha) || !point_pixel(camera, point, &pixel))
         return false;
-    const uint4 grid = grids[view * 6u + (uint)(1.5f - log2(box.w))];
+    const uint4 grid = grids[view * 6u + (uint)leaf_level(box)];
     const uint cx = (uint)pixel.x / grid.y, cy = (uint)pixel.y / grid.y;
 
     if ((cy + 1u) * grid.y <= row_begin || cy * grid.y >= row_end)
         return false;
     const float middle = 0.5f * (float)grid.y;
-    const float4 d = camera_direction(camera, (float)(cx * grid.y) + middle,
-                                      (float)(cy * grid.y) + middle);
-    const float t = fmax(dot(point - camera_origin(camera), d.xyz), 0.0f);
+
+    pixel_ray(camera, (float)(cx * grid.y) + middle, (float)(cy * grid.y) + middle, &o, &d);
+    const float t = fmax(dot(point - o.xyz, d.xyz), 0.0f);
 
     *key = (ulong)(grid.x + cy * grid.z + cx) << 32 | as_uint(t);
     return true;
@@ -117,7 +115,7 @@ __kernel void splat_read(const __global ulong *restrict keys, const __global uin
     if (i >= n)
         return;
     list_t[i] = as_float((uint)(keys[i] & 0xFFFFFFFFul));
-    list_sigma[i] = as_float((uint)LEAF_ELEMENT(density, values[i], cells) << 16);
+    list_sigma[i] = bfloat16_value(LEAF_ELEMENT(density, values[i], cells));
 }
 
 __kernel void splat_lengths(const __global uint *restrict list_start,

@@ -1,3 +1,4 @@
+/* needs: leaves fetch bfloat16 */
 /* Stage 1 along rays (method.md 4, 5), read through one interface for VW passages through leaves at a time, one a lane:
  * bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). The stage-1 points of a passage stand
  * ascending in t, with their densities; a bin reaches half way to the neighbours, and the last one to the chord's
@@ -131,7 +132,7 @@ HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool
         for (int l = 0; l < VW; l++)
             bits[l] = b->cells[l][cell[l]];
     }
-    return select((vf)(0.0f), V_AS_FLOAT(V_TO_UINT(VLOAD(bits)) << 16), first + j < b->count);
+    return select((vf)(0.0f), bfloat16_values(VLOAD(bits)), first + j < b->count);
 }
 
 /* Optical depths of the passages, by stage 1. */

@@ -1,4 +1,4 @@
-/* needs: camera leaves */
+/* needs: space leaves bfloat16 */
 /* What the structure decisions need (method.md 12.3): from the cached stage-1 densities, per leaf the
  * mean over samples that some training view sees, and the peak; from a training step, sums over its
  * samples of what composite.cl measured (float64 twins: tests/pipeline/test_measure.c).
@@ -25,15 +25,12 @@ __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
         return;
     const uint cell = i % cells;
     const float4 box = boxes[i / cells];
-    const float3 point = box.xyz + ((float3)((float)(cell % n1), (float)(cell / n1 % n1),
-                                             (float)(cell / (n1 * n1))) +
-                                    0.5f) *
-                                       (box.w / (float)n1);
+    const float3 point = cell_centre(box, cell, n1);
     bool found = false;
     float2 pixel;
 
     for (uint v = 0; v < views && !found; v++)
-        found = camera_project(cameras[v], point, &pixel);
+        found = point_pixel(cameras[v], point, &pixel);
     LEAF_ELEMENT(seen, i, cells) = found;
 }
 
@@ -54,7 +51,7 @@ stats_leaf(LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
 
     for (uint i = lid; i < cells; i += SG)
         if (is_seen[i]) {
-            const float sigma = as_float((uint)sigmas[i] << 16);
+            const float sigma = bfloat16_value(sigmas[i]);
 
             sum += sigma;
             peak = fmax(peak, sigma);

@@ -24,8 +24,12 @@ static const char *const all_kernels[] = {
     CLN_KERNEL_LIST(X) CLN_SPLAT_KERNEL_LIST(X) CLN_REGULARISE_KERNEL_LIST(X)
         CLN_MEASURE_KERNEL_LIST(X) CLN_DISTIL_KERNEL_LIST(X)
 #undef X
-            "sort64_varying",
-    "sort64_count", "sort64_scatter", "sort64_buckets"};
+            "mlp_forward_train",
+    "mlp_forward_eval",
+    "sort64_varying",
+    "sort64_count",
+    "sort64_scatter",
+    "sort64_buckets"};
 
 static const char usage[] =
     "usage: build/bench-kernels [OPTION]...\n"

@@ -238,6 +238,8 @@ static void free_programs(cln_pipeline *p)
     CLN_MEASURE_KERNEL_LIST(X)
     CLN_DISTIL_KERNEL_LIST(X)
 #undef X
+    cln_kernel_free(&p->k.mlp_forward_train);
+    cln_kernel_free(&p->k.mlp_forward_eval);
     cln_kernel_free(&p->k.sort64_varying);
     cln_kernel_free(&p->k.sort64_buckets);
     cln_kernel_free(&p->k.sort64_count);
@@ -248,7 +250,10 @@ static void free_programs(cln_pipeline *p)
     cln_program_free(&p->sampling);
     cln_program_free(&p->splat);
     cln_program_free(&p->group);
-    cln_program_free(&p->mlp);
+    cln_program_free(&p->mlp_density);
+    cln_program_free(&p->mlp_forward_train);
+    cln_program_free(&p->mlp_forward_eval);
+    cln_program_free(&p->mlp_backward);
     cln_program_free(&p->composite);
     cln_program_free(&p->roulette);
     cln_program_free(&p->adam);
@@ -262,26 +267,33 @@ static cln_status build(cln_pipeline *out)
     cln_status st = CLN_OK;
     cln_device *device = out->device;
     const cln_config *config = &out->config;
-    char *defines = NULL, *wide = NULL, *leaves = NULL;
+    char *defines = NULL, *wide = NULL, *leaves = NULL, *train = NULL, *eval = NULL;
 
     CLN_TRY(cln_pipeline_defines(out, &defines));
     CLN_TRY(cln_asprintf(&wide, "%s#define KEY_BITS 64\n", defines));
     CLN_TRY(cln_asprintf(&leaves,
                          "%s#define PARTS %d\n#define PART_LEAVES %du\n#define PART_SLICES %du\n",
                          defines, out->parts, out->part_leaves, out->part_slices));
+    CLN_TRY(cln_asprintf(&train, "%s#define TRAIN 1\n", leaves));
+    CLN_TRY(cln_asprintf(&eval, "%s#define TRAIN 0\n", leaves));
 #define BUILD(program)  CLN_TRY(cln_program_build(device, #program, defines, &out->program))
 #define LEAVES(program) CLN_TRY(cln_program_build(device, #program, leaves, &out->program))
     BUILD(scan);
     BUILD(rays);
     LEAVES(sampling);
     BUILD(group);
-    LEAVES(mlp);
+    CLN_TRY(cln_program_build(device, "mlp_density", eval, &out->mlp_density));
+    CLN_TRY(cln_program_build(device, "mlp_forward", eval, &out->mlp_forward_eval));
+    CLN_TRY(cln_program_build(device, "mlp_forward", train, &out->mlp_forward_train));
+    CLN_TRY(cln_program_build(device, "mlp_backward", train, &out->mlp_backward));
     BUILD(composite);
     BUILD(roulette);
     LEAVES(adam);
     LEAVES(stats);
 #define X(kernel, program) CLN_TRY(cln_kernel_create(&out->program, #kernel, &out->k.kernel));
     CLN_KERNEL_LIST(X)
+    CLN_TRY(cln_kernel_create(&out->mlp_forward_eval, "mlp_forward", &out->k.mlp_forward_eval));
+    CLN_TRY(cln_kernel_create(&out->mlp_forward_train, "mlp_forward", &out->k.mlp_forward_train));
     if (config->stage1 == CLN_STAGE1_SPLAT) {
         LEAVES(splat);
         CLN_TRY(cln_program_build(device, "scan", wide, &out->sort64));
@@ -308,6 +320,8 @@ done:
     free(defines);
     free(wide);
     free(leaves);
+    free(train);
+    free(eval);
     return st;
 }
 

@@ -33,10 +33,8 @@
     X(group_bounds, group)        \
     X(group_slice_counts, group)  \
     X(group_slices, group)        \
-    X(mlp_density, mlp)           \
-    X(mlp_forward_train, mlp)     \
-    X(mlp_forward_eval, mlp)      \
-    X(mlp_backward, mlp)          \
+    X(mlp_density, mlp_density)   \
+    X(mlp_backward, mlp_backward) \
     X(roulette, roulette)         \
     X(composite, composite)       \
     X(composite_train, composite) \
@@ -79,8 +77,8 @@ typedef struct cln_pipeline {
      * array would pass the device's largest allocation, in CLN_PARTS of so many rows (kernels/leaves.h). */
     int parts, part_leaves, part_slices;
 
-    cln_program scan, sort64, rays, sampling, splat, group, mlp, composite, roulette, adam, stats,
-        regularise, distil;
+    cln_program scan, sort64, rays, sampling, splat, group, mlp_density, mlp_forward_train,
+        mlp_forward_eval, mlp_backward, composite, roulette, adam, stats, regularise, distil;
     struct {
 #define X(kernel, program) cl_kernel kernel;
         CLN_KERNEL_LIST(X)
@@ -89,6 +87,7 @@ typedef struct cln_pipeline {
         CLN_MEASURE_KERNEL_LIST(X)
         CLN_DISTIL_KERNEL_LIST(X)
 #undef X
+        cl_kernel mlp_forward_train, mlp_forward_eval; /* mlp_forward.cl, built twice */
         cl_kernel sort64_varying, sort64_count, sort64_scatter, sort64_buckets;
     } k;
 

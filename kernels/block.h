@@ -1,0 +1,62 @@
+/* needs: network fetch space encoding_frequency */
+/* A block: up to NB samples of one leaf, which go through its network together, layer by layer, while they are in
+ * the work-group's local memory. Rows past the count hold garbage that never leaves its own row. */
+
+typedef struct block {
+    int count, tiles, rows; /* samples; tiles of TS that hold them; rows, whole tiles and vectors */
+    bool first, last;       /* of its slice */
+    const __local uint *ids; /* [NB] -> sample */
+    uint step_key;           /* of the slopes */
+    int lid;
+} block;
+
+/* The block behind `done` of `total` samples. */
+HELPER block block_at(uint done, uint total, const __local uint *ids, uint step_key)
+{
+    const int count = (int)min((uint)NB, total - done), tiles = (count + TS - 1) / TS;
+    const block b = {count,    tiles, (tiles * TS + VW - 1) / VW * VW,
+                     done == 0u, total - done <= NB,
+                     ids,      step_key, (int)get_local_id(0)};
+
+    return b;
+}
+
+HELPER uint block_slope_key(block b, int s, int layer)
+{
+    return slope_key(b.step_key, b.ids[s], (uint)layer);
+}
+
+/* ---- its samples ---- */
+
+typedef struct sample_source {
+    const __global cln_sample *samples;     /* [sample] */
+    const __global float4 *ray_o, *ray_d;   /* [ray] */
+} sample_source;
+
+/* Local positions to at, [3][NB], and directions to along, [3][NB], of the samples whose numbers this work-item has
+ * put into ids. */
+HELPER void load_samples(block b, sample_source from, float4 box, __local float *at,
+                         __local float *along)
+{
+    /* one kind of load at a time, so that many are under way together */
+    for (int s = b.lid; s < b.rows; s += LS) {
+        const cln_sample sample = from.samples[b.ids[s]];
+
+        at[s] = sample.t;
+        at[NB + s] = as_float(sample.ray);
+    }
+    for (int s = b.lid; s < b.rows; s += LS) {
+        const uint ray = as_uint(at[NB + s]);
+        const float4 d = from.ray_d[ray];
+        const float4 p = leaf_local(MAD((float4)(at[s]), d, from.ray_o[ray]), box);
+
+        at[s] = p.x;
+        at[NB + s] = p.y;
+        at[2 * NB + s] = p.z;
+#if VIEW > 0
+        along[s] = d.x;
+        along[NB + s] = d.y;
+        along[2 * NB + s] = d.z;
+#endif
+    }
+}

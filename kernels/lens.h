@@ -1,0 +1,59 @@
+/* The lens: from a point of the ideal image plane, at z = 1, to where it really appears, and back. Twin of
+ * host/scene/camera.c. Two models: none, and OPENCV's with k1 k2 p1 p2; another one joins here, with the same two
+ * functions.
+ *
+ * DISTORTION  0 | 1: no lens; OPENCV's
+ */
+#ifndef DISTORTION
+#define DISTORTION 1
+#endif
+
+#if DISTORTION
+/* p (1 + k1 r^2 + k2 r^4), and tangential terms. False where the radial part has folded over. */
+HELPER bool lens_distort(cln_device_camera c, float2 p, float2 *out)
+{
+    const float a = p.x, b = p.y, r2 = a * a + b * b;
+    const float radial = 1.0f + r2 * (c.k1 + c.k2 * r2);
+
+    *out = (float2)(a * radial + 2.0f * c.p1 * a * b + c.p2 * (r2 + 2.0f * a * a),
+                    b * radial + c.p1 * (r2 + 2.0f * b * b) + 2.0f * c.p2 * a * b);
+    return 1.0f + r2 * (3.0f * c.k1 + 5.0f * c.k2 * r2) > 0.0f;
+}
+
+/* The point that is distorted to `target`. Newton's method from the target; it ends where the model stops being
+ * one-to-one (a determinant near 0). */
+HELPER float2 lens_undistort(cln_device_camera c, float2 target)
+{
+    float2 p = target;
+
+    for (int i = 0; i < 10; i++) {
+        const float a = p.x, b = p.y, r2 = a * a + b * b;
+        const float radial = 1.0f + r2 * (c.k1 + c.k2 * r2), slope = c.k1 + 2.0f * c.k2 * r2;
+        const float2 f = (float2)(a * radial + 2.0f * c.p1 * a * b + c.p2 * (r2 + 2.0f * a * a),
+                                  b * radial + c.p1 * (r2 + 2.0f * b * b) + 2.0f * c.p2 * a * b) -
+                         target;
+        const float fa = radial + 2.0f * a * a * slope + 2.0f * c.p1 * b + 6.0f * c.p2 * a;
+        const float fb = 2.0f * a * b * slope + 2.0f * c.p1 * a + 2.0f * c.p2 * b;
+        const float gb = radial + 2.0f * b * b * slope + 6.0f * c.p1 * b + 2.0f * c.p2 * a;
+        const float det = fa * gb - fb * fb;
+
+        if (fabs(det) < 1e-6f)
+            break;
+        p -= (float2)(gb * f.x - fb * f.y, fa * f.y - fb * f.x) / det;
+    }
+    return p;
+}
+#else
+HELPER bool lens_distort(cln_device_camera c, float2 p, float2 *out)
+{
+    (void)c;
+    *out = p;
+    return true;
+}
+
+HELPER float2 lens_undistort(cln_device_camera c, float2 target)
+{
+    (void)c;
+    return target;
+}
+#endif

@@ -1,0 +1,56 @@
+/* needs: camera */
+/* The spaces that kernels work in, and the ways between them. Twin: host/scene/space.h.
+ *
+ *   scene   where cameras stand; pixels see it through camera.h
+ *   cube    [-1, 1]^3, which the octree divides; rays walk in it, and t is measured along them
+ *   leaf    [-1, 1]^3 of one leaf's box, which its network reads
+ *
+ * The host moves and scales the scene into the cube once, cameras and all: a ray of the scene is
+ * straight in the cube, and t is a length but for one factor, which the host takes back. A map that
+ * bends space (forward-facing scenes, an unbounded contraction) joins here: pixel_ray() then turns
+ * the scene's ray into the cube's, point_pixel() the cube's point into the scene's, and ray_depth()
+ * the cube's t into a depth. */
+
+/* ---- scene and cube ---- */
+
+/* The ray through pixel position (u, v): origin, 0; unit direction, and what ray_depth() needs. */
+HELPER void pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
+{
+    *o = (float4)(camera_origin(c), 0.0f);
+    *d = camera_direction(c, u, v);
+}
+
+/* The pixel position at which a point of the cube is seen; false if it is not. */
+HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
+{
+    return camera_project(c, point, pixel);
+}
+
+/* Depth along the camera's axis, for the t of a ray of direction d. */
+HELPER float ray_depth(float t, float4 d)
+{
+    return t * d.w;
+}
+
+/* ---- cube and leaf; box: min x, y, z, side ---- */
+
+HELPER float4 leaf_local(float4 p, float4 box)
+{
+    const float scale = 2.0f / box.w;
+
+    return (p - box) * scale - 1.0f;
+}
+
+HELPER int leaf_level(float4 box)
+{
+    return (int)(1.5f - log2(box.w));
+}
+
+/* Centre of cell (z n1 + y) n1 + x of a leaf, in the cube. */
+HELPER float3 cell_centre(float4 box, uint cell, uint n1)
+{
+    const float3 at =
+        (float3)((float)(cell % n1), (float)(cell / n1 % n1), (float)(cell / (n1 * n1)));
+
+    return box.xyz + (at + 0.5f) * (box.w / (float)n1);
+}
