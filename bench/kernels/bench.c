@@ -144,7 +144,7 @@ cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, c
     *out = &b->pipeline;
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
-    cln_tune_choose(b->device, network, &wanted, from);
+    cln_device_tune(b->device, network, &wanted, from);
     CLN_TRY(cln_tune_parse(tune ? tune : "", &wanted));
     if (b->pipeline.device && memcmp(config, &b->config, sizeof *config) == 0 &&
         memcmp(&wanted, &b->tune, sizeof wanted) == 0 && distortion == b->distortion)

@@ -5,6 +5,7 @@
 
 #include "base/memory.h"
 #include "bench.h"
+#include "device/cl_error.h"
 
 static const bench_part scan_parts[] = {{"scan", "scan_sums scan_write"}};
 static const bench_part sort_parts[] = {{"sort", "sort_count sort_scatter scan_sums scan_write"}};

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "device/buffer.h"
+#include "device/cl_error.h"
 #include "peer.h"
 
 enum { W = PEER_WIDTH, L = PEER_LAYERS };

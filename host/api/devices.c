@@ -21,7 +21,7 @@ static cln_status tell_tune(const cln_device *device, cln_device_info *info)
     CLN_TRY(cln_config_preset("fast", &config));
     CLN_TRY(cln_network_layout(&config, &net));
     cln_network_text(&net, info->network);
-    cln_tune_choose(device, info->network, &tune, info->tune_from);
+    cln_device_tune(device, info->network, &tune, info->tune_from);
     cln_pipeline_fit(device, &net, &tune);
     cln_tune_text(&tune, info->tune);
 done:

@@ -387,7 +387,7 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     cln_network_text(&t.net, result->network);
     result->device = t.device->info;
     start = t.device->tune;
-    cln_tune_choose(t.device, result->network, &present, from);
+    cln_device_tune(t.device, result->network, &present, from);
     t.device->tune_exact = true;
     cln_info("device: %s (%s, %d compute units); networks of %s", t.device->info.name,
              t.device->info.platform, t.device->info.compute_units, result->network);

@@ -1,74 +1,13 @@
-/* Buffers with accounting, launches with timing, error names. */
-#include "device/device.h"
+/* Buffers: one array in one OpenCL buffer or in CLN_PARTS of them; their bytes are counted. */
+#include "device/buffer.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/log.h"
 #include "base/memory.h"
-
-typedef struct cln_pending {
-    cl_event event;
-    cln_stage stage;
-} pending_event;
-
-const char *cln_cl_name(cl_int code)
-{
-    static const struct {
-        cl_int code;
-        const char *name;
-    } names[] = {
-#define N(x) {x, #x}
-        N(CL_SUCCESS),
-        N(CL_DEVICE_NOT_FOUND),
-        N(CL_DEVICE_NOT_AVAILABLE),
-        N(CL_COMPILER_NOT_AVAILABLE),
-        N(CL_MEM_OBJECT_ALLOCATION_FAILURE),
-        N(CL_OUT_OF_RESOURCES),
-        N(CL_OUT_OF_HOST_MEMORY),
-        N(CL_BUILD_PROGRAM_FAILURE),
-        N(CL_INVALID_VALUE),
-        N(CL_INVALID_DEVICE),
-        N(CL_INVALID_CONTEXT),
-        N(CL_INVALID_QUEUE_PROPERTIES),
-        N(CL_INVALID_COMMAND_QUEUE),
-        N(CL_INVALID_MEM_OBJECT),
-        N(CL_INVALID_BINARY),
-        N(CL_INVALID_BUILD_OPTIONS),
-        N(CL_INVALID_PROGRAM),
-        N(CL_INVALID_PROGRAM_EXECUTABLE),
-        N(CL_INVALID_KERNEL_NAME),
-        N(CL_INVALID_KERNEL_DEFINITION),
-        N(CL_INVALID_KERNEL),
-        N(CL_INVALID_ARG_INDEX),
-        N(CL_INVALID_ARG_VALUE),
-        N(CL_INVALID_ARG_SIZE),
-        N(CL_INVALID_KERNEL_ARGS),
-        N(CL_INVALID_WORK_DIMENSION),
-        N(CL_INVALID_WORK_GROUP_SIZE),
-        N(CL_INVALID_WORK_ITEM_SIZE),
-        N(CL_INVALID_GLOBAL_OFFSET),
-        N(CL_INVALID_EVENT_WAIT_LIST),
-        N(CL_INVALID_OPERATION),
-        N(CL_INVALID_BUFFER_SIZE),
-        N(CL_INVALID_GLOBAL_WORK_SIZE),
-#undef N
-    };
-
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
-        if (names[i].code == code)
-            return names[i].name;
-    return "unknown OpenCL error";
-}
-
-cln_status cln_cl_failed(const char *call, cl_int code)
-{
-    const bool memory = code == CL_MEM_OBJECT_ALLOCATION_FAILURE || code == CL_OUT_OF_HOST_MEMORY;
-
-    return cln_fail(memory ? CLN_MEMORY : CLN_CL, "%.*s: %s (%d)", (int)strcspn(call, "("), call,
-                    cln_cl_name(code), (int)code);
-}
+#include "device/cl_error.h"
+#include "device/queue.h"
 
 static void CL_CALLBACK free_host(cl_mem buffer, void *memory)
 {
@@ -198,30 +137,6 @@ void cln_buffer_free(cln_device *device, cln_buffer *buffer)
     memset(buffer, 0, sizeof *buffer);
 }
 
-/* After each wait: accounts for the first `count` launches. The queue is in order: what was enqueued before a call
- * that waited is done. */
-static void settle(cln_device *device, int count)
-{
-    device->waits++;
-    for (int i = 0; i < count; i++) {
-        cl_ulong start = 0, end = 0;
-        const cl_event event = device->pending[i].event;
-
-        if (clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_START, sizeof start, &start,
-                                    NULL) == CL_SUCCESS &&
-            clGetEventProfilingInfo(event, CL_PROFILING_COMMAND_END, sizeof end, &end, NULL) ==
-                CL_SUCCESS &&
-            end > start)
-            device->stage_seconds[device->pending[i].stage] += 1e-9 * (double)(end - start);
-        clReleaseEvent(event);
-    }
-    device->settled += (uint64_t)count;
-    device->pending_count -= count;
-    if (device->pending_count > 0)
-        memmove(device->pending, device->pending + count,
-                (size_t)device->pending_count * sizeof *device->pending);
-}
-
 /* The first of a range's bytes that lie in one part. */
 typedef struct piece {
     cl_mem mem;
@@ -251,7 +166,7 @@ static cln_status move_in(cln_device *device, const cln_buffer *buffer, size_t o
                                     (const char *)data + done, 0, NULL, NULL));
     }
     if (wait && bytes > 0)
-        settle(device, device->pending_count);
+        cln_queue_waited(device);
 done:
     return st;
 }
@@ -270,7 +185,7 @@ static cln_status move_out(cln_device *device, const cln_buffer *buffer, size_t 
                                    0, NULL, NULL));
     }
     if (wait && bytes > 0)
-        settle(device, device->pending_count);
+        cln_queue_waited(device);
 done:
     return st;
 }
@@ -310,91 +225,5 @@ cln_status cln_buffer_zero(cln_device *device, const cln_buffer *buffer, size_t 
     CLN_CL(clEnqueueFillBuffer(device->queue, buffer->mem, &zero, sizeof zero, 0, bytes, 0, NULL,
                                NULL));
 done:
-    return st;
-}
-
-cln_status cln_device_finish(cln_device *device)
-{
-    cln_status st = CLN_OK;
-
-    CLN_CL(clFinish(device->queue));
-done:
-    settle(device, device->pending_count);
-    return st;
-}
-
-cln_status cln_device_flush(cln_device *device)
-{
-    cln_status st = CLN_OK;
-
-    CLN_CL(clFlush(device->queue));
-done:
-    return st;
-}
-
-cln_status cln_device_mark(cln_device *device, cln_mark *out)
-{
-    cln_status st = CLN_OK;
-
-    out->launches = device->settled + (uint64_t)device->pending_count;
-    CLN_CL(clEnqueueMarkerWithWaitList(device->queue, 0, NULL, &out->event));
-done:
-    return st;
-}
-
-cln_status cln_device_wait(cln_device *device, cln_mark *mark)
-{
-    cln_status st = CLN_OK;
-
-    CLN_CL(clFlush(device->queue));
-    CLN_CL(clWaitForEvents(1, &mark->event));
-    settle(device, mark->launches > device->settled ? (int)(mark->launches - device->settled) : 0);
-done:
-    clReleaseEvent(mark->event);
-    mark->event = NULL;
-    return st;
-}
-
-cln_status cln_launch(cln_device *device, cl_kernel kernel, cln_stage stage, size_t groups,
-                      size_t local, const cln_arg *args, int count)
-{
-    cln_status st = CLN_OK;
-    const size_t global = groups * local;
-    cl_event event = NULL;
-    cl_int code = CL_SUCCESS;
-    char name[64] = "";
-    cl_uint index = 0;
-
-    if (groups == 0)
-        return CLN_OK;
-    for (int i = 0; i < count; i++)
-        for (int k = 0; k < args[i].count && code == CL_SUCCESS; k++)
-            code = clSetKernelArg(kernel, index++, args[i].bytes,
-                                  (const char *)args[i].value + (size_t)k * args[i].bytes);
-    if (code == CL_SUCCESS)
-        code = clEnqueueNDRangeKernel(device->queue, kernel, 1, NULL, &global, &local, 0, NULL,
-                                      &event);
-    if (code != CL_SUCCESS) {
-        clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, NULL);
-        st = cln_cl_failed("launch", code);
-        cln_note("launching kernel %s with %zu groups of %zu", name, groups, local);
-        goto done;
-    }
-    if (device->pending_count == device->pending_capacity) {
-        const int capacity = device->pending_capacity ? 2 * device->pending_capacity : 256;
-        pending_event *bigger = NULL;
-
-        CLN_TRY(cln_alloc(&bigger, (size_t)capacity, sizeof *bigger, "event list"));
-        if (device->pending_count)
-            memcpy(bigger, device->pending, (size_t)device->pending_count * sizeof *bigger);
-        free(device->pending);
-        device->pending = bigger;
-        device->pending_capacity = capacity;
-    }
-    device->pending[device->pending_count++] = (pending_event){event, stage};
-    event = NULL;
-done:
-    if (event)
-        clReleaseEvent(event);
     return st;
 }

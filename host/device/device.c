@@ -1,5 +1,4 @@
-/* Listing, picking and opening devices. Tuning parameters are in tune.c, programs in program.c, buffers
- * and launches in buffer.c. */
+/* Lists, picks, opens and closes devices, and chooses an open one's tuning parameters. */
 #include "device/device.h"
 
 #include <ctype.h>
@@ -12,8 +11,8 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
+#include "device/cl_error.h"
 #include "device/device_list.h"
-#include "device/tune.h"
 
 const char *const cln_stage_names[CLN_STAGES] = {
 #define X(name, text) text,
@@ -250,7 +249,9 @@ void cln_device_close(cln_device *device)
     if (!device)
         return;
     if (device->queue) {
-        cln_device_finish(device);
+        clFinish(device->queue);
+        for (int i = 0; i < device->pending_count; i++)
+            clReleaseEvent(device->pending[i].event);
         clReleaseCommandQueue(device->queue);
     }
     if (device->context)
@@ -260,4 +261,24 @@ void cln_device_close(cln_device *device)
     free(device->pending);
     free(device->kernel_dir);
     free(device);
+}
+
+void cln_device_tune(const cln_device *device, const char *network, cln_tune *out,
+                     char from[CLN_TUNE_FROM])
+{
+    *out = device->tune;
+    snprintf(from, CLN_TUNE_FROM, "%s", device->tune_from);
+    if (device->tune_exact || *from)
+        return;
+    for (int i = 0; i < 2; i++) {
+        const cln_tune_row *row =
+            cln_tune_rows_find(device->rows[i], device->info.name, device->info.driver, network);
+
+        if (row) { /* over those of the class */
+            cln_tune_row_apply(row, out);
+            snprintf(from, CLN_TUNE_FROM, "%.400s, line %d", row->file, row->line);
+            return;
+        }
+    }
+    snprintf(from, CLN_TUNE_FROM, "defaults for a %s", device->info.type);
 }

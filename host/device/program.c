@@ -1,7 +1,7 @@
 /* Programs from embedded or on-disk kernel files. A program's source is handed over as an array of
  * lines with #line marks, so that build errors name the real file and line; nothing is included at
  * device-compile time. */
-#include "device/device.h"
+#include "device/program.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "device/cl_error.h"
 #include "device/kernel_source.h"
 
 enum { FILES = 24, NAME = 32 };

@@ -1,4 +1,4 @@
-/* Tuning parameters: text, rows, choice. See tune.h. */
+/* Tuning parameters: text, rows. See tune.h. */
 #include "device/tune.h"
 
 #include <fnmatch.h>
@@ -13,17 +13,14 @@
 static const struct {
     const char *name;
     size_t offset;
-    int cpu, gpu, min, max;
+    int cpu, gpu, plain, min, max;
 } tune_rows[] = {
-#define X(field, name, cpu, gpu, min, max, meaning) \
-    {name, offsetof(cln_tune, field), cpu, gpu, min, max},
+#define X(field, name, cpu, gpu, plain, min, max, meaning) \
+    {name, offsetof(cln_tune, field), cpu, gpu, plain, min, max},
     CLN_TUNE_LIST(X)
 #undef X
 };
 enum { TUNE_ROWS = sizeof tune_rows / sizeof tune_rows[0], FILES = 16, MAX_BYTES = 1 << 20 };
-
-/* Blocks of a size that is no burden anywhere; all else at its minimum. */
-static const char plain[] = "NB=8,SL=128,CHUNK=1024";
 
 static int *tune_field(cln_tune *tune, int row)
 {
@@ -98,8 +95,7 @@ void cln_tune_class_default(cl_device_id id, bool cpu, cln_tune *out)
 void cln_tune_plain(cln_tune *out)
 {
     for (int i = 0; i < TUNE_ROWS; i++)
-        *tune_field(out, i) = tune_rows[i].min;
-    CLN_ASSERT(parse_list(CLN_INTERNAL, "plain", plain, out) == CLN_OK);
+        *tune_field(out, i) = tune_rows[i].plain;
 }
 
 /* ---- rows ---- */
@@ -289,6 +285,11 @@ const cln_tune_row *cln_tune_rows_find(const cln_tune_rows *rows, const char *de
     return NULL;
 }
 
+void cln_tune_row_apply(const cln_tune_row *row, cln_tune *tune)
+{
+    CLN_ASSERT(parse_list(CLN_INTERNAL, row->file, row->list, tune) == CLN_OK);
+}
+
 /* ---- writing rows ---- */
 
 /* A name as a pattern that matches it: characters that mean something in a row become a `?`. */
@@ -361,26 +362,4 @@ done:
     free(one);
     free(folder);
     return st;
-}
-
-/* ---- the choice ---- */
-
-void cln_tune_choose(const cln_device *device, const char *network, cln_tune *out,
-                     char from[CLN_TUNE_FROM])
-{
-    *out = device->tune;
-    snprintf(from, CLN_TUNE_FROM, "%s", device->tune_from);
-    if (device->tune_exact || *from)
-        return;
-    for (int i = 0; i < 2; i++) {
-        const cln_tune_row *row =
-            cln_tune_rows_find(device->rows[i], device->info.name, device->info.driver, network);
-
-        if (row) { /* over those of the class, and checked when it was read */
-            CLN_ASSERT(parse_list(CLN_INTERNAL, row->file, row->list, out) == CLN_OK);
-            snprintf(from, CLN_TUNE_FROM, "%.400s, line %d", row->file, row->line);
-            return;
-        }
-    }
-    snprintf(from, CLN_TUNE_FROM, "defaults for a %s", device->info.type);
 }

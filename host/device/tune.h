@@ -3,14 +3,47 @@
  *
  *   DEVICE | DRIVER | NETWORK | VW=8,NV=2,...     # comment
  *
- * The first three are shell patterns; of several rows that match, the last counts. Where the user's file
- * is, is the command line's business; fitting a set to a network is pipeline/programs.c's. */
+ * The first three are shell patterns; of several rows that match, the last counts. The command line knows
+ * where the user's file is; pipeline/programs.c fits a set to a network. */
 #ifndef CLN_TUNE_H
 #define CLN_TUNE_H
 
-#include "device/device.h"
+#include "cl.h"
+#include "cl_nascent.h"
 
-/* Where a kind of device starts; and what runs anywhere: no vectors, no groups, small blocks. */
+/* Tuning parameters: X(field, name, cpu, gpu, plain, min, max, meaning). From this list come the struct, the
+ * defaults, the parser of "VW=8,TS=6" and its range check, the text form and the kernels' "#define" lines.
+ * cpu, gpu: where a kind of device starts; plain: what runs anywhere. */
+#define CLN_TUNE_LIST(X)                                                                \
+    X(vw, "VW", 0, 1, 1, 1, 16, "floats per vector; cpu 0 = the device's native width") \
+    X(nv, "NV", 2, 1, 1, 1, 8, "vectors per work-item in a tile")                       \
+    X(ls, "LS", 1, 64, 1, 1, 1024, "work-items of a network work-group")                \
+    X(ts, "TS", 6, 8, 1, 1, 32, "samples of a register tile")                           \
+    X(nb, "NB", 48, 16, 8, 1, 1024, "samples of a leaf in local memory at a time")      \
+    X(sl, "SL", 480, 128, 128, 1, 65536, "most samples of a slice (one work-group)")    \
+    X(wg, "WG", 16, 64, 1, 1, 1024, "work-items of a group of the scalar kernels")      \
+    X(sg, "SG", 1, 256, 1, 1, 1024, "work-items of a scan, sort or sum group; 2^k")     \
+    X(db, "DB", 12, 8, 1, 1, 12, "most bits of a digit of the sort")                    \
+    X(chunk, "CHUNK", 1024, 2048, 1024, 16, 65536,                                      \
+      "fewest elements of a scan or sort group's turn")                                 \
+    X(native, "NATIVE", 0, 0, 0, 0, 1, "native_exp and the like in networks")           \
+    X(half, "HALF", 0, 0, 0, 0, 1, "activations kept for backward in 16 bits")          \
+    X(leaf, "LEAF", 1, 0, 0, 0, 1, "a leaf's gradient and transposed weights in local memory")
+
+typedef struct cln_tune {
+#define X(field, name, cpu, gpu, plain, min, max, meaning) int field;
+    CLN_TUNE_LIST(X)
+#undef X
+} cln_tune;
+
+enum { CLN_TUNE_TEXT = 256, CLN_TUNE_FROM = 512 }; /* bytes of such texts */
+
+/* "VW=8,NV=2,...", all of them. */
+void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT]);
+/* Applies "VW=8,TS=6"; CLN_USAGE names what is wrong and the range. */
+cln_status cln_tune_parse(const char *text, cln_tune *tune);
+
+/* The columns cpu or gpu; plain: no vectors, no groups, small blocks. */
 void cln_tune_class_default(cl_device_id id, bool cpu, cln_tune *out);
 void cln_tune_plain(cln_tune *out);
 
@@ -38,6 +71,8 @@ void cln_tune_rows_free(cln_tune_rows *rows);           /* accepts NULL */
 /* The last row that matches, NULL without one. */
 const cln_tune_row *cln_tune_rows_find(const cln_tune_rows *rows, const char *device,
                                        const char *driver, const char *network);
+/* Sets what the row's list names; reading the row has checked it. */
+void cln_tune_row_apply(const cln_tune_row *row, cln_tune *tune);
 
 /* The line (without newline) of a row for exactly this device, driver and network. comment: after a #. */
 void cln_tune_row_text(const cln_device_info *info, const char *network, const cln_tune *tune,
@@ -45,9 +80,5 @@ void cln_tune_row_text(const cln_device_info *info, const char *network, const c
 /* Puts such a line into a file, at its end, in the place of rows with the same three patterns; the file and
  * its folder are made as needed, and all other lines stay. A file with a wrong row is left alone. */
 cln_status cln_tune_row_put(const char *path, const char *line);
-
-/* What to use for a network ("W32-D3-V32") on an open device, and where that comes from, as a phrase. */
-void cln_tune_choose(const cln_device *device, const char *network, cln_tune *out,
-                     char from[CLN_TUNE_FROM]);
 
 #endif

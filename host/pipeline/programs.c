@@ -10,7 +10,6 @@
 
 #include "base/log.h"
 #include "base/memory.h"
-#include "device/tune.h"
 
 int cln_pipeline_measures(const cln_config *config)
 {
@@ -154,15 +153,15 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
 {
     const cln_config *c = &p->config;
     const cln_network *net = &p->net;
-    const cln_tune *tune = &p->tune;
     text t = {.capacity = 8192};
 
     *out = NULL;
     t.st = cln_alloc(&t.text, t.capacity, 1, "kernel defines");
-    line(&t, "#define VW %d\n#define NV %d\n#define LS %d\n#define TS %d\n#define NB %d", tune->vw,
-         tune->nv, tune->ls, tune->ts, tune->nb);
-    line(&t, "#define SG %d\n#define DB %d\n#define LINE_BITS %d", tune->sg, tune->db,
-         p->line_bits);
+#define X(field, name, cpu, gpu, plain, min, max, meaning) \
+    line(&t, "#define %s %d", name, p->tune.field);
+    CLN_TUNE_LIST(X)
+#undef X
+    line(&t, "#define LINE_BITS %d", p->line_bits);
     line(&t, "#define WIDTH %d\n#define DEPTH %d\n#define BANDS %d\n#define ENC_PAD %d", net->width,
          net->depth, net->bands, net->enc_pad);
     line(&t, "#define SKIP (%d)", net->skip_layer);
@@ -187,8 +186,6 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define LOSS %d\n#define CAUCHY %d\n#define OPACITY %d\n#define DISTORT %d", c->loss,
          c->cauchy > 0, c->opacity_entropy > 0, c->distortion_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
-    line(&t, "#define NATIVE %d\n#define HALF %d\n#define LEAF %d", tune->native, tune->half,
-         tune->leaf);
     line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
     real(&t, "BETA1", c->beta1);
     real(&t, "BETA2", c->beta2);
@@ -389,7 +386,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
-    cln_tune_choose(device, network, &tune, from);
+    cln_device_tune(device, network, &tune, from);
     st = create(device, config, distortion, ray_background, &tune, out);
     if ((st == CLN_BUILD || st == CLN_MEMORY) && !device->tune_exact) {
         cln_tune_text(&tune, list);

@@ -15,7 +15,9 @@
 #ifndef CLN_STAGES_H
 #define CLN_STAGES_H
 
-#include "device/device.h"
+#include "device/buffer.h"
+#include "device/program.h"
+#include "device/queue.h"
 #include "device_abi.h"
 #include "model/model.h"
 #include "scene/scene.h"
@@ -144,7 +146,7 @@ typedef struct cln_pipeline {
     cln_buffer sums, digit_counts, keys[2], values[2];
 } cln_pipeline;
 
-/* Programs for this network and scene; no buffers yet. Kernel parameters as cln_tune_choose says; where no
+/* Programs for this network and scene; no buffers yet. Kernel parameters as cln_device_tune says; where no
  * program can be made with them, plain ones with a warning (not if device->tune_exact). CLN_BUILD,
  * CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,

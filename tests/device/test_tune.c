@@ -190,7 +190,7 @@ static int chosen_vw(const cln_device *device, const char *network, const char *
     cln_tune tune;
     char from[CLN_TUNE_FROM];
 
-    cln_tune_choose(device, network, &tune, from);
+    cln_device_tune(device, network, &tune, from);
     if (!strstr(from, from_words))
         fail_msg("'%s' is not in '%s'", from_words, from);
     return tune.vw;
@@ -212,7 +212,7 @@ static void test_precedence(void **state)
     assert_int_equal(chosen_vw(&device, "W32-D3-V32", "user.txt, line 1"), 2);
     assert_int_equal(chosen_vw(&device, "W64-D3-V32", "data/tune/x.txt, line 2"), 8);
     assert_int_equal(chosen_vw(&device, "W16-D3-V32", "defaults for a cpu"), 1);
-    cln_tune_choose(&device, "W32-D3-V32", &tune, from);
+    cln_device_tune(&device, "W32-D3-V32", &tune, from);
     assert_int_equal(tune.ts, 7); /* the class's, not that of the row that lost */
     snprintf(device.tune_from, sizeof device.tune_from, "--tune");
     device.tune.vw = 16;
