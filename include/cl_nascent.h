@@ -168,8 +168,6 @@ typedef struct cln_export_desc {
     bool overwrite;     /* else a file that is there is CLN_OUTPUT */
 } cln_export_desc;
 
-enum { CLN_LEVELS = 6 }; /* levels that a tree can have */
-
 typedef struct cln_export_result {
     int64_t step;
     int leaves, levels[CLN_LEVELS]; /* active leaves, and how many of each level */

@@ -14,6 +14,14 @@ typedef uint32_t cln_u32;
 typedef float cln_f32;
 #endif
 
+/* The octree's deepest level, the root's being 0; all below that depends on it follows from it. One more
+ * costs eight times the map, and at six the box of an empty cell no longer fits 32 bits. CLN_LEVELS of
+ * cln_config.h is one more. */
+#define CLN_MAX_LEVEL 5
+
+/* Most intervals of a ray with leaves down to level `depth`: one for every plane of cells that it can cross. */
+#define CLN_MOST_INTERVALS(depth) (3 << (depth))
+
 /* Chords shorter than this, in units of the normalised cube, are left out (method.md 7). */
 #define CLN_MIN_CHORD 1e-5f
 /* sigma * delta is clamped here: exp(-80) is the last normal float's neighbourhood (method.md 9). */
@@ -34,12 +42,17 @@ typedef struct cln_pixel {
 } cln_pixel;
 
 /* The interval of a ray in an ACTIVE leaf. mass: by stage 1, its optical depth, or its alpha with
- * CLN_CDF_WEIGHT. count: stage-2 samples in it | the leaf's level << 24. */
+ * CLN_CDF_WEIGHT. count: CLN_INTERVAL_COUNT. */
 typedef struct cln_interval {
     cln_f32 t_in, t_out, mass;
     cln_i32 slot;
     cln_u32 count;
 } cln_interval;
+
+/* Its stage-2 samples and its leaf's level. */
+#define CLN_INTERVAL_COUNT(samples, level) ((samples) | (cln_u32)(level) << 24)
+#define CLN_INTERVAL_SAMPLES(count)        ((count)&0xFFFFFFu)
+#define CLN_INTERVAL_LEVEL(count)          ((count) >> 24)
 
 /* A run of grouped samples that one work-group takes through one leaf's network. */
 typedef struct cln_slice {
@@ -64,15 +77,22 @@ typedef struct cln_ray_result {
 /* Numbers of a ray's random values (base/rng.h): those of its samples go by the number of the interval. */
 #define CLN_DRAW_ROULETTE 0x800000u /* on, by the interval's number */
 
-/* Entries of the octree map that stand for empty cells: the sign bit, and a box of cells around: five bits each for
- * its lowest x, y, z and its highest. */
+/* Entries of the octree map. Of a leaf's cells: its slot and level. */
+#define CLN_MAP_LEVEL_BITS        4
+#define CLN_MAP_LEAF(slot, level) (((slot) + 1) << CLN_MAP_LEVEL_BITS | (level))
+#define CLN_MAP_SLOT(entry)       (((entry) >> CLN_MAP_LEVEL_BITS) - 1)
+#define CLN_MAP_LEVEL(entry)      ((entry) & ((1 << CLN_MAP_LEVEL_BITS) - 1))
+
+/* Of empty cells: the sign bit, and a box of empty cells around, its lowest x, y, z and its highest, of
+ * CLN_MAX_LEVEL bits each. */
 #define CLN_MAP_EMPTY 0x80000000u
-#define CLN_MAP_BOX(corner, high)                           \
-    ((cln_u32)((corner)[0] - (high)) << 15 * (high) |       \
-     (cln_u32)((corner)[1] - (high)) << (15 * (high) + 5) | \
-     (cln_u32)((corner)[2] - (high)) << (15 * (high) + 10))
-#define CLN_MAP_LOW(entry, axis)  ((entry) >> 5 * (axis)&31)
-#define CLN_MAP_HIGH(entry, axis) (((entry) >> (15 + 5 * (axis)) & 31) + 1)
+#define CLN_MAP_BOX(corner, high)                                          \
+    ((cln_u32)((corner)[0] - (high)) << CLN_MAX_LEVEL * (3 * (high)) |     \
+     (cln_u32)((corner)[1] - (high)) << CLN_MAX_LEVEL * (3 * (high) + 1) | \
+     (cln_u32)((corner)[2] - (high)) << CLN_MAX_LEVEL * (3 * (high) + 2))
+#define CLN_MAP_SIDE(entry, side) ((entry) >> CLN_MAX_LEVEL * (side) & ((1 << CLN_MAX_LEVEL) - 1))
+#define CLN_MAP_LOW(entry, axis)  CLN_MAP_SIDE(entry, axis)
+#define CLN_MAP_HIGH(entry, axis) (CLN_MAP_SIDE(entry, 3 + (axis)) + 1)
 
 /* Samples of a slice that roulette.cl decides upon together. */
 #define CLN_ROULETTE_SEGMENT 256
@@ -81,6 +101,10 @@ typedef struct cln_ray_result {
 #define CLN_RAYS_EACH(vw) ((vw) == 1 ? 1 : 64)
 
 #ifndef __OPENCL_C_VERSION__
+_Static_assert(6 * CLN_MAX_LEVEL < 32, "the box of an empty cell fits beside the sign");
+_Static_assert(CLN_MAX_LEVEL < 1 << CLN_MAP_LEVEL_BITS, "a level fits a leaf's entry");
+_Static_assert(3 * CLN_MAX_LEVEL + 1 + CLN_MAP_LEVEL_BITS < 32, "slot + 1 fits beside the level");
+_Static_assert(CLN_MAX_LEVEL < 1 << 8, "a level fits above an interval's samples");
 _Static_assert(sizeof(cln_device_camera) == 96, "layout shared with kernels");
 _Static_assert(sizeof(cln_pixel) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_interval) == 20, "layout shared with kernels");

@@ -19,7 +19,7 @@ HELPER int slot_at(const __global int *map, int depth, float3 p)
 
     if (c.x < 0 || c.y < 0 || c.z < 0 || c.x >= n || c.y >= n || c.z >= n)
         return -1;
-    return (map[(c.z * n + c.y) * n + c.x] >> 4) - 1;
+    return CLN_MAP_SLOT(map[(c.z * n + c.y) * n + c.x]);
 }
 
 __kernel void regularise_points(const __global float4 *restrict boxes, const __global int *restrict map,

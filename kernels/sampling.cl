@@ -126,8 +126,8 @@ HELPER bool turn_take(turn *t, places *o, const passages *p, const float *taus, 
             t->of.t_in[l] = p->t_in[k];
             t->of.t_out[l] = p->t_out[k];
             t->of.ray[l] = begin + o->whose[l];
-            t->of.slot[l] = (p->entry[k] >> 4) - 1;
-            t->of.level[l] = p->entry[k] & 15;
+            t->of.slot[l] = CLN_MAP_SLOT(p->entry[k]);
+            t->of.level[l] = CLN_MAP_LEVEL(p->entry[k]);
             t->whose[l] = o->whose[l];
             any = true;
         } else { /* an empty one */
@@ -220,7 +220,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
                     continue;
                 if (n_samples > 0u) {
                     const cln_interval v = {t->of.t_in[l], t->of.t_out[l], mass[l], t->of.slot[l],
-                                            n_samples | (uint)t->of.level[l] << 24};
+                                            CLN_INTERVAL_COUNT(n_samples, t->of.level[l])};
 
                     intervals[kept[w]++ * rays + r] = v;
                     samples[w] += n_samples;
@@ -327,13 +327,13 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         }
         const uint l = b->filled++;
         const cln_interval v = intervals[c->interval * rays + c->ray];
-        const uint count = v.count & 0xFFFFFFu;
+        const uint count = CLN_INTERVAL_SAMPLES(v.count);
 
         b->of.t_in[l] = v.t_in;
         b->of.t_out[l] = v.t_out;
         b->of.ray[l] = c->ray;
         b->of.slot[l] = v.slot;
-        b->of.level[l] = (int)(v.count >> 24);
+        b->of.level[l] = (int)CLN_INTERVAL_LEVEL(v.count);
         b->mass[l] = v.mass;
         b->number[l] = (int)count;
         b->start[l] = c->sample;

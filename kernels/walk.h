@@ -82,7 +82,7 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
 #pragma unroll
     for (int l = 0; l < VW; l++)
         found[l] = map[at[l]];
-    const vi entry = VLOAD(found), size = (vi)(1) << (depth - (entry & 15)),
+    const vi entry = VLOAD(found), size = (vi)(1) << (depth - CLN_MAP_LEVEL(entry)),
              empty = entry < (vi)(0);
 
 #pragma unroll

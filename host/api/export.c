@@ -16,8 +16,6 @@
 #include "io/run_folder.h"
 #include "model/model.h"
 
-_Static_assert(CLN_LEVELS == CLN_MAX_LEVEL + 1, "the public header's levels are the octree's");
-
 /* Nothing that is there is replaced unasked, and nothing but a plain file ever. */
 static cln_status check_target(const cln_export_desc *desc)
 {

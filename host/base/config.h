@@ -65,7 +65,7 @@ cln_status cln_config_check(const cln_config *config);
 int cln_config_most_rays(const cln_config *config);
 
 /* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */
-cln_status cln_config_levels(const cln_config *config, double fraction[6]);
+cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS]);
 
 /* "60s,2m,5000" -> up to max points, ascending as given; seconds[i] > 0 or steps[i] > 0. */
 cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,

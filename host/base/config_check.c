@@ -7,8 +7,6 @@
 #include "base/config.h"
 #include "base/number.h"
 
-enum { LEVELS = 6 }; /* 0 .. CLN_MAX_LEVEL, which base may not include */
-
 /* Copies the part of *text up to the next comma and steps over it. False at the end of the text, or
  * when a part is empty (then *text is not at its end). */
 static bool next_part(const char **text, char part[CLN_TEXT_BYTES])
@@ -43,14 +41,14 @@ int cln_config_most_rays(const cln_config *config)
     return config->leaf_samples > 0 ? 8 * config->rays : config->rays;
 }
 
-cln_status cln_config_levels(const cln_config *config, double fraction[LEVELS])
+cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS])
 {
     const char *at = config->level_at;
     char part[CLN_TEXT_BYTES];
     long long last_level = config->start_level;
-    double found[LEVELS], last_fraction = 0;
+    double found[CLN_LEVELS], last_fraction = 0;
 
-    for (int i = 0; i < LEVELS; i++)
+    for (int i = 0; i < CLN_LEVELS; i++)
         found[i] = 2;
     while (next_part(&at, part)) {
         long long level = 0;
@@ -60,11 +58,11 @@ cln_status cln_config_levels(const cln_config *config, double fraction[LEVELS])
             return cln_fail(CLN_USAGE,
                             "--level-at: '%s' in '%s' is not LEVEL:FRACTION, as in 3:0.1", part,
                             config->level_at);
-        if (level <= last_level || level >= LEVELS)
+        if (level <= last_level || level >= CLN_LEVELS)
             return cln_fail(CLN_USAGE,
                             "--level-at: level %lld in '%s' is not in %lld..%d: levels ascend from "
                             "above --start-level %d to 5",
-                            level, config->level_at, last_level + 1, LEVELS - 1,
+                            level, config->level_at, last_level + 1, CLN_LEVELS - 1,
                             config->start_level);
         if (!(value >= last_fraction && value <= 1))
             return cln_fail(CLN_USAGE,
@@ -164,7 +162,7 @@ static cln_status check_bbox(const char *text)
 
 /* The adaptive rows among themselves and against the growth by level. With --tree-from none of them, nor
  * the growth, has a meaning: that tree is kept as it is. */
-static cln_status check_adaptive(const cln_config *config, const double fraction[LEVELS])
+static cln_status check_adaptive(const cln_config *config, const double fraction[CLN_LEVELS])
 {
     int deepest = config->start_level;
 
@@ -181,7 +179,7 @@ static cln_status check_adaptive(const cln_config *config, const double fraction
                         "--max-level: %d is below --start-level %d; lower that, too, or give "
                         "--no-adaptive",
                         config->max_level, config->start_level);
-    for (int level = 0; level < LEVELS; level++) {
+    for (int level = 0; level < CLN_LEVELS; level++) {
         if (fraction[level] <= 1)
             deepest = level;
     }
@@ -198,7 +196,7 @@ cln_status cln_config_check(const cln_config *config)
 {
     cln_status st = CLN_OK;
     enum { MAX_POINTS = CLN_TEXT_BYTES };
-    double fraction[LEVELS], seconds[MAX_POINTS];
+    double fraction[CLN_LEVELS], seconds[MAX_POINTS];
     int steps[MAX_POINTS], count = 0;
     float rgb[3];
 

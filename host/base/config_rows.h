@@ -24,6 +24,7 @@
 #include <stdint.h>
 
 enum { CLN_TEXT_BYTES = 128 };
+enum { CLN_LEVELS = 6 }; /* that a tree can have, 0 .. CLN_LEVELS - 1 */
 
 /* Flags of a row. */
 enum {
@@ -87,7 +88,8 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
 
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
 #define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                            \
-    INT(start_level, "start-level", 1, 2, 0, 5, "level of the full tree at the first step")     \
+    INT(start_level, "start-level", 1, 2, 0, CLN_LEVELS - 1,                                    \
+        "level of the full tree at the first step")                                             \
     TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
          "growth: LEVEL:FRACTION of the budget, comma separated")                               \
     ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                      \
@@ -107,7 +109,7 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     BOOL(adaptive, "adaptive", true, true,                                                      \
          "split and merge single leaves by the integer program, besides growth by level")       \
     INT(max_leaves, "max-leaves", 1024, 4096, 1, 262144, "adaptive: most leaves")               \
-    INT(max_level, "max-level", 5, 5, 0, 5, "adaptive: deepest level")                          \
+    INT(max_level, "max-level", 5, 5, 0, CLN_LEVELS - 1, "adaptive: deepest level")             \
     REAL(structure_from, "structure-from", 0.233, 0.4, 0, 1,                                    \
          "adaptive: no change before this fraction of the budget")                              \
     REAL(structure_every, "structure-every", 0.0334, 0.05, 1e-4, 1,                             \

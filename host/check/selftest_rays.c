@@ -232,7 +232,7 @@ static void check_samples(cln_checks *c, made *m)
 
         for (uint32_t i = 0; i < m->used[r]; i++, intervals++) {
             const cln_interval v = m->intervals[i * (uint32_t)m->rays + (uint32_t)r];
-            const uint32_t count = v.count & 0xFFFFFFu;
+            const uint32_t count = CLN_INTERVAL_SAMPLES(v.count);
             double sum = 0, chord = (double)v.t_out - v.t_in;
             float last = v.t_in;
 

@@ -11,7 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
-#include "device_abi.h"
+#include "cln_config.h"
+
+_Static_assert(CLN_LEVELS == CLN_MAX_LEVEL + 1, "the settings' levels are the kernels' levels");
 
 enum { ROW = 8, ROW_STATE = 0, ROW_LEVEL, ROW_STRIKES, ROW_PARENT, ROW_CHILD, ROW_POS };
 
@@ -470,7 +472,7 @@ cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
         const int node = tree->leaf[s];
 
         cells_of(tree, node, depth, low, high);
-        fill_box(*map, n, low, high, (s + 1) << 4 | tree->level[node]);
+        fill_box(*map, n, low, high, CLN_MAP_LEAF(s, tree->level[node]));
     }
     sum_up(*map, n, sums);
     fill_empty(tree, 0, depth, sums, *map);

@@ -14,8 +14,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include "base/status.h"
+#include "device_abi.h"
 
-enum { CLN_MAX_LEVEL = 5 };
 enum { CLN_NODE_INNER, CLN_NODE_ACTIVE, CLN_NODE_CULLED };
 
 typedef struct cln_octree {
@@ -72,8 +72,8 @@ int cln_octree_depth(const cln_octree *tree);
 int cln_octree_find(const cln_octree *tree, const double point[3]);
 
 /* The tree as the kernels read it: a dense map at level `depth`, cell (x,y,z) at index
- * (z * n + y) * n + x with n = 2^depth: (slot + 1) << 4 | level of the leaf there, or where there is none a
- * negative number with an empty box of cells around it, as large as it grew (device_abi.h). The caller frees
+ * (z * n + y) * n + x with n = 2^depth: CLN_MAP_LEAF of the leaf there, or where there is none
+ * CLN_MAP_EMPTY with the CLN_MAP_BOX of empty cells around it, as large as it grew. The caller frees
  * *map ([n^3]). */
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map);
 

@@ -172,7 +172,8 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     *rays_used = n;
     *sample_count = 0;
     CLN_TRY(cln_buffer_reserve(device, &p->intervals,
-                               rays * ((size_t)3 << p->depth) * sizeof(cln_interval), "intervals"));
+                               rays * (size_t)CLN_MOST_INTERVALS(p->depth) * sizeof(cln_interval),
+                               "intervals"));
     CLN_TRY(cln_buffer_reserve(device, &p->used, rays * sizeof(cl_uint), "intervals"));
     CLN_TRY(cln_buffer_reserve(device, &p->sample_counts, rays * sizeof(cl_uint), "samples"));
     CLN_TRY(cln_buffer_reserve(device, &p->sample_starts, (rays + 1) * sizeof(cl_uint), "samples"));

@@ -96,7 +96,7 @@ typedef struct cln_pipeline {
     /* The tree and its networks. */
     int leaves, depth;
     cln_buffer boxes;  /* float4 [leaf] min x, y, z, side */
-    cln_buffer map;    /* int [8^depth] slot + 1 << 4 | level */
+    cln_buffer map;    /* int [8^depth] CLN_MAP_LEAF or empty box */
     cln_buffer params; /* float [leaf][net.params], P */
     cln_buffer
         transposed; /* float [leaf][wt] for the input gradients, P; training without tune.leaf */
@@ -118,7 +118,8 @@ typedef struct cln_pipeline {
     cln_buffer results;              /* cln_ray_result [ray] */
 
     /* Its samples. */
-    cln_buffer intervals, used; /* cln_interval [3 << depth][ray], uint [ray]: how many of them */
+    cln_buffer intervals,
+        used; /* cln_interval [CLN_MOST_INTERVALS(depth)][ray], uint [ray]: how many of them */
     cln_buffer sample_counts, sample_starts, samples; /* uint [ray], [ray+1]; cln_sample [sample] */
     uint32_t sample_total; /* of the newest batch, once cln_stage_sample has returned */
     cln_buffer begin, end, slice_counts, slice_starts, slices; /* [leaf] x3, [leaf+1], [slice] */

@@ -109,13 +109,13 @@ static void check_tree(const cln_octree *tree)
     for (int i = 0; i < n * n * n; i++) {
         int cell[3] = {i % n, i / n % n, i / n / n};
         double centre[3];
-        int slot = map[i] < 0 ? -1 : (map[i] >> 4) - 1;
+        int slot = map[i] < 0 ? -1 : CLN_MAP_SLOT(map[i]);
         for (int a = 0; a < 3; a++)
             centre[a] = -1 + 2 * (cell[a] + 0.5) / n;
         assert_int_equal(slot, brute_find(tree, centre));
         assert_int_equal(slot, cln_octree_find(tree, centre));
         if (slot >= 0)
-            assert_int_equal(map[i] & 15, tree->level[tree->leaf[slot]]);
+            assert_int_equal(CLN_MAP_LEVEL(map[i]), tree->level[tree->leaf[slot]]);
         else
             check_empty_box(map, n, cell, (uint32_t)map[i]);
     }
