@@ -5,7 +5,6 @@
 
 #include "base/config.h"
 #include "base/memory.h"
-#include "device/device_list.h"
 #include "device/tune.h"
 #include "check/selftest.h"
 #include "pipeline/stages.h"

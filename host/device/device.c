@@ -12,7 +12,6 @@
 #include "base/number.h"
 #include "base/text.h"
 #include "device/cl_error.h"
-#include "device/device_list.h"
 
 const char *const cln_stage_names[CLN_STAGES] = {
 #define X(name, text) text,

@@ -74,6 +74,11 @@ typedef struct cln_device {
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out);
 void cln_device_close(cln_device *device); /* accepts NULL */
 
+/* Raw handles of all devices of all platforms in the loader's order, for the listing of devices; the
+ * caller frees *out. CLN_NO_DEVICE if there is none. */
+cln_status cln_device_ids(cl_device_id **out, int *count);
+void cln_device_describe(cl_device_id id, cln_device_info *info);
+
 /* The parameters for a network ("W32-D3-V32") on an open device, and where they come from, as a phrase. */
 void cln_device_tune(const cln_device *device, const char *network, cln_tune *out,
                      char from[CLN_TUNE_FROM]);

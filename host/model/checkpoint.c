@@ -69,11 +69,11 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         (json_int_t)model->refresh_step, "growth_step", (json_int_t)model->growth_step,
         "train_seconds", model->train_seconds, "rays", model->rays, "level", model->level,
         "training", model->adam_m != NULL, "leaves", model->tree.leaf_count, "params_per_leaf",
-        model->net.params, "cube", "centre", model->space.centre[0], model->space.centre[1], model->space.centre[2],
-        "half", model->space.half, "background", (double)model->background[0],
-        (double)model->background[1], (double)model->background[2], "has_alpha", model->has_alpha,
-        "has_distortion", model->has_distortion, "tensors", tensors, "tensors_digest", data_hex,
-        "model_digest", model_hex, "config", config, "measured", "rays",
+        model->net.params, "cube", "centre", model->space.centre[0], model->space.centre[1],
+        model->space.centre[2], "half", model->space.half, "background",
+        (double)model->background[0], (double)model->background[1], (double)model->background[2],
+        "has_alpha", model->has_alpha, "has_distortion", model->has_distortion, "tensors", tensors,
+        "tensors_digest", data_hex, "model_digest", model_hex, "config", config, "measured", "rays",
         (json_int_t)model->sum_rays, "square", model->sum_square, "last_square", model->last_square,
         "decisions", model->decisions);
     if (!document)

@@ -1,4 +1,4 @@
-/* The steps of cln_scene_load, in the order in which scene.c calls them; private to this room. Each
+/* The steps of cln_scene_load, in the order in which load.c calls them; private to this room. Each
  * works on the scene being built and leaves it consistent on failure, so that cln_scene_free can
  * follow. */
 #ifndef CLN_SCENE_BUILD_H
@@ -7,7 +7,7 @@
 #include "scene/reader.h"
 #include "scene/scene.h"
 
-/* scene.c: the folder of a scene given as folder or file; the caller frees *out. */
+/* load.c: the folder of a scene given as folder or file; the caller frees *out. */
 cln_status cln_scene_folder(const char *path, char **out);
 
 /* camera.c: checks intrinsics and pose, and replaces the rotation by the nearest exact one. `frame`

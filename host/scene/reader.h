@@ -1,5 +1,5 @@
 /* What a dataset reader is: one per format, each a file and a row of the table in readers.c, whose
- * order they are tried in. A reader fills views without pixels; scene.c then splits, checks,
+ * order they are tried in. A reader fills views without pixels; load.c then splits, checks,
  * downscales and loads them, and finds the cube and the digest, the same for every format.
  *
  * To add a format: write reader_x.c with one `const cln_reader cln_reader_x`, declare it below, add
