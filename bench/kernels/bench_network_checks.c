@@ -221,9 +221,9 @@ static cln_status check_adam(const network_run *r, bench_errors *errors)
     CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
     CLN_TRY(read_gradient(r, slot, grad));
     if (r->part == UPDATE)
-        CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, lr));
+        CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, 1, lr));
     else
-        CLN_TRY(cln_stage_adam(r->p, lr));
+        CLN_TRY(cln_stage_adam(r->p, 1, lr));
     CLN_TRY(cln_buffer_read(r->p->device, &r->p->params, (size_t)slot * n * sizeof *got, got,
                             n * sizeof *got));
     for (size_t i = 0; i < n; i++)

@@ -238,10 +238,10 @@ static cln_status body(void *context)
         CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
         break;
     case UPDATE:
-        CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, 1e-9));
+        CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, 1, 1e-9));
         break;
     default:
-        CLN_TRY(cln_stage_adam(r->p, 1e-9));
+        CLN_TRY(cln_stage_adam(r->p, 1, 1e-9));
         break;
     }
 done:

@@ -36,9 +36,10 @@ static cln_status splat_body(void *context)
 
     free(r->groups);
     r->groups = NULL;
-    CLN_TRY(cln_stage_splat_plan(r->scene.p, r->scene.rays, &r->groups, &r->count));
+    CLN_TRY(cln_stage_splat_plan(r->scene.p, &r->scene.p->density, r->scene.rays, &r->groups,
+                                 &r->count));
     for (int g = 0; g < r->count; g++)
-        CLN_TRY(cln_stage_splat_lists(r->scene.p, &r->groups[g]));
+        CLN_TRY(cln_stage_splat_lists(r->scene.p, &r->scene.p->density, &r->groups[g]));
 done:
     return st;
 }

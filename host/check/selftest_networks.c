@@ -294,7 +294,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
     for (uint32_t s = 0; s < d->slices; s++)
         for (int i = 0; i < params; i++)
             grad[d->slice[s].slot * params + i] += d->grads[s * (uint32_t)params + (uint32_t)i];
-    CLN_TRY(cln_stage_adam(p, lr));
+    CLN_TRY(cln_stage_adam(p, (uint32_t)config->min_leaf_samples, lr));
     CLN_TRY(cln_buffer_read(p->device, &p->params, 0, got, (size_t)all * sizeof *got));
     for (int i = 0; i < all; i++)
         want[i] = c->model->params[i];
@@ -345,7 +345,7 @@ static cln_status check_update(cln_checks *c, const data *d)
     CLN_TRY(cln_buffer_read(p->device, &p->params, 0, apart, floats * sizeof *apart));
     CLN_TRY(cln_pipeline_upload(p, c->model, true));
     CLN_TRY(cln_stage_forward(p, d->n, d->slices, true, 77));
-    CLN_TRY(cln_stage_update(p, d->n, d->slices, 77, 1e-3));
+    CLN_TRY(cln_stage_update(p, d->n, d->slices, (uint32_t)p->config.min_leaf_samples, 77, 1e-3));
     CLN_TRY(cln_buffer_read(p->device, &p->params, 0, at_once, floats * sizeof *at_once));
     same = memcmp(apart, at_once, floats * sizeof *apart) == 0;
     cln_check_say(c, "networks: backward and adam at once", same, "%zu weights", floats);

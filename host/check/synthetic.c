@@ -128,7 +128,6 @@ cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cl
     CLN_TRY(make_tree(level_of(config), &tree));
     while (ours.n1 > 2 && (double)tree.leaf_count * pow(ours.n1, 3) > MAX_CELLS)
         ours.n1 /= 2;
-    ours.min_leaf_samples = 1; /* every leaf that has samples is updated */
     CLN_TRY(cln_model_create_on(&ours, &tree, &out->model));
     cells = (size_t)tree.leaf_count * (size_t)ours.n1 * (size_t)ours.n1 * (size_t)ours.n1;
     for (size_t i = 0; i < cells; i++)
@@ -196,7 +195,7 @@ cln_status cln_synthetic_step(cln_synthetic *s, cln_pipeline *p)
     CLN_TRY(cln_stage_group(p, s->samples, &s->slices));
     CLN_TRY(cln_stage_forward(p, s->samples, s->slices, true, 1));
     CLN_TRY(cln_stage_composite_train(p, rays, s->samples));
-    CLN_TRY(cln_stage_update(p, s->samples, s->slices, 1, 1e-12));
+    CLN_TRY(cln_stage_update(p, s->samples, s->slices, 1, 1, 1e-12));
     CLN_TRY(cln_stage_measure(p, s->samples));
     CLN_TRY(
         cln_buffer_read(p->device, &p->results, 0, s->results, (size_t)rays * sizeof *s->results));

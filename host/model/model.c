@@ -8,9 +8,9 @@
 #include "base/files.h"
 #include "base/memory.h"
 
-void cln_model_free(cln_model *model)
+/* All that is on the device, too, while a training runs. */
+static void free_carried(cln_model *model)
 {
-    cln_octree_free(&model->tree);
     free(model->params);
     free(model->adam_m);
     free(model->adam_v);
@@ -18,6 +18,17 @@ void cln_model_free(cln_model *model)
     free(model->density);
     free(model->sums);
     free(model->met);
+    model->params = NULL;
+    model->adam_m = model->adam_v = NULL;
+    model->adam_steps = model->met = NULL;
+    model->density = NULL;
+    model->sums = NULL;
+}
+
+void cln_model_free(cln_model *model)
+{
+    free_carried(model);
+    cln_octree_free(&model->tree);
     free(model->error);
     free(model->saved);
     memset(model, 0, sizeof *model);
@@ -41,6 +52,40 @@ size_t cln_moment_bytes(const cln_config *config)
     return config->moments == CLN_MOMENTS_BFLOAT16 ? sizeof(uint16_t) : sizeof(float);
 }
 
+/* *array (a pointer to rows of row_bytes, or to NULL): made if it is not there. */
+static cln_status make(void *array, size_t leaves, size_t row_bytes, const char *what)
+{
+    cln_status st = CLN_OK;
+    char *rows = NULL;
+
+    memcpy(&rows, array, sizeof rows);
+    if (rows)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&rows, leaves, row_bytes, what));
+    memcpy(array, &rows, sizeof rows);
+done:
+    return st;
+}
+
+cln_status cln_model_make_room(cln_model *model, bool training)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)model->tree.leaf_count, stride = (size_t)model->net.params;
+    const size_t moments = stride * cln_moment_bytes(&model->config);
+
+    CLN_TRY(make(&model->params, leaves, stride * sizeof *model->params, "weights"));
+    if (!training)
+        return CLN_OK;
+    CLN_TRY(make(&model->adam_m, leaves, moments, "Adam's state"));
+    CLN_TRY(make(&model->adam_v, leaves, moments, "Adam's state"));
+    CLN_TRY(make(&model->adam_steps, leaves, sizeof *model->adam_steps, "Adam's state"));
+    CLN_TRY(make(&model->density, leaves, cells_of(model) * sizeof *model->density, "densities"));
+    CLN_TRY(make(&model->sums, leaves, 2 * CLN_MEASURES * sizeof *model->sums, "measures"));
+    CLN_TRY(make(&model->met, leaves, sizeof *model->met, "measures"));
+done:
+    return st;
+}
+
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out)
 {
     cln_status st = CLN_OK;
@@ -54,13 +99,7 @@ cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree,
     out->level = cln_octree_depth(&out->tree);
     leaves = (size_t)out->tree.leaf_count;
     stride = (size_t)out->net.params;
-    CLN_TRY(cln_alloc(&out->params, leaves * stride, sizeof *out->params, "weights"));
-    CLN_TRY(cln_alloc(&out->adam_m, leaves * stride, cln_moment_bytes(config), "Adam's state"));
-    CLN_TRY(cln_alloc(&out->adam_v, leaves * stride, cln_moment_bytes(config), "Adam's state"));
-    CLN_TRY(cln_alloc(&out->adam_steps, leaves, sizeof *out->adam_steps, "Adam's state"));
-    CLN_TRY(cln_alloc(&out->density, leaves * cells_of(out), sizeof *out->density, "densities"));
-    CLN_TRY(cln_alloc(&out->sums, leaves * 2 * CLN_MEASURES, sizeof *out->sums, "measures"));
-    CLN_TRY(cln_alloc(&out->met, leaves, sizeof *out->met, "measures"));
+    CLN_TRY(cln_model_make_room(out, true));
     CLN_TRY(cln_alloc(&out->error, leaves, sizeof *out->error, "measures"));
     CLN_TRY(cln_alloc(&out->saved, leaves, sizeof *out->saved, "measures"));
     fill_nan(out->error, leaves);
@@ -218,6 +257,18 @@ done:
         free(model->params);
         model->params = NULL;
     }
+    return st;
+}
+
+cln_status cln_model_follow(cln_model *model, const cln_octree_change *change)
+{
+    cln_status st = CLN_OK;
+
+    CLN_ASSERT(change->count == model->tree.leaf_count);
+    free_carried(model);
+    CLN_TRY(carry_known(change, &model->error));
+    CLN_TRY(carry_known(change, &model->saved));
+done:
     return st;
 }
 

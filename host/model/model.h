@@ -56,6 +56,15 @@ void cln_model_free(cln_model *model); /* accepts a zeroed model */
  * next refresh) and what was measured (new leaves start afresh). CLN_MEMORY: the model has no weights any more. */
 cln_status cln_model_apply(cln_model *model, const cln_octree_change *change);
 
+/* The same of a model whose leaves are carried over elsewhere (pipeline/carry.h): carries error and saved, and
+ * gives up params, training state and measures, which are of the tree before; cln_model_make_room and a
+ * download bring them back. CLN_MEMORY. */
+cln_status cln_model_follow(cln_model *model, const cln_octree_change *change);
+
+/* Makes the arrays of params, and of training state and measures if `training`, that are not there; zeros.
+ * CLN_MEMORY. */
+cln_status cln_model_make_room(cln_model *model, bool training);
+
 /* Starts a new interval of measuring: sums, samples and rays back to zero. Not between a change of the
  * tree and cln_model_apply. */
 void cln_model_restart_measures(cln_model *model);

@@ -99,6 +99,26 @@ done:
     return st;
 }
 
+cln_status cln_octree_change_join(cln_octree_change *change, const cln_octree_change *next)
+{
+    cln_status st = CLN_OK;
+    cln_octree_change both = {0};
+
+    CLN_TRY(change_alloc(next->count, &both));
+    for (int s = 0; s < next->count; s++) {
+        const int between = next->from[s];
+
+        CLN_ASSERT(between < change->count);
+        CLN_ASSERT(next->octant[s] == CLN_COPIED || change->octant[between] == CLN_COPIED);
+        both.from[s] = change->from[between];
+        both.octant[s] = next->octant[s] == CLN_COPIED ? change->octant[between] : next->octant[s];
+    }
+    cln_octree_change_free(change);
+    *change = both;
+done:
+    return st;
+}
+
 /* Gives a leaf eight ACTIVE children; its own slot stays for renumber() to see. Room is there. */
 static void add_children(cln_octree *tree, int node)
 {

@@ -62,6 +62,9 @@ bool cln_octree_can_merge(const cln_octree *tree, int slot);
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
 
+/* *change becomes both changes in one: itself, then `next`. A leaf is new in one of them at most. CLN_MEMORY. */
+cln_status cln_octree_change_join(cln_octree_change *change, const cln_octree_change *next);
+
 /* An independent copy. */
 cln_status cln_octree_copy(const cln_octree *tree, cln_octree *out);
 

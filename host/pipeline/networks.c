@@ -214,11 +214,11 @@ done:
 
 /* update false: gradients to p->grads, each slice's at its number. */
 static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
-                                  uint32_t step_key, bool update, double lr)
+                                  uint32_t step_key, bool update, cl_uint least, double lr)
 {
     cln_status st = CLN_OK;
     const cl_uint slices = slice_count, key = step_key, updates = update;
-    const cl_uint half = (cl_uint)p->tune.sl / 2, least = (cl_uint)p->config.min_leaf_samples;
+    const cl_uint half = (cl_uint)p->tune.sl / 2;
     const cl_float rate = (float)lr;
 
     CLN_TRY(cln_pipeline_slice_rows(p, &p->grads, (size_t)gradients,
@@ -236,10 +236,10 @@ done:
     return st;
 }
 
-static cln_status count_updates(cln_pipeline *p)
+static cln_status count_updates(cln_pipeline *p, cl_uint least)
 {
     const size_t wg = (size_t)p->tune.wg;
-    const cl_uint leaves = (cl_uint)p->leaves, least = (cl_uint)p->config.min_leaf_samples;
+    const cl_uint leaves = (cl_uint)p->leaves;
 
     return CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
@@ -248,10 +248,11 @@ static cln_status count_updates(cln_pipeline *p)
 }
 
 /* Leaves of at least min_slices slices. half_slice: where gradients are (kernels/mlp.cl). */
-static cln_status launch_adam(cln_pipeline *p, cl_uint min_slices, cl_uint half_slice, double lr)
+static cln_status launch_adam(cln_pipeline *p, cl_uint least, cl_uint min_slices,
+                              cl_uint half_slice, double lr)
 {
     const size_t leaves = (size_t)p->leaves;
-    const cl_uint count = (cl_uint)leaves, least = (cl_uint)p->config.min_leaf_samples;
+    const cl_uint count = (cl_uint)leaves;
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
     const cl_float rate = (float)lr;
 
@@ -271,39 +272,39 @@ cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t s
     cln_status st = CLN_OK;
 
     CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, 0, p->config.roulette, step_key));
-    CLN_TRY(launch_backward(p, slice_count, slice_count, step_key, false, 0));
+    CLN_TRY(launch_backward(p, slice_count, slice_count, step_key, false, 0, 0));
 done:
     return st;
 }
 
-cln_status cln_stage_adam(cln_pipeline *p, double lr)
+cln_status cln_stage_adam(cln_pipeline *p, uint32_t min_samples, double lr)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(count_updates(p));
-    CLN_TRY(launch_adam(p, 1, 0, lr));
+    CLN_TRY(count_updates(p, min_samples));
+    CLN_TRY(launch_adam(p, min_samples, 1, 0, lr));
 done:
     return st;
 }
 
 cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
-                            uint32_t step_key, double lr)
+                            uint32_t min_samples, uint32_t step_key, double lr)
 {
     cln_status st = CLN_OK;
     const double gradients = cln_pipeline_gradients(&p->tune, sample_count, slice_count);
 
-    CLN_TRY(count_updates(p));
-    CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, (uint32_t)p->config.min_leaf_samples,
-                               p->config.roulette, step_key));
-    CLN_TRY(launch_backward(p, gradients, slice_count, step_key, true, lr));
+    CLN_TRY(count_updates(p, min_samples));
+    CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, min_samples, p->config.roulette,
+                               step_key));
+    CLN_TRY(launch_backward(p, gradients, slice_count, step_key, true, min_samples, lr));
     if (sample_count > (uint32_t)p->tune.sl)
-        CLN_TRY(launch_adam(p, 2, p->tune.leaf ? (cl_uint)p->tune.sl / 2 : 0, lr));
+        CLN_TRY(launch_adam(p, min_samples, 2, p->tune.leaf ? (cl_uint)p->tune.sl / 2 : 0, lr));
 done:
     return st;
 }
 
-cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,
-                             uint32_t step)
+static cln_status refresh(cln_pipeline *p, const cln_buffer *density, int first, int count,
+                          bool jitter, uint64_t seed, uint32_t step)
 {
     const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, begin = (cl_uint)first, key = step,
                   shake = jitter;
@@ -312,8 +313,31 @@ cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter,
 
     return CLN_LAUNCH(p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)count * per_leaf,
                       (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
-                      CLN_LEAF_ARG(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
+                      CLN_LEAF_ARG_OF(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
                       CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin));
+}
+
+cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,
+                             uint32_t step)
+{
+    return refresh(p, &p->density, first, count, jitter, seed, step);
+}
+
+cln_status cln_stage_picture_densities(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    const size_t n1 = (size_t)p->config.n1;
+
+    CLN_TRY(cln_pipeline_leaf_rows(p, &p->picture_density, n1 * n1 * n1 * sizeof(uint16_t),
+                                   "densities of pictures"));
+    CLN_TRY(refresh(p, &p->picture_density, 0, p->leaves, false, 0, 0));
+done:
+    return st;
+}
+
+void cln_stage_picture_release(cln_pipeline *p)
+{
+    cln_buffer_free(p->device, &p->picture_density);
 }
 
 cln_status cln_stage_seen(cln_pipeline *p)

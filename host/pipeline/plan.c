@@ -7,6 +7,7 @@
 
 #include "base/config.h"
 #include "base/memory.h"
+#include "pipeline/carry.h"
 #include "io/progress.h"
 
 static const char *const per_leaf = "--start-level, --max-leaves, --width or --depth";
@@ -236,6 +237,10 @@ static void add_tree(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add_rows(out, s->leaves, s->part_leaves, s->cells); /* seen */
         add(out, 8 * s->leaves);                            /* mean and peak */
     }
+    if (d->training) { /* an array's successor, or the densities of pictures; never both */
+        row(out, "changes of the tree", per_leaf);
+        add_rows(out, s->leaves, s->part_leaves, fmax(fmax(s->params, s->moments), 2 * s->cells));
+    }
     row(out, "tree and cameras", "--max-leaves");
     add(out, 16 * s->leaves);           /* boxes */
     add(out, 4 << (3 * CLN_MAX_LEVEL)); /* map */
@@ -292,8 +297,8 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     if (d->training) {
         add(out, 2 * s->leaves * s->moments);
         add(out, densities);
-        row(out, "changes of the tree", per_leaf); /* one array and its successor */
-        add(out, params);
+        row(out, "changes of the tree", per_leaf);
+        add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * s->params); /* leaves folded at a time */
         if (s->distil) /* every eighth leaf may come from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
         row(out, "coverage of the images", "the number of views");

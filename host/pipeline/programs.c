@@ -255,6 +255,7 @@ static void free_programs(cln_pipeline *p)
     cln_program_free(&p->roulette);
     cln_program_free(&p->adam);
     cln_program_free(&p->stats);
+    cln_program_free(&p->carry);
     cln_program_free(&p->regularise);
     cln_program_free(&p->distil);
 }
@@ -287,6 +288,7 @@ static cln_status build(cln_pipeline *out)
     BUILD(roulette);
     LEAVES(adam);
     LEAVES(stats);
+    LEAVES(carry);
 #define X(kernel, program) CLN_TRY(cln_kernel_create(&out->program, #kernel, &out->k.kernel));
     CLN_KERNEL_LIST(X)
     CLN_TRY(cln_kernel_create(&out->mlp_forward_eval, "mlp_forward", &out->k.mlp_forward_eval));
@@ -409,19 +411,35 @@ done:
 void cln_pipeline_free(cln_pipeline *p)
 {
     cln_device *device = p->device;
-    cln_buffer *const buffers[] = {
-        &p->boxes,       &p->map,          &p->params,        &p->transposed,    &p->adam_m,
-        &p->heads,       &p->chosen,       &p->chosen_counts, &p->adam_v,        &p->adam_steps,
-        &p->norms,       &p->density,      &p->seen,          &p->leaf_stats,    &p->cameras,
-        &p->pixels,      &p->ray_o,        &p->ray_d,         &p->targets,       &p->backgrounds,
-        &p->results,     &p->intervals,    &p->used,          &p->sample_counts, &p->sample_starts,
-        &p->samples,     &p->begin,        &p->end,           &p->slice_counts,  &p->slice_starts,
-        &p->slices,      &p->out,          &p->dout,          &p->acts,          &p->grads,
-        &p->batch_views, &p->splat_counts, &p->splat_starts,  &p->grids,         &p->list_start,
-        &p->list_count,  &p->list_t,       &p->list_sigma,    &p->padded_t,      &p->padded_sigma,
-        &p->keys64[0],   &p->keys64[1],    &p->sums,          &p->digit_counts,  &p->keys[0],
-        &p->keys[1],     &p->values[0],    &p->values[1],     &p->leaf_sums,     &p->leaf_met,
-        &p->measures,    &p->losses};
+    cln_buffer *const buffers[] = {&p->boxes,         &p->map,
+                                   &p->params,        &p->transposed,
+                                   &p->adam_m,        &p->heads,
+                                   &p->chosen,        &p->chosen_counts,
+                                   &p->adam_v,        &p->adam_steps,
+                                   &p->norms,         &p->density,
+                                   &p->seen,          &p->leaf_stats,
+                                   &p->cameras,       &p->pixels,
+                                   &p->ray_o,         &p->ray_d,
+                                   &p->targets,       &p->backgrounds,
+                                   &p->results,       &p->intervals,
+                                   &p->used,          &p->sample_counts,
+                                   &p->sample_starts, &p->samples,
+                                   &p->begin,         &p->end,
+                                   &p->slice_counts,  &p->slice_starts,
+                                   &p->slices,        &p->out,
+                                   &p->dout,          &p->acts,
+                                   &p->grads,         &p->batch_views,
+                                   &p->splat_counts,  &p->splat_starts,
+                                   &p->grids,         &p->list_start,
+                                   &p->list_count,    &p->list_t,
+                                   &p->list_sigma,    &p->padded_t,
+                                   &p->padded_sigma,  &p->keys64[0],
+                                   &p->keys64[1],     &p->sums,
+                                   &p->digit_counts,  &p->keys[0],
+                                   &p->keys[1],       &p->values[0],
+                                   &p->values[1],     &p->leaf_sums,
+                                   &p->leaf_met,      &p->measures,
+                                   &p->losses,        &p->picture_density};
 
     if (!device)
         return;

@@ -31,10 +31,16 @@ static void add(arguments *a, size_t bytes, const void *value)
 }
 #define ADD(a, x) add(a, sizeof(x), &(x))
 
-static void add_stage1_front(cln_pipeline *p, arguments *a, const cl_uint *n1)
+static const cln_buffer *densities(const cln_pipeline *p, const cln_sampling *s)
+{
+    return s->pictures ? &p->picture_density : &p->density;
+}
+
+static void add_stage1_front(cln_pipeline *p, const cln_sampling *s, arguments *a,
+                             const cl_uint *n1)
 {
     if (p->config.stage1 == CLN_STAGE1_GATHER) {
-        a->args[a->count++] = (cln_arg)CLN_LEAF_ARG(p, density);
+        a->args[a->count++] = (cln_arg)CLN_LEAF_ARG_OF(p, densities(p, s));
         ADD(a, p->boxes.mem);
         ADD(a, *n1);
     } else {
@@ -73,7 +79,7 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
     arguments a = {.count = 0};
 
-    add_stage1_front(p, &a, &n1);
+    add_stage1_front(p, s, &a, &n1);
     ADD(&a, p->ray_o.mem);
     ADD(&a, p->ray_d.mem);
     ADD(&a, p->map.mem);
@@ -107,7 +113,7 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
     arguments a = {.count = 0};
 
-    add_stage1_front(p, &a, &n1);
+    add_stage1_front(p, s, &a, &n1);
     ADD(&a, p->ray_o.mem);
     ADD(&a, p->ray_d.mem);
     ADD(&a, p->intervals.mem);
@@ -178,14 +184,14 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     CLN_TRY(cln_buffer_reserve(device, &p->sample_counts, rays * sizeof(cl_uint), "samples"));
     CLN_TRY(cln_buffer_reserve(device, &p->sample_starts, (rays + 1) * sizeof(cl_uint), "samples"));
     if (splat) {
-        CLN_TRY(cln_stage_splat_plan(p, n, &groups, &group_count));
+        CLN_TRY(cln_stage_splat_plan(p, densities(p, s), n, &groups, &group_count));
     } else {
         groups = &all;
         group_count = 1;
     }
     for (int g = 0; g < group_count; g++) {
         if (splat)
-            CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
+            CLN_TRY(cln_stage_splat_lists(p, densities(p, s), &groups[g]));
         CLN_TRY(fill(p, s, &groups[g], n));
     }
     CLN_TRY(
@@ -207,7 +213,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
                                "samples"));
     for (int g = 0; g < group_count; g++) {
         if (splat && group_count > 1) /* a single group's lists are still there */
-            CLN_TRY(cln_stage_splat_lists(p, &groups[g]));
+            CLN_TRY(cln_stage_splat_lists(p, densities(p, s), &groups[g]));
         CLN_TRY(emit(p, s, &groups[g], n, *sample_count));
     }
 done:

@@ -66,7 +66,8 @@ done:
 }
 
 /* Launches splat_count, or splat_emit once the counts are scanned. */
-static cln_status project(cln_pipeline *p, const cln_splat_group *g, bool emit, cl_uint *items)
+static cln_status project(cln_pipeline *p, const cln_buffer *density, const cln_splat_group *g,
+                          bool emit, cl_uint *items)
 {
     const cl_uint n1 = (cl_uint)p->config.n1, total = (cl_uint)p->leaves * n1 * n1 * n1;
     const cl_uint run = RUN, runs = (cl_uint)cln_groups(total, RUN);
@@ -79,19 +80,20 @@ static cln_status project(cln_pipeline *p, const cln_splat_group *g, bool emit, 
     if (!emit)
         return CLN_LAUNCH(p->device, p->k.splat_count, CLN_STAGE_PROJECT, *items, wg,
                           CLN_ARG(p->cameras.mem), CLN_ARG(p->batch_views.mem),
-                          CLN_LEAF_ARG(p, density), CLN_ARG(p->boxes.mem), CLN_ARG(p->grids.mem),
+                          CLN_LEAF_ARG_OF(p, density), CLN_ARG(p->boxes.mem), CLN_ARG(p->grids.mem),
                           CLN_ARG(p->splat_counts.mem), CLN_ARG(first), CLN_ARG(views),
                           CLN_ARG(total), CLN_ARG(n1), CLN_ARG(run), CLN_ARG(runs),
                           CLN_ARG(row_begin), CLN_ARG(row_end), CLN_ARG(min_alpha));
     return CLN_LAUNCH(
         p->device, p->k.splat_emit, CLN_STAGE_PROJECT, *items, wg, CLN_ARG(p->cameras.mem),
-        CLN_ARG(p->batch_views.mem), CLN_LEAF_ARG(p, density), CLN_ARG(p->boxes.mem),
+        CLN_ARG(p->batch_views.mem), CLN_LEAF_ARG_OF(p, density), CLN_ARG(p->boxes.mem),
         CLN_ARG(p->grids.mem), CLN_ARG(p->splat_starts.mem), CLN_ARG(p->keys64[0].mem),
         CLN_ARG(p->values[0].mem), CLN_ARG(first), CLN_ARG(views), CLN_ARG(total), CLN_ARG(n1),
         CLN_ARG(run), CLN_ARG(runs), CLN_ARG(row_begin), CLN_ARG(row_end), CLN_ARG(min_alpha));
 }
 
-static cln_status count_entries(cln_pipeline *p, const cln_splat_group *g, uint32_t *entries)
+static cln_status count_entries(cln_pipeline *p, const cln_buffer *density,
+                                const cln_splat_group *g, uint32_t *entries)
 {
     cln_status st = CLN_OK;
     const size_t n1 = (size_t)p->config.n1;
@@ -102,7 +104,7 @@ static cln_status count_entries(cln_pipeline *p, const cln_splat_group *g, uint3
                                (size_t)g->views * runs * sizeof(cl_uint), "splat counts"));
     CLN_TRY(cln_buffer_reserve(p->device, &p->splat_starts,
                                ((size_t)g->views * runs + 1) * sizeof(cl_uint), "splat counts"));
-    CLN_TRY(project(p, g, false, &items));
+    CLN_TRY(project(p, density, g, false, &items));
     CLN_TRY(
         cln_stage_scan(p, &p->splat_counts, &p->splat_starts, items, CLN_STAGE_PROJECT, entries));
 done:
@@ -129,7 +131,8 @@ static void find_rays(const cln_pipeline *p, cln_splat_group *g)
     g->rays = end - first;
 }
 
-cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups, int *count)
+cln_status cln_stage_splat_plan(cln_pipeline *p, const cln_buffer *density, int n,
+                                cln_splat_group **groups, int *count)
 {
     cln_status st = CLN_OK;
     cln_splat_group *stack = NULL;
@@ -161,7 +164,7 @@ cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups
         find_rays(p, &g);
         if (g.rays == 0)
             continue;
-        CLN_TRY(count_entries(p, &g, &entries));
+        CLN_TRY(count_entries(p, density, &g, &entries));
         if (entries <= p->max_entries) {
             CLN_ASSERT(*count < capacity);
             (*groups)[(*count)++] = g;
@@ -238,7 +241,8 @@ done:
     return st;
 }
 
-cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
+cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_buffer *density,
+                                 const cln_splat_group *g)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
@@ -249,7 +253,7 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
     cl_uint items = 0, n = 0;
     int bits = 32;
 
-    CLN_TRY(count_entries(p, g, &entries));
+    CLN_TRY(count_entries(p, density, g, &entries));
     n = entries;
     for (int b = 0; b < 2; b++) {
         CLN_TRY(cln_buffer_reserve(device, &p->keys64[b], n * sizeof(cl_ulong), "splat keys"));
@@ -257,7 +261,7 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
     }
     CLN_TRY(cln_buffer_reserve(device, &p->list_t, n * sizeof(float), "splat lists"));
     CLN_TRY(cln_buffer_reserve(device, &p->list_sigma, n * sizeof(float), "splat lists"));
-    CLN_TRY(project(p, g, true, &items));
+    CLN_TRY(project(p, density, g, true, &items));
     while (bits < 64 && (lists - 1) >> (bits - 32))
         bits++;
     CLN_TRY(cln_stage_sort(p, p->keys64, p->values, n, bits, true, CLN_STAGE_SORT));
@@ -266,8 +270,8 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *g)
                        CLN_ARG(lists)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_read, CLN_STAGE_SORT, cln_groups(n, wg), wg,
                        CLN_ARG(p->keys64[0].mem), CLN_ARG(p->values[0].mem),
-                       CLN_LEAF_ARG(p, density), CLN_ARG(p->list_t.mem), CLN_ARG(p->list_sigma.mem),
-                       CLN_ARG(n), CLN_ARG(cells)));
+                       CLN_LEAF_ARG_OF(p, density), CLN_ARG(p->list_t.mem),
+                       CLN_ARG(p->list_sigma.mem), CLN_ARG(n), CLN_ARG(cells)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_lengths, CLN_STAGE_SORT, cln_groups(lists, wg), wg,
                        CLN_ARG(p->list_start.mem), CLN_ARG(p->list_count.mem), CLN_ARG(lists)));
     if (p->config.lists == CLN_LISTS_PADDED)

@@ -43,6 +43,8 @@
     X(adam_count, adam)           \
     X(adam, adam)                 \
     X(transpose, adam)            \
+    X(carry_rows, carry)          \
+    X(carry_densities, carry)     \
     X(stats_seen, stats)          \
     X(stats_leaf, stats)
 
@@ -80,7 +82,7 @@ typedef struct cln_pipeline {
     int parts, part_leaves, part_slices;
 
     cln_program scan, sort64, rays, sampling, splat, group, mlp_density, mlp_forward_train,
-        mlp_forward_eval, mlp_backward, composite, roulette, adam, stats, regularise, distil;
+        mlp_forward_eval, mlp_backward, composite, roulette, adam, stats, carry, regularise, distil;
     struct {
 #define X(kernel, program) cl_kernel kernel;
         CLN_KERNEL_LIST(X)
@@ -102,7 +104,8 @@ typedef struct cln_pipeline {
         transposed; /* float [leaf][wt] for the input gradients, P; training without tune.leaf */
     cln_buffer adam_m, adam_v;      /* [leaf][params] float or bfloat16, P */
     cln_buffer adam_steps, norms;   /* int [leaf], float [leaf] */
-    cln_buffer density;             /* bfloat16 [leaf][n1^3], P */
+    cln_buffer density;             /* bfloat16 [leaf][n1^3], P; training's */
+    cln_buffer picture_density;     /* the same at cell centres, while pictures are made */
     cln_buffer seen;                /* uchar [leaf][n1^3], P */
     cln_buffer leaf_stats;          /* float2 [leaf] */
     cln_buffer leaf_sums, leaf_met; /* float2 [leaf][CLN_MEASURES], int [leaf]; if measured */
@@ -155,9 +158,10 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
 
 /* An array P as an argument of a kernel. */
-#define CLN_LEAF_ARG(p, array)                      \
-    {                                               \
-        sizeof(cl_mem), (p)->array.part, (p)->parts \
+#define CLN_LEAF_ARG(p, array) CLN_LEAF_ARG_OF(p, &(p)->array)
+#define CLN_LEAF_ARG_OF(p, buffer)                 \
+    {                                              \
+        sizeof(cl_mem), (buffer)->part, (p)->parts \
     }
 
 /* Leaves, and gradients, whose every row fits the device's largest allocation: what one part holds. At least 1. */
@@ -200,8 +204,13 @@ int cln_pipeline_transposed(const cln_network *net);
  * of slices that share a leaf (kernels/mlp.cl). */
 double cln_pipeline_gradients(const cln_tune *tune, double samples, double slices);
 
+/* Uploads a tree alone: boxes, map, room for runs and slices of its leaves. Their arrays P are the caller's. */
+cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree);
+/* Makes what follows from a training pipeline's leaves and weights: room for norms, transposed weights. */
+cln_status cln_pipeline_derive(cln_pipeline *p);
 /* Uploads tree and weights, and the training state if `training`; densities if the model has them.
- * Download: params, and the training state if `training`, into the model's arrays. Reads back. */
+ * Download: params, and the training state if `training`, into the model's arrays, which are made if they
+ * are not there. Reads back. A change of the tree goes without either (carry.h). */
 cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training);
 cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
 
@@ -222,6 +231,7 @@ cln_status cln_stage_rays(cln_pipeline *p, int n);
 
 typedef struct cln_sampling {
     bool jitter;             /* training: random positions, roulette; else midpoints */
+    bool pictures;           /* densities: p->picture_density; else p->density */
     float min_transmittance; /* leaves behind less transmittance are left out; 0 = none */
     float uniform_share, empty_weight, empty_share;
     uint64_t seed;
@@ -263,13 +273,14 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
  * samples: p->heads, p->chosen, p->chosen_counts. Both forms of the backward pass below begin with it, by config.roulette. */
 cln_status cln_stage_roulette(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                               uint32_t min_samples, double cutoff, uint32_t step_key);
-/* Gradients of all slices, p->grads [slice][params]; then Adam with them. */
+/* Gradients of all slices, p->grads [slice][params]; then Adam with them, on leaves with at least min_samples
+ * samples. */
 cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                               uint32_t step_key);
-cln_status cln_stage_adam(cln_pipeline *p, double lr);
+cln_status cln_stage_adam(cln_pipeline *p, uint32_t min_samples, double lr);
 /* The same as these two, bit for bit, in one pass over leaves of one slice; their gradients are not kept. */
 cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
-                            uint32_t step_key, double lr);
+                            uint32_t min_samples, uint32_t step_key, double lr);
 
 /* Adds what composite_train measured of the first `samples` samples to leaf_sums and leaf_met; nothing
  * if nothing is measured. Reset: both to zero. Read: leaf_sums [leaf][CLN_MEASURES][2], leaf_met. */
@@ -287,6 +298,10 @@ cln_status cln_stage_distil_gradient(cln_pipeline *p, uint32_t samples, double s
 cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,
                              uint32_t step);
 
+/* Densities of pictures: of all leaves, at cell centres, to p->picture_density. Release: frees them. */
+cln_status cln_stage_picture_densities(cln_pipeline *p);
+void cln_stage_picture_release(cln_pipeline *p);
+
 /* Which cells some view sees (after a change of structure), and mean and peak per leaf: stats[leaf][2]
  * (reads back). */
 cln_status cln_stage_seen(cln_pipeline *p);
@@ -294,12 +309,15 @@ cln_status cln_stage_stats(cln_pipeline *p, float *stats);
 
 /* Stage 1 by splatting (splat.c): a batch's views are projected together if their entries fit
  * max_entries, else in groups of views or bands of rows. plan counts and cuts; lists builds the lists
- * of one group for rays [first_ray, first_ray + rays). Both read back totals. */
+ * of one group for rays [first_ray, first_ray + rays). density: p->density or p->picture_density. Both read
+ * back totals. */
 typedef struct cln_splat_group {
     int first_view, views, row_begin, row_end, first_ray, rays;
 } cln_splat_group;
-cln_status cln_stage_splat_plan(cln_pipeline *p, int n, cln_splat_group **groups, int *count);
-cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_splat_group *group);
+cln_status cln_stage_splat_plan(cln_pipeline *p, const cln_buffer *density, int n,
+                                cln_splat_group **groups, int *count);
+cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_buffer *density,
+                                 const cln_splat_group *group);
 void cln_stage_splat_release(cln_pipeline *p); /* frees what grows with the entries */
 
 /* Elements of the sort per entry of its table of counts, and most chunks per compute unit. */

@@ -93,22 +93,36 @@ static size_t cells(const cln_pipeline *p)
     return (size_t)p->config.n1 * (size_t)p->config.n1 * (size_t)p->config.n1;
 }
 
+/* What follows from a training pipeline's leaves and weights: room for norms, and transposed weights. */
+cln_status cln_pipeline_derive(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->leaves;
+    const size_t transposed =
+        p->tune.leaf ? 0 : (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
+    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
+
+    CLN_TRY(fit(p->device, &p->norms, leaves * sizeof(float), "norms"));
+    CLN_TRY(cln_pipeline_leaf_rows(p, &p->transposed, transposed, "transposed weights"));
+    if (!p->tune.leaf)
+        CLN_TRY(CLN_LAUNCH(p->device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts,
+                           (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed),
+                           CLN_ARG(parts)));
+done:
+    return st;
+}
+
 static cln_status upload_training(cln_pipeline *p, const cln_model *model)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const size_t leaves = (size_t)p->leaves;
     const size_t row = (size_t)p->net.params * cln_moment_bytes(&p->config);
-    const size_t transposed =
-        p->tune.leaf ? 0 : (size_t)cln_pipeline_transposed(&p->net) * sizeof(float);
-    const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
 
     CLN_TRY(put_leaf_rows(p, &p->adam_m, model->adam_m, row, "Adam's first moments"));
     CLN_TRY(put_leaf_rows(p, &p->adam_v, model->adam_v, row, "Adam's second moments"));
     CLN_TRY(fit_and_put(device, &p->adam_steps, model->adam_steps, leaves * sizeof(cl_int),
                         "step counts"));
-    CLN_TRY(fit(device, &p->norms, leaves * sizeof(float), "norms"));
-    CLN_TRY(cln_pipeline_leaf_rows(p, &p->transposed, transposed, "transposed weights"));
     if (cln_pipeline_measures(&p->config) > 0) {
         CLN_TRY(fit_and_put(device, &p->leaf_sums, model->sums,
                             leaves * 2 * CLN_MEASURES * sizeof(float), "measures of leaves"));
@@ -117,46 +131,53 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
     }
     cln_buffer_free(device, &p->grads); /* sized by the leaves of the batches so far */
     cln_buffer_free(device, &p->seen);  /* of the leaves before */
-    if (!p->tune.leaf)
-        CLN_TRY(CLN_LAUNCH(device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts,
-                           (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed),
-                           CLN_ARG(parts)));
+    CLN_TRY(cln_pipeline_derive(p));
 done:
+    return st;
+}
+
+cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    float *boxes = NULL;
+    int32_t *map = NULL;
+    const size_t leaves = (size_t)tree->leaf_count;
+
+    CLN_TRY(cln_pipeline_split(p, tree->leaf_count));
+    p->leaves = (int)leaves;
+    p->depth = cln_octree_depth(tree);
+    CLN_TRY(cln_octree_boxes(tree, &boxes));
+    CLN_TRY(cln_octree_map(tree, p->depth, &map));
+    CLN_TRY(put(device, &p->boxes, boxes, leaves * 4 * sizeof(float), "leaf boxes"));
+    CLN_TRY(put(device, &p->map, map, sizeof(int32_t) << (3 * p->depth), "leaf map"));
+    CLN_TRY(cln_buffer_reserve(device, &p->begin, leaves * sizeof(cl_uint), "leaf runs"));
+    CLN_TRY(cln_buffer_reserve(device, &p->end, leaves * sizeof(cl_uint), "leaf runs"));
+    CLN_TRY(cln_buffer_reserve(device, &p->slice_counts, leaves * sizeof(cl_uint), "slice counts"));
+    CLN_TRY(cln_buffer_reserve(device, &p->slice_starts, (leaves + 1) * sizeof(cl_uint),
+                               "slice counts"));
+done:
+    free(boxes);
+    free(map);
     return st;
 }
 
 cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training)
 {
     cln_status st = CLN_OK;
-    cln_device *device = p->device;
-    float *boxes = NULL;
-    int32_t *map = NULL;
-    const size_t leaves = (size_t)model->tree.leaf_count;
 
-    CLN_TRY(cln_pipeline_split(p, model->tree.leaf_count));
-    p->leaves = (int)leaves;
-    p->depth = cln_octree_depth(&model->tree);
-    CLN_TRY(cln_octree_boxes(&model->tree, &boxes));
-    CLN_TRY(cln_octree_map(&model->tree, p->depth, &map));
-    CLN_TRY(put(device, &p->boxes, boxes, leaves * 4 * sizeof(float), "leaf boxes"));
-    CLN_TRY(put(device, &p->map, map, sizeof(int32_t) << (3 * p->depth), "leaf map"));
+    CLN_TRY(cln_pipeline_tree(p, &model->tree));
     CLN_TRY(put_leaf_rows(p, &p->params, model->params, (size_t)p->net.params * sizeof(float),
                           "network weights"));
-    CLN_TRY(
-        cln_pipeline_leaf_rows(p, &p->density, cells(p) * sizeof(uint16_t), "stage-1 densities"));
+    if (training || model->density)
+        CLN_TRY(cln_pipeline_leaf_rows(p, &p->density, cells(p) * sizeof(uint16_t),
+                                       "stage-1 densities"));
     if (model->density)
-        CLN_TRY(cln_buffer_write(device, &p->density, 0, model->density,
-                                 leaves * cells(p) * sizeof(uint16_t)));
-    CLN_TRY(cln_buffer_reserve(device, &p->begin, leaves * sizeof(cl_uint), "leaf runs"));
-    CLN_TRY(cln_buffer_reserve(device, &p->end, leaves * sizeof(cl_uint), "leaf runs"));
-    CLN_TRY(cln_buffer_reserve(device, &p->slice_counts, leaves * sizeof(cl_uint), "slice counts"));
-    CLN_TRY(cln_buffer_reserve(device, &p->slice_starts, (leaves + 1) * sizeof(cl_uint),
-                               "slice counts"));
+        CLN_TRY(cln_buffer_write(p->device, &p->density, 0, model->density,
+                                 (size_t)p->leaves * cells(p) * sizeof(uint16_t)));
     if (training)
         CLN_TRY(upload_training(p, model));
 done:
-    free(boxes);
-    free(map);
     return st;
 }
 
@@ -169,6 +190,7 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
     const size_t moments = weights * cln_moment_bytes(&p->config);
 
     CLN_ASSERT(model->tree.leaf_count == p->leaves);
+    CLN_TRY(cln_model_make_room(model, training));
     CLN_TRY(cln_buffer_read(device, &p->params, 0, model->params, weights * sizeof(float)));
     if (training) {
         CLN_TRY(cln_buffer_read(device, &p->adam_m, 0, model->adam_m, moments));

@@ -167,6 +167,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
     if (tree)
         CLN_TRY(cln_tree_describe(model, drawn, folder));
 done:
+    cln_render_release(p);
     json_decref(drawn);
     return st;
 }

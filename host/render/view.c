@@ -1,4 +1,4 @@
-/* Renders a view in batches of rays, top to bottom. See render.h. */
+/* A view in batches of rays, top to bottom. See view.h. */
 #include "render/view.h"
 
 #include <signal.h>
@@ -7,6 +7,7 @@
 
 #include "base/memory.h"
 #include "pipeline/plan.h"
+#include "render/ray_batch.h"
 
 void cln_picture_free(cln_picture *picture)
 {
@@ -18,36 +19,12 @@ void cln_picture_free(cln_picture *picture)
 
 cln_status cln_render_prepare(cln_pipeline *p)
 {
-    return cln_stage_refresh(p, 0, p->leaves, false, 0, 0);
+    return cln_stage_picture_densities(p);
 }
 
-/* Rays [first, first + n) of the view in reading order; *done of them were rendered. */
-static cln_status render_batch(cln_pipeline *p, const cln_pixel *pixels, int n,
-                               const float *backgrounds, bool axis_depth, cln_ray_result *results,
-                               int *done_rays)
+void cln_render_release(cln_pipeline *p)
 {
-    cln_status st = CLN_OK;
-    const size_t wanted = (size_t)p->config.batch_samples;
-    const cln_sampling sampling = {
-        .jitter = false,
-        .min_transmittance = (float)p->config.render_min_transmittance,
-        .uniform_share = 0,
-        .empty_weight = (float)p->config.empty_weight,
-        .empty_share = p->config.empty_weight > 0 ? 0 : 1,
-        .max_samples = p->max_samples > 0 && p->max_samples < wanted ? p->max_samples : wanted};
-    uint32_t samples = 0, slices = 0;
-
-    CLN_TRY(cln_pipeline_batch(p, pixels, n, NULL, backgrounds));
-    CLN_TRY(cln_stage_rays(p, n));
-    CLN_TRY(cln_stage_sample(p, n, &sampling, done_rays, &samples));
-    CLN_TRY(cln_stage_group(p, samples, &slices));
-    CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
-    CLN_TRY(cln_stage_composite(p, *done_rays, axis_depth));
-    CLN_TRY(
-        cln_buffer_read(p->device, &p->results, 0, results, (size_t)*done_rays * sizeof *results));
-    CLN_TRY(cln_device_finish(p->device));
-done:
-    return st;
+    cln_stage_picture_release(p);
 }
 
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
@@ -61,6 +38,7 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
     cln_pixel *pixels = NULL;
     cln_ray_result *results = NULL;
     float(*backgrounds)[4] = NULL;
+    cln_ray_batch batch = {.axis_depth = axis_depth, .sampling = cln_render_sampling(p)};
 
     memset(out, 0, sizeof *out);
     out->width = width;
@@ -71,6 +49,8 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
     CLN_TRY(cln_alloc(&pixels, (size_t)most, sizeof *pixels, "ray batch"));
     CLN_TRY(cln_alloc(&results, (size_t)most, sizeof *results, "ray batch"));
     CLN_TRY(cln_alloc(&backgrounds, (size_t)most, sizeof *backgrounds, "ray batch"));
+    batch.pixels = pixels;
+    batch.backgrounds = (const float(*)[4])backgrounds;
     for (int i = 0; i < most; i++)
         memcpy(backgrounds[i], background, 3 * sizeof(float));
     for (int first = 0, done_rays = 0; first < total; first += done_rays) {
@@ -86,7 +66,8 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
             pixels[i] = (cln_pixel){.view = (cln_u32)view,
                                     .x = (cln_u32)((first + i) % width),
                                     .y = (cln_u32)((first + i) / width)};
-        CLN_TRY(render_batch(p, pixels, n, backgrounds[0], axis_depth, results, &done_rays));
+        batch.n = n;
+        CLN_TRY(cln_render_rays(p, &batch, results, &done_rays));
         for (int i = 0; i < done_rays; i++) {
             const cln_ray_result *r = &results[i];
 

@@ -1,5 +1,5 @@
-/* One view rendered with a pipeline whose tree and weights are uploaded: the way every picture is made,
- * for eval, render and the evaluations during training. */
+/* One view rendered with a pipeline whose tree and weights are uploaded: the way every picture is made, for
+ * eval, render and the evaluations during training. Training's own densities stay as they are. */
 #ifndef CLN_VIEW_H
 #define CLN_VIEW_H
 
@@ -14,8 +14,12 @@ typedef struct cln_picture {
 
 void cln_picture_free(cln_picture *picture);
 
-/* Stage-1 densities at cell centres, for pictures. Training's own densities are lost: save them before. */
+/* Makes the densities of pictures, at cell centres; again after a change of tree or weights.
+ * CLN_MEMORY, CLN_CL. */
 cln_status cln_render_prepare(cln_pipeline *p);
+
+/* Gives back the memory of the densities of pictures. */
+void cln_render_release(cln_pipeline *p);
 
 /* View number `view` of the cameras given to cln_pipeline_cameras. axis_depth: depth along the optical
  * axis instead of along the ray. `interrupted` (may be NULL) is polled between batches and ends the

@@ -263,7 +263,7 @@ static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, in
         CLN_TRY(cln_stage_group(p, n, &slices));
         CLN_TRY(cln_stage_forward(p, n, slices, true, key));
         CLN_TRY(cln_stage_distil_gradient(p, n, 1.0 / samples));
-        CLN_TRY(cln_stage_update(p, n, slices, key, c->distil_lr));
+        CLN_TRY(cln_stage_update(p, n, slices, 1, key, c->distil_lr));
         CLN_TRY(cln_device_finish(p->device));
         done_steps++;
         if (done_steps % CHECK_EVERY == 0) {
@@ -305,16 +305,12 @@ done:
 cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = &t->pipeline;
-    const int min_samples = p->config.min_leaf_samples;
     const int most = t->plan.distil_nets;
 
     *steps = 0;
-    p->config.min_leaf_samples = 1;
     for (int first = 0; first < d->nets; first += most)
         CLN_TRY(train_chunk(t, d, first, d->nets - first < most ? d->nets - first : most, steps));
     CLN_TRY(forget_moments(t, d));
 done:
-    p->config.min_leaf_samples = min_samples;
     return st;
 }

@@ -72,21 +72,16 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     cln_status st = CLN_OK, rendered = CLN_OK;
     cln_eval_result result = {0};
     const cln_callbacks callbacks = {.work = show_work, .interrupted = poll_signal, .user = t};
-    const size_t n1 = (size_t)t->model.config.n1;
-    const size_t bytes = (size_t)t->pipeline.leaves * n1 * n1 * n1 * sizeof(uint16_t);
 
     *done = false;
     if (t->eval_count == 0)
         return CLN_OK;
-    /* the pictures' densities are not training's: put those back afterwards */
-    CLN_TRY(cln_buffer_read(t->device, &t->pipeline.density, 0, t->model.density, bytes));
     rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
                                    folder, &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
         cln_clear_error();
     else
         CLN_TRY(rendered);
-    CLN_TRY(cln_buffer_write(t->device, &t->pipeline.density, 0, t->model.density, bytes));
     if (rendered != CLN_OK)
         goto done;
     *done = true;

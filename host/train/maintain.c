@@ -13,29 +13,28 @@
 #include "train/step.h"
 #include "model/integer_program.h"
 #include "model/structure.h"
+#include "pipeline/carry.h"
+#include "render/ray_batch.h"
 
 /* ---- changes of the tree ---- */
 
-/* The model's tree has changed, its weights were carried over on the host: send all back. */
-static cln_status send_back(cln_trainer *t)
+/* The model's tree has changed: the device follows. */
+static cln_status carry(cln_trainer *t, const cln_octree_change *change)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
+    CLN_TRY(cln_pipeline_carry(&t->pipeline, &t->model.tree, change));
     CLN_TRY(cln_stage_seen(&t->pipeline));
     cln_step_cover(t);
 done:
     return st;
 }
 
-static cln_status apply_change(cln_trainer *t, const cln_octree_change *change)
+/* A new interval of measuring, on the host and on the device. */
+static cln_status restart_measures(cln_trainer *t)
 {
-    cln_status st = CLN_OK;
-
-    CLN_TRY(cln_model_apply(&t->model, change));
-    CLN_TRY(send_back(t));
-done:
-    return st;
+    cln_model_restart_measures(&t->model);
+    return cln_stage_measure_reset(&t->pipeline);
 }
 
 /* Mean density (--density-weight) and peak of every leaf; [leaf], the caller frees. */
@@ -84,15 +83,14 @@ static cln_status cull(cln_trainer *t, bool now)
     CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
     marked = cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks);
     if (marked > 0 && (now || (int64_t)marked * CULL_PART >= leaves)) {
-        CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
-        CLN_TRY(apply_change(t, &change));
+        CLN_TRY(cln_model_follow(&t->model, &change));
+        CLN_TRY(carry(t, &change));
         cln_debug("step %lld: culled %d of %d leaves", (long long)t->model.step,
                   leaves - t->pipeline.leaves, leaves);
     }
     if (!t->model.config.adaptive) { /* weights by visibility are of one interval, too */
-        cln_model_restart_measures(&t->model);
-        CLN_TRY(cln_stage_measure_reset(&t->pipeline));
+        CLN_TRY(restart_measures(t));
     }
 done:
     free(stats.mean);
@@ -138,7 +136,7 @@ static cln_status grow(cln_trainer *t, bool *grown)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
-    cln_octree_change change = {0}, gone = {0};
+    cln_octree_change change = {0}, splits = {0};
     uint8_t *marks = NULL;
     int leaves = p->leaves;
     plans next;
@@ -158,25 +156,27 @@ static cln_status grow(cln_trainer *t, bool *grown)
         goto done;
     }
     CLN_TRY(cln_step_catch_up(t));
-    CLN_TRY(cln_pipeline_download(p, &t->model, true));
-    cln_model_restart_measures(&t->model);
     if (leaves < p->leaves) { /* those that waited for it (cull) */
-        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &gone));
-        CLN_TRY(cln_model_apply(&t->model, &gone));
+        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
+        CLN_TRY(cln_model_follow(&t->model, &change));
     }
-    CLN_TRY(cln_octree_split(&t->model.tree, NULL, &change));
+    CLN_TRY(cln_octree_split(&t->model.tree, NULL, &splits));
+    CLN_TRY(cln_model_follow(&t->model, &splits));
+    if (change.count > 0)
+        CLN_TRY(cln_octree_change_join(&change, &splits));
     t->model.level++;
     t->model.growth_step = t->model.step;
     t->model.last_square = 0;
     adopt_plans(t, &next);
-    CLN_TRY(apply_change(t, &change));
+    CLN_TRY(carry(t, change.count > 0 ? &change : &splits));
+    CLN_TRY(restart_measures(t));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
               p->leaves);
     *grown = true;
 done:
     free(marks);
-    cln_octree_change_free(&gone);
     cln_octree_change_free(&change);
+    cln_octree_change_free(&splits);
     return st;
 }
 
@@ -228,29 +228,21 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
     cln_pipeline *p = &t->pipeline;
     const int wanted = c->rays < PROBE_RAYS ? c->rays : PROBE_RAYS;
     const int rays = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
-    const cln_sampling sampling = {.min_transmittance = (float)c->render_min_transmittance,
-                                   .empty_weight = (float)c->empty_weight,
-                                   .empty_share = c->empty_weight > 0 ? 0 : 1,
-                                   .max_samples = t->plan.max_samples};
+    cln_ray_batch batch = {.pixels = t->batch.pixels,
+                           .n = rays,
+                           .backgrounds = (const float(*)[4])t->batch.backgrounds,
+                           .sampling = cln_render_sampling(p)};
     /* any pixel: the same ones before a change and after it */
     const cln_draw draw = {.step = UINT32_MAX, .n = rays, .ray_background = p->ray_background};
-    uint32_t samples = 0, slices = 0;
     int used = 0;
     double square = 0;
 
+    batch.sampling.pictures = false; /* training's densities, as its next step sees them */
+    batch.sampling.max_samples = t->plan.max_samples;
     CLN_TRY(cln_step_catch_up(t));
     t->drawn = false;
     cln_batch_draw(&t->batch, t->scene, c, &draw);
-    CLN_TRY(
-        cln_pipeline_batch(p, t->batch.pixels, rays, t->batch.targets[0], t->batch.backgrounds[0]));
-    CLN_TRY(cln_stage_rays(p, rays));
-    CLN_TRY(cln_stage_sample(p, rays, &sampling, &used, &samples));
-    CLN_TRY(cln_stage_group(p, samples, &slices));
-    CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
-    CLN_TRY(cln_stage_composite(p, used, false));
-    CLN_TRY(
-        cln_buffer_read(t->device, &p->results, 0, t->results, (size_t)used * sizeof *t->results));
-    CLN_TRY(cln_device_finish(t->device));
+    CLN_TRY(cln_render_rays(p, &batch, t->results, &used));
     for (int i = 0; i < used; i++) {
         const float got[3] = {t->results[i].r, t->results[i].g, t->results[i].b};
 
@@ -277,16 +269,16 @@ static void save_costs(const cln_model *model, const float *mean, const uint8_t 
                 model->error[s] * pow(fmax(mean[s], 0), model->config.cost_density);
 }
 
-/* The tree of the model after merges and splits; fresh[slot]: new leaves; merged ones are also the
- * distillation's. split, merge: [old slot]. */
+/* The tree of the model after merges and splits, and the change as one. fresh[slot]: new leaves; merged ones
+ * are also the distillation's. split, merge: [old slot]. */
 static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                               uint8_t **fresh)
+                               cln_octree_change *change, uint8_t **fresh)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
     cln_octree *tree = &m->tree;
     const size_t nodes = (size_t)tree->node_count, old = (size_t)tree->leaf_count;
-    cln_octree_change merges = {0}, splits = {0};
+    cln_octree_change splits = {0};
     float *mean = NULL, *peak = NULL;
     uint8_t *marks = NULL, *by_node = NULL;
     double *cost = NULL;
@@ -297,26 +289,26 @@ static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8
     for (size_t s = 0; s < old; s++)
         by_node[tree->leaf[s]] = split[s];
     save_costs(m, mean, merge, cost);
-    CLN_TRY(cln_octree_merge(tree, merge, mean, &merges));
-    CLN_TRY(cln_model_apply(m, &merges));
+    CLN_TRY(cln_octree_merge(tree, merge, mean, change));
+    CLN_TRY(cln_model_follow(m, change));
     CLN_TRY(cln_alloc(&marks, (size_t)tree->leaf_count, 1, "leaf marks"));
     for (int s = 0; s < tree->leaf_count; s++) {
         marks[s] = by_node[tree->leaf[s]];
-        if (merges.octant[s] <= CLN_MERGED)
+        if (change->octant[s] <= CLN_MERGED)
             m->saved[s] = (float)cost[tree->leaf[s]];
     }
     CLN_TRY(cln_octree_split(tree, marks, &splits));
-    CLN_TRY(cln_model_apply(m, &splits));
+    CLN_TRY(cln_model_follow(m, &splits));
+    CLN_TRY(cln_octree_change_join(change, &splits));
     CLN_TRY(cln_alloc(fresh, (size_t)tree->leaf_count, 1, "leaf marks"));
     for (int s = 0; s < tree->leaf_count; s++)
-        (*fresh)[s] = splits.octant[s] != CLN_COPIED || merges.octant[splits.from[s]] != CLN_COPIED;
+        (*fresh)[s] = change->octant[s] != CLN_COPIED;
 done:
     free(mean);
     free(peak);
     free(marks);
     free(by_node);
     free(cost);
-    cln_octree_change_free(&merges);
     cln_octree_change_free(&splits);
     return st;
 }
@@ -326,18 +318,18 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
 {
     cln_status st = CLN_OK;
     cln_distil distil = {0};
+    cln_octree_change change = {0};
     plans next;
     uint8_t *fresh = NULL;
 
     CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
     CLN_TRY(cln_distil_prepare(t, merge, &distil));
-    CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
     make_plans(t, leaves_after, &next);
-    CLN_TRY(change_model(t, split, merge, &fresh));
+    CLN_TRY(change_model(t, split, merge, &change, &fresh));
     CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
-    cln_model_restart_measures(&t->model);
     adopt_plans(t, &next);
-    CLN_TRY(send_back(t));
+    CLN_TRY(carry(t, &change));
+    CLN_TRY(restart_measures(t));
     CLN_TRY(refresh_marked(t, fresh));
     CLN_TRY(cln_maintain_probe(t, &d->psnr_after));
     d->psnr_pretrained = d->psnr_after;
@@ -351,6 +343,7 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
     }
 done:
     free(fresh);
+    cln_octree_change_free(&change);
     cln_distil_free(&distil);
     return st;
 }
@@ -381,23 +374,27 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
     cln_model *m = &t->model;
     cln_pipeline *p = &t->pipeline;
     const size_t leaves = (size_t)p->leaves;
-    float *mean = NULL, *peak = NULL;
+    float *mean = NULL, *peak = NULL, (*sums)[CLN_MEASURES][2] = NULL;
+    int32_t *met = NULL;
 
     CLN_TRY(cln_alloc(out, leaves, sizeof **out, "measures of leaves"));
+    CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "measures of leaves"));
+    CLN_TRY(cln_alloc(&met, leaves, sizeof *met, "measures of leaves"));
     CLN_TRY(leaf_stats(t, &mean, &peak));
-    CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, m->sums,
-                            leaves * CLN_MEASURES * 2 * sizeof *m->sums));
-    CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, m->met, leaves * sizeof *m->met));
+    CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, leaves * sizeof *sums));
+    CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
     for (size_t i = 0; i < leaves; i++) {
-        m->error[i] = m->sums[i * CLN_MEASURES * 2] / (float)m->sum_rays;
+        m->error[i] = sums[i][0][0] / (float)m->sum_rays;
         (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
                                        .density = pow(fmax(mean[i], 0), m->config.cost_density),
                                        .saved = m->saved[i],
-                                       .may_split = m->met[i] >= m->config.split_samples};
+                                       .may_split = met[i] >= m->config.split_samples};
     }
 done:
     free(mean);
     free(peak);
+    free(sums);
+    free(met);
     return st;
 }
 
@@ -454,8 +451,7 @@ static cln_status decide(cln_trainer *t)
             m->growth_step = m->step;
     } else {
         m->last_square = square;
-        cln_model_restart_measures(m);
-        CLN_TRY(cln_stage_measure_reset(&t->pipeline));
+        CLN_TRY(restart_measures(t));
     }
     d.work_seconds = cln_now() - began;
     say(t, &d);
@@ -497,8 +493,7 @@ static cln_status wait_or_decide(cln_trainer *t)
     cln_debug("step %lld: mean square error %.4g after %.4g: the tree waits", (long long)m->step,
               square, m->last_square);
     m->last_square = square;
-    cln_model_restart_measures(m);
-    CLN_TRY(cln_stage_measure_reset(&t->pipeline));
+    CLN_TRY(restart_measures(t));
 done:
     return st;
 }

@@ -135,7 +135,8 @@ cln_status cln_step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
     CLN_TRY(cln_stage_composite_train(p, rays, samples));
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
-    CLN_TRY(cln_stage_update(p, samples, slices, key, cln_step_learning_rate(c, fraction)));
+    CLN_TRY(cln_stage_update(p, samples, slices, (uint32_t)c->min_leaf_samples, key,
+                             cln_step_learning_rate(c, fraction)));
     CLN_TRY(cln_stage_measure(p, measured));
     CLN_TRY(
         cln_buffer_fetch(t->device, &p->results, 0, t->results, (size_t)rays * sizeof *t->results));

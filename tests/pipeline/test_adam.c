@@ -269,7 +269,7 @@ static void check_case(const adam_case *c, int moments)
         if (!p->tune.leaf)
             check_transposed(p);
         for (int step = 0; step < 2; step++) {
-            assert_ok(cln_stage_adam(p, 0.01));
+            assert_ok(cln_stage_adam(p, LEAST, 0.01));
             if (pass == 0) {
                 update(c, &p->net, begin, end, starts, grads, (float)0.01, &want);
                 check_state(c, p, &model, begin, end, &want);

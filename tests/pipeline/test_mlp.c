@@ -572,6 +572,7 @@ static void train(cln_pipeline *p, const mlp_data *d, bool at_once, trained *out
 {
     const size_t n = 22 * (size_t)p->net.params;
     uint32_t slices = 0;
+    const uint32_t least = (uint32_t)p->config.min_leaf_samples;
     double places = 0;
 
     upload(p, d, &slices);
@@ -582,11 +583,11 @@ static void train(cln_pipeline *p, const mlp_data *d, bool at_once, trained *out
     for (uint32_t key = 1; key <= 2; key++) {
         assert_ok(cln_stage_forward(p, d->n, slices, true, key));
         if (at_once) {
-            assert_ok(cln_stage_update(p, d->n, slices, key, 1e-3));
+            assert_ok(cln_stage_update(p, d->n, slices, least, key, 1e-3));
             continue;
         }
         assert_ok(cln_stage_backward(p, d->n, slices, key));
-        assert_ok(cln_stage_adam(p, 1e-3));
+        assert_ok(cln_stage_adam(p, least, 1e-3));
     }
     if (p->parts == 1)
         free(test_read(p->device, &p->grads, (size_t)places * (size_t)p->net.params * sizeof(float),

@@ -1,0 +1,36 @@
+/* The stages of a batch of rays that nothing is learnt from. See ray_batch.h. */
+#include "render/ray_batch.h"
+
+cln_sampling cln_render_sampling(const cln_pipeline *p)
+{
+    const cln_config *c = &p->config;
+    const size_t wanted = (size_t)c->batch_samples;
+
+    return (cln_sampling){
+        .jitter = false,
+        .pictures = true,
+        .min_transmittance = (float)c->render_min_transmittance,
+        .uniform_share = 0,
+        .empty_weight = (float)c->empty_weight,
+        .empty_share = c->empty_weight > 0 ? 0 : 1,
+        .max_samples = p->max_samples > 0 && p->max_samples < wanted ? p->max_samples : wanted};
+}
+
+cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *b, cln_ray_result *results,
+                           int *rendered)
+{
+    cln_status st = CLN_OK;
+    uint32_t samples = 0, slices = 0;
+
+    CLN_TRY(cln_pipeline_batch(p, b->pixels, b->n, NULL, b->backgrounds[0]));
+    CLN_TRY(cln_stage_rays(p, b->n));
+    CLN_TRY(cln_stage_sample(p, b->n, &b->sampling, rendered, &samples));
+    CLN_TRY(cln_stage_group(p, samples, &slices));
+    CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
+    CLN_TRY(cln_stage_composite(p, *rendered, b->axis_depth));
+    CLN_TRY(
+        cln_buffer_read(p->device, &p->results, 0, results, (size_t)*rendered * sizeof *results));
+    CLN_TRY(cln_device_finish(p->device));
+done:
+    return st;
+}

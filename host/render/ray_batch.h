@@ -1,0 +1,24 @@
+/* A batch of rays rendered with a pipeline whose tree and weights are uploaded: the one way to pictures, to the
+ * probe of training (train/maintain.h) and to whoever looks at a run live. */
+#ifndef CLN_RAY_BATCH_H
+#define CLN_RAY_BATCH_H
+
+#include "pipeline/stages.h"
+
+typedef struct cln_ray_batch {
+    const cln_pixel *pixels; /* [n]; for splatting by view (pad), then row (cln_pipeline_batch) */
+    int n;
+    const float (*backgrounds)[4]; /* r, g, b, 0: [n] if p->ray_background, else [1] */
+    bool axis_depth;               /* depth along the optical axis instead of along the ray */
+    cln_sampling sampling;
+} cln_ray_batch;
+
+/* How pictures are sampled, by p->config: midpoints, densities of pictures, samples of one batch. */
+cln_sampling cln_render_sampling(const cln_pipeline *p);
+
+/* Renders the first *rendered rays of the batch, as many as have room for their samples (at least one);
+ * results: [n]. Waits for them. CLN_MEMORY, CLN_CL. */
+cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *batch, cln_ray_result *results,
+                           int *rendered);
+
+#endif

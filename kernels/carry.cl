@@ -1,0 +1,57 @@
+/* needs: leaves */
+/* Rows of leaves carried over a change of the tree, from the arrays of the old leaves to those of the new ones
+ * (host/pipeline/carry.c; the host's twin is cln_model_apply). A group takes a leaf.
+ *
+ *   places[leaf] = (old leaf, octant): octant -1 the same leaf; k >= 0 child k of the old one; -2 - k the parent, of
+ *                  which the old one was child k
+ *
+ * SG  work-items of a group
+ */
+#ifndef SG
+#define SG 4
+#endif
+
+/* Weights and moments, rows of `row` times 16 bytes: copied for the same leaf, zeros for a new one. */
+__kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
+carry_rows(LEAF_ARRAY(const uint4, from), LEAF_ARRAY(uint4, to), /* [leaf][row] */
+           const __global int2 *restrict places, uint row)
+{
+    const uint leaf = get_group_id(0);
+    const int2 place = places[leaf];
+    const __global uint4 *old = LEAF_ROW(from, place.x, row);
+    __global uint4 *new = LEAF_ROW(to, leaf, row);
+
+    for (uint i = get_local_id(0); i < row; i += SG)
+        new[i] = place.y == -1 ? old[i] : (uint4)(0u);
+}
+
+/* Cell of the old leaf's grid that is nearest to cell `at` of the new one's, along one axis. upper: the half of
+ * the parent in which the child lies. */
+static uint nearest(uint at, uint n1, int octant, uint upper)
+{
+    if (octant == -1)
+        return at;
+    if (octant >= 0)
+        return (2u * at + 1u + 2u * n1 * upper) / 4u;
+    return (uint)clamp((int)(2u * at + 1u) - (int)(upper * n1), 0, (int)n1 - 1);
+}
+
+/* Densities of stage 1: those of the nearest cells. */
+__kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
+carry_densities(LEAF_ARRAY(const ushort, from), LEAF_ARRAY(ushort, to), /* [leaf][n1 z][n1 y][n1 x] */
+                const __global int2 *restrict places, uint n1)
+{
+    const uint leaf = get_group_id(0), cells = n1 * n1 * n1;
+    const int2 place = places[leaf];
+    const uint child = (uint)(place.y >= 0 ? place.y : -2 - place.y);
+    const __global ushort *old = LEAF_ROW(from, place.x, cells);
+    __global ushort *new = LEAF_ROW(to, leaf, cells);
+
+    for (uint i = get_local_id(0); i < cells; i += SG) {
+        const uint x = nearest(i % n1, n1, place.y, child & 1u);
+        const uint y = nearest(i / n1 % n1, n1, place.y, child >> 1 & 1u);
+        const uint z = nearest(i / (n1 * n1), n1, place.y, child >> 2 & 1u);
+
+        new[i] = old[(z * n1 + y) * n1 + x];
+    }
+}
