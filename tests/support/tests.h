@@ -8,6 +8,7 @@ int test_group_adam(void);
 int test_group_regularise(void);
 int test_group_base(void);
 int test_group_camera(void);
+int test_group_carry(void);
 int test_group_checkpoint(void);
 int test_group_composite(void);
 int test_group_config(void);
