@@ -1,5 +1,5 @@
 # cl-nascent: plain GNU make. Only build/ is written.
-#   make                    build/cl-nascent
+#   make                    build/cl-nascent, and the library: libcl-nascent.a and .so
 #   make demo               install what is missing, generate, train two minutes, evaluate, render
 #   make test               install what is missing, run the whole suite
 #   make test-devices       the cases of docs/devices.md on every OpenCL device found
@@ -9,19 +9,23 @@
 #   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
 #   make bench              install what is missing, time every kernel (bench/results/, docs/benches.md)
 #   make bench-sort         the sort beside other sorts (needs g++)
-#   make install            PREFIX=/usr/local DESTDIR=
+#   make install            program, library, header, pkg-config file; PREFIX=/usr/local DESTDIR= LIBDIR=
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
 
 PREFIX ?= /usr/local
+LIBDIR ?= $(PREFIX)/lib
 B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
 PKGS := OpenCL jansson zlib
 CC ?= gcc
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
 OPT := $(if $(DEBUG),-O0,-O2) -g
+VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)
+# The shared library's name for the linker; changes when a function or struct of cl_nascent.h does
+SONAME := libcl-nascent.so.0
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(WERROR),-Werror)
-CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fvisibility=hidden -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
+CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
 LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
@@ -52,10 +56,11 @@ GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth/growth.c $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 TUNE_ROWS := $(wildcard data/tune/*.txt)
+EXAMPLES := $(wildcard examples/*.c)
 
 SAY = $(if $V,,@echo "  $1";)
 
-all: $B/cl-nascent
+all: $B/cl-nascent $B/libcl-nascent.a $B/$(SONAME) $B/cl-nascent.pc
 
 $B/cl-nascent: $(CLI_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
@@ -63,6 +68,26 @@ $B/cl-nascent: $(CLI_OBJ) $B/libcl-nascent.a
 $B/libcl-nascent.a: $(LIB_OBJ)
 	@rm -f $@
 	$(call SAY,AR $@)ar rcs $@ $^
+
+# Only what cl_nascent.h marks CLN_API is visible in it.
+$B/$(SONAME): $(LIB_OBJ)
+	$(call SAY,LINK $@)$(CC) -shared -Wl,-soname,$(SONAME) -Wl,-z,defs $^ $(LDLIBS_ALL) -o $@
+
+# Static linking needs what the library stands on, too (pkg-config --static).
+$B/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
+	@mkdir -p $(@D)
+	@{ echo 'prefix=$(PREFIX)'; \
+	   echo 'libdir=$(patsubst $(PREFIX)/%,$${prefix}/%,$(LIBDIR))'; \
+	   echo 'includedir=$${prefix}/include'; \
+	   echo; \
+	   echo 'Name: cl-nascent'; \
+	   echo 'Description: Posed photos in, a scene to look at from anywhere out, on any OpenCL device'; \
+	   echo 'Version: $(VERSION)'; \
+	   echo 'Requires.private: $(PKGS)'; \
+	   echo 'Libs: -L$${libdir} -lcl-nascent'; \
+	   echo 'Libs.private: -lm -lpthread'; \
+	   echo 'Cflags: -I$${includedir}'; } > $@.new
+	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
 $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -lcmocka -o $@
@@ -189,7 +214,7 @@ lint:
 
 fmt:
 	@tests/deps.sh lint
-	$(CLANG_FORMAT) -i $(ALL_SRC) $(wildcard host/*/*.h include/*.h tests/*/*.h bench/*/*.h data/*.h)
+	$(CLANG_FORMAT) -i $(ALL_SRC) $(EXAMPLES) $(wildcard host/*/*.h include/*.h tests/*/*.h bench/*/*.h data/*.h)
 
 bench: bench-programs
 	build/bench-kernels --results bench/results $(BENCH)
@@ -204,13 +229,21 @@ bench-programs:
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
 	    build/bench-kernels build/bench-table build/bench-growth
 
+# Quoted, so that DESTDIR and PREFIX may have spaces.
 install: all
-	install -d $(DESTDIR)$(PREFIX)/bin
-	install -m 755 $B/cl-nascent $(DESTDIR)$(PREFIX)/bin/cl-nascent
-	install -d $(DESTDIR)$(PREFIX)/share/cl-nascent/tune
-	install -m 644 $(TUNE_ROWS) $(DESTDIR)$(PREFIX)/share/cl-nascent/tune/
-	$(if $(wildcard docs/cl-nascent.1),install -d $(DESTDIR)$(PREFIX)/share/man/man1)
-	$(if $(wildcard docs/cl-nascent.1),install -m 644 docs/cl-nascent.1 $(DESTDIR)$(PREFIX)/share/man/man1/)
+	install -d "$(DESTDIR)$(PREFIX)/bin" "$(DESTDIR)$(PREFIX)/include" "$(DESTDIR)$(LIBDIR)/pkgconfig" \
+	    "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune" "$(DESTDIR)$(PREFIX)/share/man/man1" \
+	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples"
+	install -m 755 $B/cl-nascent "$(DESTDIR)$(PREFIX)/bin/"
+	install -m 644 include/cl_nascent.h "$(DESTDIR)$(PREFIX)/include/"
+	install -m 644 $B/libcl-nascent.a "$(DESTDIR)$(LIBDIR)/"
+	install -m 755 $B/$(SONAME) "$(DESTDIR)$(LIBDIR)/"
+	ln -sf $(SONAME) "$(DESTDIR)$(LIBDIR)/libcl-nascent.so"
+	install -m 644 $B/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
+	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
+	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
+	install -m 644 docs/api.md "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
+	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 
 clean:
 	rm -rf build

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/log.h"
 #include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
@@ -455,6 +456,7 @@ int main(int argc, char **argv)
     settings set = {.size = 200, .seed = 1, .views = {60, 0, 8}};
     cln_status st;
 
+    cln_log_set_sink(cln_log_stderr, NULL);
     if (argc < 2 || !strcmp(argv[1], "--help")) {
         fputs(usage, argc < 2 ? stderr : stdout);
         return argc < 2 ? 2 : 0;

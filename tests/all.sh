@@ -1,9 +1,9 @@
 #!/bin/bash
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
-# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, and the devices side by
-# side. Each part ends with a line "N passed, N failed[, N skipped]"; their sum is the last line here, and
-# the exit status is non-zero if anything failed. A part that breaks without saying so counts as one
-# failure. What failed is named again before the sum.
+# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed library, and
+# the devices side by side. Each part ends with a line "N passed, N failed[, N skipped]"; their sum is the
+# last line here, and the exit status is non-zero if anything failed. A part that breaks without saying so
+# counts as one failure. What failed is named again before the sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
@@ -78,6 +78,7 @@ part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent buil
 part lint tests/lint.sh
 part unit unit
 part "command line" tests/cli/cli.sh
+part install tests/cli/install.sh
 part devices tests/device/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests

@@ -16,8 +16,8 @@ cd "$(dirname "$0")/.." || exit 1
 
 ORDER="cli api train render check pipeline report model scene device io reference base"
 passed=0 failed=0 skipped=0
-c_files=$(ls host/*/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
-all_files=$(ls host/*/*.[ch] include/*.h data/*.[ch] tests/*/*.[ch] tests/*.sh tests/*/*.sh bench/*/*.[ch] kernels/* 2>/dev/null)
+c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
+all_files=$(ls host/*/*.[ch] include/*.h examples/*.c data/*.[ch] tests/*/*.[ch] tests/*.sh tests/*/*.sh bench/*/*.[ch] kernels/* 2>/dev/null)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 

@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/files.h"
 #include "base/memory.h"
 #include "device/device.h"
@@ -348,6 +349,7 @@ int main(int argc, char **argv)
 {
     cln_status st = CLN_OK;
 
+    cln_log_set_sink(cln_log_stderr, NULL);
     if (argc < 3) {
         fputs("usage: bench-growth BASE SERIES=RUN...\n", stderr);
         return 2;

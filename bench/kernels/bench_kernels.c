@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
@@ -283,6 +284,7 @@ int main(int argc, char **argv)
     arguments a = {.budget = 0};
     bench b;
 
+    cln_log_set_sink(cln_log_stderr, NULL);
     memset(&b, 0, sizeof b);
     CLN_TRY(read_arguments(argc, argv, &a));
     if (a.help) {

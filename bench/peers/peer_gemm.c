@@ -21,6 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/config.h"
 #include "base/memory.h"
 #include "base/number.h"
@@ -543,6 +544,7 @@ int main(int argc, char **argv)
     int rounds = given ? atoi(given) : 3;
     shape s;
 
+    cln_log_set_sink(cln_log_stderr, NULL);
     rounds = rounds < 1 ? 1 : rounds > MAX_ROUNDS ? MAX_ROUNDS : rounds;
     CLN_TRY(cln_device_open(&desc, &device));
     printf("%s, %d threads, %d rounds; peers:", device->info.name, device->info.compute_units,

@@ -17,6 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
@@ -408,6 +409,7 @@ int main(int argc, char **argv)
     cln_status st = CLN_OK;
     int first = 1;
 
+    cln_log_set_sink(cln_log_stderr, NULL);
     if (argc > 2 && strcmp(argv[1], "-t") == 0) {
         title = argv[2];
         first = 3;

@@ -7,6 +7,7 @@
 #include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/settings.h"
 #include "cl_nascent.h"
 #include "io/run_folder.h"
 #include "model/model.h"
@@ -18,10 +19,10 @@ static cln_status to_text(const json_t *document, const char *what, char **json)
     return *json ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot make JSON", what);
 }
 
-cln_status cln_info_scene(const char *path, const cln_config *config, char **json)
+cln_status cln_info_scene(const char *path, const cln_settings *settings, char **json)
 {
     cln_status st = CLN_OK;
-    const cln_scene_desc desc = {.path = path, .config = config};
+    const cln_scene_desc desc = {.path = path, .config = &settings->config};
     cln_scene *scene = NULL;
     json_t *document = NULL;
 

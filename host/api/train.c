@@ -9,6 +9,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/settings.h"
 #include "check/selftest.h"
 #include "io/progress.h"
 #include "render/quality.h"
@@ -16,6 +17,23 @@
 #include "train/loop.h"
 #include "train/record.h"
 #include "train/step.h"
+
+cln_status cln_settings_of_run(const char *run, cln_settings **out)
+{
+    cln_status st = CLN_OK;
+    cln_settings *settings = NULL;
+
+    *out = NULL;
+    CLN_TRY(cln_settings_create(NULL, &settings));
+    CLN_TRY(cln_run_config(run, &settings->config, NULL));
+    settings->base = settings->config;
+    settings->preset[0] = 0;
+    *out = settings;
+    settings = NULL;
+done:
+    cln_settings_free(settings);
+    return st;
+}
 
 /* What the checkpoint fixes: the networks' shape and everything the kernels' layout depends on. */
 static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
@@ -175,7 +193,7 @@ static void say_what_runs(cln_trainer *t)
 static cln_status prepare(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    cln_config config = t->desc->config;
+    cln_config config = t->desc->settings->config;
     cln_scene_desc scene = {.path = t->desc->scene,
                             .config = &config,
                             .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
@@ -194,6 +212,8 @@ static cln_status prepare(cln_trainer *t)
     if (t->desc->resume)
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
     CLN_TRY(cln_scene_load(&scene, &t->scene));
+    cln_settings_warn_idle(t->desc->settings,
+                           &(cln_settings_facts){t->desc->resume, t->scene->has_alpha});
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
         st = cln_selftest_training(t->device, &config);

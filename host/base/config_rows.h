@@ -22,9 +22,9 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#include "cl_nascent.h"
 
-enum { CLN_TEXT_BYTES = 128 };
-enum { CLN_LEVELS = 6 }; /* that a tree can have, 0 .. CLN_LEVELS - 1 */
+enum { CLN_TEXT_BYTES = CLN_SETTING_BYTES };
 
 /* Flags of a row. */
 enum {

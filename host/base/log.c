@@ -1,4 +1,4 @@
-/* Formats log lines and hands them to the sink. Thread-safe as far as stderr is. */
+/* Formats log lines and hands them to the sink. Level and sink are the process's. */
 #include "base/log.h"
 
 #include <stdarg.h>
@@ -19,6 +19,19 @@ void cln_log_set_sink(cln_log_sink *sink, void *user)
     sink_user = user;
 }
 
+void cln_log_to(cln_log_level most, cln_log_sink *sink, void *user)
+{
+    cln_log_set_level(most);
+    cln_log_set_sink(sink, user);
+}
+
+void cln_log_stderr(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    (void)user;
+    fprintf(stderr, "%s\n", line);
+}
+
 void cln_log(cln_log_level level, const char *fmt, ...)
 {
     static const char *const prefix[] = {"error: ", "warning: ", "", ""};
@@ -26,14 +39,11 @@ void cln_log(cln_log_level level, const char *fmt, ...)
     int used = 0;
     va_list args;
 
-    if (level > max_level)
+    if (level > max_level || !sink_fn)
         return;
     used = snprintf(line, sizeof line, "%s", prefix[level]);
     va_start(args, fmt);
     vsnprintf(line + used, sizeof line - (size_t)used, fmt, args);
     va_end(args);
-    if (sink_fn)
-        sink_fn(level, line, sink_user);
-    else
-        fprintf(stderr, "%s\n", line);
+    sink_fn(level, line, sink_user);
 }

@@ -24,6 +24,11 @@ static const struct {
 #undef X
 };
 
+const char *cln_version(void)
+{
+    return CLN_VERSION;
+}
+
 int cln_status_exit_code(cln_status st)
 {
     return table[st].code;

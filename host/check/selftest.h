@@ -4,6 +4,7 @@
 #ifndef CLN_SELFTEST_H
 #define CLN_SELFTEST_H
 
+#include "base/config_rows.h"
 #include "check/compare.h"
 
 typedef enum cln_shapes { CLN_SHAPES_QUICK, CLN_SHAPES_ALL, CLN_SHAPES_TINY } cln_shapes;

@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/config.h"
+#include "base/settings.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
@@ -278,7 +278,7 @@ static cln_status consider(tuner *t, cln_tune tune)
     CLN_TRY(poll(t));
     CLN_TRY(add_try(t, &tune, &try));
     t->device->tune = tune;
-    st = cln_selftest_config(t->device, &t->desc->config, keep_first, try);
+    st = cln_selftest_config(t->device, &t->desc->settings->config, keep_first, try);
     if (st == CLN_OK)
         st = measure(t, &candidate, try);
     CLN_TRY(refuse(try, st));
@@ -381,9 +381,9 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     memset(result, 0, sizeof *result);
     result->gain = 1;
     t.deadline = t.began + desc->budget;
-    CLN_TRY(cln_config_check(&desc->config));
+    CLN_TRY(cln_config_check(&desc->settings->config));
     CLN_TRY(cln_device_open(&desc->device, &t.device));
-    CLN_TRY(cln_network_layout(&desc->config, &t.net));
+    CLN_TRY(cln_network_layout(&desc->settings->config, &t.net));
     cln_network_text(&t.net, result->network);
     result->device = t.device->info;
     start = t.device->tune;
@@ -391,7 +391,7 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     t.device->tune_exact = true;
     cln_info("device: %s (%s, %d compute units); networks of %s", t.device->info.name,
              t.device->info.platform, t.device->info.compute_units, result->network);
-    CLN_TRY(cln_synthetic_create(t.device, &desc->config, &t.work));
+    CLN_TRY(cln_synthetic_create(t.device, &desc->settings->config, &t.work));
     CLN_TRY(search(&t, &start, &present));
     CLN_TRY(report(&t));
 done:

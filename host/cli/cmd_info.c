@@ -112,7 +112,7 @@ cln_status cln_cmd_info(const cln_options *options)
     if (cln_is_file(manifest))
         CLN_TRY(cln_info_run(options->operand, &text));
     else
-        CLN_TRY(cln_info_scene(options->operand, &options->config, &text));
+        CLN_TRY(cln_info_scene(options->operand, options->settings, &text));
     document = json_loads(text, 0, NULL);
     if (!json_is_object(document))
         CLN_TRY(

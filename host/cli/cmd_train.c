@@ -51,11 +51,10 @@ cln_status cln_cmd_train(const cln_options *options)
     const char *run = options->resume ? options->resume : options->output;
     cln_train_desc desc = {.scene = options->operand,
                            .run = run,
-                           .preset = options->resume ? NULL : options->preset,
                            .resume = options->resume != NULL,
                            .skip_selftest = options->skip_selftest,
                            .dump_program = options->dump_program,
-                           .config = options->config,
+                           .settings = options->settings,
                            .device = options->device,
                            .command = options->line};
 

@@ -60,7 +60,7 @@ cln_status cln_cmd_tune(const cln_options *options)
     cln_console console = {0};
     cln_tune_result result = {0};
     cln_tune_desc desc = {.device = options->device,
-                          .config = options->config,
+                          .settings = options->settings,
                           .budget = options->budget,
                           .file = options->output ? options->output : options->tune_path};
 

@@ -25,11 +25,13 @@ int main(int argc, char **argv)
     cln_status flushed = CLN_OK;
     cln_options options = {0};
 
+    cln_log_to(CLN_LOG_INFO, cln_log_stderr, NULL);
     signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other trouble */
     CLN_TRY(cln_options_parse(argc, argv, &options));
-    cln_log_set_level(options.quiet         ? CLN_LOG_WARN
-                      : options.verbose > 0 ? CLN_LOG_DEBUG
-                                            : CLN_LOG_INFO);
+    cln_log_to(options.quiet         ? CLN_LOG_WARN
+               : options.verbose > 0 ? CLN_LOG_DEBUG
+                                     : CLN_LOG_INFO,
+               cln_log_stderr, NULL);
     if (options.version)
         cln_version_print(stdout, options.verbose > 0);
     else if (options.help)

@@ -337,56 +337,18 @@ static bool is_given(const parser *p, const char *name)
     return arg && p->given[arg - cln_args];
 }
 
-/* "+N" of a budget: the run's own plus N. */
-static cln_status extend(cln_config *config, const cln_config_row *row, const char *more)
-{
-    cln_status st = CLN_OK;
-    cln_config added = *config;
-    char before[CLN_TEXT_BYTES], after[CLN_TEXT_BYTES];
-    double a = 0, b = 0;
-
-    cln_config_text(config, row, before);
-    CLN_TRY(cln_config_set(&added, row, more));
-    cln_config_text(&added, row, after);
-    if (!cln_reals_read(before, 1, &a) || !cln_reals_read(after, 1, &b) || a == 0)
-        return cln_fail(CLN_USAGE, "--%s +%s: the run has no such budget to extend; give --%s %s",
-                        row->option, more, row->option, "N for the whole");
-    snprintf(after, sizeof after, row->type == CLN_ROW_INT ? "%.0f" : "%.17g", a + b);
-    CLN_TRY(cln_config_set(config, row, after));
-done:
-    return st;
-}
-
 static cln_status apply_settings(parser *p)
 {
     cln_status st = CLN_OK;
     cln_options *out = p->out;
-    cln_config base = {0};
 
     if (out->resume)
-        CLN_TRY(cln_run_config(out->resume, &out->config, NULL));
+        CLN_TRY(cln_settings_of_run(out->resume, &out->settings));
     else
-        CLN_TRY(cln_config_preset(out->preset, &out->config));
-    base = out->config;
-    for (int i = 0; i < p->setting_count; i++) {
-        const cln_config_row *row = p->settings[i].row;
-        const char *text = p->settings[i].text;
-
-        if (row->flags & CLN_ROW_BUDGET && text[0] == '+') {
-            cln_config extended = base; /* of two "+N" the last counts, like of any option */
-            char value[CLN_TEXT_BYTES];
-
-            if (!out->resume)
-                return cln_fail(CLN_USAGE, "--%s %s: only a run can be extended; give --resume RUN",
-                                row->option, text);
-            CLN_TRY(extend(&extended, row, text + 1));
-            cln_config_text(&extended, row, value);
-            CLN_TRY(cln_config_set(&out->config, row, value));
-        } else {
-            CLN_TRY(cln_config_set(&out->config, row, text));
-        }
-    }
-    CLN_TRY(cln_config_check(&out->config));
+        CLN_TRY(cln_settings_create(out->preset, &out->settings));
+    for (int i = 0; i < p->setting_count; i++)
+        CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
+    CLN_TRY(cln_settings_check(out->settings));
 done:
     return st;
 }
@@ -546,5 +508,7 @@ void cln_options_free(cln_options *options)
 {
     free(options->line);
     free(options->tune_path);
+    cln_settings_free(options->settings);
+    options->settings = NULL;
     options->line = options->tune_path = NULL;
 }

@@ -1,6 +1,6 @@
 /* What a command line means: the parser over the tables of option_table.h. Options stand after the
  * command, in any order; of a repeated one the last counts. The only place that reads the environment.
- * Calls no part of the library but cln_run_config, for --resume. */
+ * Calls no part of the library but the settings. */
 #ifndef CLN_OPTIONS_H
 #define CLN_OPTIONS_H
 
@@ -24,7 +24,7 @@ typedef struct cln_options {
     double elevation, radius, fov, min_psnr, budget;
     int image_width, image_height;
 
-    cln_config config; /* train, info, tune: preset or resumed run, then the options given */
+    cln_settings *settings; /* train, info, tune: preset or resumed run, then the options given */
 } cln_options;
 
 /* Reads a command line into *out, which the caller frees also on failure. CLN_USAGE sentences name

@@ -128,7 +128,7 @@ void cln_progress_close(cln_progress *progress)
         write_out(progress);
     if (progress->mode == MODE_BAR && progress->shown)
         fputc('\n', stderr);
-    cln_log_set_sink(NULL, NULL);
+    cln_log_set_sink(cln_log_stderr, NULL);
     free(progress);
 }
 

@@ -20,7 +20,7 @@ cln_status cln_progress_open(const char *mode, cln_progress **out);
  * passed. */
 void cln_progress_show(cln_progress *progress, double fraction, const char *text);
 
-/* Brings the last text to the screen, ends the line, gives the log its stderr back; accepts NULL. */
+/* Brings the last text to the screen, ends the line, gives the log back to stderr; accepts NULL. */
 void cln_progress_close(cln_progress *progress);
 
 /* "08:12", "1:02:03"; "--:--" if not finite. */

@@ -51,13 +51,31 @@ done:
     return st;
 }
 
+cln_status cln_open_run_model(const char *run, cln_open_run *out)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+
+    memset(out, 0, sizeof *out);
+    out->run = run;
+    /* tells a folder that is no run from one without checkpoint */
+    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_checkpoint_read(run, false, &out->model));
+done:
+    json_decref(document);
+    if (st != CLN_OK)
+        cln_open_run_close(out);
+    return st;
+}
+
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, bool distortion)
 {
     cln_status st = CLN_OK;
     const cln_config *config = &opened->model.config;
     cln_pipeline *p = &opened->pipeline;
     char text[1024];
-    const cln_plan_desc desc = {p, opened->scene, opened->model.tree.leaf_count, false, 0};
+    const cln_scene none = {0}, *scene = opened->scene ? opened->scene : &none;
+    const cln_plan_desc desc = {p, scene, opened->model.tree.leaf_count, false, 0};
     cln_plan plan, host_plan;
 
     CLN_TRY(cln_device_open(device, &opened->device));
@@ -66,7 +84,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, config, distortion,
-                                config->random_background && opened->scene->has_alpha, p));
+                                config->random_background && scene->has_alpha, p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);

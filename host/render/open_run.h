@@ -8,14 +8,20 @@
 typedef struct cln_open_run {
     const char *run;
     cln_model model;
-    cln_scene *scene;
+    cln_scene *scene; /* NULL after cln_open_run_model */
     cln_device *device;
     cln_pipeline pipeline;
 } cln_open_run;
 
+/* The settings (and scene path, if scene is not NULL; the caller frees it) that run.json records. */
+cln_status cln_run_config(const char *run, cln_config *config, char **scene);
+
 /* Checkpoint, and scene (NULL = the run's own) with the images of these splits. No device yet. */
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              cln_open_run *out);
+
+/* The checkpoint alone: for what needs no scene. */
+cln_status cln_open_run_model(const char *run, cln_open_run *out);
 
 /* Device, memory plan, programs, tree and weights; cameras are the caller's. distortion: some view that
  * will be rendered is distorted. */

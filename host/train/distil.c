@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "pipeline/field.h"
 
 enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
 
@@ -133,36 +134,17 @@ done:
 
 /* ---- what the old leaves say ---- */
 
-/* Targets of points [first, first + n) of all; culled octants are empty and ask nobody. */
-static cln_status ask(cln_trainer *t, cln_distil *d, size_t first, size_t n, cln_sample *samples,
-                      float (*out)[4])
+/* Targets of all points; culled octants are empty and their targets 0. */
+static cln_status ask(cln_trainer *t, cln_distil *d, size_t points)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = &t->pipeline;
-    uint32_t count = 0, slices = 0;
 
-    for (size_t i = 0; i < n; i++) {
-        const float *o = d->origins[first + i];
-        const double point[3] = {o[0], o[1], o[2]};
-        const int slot = cln_octree_find(&t->model.tree, point);
+    CLN_TRY(cln_field_points(&t->pipeline, &t->model.tree, points, (const float(*)[4])d->origins,
+                             (const float(*)[4])d->directions, d->targets));
+    for (size_t i = 0; i < points; i++) {
+        const double length = d->lengths[i / (size_t)d->pool];
 
-        memset(d->targets[first + i], 0, sizeof d->targets[0]);
-        if (slot >= 0)
-            samples[count++] = (cln_sample){.ray = (cln_u32)i, .slot = slot};
-    }
-    if (count == 0)
-        return CLN_OK;
-    CLN_TRY(cln_pipeline_points(p, d->origins[first], d->directions[first], NULL, (uint32_t)n));
-    CLN_TRY(cln_pipeline_samples(p, samples, count));
-    CLN_TRY(cln_stage_group(p, count, &slices));
-    CLN_TRY(cln_stage_forward(p, count, slices, false, 0));
-    CLN_TRY(cln_buffer_read(p->device, &p->out, 0, out, count * sizeof *out));
-    for (uint32_t i = 0; i < count; i++) {
-        const size_t at = first + samples[i].ray;
-        const double length = d->lengths[at / (size_t)d->pool];
-
-        memcpy(d->targets[at], out[i], 3 * sizeof(float));
-        d->targets[at][3] = (float)-expm1(-out[i][3] * length);
+        d->targets[i][3] = (float)-expm1(-d->targets[i][3] * length);
     }
 done:
     return st;
@@ -172,9 +154,6 @@ cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *
 {
     cln_status st = CLN_OK;
     const cln_octree *tree = &t->model.tree;
-    const size_t most = t->plan.max_samples < 65536 ? t->plan.max_samples : 65536;
-    cln_sample *samples = NULL;
-    float(*answers)[4] = NULL;
     int32_t last = -1;
     size_t points = 0;
 
@@ -192,16 +171,10 @@ cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *
     CLN_TRY(cln_alloc(&out->directions, points, sizeof *out->directions, "points of merges"));
     CLN_TRY(cln_alloc(&out->targets, points, sizeof *out->targets, "points of merges"));
     CLN_TRY(cln_alloc(&out->lengths, (size_t)out->nets, sizeof *out->lengths, "merges"));
-    CLN_TRY(cln_alloc(&samples, most, sizeof *samples, "samples of merges"));
-    CLN_TRY(cln_alloc(&answers, most, sizeof *answers, "samples of merges"));
     for (int n = 0; n < out->nets; n++)
         CLN_TRY(make_points(t, out, n));
-    for (size_t first = 0; first < points; first += most)
-        CLN_TRY(
-            ask(t, out, first, points - first < most ? points - first : most, samples, answers));
+    CLN_TRY(ask(t, out, points));
 done:
-    free(samples);
-    free(answers);
     if (st != CLN_OK)
         cln_distil_free(out);
     return st;

@@ -10,6 +10,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/settings.h"
 #include "report/report.h"
 #include "scene/scene.h"
 
@@ -107,7 +108,7 @@ cln_status cln_record_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     json_t *config = NULL, *scene = NULL, *plan = NULL, *host_plan = NULL, *before = NULL;
-    const char *path = t->desc->scene, *preset = t->desc->preset;
+    const char *path = t->desc->scene, *preset = t->desc->resume ? NULL : t->desc->settings->preset;
     char now[32], tune[CLN_TUNE_TEXT];
 
     if (t->desc->resume)

@@ -314,18 +314,18 @@ static void test_orbit_renders(void **state)
 
 static void test_info(void **state)
 {
-    const cln_config config = engine_config();
+    const cln_settings settings = {.config = engine_config()};
     char *text = NULL;
     json_t *about = NULL;
     json_int_t leaves = 0;
 
     (void)state;
-    assert_ok(cln_info_scene(engine_path("scene"), &config, &text));
+    assert_ok(cln_info_scene(engine_path("scene"), &settings, &text));
     about = engine_parse(text);
     assert_string_equal(json_string_value(engine_at(about, "dialect")), "blender");
     assert_int_equal(json_integer_value(engine_at(about, "splits.train")), TRAIN_VIEWS);
     json_decref(about);
-    assert_fails(cln_info_scene(engine_path("nowhere"), &config, &text), CLN_INPUT, "nowhere");
+    assert_fails(cln_info_scene(engine_path("nowhere"), &settings, &text), CLN_INPUT, "nowhere");
     assert_null(text);
     NEED_DEVICE();
     assert_ok(cln_info_run(engine_path("whole"), &text));

@@ -19,9 +19,11 @@
 
 static cln_tune_desc tuner_desc(const char *kernel_dir, const char *tune)
 {
-    cln_tune_desc desc = {.device = engine_device(), .config = engine_config(), .budget = 600};
+    static cln_settings settings; /* outlives the desc */
+    cln_tune_desc desc = {.device = engine_device(), .settings = &settings, .budget = 600};
 
-    desc.config.batch_samples = 256;
+    settings.config = engine_config();
+    settings.config.batch_samples = 256;
     desc.device.tune = tune;
     if (kernel_dir)
         desc.device.kernel_dir = kernel_dir;

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/settings.h"
 #include "cli/options.h"
 #include "io/run_folder.h"
 #include "scratch.h"
@@ -169,7 +170,7 @@ static void every_row_is_an_option(void **state)
                 snprintf(text, sizeof text, "train s --%s%s%s -o r %s", row->option,
                          form ? "=" : " ", value, companion(row->option));
             parsed(&l, text);
-            cln_config_text(&l.options.config, row, got);
+            cln_config_text(&l.options.settings->config, row, got);
             assert_string_equal(got, wanted);
             assert_string_not_equal(got, in_fast);
             done(&l);
@@ -188,17 +189,17 @@ static void presets_are_the_base(void **state)
     assert_int_equal(cln_config_preset("fast", &fast), CLN_OK);
     parsed(&l, "train --rays 77 s --preset=paper -o r"); /* the preset may come after */
     assert_string_equal(l.options.preset, "paper");
-    assert_int_equal(l.options.config.rays, 77);
+    assert_int_equal(l.options.settings->config.rays, 77);
     for (int i = 0; i < cln_config_row_count; i++) {
         if (strcmp(cln_config_rows[i].option, "rays") == 0)
             continue;
-        cln_config_text(&l.options.config, &cln_config_rows[i], text);
+        cln_config_text(&l.options.settings->config, &cln_config_rows[i], text);
         cln_config_text(&paper, &cln_config_rows[i], wanted);
         assert_string_equal(text, wanted);
     }
     done(&l);
     parsed(&l, "train s -o r");
-    assert_int_equal(l.options.config.depth, fast.depth);
+    assert_int_equal(l.options.settings->config.depth, fast.depth);
     assert_string_equal(l.options.preset, "fast");
     done(&l);
     assert_refused("train s -o r --preset=slow", "--preset|slow|fast|paper|nerf|kilonerf");
@@ -211,8 +212,8 @@ static void repeated_options_the_last_counts(void **state)
     (void)state;
     parsed(&l,
            "train s -o a --steps 5 --skip --steps=7 --no-skip -o b --preset paper --preset fast");
-    assert_int_equal(l.options.config.steps, 7);
-    assert_false(l.options.config.skip);
+    assert_int_equal(l.options.settings->config.steps, 7);
+    assert_false(l.options.settings->config.skip);
     assert_string_equal(l.options.output, "b");
     assert_string_equal(l.options.preset, "fast");
     done(&l);
@@ -224,10 +225,10 @@ static void units_and_negative_numbers_are_values(void **state)
 
     (void)state;
     parsed(&l, "train s -o r --time-limit 10m --device-mem 512M --rrelu-lower -0.5 --skip=yes");
-    assert_true(l.options.config.time_limit == 600);
-    assert_true(l.options.config.device_mem == 512.0 * 1024 * 1024);
-    assert_true(l.options.config.rrelu_lower == -0.5);
-    assert_true(l.options.config.skip);
+    assert_true(l.options.settings->config.time_limit == 600);
+    assert_true(l.options.settings->config.device_mem == 512.0 * 1024 * 1024);
+    assert_true(l.options.settings->config.rrelu_lower == -0.5);
+    assert_true(l.options.settings->config.skip);
     done(&l);
     parsed(&l, "render r --orbit --elevation -30");
     assert_true(l.options.elevation == -30);
@@ -293,11 +294,11 @@ static void every_other_option_is_read(void **state)
     o = parsed(&l, "tune -o rows.txt --budget 5.5 --preset paper --width 128 -d 0");
     assert_string_equal(o->output, "rows.txt");
     assert_true(o->budget == 5.5);
-    assert_int_equal(o->config.width, 128);
-    assert_int_equal(o->config.depth, 8);
+    assert_int_equal(o->settings->config.width, 128);
+    assert_int_equal(o->settings->config.depth, 8);
     done(&l);
     o = parsed(&l, "info scene --downscale 4");
-    assert_int_equal(o->config.downscale, 4);
+    assert_int_equal(o->settings->config.downscale, 4);
     done(&l);
 }
 
@@ -488,23 +489,23 @@ static void resume_starts_from_the_runs_settings(void **state)
     parsed(&l, text);
     assert_null(l.options.operand);
     assert_string_equal(l.options.resume, run);
-    assert_int_equal(l.options.config.seed, 7);
-    assert_int_equal(l.options.config.steps, 1000);
-    assert_int_equal(l.options.config.depth, paper.depth);
-    assert_true(l.options.config.lr == 0.125);
+    assert_int_equal(l.options.settings->config.seed, 7);
+    assert_int_equal(l.options.settings->config.steps, 1000);
+    assert_int_equal(l.options.settings->config.depth, paper.depth);
+    assert_true(l.options.settings->config.lr == 0.125);
     done(&l);
     snprintf(text, sizeof text, "train --resume %s --steps +500 --time-limit=+5m", run);
     parsed(&l, text);
-    assert_int_equal(l.options.config.steps, 1500);
-    assert_true(l.options.config.time_limit == 900);
+    assert_int_equal(l.options.settings->config.steps, 1500);
+    assert_true(l.options.settings->config.time_limit == 900);
     done(&l);
     snprintf(text, sizeof text, "train --resume %s --steps +500 --steps +20", run);
     parsed(&l, text);
-    assert_int_equal(l.options.config.steps, 1020);
+    assert_int_equal(l.options.settings->config.steps, 1020);
     done(&l);
     snprintf(text, sizeof text, "train --resume %s --steps 300", run);
     parsed(&l, text);
-    assert_int_equal(l.options.config.steps, 300);
+    assert_int_equal(l.options.settings->config.steps, 300);
     done(&l);
 }
 

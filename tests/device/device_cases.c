@@ -15,6 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/log.h"
 #include "check/selftest.h"
 
 typedef struct record {
@@ -146,6 +147,7 @@ int main(int argc, char **argv)
     cln_status st = CLN_OK;
     int option, set = CLN_SHAPES_ALL;
 
+    cln_log_set_sink(cln_log_stderr, NULL);
     while ((option = getopt(argc, argv, "d:k:t:s:r:a:")) != -1)
         switch (option) {
         case 'd':

@@ -257,11 +257,12 @@ static cln_status train(const char *run, bool resume, const char *tune, const ch
 {
     engine_stop none = {0};
     cln_train_result result;
+    const cln_settings settings = {.config = engine_config(), .preset = "fast"};
     cln_train_desc desc = {.scene = resume ? NULL : engine_path("scene"),
                            .run = engine_path(run),
                            .resume = resume,
                            .skip_selftest = true,
-                           .config = engine_config(),
+                           .settings = &settings,
                            .device = engine_device(),
                            .callbacks = engine_callbacks(stop ? stop : &none)};
 

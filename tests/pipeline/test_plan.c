@@ -266,11 +266,11 @@ static cln_status train_on(const char *run, const cln_config *config, const char
                            cln_train_result *result)
 {
     engine_stop none = {0};
+    const cln_settings settings = {.config = *config, .preset = "fast"};
     cln_train_desc desc = {.scene = engine_path("scene"),
                            .run = engine_path(run),
-                           .preset = "fast",
                            .skip_selftest = true,
-                           .config = *config,
+                           .settings = &settings,
                            .device = engine_device(),
                            .command = "test",
                            .callbacks = engine_callbacks(&none)};

@@ -9,6 +9,7 @@
 #include <math.h>
 #include "base/config.h"
 #include "base/memory.h"
+#include "base/settings.h"
 #include "cl_nascent.h"
 #include "device/device.h"
 #include "io/image.h"
@@ -198,12 +199,12 @@ static inline cln_status engine_train(const char *run, bool resume, const cln_co
                                       engine_stop *stop, cln_train_result *result)
 {
     engine_stop none = {0};
+    const cln_settings settings = {.config = *config, .preset = "fast"};
     const cln_train_desc desc = {.scene = resume ? NULL : engine_path("scene"),
                                  .run = engine_path(run),
-                                 .preset = resume ? NULL : "fast",
                                  .resume = resume,
                                  .skip_selftest = true,
-                                 .config = *config,
+                                 .settings = &settings,
                                  .device = engine_device(),
                                  .command = "test",
                                  .callbacks = engine_callbacks(stop ? stop : &none)};

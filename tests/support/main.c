@@ -22,6 +22,7 @@
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/lsan_interface.h>
 #endif
+#include "base/log.h"
 #include "tests.h"
 
 enum { GROUP_SECONDS = 900 }; /* a group that takes longer hangs */
@@ -67,6 +68,7 @@ static void run_child(const test_group *group, const char *pattern, int out)
     cmocka_set_message_output(CM_OUTPUT_STDOUT);
     if (pattern)
         cmocka_set_test_filter(pattern);
+    cln_log_set_sink(cln_log_stderr, NULL);
     alarm(GROUP_SECONDS);
     leave(group->run() ? 1 : 0);
 }

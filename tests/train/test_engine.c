@@ -581,10 +581,11 @@ static void test_too_little_memory(void **state)
 static void test_broken_kernel(void **state)
 {
     const char text[] = "this is no OpenCL;\n";
+    const cln_settings settings = {.config = engine_config(), .preset = "fast"};
     cln_train_desc desc = {.scene = engine_path("scene"),
                            .run = engine_path("never"),
                            .skip_selftest = true,
-                           .config = engine_config(),
+                           .settings = &settings,
                            .device = engine_device()};
     cln_train_result result;
 
@@ -598,9 +599,10 @@ static void test_broken_kernel(void **state)
 
 static void test_no_such_device(void **state)
 {
+    const cln_settings settings = {.config = engine_config(), .preset = "fast"};
     cln_train_desc desc = {.scene = engine_path("scene"),
                            .run = engine_path("never"),
-                           .config = engine_config(),
+                           .settings = &settings,
                            .device = {.spec = "no such device"}};
     cln_train_result result;
 

@@ -1,0 +1,118 @@
+/* cln_field_*: a trained run asked at points of the scene, over pipeline/field.h. Here are units alone:
+ * scene units outside, the cube inside. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "pipeline/field.h"
+#include "render/open_run.h"
+
+struct cln_field {
+    cln_open_run opened; /* without a scene */
+};
+
+enum { CHUNK = 65536 }; /* points converted at a time */
+
+cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out)
+{
+    cln_status st = CLN_OK;
+    const cln_device_desc any = {0};
+    cln_field *field = NULL;
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&field, 1, sizeof *field, "field"));
+    CLN_TRY(cln_open_run_model(run, &field->opened));
+    CLN_TRY(cln_open_run_start(&field->opened, device ? device : &any, false));
+    field->opened.run = NULL; /* the caller's */
+    *out = field;
+    field = NULL;
+done:
+    cln_field_close(field);
+    return st;
+}
+
+void cln_field_close(cln_field *field)
+{
+    if (!field)
+        return;
+    cln_open_run_close(&field->opened);
+    free(field);
+}
+
+void cln_field_box(const cln_field *field, double min[3], double max[3])
+{
+    const cln_model *model = &field->opened.model;
+
+    for (int a = 0; a < 3; a++) {
+        min[a] = model->centre[a] - model->half;
+        max[a] = model->centre[a] + model->half;
+    }
+}
+
+static cln_status to_cube(const cln_model *model, size_t i, const float position[3], float out[4])
+{
+    for (int a = 0; a < 3; a++) {
+        if (!isfinite(position[a]))
+            return cln_fail(CLN_USAGE, "position %zu: %g,%g,%g is not finite", i,
+                            (double)position[0], (double)position[1], (double)position[2]);
+        out[a] = (float)((position[a] - model->centre[a]) / model->half);
+    }
+    out[3] = 0;
+    return CLN_OK;
+}
+
+/* NULL: the density does not depend on it. */
+static cln_status to_unit(size_t i, const float *direction, float out[4])
+{
+    double length = 0;
+
+    memcpy(out, (const float[4]){0, 0, 1, 1}, 4 * sizeof *out);
+    if (!direction)
+        return CLN_OK;
+    for (int a = 0; a < 3; a++)
+        length += (double)direction[a] * direction[a];
+    length = sqrt(length);
+    if (!(length > 0 && isfinite(length)))
+        return cln_fail(CLN_USAGE, "direction %zu: %g,%g,%g has no finite length above 0", i,
+                        (double)direction[0], (double)direction[1], (double)direction[2]);
+    for (int a = 0; a < 3; a++)
+        out[a] = (float)(direction[a] / length);
+    return CLN_OK;
+}
+
+cln_status cln_field_at(cln_field *field, size_t n, const float (*positions)[3],
+                        const float (*directions)[3], float (*rgb)[3], float *sigma)
+{
+    cln_status st = CLN_OK;
+    const cln_model *model = &field->opened.model;
+    const size_t most = n < CHUNK ? n : CHUNK;
+    float(*at)[4] = NULL, (*towards)[4] = NULL, (*out)[4] = NULL;
+
+    if (rgb && !directions)
+        CLN_TRY(cln_fail(CLN_USAGE, "colour depends on the direction: give directions, or no rgb"));
+    CLN_TRY(cln_alloc(&at, most, sizeof *at, "points"));
+    CLN_TRY(cln_alloc(&towards, most, sizeof *towards, "points"));
+    CLN_TRY(cln_alloc(&out, most, sizeof *out, "points"));
+    for (size_t first = 0; first < n; first += most) {
+        const size_t count = n - first < most ? n - first : most;
+
+        for (size_t i = 0; i < count; i++) {
+            CLN_TRY(to_cube(model, first + i, positions[first + i], at[i]));
+            CLN_TRY(to_unit(first + i, directions ? directions[first + i] : NULL, towards[i]));
+        }
+        CLN_TRY(cln_field_points(&field->opened.pipeline, &model->tree, count,
+                                 (const float(*)[4])at, (const float(*)[4])towards, out));
+        for (size_t i = 0; i < count; i++) {
+            if (rgb)
+                memcpy(rgb[first + i], out[i], sizeof rgb[0]);
+            if (sigma) /* a way d is d / half in the cube */
+                sigma[first + i] = (float)(out[i][3] / model->half);
+        }
+    }
+done:
+    free(at);
+    free(towards);
+    free(out);
+    return st;
+}

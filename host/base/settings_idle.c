@@ -1,0 +1,90 @@
+/* Settings that were given but have no effect with the others: said as warnings when a training begins.
+ * See settings.h. To add one: a row in the list below. */
+#include "base/settings.h"
+
+#include <string.h>
+#include "base/log.h"
+
+typedef struct idle {
+    const char *options; /* of the rows, separated by spaces */
+    bool when;
+    const char *why; /* reason; way out */
+} idle;
+
+enum { IDLE_ROWS = 17 };
+
+#define ADAPTIVE                                                                          \
+    "max-leaves max-level structure-from structure-every structure-until structure-wait " \
+    "split-samples split-factor merge-factor cost-density distil-steps distil-samples "   \
+    "distil-lr distil-stop"
+
+/* The list. For an option in two rows the first that holds is said. */
+static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle out[IDLE_ROWS])
+{
+    const bool tree = c->tree_from[0];
+    const idle rows[] = {
+        {"start-level init", facts->resume,
+         "a resumed run has its tree and weights; start a new run for another"},
+        {"start-level level-at adaptive", tree, "--tree-from keeps that run's tree; leave one out"},
+        {ADAPTIVE, tree, "--tree-from keeps that run's tree; leave one out"},
+        {ADAPTIVE, !c->adaptive, "the tree does not adapt; give --adaptive"},
+        {"skip", c->skip && c->depth < 6,
+         "only networks of 6 layers or more have a skip connection; give --depth 6"},
+        {"view-width view-bands view-l2", !c->view_dependence,
+         "without view dependence there is no view layer; give --view-dependence"},
+        {"lr-final", c->lr_schedule == CLN_SCHEDULE_STEP,
+         "--lr-schedule step goes down by tenths from --lr; give --lr-schedule exp"},
+        {"huber-delta", c->loss != CLN_LOSS_HUBER, "the loss is l2; give --loss huber"},
+        {"random-background", c->random_background && !facts->has_alpha,
+         "the images have no alpha, so nothing shows through; leave it out"},
+        {"epochs", c->steps > 0 || c->time_limit > 0,
+         "epochs count when no other budget is set; leave out --steps and --time-limit"},
+        {"lists splat-per-ray splat-min-alpha views-per-batch", c->stage1 == CLN_STAGE1_GATHER,
+         "nothing is splatted with --stage1 gather; give --stage1 splat"},
+        {"skip-uncovered", c->skip_uncovered && c->stage1 == CLN_STAGE1_SPLAT,
+         "--stage1 splat takes whole pictures' rays; give --stage1 gather"},
+        {"refresh-every", c->rolling_refresh,
+         "a rolling refresh has a rhythm of its own; give --no-rolling-refresh"},
+        {"samples-per-ray empty-weight empty-share", c->allocate == CLN_ALLOCATE_CHORD,
+         "samples are placed by the chord's length alone; give --allocate weight"},
+        {"empty-share", c->empty_weight <= 0,
+         "no interval counts as empty with --empty-weight 0; give that, too"},
+        {"occlusion-from", c->min_transmittance <= 0,
+         "nothing counts as occluded with --min-transmittance 0; give that, too"},
+        {"cull-max cull-strikes", c->cull == CLN_CULL_MEAN,
+         "--cull mean has no guards; give --cull guarded"},
+    };
+
+    _Static_assert(sizeof rows / sizeof rows[0] == IDLE_ROWS, "IDLE_ROWS counts the rows");
+    memcpy(out, rows, sizeof rows);
+}
+
+/* Is row's option among "a b c"? */
+static bool is_among(const char *options, const cln_config_row *row)
+{
+    while (*options) {
+        const size_t length = strcspn(options, " ");
+
+        if (cln_config_named(row, options, length))
+            return true;
+        options += length + (options[length] == ' ');
+    }
+    return false;
+}
+
+void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts)
+{
+    idle list[IDLE_ROWS];
+
+    list_idle(&settings->config, facts, list);
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+
+        for (int k = 0; k < IDLE_ROWS && cln_settings_given(settings, row); k++) {
+            if (!list[k].when || !is_among(list[k].options, row))
+                continue;
+            cln_warn("--%s has no effect: %s", row->option, list[k].why);
+            break;
+        }
+    }
+}

@@ -1,0 +1,201 @@
+/* The field at points (cl_nascent.h: cln_field_*; host/pipeline/field.h): colours and densities of a trained
+ * run against the float64 networks of reference/, in scene units, with leaves of two levels, culled octants
+ * and points outside the cube; batches that do not divide; what is refused. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "base/rng.h"
+#include "check/selftest_checks.h"
+#include "engine_fixture.h"
+#include "tests.h"
+
+enum { POINTS = 4000 };
+
+typedef struct points {
+    float at[POINTS][3], towards[POINTS][3];
+    float rgb[POINTS][3], sigma[POINTS];
+} points;
+
+/* The run "whole" with one octant culled and another split; its model, too. */
+static const char *make_run(cln_model *model)
+{
+    const char *run = engine_path("odd");
+    json_t *document = engine_json("whole/run.json");
+    uint8_t chosen[8] = {0, 0, 1};
+    cln_octree_change change;
+
+    assert_ok(cln_checkpoint_read(engine_path("whole"), true, model));
+    assert_int_equal(model->tree.leaf_count, 8);
+    assert_ok(cln_octree_cull(&model->tree, chosen, &change));
+    assert_ok(cln_model_apply(model, &change));
+    cln_octree_change_free(&change);
+    assert_ok(cln_octree_split(&model->tree, chosen, &change));
+    assert_ok(cln_model_apply(model, &change));
+    cln_octree_change_free(&change);
+    assert_int_equal(model->tree.leaf_count, 14);
+    assert_ok(cln_make_dirs(run));
+    assert_ok(cln_run_write(run, document));
+    json_decref(document);
+    assert_ok(cln_checkpoint_write(run, model));
+    return run;
+}
+
+/* Points in the cube and around it, with directions of many lengths. */
+static void make_points(const cln_model *model, points *p)
+{
+    for (uint32_t i = 0; i < POINTS; i++) {
+        float u[4], v[4];
+
+        cln_uniform4(7, CLN_STREAM_DISTIL, 0, i, 0, u);
+        cln_uniform4(7, CLN_STREAM_DISTIL, 0, i, 1, v);
+        for (int a = 0; a < 3; a++) {
+            p->at[i][a] = (float)(model->centre[a] + model->half * 1.2 * (2 * u[a] - 1));
+            p->towards[i][a] = (v[a] - 0.5f) * (0.1f + 10 * v[3]);
+        }
+    }
+}
+
+/* r, g, b and sigma per scene unit; false outside of the leaves. */
+static bool reference_at(const cln_model *model, const float at[3], const float towards[3],
+                         double out[4])
+{
+    const cln_config *c = &model->config;
+    double cube[3], local[3], dir[3], length = 0;
+    float box[4];
+    int slot = -1;
+    ref_network r;
+
+    for (int a = 0; a < 3; a++) {
+        cube[a] = (float)((at[a] - model->centre[a]) / model->half);
+        length += (double)towards[a] * towards[a];
+    }
+    slot = cln_octree_find(&model->tree, cube);
+    memset(out, 0, 4 * sizeof *out);
+    if (slot < 0)
+        return false;
+    cln_octree_box(&model->tree, model->tree.leaf[slot], box);
+    for (int a = 0; a < 3; a++) {
+        local[a] = 2 * (cube[a] - box[a]) / box[3] - 1;
+        dir[a] = towards[a] / sqrt(length);
+    }
+    r = cln_check_network(c, model, slot);
+    ref_forward(&r, model->params + (size_t)slot * (size_t)model->net.params, local, dir, NULL,
+                0.5 * (c->rrelu_lower + c->rrelu_upper), out);
+    out[3] /= model->half;
+    return true;
+}
+
+static void test_field_is_the_networks(void **state)
+{
+    static points p;
+    const cln_device_desc device = engine_device();
+    cln_model model = {0};
+    cln_field *field = NULL;
+    const char *run = NULL;
+    double min[3], max[3], worst[2] = {0, 0}, dense = 0;
+    int empty = 0;
+
+    NEED_DEVICE();
+    run = make_run(&model);
+    make_points(&model, &p);
+    assert_ok(cln_field_open(run, &device, &field));
+    cln_field_box(field, min, max);
+    for (int a = 0; a < 3; a++) {
+        assert_true(min[a] == model.centre[a] - model.half);
+        assert_true(max[a] == model.centre[a] + model.half);
+    }
+    assert_ok(cln_field_at(field, POINTS, (const float(*)[3])p.at, (const float(*)[3])p.towards,
+                           p.rgb, p.sigma));
+    for (int i = 0; i < POINTS; i++) {
+        double want[4];
+        const bool inside = reference_at(&model, p.at[i], p.towards[i], want);
+
+        empty += !inside;
+        dense = fmax(dense, want[3]);
+        for (int a = 0; a < 3; a++) {
+            worst[0] = fmax(worst[0], fabs(p.rgb[i][a] - want[a]));
+            if (!inside)
+                assert_true(p.rgb[i][a] == 0);
+        }
+        worst[1] = fmax(worst[1], fabs(p.sigma[i] - want[3]) / (1e-2 + want[3]));
+        if (!inside)
+            assert_true(p.sigma[i] == 0);
+    }
+    assert_in_range(empty, POINTS / 4, POINTS / 2 + POINTS / 8); /* 1 - (5/6)^3 * 7/8 = 0.49 */
+    assert_true(dense > 0.1);                                    /* it has learned something */
+    /* float32's rounding, of a position and through the layers; the self-test's bound is 1e-3 of the rms */
+    if (!(worst[0] < 1e-4 && worst[1] < 1e-3))
+        fail_msg("colour off by %g, density by %g of it", worst[0], worst[1]);
+    cln_field_close(field);
+    cln_model_free(&model);
+}
+
+/* Any number of points, and parts of what can be asked, give the same bits. */
+static void test_parts_are_the_whole(void **state)
+{
+    static points p, q;
+    const cln_device_desc device = engine_device();
+    cln_model model = {0};
+    cln_field *field = NULL;
+    const size_t cuts[] = {0, 1, 2, 61, 1000, POINTS};
+
+    NEED_DEVICE();
+    assert_ok(cln_checkpoint_read(engine_path("whole"), false, &model));
+    make_points(&model, &p);
+    assert_ok(cln_field_open(engine_path("whole"), &device, &field));
+    assert_ok(cln_field_at(field, 0, NULL, NULL, NULL, NULL));
+    assert_ok(cln_field_at(field, POINTS, (const float(*)[3])p.at, (const float(*)[3])p.towards,
+                           p.rgb, p.sigma));
+    for (size_t k = 0; k + 1 < sizeof cuts / sizeof cuts[0]; k++) {
+        const size_t from = cuts[k], n = cuts[k + 1] - from;
+
+        assert_ok(cln_field_at(field, n, (const float(*)[3])p.at + from,
+                               (const float(*)[3])p.towards + from, q.rgb + from, NULL));
+        assert_ok(
+            cln_field_at(field, n, (const float(*)[3])p.at + from, NULL, NULL, q.sigma + from));
+    }
+    assert_memory_equal(p.rgb, q.rgb, sizeof p.rgb);
+    assert_memory_equal(p.sigma, q.sigma, sizeof p.sigma);
+    cln_field_close(field);
+    cln_model_free(&model);
+}
+
+static void test_field_refuses(void **state)
+{
+    const cln_device_desc device = engine_device();
+    float at[2][3] = {{0, 0, 0}, {0, NAN, 0}}, towards[2][3] = {{0, 0, 1}, {0, 0, 0}};
+    float rgb[2][3], sigma[2];
+    cln_field *field = (cln_field *)&device;
+
+    NEED_DEVICE();
+    assert_fails(cln_field_open(engine_path("scene"), &device, &field), CLN_INPUT, "run.json");
+    assert_null(field);
+    cln_field_close(NULL);
+    assert_ok(cln_field_open(engine_path("whole"), NULL, &field));
+    assert_fails(cln_field_at(field, 2, (const float(*)[3])at, NULL, NULL, sigma), CLN_USAGE,
+                 "position 1");
+    at[1][1] = 0;
+    assert_fails(cln_field_at(field, 2, (const float(*)[3])at, NULL, rgb, sigma), CLN_USAGE,
+                 "directions");
+    assert_fails(
+        cln_field_at(field, 2, (const float(*)[3])at, (const float(*)[3])towards, rgb, NULL),
+        CLN_USAGE, "direction 1");
+    towards[1][0] = -2;
+    assert_ok(
+        cln_field_at(field, 2, (const float(*)[3])at, (const float(*)[3])towards, rgb, sigma));
+    assert_true(sigma[0] == sigma[1]);
+    cln_field_close(field);
+}
+
+int test_group_field(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_field_is_the_networks),
+        cmocka_unit_test(test_parts_are_the_whole),
+        cmocka_unit_test(test_field_refuses),
+    };
+
+    return cmocka_run_group_tests_name("field", tests, engine_setup, engine_teardown);
+}

@@ -1,0 +1,224 @@
+/* Settings by name and text behind the opaque type (cl_nascent.h, base/settings.h): every setting through
+ * set and get, what is refused, extending a budget, and which given settings are said to have no effect.
+ * Oracle: the rows of config.h, and sentences written down here. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/log.h"
+#include "base/settings.h"
+#include "tests.h"
+
+static cln_settings *create(const char *preset)
+{
+    cln_settings *settings = NULL;
+
+    assert_int_equal(cln_settings_create(preset, &settings), CLN_OK);
+    assert_non_null(settings);
+    return settings;
+}
+
+static void set(cln_settings *settings, const char *name, const char *value)
+{
+    if (cln_settings_set(settings, name, value) != CLN_OK)
+        fail_msg("%s", cln_error_text());
+}
+
+static void assert_set_refused(cln_settings *settings, const char *name, const char *value,
+                               const char *words)
+{
+    const cln_settings before = *settings;
+    char copy[256], *save = NULL;
+
+    assert_int_equal(cln_settings_set(settings, name, value), CLN_USAGE);
+    snprintf(copy, sizeof copy, "%s", words);
+    for (char *word = strtok_r(copy, "|", &save); word; word = strtok_r(NULL, "|", &save)) {
+        if (!strstr(cln_error_text(), word))
+            fail_msg("'%s' is not in '%s'", word, cln_error_text());
+    }
+    assert_memory_equal(settings, &before, sizeof before);
+    cln_clear_error();
+}
+
+/* Every setting of one preset, as text, into another; described as the rows say. */
+static void test_every_setting(void **state)
+{
+    cln_settings *from = create("paper"), *to = create(NULL);
+    cln_setting_info info;
+    int count = 0;
+
+    (void)state;
+    for (; cln_setting_describe(count, &info); count++) {
+        const cln_config_row *row = cln_config_find(info.name);
+        char text[CLN_SETTING_BYTES], back[CLN_SETTING_BYTES];
+
+        assert_non_null(row);
+        assert_ptr_equal(info.help, row->help);
+        assert_true(info.min == row->min && info.max == row->max);
+        assert_int_equal(info.words != NULL, strcmp(info.type, "word") == 0);
+        assert_false(cln_settings_given(to, row));
+        assert_int_equal(cln_settings_get(from, info.name, text, sizeof text), CLN_OK);
+        set(to, info.name, text);
+        assert_true(cln_settings_given(to, row));
+        assert_int_equal(
+            cln_settings_get(to, info.alias ? info.alias : info.name, back, sizeof back), CLN_OK);
+        assert_string_equal(text, back);
+    }
+    assert_int_equal(count, cln_config_row_count);
+    assert_false(cln_setting_describe(-1, &info));
+    assert_null(cln_config_differs(&from->config, &to->config, 0));
+    assert_int_equal(cln_settings_check(to), CLN_OK);
+    cln_settings_free(from);
+    cln_settings_free(to);
+    cln_settings_free(NULL);
+}
+
+static void test_refused(void **state)
+{
+    cln_settings *settings = create("fast"), *none = settings;
+    char small[2];
+
+    (void)state;
+    assert_set_refused(settings, "widht", "64", "'widht'|no such setting|'width'");
+    assert_set_refused(settings, "width", "3", "--width|'3'|16 to 256");
+    assert_set_refused(settings, "skip", "maybe", "--skip|yes");
+    assert_set_refused(settings, "steps", "+5", "--steps +5|only a run");
+    assert_int_equal(cln_settings_get(settings, "seed", small, sizeof small), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "3 bytes"));
+    cln_clear_error();
+    set(settings, "lr-final", "0.5");
+    assert_int_equal(cln_settings_check(settings), CLN_USAGE);
+    cln_clear_error();
+    assert_int_equal(cln_settings_create("slow", &none), CLN_USAGE);
+    assert_null(none);
+    cln_clear_error();
+    assert_int_equal(cln_settings_of_run("/nonexistent", &none), CLN_INPUT);
+    assert_null(none);
+    cln_clear_error();
+    cln_settings_free(settings);
+}
+
+/* "+N" counts from what the run had, however often it is said. */
+static void test_extend(void **state)
+{
+    cln_settings *settings = create("fast");
+
+    (void)state;
+    set(settings, "steps", "100");
+    set(settings, "time-limit", "60");
+    settings->base = settings->config; /* as of a run */
+    settings->preset[0] = 0;
+    set(settings, "steps", "+20");
+    set(settings, "steps", "+50");
+    set(settings, "time-limit", "+2m");
+    assert_int_equal(settings->config.steps, 150);
+    assert_true(settings->config.time_limit == 180);
+    settings->base.steps = 0;
+    assert_set_refused(settings, "steps", "+5", "--steps +5|no such budget");
+    assert_set_refused(settings, "lr", "+x", "--lr|'+x'");
+    cln_settings_free(settings);
+}
+
+/* ---- without effect ---- */
+
+static void collect(cln_log_level level, const char *line, void *user)
+{
+    char *text = user;
+    const size_t used = strlen(text);
+
+    assert_int_equal(level, CLN_LOG_WARN);
+    snprintf(text + used, 4096 - used, "%s\n", line);
+}
+
+/* The warnings of a preset with "name=value name=value ...". */
+static const char *warnings(const char *preset, const char *given, bool resume, bool has_alpha)
+{
+    static char text[4096];
+    cln_settings *settings = create(preset);
+    char copy[512], *save = NULL;
+
+    snprintf(copy, sizeof copy, "%s", given);
+    for (char *one = strtok_r(copy, " ", &save); one; one = strtok_r(NULL, " ", &save)) {
+        char *equals = strchr(one, '=');
+
+        *equals = 0;
+        set(settings, one, equals + 1);
+    }
+    text[0] = 0;
+    cln_log_set_sink(collect, text);
+    cln_settings_warn_idle(settings, &(cln_settings_facts){resume, has_alpha});
+    cln_log_set_sink(NULL, NULL);
+    cln_settings_free(settings);
+    return text;
+}
+
+static void test_idle(void **state)
+{
+    static const struct {
+        const char *given, *idle, *way_out;
+        const char *busy; /* the same with what makes it matter */
+    } cases[] = {
+        {"skip=yes", "--skip", "--depth 6", "skip=yes depth=6"},
+        {"skip=yes depth=5", "--skip", "--depth 6", "skip=yes depth=8"},
+        {"lr-final=1e-4 lr-schedule=step", "--lr-final", "--lr-schedule exp", "lr-final=1e-4"},
+        {"huber-delta=0.2", "--huber-delta", "--loss huber", "huber-delta=0.2 loss=huber"},
+        {"view-width=64 view-dependence=no", "--view-width", "--view-dependence", "view-width=64"},
+        {"view-l2=1 view-dependence=no", "--view-l2", "--view-dependence", "view-l2=1"},
+        {"epochs=3 steps=5", "--epochs", "leave out --steps", "epochs=3 target-psnr=30"},
+        {"epochs=3 time-limit=5m", "--epochs", "--time-limit", "epochs=3"},
+        {"lists=padded", "--lists", "--stage1 splat", "lists=padded stage1=splat"},
+        {"views-per-batch=2", "--views-per-batch", "--stage1 splat",
+         "views-per-batch=2 stage1=splat"},
+        {"skip-uncovered=yes stage1=splat", "--skip-uncovered", "--stage1 gather",
+         "skip-uncovered=no stage1=splat"},
+        {"refresh-every=9 rolling-refresh=yes", "--refresh-every", "--no-rolling-refresh",
+         "refresh-every=9"},
+        {"samples-per-ray=9 allocate=chord", "--samples-per-ray", "--allocate weight",
+         "samples-per-ray=9"},
+        {"empty-share=0.5 empty-weight=0", "--empty-share", "--empty-weight", "empty-share=0.5"},
+        {"occlusion-from=0.5 t-min=0", "--occlusion-from", "--min-transmittance",
+         "occlusion-from=0.5"},
+        {"cull-max=1 cull=mean", "--cull-max", "--cull guarded", "cull-max=1"},
+        {"merge-factor=1 adaptive=no", "--merge-factor", "--adaptive", "merge-factor=1"},
+        {"max-leaves=9 tree-from=x", "--max-leaves", "--tree-from", "max-leaves=9"},
+        {"level-at= tree-from=x", "--level-at", "--tree-from", "level-at="},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const char *said = warnings("fast", cases[i].given, false, true);
+        char begin[64];
+
+        snprintf(begin, sizeof begin, "warning: %s has no effect: ", cases[i].idle);
+        if (strncmp(said, begin, strlen(begin)) != 0 || !strstr(said, cases[i].way_out) ||
+            strchr(said, '\n') != said + strlen(said) - 1)
+            fail_msg("%s: '%s'", cases[i].given, said);
+        said = warnings("fast", cases[i].busy, false, true);
+        if (*said)
+            fail_msg("%s: '%s'", cases[i].busy, said);
+    }
+    assert_non_null(strstr(warnings("fast", "random-background=yes", false, false), "no alpha"));
+    assert_string_equal(warnings("fast", "random-background=yes", false, true), "");
+    assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
+    assert_string_equal(warnings("fast", "start-level=1", false, true), "");
+    /* what a preset has is not said, though the paper's has a final rate and goes down by steps */
+    assert_string_equal(warnings("paper", "rays=100", false, false), "");
+    assert_string_equal(warnings("nerf", "rays=100", true, false), "");
+    assert_string_equal(warnings("kilonerf", "rays=100", true, false), "");
+}
+
+int test_group_settings(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_every_setting),
+        cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_extend),
+        cmocka_unit_test(test_idle),
+    };
+
+    return cmocka_run_group_tests_name("settings", tests, NULL, NULL);
+}

@@ -1,0 +1,154 @@
+#!/bin/bash
+# The installed library: `make install` into a folder of its own; the header alone, what the shared library
+# exports, pkg-config, and examples/ compiled against the installed files alone, once shared and once
+# static, and run on a tiny generated scene. Runs on any OpenCL device (PoCL is enough).
+#   tests/cli/install.sh
+# Every check is one line of the count in the last line; the output of a failed one is shown.
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+make_scene=$PWD/build/make-scene
+sources=$PWD/examples
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln-install-XXXXXX")
+trap 'rm -rf "$work"' EXIT
+
+. tests/support/checks.sh
+
+root="$work/the root" # no part of the way may break at a space
+usr=$root/usr
+lib=$usr/lib
+cc=${CC:-gcc}
+flags=(-std=c11 -O1 -Wall -Wextra -Wpedantic -Werror)
+
+run "${MAKE:-make}" --no-print-directory -j2 build/make-scene build/json-query
+check "make-scene and json-query are built" [ $rc = 0 ]
+run "${MAKE:-make}" --no-print-directory install DESTDIR="$root" PREFIX=/usr
+check "make install" [ $rc = 0 ] # the rest would look at nothing
+[ $rc = 0 ] || { count; exit 1; }
+for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-nascent.so.0 lib/libcl-nascent.so \
+    lib/pkgconfig/cl-nascent.pc share/man/man1/cl-nascent.1 share/doc/cl-nascent/api.md; do
+    check "$file is there" [ -s "$usr/$file" ]
+done
+
+# From here on nothing of the source tree but the examples' own text.
+cp "$sources"/*.c "$work"
+cd "$work" || exit 1
+
+# ---- header ----
+
+echo '#include <cl_nascent.h>' >header.c
+run "$cc" "${flags[@]}" -fsyntax-only -I"$usr/include" header.c
+check "the header stands alone, in C" [ $rc = 0 ]
+if command -v g++ >/dev/null; then
+    run g++ -std=c++11 -Wall -Wextra -Werror -fsyntax-only -x c++ -I"$usr/include" header.c
+    check "the header stands alone, in C++" [ $rc = 0 ]
+else
+    skip "the header stands alone, in C++" "no g++"
+fi
+
+# ---- shared library ----
+
+declared() {
+    tr '\n' ' ' <"$usr/include/cl_nascent.h" | grep -oE 'CLN_API [a-z_ *0-9]+\(' | sed 's/($//; s/.*[ *]//' | sort
+}
+exported() {
+    nm -D --defined-only "$lib/libcl-nascent.so.0" | awk '{ print $3 }' | sort
+}
+declared >declared.txt
+exported >exported.txt
+check "functions are declared for export" [ "$(wc -l <declared.txt)" -gt 20 ]
+run diff declared.txt exported.txt
+check "the shared library exports what the header declares, and nothing else" [ $rc = 0 ]
+readelf -d "$lib/libcl-nascent.so.0" >dynamic.txt
+check "its soname" grep -q 'SONAME.*\[libcl-nascent\.so\.0\]' dynamic.txt
+check "the linker's name leads to it" [ "$(readlink "$lib/libcl-nascent.so")" = libcl-nascent.so.0 ]
+
+# ---- pkg-config ----
+
+# The prefix of the file is /usr, where it will be; here it stands in $root.
+config() {
+    PKG_CONFIG_PATH="$lib/pkgconfig" pkg-config --define-variable=prefix=/prefix "$@" cl-nascent
+}
+version=$(sed -n 's/^#define CLN_VERSION "\(.*\)"/\1/p' "$usr/include/cl_nascent.h")
+check "the version of pkg-config is the header's" [ "$(config --modversion)" = "$version" ]
+check "and the program's" [ "$("$usr/bin/cl-nascent" --version)" = "cl-nascent $version" ]
+run config --libs
+check "shared linking needs this library alone" [ "$(tr -d ' ' <out)" = -L/prefix/lib-lcl-nascent ]
+run config --static --libs
+for name in OpenCL jansson z m; do
+    check "static linking names -l$name" grep -qE -- "-l$name( |\$)" out
+done
+
+# words OUTPUT: the flags of pkg-config, one a line, in this root
+words() {
+    tr ' ' '\n' <<<"$1" | sed '/^$/d' | sed "s|/prefix|$usr|"
+}
+
+# build KIND NAME: KIND/NAME from NAME.c
+build() {
+    local kind=$1 name=$2 libs
+    mkdir -p "$kind"
+    mapfile -t cflags < <(words "$(config --cflags)")
+    if [ "$kind" = static ]; then # of two libraries of a name the linker takes the shared one
+        libs=$(config --static --libs | sed 's/-lcl-nascent/-Wl,-Bstatic -lcl-nascent -Wl,-Bdynamic/')
+    else
+        libs=$(config --libs)
+    fi
+    mapfile -t libs < <(words "$libs")
+    run "$cc" "${flags[@]}" "${cflags[@]}" "$name.c" "${libs[@]}" -lm -o "$kind/$name"
+    check "$name.c compiles, $kind" [ $rc = 0 ]
+}
+for name in train render field; do
+    build shared $name
+    build static $name
+done
+check "the static ones do not need the shared library" \
+    [ "$(readelf -d static/* | grep -c 'NEEDED.*cl-nascent')" = 0 ]
+check "the shared ones do" [ "$(readelf -d shared/* | grep -c 'NEEDED.*libcl-nascent\.so\.0')" = 3 ]
+export LD_LIBRARY_PATH=$lib
+
+# ---- the examples ----
+
+"$make_scene" "$work/scene" --size 32 --train 8 --test 2 >/dev/null || bad "make-scene"
+small=(width=16 depth=2 view-width=16 bands=4 n1=8 rays=256 batch-samples=4096 start-level=1 level-at= max-level=1
+    cull-after=0 log-every=20)
+
+digest() {
+    "$usr/bin/cl-nascent" info "$1" --json 2>/dev/null | "$query" model_digest
+}
+
+for kind in shared static; do
+    run $kind/train scene run-$kind steps=60 "${small[@]}"
+    check "train, $kind" [ $rc = 0 ]
+    check "train says what it came to, $kind" grep -qE '^60 steps in .* leaves$' out
+    check "train measures the held-out views, $kind" grep -qE '^mean: [0-9.]+ dB, SSIM' out
+done
+check "both train the same model" [ -n "$(digest run-shared)" -a "$(digest run-shared)" = "$(digest run-static)" ]
+run shared/train scene run-shared steps=+20
+check "the same call goes on with the run" [ $rc = 0 ]
+check "to the end of what was added" grep -q '^80 steps' out
+expect "a setting that does not exist, with the nearest" 2 "stepz steps" shared/train scene other stepz=5
+expect "a value out of range" 2 "width 16" shared/train scene other width=3
+expect "a scene that is not there" 3 "nowhere" shared/train nowhere other steps=5
+check "none of them leaves a run" [ ! -e other ]
+
+run shared/render run-shared orbit 2
+check "render" [ $rc = 0 ]
+check "the library prints nothing of its own" [ ! -s err ]
+for file in orbit_0000.png orbit_0001.png orbit_0001.depth.npy orbit_0001.opacity.png render.json; do
+    check "orbit/$file is there" [ -s orbit/$file ]
+done
+run static/render run-shared orbit 2
+check "frames that are there are skipped" grep -q '^0 frames in .*, 2 were there$' out
+expect "no frames" 2 "orbit 0" shared/render run-shared orbit 0
+
+run shared/field run-shared
+check "field" [ $rc = 0 ]
+check "it shows the slice" [ "$(wc -l <out)" = 33 ]
+check "and where it is densest" grep -qE '^densest at ' out
+cp out slice.txt
+run static/field run-shared
+check "both say the same of the field" cmp -s out slice.txt
+expect "a folder that is no run" 3 "run.json" shared/field scene
+
+count
