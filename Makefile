@@ -9,7 +9,7 @@
 #   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
 #   make bench              install what is missing, time every kernel (bench/results/, docs/benches.md)
 #   make bench-sort         the sort beside other sorts (needs g++)
-#   make install            program, library, header, pkg-config file; PREFIX=/usr/local DESTDIR= LIBDIR=
+#   make install            program and library: PREFIX=/usr/local DESTDIR= LIBDIR=
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
 
@@ -25,7 +25,8 @@ VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nas
 # The shared library's name for the linker; changes when a function or struct of cl_nascent.h does
 SONAME := libcl-nascent.so.0
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(WERROR),-Werror)
-CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
+CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
+             -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
 LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
@@ -81,7 +82,7 @@ $B/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	   echo 'includedir=$${prefix}/include'; \
 	   echo; \
 	   echo 'Name: cl-nascent'; \
-	   echo 'Description: Posed photos in, a scene to look at from anywhere out, on any OpenCL device'; \
+	   echo 'Description: Posed photos in, views from anywhere out, on any OpenCL device'; \
 	   echo 'Version: $(VERSION)'; \
 	   echo 'Requires.private: $(PKGS)'; \
 	   echo 'Libs: -L$${libdir} -lcl-nascent'; \
@@ -214,7 +215,8 @@ lint:
 
 fmt:
 	@tests/deps.sh lint
-	$(CLANG_FORMAT) -i $(ALL_SRC) $(EXAMPLES) $(wildcard host/*/*.h include/*.h tests/*/*.h bench/*/*.h data/*.h)
+	$(CLANG_FORMAT) -i $(ALL_SRC) $(EXAMPLES) \
+	    $(wildcard host/*/*.h include/*.h tests/*/*.h bench/*/*.h data/*.h)
 
 bench: bench-programs
 	build/bench-kernels --results bench/results $(BENCH)
@@ -231,7 +233,8 @@ bench-programs:
 
 # Quoted, so that DESTDIR and PREFIX may have spaces.
 install: all
-	install -d "$(DESTDIR)$(PREFIX)/bin" "$(DESTDIR)$(PREFIX)/include" "$(DESTDIR)$(LIBDIR)/pkgconfig" \
+	install -d "$(DESTDIR)$(PREFIX)/bin" "$(DESTDIR)$(PREFIX)/include" \
+	    "$(DESTDIR)$(LIBDIR)/pkgconfig" \
 	    "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune" "$(DESTDIR)$(PREFIX)/share/man/man1" \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples"
 	install -m 755 $B/cl-nascent "$(DESTDIR)$(PREFIX)/bin/"

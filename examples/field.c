@@ -1,5 +1,5 @@
-/* Asks a trained scene at points: a slice through the middle of its box as text, denser is darker, and the
- * colour of the densest point of it seen from above.
+/* Asks a trained scene at points: a slice through the middle of its box as text, denser is darker,
+ * and the colour of the densest point of it seen from above.
  *   cc field.c $(pkg-config --cflags --libs cl-nascent) -lm -o field
  *   ./field RUN */
 #include <cl_nascent.h>

@@ -1,12 +1,12 @@
-/* cl-nascent: posed photos in, a scene that can be looked at from anywhere out, on any OpenCL device.
- * The library's one public header; everything the command line does, it does through this. How the parts
- * go together, with examples: docs/api.md.
+/* cl-nascent: posed photos in, a scene that can be looked at from anywhere out, on any OpenCL
+ * device. The library's one public header; everything the command line does, it does through this.
+ * How the parts go together, with examples: docs/api.md.
  *
  * Errors: functions return cln_status; cln_error_text() (per thread) has the sentence. Nothing here
  * prints or exits: log lines go to cln_log_to's sink, progress and interruption through callbacks.
- * Texts that a function hands out (char **) are freed with free(). Strings are UTF-8; descs and what they
- * point to stay the caller's and need only live during the call. One run folder is written by one process
- * at a time. */
+ * Texts that a function hands out (char **) are freed with free(). Strings are UTF-8; descs and
+ * what they point to stay the caller's and need only live during the call. One run folder is
+ * written by one process at a time. */
 #ifndef CL_NASCENT_H
 #define CL_NASCENT_H
 
@@ -28,7 +28,8 @@ CLN_API const char *cln_version(void);
 
 /* ---- errors ---- */
 
-/* X(name, exit code of the command line, phrase). Codes and order never change; new ones come last. */
+/* X(name, exit code of the command line, phrase). Codes and order never change; new ones come
+ * last. */
 #define CLN_STATUS_LIST(X)                                 \
     X(OK, 0, "ok")                                         \
     X(FAILED, 1, "failed")                                 \
@@ -56,9 +57,9 @@ typedef enum cln_status {
 CLN_API int cln_status_exit_code(cln_status st);
 CLN_API const char *cln_status_phrase(cln_status st);
 
-/* This thread's standing error: its sentence ("" if none), its status, and forgetting it. The first failure
- * wins until it is forgotten: call cln_clear_error when one has been dealt with. The text lives until the
- * next failure or cln_clear_error of this thread. */
+/* This thread's standing error: its sentence ("" if none), its status, and forgetting it. The first
+ * failure wins until it is forgotten: call cln_clear_error when one has been dealt with. The text
+ * lives until the next failure or cln_clear_error of this thread. */
 CLN_API const char *cln_error_text(void);
 CLN_API cln_status cln_error_status(void);
 CLN_API void cln_clear_error(void);
@@ -75,15 +76,15 @@ typedef enum cln_log_level {
 /* One finished line, without newline; called on the thread that works. */
 typedef void cln_log_sink(cln_log_level level, const char *line, void *user);
 
-/* Lines up to level `most` go to sink; NULL = nowhere, as before the first call. For the whole process:
- * call it while no other function of this header runs. */
+/* Lines up to level `most` go to sink; NULL = nowhere, as before the first call. For the whole
+ * process: call it while no other function of this header runs. */
 CLN_API void cln_log_to(cln_log_level most, cln_log_sink *sink, void *user);
 
 /* ---- settings ---- */
 
-/* Every hyperparameter and run option, set and read by name and text, so that a new one changes nothing
- * here. Names are the options of `cl-nascent train --help` without dashes ("rays", "view-width"), earlier
- * names included; switches take "yes" and "no". One thread at a time. */
+/* Every hyperparameter and run option, set and read by name and text, so that a new one changes
+ * nothing here. Names are the options of `cl-nascent train --help` without dashes ("rays",
+ * "view-width"), earlier names included; switches take "yes" and "no". One thread at a time. */
 typedef struct cln_settings cln_settings;
 
 /* preset: "fast", "paper", "nerf", "kilonerf"; NULL = "fast". CLN_USAGE for another. */
@@ -92,10 +93,12 @@ CLN_API cln_status cln_settings_create(const char *preset, cln_settings **out);
 CLN_API cln_status cln_settings_of_run(const char *run, cln_settings **out);
 CLN_API void cln_settings_free(cln_settings *settings); /* accepts NULL */
 
-/* CLN_USAGE names what is wrong and what is legal; the settings are then as before. Times may have a unit
- * ("90s", "10m"), sizes, too ("512M"); of a run's settings, steps, epochs and time-limit take "+N". */
+/* CLN_USAGE names what is wrong and what is legal; the settings are then as before. Times may have
+ * a unit ("90s", "10m"), sizes, too ("512M"); of a run's settings, steps, epochs and time-limit
+ * take "+N". */
 CLN_API cln_status cln_settings_set(cln_settings *settings, const char *name, const char *value);
-/* The value as text that set takes back exactly; bytes: of the buffer, CLN_SETTING_BYTES always do. */
+/* The value as text that set takes back exactly; bytes: of the buffer, CLN_SETTING_BYTES always
+ * do. */
 enum { CLN_SETTING_BYTES = 128 };
 CLN_API cln_status cln_settings_get(const cln_settings *settings, const char *name, char *value,
                                     size_t bytes);
@@ -111,25 +114,27 @@ typedef struct cln_setting_info {
     double min, max;   /* int, real */
 } cln_setting_info;
 
-/* All settings: *info of number `index`, 0 ...; false behind the last one. The texts live forever. */
+/* All settings: *info of number `index`, 0 ...; false behind the last one. The texts live
+ * forever. */
 CLN_API bool cln_setting_describe(int index, cln_setting_info *info);
 
 /* ---- devices ---- */
 
-/* Where the work runs. spec: NULL or "auto" (a GPU if there is one, else a CPU), "gpu", "cpu", a row
- * number of cln_devices_list, or part of a device, vendor or platform name; what is asked for and not
- * there is CLN_NO_DEVICE, never a silent substitute. */
+/* Where the work runs. spec: NULL or "auto" (a GPU if there is one, else a CPU), "gpu", "cpu", a
+ * row number of cln_devices_list, or part of a device, vendor or platform name; what is asked for
+ * and not there is CLN_NO_DEVICE, never a silent substitute. */
 typedef struct cln_device_desc {
     const char *spec;
     const char
         *kernel_dir; /* read kernels from here instead of the embedded ones; NULL = embedded */
-    /* Kernel parameters, the first that there is of: tune ("VW=8,TS=6,...", over those of the device's
-     * class), a row of tune_file that fits device and network, such a row of the program's own, those
-     * of the class. NULL = none. */
+    /* Kernel parameters, the first that there is of: tune ("VW=8,TS=6,...", over those of the
+     * device's class), a row of tune_file that fits device and network, such a row of the program's
+     * own, those of the class. NULL = none. */
     const char *tune;
     const char *tune_file; /* rows of the user, docs/formats.md "Tuning rows" */
-    /* No buffer larger than this ("256M"), as if the device allowed no more: batches are cut to it, arrays of a row
-     * per leaf split into up to four buffers; CLN_MEMORY beyond. NULL = the device's own. */
+    /* No buffer larger than this ("256M"), as if the device allowed no more: batches are cut to it,
+     * arrays of a row per leaf split into up to four buffers; CLN_MEMORY beyond. NULL = the
+     * device's own. */
     const char *max_alloc;
 } cln_device_desc;
 
@@ -139,14 +144,14 @@ typedef struct cln_device_info {
     double global_mem, max_alloc; /* bytes */
     int compute_units;
     char verdict[256]; /* "ok" or what is wrong; empty if not tested */
-    /* The kernel parameters for the fast preset's networks, and where they come from; empty if the device
-     * cannot be used, or was not asked. */
+    /* The kernel parameters for the fast preset's networks, and where they come from; empty if the
+     * device cannot be used, or was not asked. */
     char network[32], tune[256], tune_from[512];
 } cln_device_info;
 
-/* All OpenCL devices. desc: tune_file, and where kernels are; its spec is not looked at. NULL: only what
- * the loader tells of them. test: run the quick self-test on each. No device at all is CLN_NO_DEVICE with
- * what to install. The caller frees *out. */
+/* All OpenCL devices. desc: tune_file, and where kernels are; its spec is not looked at. NULL: only
+ * what the loader tells of them. test: run the quick self-test on each. No device at all is
+ * CLN_NO_DEVICE with what to install. The caller frees *out. */
 CLN_API cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_device_info **out,
                                     int *count);
 
@@ -178,8 +183,8 @@ typedef struct cln_train_desc {
     const char *run;
     bool resume;
     bool skip_selftest;
-    /* With resume: what the run should now have (cln_settings_of_run and changes); what shapes its networks
-     * cannot change. */
+    /* With resume: what the run should now have (cln_settings_of_run and changes); what shapes its
+     * networks cannot change. */
     const cln_settings *settings;
     cln_device_desc device;
     const char *command; /* command line, for run.json; may be NULL */
@@ -198,8 +203,8 @@ typedef struct cln_train_result {
     uint64_t digest;               /* model_digest */
 } cln_train_result;
 
-/* Trains until a budget is used up. Leaves RUN/ as docs/formats.md says. *result is filled as far as it
- * went, also when interrupted. */
+/* Trains until a budget is used up. Leaves RUN/ as docs/formats.md says. *result is filled as far
+ * as it went, also when interrupted. */
 CLN_API cln_status cln_train(const cln_train_desc *desc, cln_train_result *result);
 
 /* ---- measuring and rendering ---- */
@@ -264,8 +269,8 @@ CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *re
 
 /* ---- the field itself ---- */
 
-/* A trained run opened to be asked at points: its newest checkpoint on a device. Needs neither scene nor
- * run folder after it is open. One thread at a time; close frees it. */
+/* A trained run opened to be asked at points: its newest checkpoint on a device. Needs neither
+ * scene nor run folder after it is open. One thread at a time; close frees it. */
 typedef struct cln_field cln_field;
 
 CLN_API cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out);
@@ -278,9 +283,10 @@ CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3])
  *   positions   [n][3] scene units
  *   directions  [n][3] from the eye to the point, of any length but 0; NULL without rgb
  *   rgb         [n][3] 0..1, sRGB as in the photos; NULL = not asked for
- *   sigma       [n]    per scene unit: light that goes a short way d keeps exp(-sigma d); NULL = not asked
- * Where no leaf is (outside the cube, or culled as empty) sigma and rgb are 0. CLN_USAGE for a direction of
- * length 0 or a number that is not finite. */
+ *   sigma       [n]    per scene unit: light that goes a short way d keeps exp(-sigma d);
+ *                      NULL = not asked for
+ * Where no leaf is (outside the cube, or culled as empty) sigma and rgb are 0. CLN_USAGE for a
+ * direction of length 0 or a number that is not finite. */
 CLN_API cln_status cln_field_at(cln_field *field, size_t n, const float (*positions)[3],
                                 const float (*directions)[3], float (*rgb)[3], float *sigma);
 
@@ -305,7 +311,8 @@ typedef struct cln_export_result {
  * (docs/formats.md). Needs no device. CLN_USAGE for an unknown `what`. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
-/* JSON text (the caller frees it) about a scene or a run. settings: how train would read the scene. */
+/* JSON text (the caller frees it) about a scene or a run. settings: how train would read the
+ * scene. */
 CLN_API cln_status cln_info_scene(const char *scene, const cln_settings *settings, char **json);
 CLN_API cln_status cln_info_run(const char *run, char **json);
 
@@ -347,8 +354,9 @@ typedef struct cln_tune_result {
     int count;
 } cln_tune_result;
 
-/* Looks for the kernel parameters that make a training step fastest on a device. A set is timed only after
- * it has passed the self-test's checks with these very networks. CLN_CHECK if not even the plain ones do. */
+/* Looks for the kernel parameters that make a training step fastest on a device. A set is timed
+ * only after it has passed the self-test's checks with these very networks. CLN_CHECK if not even
+ * the plain ones do. */
 CLN_API cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result);
 CLN_API void cln_tune_free(cln_tune_result *result);
 

@@ -1,9 +1,9 @@
 #!/bin/bash
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
-# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed library, and
-# the devices side by side. Each part ends with a line "N passed, N failed[, N skipped]"; their sum is the
-# last line here, and the exit status is non-zero if anything failed. A part that breaks without saying so
-# counts as one failure. What failed is named again before the sum.
+# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed library,
+# and the devices side by side. Each part ends with a line "N passed, N failed[, N skipped]"; their
+# sum is the last line here, and the exit status is non-zero if anything failed. A part that breaks
+# without saying so counts as one failure. What failed is named again before the sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 

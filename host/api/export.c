@@ -1,5 +1,5 @@
-/* cln_export: what a run holds for other programs, one function for each row of export.h. Reads the newest
- * checkpoint; opens no device and no scene. */
+/* cln_export: what a run holds for other programs, one function for each row of export.h. Reads the
+ * newest checkpoint; opens no device and no scene. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

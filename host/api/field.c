@@ -1,5 +1,5 @@
-/* cln_field_*: a trained run asked at points of the scene, over pipeline/field.h. Here are units alone:
- * scene units outside, the cube inside. */
+/* cln_field_*: a trained run asked at points of the scene, over pipeline/field.h. Here are units
+ * alone: scene units outside, the cube inside. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,5 +1,5 @@
-/* cln_info_scene, cln_info_run: what `info` tells, as JSON text. Reads what is on disk; opens no device and
- * decodes no image. */
+/* cln_info_scene, cln_info_run: what `info` tells, as JSON text. Reads what is on disk; opens no
+ * device and decodes no image. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -76,7 +76,7 @@ static cln_status frames_of_orbit(job *j)
     cln_orbit orbit;
 
     if (count < 1)
-        CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d frames are none", count));
+        CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d is not a number of frames from 1", count));
     CLN_TRY(cln_orbit_make(j->opened.scene, j->desc, &orbit));
     CLN_TRY(cln_alloc(&j->frames, (size_t)count, sizeof *j->frames, "frames"));
     j->count = count;
@@ -164,8 +164,8 @@ static cln_status check_folder(const char *out, json_t **before)
     if (!empty)
         st = cln_fail(
             CLN_OUTPUT,
-            "%s: holds files but no render.json, so it is no folder of frames and nothing is "
-            "written to it; choose a new folder with -o",
+            "%s: holds files but no render.json, so it is not a folder of frames and is left as "
+            "it is; choose a new folder with -o",
             out);
 done:
     if (dir)
@@ -186,7 +186,7 @@ static cln_status write_about(const job *j)
         goto done;
     if (j->there > 0)
         cln_warn(
-            "%s: %d of the frames are there already, of another model or with other settings, and "
+            "%s: %d of the frames exist already, from another model or with other settings, and "
             "stay as they are; --overwrite renders them again",
             j->desc->out, j->there);
     else

@@ -32,8 +32,8 @@ bool cln_config_named(const cln_config_row *row, const char *name, size_t length
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);
 
-/* *out = preset "fast" or "paper", or a baseline: "nerf" (one network) or "kilonerf" (a uniform grid of
- * small ones, from scratch), both fast in all else. CLN_USAGE for another name. */
+/* *out = preset "fast" or "paper", or a baseline: "nerf" (one network) or "kilonerf" (a uniform
+ * grid of small ones, from scratch), both fast in all else. CLN_USAGE for another name. */
 cln_status cln_config_preset(const char *name, cln_config *out);
 
 /* Sets one value from text, range-checked, independent of LC_NUMERIC. Units by the row's flags
@@ -49,16 +49,17 @@ cln_status cln_parse_reals(const char *text, int count, double *out); /* "a,b,c"
 /* The value as text that cln_config_set reads back exactly. */
 void cln_config_text(const cln_config *config, const cln_config_row *row, char out[CLN_TEXT_BYTES]);
 
-/* JSON object field -> value (ENUM as its word), and back. An unknown or missing key is CLN_INPUT, except
- * that an alias may stand for its row, and that a row flagged CLN_ROW_LATER may be missing: it then gets
- * its paper value. */
+/* JSON object field -> value (ENUM as its word), and back. An unknown or missing key is CLN_INPUT,
+ * except that an alias may stand for its row, and that a row flagged CLN_ROW_LATER may be missing:
+ * it then gets its paper value. */
 cln_status cln_config_to_json(const cln_config *config, json_t **out);
 cln_status cln_config_from_json(const json_t *object, cln_config *out);
 
 /* The first row with all these flags whose values differ; NULL if there is none. */
 const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *b, unsigned flags);
 
-/* Checks between values that no single row can make (widths, level_at syntax and order). CLN_USAGE. */
+/* Checks between values that no single row can make (widths, level_at syntax and order).
+ * CLN_USAGE. */
 cln_status cln_config_check(const cln_config *config);
 
 /* The most rays a batch ever has: --rays, or 8 times that with --leaf-samples. */

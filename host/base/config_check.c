@@ -1,5 +1,5 @@
-/* The small languages inside TEXT rows (level-at, eval-at, background, bbox) and the rules that bind
- * several rows. See config.h. Single values are checked where they are set, in config.c. */
+/* The small languages inside TEXT rows (level-at, eval-at, background, bbox) and the rules that
+ * bind several rows. See config.h. Single values are checked where they are set, in config.c. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -160,8 +160,8 @@ static cln_status check_bbox(const char *text)
     return CLN_OK;
 }
 
-/* The adaptive rows among themselves and against the growth by level. With --tree-from none of them, nor
- * the growth, has a meaning: that tree is kept as it is. */
+/* The adaptive rows among themselves and against the growth by level. With --tree-from none of
+ * them, nor the growth, has a meaning: that tree is kept as it is. */
 static cln_status check_adaptive(const cln_config *config, const double fraction[CLN_LEVELS])
 {
     int deepest = config->start_level;

@@ -1,7 +1,7 @@
-/* Every hyperparameter and run option, one row each. From this list come the struct, the presets, the
- * command-line options with their help, the settings of the public interface, run.json and the
- * checkpoint's settings, so they cannot drift apart. Nothing here reads or interprets a value; see the
- * room that the comment names.
+/* Every hyperparameter and run option, one row each. From this list come the struct, the presets,
+ * the command-line options with their help, the settings of the public interface, run.json and the
+ * checkpoint's settings, so they cannot drift apart. Nothing here reads or interprets a value; see
+ * the room that the comment names.
  *
  * Rows, by type (paper = method.md's default, fast = chosen by error against run time on a CPU,
  * docs/results.md):
@@ -14,8 +14,8 @@
  *   .flags = CLN_ROW_...      who else must know this row (below)
  *   .alias = "old-name"       an earlier name: still an option, and a key of older runs
  *
- * A new row is CLN_ROW_LATER, and its paper value means what was done without it: runs written before
- * are read with that value.
+ * A new row is CLN_ROW_LATER, and its paper value means what was done without it: runs written
+ * before are read with that value.
  */
 #ifndef CLN_CONFIG_ROWS_H
 #define CLN_CONFIG_ROWS_H

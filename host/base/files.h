@@ -11,12 +11,12 @@
 bool cln_is_file(const char *path);
 bool cln_is_dir(const char *path);
 
-/* Reads a whole file; *out has one extra zero byte after *bytes. CLN_INPUT on failure, also when the
- * file is larger than max_bytes. The caller frees *out. */
+/* Reads a whole file; *out has one extra zero byte after *bytes. CLN_INPUT on failure, also when
+ * the file is larger than max_bytes. The caller frees *out. */
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes);
 
-/* Writes atomically: a reader sees the old file or the new one. CLN_OUTPUT on failure, old file kept,
- * temp file removed. */
+/* Writes atomically: a reader sees the old file or the new one. CLN_OUTPUT on failure, old file
+ * kept, temp file removed. */
 cln_status cln_write_file(const char *path, const void *data, size_t bytes);
 
 /* The same for large or streamed files: open a temp file next to path, write, then commit (flush,

@@ -12,7 +12,8 @@
 
 enum { HUGE_PAGE = 2 << 20 };
 
-/* Asks for huge pages for what lies wholly in [p, p + bytes); whether they come changes speed alone. */
+/* Asks for huge pages for what lies wholly in [p, p + bytes); whether they come changes speed
+ * alone. */
 static void ask_for_huge_pages(void *p, size_t bytes)
 {
 #ifdef MADV_HUGEPAGE

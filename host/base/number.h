@@ -1,5 +1,6 @@
-/* Numbers from and to text in the C locale, whatever LC_NUMERIC says, with the units that options take.
- * The readers only tell whether a text is a number; the caller writes the sentence (base/config.h). */
+/* Numbers from and to text in the C locale, whatever LC_NUMERIC says, with the units that options
+ * take. The readers only tell whether a text is a number; the caller writes the sentence
+ * (base/config.h). */
 #ifndef CLN_NUMBER_H
 #define CLN_NUMBER_H
 
@@ -10,8 +11,8 @@ enum { CLN_NUMBER_BYTES = 40 };
 /* Shortest decimal text that reads back as the same double. */
 void cln_number_write(double value, char out[CLN_NUMBER_BYTES]);
 
-/* Reads a finite decimal number from the front of text; *end points behind it. False if there is none:
- * no spaces, hexadecimal, "nan" or "inf", which would surprise in settings. */
+/* Reads a finite decimal number from the front of text; *end points behind it. False if there is
+ * none: no spaces, hexadecimal, "nan" or "inf", which would surprise in settings. */
 bool cln_number_read(const char *text, double *value, const char **end);
 
 /* A whole text: decimal integer; seconds >= 0 with s, m or h behind; bytes >= 0 with K, M, G or T

@@ -1,6 +1,6 @@
 /* Counter-based random numbers: Philox4x32-10 (Salmon et al., "Parallel Random Numbers: As Easy as
- * 1, 2, 3", SC 2011). A number is a pure function of (seed, stream, step, index, draw), so nothing has
- * to be stored to resume a run and no order of evaluation matters. kernels/rng.h holds the same
+ * 1, 2, 3", SC 2011). A number is a pure function of (seed, stream, step, index, draw), so nothing
+ * has to be stored to resume a run and no order of evaluation matters. kernels/rng.h holds the same
  * generator for the device; tests compare both with the published known answers. */
 #ifndef CLN_RNG_H
 #define CLN_RNG_H
@@ -29,8 +29,8 @@ void cln_uniform4(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
 /* A well-mixed 32-bit hash, C. Wellons' "lowbias32", as kernels/rng.h has it. */
 uint32_t cln_hash(uint32_t x);
 
-/* One uniform in [0,1), 24 bits, for (seed, stream, step, index, number, draw): the key of a stream and step by Philox,
- * the rest by a hash (kernels/rng.h). */
+/* One uniform in [0,1), 24 bits, for (seed, stream, step, index, number, draw): the key of a stream
+ * and step by Philox, the rest by a hash (kernels/rng.h). */
 float cln_uniform_hash(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
                        uint32_t number, uint32_t draw);
 

@@ -1,5 +1,5 @@
-/* What stands behind the opaque cln_settings of cl_nascent.h: the values, where they began, and which were
- * given. Inside the library the values are read as plain fields of cln_config. */
+/* What stands behind the opaque cln_settings of cl_nascent.h: the values, where they began, and
+ * which were given. Inside the library the values are read as plain fields of cln_config. */
 #ifndef CLN_BASE_SETTINGS_H
 #define CLN_BASE_SETTINGS_H
 
@@ -23,7 +23,8 @@ typedef struct cln_settings_facts {
     bool has_alpha; /* its images have */
 } cln_settings_facts;
 
-/* A warning in the log for each setting that was given and has no effect with the others and the facts. */
+/* A warning in the log for each setting that was given and has no effect with the others and the
+ * facts. */
 void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts);
 
 #endif

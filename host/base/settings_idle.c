@@ -1,5 +1,5 @@
-/* Settings that were given but have no effect with the others: said as warnings when a training begins.
- * See settings.h. To add one: a row in the list below. */
+/* Settings that were given but have no effect with the others: said as warnings when a training
+ * begins. See settings.h. To add one: a row in the list below. */
 #include "base/settings.h"
 
 #include <string.h>

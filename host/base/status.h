@@ -1,7 +1,7 @@
 /* How an error travels: functions that can fail return a cln_status; the sentence for the user sits
- * in one thread-local record, which cl_nascent.h reads (cln_error_text). Nothing in the library prints an error or exits; the CLI's main()
- * prints the record and turns the status into an exit code (users see them in cl-nascent(1), they
- * are never renumbered).
+ * in one thread-local record, which cl_nascent.h reads (cln_error_text). Nothing in the library
+ * prints an error or exits; the CLI's main() prints the record and turns the status into an exit
+ * code (users see them in cl-nascent(1), they are never renumbered).
  *
  * A sentence has the object, the reason and, where there is one, the way out:
  *   "scene/transforms.json: line 3 column 7: ',' expected; fix the file or re-export it"

@@ -1,5 +1,6 @@
-/* The distance between two names by dynamic programming over their prefixes (optimal string alignment:
- * Levenshtein's with swaps), and UTF-8. See text.h; who suggests what is the callers' affair. */
+/* The distance between two names by dynamic programming over their prefixes (optimal string
+ * alignment: Levenshtein's with swaps), and UTF-8. See text.h; who suggests what is the callers'
+ * affair. */
 #include "base/text.h"
 
 #include <stdint.h>

@@ -1,5 +1,5 @@
-/* `cl-nascent devices`: every OpenCL device, what it has, its kernel parameters, and the verdict of a
- * quick self-test. */
+/* `cl-nascent devices`: every OpenCL device, what it has, its kernel parameters, and the verdict of
+ * a quick self-test. */
 #include "cli/commands.h"
 
 #include <stdio.h>

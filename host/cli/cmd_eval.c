@@ -1,5 +1,5 @@
-/* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or as the JSON document that is
- * in RUN/eval/STEP-SPLIT.json. */
+/* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or as the JSON document
+ * that is in RUN/eval/STEP-SPLIT.json. */
 #include "cli/commands.h"
 
 #include <stdio.h>

@@ -1,4 +1,5 @@
-/* `cl-nascent info`: the library's JSON about a scene or a run, as it is or laid out for reading. */
+/* `cl-nascent info`: the library's JSON about a scene or a run, as it is or laid out for
+ * reading. */
 #include "cli/commands.h"
 
 #include <stdio.h>
@@ -116,7 +117,7 @@ cln_status cln_cmd_info(const cln_options *options)
     document = json_loads(text, 0, NULL);
     if (!json_is_object(document))
         CLN_TRY(
-            cln_fail(CLN_INTERNAL, "%s: what is known of it is no JSON object", options->operand));
+            cln_fail(CLN_INTERNAL, "%s: its description is not a JSON object", options->operand));
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));
     else

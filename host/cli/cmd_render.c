@@ -1,4 +1,5 @@
-/* `cl-nascent render`: a split's poses or an orbit into a folder, by default one of the run's own. */
+/* `cl-nascent render`: a split's poses or an orbit into a folder, by default one of the run's
+ * own. */
 #include "cli/commands.h"
 
 #include <stdio.h>
@@ -48,7 +49,7 @@ cln_status cln_cmd_render(const cln_options *options)
                       result.skipped, "seconds", cln_json_real(result.seconds))));
     } else {
         cln_format_duration(result.seconds, duration);
-        printf("%s: %d rendered in %s, %d there already\n", desc.out, result.rendered, duration,
+        printf("%s: %d rendered in %s, %d skipped\n", desc.out, result.rendered, duration,
                result.skipped);
     }
 done:

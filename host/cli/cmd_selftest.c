@@ -1,4 +1,5 @@
-/* `cl-nascent selftest`: one line per check as it ends, then the count; with --json one document. */
+/* `cl-nascent selftest`: one line per check as it ends, then the count; with --json one
+ * document. */
 #include "cli/commands.h"
 
 #include <stdio.h>

@@ -1,4 +1,5 @@
-/* `cl-nascent train`: settings -> cln_train, and what came out of it, also when it was interrupted. */
+/* `cl-nascent train`: settings -> cln_train, and what came out of it, also when it was
+ * interrupted. */
 #include "cli/commands.h"
 
 #include <math.h>

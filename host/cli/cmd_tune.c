@@ -1,4 +1,5 @@
-/* `cl-nascent tune`: settings -> cln_tune_search; what was tried, the best set, and where its row went. */
+/* `cl-nascent tune`: settings -> cln_tune_search; what was tried, the best set, and where its row
+ * went. */
 #include "cli/commands.h"
 
 #include <stdio.h>

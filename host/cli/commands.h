@@ -1,5 +1,5 @@
-/* The commands, one per cmd_*.c: each turns options into calls of cl_nascent.h and prints what comes
- * back. They return the status of the call; main.c alone prints errors and exits. */
+/* The commands, one per cmd_*.c: each turns options into calls of cl_nascent.h and prints what
+ * comes back. They return the status of the call; main.c alone prints errors and exits. */
 #ifndef CLN_COMMANDS_H
 #define CLN_COMMANDS_H
 

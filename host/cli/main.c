@@ -1,5 +1,5 @@
-/* main() and nothing else: options -> command -> exit code. Prints the error, once; every other part of
- * the program only reports one. Tests link all of cli/ but this file. */
+/* main() and nothing else: options -> command -> exit code. Prints the error, once; every other
+ * part of the program only reports one. Tests link all of cli/ but this file. */
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>

@@ -27,11 +27,12 @@ const cln_command cln_commands[] = {
     {"render", CLN_RENDER, "RUN", true, "render RUN [OPTIONS]",
      "Colour, depth and opacity images from a split's poses or an orbit",
      "Writes NAME.png, NAME.depth.npy (float32, scene units), NAME.depth.png and NAME.opacity.png. "
-     "Frames that are there already are skipped, so an interrupted render goes on where it stopped.",
+     "Frames that exist already are skipped, so an interrupted render goes on where it stopped.",
      cln_cmd_render},
     {"info", CLN_INFO, "SCENE|RUN", true, "info SCENE|RUN [OPTIONS]",
      "What is in a scene or a run",
-     "A folder with a run.json of ours is a run, anything else a scene, read as train would read it.",
+     "A folder with a run.json of ours is a run, anything else a scene, read as train would "
+     "read it.",
      cln_cmd_info},
     {"export", CLN_EXPORT, "RUN", true, "export RUN --octree FILE.ply [OPTIONS]",
      "The octree of a run as boxes, for programs that show meshes",
@@ -47,9 +48,9 @@ const cln_command cln_commands[] = {
      cln_cmd_selftest},
     {"tune", CLN_TUNE, NULL, false, "tune [OPTIONS]",
      "Finds the kernel parameters that are fastest on a device",
-     "For the networks of a preset, or of the options given. Sets of parameters are timed only after "
-     "they have passed against the float64 reference; the best becomes a row in your own file, "
-     "which the other commands read.",
+     "For the networks of a preset, or of the options given. Sets of parameters are timed only "
+     "after they have passed against the float64 reference; the best becomes a row in your own "
+     "file, which the other commands read.",
      cln_cmd_tune},
 };
 /* clang-format on */
@@ -59,7 +60,8 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 #define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES)
 #define AT(field) offsetof(cln_options, field)
 
-/* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env, .negatable. */
+/* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env,
+ * .negatable. */
 #define ROW(kind_, commands_, name_, field, help_, ...)                                          \
     {                                                                                            \
         .kind = kind_, .commands = commands_, .name = name_, .offset = AT(field), .help = help_, \
@@ -99,7 +101,8 @@ const cln_arg cln_args[] = {
          "search begins"),
     TEXT(ON_DEVICE | CLN_DEVICES, "tune-file", device.tune_file, "FILE",
          "your rows of kernel parameters, which go before the program's own",
-         .shown = "cl-nascent/tune.txt in $XDG_CONFIG_HOME or ~/.config", .env = "CL_NASCENT_TUNE_FILE"),
+         .shown = "cl-nascent/tune.txt in $XDG_CONFIG_HOME or ~/.config",
+         .env = "CL_NASCENT_TUNE_FILE"),
     TEXT(ON_DEVICE, "max-alloc", device.max_alloc, "SIZE",
          "no buffer larger than this (512K, 64M, 4G), as if the device allowed no more: batches "
          "are cut to it, and what has a row per leaf is split into up to four"),
@@ -112,7 +115,7 @@ const cln_arg cln_args[] = {
     WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test",
          "which views of the scene; render: their poses", .standard = "test"),
     TEXT(CLN_EVAL | CLN_RENDER, "scene", scene, "SCENE",
-         "where the scene is now, if not where the run found it"),
+         "where the scene is now, if it has moved since training"),
     INT(CLN_EVAL | CLN_RENDER, "max-images", max_images, "N", 0, INT_MAX,
          "only N views, evenly chosen (0 = all)", .standard = "0"),
     REAL(CLN_EVAL, "min-psnr", min_psnr, "DB", 0, 200,
@@ -134,7 +137,7 @@ const cln_arg cln_args[] = {
     REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
          "orbit: horizontal field of view (0 = as the training images)", .standard = "0"),
     FLAG(CLN_RENDER | CLN_EXPORT, "overwrite", overwrite,
-         "replace what is there already; otherwise render skips such frames, and export refuses"),
+         "replace files that exist; otherwise render skips such frames, and export refuses"),
     FLAG(CLN_RENDER, "z-depth", z_depth,
          "depth along the optical axis instead of along the ray"),
 
@@ -264,8 +267,8 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
                 snprintf(owners + used, sizeof owners - used, "%s%s", used ? ", " : "",
                          cln_commands[i].name);
         }
-        return cln_fail(CLN_USAGE, "--%s is no option of %s (it is one of: %s)", wanted,
-                        command->name, owners);
+        return cln_fail(CLN_USAGE, "--%s is not an option of %s, but of %s", wanted, command->name,
+                        owners);
     }
     name = wanted;
     if (strncmp(wanted, "no-", 3) == 0) {
@@ -282,9 +285,8 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
             consider(name, cln_config_rows[i].option, &distance, &best);
     }
     if (best)
-        return cln_fail(CLN_USAGE, "--%s: there is no such option; did you mean --%s%s?", wanted,
-                        no, best);
-    return cln_fail(CLN_USAGE, "--%s: there is no such option", wanted);
+        return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s%s?", wanted, no, best);
+    return cln_fail(CLN_USAGE, "unknown option --%s", wanted);
 }
 
 cln_status cln_fail_command(const char *name)
@@ -295,6 +297,6 @@ cln_status cln_fail_command(const char *name)
     for (int i = 0; i < cln_command_count; i++)
         consider(name, cln_commands[i].name, &distance, &best);
     if (best)
-        return cln_fail(CLN_USAGE, "'%s' is no command; did you mean '%s'?", name, best);
-    return cln_fail(CLN_USAGE, "'%s' is no command", name);
+        return cln_fail(CLN_USAGE, "unknown command '%s'; did you mean '%s'?", name, best);
+    return cln_fail(CLN_USAGE, "unknown command '%s'", name);
 }

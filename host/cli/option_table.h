@@ -1,6 +1,6 @@
 /* The command line as data: the commands, and the options that are no hyperparameters; beside them
- * stand the rows of base/config.h. Parser, help and error suggestions all walk these tables, so they
- * cannot drift apart. Only data and look-ups: nothing here reads an argument. */
+ * stand the rows of base/config.h. Parser, help and error suggestions all walk these tables, so
+ * they cannot drift apart. Only data and look-ups: nothing here reads an argument. */
 #ifndef CLN_OPTION_TABLE_H
 #define CLN_OPTION_TABLE_H
 
@@ -74,7 +74,8 @@ const cln_arg *cln_arg_find(const cln_command *command, const char *name, size_t
 const cln_arg *cln_arg_find_letter(const cln_command *command, char letter);
 const cln_config_row *cln_row_find(const cln_command *command, const char *name, size_t length);
 
-/* CLN_USAGE for a name that is in no table of the command: whose it is, or which one it resembles. */
+/* CLN_USAGE for a name that is in no table of the command: whose it is, or which one it
+ * resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length);
 cln_status cln_fail_command(const char *name);
 

@@ -1,9 +1,10 @@
-/* The parser over the tables of options.h. Two passes: first every argument is matched and what sets a
- * hyperparameter is put aside, then the base settings (preset, or the run to resume) are fetched and
- * the rest is applied in the order given; so an option's place on the line never matters.
+/* The parser over the tables of options.h. Two passes: first every argument is matched and what
+ * sets a hyperparameter is put aside, then the base settings (preset, or the run to resume) are
+ * fetched and the rest is applied in the order given; so an option's place on the line never
+ * matters.
  *
  *   precedence   command line > environment > preset (or the resumed run)
- *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   --            */
+ *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   -- */
 #include "cli/options.h"
 
 #include <limits.h>
@@ -229,7 +230,7 @@ static cln_status parse_letters(parser *p, const char *argument)
         bool valued = arg && arg->kind != CLN_ARG_FLAG && arg->kind != CLN_ARG_COUNT;
 
         if (!arg)
-            return cln_fail(CLN_USAGE, "-%c: there is no such option", *letter);
+            return cln_fail(CLN_USAGE, "unknown option -%c", *letter);
         CLN_TRY(apply_arg(p, arg, valued && letter[1] ? letter + 1 : NULL));
         if (valued)
             break;
@@ -243,10 +244,11 @@ static cln_status parse_operand(parser *p, const char *argument)
     const cln_command *command = p->out->command;
 
     if (!command->operand)
-        return cln_fail(CLN_USAGE, "'%s': %s takes nothing but options", argument, command->name);
+        return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes only options", argument,
+                        command->name);
     if (p->out->operand)
-        return cln_fail(CLN_USAGE, "'%s': %s takes one %s, and that is '%s' already", argument,
-                        command->name, command->operand, p->out->operand);
+        return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'",
+                        argument, command->name, command->operand, p->out->operand);
     p->out->operand = argument;
     return CLN_OK;
 }
@@ -292,7 +294,8 @@ static cln_status parse_first(parser *p)
             p->at++;
         }
         if (p->at < p->argc)
-            return cln_fail(CLN_USAGE, "'%s': help takes one command", p->argv[p->at]);
+            return cln_fail(CLN_USAGE, "unexpected argument '%s': help takes one command",
+                            p->argv[p->at]);
         return CLN_OK;
     }
     if (first[0] == '-') {
@@ -358,15 +361,16 @@ static cln_status check_train(const parser *p)
     const cln_options *out = p->out;
 
     if (out->resume && out->output)
-        return cln_fail(CLN_USAGE, "--output '%s': --resume '%s' names the folder already",
+        return cln_fail(CLN_USAGE,
+                        "--output '%s' cannot be combined with --resume '%s', which is the folder",
                         out->output, out->resume);
     if (out->resume && is_given(p, "preset"))
-        return cln_fail(CLN_USAGE,
-                        "--preset: a resumed run keeps its settings; give single options");
+        return cln_fail(CLN_USAGE, "--preset cannot be combined with --resume: a run keeps its "
+                                   "settings; give single options");
     if (!out->resume && !out->operand)
-        return cln_fail(CLN_USAGE, "train: a SCENE is missing (or --resume RUN)");
+        return cln_fail(CLN_USAGE, "train: SCENE is missing; give a folder, or --resume RUN");
     if (!out->resume && !out->output)
-        return cln_fail(CLN_USAGE, "train: name the folder to write with -o RUN");
+        return cln_fail(CLN_USAGE, "train: the folder to write is missing; give -o RUN");
     return CLN_OK;
 }
 
@@ -376,14 +380,13 @@ static cln_status check_render(const parser *p)
     const cln_options *out = p->out;
 
     if (out->orbit_frames && is_given(p, "split"))
-        return cln_fail(CLN_USAGE, "--orbit and --split exclude each other");
+        return cln_fail(CLN_USAGE, "--orbit and --split cannot be combined; give one of them");
     for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++) {
         if (!out->orbit_frames && is_given(p, of_orbit[i]))
-            return cln_fail(CLN_USAGE, "--%s only means something with --orbit", of_orbit[i]);
+            return cln_fail(CLN_USAGE, "--%s requires --orbit", of_orbit[i]);
     }
     if (out->orbit_frames && out->max_images)
-        return cln_fail(CLN_USAGE,
-                        "--max-images only means something with --split; give --orbit N");
+        return cln_fail(CLN_USAGE, "--max-images cannot be combined with --orbit; give --orbit N");
     return CLN_OK;
 }
 
@@ -400,8 +403,8 @@ static void settle_progress(parser *p)
         p->out->progress = "line";
 }
 
-/* --tune-file and its variable name a file that must be there (but for tune, which makes it); the standard
- * one need not be. */
+/* --tune-file and its variable name a file that must be there (but for tune, which makes it); the
+ * standard one need not be. */
 static cln_status settle_tune_file(parser *p)
 {
     cln_status st = CLN_OK;
@@ -435,9 +438,9 @@ static cln_status settle(parser *p)
         CLN_TRY(check_render(p));
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(
-            cln_fail(CLN_USAGE, "%s: a %s is missing", out->command->name, out->command->operand));
+            cln_fail(CLN_USAGE, "%s: %s is missing", out->command->name, out->command->operand));
     if (bit == CLN_EXPORT && !out->export_what)
-        CLN_TRY(cln_fail(CLN_USAGE, "export: say what to write: --octree FILE.ply"));
+        CLN_TRY(cln_fail(CLN_USAGE, "export: nothing to write is named; give --octree FILE.ply"));
     if (bit & (CLN_TRAIN | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:

@@ -1,6 +1,6 @@
 /* What a command line means: the parser over the tables of option_table.h. Options stand after the
- * command, in any order; of a repeated one the last counts. The only place that reads the environment.
- * Calls no part of the library but the settings. */
+ * command, in any order; of a repeated one the last counts. The only place that reads the
+ * environment. Calls no part of the library but the settings. */
 #ifndef CLN_OPTIONS_H
 #define CLN_OPTIONS_H
 

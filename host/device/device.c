@@ -159,8 +159,8 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
     }
     return cln_fail(
         CLN_NO_DEVICE,
-        "--device %s: none of the %d OpenCL device(s) matches; `cl-nascent devices` lists "
-        "them, --device takes a row number, cpu, gpu or part of a name",
+        "--device %s: no OpenCL device matches, of %d; `cl-nascent devices` lists them, --device "
+        "takes a row number, cpu, gpu or part of a name",
         spec, count);
 }
 
@@ -279,5 +279,8 @@ void cln_device_tune(const cln_device *device, const char *network, cln_tune *ou
             return;
         }
     }
-    snprintf(from, CLN_TUNE_FROM, "defaults for a %s", device->info.type);
+    snprintf(from, CLN_TUNE_FROM, "built-in %s defaults",
+             strcmp(device->info.type, "cpu") == 0   ? "CPU"
+             : strcmp(device->info.type, "gpu") == 0 ? "GPU"
+                                                     : device->info.type);
 }

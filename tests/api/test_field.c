@@ -1,6 +1,7 @@
-/* The field at points (cl_nascent.h: cln_field_*; host/pipeline/field.h): colours and densities of a trained
- * run against the float64 networks of reference/, in scene units, with leaves of two levels, culled octants
- * and points outside the cube; batches that do not divide; what is refused. */
+/* The field at points (cl_nascent.h: cln_field_*; host/pipeline/field.h): colours and densities of
+ * a trained run against the float64 networks of reference/, in scene units, with leaves of two
+ * levels, culled octants and points outside the cube; batches that do not divide; what is
+ * refused. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -125,7 +126,8 @@ static void test_field_is_the_networks(void **state)
     }
     assert_in_range(empty, POINTS / 4, POINTS / 2 + POINTS / 8); /* 1 - (5/6)^3 * 7/8 = 0.49 */
     assert_true(dense > 0.1);                                    /* it has learned something */
-    /* float32's rounding, of a position and through the layers; the self-test's bound is 1e-3 of the rms */
+    /* float32's rounding, of a position and through the layers; the self-test's bound is 1e-3 of
+     * the rms */
     if (!(worst[0] < 1e-4 && worst[1] < 1e-3))
         fail_msg("colour off by %g, density by %g of it", worst[0], worst[1]);
     cln_field_close(field);

@@ -1,6 +1,6 @@
 /* The rest of base/: random numbers against Random123's published known answers, the error record,
- * checked allocation, files (whole reads, atomic writes that keep the old file, folders, digests) and
- * the log. Oracle: published or hand-written values. */
+ * checked allocation, files (whole reads, atomic writes that keep the old file, folders, digests)
+ * and the log. Oracle: published or hand-written values. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -89,8 +89,9 @@ static void test_uniform(void **state)
     assert_memory_not_equal(a, b, sizeof a);
 }
 
-/* The numbers by hash: uniform, and those next to each other in any of their five arguments have nothing to do with
- * each other (a correlation of 100,000 pairs stays within five standard deviations). */
+/* The numbers by hash: uniform, and those next to each other in any of their five arguments have
+ * nothing to do with each other (a correlation of 100,000 pairs stays within five standard
+ * deviations). */
 static void test_uniform_hash(void **state)
 {
     enum { N = 100000 };
@@ -401,7 +402,8 @@ static void test_atomic(void **state)
     free(nowhere);
 }
 
-/* A full disk, as /dev/full plays it: the temp file's stream is sent there, so that the flush fails. */
+/* A full disk, as /dev/full plays it: the temp file's stream is sent there, so that the flush
+ * fails. */
 static void test_disk_full(void **state)
 {
     char *path = in_folder(*state, "model.bin");

@@ -1,6 +1,6 @@
-/* The option table (base/config.h, base/number.h): presets, every row to text and back and to JSON and
- * back, ranges, refused texts with their sentences, units, locale, suggestions, and the small languages
- * of level-at, eval-at, background and bbox. Oracle: values written down here. */
+/* The option table (base/config.h, base/number.h): presets, every row to text and back and to JSON
+ * and back, ranges, refused texts with their sentences, units, locale, suggestions, and the small
+ * languages of level-at, eval-at, background and bbox. Oracle: values written down here. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -391,7 +391,8 @@ static void test_units(void **state)
     assert_true(three[0] == 1 && three[1] == -2.5 && three[2] == 300);
 }
 
-/* Makes de_DE with localedef into a fresh folder, for machines that have its source but not itself. */
+/* Makes de_DE with localedef into a fresh folder, for machines that have its source but not
+ * itself. */
 static const char *make_comma_locale(char folder[64])
 {
     char command[256];
@@ -574,7 +575,8 @@ static void test_json_of_before(void **state)
     json_decref(object);
 }
 
-/* A row that was renamed: its earlier name is still an option, and a key of the runs from before. */
+/* A row that was renamed: its earlier name is still an option, and a key of the runs from
+ * before. */
 static void test_alias(void **state)
 {
     static const char *const names[][2] = {{"min_transmittance", "t_min"},

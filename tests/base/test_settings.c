@@ -1,6 +1,6 @@
-/* Settings by name and text behind the opaque type (cl_nascent.h, base/settings.h): every setting through
- * set and get, what is refused, extending a budget, and which given settings are said to have no effect.
- * Oracle: the rows of config.h, and sentences written down here. */
+/* Settings by name and text behind the opaque type (cl_nascent.h, base/settings.h): every setting
+ * through set and get, what is refused, extending a budget, and which given settings are said to
+ * have no effect. Oracle: the rows of config.h, and sentences written down here. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,7 +1,7 @@
 /* What the program tells people of itself (cli/help.h, cli/console.h, docs/cl-nascent.1): help and
- * manual name what the option tables hold, with ranges, words and defaults, within 80 columns; the live
- * line reads as the manual shows it; signals reach who polls for them. Oracle: the tables, and texts
- * written down here. */
+ * manual name what the option tables hold, with ranges, words and defaults, within 80 columns; the
+ * live line reads as the manual shows it; signals reach who polls for them. Oracle: the tables, and
+ * texts written down here. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

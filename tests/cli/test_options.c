@@ -1,7 +1,7 @@
-/* The command line (cli/options.h, cli/option_table.h): every hyperparameter and every other option set
- * through the parser, precedence of line, environment, preset and resumed run, forms, suggestions,
- * refused lines with their sentences. Help texts: test_help.c. Oracle: lines and values written down
- * here, and the rows' own legal values. */
+/* The command line (cli/options.h, cli/option_table.h): every hyperparameter and every other option
+ * set through the parser, precedence of line, environment, preset and resumed run, forms,
+ * suggestions, refused lines with their sentences. Help texts: test_help.c. Oracle: lines and
+ * values written down here, and the rows' own legal values. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -127,7 +127,8 @@ static void other_value(const cln_config_row *row, const char *fast, const char 
     }
 }
 
-/* Values that belong together are checked after all are set, so some rows need another with them. */
+/* Values that belong together are checked after all are set, so some rows need another with
+ * them. */
 static const char *companion(const char *option)
 {
     static const char *const with[][2] = {
@@ -382,7 +383,8 @@ static void environment_gives_way_to_the_line(void **state)
     done(&l);
 }
 
-/* The standard file of rows is read if it is there; one that is named must be, but for tune's own. */
+/* The standard file of rows is read if it is there; one that is named must be, but for tune's
+ * own. */
 static void tune_file_is_found(void **state)
 {
     char *folder = NULL, path[PATH_MAX + 32];
@@ -541,15 +543,15 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
     } cases[] = {
         {"", "command"},
         {"trian s", "'trian'|did you mean 'train'"},
-        {"xyzzyplugh", "'xyzzyplugh' is no command"},
+        {"xyzzyplugh", "unknown command 'xyzzyplugh'"},
         {"help rendre", "did you mean 'render'"},
         {"-v train s", "-v|after the command"},
         {"train s -o r --stpes 5", "--stpes|did you mean --steps"},
         {"train s -o r --no-skp", "--no-skp|did you mean --no-skip"},
         {"train s -o r --no-steps", "--no-steps"},
-        {"train s -o r --quux", "--quux: there is no such option"},
-        {"train s -o r --orbit", "--orbit is no option of train|render"},
-        {"eval r --lr 3", "--lr is no option of eval|train"},
+        {"train s -o r --quux", "unknown option --quux"},
+        {"train s -o r --orbit", "--orbit is not an option of train|but of render"},
+        {"eval r --lr 3", "--lr is not an option of eval|but of train"},
         {"train s -o r -z", "-z"},
         {"train s -o r --steps", "--steps needs a value"},
         {"train s -o r --steps --skip", "--steps needs a value"},
@@ -567,20 +569,20 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train s", "-o RUN"},
         {"train -o r", "SCENE|--resume"},
         {"train s t -o r", "'t'|one SCENE|'s'"},
-        {"eval", "eval: a RUN is missing"},
-        {"export --octree f", "export: a RUN is missing"},
+        {"eval", "eval: RUN is missing"},
+        {"export --octree f", "export: RUN is missing"},
         {"export r", "--octree FILE"},
         {"export r --octree", "--octree needs a value"},
         {"export r --octree f --colour red", "--colour|'red'|level|error"},
-        {"export r --octree f -d cpu", "-d: there is no such option"},
-        {"eval r --octree f", "--octree is no option of eval|export"},
+        {"export r --octree f -d cpu", "unknown option -d"},
+        {"eval r --octree f", "--octree is not an option of eval|but of export"},
         {"devices here", "'here'"},
         {"eval r --max-images many", "--max-images|'many'"},
         {"eval r --max-images 1.5", "--max-images|'1.5'|whole"},
         {"eval r --split all", "--split|'all'|train|val|test"},
         {"eval r --scene=", "--scene|empty"},
-        {"render r --orbit --split test", "--orbit|--split"},
-        {"render r --width 64", "--width|--orbit"},
+        {"render r --orbit --split test", "--orbit and --split cannot be combined"},
+        {"render r --width 64", "--width requires --orbit"},
         {"render r --orbit --fov 200", "--fov|'200'|175"},
     };
 

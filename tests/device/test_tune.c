@@ -211,7 +211,7 @@ static void test_precedence(void **state)
         "data/tune/x.txt", "a | * | W?2-* | VW=4,TS=3\na | * | W64-* | VW=8\n", &device.rows[1]));
     assert_int_equal(chosen_vw(&device, "W32-D3-V32", "user.txt, line 1"), 2);
     assert_int_equal(chosen_vw(&device, "W64-D3-V32", "data/tune/x.txt, line 2"), 8);
-    assert_int_equal(chosen_vw(&device, "W16-D3-V32", "defaults for a cpu"), 1);
+    assert_int_equal(chosen_vw(&device, "W16-D3-V32", "built-in CPU defaults"), 1);
     cln_device_tune(&device, "W32-D3-V32", &tune, from);
     assert_int_equal(tune.ts, 7); /* the class's, not that of the row that lost */
     snprintf(device.tune_from, sizeof device.tune_from, "--tune");
