@@ -9,7 +9,8 @@
 
 enum { COLUMNS = 64, ROWS = 32, POINTS = COLUMNS * ROWS };
 
-static float at[POINTS][3], sigma[POINTS];
+static double at[POINTS][3];
+static float sigma[POINTS];
 
 static cln_status show(cln_field *field)
 {
@@ -24,12 +25,12 @@ static cln_status show(cln_field *field)
     for (int i = 0; i < POINTS; i++) {
         const double u = (i % COLUMNS + 0.5) / COLUMNS, v = (i / COLUMNS + 0.5) / ROWS;
 
-        at[i][0] = (float)(min[0] + u * (max[0] - min[0]));
-        at[i][1] = (float)(max[1] - v * (max[1] - min[1]));
-        at[i][2] = (float)(0.5 * (min[2] + max[2]));
+        at[i][0] = min[0] + u * (max[0] - min[0]);
+        at[i][1] = max[1] - v * (max[1] - min[1]);
+        at[i][2] = 0.5 * (min[2] + max[2]);
     }
     /* The density is the same in every direction, so none are given. */
-    st = cln_field_at(field, POINTS, (const float(*)[3])at, NULL, NULL, sigma);
+    st = cln_field_at(field, POINTS, (const double(*)[3])at, NULL, NULL, sigma);
     if (st != CLN_OK)
         return st;
     for (int i = 0; i < POINTS; i++) {
@@ -41,7 +42,7 @@ static cln_status show(cln_field *field)
             putchar('\n');
         densest = sigma[i] > sigma[densest] ? i : densest;
     }
-    st = cln_field_at(field, 1, (const float(*)[3])at[densest], down, rgb, NULL);
+    st = cln_field_at(field, 1, (const double(*)[3])at[densest], down, rgb, NULL);
     if (st == CLN_OK)
         printf("densest at %.3f, %.3f, %.3f: %.3g per unit, from above %.2f, %.2f, %.2f\n",
                at[densest][0], at[densest][1], at[densest][2], sigma[densest], rgb[0][0], rgb[0][1],

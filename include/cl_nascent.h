@@ -287,7 +287,7 @@ CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3])
  *                      NULL = not asked for
  * Where no leaf is (outside the cube, or culled as empty) sigma and rgb are 0. CLN_USAGE for a
  * direction of length 0 or a number that is not finite. */
-CLN_API cln_status cln_field_at(cln_field *field, size_t n, const float (*positions)[3],
+CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3],
                                 const float (*directions)[3], float (*rgb)[3], float *sigma);
 
 /* ---- exports and facts ---- */

@@ -42,22 +42,23 @@ void cln_field_close(cln_field *field)
 
 void cln_field_box(const cln_field *field, double min[3], double max[3])
 {
-    const cln_model *model = &field->opened.model;
+    const cln_space *space = &field->opened.model.space;
 
-    for (int a = 0; a < 3; a++) {
-        min[a] = model->centre[a] - model->half;
-        max[a] = model->centre[a] + model->half;
-    }
+    cln_space_point_to_scene(space, (const double[3]){-1, -1, -1}, min);
+    cln_space_point_to_scene(space, (const double[3]){1, 1, 1}, max);
 }
 
-static cln_status to_cube(const cln_model *model, size_t i, const float position[3], float out[4])
+static cln_status to_cube(const cln_space *space, size_t i, const double position[3], float out[4])
 {
-    for (int a = 0; a < 3; a++) {
+    double cube[3];
+
+    for (int a = 0; a < 3; a++)
         if (!isfinite(position[a]))
-            return cln_fail(CLN_USAGE, "position %zu: %g,%g,%g is not finite", i,
-                            (double)position[0], (double)position[1], (double)position[2]);
-        out[a] = (float)((position[a] - model->centre[a]) / model->half);
-    }
+            return cln_fail(CLN_USAGE, "position %zu: %g,%g,%g is not finite", i, position[0],
+                            position[1], position[2]);
+    cln_space_point_to_cube(space, position, cube);
+    for (int a = 0; a < 3; a++)
+        out[a] = (float)cube[a];
     out[3] = 0;
     return CLN_OK;
 }
@@ -81,7 +82,7 @@ static cln_status to_unit(size_t i, const float *direction, float out[4])
     return CLN_OK;
 }
 
-cln_status cln_field_at(cln_field *field, size_t n, const float (*positions)[3],
+cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3],
                         const float (*directions)[3], float (*rgb)[3], float *sigma)
 {
     cln_status st = CLN_OK;
@@ -98,7 +99,7 @@ cln_status cln_field_at(cln_field *field, size_t n, const float (*positions)[3],
         const size_t count = n - first < most ? n - first : most;
 
         for (size_t i = 0; i < count; i++) {
-            CLN_TRY(to_cube(model, first + i, positions[first + i], at[i]));
+            CLN_TRY(to_cube(&model->space, first + i, positions[first + i], at[i]));
             CLN_TRY(to_unit(first + i, directions ? directions[first + i] : NULL, towards[i]));
         }
         CLN_TRY(cln_field_points(&field->opened.pipeline, &model->tree, count,
@@ -106,8 +107,8 @@ cln_status cln_field_at(cln_field *field, size_t n, const float (*positions)[3],
         for (size_t i = 0; i < count; i++) {
             if (rgb)
                 memcpy(rgb[first + i], out[i], sizeof rgb[0]);
-            if (sigma) /* a way d is d / half in the cube */
-                sigma[first + i] = (float)(out[i][3] / model->half);
+            if (sigma)
+                sigma[first + i] = (float)cln_space_density_to_scene(&model->space, out[i][3]);
         }
     }
 done:

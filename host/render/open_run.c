@@ -8,6 +8,7 @@
 
 #include "base/log.h"
 #include "pipeline/plan.h"
+#include "io/run_folder.h"
 #include "render/recorded.h"
 
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)

@@ -13,9 +13,6 @@ typedef struct cln_open_run {
     cln_pipeline pipeline;
 } cln_open_run;
 
-/* The settings (and scene path, if scene is not NULL; the caller frees it) that run.json records. */
-cln_status cln_run_config(const char *run, cln_config *config, char **scene);
-
 /* Checkpoint, and scene (NULL = the run's own) with the images of these splits. No device yet. */
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              cln_open_run *out);

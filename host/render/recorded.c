@@ -1,4 +1,4 @@
-/* What run.json records of a run, read back. See recorded.h; cln_run_config is cl_nascent.h's. */
+/* What run.json records of a run, read back. See recorded.h. */
 #include "render/recorded.h"
 
 #include <stdio.h>

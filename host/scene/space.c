@@ -83,6 +83,11 @@ bool cln_space_met_by(const cln_space *space, const double origin[3], const doub
     return enter < leave;
 }
 
+double cln_space_density_to_scene(const cln_space *space, double cube)
+{
+    return cube / space->half;
+}
+
 bool cln_space_equal(const cln_space *a, const cln_space *b)
 {
     bool same = fabs(a->half - b->half) <= 1e-6 * b->half;

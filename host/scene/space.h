@@ -38,6 +38,9 @@ double cln_space_distance_to_scene(const cln_space *space, double cube);
 /* The same in float arithmetic, for the depth of pictures. */
 float cln_space_depth_to_scene(const cln_space *space, float cube);
 
+/* A density per unit of distance in the cube, per scene unit. */
+double cln_space_density_to_scene(const cln_space *space, double cube);
+
 /* A node's box {x, y, z, side} (model/octree.h) as its lowest and highest corner. Faces that two
  * nodes share get the same numbers, whatever their levels: positions in the cube are dyadic. */
 void cln_space_box_to_scene(const cln_space *space, const float cube[4], float low[3],

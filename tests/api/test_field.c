@@ -15,7 +15,8 @@
 enum { POINTS = 4000 };
 
 typedef struct points {
-    float at[POINTS][3], towards[POINTS][3];
+    double at[POINTS][3];
+    float towards[POINTS][3];
     float rgb[POINTS][3], sigma[POINTS];
 } points;
 
@@ -52,14 +53,14 @@ static void make_points(const cln_model *model, points *p)
         cln_uniform4(7, CLN_STREAM_DISTIL, 0, i, 0, u);
         cln_uniform4(7, CLN_STREAM_DISTIL, 0, i, 1, v);
         for (int a = 0; a < 3; a++) {
-            p->at[i][a] = (float)(model->centre[a] + model->half * 1.2 * (2 * u[a] - 1));
+            p->at[i][a] = model->space.centre[a] + model->space.half * 1.2 * (2 * u[a] - 1);
             p->towards[i][a] = (v[a] - 0.5f) * (0.1f + 10 * v[3]);
         }
     }
 }
 
 /* r, g, b and sigma per scene unit; false outside of the leaves. */
-static bool reference_at(const cln_model *model, const float at[3], const float towards[3],
+static bool reference_at(const cln_model *model, const double at[3], const float towards[3],
                          double out[4])
 {
     const cln_config *c = &model->config;
@@ -69,7 +70,7 @@ static bool reference_at(const cln_model *model, const float at[3], const float 
     ref_network r;
 
     for (int a = 0; a < 3; a++) {
-        cube[a] = (float)((at[a] - model->centre[a]) / model->half);
+        cube[a] = (float)((at[a] - model->space.centre[a]) / model->space.half);
         length += (double)towards[a] * towards[a];
     }
     slot = cln_octree_find(&model->tree, cube);
@@ -84,7 +85,7 @@ static bool reference_at(const cln_model *model, const float at[3], const float 
     r = cln_check_network(c, model, slot);
     ref_forward(&r, model->params + (size_t)slot * (size_t)model->net.params, local, dir, NULL,
                 0.5 * (c->rrelu_lower + c->rrelu_upper), out);
-    out[3] /= model->half;
+    out[3] /= model->space.half;
     return true;
 }
 
@@ -104,10 +105,10 @@ static void test_field_is_the_networks(void **state)
     assert_ok(cln_field_open(run, &device, &field));
     cln_field_box(field, min, max);
     for (int a = 0; a < 3; a++) {
-        assert_true(min[a] == model.centre[a] - model.half);
-        assert_true(max[a] == model.centre[a] + model.half);
+        assert_true(min[a] == model.space.centre[a] - model.space.half);
+        assert_true(max[a] == model.space.centre[a] + model.space.half);
     }
-    assert_ok(cln_field_at(field, POINTS, (const float(*)[3])p.at, (const float(*)[3])p.towards,
+    assert_ok(cln_field_at(field, POINTS, (const double(*)[3])p.at, (const float(*)[3])p.towards,
                            p.rgb, p.sigma));
     for (int i = 0; i < POINTS; i++) {
         double want[4];
@@ -148,15 +149,15 @@ static void test_parts_are_the_whole(void **state)
     make_points(&model, &p);
     assert_ok(cln_field_open(engine_path("whole"), &device, &field));
     assert_ok(cln_field_at(field, 0, NULL, NULL, NULL, NULL));
-    assert_ok(cln_field_at(field, POINTS, (const float(*)[3])p.at, (const float(*)[3])p.towards,
+    assert_ok(cln_field_at(field, POINTS, (const double(*)[3])p.at, (const float(*)[3])p.towards,
                            p.rgb, p.sigma));
     for (size_t k = 0; k + 1 < sizeof cuts / sizeof cuts[0]; k++) {
         const size_t from = cuts[k], n = cuts[k + 1] - from;
 
-        assert_ok(cln_field_at(field, n, (const float(*)[3])p.at + from,
+        assert_ok(cln_field_at(field, n, (const double(*)[3])p.at + from,
                                (const float(*)[3])p.towards + from, q.rgb + from, NULL));
         assert_ok(
-            cln_field_at(field, n, (const float(*)[3])p.at + from, NULL, NULL, q.sigma + from));
+            cln_field_at(field, n, (const double(*)[3])p.at + from, NULL, NULL, q.sigma + from));
     }
     assert_memory_equal(p.rgb, q.rgb, sizeof p.rgb);
     assert_memory_equal(p.sigma, q.sigma, sizeof p.sigma);
@@ -167,7 +168,8 @@ static void test_parts_are_the_whole(void **state)
 static void test_field_refuses(void **state)
 {
     const cln_device_desc device = engine_device();
-    float at[2][3] = {{0, 0, 0}, {0, NAN, 0}}, towards[2][3] = {{0, 0, 1}, {0, 0, 0}};
+    double at[2][3] = {{0, 0, 0}, {0, NAN, 0}};
+    float towards[2][3] = {{0, 0, 1}, {0, 0, 0}};
     float rgb[2][3], sigma[2];
     cln_field *field = (cln_field *)&device;
 
@@ -176,17 +178,17 @@ static void test_field_refuses(void **state)
     assert_null(field);
     cln_field_close(NULL);
     assert_ok(cln_field_open(engine_path("whole"), NULL, &field));
-    assert_fails(cln_field_at(field, 2, (const float(*)[3])at, NULL, NULL, sigma), CLN_USAGE,
+    assert_fails(cln_field_at(field, 2, (const double(*)[3])at, NULL, NULL, sigma), CLN_USAGE,
                  "position 1");
     at[1][1] = 0;
-    assert_fails(cln_field_at(field, 2, (const float(*)[3])at, NULL, rgb, sigma), CLN_USAGE,
+    assert_fails(cln_field_at(field, 2, (const double(*)[3])at, NULL, rgb, sigma), CLN_USAGE,
                  "directions");
     assert_fails(
-        cln_field_at(field, 2, (const float(*)[3])at, (const float(*)[3])towards, rgb, NULL),
+        cln_field_at(field, 2, (const double(*)[3])at, (const float(*)[3])towards, rgb, NULL),
         CLN_USAGE, "direction 1");
     towards[1][0] = -2;
     assert_ok(
-        cln_field_at(field, 2, (const float(*)[3])at, (const float(*)[3])towards, rgb, sigma));
+        cln_field_at(field, 2, (const double(*)[3])at, (const float(*)[3])towards, rgb, sigma));
     assert_true(sigma[0] == sigma[1]);
     cln_field_close(field);
 }

@@ -8,6 +8,7 @@
 #include <cmocka.h>
 #include <jansson.h>
 #include <sys/stat.h>
+#include "base/settings.h"
 #include "cl_nascent.h"
 #include "scene/reader.h"
 #include "scene_fixture.h"
@@ -199,7 +200,7 @@ static void test_odd_names(void **state)
         if (!there)
             fail_msg("no view '%s' with its pixels", name);
     }
-    assert_int_equal(cln_info_scene(folder, &config, &text), CLN_OK);
+    assert_int_equal(cln_info_scene(folder, &(cln_settings){.config = config}, &text), CLN_OK);
     told = json_loads(text, 0, NULL);
     assert_non_null(told);
     assert_string_equal(json_string_value(json_object_get(told, "folder")), folder);
@@ -234,7 +235,7 @@ static void test_name_not_utf8(void **state)
     put_text(folder, "transforms.json",
              "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME(
                  "a.png", POSE_FRONT) "," FRAME("b.png", POSE_FRONT) "]}");
-    assert_int_equal(cln_info_scene(folder, &config, &text), CLN_INPUT);
+    assert_int_equal(cln_info_scene(folder, &(cln_settings){.config = config}, &text), CLN_INPUT);
     assert_null(text);
     assert_non_null(strstr(cln_error_text(), "not UTF-8"));
     cln_clear_error();
