@@ -35,7 +35,8 @@ typedef struct ahead {
 /* The same, in so many turns. */
 HELPER ahead in_turns(ahead a, int turns)
 {
-    a.each = (a.rows + turns - 1) / turns;
+    if (a.rows > 0)
+        a.each = (a.rows + turns - 1) / turns;
     return a;
 }
 

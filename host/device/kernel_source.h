@@ -4,7 +4,7 @@
 #define CLN_KERNEL_SOURCE_H
 
 typedef struct cln_kernel_source {
-    const char *name; /* "mlp.cl" */
+    const char *name; /* "mlp_forward.cl" */
     const char *const *lines;
 } cln_kernel_source;
 

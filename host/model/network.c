@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/rng.h"
+#include "model/encoding.h"
 
 enum { ALIGN_FLOATS = 16, PAD_ROWS = 4 };
 
@@ -62,9 +63,9 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out)
     net.view_width = config->view_dependence ? config->view_width : 0;
     net.view_bands = config->view_dependence ? config->view_bands : 0;
     net.skip_layer = config->skip && config->depth >= 6 ? config->depth / 2 + 1 : -1;
-    net.enc = 3 + 6 * net.bands;
+    net.enc = cln_encoding_rows(net.bands);
     net.enc_pad = round_up(net.enc, PAD_ROWS);
-    net.dir = net.view_dependence ? 3 + 6 * net.view_bands : 0;
+    net.dir = net.view_dependence ? cln_encoding_rows(net.view_bands) : 0;
     net.dir_pad = round_up(net.dir, PAD_ROWS);
     net.colour_width = net.view_dependence ? net.view_width : w;
     for (int i = 0; i < net.depth; i++) {

@@ -1,9 +1,8 @@
 /* The leaf network (method.md sections 1, 2, 11): its layout in memory, initial weights, and the exact
- * split by folding. Evaluating it is the kernels' work (kernels/mlp.cl; float64 twin in reference/).
+ * split by folding. Evaluating it is the kernels' work (kernels/mlp_*.cl; float64 twin in reference/).
  *
- * Encoding, L bands: row 0..2 = p; row 3 + 6k + a = sin(2^k p_a), row 6 + 6k + a = cos(2^k p_a),
- * a = axis; 3 + 6L rows, zero-padded to a multiple of 4. Position: leaf-local x in [-1,1]^3; direction:
- * unit world vector.
+ * Encoding (model/encoding.h): rows zero-padded to a multiple of 4. Position: leaf-local x in [-1,1]^3;
+ * direction: unit world vector.
  *
  * Parameters of one leaf, floats, in this order; a matrix is [input][output] row-major; every block
  * starts at a multiple of 16 floats:

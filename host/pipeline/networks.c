@@ -247,7 +247,7 @@ static cln_status count_updates(cln_pipeline *p, cl_uint least)
                       CLN_ARG(least));
 }
 
-/* Leaves of at least min_slices slices. half_slice: where gradients are (kernels/mlp.cl). */
+/* Leaves of at least min_slices slices. half_slice: where gradients are (kernels/mlp_backward.cl). */
 static cln_status launch_adam(cln_pipeline *p, cl_uint least, cl_uint min_slices,
                               cl_uint half_slice, double lr)
 {

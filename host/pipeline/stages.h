@@ -201,7 +201,7 @@ size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune);
 int cln_pipeline_transposed(const cln_network *net);
 
 /* Gradients that an update holds at a time, of so many samples in slices of at most tune.sl: with tune.leaf only those
- * of slices that share a leaf (kernels/mlp.cl). */
+ * of slices that share a leaf (kernels/mlp_backward.cl). */
 double cln_pipeline_gradients(const cln_tune *tune, double samples, double slices);
 
 /* Uploads a tree alone: boxes, map, room for runs and slices of its leaves. Their arrays P are the caller's. */

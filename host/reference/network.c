@@ -19,22 +19,6 @@ typedef struct pass {
     double s, sigma, colour[3];
 } pass;
 
-void ref_encode(int bands, const double x[3], const double *weights, int pad, double *out)
-{
-    for (int i = 0; i < pad; i++)
-        out[i] = 0;
-    for (int a = 0; a < 3; a++)
-        out[a] = x[a];
-    for (int k = 0; k < bands; k++) {
-        double weight = weights ? weights[k] : 1;
-
-        for (int a = 0; a < 3; a++) {
-            out[3 + 6 * k + a] = weight * sin(ldexp(x[a], k));
-            out[6 + 6 * k + a] = weight * cos(ldexp(x[a], k));
-        }
-    }
-}
-
 /* Slope of one element: trunk layers first, the view layer is number `depth`. */
 static double slope_of(const cln_network *net, const double *slopes, double slope, int layer, int n)
 {

@@ -172,8 +172,8 @@ section_devices() {
     check "selftest --json is one document" json . >/dev/null
     mkdir -p "$work/kernels" && cp kernels/* include/device_abi.h "$work/kernels/"
     expect "--kernel-dir with the same kernels" 0 "" "$cln" selftest --quick --kernel-dir "$work/kernels"
-    echo 'this is no OpenCL;' >>"$work/kernels/mlp.cl"
-    expect "--kernel-dir with a broken kernel, with its log" 4 "mlp.cl error" \
+    echo 'this is no OpenCL;' >>"$work/kernels/mlp_forward.cl"
+    expect "--kernel-dir with a broken kernel, with its log" 4 "mlp_forward.cl error" \
         "$cln" selftest --quick --kernel-dir "$work/kernels"
     expect "--kernel-dir that is not there" 3 "$work/nowhere" \
         "$cln" selftest --quick --kernel-dir "$work/nowhere"

@@ -153,7 +153,7 @@ section_broken() {
     noticed "a wrong sign" regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' "regularisers backward "
     noticed "one too few" group.cl 's/end\[keys\[i\]\] = i + 1u/end[keys[i]] = i/' "networks backward "
     # between layers: elsewhere indices would be read too early, and the device might crash
-    noticed "a missing barrier" mlp.cl '/define TRUNK_FORWARD/,/float \*h =/s/GROUP_SYNC();/            /' \
+    noticed "a missing barrier" layer.h '/local float \*trunk_forward/,/return DEPTH/s/GROUP_SYNC();//' \
         "networks: (colour|density) "
     # right by float64 (any random number is), but not what the others make of it
     noticed "other random numbers" sampling.cl 's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \

@@ -1,8 +1,8 @@
-/* mlp.cl against the float64 reference: densities, forward and backward on many network shapes and
- * parameter sets, with leaves of no, one and many samples, random numbers in the padding of the weights
- * (no input may reach it), the slopes of RReLU redrawn here from their published hash, and the same
- * bytes from the same launch. Samples lie at exact local coordinates where bands are many: float32's
- * rounding of a position is multiplied by 2^bands, which is no error of the network. */
+/* mlp_density.cl, mlp_forward.cl and mlp_backward.cl against the float64 reference: densities, forward and
+ * backward pass on many network shapes and parameter sets, with leaves of no, one and many samples, random
+ * numbers in the padding of the weights (no input may reach it), the slopes of RReLU redrawn here from their
+ * published hash, and the same bytes from the same launch. Samples lie at exact local coordinates where bands
+ * are many: float32's rounding of a position is multiplied by 2^bands, which is no error of the network. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -186,7 +186,7 @@ static uint32_t hash(uint32_t x)
     return x;
 }
 
-/* mlp.cl's density noise: one normal number per sample and step (Box-Muller on two hashes). */
+/* rng.h: the density noise, one normal number per sample and step (Box-Muller on two hashes). */
 static double noise_of(uint32_t step_key, uint32_t sample)
 {
     const uint32_t a = hash((step_key ^ 0x27D4EB2Fu) + sample * 0x9E3779B9u);
