@@ -1,16 +1,19 @@
 /* needs: leaves adam */
-/* Adam on leaves that a batch touched, where the gradient comes from memory: a leaf's is the sum of its slices'
- * buffers, in slice order. Leaves with fewer than min_samples samples are left alone, moments included. The step
- * itself: adam.h; leaves of one slice are updated by mlp.cl, if the host asks for that.
+/* Adam on the leaves that a batch touched, where the gradient comes from memory: a leaf's is the
+ * sum of its slices' gradients, in slice order. Leaves with fewer than min_samples samples are left
+ * alone, moments included. The step itself: adam.h. Leaves of one slice are updated by
+ * mlp_backward.cl, if the host asks for that.
  *
- * PART   parameters one work-group updates, of EACH leaves in turn;  LS, VW: its work-items and lanes
+ *   PART    parameters that one work-group updates, of EACH leaves one after another
+ *   LS, VW  its work-items and lanes
  */
 #ifndef PART
 #define PART 1024
 #define EACH 16
 #endif
 
-/* steps[leaf] += 1 for touched leaves; norms[leaf]: of the view layer's weights, before the update. */
+/* steps[leaf] += 1 for touched leaves; norms[leaf]: of the view layer's weights, before the
+ * update. */
 __kernel void adam_count(const __global uint *restrict begin, const __global uint *restrict end,
                          __global int *restrict steps, LEAF_ARRAY(const float, params),
                          __global float *restrict norms, uint leaves, uint min_samples)
@@ -42,7 +45,8 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
      LEAF_ARRAY(float, params), LEAF_ARRAY(moment_type, m),
      LEAF_ARRAY(moment_type, v),    /* [leaf][PARAMS] */
      LEAF_ARRAY(float, transposed), /* [leaf][WT_PARAMS], if there is one */
-     uint leaves, uint parts, uint min_samples, uint min_slices, /* leaves with fewer are left alone */
+     uint leaves, uint parts,
+     uint min_samples, uint min_slices, /* leaves with fewer are left alone */
      uint half_slice, /* 0: slice s' gradient at place s; else at its start / half_slice */
      float lr)
 {

@@ -1,12 +1,12 @@
 /* needs: network fetch bfloat16 */
-/* One step of Adam on VW neighbouring weights (method.md 11; twin: host/reference/adam.c), and the transposed copy of
- * the weights that the input gradients read. Used by adam.cl, and by mlp.cl where a leaf's whole gradient is at
- * hand; behind network.h, which has the layout. Bias correction counts the updates of the leaf itself, since leaves
- * are born during training.
+/* One step of Adam on VW neighbouring weights (method.md 11; twin: host/reference/adam.c), and the
+ * transposed copy of the weights that input gradients read. Used by adam.cl, and by mlp_backward.cl
+ * where a leaf's whole gradient is at hand. Bias correction counts the updates of the leaf itself,
+ * as leaves are born during training.
  *
- * BETA1 BETA2 EPSILON   Adam's;  DECAY1 DECAY2: -log of the betas
- * VIEW_L2 0 | 1, VIEW_L2_WEIGHT   regulariser: the norm of the view layer's weights
- * MOMENTS 0 | 1   both moments in memory: float, or bfloat16 (its upper half), where Adam is bound by memory
+ *   BETA1 BETA2 EPSILON   Adam's;  DECAY1 DECAY2: -log of the betas
+ *   VIEW_L2 0 | 1, VIEW_L2_WEIGHT   regulariser: the norm of the view layer's weights
+ *   MOMENTS 0 | 1   both moments are float, or bfloat16, where Adam is bound by memory
  */
 #ifndef BETA1
 #define BETA1 0.9f
@@ -23,10 +23,10 @@
 typedef struct adam_leaf {
     float rate, second; /* learning rate over the first moment's correction; 1 over the second's */
     float pull;         /* of the view layer's norm, per weight */
-    uint key;           /* of the numbers that moments are rounded by */
+    uint key;           /* of the random numbers that round moments */
 } adam_leaf;
 
-/* steps: updates of the leaf, this one counted; norm: of the view layer's weights; slot: the leaf's. */
+/* steps: updates of the leaf, with this one; norm: of the view layer's weights. */
 HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm, uint slot)
 {
     const float t = (float)steps;
@@ -43,8 +43,9 @@ HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm, uint slot)
     return a;
 }
 
-/* Moments in memory. chance: 16 random bits. Rounding to the nearest bfloat16 would let a second moment stand still
- * where a step changes it by less than half a unit in its 8 bits; rounding by chance is right on average. */
+/* Moments in memory. chance: 16 random bits. Rounding to the nearest bfloat16 would let a second
+ * moment stand still where a step changes it by less than half a unit in its 8 bits; rounding by
+ * chance is right on average. */
 #if MOMENTS
 #define moment_type ushort
 
@@ -72,13 +73,14 @@ HELPER void moment_store(vf value, vu chance, __global moment_type *p)
 }
 #endif
 
-/* So many bytes before their turn moments, and weights, which are near, are fetched: a processor's own fetching ends
- * with a page of four kilobytes. Past a row's end the next leaf's come, or nothing. */
+/* Moments and weights are fetched so many bytes ahead: a processor fetches ahead by itself, but
+ * only up to the end of a page of four kilobytes. Behind a row's end stands the next leaf's, or
+ * nothing. */
 #define MOMENTS_AHEAD 2048
 #define WEIGHTS_AHEAD 1024
 
-/* Weights p .. p + VW - 1 of a leaf, by their gradient and the leaf's rows; the new weights. They go by the moments as
- * they are before these are rounded. */
+/* Updates weights p .. p + VW - 1 of a leaf, given their gradient g and the leaf's rows; returns
+ * the new weights. They follow from the moments as these are before rounding. */
 HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,
                     __global moment_type *v)
 {

@@ -1,6 +1,7 @@
 /* needs: network fetch space encoding_frequency */
-/* A block: up to NB samples of one leaf, which go through its network together, layer by layer, while they are in
- * the work-group's local memory. Rows past the count hold garbage that never leaves its own row. */
+/* A block: up to NB samples of one leaf, which go through its network together, layer by layer,
+ * while they are in the work-group's local memory. Rows past the count hold garbage that never
+ * leaves its own row. */
 
 typedef struct block {
     int count, tiles, rows; /* samples; tiles of TS that hold them; rows, whole tiles and vectors */
@@ -33,8 +34,8 @@ typedef struct sample_source {
     const __global float4 *ray_o, *ray_d;   /* [ray] */
 } sample_source;
 
-/* Local positions to at, [3][NB], and directions to along, [3][NB], of the samples whose numbers this work-item has
- * put into ids. */
+/* Local positions to at, [3][NB], and directions to along, [3][NB], of the samples whose numbers
+ * this work-item has put into ids. */
 HELPER void load_samples(block b, sample_source from, float4 box, __local float *at,
                          __local float *along)
 {

@@ -1,6 +1,7 @@
 /* needs: lens */
-/* A pinhole camera behind a lens (lens.h): pixel position to direction and back, twin of host/scene/camera.c
- * (host/scene/scene.h has the model). Its frame is space.h's, which is what kernels go through. */
+/* A pinhole camera behind a lens (lens.h): pixel position to direction and back, twin of
+ * host/scene/camera.c (host/scene/scene.h has the model). Its frame is space.h's, which is what
+ * kernels go through. */
 
 HELPER float3 camera_origin(cln_device_camera c)
 {
@@ -19,7 +20,8 @@ HELPER float4 camera_direction(cln_device_camera c, float u, float v)
     return (float4)(d * scale, scale);
 }
 
-/* Pixel position of a point; false if it is behind the camera, outside the image, or where the lens has folded over. */
+/* Pixel position of a point; false if it is behind the camera, outside the image, or where the lens
+ * has folded over. */
 HELPER bool camera_project(cln_device_camera c, float3 point, float2 *pixel)
 {
     const float3 q = point - camera_origin(c);

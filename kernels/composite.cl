@@ -1,16 +1,18 @@
 /* needs: space */
 /* Compositing along each ray, the loss, and its gradient back to every sample's (r, g, b, sigma)
- * (method.md 9, 10; twin: host/reference/composite.c). One work-item per ray, samples front to back.
+ * (method.md 9, 10; twin: host/reference/composite.c). One work-item per ray, samples front to
+ * back.
  *
  *   w_i = T_i alpha_i, alpha_i = 1 - exp(-sigma_i delta_i), T_{i+1} = T_i (1 - alpha_i)
  *   C = sum w_i c_i + T_end background
  *   with G_i = dL/dw_i:  dL/dc_i = w_i g,  dL/dsigma_i = delta_i (T_{i+1} G_i - S_i),
  *   S_i = sum_{j>i} w_j G_j + T_end g.background, a true backward sweep (no cancellation)
  *
- * RAY_BACKGROUND 0 | 1   one background for all rays, or one each
- * LOSS 0 l2 | 1 huber;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built in
- * MEASURES 0 | 1 | 3   per sample for the structure optimisation (12.3): nothing; its share of the ray's
- *                      error; and T sigma delta, T delta (density weighted by transmittance)
+ *   RAY_BACKGROUND 0 | 1   one background for all rays, or one each
+ *   LOSS 0 l2 | 1 huber;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built in
+ *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
+ *                          share of the ray's error; and T sigma delta, T delta (density weighted
+ *                          by transmittance)
  */
 #ifndef LOSS
 #define RAY_BACKGROUND 1
@@ -40,7 +42,7 @@ __kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 
                         const __global cln_sample *restrict samples,  /* [sample] */
                         const __global float4 *restrict out,          /* [sample] r, g, b, sigma */
                         const __global float4 *restrict backgrounds,  /* [1] or [ray] */
-                        const __global float4 *restrict ray_d,        /* [ray] w: axis depth per t */
+                        const __global float4 *restrict ray_d,        /* [ray] for ray_depth() */
                         __global cln_ray_result *restrict results, uint n, uint axis_depth)
 {
     const uint r = get_global_id(0);
@@ -88,10 +90,10 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
     float through = 1.0f, opacity = 0.0f, moment = 0.0f, loss, extra = 0.0f;
     float4 colour = (float4)(0.0f), g, difference;
 #if MEASURES > 0
-    float length = 0.0f; /* of the ray in the leaves it was sampled in: their deltas sum to chords */
+    float length = 0.0f; /* of the ray in the leaves with samples: their deltas sum to it */
 #endif
 
-    for (uint i = begin; i < end; i++) { /* T_i and alpha_i are kept in dout until the way back */
+    for (uint i = begin; i < end; i++) { /* dout keeps T_i and alpha_i for the backward sweep */
         const float4 o = out[i];
         const float depth_here = OPTICAL_DEPTH(o.w * samples[i].delta);
         const float alpha = ONE_MINUS_EXP(float, depth_here);
@@ -113,7 +115,8 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 
 #if LOSS == 1
     const float4 a = fabs(difference);
-    const float4 each = select(huber * (a - 0.5f * huber), 0.5f * difference * difference, a <= huber);
+    const float4 each =
+        select(huber * (a - 0.5f * huber), 0.5f * difference * difference, a <= huber);
 
     loss = (each.x + each.y + each.z) * (1.0f / 3.0f);
     g = clamp(difference, -huber, huber) * (1.0f / 3.0f);
@@ -142,7 +145,8 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 #endif
 #if DISTORT
         const float t = samples[i].t;
-        const float before = opacity - weight - behind, moment_before = moment - weight * t - moment_behind;
+        const float before = opacity - weight - behind;
+        const float moment_before = moment - weight * t - moment_behind;
         const float spread = t * (before - behind) - (moment_before - moment_behind);
 
         gain += distort * (2.0f * spread + (2.0f / 3.0f) * weight * delta);

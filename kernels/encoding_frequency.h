@@ -1,13 +1,15 @@
 /* needs: network space */
-/* The frequency encoding (method.md 1): what the networks read instead of a position, or a direction. It is the one
- * encoding there is; host/model/encoding.h says what another one consists of, and where it goes.
+/* The frequency encoding (method.md 1): what the networks read instead of a position, or a
+ * direction. It is the one encoding there is; host/model/encoding.h says what another one consists
+ * of, and where it goes.
  *
- *   encode_position()   local positions of a block -> rows of the trunk's first layer, and of layer SKIP
- *   encode_direction()  directions -> rows of the view layer, behind the trunk's outputs
+ *   encode_position()   local positions -> inputs of the trunk's first layer, and of layer SKIP
+ *   encode_direction()  directions -> inputs of the view layer, beside the trunk's outputs
  *
- * An encoding stands row by row, [rows][NB], so that lanes run over samples where it is made; a layer reads it with the
- * operand by_row() (layer.h). It has no parameters and nobody asks for the gradient of a position, so there is no
- * backward pass of it: mlp_backward.cl says where one would begin.
+ * An encoding stands row by row, [rows][NB], so that lanes run over samples where it is made; a
+ * layer reads it with the operand by_row() (layer.h). It has no parameters and nobody asks for the
+ * gradient of a position, so there is no backward pass of it: mlp_backward.cl says where one would
+ * begin.
  *
  * BANDS, VIEW_BANDS     of positions and of directions
  * ENC_PAD, DIR_PAD      rows, 3 + 6 bands, up to a multiple of 4
@@ -38,11 +40,12 @@ HELPER vf cos_unit(vf x)
     return MAD(p, q, (vf)(1.0f));
 }
 
-/* x [3][NB] of the first `rows` samples -> out [pad][NB]: rows 0 .. 2 are x, row 3 + 6k + a is the sine and row
- * 6 + 6k + a the cosine of 2^k x_a, the rest is zero. A band doubles the angle of the one before; every sixth starts
- * afresh, so that rounding does not grow past 2^5 ulp. level: of the leaf. */
-HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad, int rows,
-                   int lid)
+/* x [3][NB] of the first `rows` samples -> out [pad][NB]: rows 0 .. 2 are x, row 3 + 6k + a is the
+ * sine and row 6 + 6k + a the cosine of 2^k x_a, the rest is zero. A band doubles the angle of the
+ * one before; every sixth starts afresh, so that rounding does not grow past 2^5 ulp. level: of the
+ * leaf. */
+HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad,
+                   int rows, int lid)
 {
     (void)level;
     for (int s = lid * VW; s < rows; s += STEP_N) {
@@ -78,7 +81,8 @@ HELPER void encode(const __local float *x, int bands, int level, __local float *
 }
 
 /* The leaf's box gives its level. */
-HELPER void encode_position(const __local float *at, float4 box, __local float *enc, int rows, int lid)
+HELPER void encode_position(const __local float *at, float4 box, __local float *enc, int rows,
+                            int lid)
 {
     encode(at, BANDS, leaf_level(box), enc, ENC_PAD, rows, lid);
 }

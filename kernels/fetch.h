@@ -1,8 +1,9 @@
 /* Fetching ahead: asks for cache lines of global memory before they are read or written.
  *
- * One idiom: work goes on in equal turns, and each turn begins by fetching its share of what is needed next. Fetches
- * are best one by one between other work: of many at once the last ones are waited for. By the compiler's builtin, as
- * PoCL's prefetch() does nothing; elsewhere nothing is fetched. */
+ * One idiom: work goes on in equal turns, and each turn begins by fetching its share of what is
+ * needed next. Fetches are best one by one between other work: of many at once the last ones are
+ * waited for. By the compiler's builtin, as PoCL's prefetch() does nothing; elsewhere nothing is
+ * fetched. */
 
 /* FETCHES: whether anything is fetched at all. */
 #if defined(__x86_64__) || defined(__aarch64__)
@@ -18,18 +19,21 @@
 #define CACHE_LINE 64 /* bytes */
 #define LINE_OF(p) ((int)(CACHE_LINE / sizeof *(p))) /* elements of a line */
 
-/* What is needed next: `rows` rows of `width` bytes, row r at p + r * stride, or at p + places[r] * stride. */
+/* What is needed next: `rows` rows of `width` bytes; row r stands at p + r * stride, or, where rows
+ * have places, at p + places[r] * stride. */
 typedef struct ahead {
     const __global char *p;
     const __local int *places; /* or 0 */
     int rows, stride, width, each; /* each: rows fetched in a turn */
 } ahead;
 
-/* Rows of `columns` elements, `stride` elements apart, and n elements side by side. AHEAD_NOTHING: no rows. */
-#define AHEAD_ROWS(p, rows, stride, columns)                                                  \
-    ((ahead){(const __global char *)(p), 0, rows, (stride) * (int)sizeof *(p),                \
+/* Rows of `columns` elements, `stride` elements apart, and n elements side by side. AHEAD_NOTHING:
+ * no rows. */
+#define AHEAD_ROWS(p, rows, stride, columns)                                                       \
+    ((ahead){(const __global char *)(p), 0, rows, (stride) * (int)sizeof *(p),                     \
              (columns) * (int)sizeof *(p), rows})
-#define AHEAD_RUN(p, n)   AHEAD_ROWS(p, ((n) + LINE_OF(p) - 1) / LINE_OF(p), LINE_OF(p), LINE_OF(p))
+#define AHEAD_RUN(p, n)                                                                            \
+    AHEAD_ROWS(p, ((n) + LINE_OF(p) - 1) / LINE_OF(p), LINE_OF(p), LINE_OF(p))
 #define AHEAD_NOTHING ((ahead){0, 0, 0, 0, 0, 0})
 
 /* The same, in so many turns. */
@@ -40,12 +44,11 @@ HELPER ahead in_turns(ahead a, int turns)
     return a;
 }
 
-HELPER void fetch_rows(ahead a, int turn, bool write)
+/* Rows first .. first + n - 1, to be read, or to be written. */
+HELPER void fetch_rows(ahead a, int first, int n, bool write)
 {
 #if FETCHES
-    const int end = min((turn + 1) * a.each, a.rows);
-
-    for (int r = turn * a.each; r < end; r++) {
+    for (int r = first; r < first + n; r++) {
         const __global char *row = a.p + (a.places ? a.places[r] : r) * a.stride;
 
         for (int i = 0; i < a.width; i += CACHE_LINE)
@@ -57,12 +60,20 @@ HELPER void fetch_rows(ahead a, int turn, bool write)
 #endif
 }
 
-/* One turn's share, to be read, or to be written; and everything at once. */
-#define FETCH_TURN(a, turn)       fetch_rows(a, turn, false)
-#define FETCH_TURN_WRITE(a, turn) fetch_rows(a, turn, true)
-#define FETCH_ALL(a)              fetch_rows(a, 0, false)
+/* One turn's share. */
+HELPER void fetch_turn(ahead a, int turn)
+{
+    if (a.rows > 0)
+        fetch_rows(a, turn * a.each, min(a.each, a.rows - turn * a.each), false);
+}
 
-/* Of an array worked on from front to back: where a line begins with element i, the line `bytes` further on. */
+HELPER void fetch_all(ahead a)
+{
+    fetch_rows(a, 0, a.rows, false);
+}
+
+/* Of an array worked on from front to back: where a line begins with element i, the line `bytes`
+ * further on. */
 #define FETCH_STREAM(p, i, bytes)                                                             \
     do {                                                                                      \
         if ((int)(i) % LINE_OF(p) == 0)                                                       \

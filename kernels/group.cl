@@ -1,11 +1,13 @@
-/* Samples grouped by leaf, so that a work-group meets one leaf's weights (method.md 8): after a stable
- * sort by slot, leaves own runs of samples; runs are cut into as few slices of at most `slice` samples as
- * there can be, of whole blocks of `block` samples (NB of the networks) but for a leaf's last one, and all
- * about as long. `slice` is an even number of blocks, so that of several none is shorter than half of it.
+/* Groups samples by leaf, so that a work-group reads one leaf's weights (method.md 8). After a
+ * stable sort by slot every leaf has one run of samples. A run is cut into slices: as few as there
+ * can be of at most `slice` samples, all about as long, and, but for a leaf's last one, of whole
+ * blocks of `block` samples (NB of the networks). `slice` is an even number of blocks, so that none
+ * of several is shorter than half of it.
  *
  *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices
  *
- * The host does not know how many slices there are, only the most there can be: the rest are empty ones. */
+ * The host does not know how many slices there are, only the most there can be: the rest are empty
+ * ones. */
 
 __kernel void group_keys(const __global cln_sample *restrict samples, __global uint *restrict keys,
                          __global uint *restrict values, uint n)
@@ -18,7 +20,8 @@ __kernel void group_keys(const __global cln_sample *restrict samples, __global u
     values[i] = i;
 }
 
-/* begin[slot], end[slot] of the sorted keys; slots without samples keep the zeros put there before. */
+/* begin[slot], end[slot] of the sorted keys; slots without samples keep the zeros put there
+ * before. */
 __kernel void group_bounds(const __global uint *restrict keys, __global uint *restrict begin,
                            __global uint *restrict end, uint n)
 {
@@ -32,7 +35,8 @@ __kernel void group_bounds(const __global uint *restrict keys, __global uint *re
         end[keys[i]] = i + 1u;
 }
 
-__kernel void group_slice_counts(const __global uint *restrict begin, const __global uint *restrict end,
+__kernel void group_slice_counts(const __global uint *restrict begin,
+                                 const __global uint *restrict end,
                                  __global uint *restrict counts, uint leaves, uint slice)
 {
     const uint leaf = get_global_id(0);
@@ -58,7 +62,8 @@ __kernel void group_slices(const __global uint *restrict begin, const __global u
     const uint first = starts[leaf], count = starts[leaf + 1u] - first;
     const uint blocks = (end[leaf] - begin[leaf] + block - 1u) / block;
 
-    for (uint s = 0, at = begin[leaf]; s < count; s++) { /* the longer ones last: one of them is cut short */
+    /* the longer ones last, as the last one is cut short */
+    for (uint s = 0, at = begin[leaf]; s < count; s++) {
         const uint whole = (blocks / count + (s >= count - blocks % count)) * block;
         const cln_slice out = {(int)leaf, at, min(whole, end[leaf] - at), starts[leaves]};
 

@@ -1,9 +1,10 @@
-/* One source for CPU and GPU: vectors of VW floats. A CPU takes VW = its SIMD width, a GPU VW = 1 and
- * many work-items instead. Only what the kernels use; no control flow on vector comparisons (scalar
- * comparisons give 1, vector ones -1; select() on the sign is the same in both).
+/* One source for CPU and GPU: vectors of VW floats. A CPU takes VW = its SIMD width, a GPU VW = 1
+ * and many work-items instead. Only what the kernels use; no control flow on vector comparisons
+ * (scalar comparisons give 1, vector ones -1; select() on the sign is the same in both).
  *
- * VW      1 | 2 | 4 | 8 | 16   floats per vector
- * NATIVE  0 | 1                EXP, LOG, SIN, COS: the library's, or what the device has (precision unspecified)
+ *   VW      1 | 2 | 4 | 8 | 16   floats per vector
+ *   NATIVE  0 | 1                EXP, LOG, SIN, COS: the library's, or the device's (of unspecified
+ *                                precision)
  */
 #ifndef CLN_LANES_H
 #define CLN_LANES_H
@@ -47,8 +48,8 @@ typedef CLN_PASTE(ushort, VW) vh;
 #define V_TO_USHORT CLN_PASTE(convert_ushort, VW)
 #endif
 
-/* VSTORE of floats, or of 16 bits each (VSTORE_H), to an address space, in one instruction: PoCL's vstore goes by
- * fours, and LLVM does not put what it makes of 16 together again. */
+/* VSTORE of floats, or of 16 bits each (VSTORE_H), to an address space, in one instruction: PoCL's
+ * vstore goes by fours, and LLVM does not put what it makes of 16 together again. */
 #if VW > 1 && (defined(__x86_64__) || defined(__aarch64__))
 typedef vf vf_anywhere __attribute__((aligned(4), may_alias));
 typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
@@ -59,8 +60,8 @@ typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
 #define VSTORE_H(space, v, p)  VSTORE(v, p)
 #endif
 
-/* a and b by turns, lane by lane: their first halves, their second halves. In one instruction: PoCL's shuffle2 and
- * .even and .odd are more. */
+/* a and b by turns, lane by lane: their first halves, their second halves. In one instruction:
+ * PoCL's shuffle2 and .even and .odd are more. */
 #if defined(__x86_64__) || defined(__aarch64__)
 #define V_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
@@ -140,8 +141,8 @@ HELPER float v_sum16(float16 v)
 #define COS(x) cos(x)
 #endif
 
-/* 1 - exp(-x) for x >= 0 to 1e-6 relative, for floats and vectors alike (T is the type): a series where
- * the difference would cancel. The library's expm1 is several times slower on PoCL. */
+/* 1 - exp(-x) for x >= 0 to 1e-6 relative, for floats and vectors alike (T is the type): a series
+ * where the difference would cancel. The library's expm1 is several times slower on PoCL. */
 #define ONE_MINUS_EXP(T, x)                                                                        \
     select((T)(1.0f) - EXP(-(x)),                                                                  \
            (x) * MAD((x), MAD((x), MAD((x), MAD((x), (T)(8.3333333e-3f), (T)(-4.1666667e-2f)),     \
@@ -150,7 +151,8 @@ HELPER float v_sum16(float16 v)
                      (T)(1.0f)),                                                                   \
            (x) < (T)(0.15f))
 
-/* fma where it is one instruction, else a multiply and an add. PoCL 3.1 does not say so in the standard's way. */
+/* fma where it is one instruction, else a multiply and an add. PoCL 3.1 does not say so in the
+ * standard's way. */
 #if defined(FP_FAST_FMAF) || defined(__FMA__)
 #define MAD(a, b, c) fma(a, b, c)
 #else

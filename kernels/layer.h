@@ -5,10 +5,10 @@
  *   layer_weight_gradient  dw[k][n] (+)= sum_s in[s][k] d[s][n],      db[n] (+)= sum_s d[s][n]
  *   layer_input_gradient   din[s][k] = act'(x[s][k]) (sum_n d[s][n] wt[n][k] + the density head's)
  *
- * with s over samples, d the gradient of x and wt the transposed weights. All three are one micro-kernel, TILE_MAD:
- * T x NV vectors of sums in registers, lanes over the contiguous index, one vector load of B and T broadcasts of A per
- * step. Heads have one or three outputs, which lanes cannot share: head_forward, head_weight_gradient,
- * head_bias_gradient and head_input_gradient.
+ * with s over samples, d the gradient of x and wt the transposed weights. All three are one
+ * micro-kernel, TILE_MAD: T x NV vectors of sums in registers, lanes over the contiguous index, one
+ * vector load of B and T broadcasts of A per step. Heads have one or three outputs, which lanes
+ * cannot share: head_forward, head_weight_gradient, head_bias_gradient and head_input_gradient.
  *
  * Every work-item of a group calls these functions; only trunk_forward has barriers in it. */
 
@@ -35,8 +35,8 @@ HELPER operand by_row(const __local float *p, int rows)
     return o;
 }
 
-/* sums[i][j] += sum over r < R of a[i * a_i + r * a_r] * B[r * b_r + vector j], i < T. A macro, as B is in local or in
- * global memory. */
+/* sums[i][j] += sum over r < R of a[i * a_i + r * a_r] * B[r * b_r + vector j], i < T. A macro, as
+ * B is in local or in global memory. */
 #define TILE_MAD(T, sums, a, a_i, a_r, B, b_r, R)                                             \
     for (int r_ = 0; r_ < (R); r_++) {                                                        \
         vf b_[NV];                                                                            \
@@ -53,8 +53,8 @@ HELPER operand by_row(const __local float *p, int rows)
 
 /* ---- forward ---- */
 
-/* A layer's number (of its slopes, and of its place among the kept pre-activations), outputs, and weights with the
- * bias in the row behind them. */
+/* A layer's number (of its slopes, and of its place among the kept pre-activations), outputs, and
+ * weights with the bias in the row behind them. */
 typedef struct layer {
     int number, outputs;
     const __global float *w;
@@ -66,9 +66,10 @@ HELPER ahead weights_ahead(const __global float *w, int rows, int columns)
     return AHEAD_ROWS(w, rows, columns, NV * VW);
 }
 
-/* One layer: in, and behind it `more` (an encoding, or nothing) -> activations to out [NB][outputs]; in training
- * pre-activations to acts, [sample][ACTS]. Meanwhile comes into the cache: the place of what is kept a layer
- * further on, and, in a slice's first block, the weights of the next tile; with the last tile `next`. */
+/* One layer: in, and behind it `more` (an encoding, or nothing) -> activations to out
+ * [NB][outputs]; in training pre-activations to acts, [sample][ACTS]. Meanwhile comes into the
+ * cache: the place of what is kept a layer further on, and, in a slice's first block, the weights
+ * of the next tile; with the last tile `next`. */
 HELPER void layer_forward(block b, layer l, operand in, operand more, __local float *out,
                           __global kept_type *acts, ahead next)
 {
@@ -78,17 +79,16 @@ HELPER void layer_forward(block b, layer l, operand in, operand more, __local fl
     for (int n = b.lid * VW; n < l.outputs; n += TILE_N) {
         const ahead beside = weights_ahead(l.w + n + TILE_N, b.first ? rows + 1 : 0, l.outputs);
         const ahead weights = in_turns(n + TILE_N < l.outputs ? beside : next, b.tiles);
-        const int place = l.number * WIDTH + n, further = place + WIDTH;
-        ahead kept = AHEAD_ROWS(acts + (further < ACTS ? further : further - ACTS + b.count * ACTS),
-                                b.tiles * TS, ACTS, NV * VW);
+        const int place = l.number * WIDTH + n, above = place + WIDTH;
+        const int soon = above < ACTS ? above : above - ACTS + b.count * ACTS;
+        const ahead kept = AHEAD_ROWS(acts + soon, b.tiles * TS, ACTS, NV * VW);
 
-        kept.each = TS;
         for (int t = 0; t < b.tiles; t++) {
             vf x[TS][NV];
 
-            FETCH_TURN(weights, t);
+            fetch_turn(weights, t);
             if (TRAIN)
-                FETCH_TURN_WRITE(kept, t);
+                fetch_rows(kept, t * TS, TS, true);
             UNROLL (i, TS)
                 UNROLL (j, NV)
                     x[i][j] = VLOAD(bias + n + j * STEP_N);
@@ -114,8 +114,8 @@ HELPER void layer_forward(block b, layer l, operand in, operand more, __local fl
     }
 }
 
-/* Rows of a head: raw[r][s] = bias[r] + sum_k in[s][k] w[r][k], r < rows <= 3. Four samples together, so that the
- * weights' loads are shared and the sums' latencies overlap. */
+/* Rows of a head: raw[r][s] = bias[r] + sum_k in[s][k] w[r][k], r < rows <= 3. Four samples
+ * together, so that the weights' loads are shared and the sums' latencies overlap. */
 HELPER void head_forward(block b, operand in, const __global float *w, const __global float *bias,
                          int rows, __local float *raw)
 {
@@ -141,8 +141,8 @@ HELPER void head_forward(block b, operand in, const __global float *w, const __g
     }
 }
 
-/* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's output. next: what is
- * read after it. It ends with a barrier. */
+/* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's
+ * output. next: what is read after it. It ends with a barrier. */
 HELPER const __local float *trunk_forward(block b, const __global float *w,
                                           const __local float *enc, __local float *h0,
                                           __local float *h1, __global kept_type *acts, ahead next)
@@ -176,7 +176,8 @@ HELPER const __local float *trunk_forward(block b, const __global float *w,
 #define LEAF_SYNC() barrier(CLK_GLOBAL_MEM_FENCE)
 #endif
 
-/* Pre-activations that the forward pass kept: of sample s of the block from x + places[s] on, layer by layer. */
+/* Pre-activations that the forward pass kept: of sample s of the block from x + places[s] on, layer
+ * by layer. */
 typedef struct kept_block {
     const __global kept_type *x;
     const __local int *places;
@@ -215,9 +216,9 @@ HELPER void restore(block b, kept_block kept, int layer, int width, __local floa
     }
 }
 
-/* Gradients d [NB][outputs] of a layer's pre-activations. A slice's first block overwrites dw [in.rows][outputs] and
- * db [outputs], which may be absent (0), the others add to them. Meanwhile `acts` and `weights`, which are read next,
- * come into the cache. */
+/* Gradients d [NB][outputs] of a layer's pre-activations. A slice's first block overwrites dw
+ * [in.rows][outputs] and db [outputs], which may be absent (0), the others add to them. Meanwhile
+ * `acts` and `weights`, which are read next, come into the cache. */
 HELPER void layer_weight_gradient(block b, operand in, const __local float *d, int outputs,
                                   LEAF_SPACE float *dw, LEAF_SPACE float *db, ahead acts,
                                   ahead weights)
@@ -234,8 +235,8 @@ HELPER void layer_weight_gradient(block b, operand in, const __local float *d, i
             LEAF_SPACE float *to = dw + k * outputs + n;
             vf sum[TILE_K][NV];
 
-            FETCH_TURN(acts, turn);
-            FETCH_TURN(weights, turn);
+            fetch_turn(acts, turn);
+            fetch_turn(weights, turn);
             UNROLL (i, TILE_K)
                 UNROLL (j, NV)
                     sum[i][j] = b.first ? (vf)(0.0f) : VLOAD(to + i * outputs + j * STEP_N);
@@ -266,8 +267,9 @@ HELPER void layer_weight_gradient(block b, operand in, const __local float *d, i
     }
 }
 
-/* From gradients d [NB][outputs] of a layer's pre-activations to those of the trunk's layer `below`, out [NB][WIDTH].
- * Where that is the trunk's last layer, the density head reads it, too: dhead and its weights `sigma`, else 0. */
+/* From gradients d [NB][outputs] of a layer's pre-activations to those of the trunk's layer
+ * `below`, out [NB][WIDTH]. Where that is the trunk's last layer, the density head reads it, too:
+ * dhead and its weights `sigma`, else 0. */
 HELPER void layer_input_gradient(block b, kept_block kept, int below, const __local float *d,
                                  int outputs, const LEAF_SPACE float *wt,
                                  const __local float4 *dhead, const __global float *sigma,
@@ -301,8 +303,8 @@ HELPER void layer_input_gradient(block b, kept_block kept, int below, const __lo
     }
 }
 
-/* A head's rows: dw[r][n] (+)= sum_s dhead[s][k + r] in[s][n], r < rows <= 3; of its four gradients a sample has those
- * of the colour first. */
+/* A head's rows: dw[r][n] (+)= sum_s dhead[s][k + r] in[s][n], r < rows <= 3; of its four gradients
+ * a sample has those of the colour first. */
 HELPER void head_weight_gradient(block b, operand in, const __local float4 *dhead, int k, int rows,
                                  LEAF_SPACE float *dw)
 {
@@ -349,8 +351,9 @@ HELPER void head_bias_gradient(block b, const __local float4 *dhead, int k, int 
     }
 }
 
-/* out[s][n] = act'(x[s][n]) sum_k dhead[s][k] w[k][n] of the layer that the colour head reads, k over its three rows;
- * without view layer that is the trunk's last one, and sigma the density head's weights, else 0. */
+/* out[s][n] = act'(x[s][n]) sum_k dhead[s][k] w[k][n] of the layer that the colour head reads, k
+ * over its three rows; without view layer that is the trunk's last one, and sigma the density
+ * head's weights, else 0. */
 HELPER void head_input_gradient(block b, kept_block kept, int layer, int width,
                                 const __local float4 *dhead, const __global float *w,
                                 const __global float *sigma, __local float *out)
@@ -362,8 +365,10 @@ HELPER void head_input_gradient(block b, kept_block kept, int layer, int width,
         const float4 g = dhead[s];
 
         for (int n = b.lid * VW; n < width; n += STEP_N) {
-            vf sum = sigma ? MAD((vf)(g.x), VLOAD(w + n), g.w * VLOAD(sigma + n)) : g.x * VLOAD(w + n);
+            vf sum = g.x * VLOAD(w + n);
 
+            if (sigma)
+                sum = MAD((vf)(g.x), VLOAD(w + n), g.w * VLOAD(sigma + n));
             sum = MAD((vf)(g.y), VLOAD(w + width + n), sum);
             sum = MAD((vf)(g.z), VLOAD(w + 2 * width + n), sum);
             VSTORE_IN(__local, sum * kept_gradient(row, key, n), out + s * width + n);

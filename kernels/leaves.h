@@ -1,6 +1,6 @@
-/* Arrays of a row per leaf, and gradients, of a row per slice: in PARTS buffers where one would pass the device's
- * largest allocation. Row r lies in part r / each, at r % each. OpenCL allows at least a quarter of the memory
- * in one buffer, so that four parts reach all of it.
+/* Arrays of a row per leaf, and gradients, of a row per slice: in PARTS buffers where one would
+ * pass the device's largest allocation. Row r lies in part r / each, at r % each. OpenCL allows at
+ * least a quarter of the memory in one buffer, so that four parts reach all of it.
  *
  *   LEAF_ARRAY(type, name)          a kernel's or helper's parameter, PARTS pointers
  *   LEAF_PASS(name)                 the same as arguments of a helper

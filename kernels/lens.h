@@ -1,6 +1,6 @@
-/* The lens: from a point of the ideal image plane, at z = 1, to where it really appears, and back. Twin of
- * host/scene/camera.c. Two models: none, and OPENCV's with k1 k2 p1 p2; another one joins here, with the same two
- * functions.
+/* The lens: from a point of the ideal image plane, at z = 1, to where it really appears, and back.
+ * Twin of host/scene/camera.c. Two models: none, and OPENCV's with k1 k2 p1 p2; another one joins
+ * here, with the same two functions.
  *
  * DISTORTION  0 | 1: no lens; OPENCV's
  */
@@ -20,8 +20,8 @@ HELPER bool lens_distort(cln_device_camera c, float2 p, float2 *out)
     return 1.0f + r2 * (3.0f * c.k1 + 5.0f * c.k2 * r2) > 0.0f;
 }
 
-/* The point that is distorted to `target`. Newton's method from the target; it ends where the model stops being
- * one-to-one (a determinant near 0). */
+/* The point that is distorted to `target`. Newton's method from the target; it ends where the model
+ * stops being one-to-one (a determinant near 0). */
 HELPER float2 lens_undistort(cln_device_camera c, float2 target)
 {
     float2 p = target;

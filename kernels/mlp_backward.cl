@@ -1,16 +1,18 @@
 /* needs: layer adam */
-/* The backward pass of the leaf networks: gradients of the heads' raw outputs (roulette.cl) to gradients of the
- * weights, and where it can be to new weights (method.md 1, 8, 11). A work-group takes the samples of a slice that
- * roulette.cl chose, NB at a time, from the heads down through the layers (layer.h); its gradient is the sum over them.
+/* The backward pass of the leaf networks: gradients of the heads' raw outputs (roulette.cl) to
+ * gradients of the weights, and where it can be to new weights (method.md 1, 8, 11). A work-group
+ * takes the samples of a slice that roulette.cl chose, NB at a time, from the heads down through
+ * the layers (layer.h); its gradient is the sum over them.
  *
- * Most leaves have one slice: its gradient is the leaf's, and the work-group that has it takes Adam's step with it at
- * once (adam.h). Gradients of slices that share a leaf go to buffers, and adam.cl adds them in order, without atomics.
+ * Most leaves have one slice: its gradient is the leaf's, and the work-group that has it takes
+ * Adam's step with it at once (adam.h). Gradients of slices that share a leaf go to buffers, and
+ * adam.cl adds them in order, without atomics.
  *
  * TRAIN is 1. Rules: mlp_forward.cl. */
 
 #if LEAF
-/* wt[n][k] = w[k][n] of one layer, k < WIDTH: VW x VW at a time. A perfect shuffle of the rows, log2(VW)
- * times over, is the transpose. */
+/* wt[n][k] = w[k][n] of one layer, k < WIDTH: VW x VW at a time. A perfect shuffle of the rows,
+ * log2(VW) times over, is the transpose. */
 HELPER void transpose_layer(const __global float *w, int columns, __local float *wt, int lid)
 {
     const int across = columns / VW;
@@ -40,10 +42,10 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
 }
 #endif
 
-/* update 0: the gradient of every slice goes to grads [slice][PARAMS]. update 1: leaves with fewer than min_samples
- * samples are left alone; of the others, those of one slice are updated, and the rest leave their gradients: LEAF 0
- * as above, LEAF 1 at grads [slice start / half_slice][PARAMS], as starts of slices that share a leaf are at least
- * half_slice apart (group.cl). */
+/* update 0: the gradient of every slice goes to grads [slice][PARAMS]. update 1: leaves with fewer
+ * than min_samples samples are left alone; of the others, those of one slice are updated, and the
+ * rest leave their gradients: LEAF 0 as above, LEAF 1 at grads [slice start / half_slice][PARAMS],
+ * as starts of slices that share a leaf are at least half_slice apart (group.cl). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
              LEAF_ARRAY(float, transposed),               /* [leaf][WT_PARAMS], LEAF 0 */
@@ -62,7 +64,8 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
              const __global uint *restrict end,   /* [leaf] */
              const __global int *restrict steps,  /* [leaf] */
              const __global float *restrict norms, /* [leaf] */
-             LEAF_ARRAY(moment_type, moment1), LEAF_ARRAY(moment_type, moment2)) /* [leaf][PARAMS] */
+             LEAF_ARRAY(moment_type, moment1), /* [leaf][PARAMS], both */
+             LEAF_ARRAY(moment_type, moment2))
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
@@ -159,7 +162,8 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         head_input_gradient(b, kept, DEPTH - 1, WIDTH, dhead, w + COLOUR_W, w + SIGMA_W, d0);
 #endif
 
-        /* the trunk, from its last layer to the second one; d: gradient of layer i, below: of layer i - 1 */
+        /* the trunk, from its last layer to the second one; d: gradient of layer i, below: of layer
+         * i - 1 */
         for (int i = DEPTH - 1; i > 0; i--) {
             __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0;
             __local float *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
@@ -179,11 +183,12 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         }
         GROUP_SYNC();
 
-        /* The first layer. An encoding with parameters would take its gradient from here, and from layer SKIP: the
-         * layer's d times its weights, [ENC_PAD][NB]. */
+        /* The first layer. An encoding with parameters would take its gradient from here, and from
+         * layer SKIP: the layer's d times its weights, [ENC_PAD][NB]. */
         layer_weight_gradient(b, by_row(enc, ENC_PAD), (DEPTH - 1) & 1 ? d1 : d0, WIDTH,
                               grad + TRUNK_W(0), grad + TRUNK_B(0),
-                              kept_ahead(kept_after, DEPTH - 1, b.last ? count_after : 0, WIDTH + VIEW),
+                              kept_ahead(kept_after, DEPTH - 1, b.last ? count_after : 0,
+                                         WIDTH + VIEW),
                               AHEAD_RUN(w_after, b.last ? ENC_PAD * WIDTH : 0));
     }
     LEAF_SYNC();

@@ -1,6 +1,7 @@
 /* needs: layer */
-/* The forward pass of the leaf networks: samples to colours and densities (method.md 1, 8). A work-group takes a slice:
- * a run of samples that lie in one leaf, NB at a time, all layers (layer.h) while they are in cache.
+/* The forward pass of the leaf networks: samples to colours and densities (method.md 1, 8). A
+ * work-group takes a slice: a run of samples that lie in one leaf, NB at a time, all layers
+ * (layer.h) while they are in cache.
  *
  *        samples of a leaf, grouped      work-group's local memory, NB samples
  *        |--- slice ---|--- slice -|     enc [ENC_PAD][NB]   h0, h1 [NB][WIDTH]
@@ -12,8 +13,8 @@
  *
  * Built twice: TRAIN 0 for evaluation, TRAIN 1 for training.
  *
- * Rules, here and in mlp_backward.cl: what has a barrier in it is called by all work-items; loop bounds around a
- * barrier depend on the slice alone. */
+ * Rules, here and in mlp_backward.cl: what has a barrier in it is called by all work-items; loop
+ * bounds around a barrier depend on the slice alone. */
 
 /* What the next slice of this processor, most often that of the next group, will read first. */
 HELPER void fetch_samples(const __global cln_sample *samples, const __global uint *order, int count,
@@ -69,7 +70,7 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
         encode_direction(along, dir, b.rows, b.lid);
 #endif
         GROUP_SYNC();
-        FETCH_ALL(AHEAD_RUN(order + after.start, count_after));
+        fetch_all(AHEAD_RUN(order + after.start, count_after));
 
 #if VIEW > 0
         const ahead view = weights_ahead(w + VIEW_W, b.first ? VIEW_ROWS + 1 : 0, VIEW);
@@ -77,8 +78,8 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
 
         fetch_samples(samples, order + after.start, count_after, b.lid);
         if (b.first) {
-            FETCH_ALL(AHEAD_RUN(w + SIGMA_W, WIDTH + 16));
-            FETCH_ALL(AHEAD_RUN(w + COLOUR_W, PARAMS - COLOUR_W));
+            fetch_all(AHEAD_RUN(w + SIGMA_W, WIDTH + 16));
+            fetch_all(AHEAD_RUN(w + COLOUR_W, PARAMS - COLOUR_W));
         }
         const layer l = {DEPTH, VIEW, w + VIEW_W};
 

@@ -1,10 +1,10 @@
 /* needs: rng */
-/* The leaf networks' constants and what is done to one number: layout of the parameters, activation, density. Used by
- * the layers (layer.h), by adam.h and by roulette.cl. Layout: host/model/network.h; float64 twin:
- * host/reference/network.c.
+/* The leaf networks' constants and what is done to one number: layout of the parameters,
+ * activation, density. Used by the layers (layer.h), by adam.h and by roulette.cl. Layout:
+ * host/model/network.h; float64 twin: host/reference/network.c.
  *
  * From the host (pipeline/programs.c); the defaults below let the file compile alone.
- *   VW NV LS TS NB   lanes.h; vectors per tile; work-items; samples per tile; samples in local memory
+ *   VW NV LS TS NB   lanes.h; vectors per tile; work-items; samples per tile; samples of a block
  *   WIDTH DEPTH BANDS ENC_PAD SKIP   trunk; SKIP: the layer that reads the encoding again, or -1
  *   VIEW VIEW_BANDS DIR_PAD          view layer; VIEW 0: none
  *   COLOUR                           inputs of the colour head: VIEW, or WIDTH without view layer
@@ -12,9 +12,10 @@
  *   DENSITY 0 softplus | 1 relu | 2 exp;  KAPPA BIAS: sigma = KAPPA f(s + BIAS)
  *   SLOPE_LOWER SLOPE_UPPER, RRELU 0 element | 1 neuron | 2 mean;  BANDS_BY_LEVEL 0 | 1
  *   NOISE_ON 0 | 1, NOISE   density noise in training: left out or not; its standard deviation
- *   TRAIN 0 | 1  evaluation: the mean slope; training: random slopes, noise, and pre-activations kept
+ *   TRAIN 0 | 1  evaluation: the mean slope; training: random slopes, noise, kept activations
  *   HALF 0 | 1   pre-activations are kept for the backward pass as 32 or as 16 bits
- *   LEAF 0 | 1   a leaf's gradient and transposed weights: in global memory, or in a work-group's local memory
+ *   LEAF 0 | 1   a leaf's gradient and transposed weights are in global memory, or in the local
+ *                memory of a work-group
  */
 #ifndef WIDTH
 #define NV 1
@@ -55,14 +56,17 @@
 #define TRAIN 1
 #endif
 
-/* Offsets of the trunk's layers. Formulas, as PoCL 3.1 cannot compile a table of pointers into local memory. */
+/* Offsets of the trunk's layers. Formulas, as PoCL 3.1 cannot compile a table of pointers into
+ * local memory. */
 #define BEFORE_SKIP(i) (SKIP < 0 || (i) <= SKIP)
 #define TRUNK_W(i)                                                                            \
-    ((i) == 0 ? 0 : (ENC_PAD + 1 + ((i) - 1) * (WIDTH + 1) + (BEFORE_SKIP(i) ? 0 : ENC_PAD)) * WIDTH)
+    ((i) == 0 ? 0                                                                             \
+              : (ENC_PAD + 1 + ((i)-1) * (WIDTH + 1) + (BEFORE_SKIP(i) ? 0 : ENC_PAD)) * WIDTH)
 #define TRUNK_B(i) (TRUNK_W((i) + 1) - WIDTH)
 #define VIEW_ROWS  (WIDTH + DIR_PAD)
 
-/* A transposed copy of the trunk's layers from the second on, and of the view layer, first WIDTH rows each. */
+/* A transposed copy of the trunk's layers from the second on, and of the view layer, first WIDTH
+ * rows each. */
 #define WT_TRUNK(i) (((i) - 1) * WIDTH * WIDTH)
 #define WT_VIEW ((DEPTH - 1) * WIDTH * WIDTH)
 #define WT_PARAMS ((DEPTH - 1) * WIDTH * WIDTH + VIEW * WIDTH)
@@ -71,7 +75,8 @@
 #define TILE_N (LS * VW * NV) /* neurons of one tile, over the group */
 #define TILE_K 4              /* rows of a weight gradient's tile; every K is a multiple of it */
 
-/* Pre-activations kept of each grouped sample: of the trunk's layers, then of the view layer (layer DEPTH). */
+/* Pre-activations kept of each grouped sample: of the trunk's layers, then of the view layer (layer
+ * DEPTH). */
 #define ACTS (DEPTH * WIDTH + VIEW)
 
 #if WIDTH % (VW * NV * LS) || (VIEW > 0 && VIEW % (VW * NV * LS))
@@ -81,7 +86,8 @@
 #error "TS and VW must divide NB"
 #endif
 
-/* Kept pre-activations in memory: OpenCL 1.2 loads and stores halves without any half arithmetic. */
+/* Kept pre-activations in memory: OpenCL 1.2 loads and stores halves without any half
+ * arithmetic. */
 #if HALF
 #define kept_type half
 #if VW == 1
@@ -141,7 +147,8 @@ HELPER vf activate_gradient(vf x, vf slope)
 
 /* ---- density ---- */
 
-/* sigma of the density head's raw output. A NaN stays visible: fmax and fmin would hide it, select does not. */
+/* sigma of the density head's raw output. A NaN stays visible: fmax and fmin would hide it, select
+ * does not. */
 HELPER vf density_value(vf z)
 {
     z += BIAS;
@@ -175,8 +182,9 @@ HELPER vf density_gradient(vf sigma)
 
 /* ---- slices ---- */
 
-/* The slice of a work-group. Empty slices stand at the end of the list (group.cl) and are taken first: a driver that
- * deals out groups in ever smaller portions would be left with nothing to balance. */
+/* The slice of a work-group. Empty slices stand at the end of the list (group.cl) and are taken
+ * first: a driver that deals out groups in ever smaller portions would be left with nothing to
+ * balance. */
 HELPER uint slice_of(const __global cln_slice *slices, uint group, uint n_slices)
 {
     const uint used = slices[0].used;

@@ -1,12 +1,11 @@
 /* needs: space */
-/* Pixels to rays: origin and unit direction in normalised space, through the pixel's centre (camera.h
- * has the model). Nothing is undistorted beforehand: the lens is inverted per ray. */
+/* Pixels to rays: origin and unit direction in normalised space, through the pixel's centre
+ * (camera.h has the model). Nothing is undistorted beforehand: the lens is inverted per ray. */
 
 __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [view] */
                         const __global cln_pixel *restrict pixels,         /* [ray] */
                         __global float4 *restrict ray_o, /* [ray] origin, 0 */
-                        __global float4 *restrict ray_d, /* [ray] unit direction, its z in the camera's
-                                                            frame: depth along the axis is t * w */
+                        __global float4 *restrict ray_d, /* [ray] direction, for ray_depth() */
                         uint n)
 {
     const uint r = get_global_id(0);

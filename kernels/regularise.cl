@@ -1,11 +1,11 @@
 /* needs: rng */
-/* Regularisers that look at points of the volume instead of rays (method.md 10): extra samples behind
- * those of the rays, in the same networks and gradients. An extra ray carries the position (t = 0) and
- * a direction; both samples of an edge pair share one.
+/* Regularisers that look at points of the volume instead of rays (method.md 10): extra samples
+ * behind those of the rays, in the same networks and gradients. An extra ray carries the position
+ * (t = 0) and a direction; both samples of an edge pair share one.
  *
  *   sparsity  lambda mean(1 - exp(-0.05 sigma)) at random points of random leaves
- *   edge      lambda mean U |f_a - f_b|, f = alpha (r, g, b, 1), alpha over one stage-1 spacing, at random
- *             points of faces that two ACTIVE leaves a, b share
+ *   edge      lambda mean U |f_a - f_b|, f = alpha (r, g, b, 1), alpha over one stage-1 spacing, at
+ *             random points of faces that two ACTIVE leaves a, b share
  *
  *   samples: [rays' ... | points | a of every pair | b of every pair]
  */
@@ -22,7 +22,8 @@ HELPER int slot_at(const __global int *map, int depth, float3 p)
     return CLN_MAP_SLOT(map[(c.z * n + c.y) * n + c.x]);
 }
 
-__kernel void regularise_points(const __global float4 *restrict boxes, const __global int *restrict map,
+__kernel void regularise_points(const __global float4 *restrict boxes,
+                                const __global int *restrict map,
                                 __global float4 *restrict ray_o, __global float4 *restrict ray_d,
                                 __global cln_sample *restrict samples, uint first_ray,
                                 uint first_sample, uint points, uint pairs, uint leaves, int depth,
@@ -40,7 +41,8 @@ __kernel void regularise_points(const __global float4 *restrict boxes, const __g
     float3 p = box.xyz + u.xyz * box.w;
     int other = (int)leaf;
 
-    if (i >= points) { /* onto one of the six faces; no neighbour: the pair is the leaf with itself */
+    /* onto one of the six faces; without neighbour the pair is the leaf with itself */
+    if (i >= points) {
         const int face = min((int)(v.z * 6.0f), 5), axis = face >> 1;
         const float side = (float)(face & 1), out = 1e-3f * box.w * (2.0f * side - 1.0f);
         float3 beyond;

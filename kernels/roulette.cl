@@ -1,14 +1,15 @@
 /* needs: network fetch */
-/* Before the way back through the networks: the gradients of each sample's heads, and which samples go. Most gradients
- * of a leaf are far below their mean (samples in the empty, or behind what is opaque): of those a few go, with a
- * chance in proportion to the gradient, and count for more (Russian roulette; the expectation stays). Between
- * composite.cl and mlp.cl's mlp_backward; behind network.h, for the density's gradient. Twin: host/reference/roulette.c.
- */
+/* Russian roulette before the backward pass: which samples of a slice take part, and the gradients
+ * of their heads. Most gradients of a leaf are far below their mean (samples in empty space, or
+ * behind what is opaque). Of those a few take part, with a chance in proportion to the gradient,
+ * and count for more, so that the expectation stays. Between composite.cl and mlp_backward.cl.
+ * Twin: host/reference/roulette.c. */
 
 #define SEGMENT CLN_ROULETTE_SEGMENT
-#define AHEAD   16 /* samples that come into the cache before they are looked at */
+#define AHEAD   16 /* samples that are fetched before they are looked at */
 
-/* The size of a gradient with respect to the heads' raw outputs: a sum, as squares would over- or underflow. */
+/* The size of a gradient with respect to the heads' raw outputs: a sum, as squares would over- or
+ * underflow. */
 HELPER float size_of(float4 g)
 {
     const float4 a = fabs(g);
@@ -16,10 +17,11 @@ HELPER float size_of(float4 g)
     return (a.x + a.y) + (a.z + a.w);
 }
 
-/* One work-group a slice. heads and chosen (ascending, counted from the slice's start): of those that go,
- * chosen_counts[slice] of them from the slice's start on. A sample with a gradient of less than `cutoff` times its
- * segment's mean goes with the chance of their ratio; cutoff 0: all go. At least one goes; none of empty slices, nor of
- * leaves of fewer than min_samples samples (mlp_backward looks at the count behind its own, too). */
+/* One work-group a slice. heads and chosen (ascending, counted from the slice's start): of the
+ * samples that take part, chosen_counts[slice] of them from the slice's start on. A sample whose
+ * gradient is less than `cutoff` times the mean of its segment takes part with the chance of their
+ * ratio; cutoff 0: all do. At least one does, but none of an empty slice, nor of a leaf with fewer
+ * than min_samples samples (mlp_backward also reads the next slice's count). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 roulette(const __global cln_slice *restrict slices, /* [slice] */
          const __global uint *restrict order,       /* [grouped sample] -> sample */
@@ -83,10 +85,10 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         for (uint l = 0; l < LS; l++)
             least += sums[l];
         least *= cutoff / (float)count;
-        const vi every =
-            (vi)(cutoff == 0.0f || !(least < MAXFLOAT) ? -1 : 0); /* to see what is no number */
+        /* all of them also where the mean is no number, which is then seen */
+        const vi every = (vi)(cutoff == 0.0f || !(least < MAXFLOAT) ? -1 : 0);
 
-        /* sizes become what those that go count for, 0 of the others */
+        /* sizes become the factors of samples that take part, and 0 of the others */
         for (uint s = from; s < upto; s += VW) {
             const vf size = VLOAD(sizes + s);
             uint ids[VW];

@@ -1,11 +1,12 @@
 /* needs: rng walk stage1 */
-/* Rays through the tree and stage 2's samples (method.md 3, 5, 7, 9; twin: host/reference/rays.c,
- * sampling.c). Lanes run over what is alike: rays while they walk (walk.h), then passages through leaves
- * (stage1.h). A work-item has many rays, so that its lanes are full: half of an object's rays meet no leaf at all.
+/* Rays through the tree, and stage 2's samples (method.md 3, 5, 7, 9; twins: host/reference/rays.c,
+ * sampling.c). An interval is the stretch of a ray inside one leaf. Lanes run over what is alike:
+ * rays while they walk (walk.h), then their intervals (stage1.h). A work-item has many rays, so
+ * that its lanes are full: half of an object's rays meet no leaf at all.
  *
- *   intervals_fill    per leaf on the ray: chord, stage-1 optical depth, number of samples; leaves
- *                     behind opaque ones are left out; at most MAX_INTERVALS(depth) a ray, as many as
- *                     cells a line can meet in the map                            -> scan of samples
+ *   intervals_fill    of each interval: ends, stage-1 optical depth, number of samples; none behind
+ *                     opaque leaves; at most MAX_INTERVALS(depth) a ray, as many as a line can meet
+ *                     cells of the map                                       -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
  *   ALLOCATE 0 chord | 1 weight;  CDF 0 sigma | 1 weight
@@ -15,7 +16,7 @@
 #define CDF      1
 #endif
 
-/* Numbers of samples hang on it: the library's, whatever NATIVE says. */
+/* The library's, whatever NATIVE says: the number of samples depends on it. */
 #undef EXP
 #define EXP(x) exp(x)
 
@@ -24,25 +25,27 @@
 
 /* ---- intervals ---- */
 
-/* Groups of VW rays of a work-item: passages of many rays, so that few lanes stay empty. */
+/* Groups of VW rays of a work-item: intervals of many rays, so that few lanes stay empty. */
 #define GROUPS (CLN_RAYS_EACH(VW) / VW)
 #define RAYS   (GROUPS * VW)
 
-/* Nodes that a ray walks before densities are read. More would walk in vain behind what is opaque. */
+/* Nodes that a ray walks before densities are read. More would be walked in vain behind what is
+ * opaque. */
 #define AHEAD (VW == 1 ? 4 : 8)
 
-/* Samples of a passage that is nearly empty: one or none. */
+/* Number of samples of an interval that is nearly empty: one or none, by chance. */
 #define ROULETTE (-1)
 
-/* The passages that a work-item's rays have just walked through: those of ray l at l * AHEAD. */
-typedef struct passages {
+/* The intervals that a work-item's rays have just walked through: those of ray l from l * AHEAD
+ * on. */
+typedef struct walked {
     float t_in[RAYS * AHEAD], t_out[RAYS * AHEAD];
     int entry[RAYS * AHEAD];
     uint found[RAYS];
-} passages;
+} walked;
 
 /* Rays l .. l + VW - 1 walk AHEAD nodes. */
-HELPER void walk_ahead(walk *w, const __global int *map, int depth, passages *p, uint l)
+HELPER void walk_ahead(walk *w, const __global int *map, int depth, walked *p, uint l)
 {
     float t_in[VW], t_out[VW];
     int entry[VW];
@@ -68,12 +71,13 @@ HELPER void walk_ahead(walk *w, const __global int *map, int depth, passages *p,
         p->found[l + i] = at[i] - (l + i) * AHEAD;
 }
 
-/* Numbers of samples of passages with these optical depths, at level `level`, behind tau. */
-HELPER vi sample_numbers(vf passage, vf tau, const bundle *b, vi level, uint per_leaf, uint per_ray,
+/* Numbers of samples of intervals of optical depths `own`, with depths `before` in front of
+ * them. */
+HELPER vi sample_numbers(vf own, vf before, const bundle *b, vi level, uint per_leaf, uint per_ray,
                          float empty_weight)
 {
 #if ALLOCATE == 1
-    const vf weight = EXP(-tau) * ONE_MINUS_EXP(vf, passage);
+    const vf weight = EXP(-before) * ONE_MINUS_EXP(vf, own);
     const vi most = V_TO_INT(fmax(fmin(weight, (vf)(1.0f)), (vf)(0.0f)) * (float)per_ray + 0.5f);
 
     (void)b;
@@ -83,28 +87,30 @@ HELPER vi sample_numbers(vf passage, vf tau, const bundle *b, vi level, uint per
     /* diagonal of a leaf of level 0: sqrt(3) * 2 */
     const vf share = (b->t_out - b->t_in) * V_TO_FLOAT((vi)(1) << level) / 3.46410162f;
 
-    (void)passage;
-    (void)tau;
+    (void)own;
+    (void)before;
     (void)per_ray;
     (void)empty_weight;
     return max((vi)(1), V_TO_INT(ceil((float)per_leaf * share)));
 #endif
 }
 
-/* VW passages, one a lane. */
+/* VW intervals, one a lane. */
 typedef struct turn {
     lanes of;
-    uint whose[VW]; /* rays, of the work-item's; RAYS: no passage */
+    uint whose[VW]; /* which of the work-item's rays; RAYS: none */
     bundle points;
 } turn;
 
-/* Where lanes are among the passages: from `at` up to `upto` of ray `whose`; which ray comes next. */
+/* Where each lane is among the intervals: from `at` up to `upto`, of ray `whose`; and which ray
+ * comes next. */
 typedef struct places {
     uint at[VW], upto[VW], whose[VW], next;
 } places;
 
-/* The next passage of every lane, each along one ray and from an ended ray to the next. False if there is none. */
-HELPER bool turn_take(turn *t, places *o, const passages *p, const float *taus, float max_depth,
+/* The next interval of every lane: a lane goes along one ray, then takes the next ray. False if
+ * there is none. */
+HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, float max_depth,
                       uint begin, uint count)
 {
     bool any = false;
@@ -140,9 +146,9 @@ HELPER bool turn_take(turn *t, places *o, const passages *p, const float *taus, 
     return any;
 }
 
-/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1. They walk side by side; then lanes go over
- * their passages. What the next passages read is fetched before these are decided upon, in vain if a ray
- * turns out to end. */
+/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1. They walk side by side; then lanes
+ * go over their intervals. What the next intervals read is fetched before these are decided upon,
+ * in vain if a ray turns out to end. */
 __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                              const __global float4 *restrict ray_d,
                              const __global int *restrict map,
@@ -157,9 +163,9 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
     const uint count = begin < end ? min((uint)RAYS, end - begin) : 0u;
     const uint key = stream_key(seed, STREAM_SAMPLES, step);
     float taus[RAYS];
-    uint met[RAYS], kept[RAYS], samples[RAYS]; /* of each ray: passages, intervals, samples */
+    uint met[RAYS], kept[RAYS], samples[RAYS]; /* of each ray: intervals met, kept; samples */
     walk walks[GROUPS];
-    passages p;
+    walked p;
     turn turns[2];
     bool more = count > 0u;
 
@@ -196,22 +202,22 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             }
             for (int l = 0; l < VW; l++)
                 tau[l] = taus[min(t->whose[l], RAYS - 1u)];
-            const vf passage = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
-            const vi number = sample_numbers(passage, before, b, VLOAD(t->of.level), per_leaf,
+            const vf own = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
+            const vi number = sample_numbers(own, before, b, VLOAD(t->of.level), per_leaf,
                                              per_ray, empty_weight);
-            uint passed[VW];
+            uint draws[VW];
 
             for (int l = 0; l < VW; l++)
-                passed[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
-            const vf chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(passed), 0u);
+                draws[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
+            const vf chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(draws), 0u);
             const vi drawn = select((vi)(0), (vi)(1), chance < (vf)(empty_share));
 
             VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
-            VSTORE(before + passage, tau);
+            VSTORE(before + own, tau);
 #if CDF == 1
-            VSTORE(ONE_MINUS_EXP(vf, passage), mass);
+            VSTORE(ONE_MINUS_EXP(vf, own), mass);
 #else
-            VSTORE(passage, mass);
+            VSTORE(own, mass);
 #endif
             for (uint l = 0; l < VW; l++) {
                 const uint w = t->whose[l], r = begin + w, n_samples = (uint)numbers[l];
@@ -245,8 +251,8 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
 
 #define NO_BORDER 2.0f /* above the distribution function */
 
-/* Bins first .. first + bins - 1, a lane's own. Border j and edge j: the distribution function and t where bin
- * j begins; rise: length of chord per unit of the function. */
+/* Bins first .. first + bins - 1, a lane's own. Border j and edge j: the distribution function and
+ * t where bin j begins; rise: length of chord per unit of the function. */
 typedef struct window {
     vi first;
     bool moved; /* from bin 0 */
@@ -255,7 +261,8 @@ typedef struct window {
     vf begin[2], end[2]; /* function and optical depth where the first one begins and all end */
 } window;
 
-/* The distribution function of a passage: what is steered by densities, and what is even along the chord. */
+/* The distribution function of an interval: a share that follows the densities, and one that is
+ * even. */
 typedef struct blend {
     vf steered, even;
 } blend;
@@ -354,8 +361,8 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
     }
 }
 
-/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, but none that would reach past `most` samples;
- * lanes over their intervals. */
+/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, but none that would reach past
+ * `most` samples; lanes over their intervals. */
 __kernel void
 samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              const __global float4 *restrict ray_d,

@@ -1,19 +1,20 @@
-/* Prefix sums and a stable radix sort, the two primitives under grouping and splatting (method.md 6, 8).
- * A work-group takes one chunk of consecutive elements in turn. Sums are of integers and a stable sort
- * has one result: how chunks are cut, and how many groups run at once, changes no bit.
+/* Prefix sums and a stable radix sort, the two primitives under grouping and splatting (method.md
+ * 6, 8). A work-group takes one chunk of consecutive elements in turn. Sums are of integers and a
+ * stable sort has one result: how chunks are cut, and how many groups run at once, changes no bit.
  *
  *   scan:  out[i] = sum of in[0 .. i-1], out[n] = the total          (in may be out; n + 1 outputs)
- *   sort:  radix, from the lowest digit up; values travel with their keys; equal keys keep their order
+ *   sort:  radix, from the lowest digit up; values go with their keys, equal keys keep their order
  *
  *   a digit: bits of the key in one or two pieces, (key >> shift & mask) | (key >> shift2 & mask2);
  *   bits that are the same in all keys are in none (sort.c)
  *   counts of a pass, digit-major: counts[digit][chunk]; its scan is where each chunk's digit goes
  *
- *   SG = 1 (CPUs): many elements go through a line of LINE elements per digit, written when it is full,
- *   past the caches: single writes would read every line first, and again after it was evicted. If that
- *   takes several passes, the first is by the highest digit, and its buckets are then sorted in cache.
- *   SG > 1 (GPUs): a tile of SG * ITEMS elements is sorted in local memory, RANK_BITS of the digit at a
- *   time, and then written: neighbours go to neighbouring places.
+ *   SG = 1 (CPUs): many elements go through a line of LINE elements per digit, written when it is
+ *   full, past the caches: single writes would read every line first, and again after its eviction.
+ *   If that takes several passes, the first is by the highest digit, and its buckets are then
+ *   sorted in cache.
+ *   SG > 1 (GPUs): a tile of SG * ITEMS elements is sorted in local memory, RANK_BITS of the digit
+ *   at a time, and then written: neighbours go to neighbouring places.
  *
  * KEY_BITS  32 | 64        width of the sort's keys
  * SG        power of two   work-items of a group
@@ -169,7 +170,8 @@ HELPER uint digit_of(key_type key, uint shift, uint mask, uint shift2, uint mask
 
 GROUP __kernel void sort_count(const __global key_type *restrict keys, /* [n] */
                                __global uint *restrict counts,         /* [digits][chunks] */
-                               uint n, uint chunk, uint chunks, uint digits, uint shift, uint mask, uint shift2, uint mask2)
+                               uint n, uint chunk, uint chunks, uint digits, uint shift,
+                               uint mask, uint shift2, uint mask2)
 {
     __local uint count[DIGITS];
     const uint c = get_group_id(0), lid = get_local_id(0);
@@ -193,7 +195,8 @@ GROUP __kernel void sort_count(const __global key_type *restrict keys, /* [n] */
     const __global key_type *restrict keys, const __global uint *restrict values,                  \
         const __global uint *restrict starts, /* [digits][chunks] scanned */                       \
         __global key_type *restrict keys_out, __global uint *restrict values_out, uint n,          \
-        uint chunk, uint chunks, uint digits, uint shift, uint mask, uint shift2, uint mask2, uint stream
+        uint chunk, uint chunks, uint digits, uint shift, uint mask, uint shift2, uint mask2,      \
+        uint stream
 
 #if SG == 1
 
@@ -271,9 +274,9 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
 }
 
 #if KEY_BITS == 64
-/* After a pass by the keys' highest digit: group b sorts bucket b from the lowest digit up, in cache. A
- * digit is key >> shifts[pass] & mask. The result is in `keys` after an even number of passes, else in
- * `spare_keys`. The loop over elements is written for few registers. */
+/* After a pass by the keys' highest digit: group b sorts bucket b from the lowest digit up, in
+ * cache. A digit is key >> shifts[pass] & mask. The result is in `keys` after an even number of
+ * passes, else in `spare_keys`. The loop over elements is written for few registers. */
 GROUP __kernel void sort_buckets(__global key_type *keys, __global uint *values,
                                  __global key_type *spare_keys, __global uint *spare_values,
                                  const __global uint *restrict starts, /* [buckets * chunks + 1] */
@@ -345,15 +348,18 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
 
             for (uint r = 0; r < RANKS; r++)
                 ranks[r * SG + lid] = 0;
-            /* Past the count: the last one again, uncounted. With both loops over what there is, from 0 to 7, PoCL 3.1
-             * for AVX-512 had all work-items skip the second one when the last one did. */
+            /* Past the count: the last one again, uncounted. With both loops over what there is,
+             * from 0 to 7, PoCL 3.1 for AVX-512 had all work-items skip the second one when the
+             * last one did. */
 #pragma unroll
             for (uint j = 0; j < ITEMS; j++) {
                 const uint i = min(own + j, count - 1u);
 
                 held_keys[j] = tile_keys[i];
                 held_values[j] = tile_values[i];
-                part[j] = (digit_of(held_keys[j], shift, mask, shift2, mask2) >> shift_in) % RANKS * SG + lid;
+                const uint digit = digit_of(held_keys[j], shift, mask, shift2, mask2);
+
+                part[j] = (digit >> shift_in) % RANKS * SG + lid;
                 rank[j] = ranks[part[j]];
                 ranks[part[j]] += own + j < count;
             }

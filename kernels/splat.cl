@@ -1,10 +1,10 @@
 /* needs: space leaves bfloat16 */
-/* Stage 1 by projection (method.md 4, 5, 6; paper section 4): every cached sample of every leaf goes to
- * the nearest (coarse) pixel of one view; sorted by the 64-bit key list << 32 | bits of t, the samples
- * of a list stand front to back. t >= 0, so its IEEE bits order like the floats: the paper's key
- * r * z_max + z_s, without z_max and without rounding.
+/* Stage 1 by projection (method.md 4, 5, 6; paper section 4): every cached sample of every leaf
+ * goes to the nearest (coarse) pixel of one view; sorted by the 64-bit key list << 32 | bits of t,
+ * the samples of a list stand front to back. t >= 0, so its IEEE bits order like the floats: the
+ * paper's key r * z_max + z_s, without z_max and without rounding.
  *
- *   list = grid.first + y / k * grid.row + x / k, one grid of coarse pixels per leaf level, k chosen so
+ *   list = grid.first + y / k * grid.row + x / k, one grid of coarse pixels per leaf level, k such
  *   that a list meets enough samples; t = distance along the list's own ray
  *
  *   splat_count, splat_emit   one work-item projects a run of samples; scan between them
@@ -23,8 +23,8 @@
     uint first_view, uint n_views, uint total, uint n1, uint run, uint runs, uint row_begin,       \
         uint row_end, float min_alpha
 
-/* Key of one sample, or false if it is dropped: too faint, behind the camera, off the image, or in a
- * coarse pixel outside the band of rows (bands are cut at multiples of every k). */
+/* Key of one sample, or false if it is dropped: too faint, behind the camera, off the image, or in
+ * a coarse pixel outside the band of rows (bands are cut at multiples of every k). */
 HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint row_end,
                       float min_alpha, uint index, ulong *key)
 {
@@ -71,7 +71,8 @@ __kernel void splat_count(SPLAT_ARGUMENTS, __global uint *restrict counts /* [vi
 }
 
 __kernel void splat_emit(SPLAT_ARGUMENTS, const __global uint *restrict starts, /* [view][run] */
-                         __global ulong *restrict keys, __global uint *restrict values, /* [entry] */
+                         __global ulong *restrict keys,   /* [entry] */
+                         __global uint *restrict values,  /* [entry] */
                          SPLAT_PARAMETERS)
 {
     const uint c = get_global_id(0), view = first_view + c / runs;
@@ -83,8 +84,8 @@ __kernel void splat_emit(SPLAT_ARGUMENTS, const __global uint *restrict starts, 
         return;
     at = starts[c];
     for (uint i = begin; i < end; i++)
-        if (splat_key(cameras, views, LEAF_PASS(density), boxes, grids, view, n1, row_begin, row_end,
-                      min_alpha, i, &key)) {
+        if (splat_key(cameras, views, LEAF_PASS(density), boxes, grids, view, n1, row_begin,
+                      row_end, min_alpha, i, &key)) {
             keys[at] = key;
             values[at++] = i;
         }
@@ -107,8 +108,8 @@ __kernel void splat_bounds(const __global ulong *restrict keys, __global uint *r
 
 __kernel void splat_read(const __global ulong *restrict keys, const __global uint *restrict values,
                          LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
-                         __global float *restrict list_t, __global float *restrict list_sigma, uint n,
-                         uint cells)
+                         __global float *restrict list_t, __global float *restrict list_sigma,
+                         uint n, uint cells)
 {
     const uint i = get_global_id(0);
 

@@ -1,11 +1,12 @@
 /* needs: leaves fetch bfloat16 */
-/* Stage 1 along rays (method.md 4, 5), read through one interface for VW passages through leaves at a time, one a lane:
- * bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). The stage-1 points of a passage stand
- * ascending in t, with their densities; a bin reaches half way to the neighbours, and the last one to the chord's
- * end. Used by sampling.cl. Two ways give the points:
- *   STAGE1 1 (gather)  n1-spaced points on the chord, nearest cell of the leaf's cached densities
- *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel of
- *                      the leaf's level (splat.cl)
+/* Stage 1 along rays (method.md 4, 5): the points of VW intervals at a time, one interval a lane,
+ * through bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). The points
+ * of an interval ascend in t and have densities; a point's bin reaches half way to its neighbours,
+ * the last one's to the interval's end. Used by sampling.cl. Two ways give the points:
+ *
+ *   STAGE1 1 (gather)  n1-spaced points of the interval, at the nearest cell's cached density
+ *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel
+ *                      of the leaf's level (splat.cl)
  *
  *   PADDED 0 | 1: lists at list * longest
  */
@@ -14,7 +15,8 @@
 #define PADDED 0
 #endif
 
-/* Points of a passage that are worked out at once: all of them for 12^3 cells, others come in turns. */
+/* Points of an interval that are worked out at once: all of them with 12^3 cells; more come in
+ * turns. */
 #define POINTS 24
 #define KEPT   (VW > 1 ? POINTS : 0)
 
@@ -32,7 +34,7 @@ typedef struct bundle {
 #endif
 } bundle;
 
-/* What passages a bundle is made of. Lanes without one hold another one, or an empty one. */
+/* The intervals of a bundle. Lanes without one hold a copy of another, or an empty one. */
 typedef struct lanes {
     float t_in[VW], t_out[VW];
     uint ray[VW];
@@ -97,7 +99,7 @@ HELPER vi bundle_cells(const bundle *b, vi j, uint n1)
     return (z * (int)n1 + y) * (int)n1 + x;
 }
 
-/* What the first points will read comes into the cache. */
+/* Fetches what the first points will read. */
 HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
 {
     (void)boxes;
@@ -111,7 +113,7 @@ HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
 #endif
 }
 
-/* Densities of points first + j, zero beyond the last one; first: a lane's own. */
+/* Densities of points first + j, zero beyond the last one; `first` differs between lanes. */
 HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept)
 {
     ushort bits[VW];
@@ -135,7 +137,7 @@ HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool
     return select((vf)(0.0f), bfloat16_values(VLOAD(bits)), first + j < b->count);
 }
 
-/* Optical depths of the passages, by stage 1. */
+/* Optical depths of the intervals. */
 HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
 {
     const vi none = (vi)(0);
@@ -146,7 +148,8 @@ HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
     return sum * b->step;
 }
 
-/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the end of the chord. */
+/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the interval's
+ * end. */
 HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept, vf *right)
 {
     *right = select(b->t_out, MAD(V_TO_FLOAT(first + j + 1), b->step, b->t_in),
@@ -154,7 +157,7 @@ HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool ke
     return bundle_points(b, STAGE1_PASS, first, j, kept);
 }
 
-/* Mean densities of the passages' points. */
+/* Mean densities of the intervals' points. */
 HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
 {
     return depth / (b->t_out - b->t_in); /* points are equally far apart */
@@ -220,7 +223,8 @@ HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
         FETCH(list_sigma + b->first[l]);
 }
 
-/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the end of the chord. */
+/* Bins first + j: densities, and right edges to *right; beyond the last one zero and the interval's
+ * end. */
 HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept, vf *right)
 {
     float edges[VW], sigma[VW];
@@ -242,7 +246,7 @@ HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool ke
     return VLOAD(sigma);
 }
 
-/* Optical depths of the passages, by stage 1. */
+/* Optical depths of the intervals. */
 HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
 {
     vf depth = (vf)(0.0f), left = b->t_in, right;
@@ -256,7 +260,7 @@ HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
     return depth;
 }
 
-/* Mean densities of the passages' points. */
+/* Mean densities of the intervals' points. */
 HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
 {
     vf sum = (vf)(0.0f), right;

@@ -1,6 +1,6 @@
-/* The walk of rays through the octree (method.md 3; twin: host/reference/rays.c), VW rays side by side, over the dense
- * map of leaves and empty boxes (host/model/octree.h: cln_octree_map). Used by sampling.cl; decides nothing about
- * what happens in the leaves.
+/* The walk of rays through the octree (method.md 3; twin: host/reference/rays.c), VW rays side by
+ * side, over the dense map of leaves and empty boxes (host/model/octree.h: cln_octree_map). Used by
+ * sampling.cl; decides nothing about what happens in the leaves.
  */
 #define NEVER 1e30f
 
@@ -65,9 +65,9 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
 }
 
 /* Every ray to where it leaves the leaf or empty box that it is in; returns their map entries, 0 of
- * rays that walk no more, as those do that leave the cube. Progress is by integers: the crossed axis
- * steps over the box's face, the others stay within its extent and never go back, so no rounding can trap
- * the walk. */
+ * rays that walk no more, as those do that leave the cube. Progress is by integers: the crossed
+ * axis steps over the box's face, the others stay within its extent and never go back, so no
+ * rounding can trap the walk. */
 HELPER vi walk_next(walk *w, const __global int *map, int depth)
 {
     const int n = 1 << depth;
