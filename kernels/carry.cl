@@ -1,9 +1,9 @@
 /* needs: leaves */
-/* Rows of leaves carried over a change of the tree, from the arrays of the old leaves to those of the new ones
- * (host/pipeline/carry.c; the host's twin is cln_model_apply). A group takes a leaf.
+/* Rows of leaves carried over a change of the tree, from the arrays of the old leaves to those of
+ * the new ones (host/pipeline/carry.c; the host's twin is cln_model_apply). A group takes a leaf.
  *
- *   places[leaf] = (old leaf, octant): octant -1 the same leaf; k >= 0 child k of the old one; -2 - k the parent, of
- *                  which the old one was child k
+ *   places[leaf] = (old leaf, octant): octant -1 the same leaf; k >= 0 child k of the old one;
+ *                  -2 - k the parent, of which the old one was child k
  *
  * SG  work-items of a group
  */
@@ -11,7 +11,8 @@
 #define SG 4
 #endif
 
-/* Weights and moments, rows of `row` times 16 bytes: copied for the same leaf, zeros for a new one. */
+/* Weights and moments, rows of `row` times 16 bytes: copied for the same leaf, zeros for a new
+ * one. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
 carry_rows(LEAF_ARRAY(const uint4, from), LEAF_ARRAY(uint4, to), /* [leaf][row] */
            const __global int2 *restrict places, uint row)
@@ -25,9 +26,9 @@ carry_rows(LEAF_ARRAY(const uint4, from), LEAF_ARRAY(uint4, to), /* [leaf][row] 
         new[i] = place.y == -1 ? old[i] : (uint4)(0u);
 }
 
-/* Cell of the old leaf's grid that is nearest to cell `at` of the new one's, along one axis. upper: the half of
- * the parent in which the child lies. */
-static uint nearest(uint at, uint n1, int octant, uint upper)
+/* Cell of the old leaf's grid that is nearest to cell `at` of the new one's, along one axis. upper:
+ * the half of the parent in which the child lies. */
+HELPER uint nearest(uint at, uint n1, int octant, uint upper)
 {
     if (octant == -1)
         return at;
@@ -38,7 +39,8 @@ static uint nearest(uint at, uint n1, int octant, uint upper)
 
 /* Densities of stage 1: those of the nearest cells. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
-carry_densities(LEAF_ARRAY(const ushort, from), LEAF_ARRAY(ushort, to), /* [leaf][n1 z][n1 y][n1 x] */
+carry_densities(LEAF_ARRAY(const ushort, from), /* [leaf][n1 z][n1 y][n1 x] */
+                LEAF_ARRAY(ushort, to),
                 const __global int2 *restrict places, uint n1)
 {
     const uint leaf = get_group_id(0), cells = n1 * n1 * n1;
