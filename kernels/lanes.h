@@ -48,8 +48,8 @@ typedef CLN_PASTE(ushort, VW) vh;
 #define V_TO_USHORT CLN_PASTE(convert_ushort, VW)
 #endif
 
-/* VSTORE of floats, or of 16 bits each (VSTORE_H), to an address space, in one instruction: PoCL's
- * vstore goes by fours, and LLVM does not put what it makes of 16 together again. */
+/* VSTORE of floats, or of 16 bits each (VSTORE_H), to an address space, in one instruction. PoCL's
+ * vstore stores four elements at a time, and LLVM does not join the parts of 16. */
 #if VW > 1 && (defined(__x86_64__) || defined(__aarch64__))
 typedef vf vf_anywhere __attribute__((aligned(4), may_alias));
 typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
@@ -60,8 +60,8 @@ typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
 #define VSTORE_H(space, v, p)  VSTORE(v, p)
 #endif
 
-/* a and b by turns, lane by lane: their first halves, their second halves. In one instruction:
- * PoCL's shuffle2 and .even and .odd are more. */
+/* Interleaves the lanes of a and b: of their first halves (LO), of their second halves (HI). One
+ * instruction, where PoCL's shuffle2, .even and .odd are several. */
 #if defined(__x86_64__) || defined(__aarch64__)
 #define V_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
@@ -119,7 +119,7 @@ HELPER float v_sum16(float16 v)
 #error "VW must be 1, 2, 4, 8 or 16"
 #endif
 
-/* Any lane of a comparison? */
+/* Whether a comparison holds in any lane. */
 #if VW == 1
 #define V_ANY(c) (c)
 #else
@@ -151,8 +151,8 @@ HELPER float v_sum16(float16 v)
                      (T)(1.0f)),                                                                   \
            (x) < (T)(0.15f))
 
-/* fma where it is one instruction, else a multiply and an add. PoCL 3.1 does not say so in the
- * standard's way. */
+/* fma where it is one instruction, else a multiply and an add. PoCL 3.1 does not define the
+ * standard's FP_FAST_FMAF. */
 #if defined(FP_FAST_FMAF) || defined(__FMA__)
 #define MAD(a, b, c) fma(a, b, c)
 #else

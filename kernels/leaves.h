@@ -1,11 +1,11 @@
-/* Arrays of a row per leaf, and gradients, of a row per slice: in PARTS buffers where one would
- * pass the device's largest allocation. Row r lies in part r / each, at r % each. OpenCL allows at
- * least a quarter of the memory in one buffer, so that four parts reach all of it.
+/* Arrays with a row per leaf, and gradients, with a row per slice. Where one would exceed the
+ * device's largest allocation, it is in PARTS buffers. Row r lies in part r / each, at r % each.
+ * OpenCL allows at least a quarter of the memory in one buffer, so that four parts reach all of it.
  *
  *   LEAF_ARRAY(type, name)          a kernel's or helper's parameter, PARTS pointers
  *   LEAF_PASS(name)                 the same as arguments of a helper
  *   LEAF_ROW(name, leaf, row)       where a leaf's row begins; row: elements of one
- *   SLICE_ROW(name, slice, row)     the same of gradients
+ *   SLICE_ROW(name, slice, row)     where a slice's gradient begins
  *   LEAF_ELEMENT(name, index, row)  element `index` of the array as a whole
  *
  * PARTS        1 | 4

@@ -5,8 +5,8 @@
 #define STREAM_SAMPLES 4u
 #define STREAM_POINTS  6u
 
-/* Products of 64 bits: PoCL puts mul_hi together from four of 16 bits. Words one by one: from a
- * vector, every round would have to extract them. */
+/* Products of 64 bits, as PoCL builds mul_hi from four 16-bit products. Words are scalars, as every
+ * round would have to extract them from a vector. */
 HELPER uint4 philox4x32(uint4 c, uint2 k)
 {
     uint c0 = c.x, c1 = c.y, c2 = c.z, c3 = c.w, k0 = k.x, k1 = k.y;
@@ -51,8 +51,8 @@ HELPER vf uniform_lanes(uint key, uint index)
     return V_TO_FLOAT(hash_lanes((index + V_IOTA) * 0x9E3779B9u ^ key) >> 8) * 0x1p-24f;
 }
 
-/* Cheap numbers, one a lane: a key by Philox for all of them, mixed with (index, number, draw) by
- * the hash. The twin of cln_uniform_hash(). */
+/* Cheap uniforms, one a lane: one key by Philox, mixed with (index, number, draw) by the hash. The
+ * twin of cln_uniform_hash(). */
 HELPER uint stream_key(uint2 seed, uint stream, uint step)
 {
     return philox4x32((uint4)(0u, stream << 24, step, 0u), seed).x;

@@ -108,14 +108,14 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         for (uint l = 0; l < lid; l++)
             used += counts[l];
         for (uint s = from; s < upto; s++) {
-            const bool goes = sizes[s] > 0.0f;
+            const bool is_chosen = sizes[s] > 0.0f;
 
-            /* written over by the next one if it does not go: that is faster than a branch */
-            if (LS == 1 || goes) {
+            /* a sample that is not chosen is overwritten by the next: faster than a branch */
+            if (LS == 1 || is_chosen) {
                 heads[slice.start + used] = raw[s] * sizes[s];
                 chosen[slice.start + used] = first + s;
             }
-            used += goes;
+            used += is_chosen;
         }
         for (uint l = lid + 1u; l < LS; l++)
             used += counts[l];

@@ -48,7 +48,7 @@ typedef uint8 key_vector;
 #define LINE      16u /* elements of a digit written at a time: of values 64 bytes */
 #define LINES     (1u << (DB < LINE_BITS ? DB : LINE_BITS))
 
-/* Whole lines pass the caches by, where that is known to work: CPUs, compiled by clang. */
+/* Whole lines bypass the caches, where that is known to work: CPUs, compiled by clang. */
 #if defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
 #if __has_builtin(__builtin_nontemporal_store)
 #define STREAMS           1
@@ -200,7 +200,7 @@ GROUP __kernel void sort_count(const __global key_type *restrict keys, /* [n] */
 
 #if SG == 1
 
-/* A digit's elements on their way out, place j of the output in slot j % LINE. */
+/* A digit's elements before they are written: place j of the output is kept in slot j % LINE. */
 typedef struct __attribute__((aligned(64))) digit_line {
     key_type keys[LINE];
     uint values[LINE];
@@ -348,9 +348,9 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
 
             for (uint r = 0; r < RANKS; r++)
                 ranks[r * SG + lid] = 0;
-            /* Past the count: the last one again, uncounted. With both loops over what there is,
-             * from 0 to 7, PoCL 3.1 for AVX-512 had all work-items skip the second one when the
-             * last one did. */
+            /* Past the count the last element is taken again, uncounted. When both loops ran over
+             * the elements that there are, from 0 to 7, PoCL 3.1 for AVX-512 let all work-items
+             * skip the second loop when the last one did. */
 #pragma unroll
             for (uint j = 0; j < ITEMS; j++) {
                 const uint i = min(own + j, count - 1u);

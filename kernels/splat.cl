@@ -71,8 +71,8 @@ __kernel void splat_count(SPLAT_ARGUMENTS, __global uint *restrict counts /* [vi
 }
 
 __kernel void splat_emit(SPLAT_ARGUMENTS, const __global uint *restrict starts, /* [view][run] */
-                         __global ulong *restrict keys,   /* [entry] */
-                         __global uint *restrict values,  /* [entry] */
+                         __global ulong *restrict keys,  /* [entry] */
+                         __global uint *restrict values, /* [entry] */
                          SPLAT_PARAMETERS)
 {
     const uint c = get_global_id(0), view = first_view + c / runs;

@@ -35,7 +35,7 @@ __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
 }
 
 /* stats[leaf] = (mean of seen, peak); 0 for a leaf that nobody sees. One group per leaf, its
- * partial sums added as a tree. */
+ * partial sums are added in a tree. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
 stats_leaf(LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
            LEAF_ARRAY(const uchar, seen),     /* [leaf][cells] */

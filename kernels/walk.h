@@ -10,10 +10,10 @@ typedef struct walk {
     vi ascends[3]; /* all bits set along an axis that the ray ascends, else none */
     vi cell[3];    /* of the map */
     vf t;          /* where the ray is */
-    vi more;       /* does it walk on? As comparisons say it */
+    vi more;       /* whether it walks on, as vector comparisons say it */
 } walk;
 
-/* Truncates: what floor would tell apart is clamped away. */
+/* Truncation is enough: it differs from floor below 0 only, and that is clamped. */
 HELPER vi cell_of(vf o, vf d, vf t, float half_n, vi low, vi high)
 {
     return clamp(V_TO_INT((MAD(d, t, o) + 1.0f) * half_n), low, high);
@@ -64,10 +64,10 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
         w->cell[a] = cell_of(w->o[a], w->d[a], t0, 0.5f * (float)(1 << depth), none, last);
 }
 
-/* Every ray to where it leaves the leaf or empty box that it is in; returns their map entries, 0 of
- * rays that walk no more, as those do that leave the cube. Progress is by integers: the crossed
- * axis steps over the box's face, the others stay within its extent and never go back, so no
- * rounding can trap the walk. */
+/* Moves every ray to where it leaves the leaf or empty box that it is in. Returns the map entries
+ * of these boxes, 0 for rays that have stopped; a ray stops where it leaves the cube. Progress is
+ * by integers: the crossed axis steps over the box's face, the others stay within its extent and
+ * never go back, so no rounding can trap the walk. */
 HELPER vi walk_next(walk *w, const __global int *map, int depth)
 {
     const int n = 1 << depth;
@@ -77,7 +77,7 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
     vf exits[3], t = (vf)(NEVER);
     int at[VW], found[VW];
 
-    /* rays that walk no more may stand outside the map */
+    /* rays that have stopped may stand outside the map */
     VSTORE(((((w->cell[2] << depth) + w->cell[1]) << depth) + w->cell[0]) & (n * n * n - 1), at);
 #pragma unroll
     for (int l = 0; l < VW; l++)
@@ -100,7 +100,7 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
 #pragma unroll
     for (int a = 0; a < 3; a++) {
         const vi over = plane[a] + ~w->ascends[a];
-        /* never back, or rays along edges would go between two boxes for ever */
+        /* never back, or a ray along an edge would step between two boxes for ever */
         const vi from = select(low[a], w->cell[a], w->ascends[a]);
         const vi to = select(w->cell[a], high[a] - 1, w->ascends[a]);
         const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, from, to);
