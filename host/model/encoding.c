@@ -1,4 +1,5 @@
-/* The frequency encoding's rows, and its change of coordinates at a split and at a merge (method.md section 11).
+/* The frequency encoding's rows, and its change of coordinates at a split and at a merge (method.md
+ * section 11).
  *
  * With x = x'/2 + o (o = -1/2 or +1/2 per axis), band k >= 1 of the parent is band k-1 of the
  * child, its (sin, cos) pair of weights turned by the angle 2^k o; the identity rows are halved
@@ -11,9 +12,9 @@
  *   cos(x/2)  1.0e-3   3.3e-5   2.5e-6   6.2e-7
  * All else is exact but for the rounding to float; sums are in double.
  *
- * Unfolding writes a child's function in its parent's coordinates, x' = 2 x - s with s = -1 or +1: band k
- * becomes band k+1, turned by 2^k s; the identity is exact. The child's top band has no place and is
- * left out: what it carried is for the training after a merge. */
+ * Unfolding writes a child's function in its parent's coordinates, x' = 2 x - s with s = -1 or +1:
+ * band k becomes band k+1, turned by 2^k s; the identity is exact. The child's top band has no
+ * place and is left out: what it carried is for the training after a merge. */
 #include "model/encoding.h"
 
 #include <math.h>

@@ -1,14 +1,15 @@
-/* The leaf network (method.md sections 1, 2, 11): its layout in memory, initial weights, and the exact
- * split by folding. Evaluating it is the kernels' work (kernels/mlp_*.cl; float64 twin in reference/).
+/* The leaf network (method.md sections 1, 2, 11): its layout in memory, initial weights, and the
+ * exact split by folding. Evaluating it is the kernels' work (kernels/mlp_*.cl; float64 twin in
+ * reference/).
  *
- * Encoding (model/encoding.h): rows zero-padded to a multiple of 4. Position: leaf-local x in [-1,1]^3;
- * direction: unit world vector.
+ * Encoding (model/encoding.h): rows zero-padded to a multiple of 4. Position: leaf-local x in
+ * [-1,1]^3; direction: unit world vector.
  *
  * Parameters of one leaf, floats, in this order; a matrix is [input][output] row-major; every block
  * starts at a multiple of 16 floats:
  *   trunk layer 0        W [enc_pad][width]                b [width]
- *   trunk layer i >= 1   W [width (+ enc_pad)][width]      b [width]   + enc_pad: only the skip layer,
- *                                                                      rows: h first, then encoding
+ *   trunk layer i >= 1   W [width (+ enc_pad)][width]      b [width]   + enc_pad: skip layer alone;
+ *                                                                      rows: h, then encoding
  *   density head         w [width]                         b [16]      only b[0] is used
  *   view layer           W [width + dir_pad][view_width]   b [view_width]
  *   colour head          W [3][view_width]                 b [16]      only b[0..2] are used
@@ -50,13 +51,13 @@ void cln_network_init(const cln_network *net, const cln_config *config, float *p
 /* Density activation's bias b, from initial_depth (method.md section 1). */
 double cln_network_density_bias(const cln_config *config);
 
-/* Weights of child `octant` that compute on its local coordinates what the parent computes on its own
- * (method.md section 11, "Split by folding"): exact but for band 0, whose half-angle functions are
- * fitted to 7e-5. parent, child: [params], may not overlap. */
+/* Weights of child `octant` that compute on its local coordinates what the parent computes on its
+ * own (method.md section 11, "Split by folding"): exact but for band 0, whose half-angle functions
+ * are fitted to 7e-5. parent, child: [params], may not overlap. */
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child);
 
-/* The inverse: weights of the parent that compute what its child `octant` computes, there and beyond, but
- * for the child's top band, which is left out. What a merge starts from. */
+/* The inverse: weights of the parent that compute what its child `octant` computes, there and
+ * beyond, but for the child's top band, which is left out. What a merge starts from. */
 void cln_network_unfold(const cln_network *net, const float *child, int octant, float *parent);
 
 #endif

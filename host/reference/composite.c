@@ -1,6 +1,6 @@
-/* Compositing of one ray and its loss, forward and by a true backward sweep (method.md 9 and 10): the
- * adjoint of the transmittance runs back to front, so nothing is got by subtracting a prefix from the
- * whole. See reference.h. */
+/* Compositing of one ray and its loss, forward and by a true backward sweep (method.md 9 and 10):
+ * the adjoint of the transmittance runs back to front, so nothing is got by subtracting a prefix
+ * from the whole. See reference.h. */
 #include <math.h>
 #include "reference/reference.h"
 

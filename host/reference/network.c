@@ -1,14 +1,14 @@
 /* One leaf network on one sample, forward and backward (method.md 1), from the packed layout of
- * model/network.h. A negative-side slope r is taken literally: x <= 0 gives r x, also for r < 0. See
- * reference.h. */
+ * model/network.h. A negative-side slope r is taken literally: x <= 0 gives r x, also for r < 0.
+ * See reference.h. */
 #include <math.h>
 #include <string.h>
 #include "reference/reference.h"
 
 enum { MAX_DEPTH = 8, MAX_WIDTH = 256, MAX_ENC = 64, MAX_DIR = 28 };
 
-/* The clamps of the exponential density: its value stays finite in float32, its derivative is bounded
- * as in nerfacc and instant-ngp. */
+/* The clamps of the exponential density: its value stays finite in float32, its derivative is
+ * bounded as in nerfacc and instant-ngp. */
 static const double exp_value_max = 80, exp_gradient_max = 15;
 
 /* Everything a forward pass computes: pre-activations x, activations h, heads. */

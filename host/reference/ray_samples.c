@@ -1,6 +1,6 @@
-/* The whole way of one ray, from its leaves over stage 1's points to its stage-2 samples, put together from
- * rays.c and sampling.c; and whether float32 may decide otherwise on it, so that whoever compares a
- * device's discrete results can leave such rays out. See reference.h. */
+/* The whole way of one ray, from its leaves over stage 1's points to its stage-2 samples, put
+ * together from rays.c and sampling.c; and whether float32 may decide otherwise on it, so that
+ * whoever compares a device's discrete results can leave such rays out. See reference.h. */
 #include <math.h>
 #include "base/rng.h"
 #include "device_abi.h"

@@ -1,13 +1,13 @@
 /* Rays through the tree, brute force: a slab test on every ACTIVE leaf, then order by distance. The
- * kernels walk the tree instead; this does not, so that a mistake in one is no mistake in the other.
- * See reference.h. */
+ * kernels walk the tree instead; this does not, so that a mistake in one is no mistake in the
+ * other. See reference.h. */
 #include <math.h>
 #include "reference/reference.h"
 
 static const double min_chord = 1e-5;
 
-/* Cuts [*t_in, *t_out] to where the ray is inside [low, high) along one axis; the cube's own upper face
- * belongs to it. False if nothing is left. */
+/* Cuts [*t_in, *t_out] to where the ray is inside [low, high) along one axis; the cube's own upper
+ * face belongs to it. False if nothing is left. */
 static bool cut_slab(double origin, double direction, double low, double high, double *t_in,
                      double *t_out)
 {

@@ -1,7 +1,7 @@
 /* Float64 twin of every kernel, in plain loops, straight from method.md: the oracle of tests and
- * self-test. Knows no OpenCL, shares no arithmetic with kernels/; only the data layout (network.h), the
- * random numbers (base/rng.h) and the definitions written here. Inputs are the float32 values the
- * kernels get, widened. Speed does not matter, clarity does.
+ * self-test. Knows no OpenCL, shares no arithmetic with kernels/; only the data layout (network.h),
+ * the random numbers (base/rng.h) and the definitions written here. Inputs are the float32 values
+ * the kernels get, widened. Speed does not matter, clarity does.
  *
  * Units: normalised space, root cube [-1,1]^3, unit directions, t = distance; density per unit. */
 #ifndef CLN_REFERENCE_H
@@ -19,15 +19,15 @@ typedef struct ref_interval {
 } ref_interval;
 
 /* ACTIVE leaves along origin + t * direction, t >= 0, front to back, chords longer than 1e-5 only.
- * Axis-parallel directions (zeros), origins inside or on faces are ordinary input. Returns the count;
- * writes at most `max`. Brute force over all leaves with slab tests, then sorted. */
+ * Axis-parallel directions (zeros), origins inside or on faces are ordinary input. Returns the
+ * count; writes at most `max`. Brute force over all leaves with slab tests, then sorted. */
 int ref_intervals(const cln_octree *tree, const double origin[3], const double direction[3],
                   ref_interval *out, int max);
 
 /* ---- stage 1 (method.md 4, 5, 6) ---- */
 
-/* Gather: m = max(1, ceil(n1 * L / side)) points at the midpoints of m equal parts of the chord; the
- * density of the nearest cell of the leaf's cache [n1][n1][n1] (z, y, x). Returns m. */
+/* Gather: m = max(1, ceil(n1 * L / side)) points at the midpoints of m equal parts of the chord;
+ * the density of the nearest cell of the leaf's cache [n1][n1][n1] (z, y, x). Returns m. */
 int ref_gather(const double origin[3], const double direction[3], const ref_interval *interval,
                const float box[4], const float *cache, int n1, double *t, double *sigma, int max);
 
@@ -48,19 +48,21 @@ typedef struct ref_sampling {
     double empty_weight, empty_share;
 } ref_sampling;
 
-/* Number of samples for a chord of length L in a leaf of side `side`: 0 if exp(-tau_in) < min_transmittance; chord:
- * ceil(samples_per_leaf * L / (sqrt(3) side)), at least 1; weight: with W = exp(-tau_in) *
- * (1 - exp(-tau)), tau the chord's own optical depth from stage 1: W < empty_weight: 1 if
- * roulette < empty_share else 0; otherwise min(samples_per_leaf,
- * 1 + floor(samples_per_ray * W + 0.5)). roulette in [0,1). */
+/* Number of samples for a chord of length L in a leaf of side `side`, roulette in [0,1):
+ *   0 if exp(-tau_in) < min_transmittance
+ *   chord:  ceil(samples_per_leaf * L / (sqrt(3) side)), at least 1
+ *   weight: with W = exp(-tau_in) * (1 - exp(-tau)), tau the chord's own optical depth from stage 1,
+ *           if W < empty_weight: 1 if roulette < empty_share, else 0;
+ *           otherwise min(samples_per_leaf, 1 + floor(samples_per_ray * W + 0.5)) */
 int ref_sample_count(const ref_sampling *s, double length, double side, double tau_in, double tau,
                      double roulette);
 
-/* Positions of n samples, ascending, in [t_in, t_out] from m stage-1 points (t ascending, sigma): edges
- * are midpoints clipped to the chord; mass p_j = (sigma_j + eps) * width, eps = 1e-5 max(1, mean
- * sigma), or for cdf_weight T_j (1 - exp(-sigma_j width_j)) + 1e-5 width_j / L, T_j from the chord's
- * start; mixed q_j = (1 - uniform_share) p_j / sum p + uniform_share width_j / L. u_k = (k + xi_k)/n;
- * linear inverse inside a bin. m = 0: one uniform bin. */
+/* Positions of n samples, ascending, in [t_in, t_out] from m stage-1 points (t ascending, sigma).
+ *   edges      midpoints clipped to the chord
+ *   mass       p_j = (sigma_j + eps) * width_j, eps = 1e-5 max(1, mean sigma), or for cdf_weight
+ *              T_j (1 - exp(-sigma_j width_j)) + 1e-5 width_j / L, T_j from the chord's start
+ *   mixed      q_j = (1 - uniform_share) p_j / sum p + uniform_share width_j / L
+ *   positions  u_k = (k + xi_k) / n, linear inverse inside a bin; m = 0: one uniform bin */
 void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
                           const double *sigma, int n, const double *xi, double *out);
 
@@ -72,8 +74,8 @@ void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta
 enum { REF_MOST_INTERVALS = 64, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
 #define REF_NEAR 4e-6 /* a ray that passes an edge closer than this may be decided otherwise */
 
-/* Stage-1 points of one interval of ray r, ascending; returns their number, at most REF_MOST_POINTS. *close
- * is set if rounding may give others. */
+/* Stage-1 points of one interval of ray r, ascending; returns their number, at most
+ * REF_MOST_POINTS. *close is set if rounding may give others. */
 typedef int ref_points_fn(void *user, int r, const double o[3], const double d[3],
                           const ref_interval *interval, double *t, double *sigma, bool *close);
 
@@ -121,14 +123,14 @@ typedef struct ref_network {
 /* Encodings: x[3] -> out[enc_pad]; zero padding. */
 void ref_encode(int bands, const double x[3], const double *weights, int pad, double *out);
 
-/* One sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes: [depth][width]
- * for the trunk then [view_width] for the view layer, negative-side slopes r of each element; NULL =
- * `slope` everywhere. out[4] = colour r, g, b in 0..1 and sigma. */
+/* One sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
+ * [depth][width] for the trunk then [view_width] for the view layer, negative-side slopes r of each
+ * element; NULL = `slope` everywhere. out[4] = colour r, g, b in 0..1 and sigma. */
 void ref_forward(const ref_network *r, const float *params, const double local[3],
                  const double dir[3], const double *slopes, double slope, double out[4]);
 
-/* The smallest pre-activation of one sample: below rounding errors, float32 may find it on the other side
- * of zero, where the gradient is another one. */
+/* The smallest pre-activation of one sample: below rounding errors, float32 may find it on the
+ * other side of zero, where the gradient is another one. */
 double ref_margin(const ref_network *r, const float *params, const double local[3],
                   const double dir[3], const double *slopes, double slope);
 
@@ -139,10 +141,10 @@ void ref_backward(const ref_network *r, const float *params, const double local[
 
 /* ---- Russian roulette before the backward pass (kernels/roulette.cl) ---- */
 
-/* n samples ids[0..n) that are decided upon together, of out and dout [sample], with draws in (0, 1] by hash of key and
- * id. heads [n]: dL/d(raw r, g, b, sigma) times factors; factors [n]: with size |heads|_1 and `least` the mean size times
- * cutoff, 0 if draw * least >= size, else max(1, least / size); 1 without cutoff. Returns how near a draw came to
- * being decided otherwise. */
+/* n samples ids[0..n) that are decided upon together, of out and dout [sample], with draws in (0,
+ * 1] by hash of key and id. heads [n]: dL/d(raw r, g, b, sigma) times factors; factors [n]: with
+ * size |heads|_1 and `least` the mean size times cutoff, 0 if draw * least >= size, else max(1,
+ * least / size); 1 without cutoff. Returns how near a draw came to being decided otherwise. */
 double ref_roulette(const ref_network *r, double cutoff, uint32_t key, int n, const uint32_t *ids,
                     const float (*out)[4], const float (*dout)[4], double (*heads)[4],
                     double *factors);
@@ -161,10 +163,11 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
                    const double background[3], double rgb[3], double *depth, double *opacity,
                    double *weights);
 
-/* Loss of one ray against target, to be averaged over rays: l2: mean_c (C - target)^2; huber: mean_c of
- * d^2/2 below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum log(1 + 2
- * sigma^2) + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i - t_j| + 1/3
- * sum w_i^2 delta_i). grad (may be NULL): dL/d(r, g, b, sigma) per sample, by a true backward sweep. */
+/* Loss of one ray against target, to be averaged over rays: l2: mean_c (C - target)^2; huber:
+ * mean_c of d^2/2 below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum
+ * log(1 + 2 sigma^2) + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i
+ * - t_j| + 1/3 sum w_i^2 delta_i). grad (may be NULL): dL/d(r, g, b, sigma) per sample, by a true
+ * backward sweep. */
 double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
                        const double *delta, const double background[3], const double target[3],
                        double (*grad)[4]);
@@ -175,10 +178,12 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
 void ref_measures(int n, const double (*out)[4], const double *delta, const double background[3],
                   const double target[3], double (*measures)[3]);
 
-/* (alpha - alpha*)^2 + alpha* |c - c*|^2 / 3 of one point, target = c*, alpha*; and its gradient. */
+/* (alpha - alpha*)^2 + alpha* |c - c*|^2 / 3 of one point, target = c*, alpha*; and its
+ * gradient. */
 double ref_distil(const double out[4], const double target[4], double delta, double grad[4]);
 
-/* d/dsigma of 1 - exp(-0.05 sigma); gradient of a quarter of |f_a - f_b|, f = alpha (r, g, b, 1). */
+/* d/dsigma of 1 - exp(-0.05 sigma); gradient of a quarter of |f_a - f_b|, f = alpha (r, g, b,
+ * 1). */
 double ref_sparsity_gradient(double sigma);
 void ref_edge_gradient(const double a[4], const double b[4], double spacing, double grad_a[4],
                        double grad_b[4]);

@@ -1,4 +1,5 @@
-/* Which samples go through the backward pass, and what they count for (kernels/roulette.cl). See reference.h. */
+/* Which samples go through the backward pass, and what they count for (kernels/roulette.cl). See
+ * reference.h. */
 #include <math.h>
 #include "base/rng.h"
 #include "reference/reference.h"

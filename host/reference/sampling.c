@@ -1,5 +1,5 @@
-/* Stage 1 read along a ray, stage 2 counts, positions and deltas, sort keys and bfloat16: method.md 4
- * to 7 and the delta rule of 9. Knows no tree; one chord at a time. See reference.h. */
+/* Stage 1 read along a ray, stage 2 counts, positions and deltas, sort keys and bfloat16: method.md
+ * 4 to 7 and the delta rule of 9. Knows no tree; one chord at a time. See reference.h. */
 #include <math.h>
 #include <string.h>
 #include "reference/reference.h"
