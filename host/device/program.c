@@ -92,7 +92,7 @@ static cln_status append_file(cln_device *device, source *s, const char *name)
             CLN_TRY(cln_read_file(path, 1 << 20, &text, &bytes));
     }
     if (!text && !lines)
-        CLN_TRY(cln_fail(CLN_INTERNAL, "kernel file %s is not embedded", name));
+        CLN_TRY(cln_fail(CLN_INTERNAL, "kernel file %s: no such file", name));
     first = text ? text : lines[0];
     if (strncmp(first, needs, sizeof needs - 1) == 0)
         for (first += sizeof needs - 1; *first && !strchr("*\n", *first);) {

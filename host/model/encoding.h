@@ -6,7 +6,7 @@
  *   initial values      frequency encoding has no parameters; another one's stand in a leaf's block
  *                       beside the layers' (take() in network.c) and cln_network_init() fills them
  *   split, merge        here. model/fold.c applies them to every layer that reads the encoding
- *   forward, backward   kernels/encoding_frequency.h, which the first line of kernels/block.h names;
+ *   forward, backward   kernels/encoding_frequency.h, named in the first line of kernels/block.h;
  *                       the end of kernels/mlp_backward.cl says where parameters' gradients begin
  *   float64 twin        host/reference/encoding.c
  *

@@ -51,7 +51,7 @@ typedef struct ref_sampling {
 /* Number of samples for a chord of length L in a leaf of side `side`, roulette in [0,1):
  *   0 if exp(-tau_in) < min_transmittance
  *   chord:  ceil(samples_per_leaf * L / (sqrt(3) side)), at least 1
- *   weight: with W = exp(-tau_in) * (1 - exp(-tau)), tau the chord's own optical depth from stage 1,
+ *   weight: with W = exp(-tau_in) * (1 - exp(-tau)), tau the chord's own optical depth of stage 1,
  *           if W < empty_weight: 1 if roulette < empty_share, else 0;
  *           otherwise min(samples_per_leaf, 1 + floor(samples_per_ray * W + 0.5)) */
 int ref_sample_count(const ref_sampling *s, double length, double side, double tau_in, double tau,

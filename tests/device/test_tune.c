@@ -250,6 +250,34 @@ static void test_plain_comes_last(void **state)
     cln_device_close(device);
 }
 
+static void put_kernel(const char *file, const char *text)
+{
+    scratch_put(engine_path(file), text, strlen(text));
+}
+
+/* A kernel file's first line names headers, and theirs come before them, each once. */
+static void test_needs(void **state)
+{
+    cln_device_desc desc = engine_device();
+    cln_device *device = NULL;
+    cln_program program;
+
+    NEED_DEVICE();
+    assert_ok(cln_make_dirs(engine_path("needs")));
+    put_kernel("needs/first.h", "/* needs: second */\n#define FIRST 1\n");
+    put_kernel("needs/second.h", "/* needs: first */\n#define SECOND (FIRST + VW)\n#if FIRST != 1\n"
+                                 "#error first.h is missing\n#endif\n");
+    put_kernel("needs/probe.cl", "/* needs: second first */\n"
+                                 "__kernel void probe(__global int *out) { out[0] = SECOND; }\n");
+    put_kernel("needs/lost.cl", "/* needs: nowhere */\n__kernel void lost(void) {}\n");
+    desc.kernel_dir = engine_path("needs");
+    assert_ok(cln_device_open(&desc, &device));
+    assert_ok(cln_program_build(device, "probe", NULL, &program));
+    cln_program_free(&program);
+    assert_fails(cln_program_build(device, "lost", NULL, &program), CLN_INTERNAL, "nowhere.h");
+    cln_device_close(device);
+}
+
 /* ---- runs ---- */
 
 static cln_status train(const char *run, bool resume, const char *tune, const char *file,
@@ -331,6 +359,7 @@ int test_group_tune(void)
         cmocka_unit_test(test_put),
         cmocka_unit_test(test_precedence),
         cmocka_unit_test(test_plain_comes_last),
+        cmocka_unit_test(test_needs),
         cmocka_unit_test(test_a_run_keeps_its_parameters),
     };
 
