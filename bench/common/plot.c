@@ -1,9 +1,9 @@
 /* The plot of plot.h.
  *
  *     title                 at the end
- *     y |                 | -- label 30.12     plot area: (LEFT, TOP) to (WIDTH - RIGHT, HEIGHT - BOTTOM)
- *       |_________________| -- ...
- *               seconds                                                                            */
+ *     y |                 | -- label 30.12     plot area: from (LEFT, TOP)
+ *       |_________________| -- ...             to (WIDTH - RIGHT, HEIGHT - BOTTOM)
+ *               seconds */
 #include "common/plot.h"
 
 #include <math.h>

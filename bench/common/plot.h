@@ -1,7 +1,6 @@
-/* Several lines as one stand-alone SVG file: decibels over seconds, with a logarithmic time axis, since what a
- * bench compares differs by factors, or anything over what it grows with; and a legend beside the plot. The report's
- * own charts are io/svg.h;
- * they have a style sheet around them and an axis from 0. */
+/* Lines in an SVG file of its own, with a legend beside the plot: decibels over seconds on a
+ * logarithmic axis, or a quantity over the work that it grows with. The report's charts, which have
+ * a style sheet and axes from 0, are host/report/svg.h. */
 #ifndef BENCH_PLOT_H
 #define BENCH_PLOT_H
 
@@ -18,10 +17,10 @@ typedef struct plot_text {
     const char *title, *x_label, *legend; /* legend: what the numbers in it are */
 } plot_text;
 
-/* A plot without any finite point has its axes alone. Numbers in the C locale: the caller's business. */
+/* Without a finite point the plot has its axes alone. The caller sets the locale to "C". */
 void plot_write(FILE *to, const plot_text *text, const plot_line *lines, int count);
 
-/* The same with other quantities: `seconds` is a number of x, `psnr` one of y, both axes logarithmic; end_psnr is
+/* The same for other quantities, both axes logarithmic: `seconds` has x, `psnr` y; end_psnr is
  * written in the legend alone. */
 void plot_write_scaling(FILE *to, const plot_text *text, const plot_line *lines, int count);
 

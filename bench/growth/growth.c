@@ -2,12 +2,13 @@
  *
  *   bench-growth BASE SERIES=RUN...
  *
- * SERIES is what differs between its runs: leaves, samples (of a step) or pixels (of an image); its runs come in
- * ascending order. Prints a table in Markdown, a row a run: milliseconds a step, all of it and the device's by
- * stage, with the time and memory of a unit of the work beside; then the power of its work with which each
- * quantity grows from the first run of a series to the last: 1 is as fast as the work, 0 not at all. Leaves
- * BASE.csv and, for each series, BASE-SERIES.svg. Steps are those of the second half of a run, when the batch has
- * found its size; kernels are compiled before. Exit status as cl-nascent's. */
+ * SERIES is what differs between its runs: leaves, samples (of a step) or pixels (of an image); its
+ * runs come in ascending order. Prints a table in Markdown, a row a run: milliseconds a step, all
+ * of it and the device's by stage, with the time and memory of a unit of the work beside; then the
+ * power of its work with which each quantity grows from the first run of a series to the last: 1 is
+ * as fast as the work, 0 not at all. Leaves BASE.csv and, for each series, BASE-SERIES.svg. Steps
+ * are those of the second half of a run, when the batch has found its size; kernels are compiled
+ * before. Exit status as cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

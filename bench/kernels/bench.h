@@ -1,6 +1,7 @@
-/* What the parts of build/bench-kernels share. A family is a kind of work at several shapes; its run function
- * prepares one shape, and for every part of it that is wanted: runs the stage that training calls, compares
- * what came out with float64 (or, what is discrete, for equality), times it, and adds a row.
+/* What the parts of build/bench-kernels share. A family is a kind of work at several shapes. Its
+ * run function prepares one shape; for every part that is wanted it runs the stage that training
+ * calls, compares the output with float64 (discrete results for equality), times the stage, and
+ * adds a row.
  *
  *   bench_kernels.c                options, the list of families, which kernels they cover
  *   bench.c                        ceilings, timing, comparison
@@ -17,8 +18,8 @@ typedef struct bench_time {
     double min, median, max; /* seconds of one call */
 } bench_time;
 
-/* At least: every multiply and add that the method needs, every input read once, every output written
- * once (bench_work.c). */
+/* The least work: every multiply and add that the method needs, every input read once, every output
+ * written once (bench_work.c). */
 typedef struct bench_work {
     double flop, bytes;
 } bench_work;
@@ -84,8 +85,8 @@ typedef struct bench {
 cln_status bench_open(bench *b, const cln_device_desc *desc);
 void bench_close(bench *b);
 
-/* The pipeline for these settings; `tune` ("HALF=1"; may be NULL) goes over the device's. The fast preset
- * with the smallest network, for what is not about networks. */
+/* The pipeline for these settings; `tune` ("HALF=1", or NULL) overrides the device's parameters.
+ * The small configuration is the fast preset with the smallest network. */
 cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, const char *tune,
                           cln_pipeline **out);
 cln_status bench_small_config(cln_config *out);
@@ -101,16 +102,17 @@ void bench_equal(bench_errors *errors, size_t wrong, size_t n);
 /* KERNEL/SHAPE of a part, with - for blanks. */
 void bench_name(const bench_family *family, int part, const char *shape, char out[BENCH_NAME]);
 
-/* Adds the row of a part, measured: warm-up, one probe, then five series of as many calls as fill the budget
- * (three single calls where one takes longer than that). Before each series both ceilings are probed, since
- * the machine may be busy with something else the next second; the best of five each is the row's.
- * `before` (may be NULL) is called before every call and not timed. The time is the device's on `stage`,
- * from events, or the wall clock's if stage is CLN_STAGES. */
+/* Measures a part and adds its row: warm-up, one probe, then five series of calls that fill the
+ * budget (three single calls if one takes longer). Both ceilings are probed before each series, as
+ * the load of the machine may change; the row has the best of five. `before` (or NULL) is called
+ * before every call and not timed. The time is that of `stage` by events, or the wall clock's if
+ * stage is CLN_STAGES. */
 typedef cln_status bench_body(void *context);
 cln_status bench_add(bench *b, int part, bench_body *body, bench_body *before, void *context,
                      cln_stage stage, bench_work work, const bench_errors *errors);
 
-/* Parts of a row's figures: seconds that the binding ceiling allows over those it took, and which it is. */
+/* The seconds that the binding ceiling allows, over those that the row took; and that ceiling's
+ * name. */
 double bench_share(const bench_row *row, const char **bound);
 
 /* ---- work (bench_work.c); samples n, leaves with samples, slices ---- */

@@ -20,8 +20,8 @@ typedef struct network_run {
     int part;
 } network_run;
 
-/* No gradient comes in at the samples of compared leaves that have a pre-activation next to zero: on the
- * other side float32 would be right, too. */
+/* No gradient comes in at the samples of compared leaves that have a pre-activation next to zero:
+ * on the other side float32 would be right, too. */
 void network_drop_kinks(network_run *r);
 
 /* Runs r->part once and compares. */

@@ -1,5 +1,5 @@
-/* What the benches of leaf networks compare with float64: of forward passes up to 512 samples, of gradients
- * all of one to four leaves, of Adam one leaf, of the transposed weights one leaf's. See bench_network.h. */
+/* The comparison of leaf networks with float64: up to 512 samples of a forward pass, all gradients
+ * of one to four leaves, one leaf of Adam and of the transposed weights. See bench_network.h. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,7 +8,8 @@
 #include "base/rng.h"
 #include "bench_network.h"
 
-/* Native functions have no error that could be stated for all devices; half activations: tests/pipeline/test_mlp.c. */
+/* Native functions have no bound that holds on all devices; half activations are bounded as in
+ * tests/pipeline/test_mlp.c. */
 static void bounds_of(const network_run *r, bool gradient, double bounds[2])
 {
     bounds[0] = gradient ? 1e-8 : 1e-9;
@@ -123,7 +124,7 @@ done:
     return st;
 }
 
-/* How many leaves' gradients are compared, by the seconds that float64 takes, and the k-th of them. */
+/* How many leaves' gradients are compared, as the time of float64 allows, and the k-th of them. */
 static int compared_leaves(const network_run *r)
 {
     const int per_leaf = (int)r->n / r->p->leaves;
@@ -200,7 +201,8 @@ done:
     return st;
 }
 
-/* The first update of one leaf, in one pass or two: the step itself, since weights would hide its error behind their size. */
+/* The first update of one leaf, in one pass or two. The step is compared, as its error would vanish
+ * beside the size of the weights. */
 static cln_status check_adam(const network_run *r, bench_errors *errors)
 {
     cln_status st = CLN_OK;

@@ -1,8 +1,9 @@
-/* Leaf networks: densities, forward, backward, both together, Adam; the same with other arithmetic; the upload
- * that transposes the weights. What is compared: bench_network_checks.c.
+/* Leaf networks: densities, forward, backward, both together, Adam; the same with other arithmetic;
+ * the upload that transposes the weights. bench_network_checks.c compares.
  *
- * Samples lie at exact local coordinates (float32's rounding of a position is multiplied by 2^bands, which
- * is no error of the network); slopes of RReLU are drawn as the setting says, from a range that is hardly one. */
+ * Samples have exact local coordinates, as the encoding multiplies a position's rounding by
+ * 2^bands, which is no error of the network. Slopes of RReLU are drawn as set, from a very narrow
+ * range. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,7 +19,7 @@ typedef struct network_shape {
     const char *preset, *variant, *tune; /* of arithmetic alone */
 } network_shape;
 
-/* Widths without V have no view layer. With one band the trunk is nearly alone: layers of 64 x 64. */
+/* Widths without V have no view layer. One band leaves little but layers of 64 x 64. */
 static const network_shape shapes[] = {
     {16, 2, 16, 4, 1, 1, 1, 0, 0, 0},       {16, 2, 16, 4, 1, 512, 128, 0, 0, 0},
     {32, 3, 32, 6, 2, 64, 1, 0, 0, 0},      {32, 3, 32, 6, 2, 4096, 16, 0, 0, 0},

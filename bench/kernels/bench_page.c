@@ -1,5 +1,5 @@
-/* The kernel benches as a page with plots (one self-contained HTML file) and as tables in Markdown. The plots
- * place the arithmetic variants: agreement with float64 over run time, up and left is better. */
+/* The kernel benches as one HTML page with plots, and as tables in Markdown. A plot places the
+ * variants of arithmetic: agreement with float64 over run time; up and left is better. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,5 +1,5 @@
-/* Sums of measures over leaves, the distillation's gradient, the regularisers' points and gradients.
- * Compared: all leaves, up to 2,000 points, all of the regularisers'. */
+/* Sums of measures over leaves, the distillation's gradient, the regularisers' points and
+ * gradients. All leaves, up to 2,000 points and all of the regularisers' are compared. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

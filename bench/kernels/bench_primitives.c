@@ -1,4 +1,4 @@
-/* Scan, sort and grouping by leaf: discrete results, which must be equal to what plain loops give. */
+/* Scan, sort and grouping by leaf: discrete results, equal to those of plain loops. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,6 @@
-/* Rays, leaf intervals and samples (stage 1 by gather), cells that views see and statistics of leaves. Of many
- * rays, 400 are compared: leaves and numbers of samples must be equal but for rays on which float32 may
- * decide otherwise, which are left out; positions are held against float64. */
+/* Rays, leaf intervals and samples (stage 1 by gather), cells that views see, and statistics of
+ * leaves. 400 rays are compared: leaves and numbers of samples must be equal, positions near
+ * float64's. Rays on which float32 may decide otherwise are left out. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
-/* Stage 1 by splatting: projection, and the lists made of it. Compared: some cells are projected in float64
- * and looked for on their list, where they must be, at their distance; lists must be in order. Cells that
- * rounding may put on the next list are left out. */
+/* Stage 1 by splatting: projection, and its lists. Some cells, projected in float64, must be on
+ * their list at their distance, and lists must be in order. Cells that rounding may put on the next
+ * list are left out. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -70,7 +70,7 @@ done:
     return st;
 }
 
-/* List of cell i for a view and its distance along the list's ray; -1: dropped or too close to decide. */
+/* List of cell i for a view, and its distance along the list's ray; -1 if dropped or too close. */
 static int project(const run *r, const lists *l, int view, int i, double *t)
 {
     const bench_scene *s = &r->scene;

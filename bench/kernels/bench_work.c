@@ -1,14 +1,15 @@
-/* FLOP and bytes of every bench: the one place where they are counted.
+/* Least work of each stage, for the benches' rates.
  *
- *   FLOP   What the method needs and no more: a multiply-add is 2, exp, sqrt and divide 1 each. Networks: 2
- *          per weight (and bias) and sample forward; backward once as much for the inputs' gradients, less
- *          those of the encodings, which nobody needs, and once for the weights'. Encodings, activations, padding
- *          and what is computed again are not counted. Where work is choosing and moving (scan, sort, rays,
- *          tree walk, projection), FLOP is 0.
- *   bytes  What has to move at least: every input read once, every output written once, whatever passes, caches or
- *          write-allocation make of it. A share of the copy ceiling above 1 means that it stayed in caches.
+ *   FLOP   What the method needs: a multiply-add is 2; exp, sqrt and divide are 1 each. Networks: 2
+ * per weight (and bias) and sample forward; backward as much again for the inputs' gradients,
+ *          without those of the encodings, and as much again for the weights'. Encodings,
+ * activations, padding and repeated work do not count. Choosing and moving (scan, sort, rays, tree
+ * walk, projection) is 0 FLOP. bytes  What must move: every input read once, every output written
+ * once, whatever passes, caches and write-allocation make of it. A share of the copy ceiling above
+ * 1 means that the data stayed in caches.
  *
- * Sizes of structs are include/device_abi.h's: sample 16, interval 16, ray 32 (two float4), pixel 16, result 32. */
+ * Bytes of structs are include/device_abi.h's: sample 16, interval 20, ray 32 (two float4), pixel
+ * 16, result 32. */
 #include "bench.h"
 
 enum { SAMPLE = 16, INTERVAL = 20, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
@@ -65,7 +66,8 @@ bench_work bench_work_adam(const cln_config *config, const cln_network *net, con
                                  WORD * (slices * net->params + leaves * transposed)};
 }
 
-/* Number, colour, density and gradient of every sample in; gradient of the heads and row out, of about half. */
+/* Number, colour, density and gradient of every sample in; gradient of the heads and row out, of
+ * about half. */
 bench_work bench_work_roulette(double n)
 {
     return (bench_work){.flop = 40 * n, .bytes = WORD * n * (1 + 4 + 4 + 0.5 * (4 + 1))};

@@ -1,5 +1,5 @@
-/* CLBlast: GemmStridedBatched over all leaves, a layer at a time, on the device that the leaf networks run on;
- * a small kernel for bias and activation between. Forward only. See peer.h. */
+/* CLBlast: GemmStridedBatched over all leaves, a layer at a time, on the leaf networks' device,
+ * with a small kernel for bias and activation between. Forward only. See peer.h. */
 #include "cl.h"
 
 #include <clblast_c.h>

@@ -103,8 +103,8 @@ cln_status peer_cpu_forward(const peer_data *data, const peer_products *p)
     return failed ? cln_fail(CLN_MEMORY, "peers: out of host memory") : CLN_OK;
 }
 
-/* Where a block's pre-activations and activations of layer i stand: z + i * size, h + i * h_step, where h_step 0 is one
- * place for all layers. */
+/* A block's pre-activations and activations of layer i are at z + i * size and h + i * h_step; with
+ * h_step 0 all layers share one place. */
 typedef struct layers {
     float *z, *h;
     size_t size, h_step;

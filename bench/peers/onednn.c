@@ -1,5 +1,5 @@
-/* oneDNN: matmul primitives made for one thread, with bias and activation in them where nothing else needs
- * the sums before; threads over leaves. Each thread has its own. See peer.h. */
+/* oneDNN: matmul primitives for one thread each, with bias and activation inside them where the
+ * sums are not needed; threads over leaves. See peer.h. */
 #include <oneapi/dnnl/dnnl.h>
 #include <omp.h>
 #include <stdlib.h>

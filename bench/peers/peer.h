@@ -1,12 +1,12 @@
-/* The libraries that peer_gemm.c runs beside the leaf networks: eight layers of 64 x 64 with bias and
- * activation, every leaf with weights of its own. One file a library; what they do around the products is
- * the same, in cpu.c. Each is as fast as its library allows: layers of a block of samples follow each other
- * while they are in cache, transposed weights are given. Gradients of the biases are left out, to their
- * advantage.
+/* The libraries that peer_gemm.c runs beside the leaf networks: eight layers of 64 x 64 with bias
+ * and activation, every leaf with weights of its own. Each library has a file; cpu.c has what they
+ * share around the products. Each is as fast as its library allows: a block's layers follow each
+ * other while they are in cache, transposed weights are given. They need not compute the biases'
+ * gradients.
  *
- * Training has two orders. A scene's: every sample goes forward before the first gradient is known, as pixels are
- * sums over the samples of several leaves, so pre-activations are kept in memory. And block by block, as if
- * the gradients were given: forward and back while a block is in cache, which a scene never sees. */
+ * Training has two orders. A scene's: every sample goes forward before the first gradient is known,
+ * as a pixel sums over several leaves, so that pre-activations are kept in memory. Block by block,
+ * as if gradients were given: forward and back while a block is in cache, which no scene allows. */
 #ifndef BENCH_PEER_H
 #define BENCH_PEER_H
 
@@ -35,7 +35,8 @@ typedef struct peer {
     /* *own is the peer's; device: for those that run there. */
     cln_status (*prepare)(const peer_data *data, cln_device *device, void **own);
     cln_status (*forward)(void *own); /* data->out, if there is no fetch */
-    /* forward, input and weight gradients: data->dw, by way of data->kept or block by block; NULL = none */
+    /* forward, input and weight gradients, to data->dw; by way of data->kept, or block by block;
+     * NULL if the peer has none */
     cln_status (*train)(void *own, bool kept);
     cln_status (*fetch)(void *own); /* what forward left elsewhere to data->out; NULL = nothing */
     void (*release)(void *own);     /* accepts NULL */

@@ -1,21 +1,21 @@
-/* build/bench-peers: the leaf networks beside the best libraries for small matrix products, in one process, by
- * turns, on the same cores: eight layers of 64 x 64 with bias and activation, every leaf with weights of its
- * own. Prints a table in Markdown.
+/* build/bench-peers: the leaf networks beside libraries for small matrix products, in one process,
+ * by turns, on the same cores: eight layers of 64 x 64 with bias and activation, every leaf with
+ * weights of its own. Prints a table in Markdown.
  *
  *   bench-peers [DEVICE [ROUNDS [LEAVESxSAMPLES...]]]        "" or - leaves one out
  *
- * Forward, and training (the three products: forward, gradient of the input but the first layer's, gradient of
- * the weights), in a scene's order and, the peers, block by block (peers/peer.h). Rates are of FLOP that a
- * multiplication needs, 2 per weight and sample. Each round takes the FMA ceiling and then everybody in turn; rates and
- * shares are medians over rounds, the share with the ceiling of the same round.
+ * Forward, and training: forward, gradients of the inputs (not the first layer's) and of the
+ * weights, in a scene's order and, by the peers, block by block (peers/peer.h). Rates count 2 FLOP
+ * per weight and sample of each product. Each round takes the FMA ceiling, then every contestant;
+ * rates and shares are medians over rounds, a share being of the ceiling of its round.
  *
- * Our rows: a W64-D8 network without view layer, through the library's stages. "layers": what six of its layers add
- * to a network of two, so neither encoding nor heads nor the grouping's part, as the peers have none; in it are our
- * transposes and the gradients of the biases, which the peers are spared. "with the rest": the whole time, and the
- * FLOP of every learned number.
+ * Rows of the leaf networks: W64-D8 without view layer, through the library's stages. "layers" is
+ * what six of its layers add to a network of two: no encoding, heads or grouping, which the peers
+ * do not have, but the transposes and the biases' gradients, which they are spared. "with the rest"
+ * is the whole time, and the FLOP of every learned number.
  *
- * Everyone's results are checked first, on some samples and two leaves' gradients, against loops in double; a
- * peer that is wrong or was not found when this was built has no row. */
+ * Results are checked first, on some samples and two leaves' gradients, against loops in double. A
+ * peer that is wrong, or was not found at build time, has no row. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -245,7 +245,8 @@ done:
     return st;
 }
 
-/* A tree with exactly this many leaves: the level that has fewer, some of them split, a few left out. */
+/* A tree with exactly this many leaves: the last whole level that has fewer, partly split; what is
+ * too many is left out. */
 static cln_status make_tree(int leaves, cln_octree *tree)
 {
     cln_status st = CLN_OK;
@@ -462,7 +463,8 @@ done:
     return st;
 }
 
-/* Float32 over eight layers and 1,536 samples is off by some 1e-6; a wrong layer by its own size. */
+/* Float32 over eight layers and 1,536 samples errs by some 1e-6; a wrong layer by its whole size.
+ */
 static const double bound = 1e-4;
 
 static cln_status open_ours(cln_device *device, shape s, int depth, ours *o, contestant *out)

@@ -1,16 +1,16 @@
-/* For the bench beside peers, whose contestants are not all kernels: timing by repetition, the FMA ceiling, work for
- * ours. The kernels' own bench is bench/kernels/bench.h. */
+/* Timing by repetition, the FMA ceiling, and samples for the leaf networks, for the bench beside
+ * peers, whose contestants are not all kernels. The kernels' bench is bench/kernels/bench.h. */
 #ifndef BENCH_PEERS_TIMING_H
 #define BENCH_PEERS_TIMING_H
 
 #include "pipeline/stages.h"
 
-/* FLOP/s of the FMA ceiling of this device, now (the machine may be busy: take it in the same run). */
+/* FLOP/s of the device's FMA ceiling now; the machine may be busy, so take it in the same run. */
 cln_status bench_peak(cln_device *device, double *flops);
 
-/* `per_leaf` samples in each of the first `leaves` leaves of an uploaded model, at random places and in mixed
- * order, each on a ray of its own, grouped; and gradients of their outputs, for the backward pass. *origins:
- * the places, [sample][4], which the caller frees; NULL = not wanted. */
+/* `per_leaf` samples in each of the first `leaves` leaves of an uploaded model, at random
+ * positions, in mixed order, each on a ray of its own, grouped; and gradients of their outputs for
+ * the backward pass. *origins (may be NULL): the positions, [sample][4]; the caller frees them. */
 cln_status bench_fill_leaves(cln_pipeline *p, const cln_model *model, int leaves, int per_leaf,
                              uint32_t *slices, float (**origins)[4]);
 

@@ -1,5 +1,5 @@
-/* libxsmm: small products compiled for their shape, threads over leaves. Its matrices are in column order:
- * a row-major [samples][64] is its 64 x samples. See peer.h. */
+/* libxsmm: small products compiled for their shape, threads over leaves. Its matrices are
+ * column-major: a row-major [samples][64] is its 64 x samples. See peer.h. */
 #include <libxsmm.h>
 #include <stdlib.h>
 

@@ -1,17 +1,15 @@
-/* build/bench-table: runs side by side, for docs/results.md and the scene benches (network_size.sh,
- * tree_level.sh, baselines.sh). Reads run folders alone; trains and evaluates nothing.
+/* build/bench-table: runs side by side, for docs/results.md and the scene benches. Reads run
+ * folders alone.
  *
  *   bench-table [-t TITLE] BASE LABEL=RUN...
  *
- * Prints a table in Markdown, one row a run, and leaves BASE.csv (the same in full precision) and BASE.svg
- * (PSNR over training seconds, a line a run). Columns:
- *   leaves, parameters, steps       at the end of the run
- *   s/epoch    training seconds for as many rays as a tenth of all training pixels, over the whole run
- *   s/view     to render a test view
- *   PSNR, SSIM of the newest evaluation of test views
- *   PSNR at T  of the first evaluation during training at or after each time of any run's --eval-at; a
- *              dash where there is none within 20 % of it
- * Seconds are training seconds. Exit status as cl-nascent's. */
+ * Prints a table in Markdown, a row a run, and leaves BASE.csv (the same in full precision) and
+ * BASE.svg (PSNR over training seconds, a line a run). Columns: leaves, parameters, steps     at
+ * the end of the run s/epoch       training seconds per epoch, a tenth of all training pixels in
+ * rays, over the run s/view        seconds to render a test view PSNR, SSIM    of the newest
+ * evaluation of test views PSNR at T     of the first evaluation while training at or after each
+ * time of any run's --eval-at; a dash if there is none within 20 % of it Seconds are training
+ * seconds. Exit status as cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -51,8 +49,8 @@ typedef struct bench {
 
 /* ---- from a run folder ---- */
 
-/* A tenth of the training pixels, as train counts an epoch. The list of sizes is over all splits: where
- * views differ in size, this takes their mean. */
+/* A tenth of the training pixels, which train calls an epoch. Sizes are listed over all splits:
+ * where views differ in size, their mean is taken. */
 static double rays_of_epoch(const json_t *document)
 {
     const json_t *dataset = json_object_get(document, "dataset"), *row = NULL;
@@ -205,7 +203,7 @@ done:
     return st;
 }
 
-/* A test is made at the end of the step that passes the point; a slow run's may be past it by much. */
+/* A test follows the step that passes the point, which in a slow run may be long after it. */
 static double psnr_at(const run *r, double point)
 {
     for (int i = 0; i < r->test_count; i++) {

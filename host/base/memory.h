@@ -26,4 +26,7 @@ void *cln_huge_pages(size_t bytes);
 /* Bytes of memory that this machine has. */
 double cln_host_memory(void);
 
+/* The largest resident memory that this process had, in bytes; 0 if unknown. */
+double cln_peak_rss(void);
+
 #endif

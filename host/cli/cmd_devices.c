@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include "cli/console.h"
-#include "io/run_folder.h"
+#include "io/json.h"
 
 static json_t *device_json(int index, const cln_device_info *d)
 {

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include "base/memory.h"
 #include "cli/console.h"
-#include "io/run_folder.h"
+#include "io/json.h"
 
 cln_status cln_cmd_render(const cln_options *options)
 {

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include "cli/console.h"
-#include "io/run_folder.h"
+#include "io/json.h"
 
 static const char *state_of(cln_status st)
 {

@@ -4,7 +4,7 @@
 
 #include <stdio.h>
 #include "cli/console.h"
-#include "io/run_folder.h"
+#include "io/json.h"
 
 static const char *const verdicts[] = {[CLN_SET_REFUSED] = "refused",
                                        [CLN_SET_SLOWER] = "not faster",

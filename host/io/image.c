@@ -70,8 +70,8 @@ static unsigned char *compress_png(unsigned char *data, int length, int *out_len
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include "stb_image_write.h"
 
-/* What the header says. problem: a reason to refuse the file, NULL if there is none. cut: the data
- * ended before the header did (or, when walking, before the image did). */
+/* What the header says. problem: a reason to refuse the file, or NULL. cut: the data ended before
+ * the header did (when walking: before the image did). */
 typedef struct header {
     int64_t width, height;
     int channels;
@@ -317,9 +317,8 @@ cln_status cln_image_decode(const char *path, const void *data, size_t bytes, in
     CLN_TRY(check_header(path, &head));
     if (bytes > INT_MAX)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: %zu bytes are too large for an image", path, bytes));
-    /* 16-bit RGBA twice over (inflate doubles its buffer), coefficients of a progressive JPEG
-     * padded to 32-pixel blocks, the file itself, and the decoder's own tables: all are below this.
-     */
+    /* Enough for 16-bit RGBA twice (inflate doubles its buffer), a progressive JPEG's coefficients
+     * padded to blocks of 32 pixels, the file, and the decoder's tables. */
     decoder_limit = (size_t)(head.width + 64) * (size_t)(head.height + 64) * 32 + bytes + (1 << 20);
     decoded = stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, head.channels);
     if (!decoded)
@@ -349,8 +348,7 @@ done:
     return st;
 }
 
-/* numerator / denominator to the nearest integer, halves up; 0 where there is nothing to average.
- */
+/* numerator / denominator to the nearest integer, halves up; 0 if the denominator is 0. */
 static uint8_t rounded_ratio(uint64_t numerator, uint64_t denominator)
 {
     return denominator ? (uint8_t)((2 * numerator + denominator) / (2 * denominator)) : 0;

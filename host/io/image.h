@@ -1,5 +1,5 @@
-/* Images on disk, the only place that decodes them: PNG and JPEG through stb_image (sizes are checked
- * from the header before anything is decoded), PNG out through stb_image_write, atomically. */
+/* Images on disk, decoded nowhere else: PNG and JPEG are read through stb_image, after the header's
+ * size was checked; PNG is written through stb_image_write, atomically. */
 #ifndef CLN_IMAGE_H
 #define CLN_IMAGE_H
 
@@ -9,7 +9,8 @@
 
 enum { CLN_IMAGE_MAX_SIDE = 32768, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 
-/* Size and channels (3, or 4 if the file has alpha; grey counts as 3 / 4) from the header alone. */
+/* Size and channels (3, or 4 if the file has alpha; grey counts as 3 or 4) from the header alone.
+ */
 cln_status cln_image_info(const char *path, int *width, int *height, int *channels);
 
 /* Decodes to [height][width][channels] u8, channels as cln_image_info says. CLN_INPUT with the path

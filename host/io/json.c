@@ -1,9 +1,8 @@
-/* JSON in: jansson, plus the relaxed dialect that instant-ngp's files use (comments, trailing
- * commas), and reals that may not be finite. The rest of run_folder.h is in run_folder.c.
+/* JSON through jansson, and the relaxed dialect of instant-ngp's files. See json.h.
  *
  * Relaxed text is cleaned before jansson sees it, byte for byte in place: a comment becomes blanks
  * (newlines kept) and a trailing comma a blank, so jansson's line and column are the file's. */
-#include "io/run_folder.h"
+#include "io/json.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -6,7 +6,7 @@
 #include <strings.h>
 #include "base/memory.h"
 
-/* The extensions that images have. Any other dot belongs to the name: "frame.0001" has no extension. */
+/* Images' extensions. Any other dot belongs to the name: "frame.0001" has no extension. */
 static bool is_extension(const char *dot)
 {
     return !strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg");

@@ -4,8 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-static const double DECADES =
-    1000; /* what is further below the largest value has the lowest colour */
+static const double DECADES = 1000; /* the scale spans at most this factor */
 
 static const uint8_t level_colours[CLN_PALETTE_LEVELS][3] = {
     {0, 114, 178}, {86, 180, 233}, {0, 158, 115}, {240, 228, 66}, {230, 159, 0}, {213, 94, 0}};

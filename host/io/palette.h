@@ -1,5 +1,5 @@
-/* Colours that tell something of a leaf: its level in the octree, or its error. Kept in one place, so that
- * PLY files, pictures of the tree and the report's legend agree. */
+/* Colours of a leaf, by its level in the octree or by its error: the same in PLY files, pictures of
+ * the tree and the report's legend. */
 #ifndef CLN_PALETTE_H
 #define CLN_PALETTE_H
 
@@ -8,12 +8,12 @@
 
 enum { CLN_PALETTE_LEVELS = 6 };
 
-/* Of levels 0 to 5, from cold to warm; told apart also by who does not see red and green. */
+/* Levels 0 to 5, from cold to warm; distinct to readers who do not see red and green, too. */
 void cln_palette_level(int level, uint8_t rgb[3]);
 
-/* Ends of a logarithmic scale: *high the largest value, *low the smallest positive one, but no less than
- * a thousandth of *high. Values that are not finite or not positive do not count; false (and NaN in both)
- * if there is no other. */
+/* Ends of a logarithmic scale over values[count]: *high the largest, *low the smallest, but at
+ * least a thousandth of *high. Only finite, positive values count; false, with NaN in both, if
+ * there is none. */
 bool cln_palette_range(int count, const float *values, double *low, double *high);
 
 /* The scale's colour at 0..1 (clamped), from dark violet to yellow. */

@@ -1,7 +1,6 @@
-/* PLY, binary little-endian: a header as text that names the elements and the properties of each, then
- * all vertices, then all faces. Vertex i of a box is its corner with the upper x for bit 0 of i, the
- * upper y for bit 1, the upper z for bit 2; a face's four vertices run counter-clockwise as seen from
- * outside. Writes only; colours and numbers are the caller's. */
+/* PLY, binary little-endian: a text header that names elements and their properties, then all
+ * vertices, then all faces. Vertex i of a box has the upper x if bit 0 of i is set, the upper y for
+ * bit 1, the upper z for bit 2; a face's vertices run counter-clockwise as seen from outside. */
 #include "io/ply.h"
 
 #include <stdio.h>

@@ -1,5 +1,5 @@
-/* PLY files of axis-parallel boxes, for programs that show meshes. Binary, little-endian; docs/formats.md
- * has the layout. */
+/* PLY files of axis-parallel boxes, for programs that show meshes. Binary, little-endian;
+ * docs/formats.md has the layout. */
 #ifndef CLN_PLY_H
 #define CLN_PLY_H
 

@@ -1,5 +1,5 @@
-/* The progress line and the number formats of things shown to people. See progress.h. Only stderr is
- * written; nothing here blocks or fails once it is open. */
+/* The progress line, and figures as people read them. See progress.h. Only stderr is written; once
+ * open, nothing here blocks or fails. */
 #include "io/progress.h"
 
 #include <math.h>
@@ -37,7 +37,7 @@ static double monotonic_seconds(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* A line as wide as the terminal would wrap, and "\r" could not take it back. */
+/* One less than the terminal has: a line of full width wraps, and "\r" cannot take it back. */
 static int terminal_columns(void)
 {
     struct winsize size = {0};

@@ -1,7 +1,6 @@
-/* The live progress line on stderr: redrawn in place on a terminal, written as a plain line now and
- * then off one. Log lines that come between clear it first (it installs itself as the log's sink).
- * Knows nothing of what is in progress: the caller formats the text; the CLI's wording is documented in
- * docs/cl-nascent.1. */
+/* The progress line on stderr: redrawn in place on a terminal, now and then a plain line elsewhere.
+ * It is the log's sink while it is open, so that log lines clear it first. The caller formats its
+ * text. */
 #ifndef CLN_PROGRESS_H
 #define CLN_PROGRESS_H
 
@@ -10,17 +9,18 @@
 
 typedef struct cln_progress cln_progress;
 
-/* mode: "auto" (bar if stderr is a terminal, else line), "bar", "line", "none". One at a time. Whether
- * a terminal can do it (TERM=dumb, CI) is for the caller to say, by "line". */
+/* mode: "auto" (bar if stderr is a terminal, else line), "bar", "line" or "none". One at a time.
+ * For a terminal that cannot redraw (TERM=dumb, CI) the caller gives "line". CLN_USAGE: another
+ * mode. */
 cln_status cln_progress_open(const char *mode, cln_progress **out);
 
-/* Shows `text` (already formatted, one line, no newline); fraction 0..1 of the work done. A bar is
- * redrawn at most 10 times a second and cut to the terminal's width; a plain line is written at most
- * every 10 s, and then once 1 % more is done, other work has begun (the fraction falls) or a minute has
- * passed. */
+/* Shows text, one line without its newline; fraction (0..1) of the work is done. A bar is redrawn
+ * at most 10 times a second and cut to the terminal's width. A plain line is written at most every
+ * 10 s: when 1 % more is done, when other work has begun (the fraction falls), or after a minute.
+ */
 void cln_progress_show(cln_progress *progress, double fraction, const char *text);
 
-/* Brings the last text to the screen, ends the line, gives the log back to stderr; accepts NULL. */
+/* Shows the last text, ends the line and gives the log back to stderr; accepts NULL. */
 void cln_progress_close(cln_progress *progress);
 
 /* "08:12", "1:02:03"; "--:--" if not finite. */

@@ -1,6 +1,5 @@
-/* The run folder: who may write to it, run.json, other JSON documents, rows of metrics.jsonl.
- * See run_folder.h; json.c has cln_json_real and cln_json_read; checkpoints are
- * model/checkpoint.c's. */
+/* The run folder: which one may be written to, run.json, other JSON documents, rows of
+ * metrics.jsonl. See run_folder.h; checkpoints are model/checkpoint.c's. */
 #include "io/run_folder.h"
 
 #include <dirent.h>
@@ -9,7 +8,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
@@ -25,7 +23,7 @@ struct cln_metrics {
     int fd;
 };
 
-/* Entries of a folder; a temp file of a first run.json that never came to be does not count. */
+/* A temporary file of a first run.json that was never finished does not count. */
 static cln_status folder_is_empty(const char *path, bool *empty)
 {
     DIR *dir = opendir(path);
@@ -149,8 +147,8 @@ done:
     return st;
 }
 
-/* Is this whole line a row of ours up to `step`? An event is of the beginning of the next step: a run that
- * goes on from its step meets it again. */
+/* Is the line a row up to `step`? An event belongs to the beginning of the next step: a run resumed
+ * at the event's step repeats it. */
 static bool keep_row(const char *line, size_t length, int64_t step)
 {
     json_t *row = json_loadb(line, length, 0, NULL);
@@ -224,7 +222,7 @@ cln_status cln_metrics_add(cln_metrics *metrics, const json_t *row)
             continue;
         if (n < 0) {
             int reason = errno;
-            /* Half a row would spoil the next one; a reader must see whole rows only. */
+            /* Half a row would spoil the next one. */
             if (start >= 0 && written && ftruncate(metrics->fd, start) != 0)
                 cln_warn("%s: its last row is incomplete", metrics->path);
             CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s; make room or choose another folder",
@@ -245,13 +243,6 @@ void cln_metrics_close(cln_metrics *metrics)
         close(metrics->fd);
     free(metrics->path);
     free(metrics);
-}
-
-double cln_peak_rss(void)
-{
-    struct rusage usage;
-
-    return getrusage(RUSAGE_SELF, &usage) == 0 ? 1024.0 * (double)usage.ru_maxrss : 0;
 }
 
 void cln_utc_now(char out[32])

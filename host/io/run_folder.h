@@ -1,41 +1,35 @@
-/* A run folder RUN/ and the files in it that are not checkpoints: run.json, metrics.jsonl, eval/.
- * docs/formats.md documents them. Only a folder that does not exist, is empty, or holds a run.json of
- * ours is written to; anything else is refused (CLN_OUTPUT), nothing in it touched. */
+/* A run folder RUN/ and its files that are not checkpoints: run.json, metrics.jsonl, eval/
+ * (docs/formats.md). Only a folder that is new, empty, or holds a run.json of this program is
+ * written to; any other is refused (CLN_OUTPUT) and stays as it is. */
 #ifndef CLN_RUN_FOLDER_H
 #define CLN_RUN_FOLDER_H
 
-#include <jansson.h>
 #include <stdint.h>
 #include "base/status.h"
+#include "io/json.h"
 
-/* Prepares RUN for a new training run: creates it; refuses one that is not ours, and one that already
- * holds a run unless `resume`. With resume it must hold one. */
+/* Prepares RUN for training: creates it for a new run; with `resume` it must hold one, else
+ * CLN_INPUT. CLN_OUTPUT: it holds other files, or a run although `resume` is false, or cannot be
+ * written. */
 cln_status cln_run_open(const char *run, bool resume);
 
-/* run.json whole, atomically; and back. The reader checks "schema" ("cl-nascent.run/1"). */
+/* run.json, written atomically, and read; the reader checks "schema" ("cl-nascent.run/1") and gives
+ * the document to the caller. */
 cln_status cln_run_write(const char *run, const json_t *document);
 cln_status cln_run_read(const char *run, json_t **document);
 
-/* Any JSON document at RUN/name, atomically (folders made as needed). */
+/* Any JSON document at RUN/name, written atomically; folders are made as needed. */
 cln_status cln_run_write_json(const char *run, const char *name, const json_t *document);
 
-/* metrics.jsonl: one object per line, appended and flushed. On resume rows with "step" beyond `step` (and
- * events, which have a key "event", of `step` itself: they happen as the step after it begins) are cut off
- * first, so that an interrupted run leaves the same rows as one that was not. NaN and
- * infinities are written as null by cln_json_real. */
+/* metrics.jsonl, an object a line, appended at once. Opening drops rows beyond `step`, and events
+ * (rows with "event") of `step` itself, which happen as the next step begins: a resumed run leaves
+ * the rows of one that was never interrupted. */
 typedef struct cln_metrics cln_metrics;
 cln_status cln_metrics_open(const char *run, int64_t step, cln_metrics **out);
 cln_status cln_metrics_add(cln_metrics *metrics, const json_t *row);
 void cln_metrics_close(cln_metrics *metrics);
 
-/* JSON helpers: a real or null when not finite; any document as text with full precision. */
-json_t *cln_json_real(double value);
-/* Parses a JSON file; with `relaxed`, // and block comments and trailing commas are allowed (instant-ngp
- * files have them). CLN_INPUT: "path: line L column C: reason". */
-cln_status cln_json_read(const char *path, bool relaxed, json_t **out);
-
-/* Peak resident memory of this process, bytes (0 if unknown); UTC time as ISO-8601. */
-double cln_peak_rss(void);
+/* UTC as ISO 8601, "2026-01-02T03:04:05Z", as run.json has it. */
 void cln_utc_now(char out[32]);
 
 #endif

@@ -1,11 +1,10 @@
-/* safetensors files, written in streaming and read whole. See safetensors.h and docs/formats.md.
+/* safetensors files, written as a stream and read whole. See safetensors.h and docs/formats.md.
  *
  *   u64 LE N | N bytes of JSON, padded with spaces: data start at a multiple of 8 | data
  *
- * Reading trusts nothing: every length is compared with the file's before it is used, tensors
- * must cover the data section without holes or overlap (the format's own rule), and the digest
- * must agree. Does not interpret names; converts no byte order (hosts are little-endian,
- * asserted). */
+ * Reading trusts nothing: every length is compared with the file's before use, tensors must cover
+ * the data section without holes or overlap (the format's rule), and the digest must agree. Hosts
+ * are little-endian (asserted); no byte order is converted. */
 #include "io/safetensors.h"
 
 #include <inttypes.h>
@@ -48,8 +47,7 @@ size_t cln_tensor_bytes(const cln_tensor *tensor)
     return bytes;
 }
 
-/* Of names, types, shapes and data in the header's order, so that no flipped bit of either half
- * goes unseen. */
+/* Over names, types, shapes and data, so that a flipped bit in header or data shows. */
 static uint64_t digest_of(int count, const cln_tensor *tensors)
 {
     uint64_t digest = CLN_DIGEST_START;
@@ -126,8 +124,8 @@ done:
     return st;
 }
 
-/* Reads one entry of the header; `size` is that of the data section. NULL if sound, else the
- * defect. */
+/* Reads one entry of the header; size: bytes of the data section. NULL if sound, else the defect.
+ */
 static const char *read_entry(const json_t *entry, const char *data, size_t size, cln_tensor *out)
 {
     const json_t *shape = json_object_get(entry, "shape");

@@ -1,9 +1,8 @@
 /* safetensors files: 8-byte little-endian header length, a JSON header {name: {dtype, shape,
- * data_offsets}}, then raw little-endian data; numpy and torch read them. Written in streaming
- * and atomically; read by tensor into the caller's memory. docs/formats.md has it byte by byte.
- * "__metadata__" holds string pairs; we put a content digest there ("digest", 16 hex digits, see
- * cln_safetensors_digest) and check it on reading, so a damaged file is CLN_CHECKPOINT, never
- * used. */
+ * data_offsets}}, then raw little-endian data; numpy and torch read them. Written as a stream,
+ * atomically; read whole. docs/formats.md has it byte by byte. "__metadata__" holds the digest of
+ * the content ("digest", 16 hex digits, cln_safetensors_digest), which reading checks: a damaged
+ * file is CLN_CHECKPOINT, never used. */
 #ifndef CLN_SAFETENSORS_H
 #define CLN_SAFETENSORS_H
 

@@ -1,4 +1,4 @@
-/* Escaping and base64. See html.h. Streams; keeps nothing. */
+/* Escaping and base64. See html.h. */
 #include "report/html.h"
 
 #include "base/text.h"

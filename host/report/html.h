@@ -1,4 +1,4 @@
-/* The two things every generated page needs: text made harmless, and pictures inside the page. */
+/* What generated pages have in common: escaped text, and pictures inside the page. */
 #ifndef CLN_HTML_H
 #define CLN_HTML_H
 
@@ -6,8 +6,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
-/* Text as HTML or SVG character data or attribute value: & < > " ' are escaped; control characters, and
- * bytes that are no UTF-8, are shown as U+FFFD. NULL writes nothing. */
+/* Text as character data or attribute value of HTML and SVG: & < > " ' are escaped, control
+ * characters and bytes that are not UTF-8 become U+FFFD. NULL writes nothing. */
 void cln_html_text(FILE *to, const char *text);
 
 /* Base64 with padding (RFC 4648), no line breaks. */

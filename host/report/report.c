@@ -1,6 +1,6 @@
-/* The report's page: reads the run folder (report_data.c), writes the head, the headline figures, the
- * table of contents and each section (report_sections.h). Texts from files go through cln_html_text; the
- * page refers to nothing outside itself. */
+/* The report's page: reads the run folder (report_data.c), writes the head, the headline figures,
+ * the table of contents and each section (report_sections.h). Texts from files go through
+ * cln_html_text; the page refers to nothing outside itself. */
 #include "report/report.h"
 
 #include <locale.h>
@@ -107,7 +107,7 @@ static void put_psnr_card(FILE *to, double psnr, const char *caption, bool main_
     close_card(to, caption);
 }
 
-/* Figures of the shown evaluation, else of the last test during training, else of training alone. */
+/* Figures of the shown evaluation, else of the last test while training, else of training alone. */
 static void put_headline(FILE *to, const cln_report_data *data)
 {
     const cln_report_rows *r = &data->rows;
@@ -206,7 +206,7 @@ cln_status cln_report_write(const char *run)
     cln_report_data data = {.shown = -1};
     cln_atomic_file *file = NULL;
     char *path = NULL;
-    /* Decimal points in CSS and SVG whatever the program that uses the library has set. */
+    /* CSS and SVG need decimal points, whatever locale the calling program has set. */
     locale_t c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     locale_t outside = uselocale(c_locale);
 

@@ -1,5 +1,5 @@
-/* The report's section "Error against run time": PSNR over seconds and over steps, the tree and the speed
- * over seconds, the test points as a table. */
+/* The report's section "Error against run time": PSNR over seconds and over steps, the tree and the
+ * speed over seconds, the test points as a table. */
 #include "report/report_sections.h"
 
 #include <math.h>
@@ -23,7 +23,7 @@ typedef struct curve {
 
 /* ---- error against run time ---- */
 
-/* Where decisions on the structure stand on an axis; returns how many, at most MARKS. */
+/* Positions on an axis of the decisions on single leaves; returns how many, at most MARKS. */
 static int find_marks(const cln_report_data *data, bool over_steps, double x[MARKS])
 {
     int count = 0;
@@ -83,7 +83,7 @@ static bool was_decided(const cln_report_data *data, double after, double until)
     return false;
 }
 
-/* Where the tree grew by half or more between two rows, and not by a decision on single leaves. */
+/* Times at which the tree grew by half or more, other than by a decision on single leaves. */
 static int find_growth(const cln_report_data *data, double seconds[EVENTS])
 {
     const cln_report_rows *r = &data->rows;
@@ -136,7 +136,7 @@ static int by_seconds(const void *a, const void *b)
     return x->images - y->images;
 }
 
-/* Smoothed train PSNR at a time: of the last row not after it. */
+/* Smoothed train PSNR of the last row up to a time. */
 static double train_at(const cln_report_rows *r, double seconds)
 {
     double psnr = NAN;

@@ -1,6 +1,5 @@
-/* Reads a run folder for the report. See report_data.h. A report is made at the end of hours of work,
- * so nothing in the folder but a lack of memory can stop it: a damaged file is told in the log and
- * left out. */
+/* Reads a run folder for the report. See report_data.h. A report ends hours of work, so that only
+ * lack of memory stops it: a damaged file is left out, with a warning. */
 #include "report/report_data.h"
 
 #include <dirent.h>
@@ -10,7 +9,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "io/run_folder.h"
+#include "io/json.h"
 
 static const size_t metrics_max_bytes = (size_t)1 << 30;
 
@@ -28,7 +27,7 @@ const char *cln_json_text(const json_t *object, const char *key)
     return text ? text : "";
 }
 
-/* A file that cannot be used: say so, forget the error, go on. */
+/* Warns of a file that cannot be used, and clears its error. */
 static void skip_file(cln_status before)
 {
     cln_warn("report: left out %s", cln_error_text());
@@ -104,7 +103,7 @@ static cln_report_decision decision_of(const json_t *row)
                                  .over_budget = json_is_true(json_object_get(row, "infeasible"))};
 }
 
-/* A row of training, or an event; of those only decisions on the structure are shown. */
+/* A row of training, or a decision on the structure; other events are not shown. */
 static void add_line(cln_report_data *data, const json_t *row)
 {
     if (!json_object_get(row, "event"))
@@ -169,7 +168,7 @@ static cln_status read_metrics(const char *run, cln_report_data *data)
         json_t *row = json_loadb(line, length, 0, NULL);
 
         if (json_is_object(row))
-            add_line(data, row); /* a last line that was cut off is none */
+            add_line(data, row); /* no row: a last line that was cut off */
         json_decref(row);
         line += length + (line[length] == '\n');
     }
@@ -191,7 +190,7 @@ int cln_report_decimate(int count, const double *from_x, const double *from_y, d
         int low = -1, high = -1;
         int end = 0;
 
-        /* The next bucket's share of the finite points: all of them alone if there are few. */
+        /* the next bucket; if there are few points, a bucket is one point */
         if (finite <= CLN_REPORT_POINTS)
             end = seen + 1;
         else
@@ -300,7 +299,7 @@ done:
     return st;
 }
 
-/* What the shown evaluation's pictures of the tree are of. */
+/* tree.json of the shown evaluation. */
 static cln_status read_tree(const char *run, cln_report_data *data)
 {
     cln_status st = CLN_OK;

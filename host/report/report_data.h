@@ -1,5 +1,5 @@
-/* What the report is made of, read from a run folder: run.json, metrics.jsonl, eval/. Anything may be
- * missing or damaged; what is there is used. Internal to the report. */
+/* The report's data, read from a run folder: run.json, metrics.jsonl, eval/. Any of it may be
+ * missing or damaged. For the report, and the benches' tables. */
 #ifndef CLN_REPORT_DATA_H
 #define CLN_REPORT_DATA_H
 
@@ -10,7 +10,7 @@
 
 enum { CLN_REPORT_STAGES = 32, CLN_REPORT_POINTS = 600 };
 
-/* Columns of metrics.jsonl's rows of training; NaN where a row has none. */
+/* The columns of metrics.jsonl's rows of training; NaN where a row has no number. */
 typedef struct cln_report_rows {
     int count;
     double *step, *seconds, *wall, *psnr_train, *psnr_test; /* [count] */
@@ -23,8 +23,8 @@ typedef struct cln_report_rows {
     } stages[CLN_REPORT_STAGES];
 } cln_report_rows;
 
-/* A row of metrics.jsonl with the event "structure": a decision of the integer program. NaN where it has
- * no number. */
+/* A row of metrics.jsonl with the event "structure", a decision of the integer program; NaN where
+ * the row has no number. */
 typedef struct cln_report_decision {
     double step, seconds, leaves_before, leaves, split, merged, budget;
     double psnr_before, psnr_after, psnr_pretrained, work_seconds;
@@ -56,13 +56,13 @@ typedef struct cln_report_data {
 cln_status cln_report_data_read(const char *run, cln_report_data *out);
 void cln_report_data_free(cln_report_data *data);
 
-/* A member's number (NaN) or text (""), also of NULL or another type. */
+/* A member's number or text; NaN or "" if it is absent or of another type, or the object is NULL.
+ */
 double cln_json_number(const json_t *object, const char *key);
 const char *cln_json_text(const json_t *object, const char *key);
 
-/* At most CLN_REPORT_POINTS of count finite points, for a curve: of each run of neighbours the least
- * and the greatest, in order, so that nothing that sticks out is lost. x, y: [CLN_REPORT_POINTS].
- * Returns how many. */
+/* Thins out count points for a curve: of each group of neighbours the least and the greatest finite
+ * one, in order, so that no peak is lost. x, y: [CLN_REPORT_POINTS]; returns how many they hold. */
 int cln_report_decimate(int count, const double *from_x, const double *from_y, double *x,
                         double *y);
 

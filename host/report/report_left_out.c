@@ -1,4 +1,4 @@
-/* The report's section "What was left out": what the scene did not need and the kernels do not have. */
+/* The report's section "What was left out": work that the scene does not need. */
 #include "report/report_sections.h"
 
 #include "report/html.h"

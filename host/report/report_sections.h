@@ -1,5 +1,5 @@
-/* The report's sections. To add one: a file with its function, and a row in this table, from which come the
- * page, its table of contents and the tests. Internal to the report. */
+/* The report's sections. To add one: a file with its function, and a row in this table, from which
+ * come the page, its table of contents and the tests. Internal to the report. */
 #ifndef CLN_REPORT_SECTIONS_H
 #define CLN_REPORT_SECTIONS_H
 
@@ -7,8 +7,9 @@
 #include <stdio.h>
 #include "report/report_data.h"
 
-/* In the page's order: id (its link), title, the function that writes what is below the title, and when it is
- * there. A section that is always there says in a sentence that it has nothing to show. */
+/* In the page's order: id (of its link), title, the function that writes what stands below the
+ * title, and the condition. A section without condition that has nothing to show says so in a
+ * sentence. */
 /* clang-format off */
 #define CLN_REPORT_SECTIONS(ROW) \
     ROW("error", "Error against run time", cln_report_curves, cln_report_always) \
@@ -42,8 +43,8 @@ CLN_REPORT_SECTIONS(ROW)
 /* "27.93", or an en dash where the value is not finite. */
 void cln_report_number(FILE *to, double value, int decimals);
 
-/* An <img> of the file, made smaller for the page, or a note that there is none ("no WHAT picture"); only
- * lack of memory is an error. */
+/* An <img> of the file, scaled down for the page, or the note "no WHAT picture" without such a
+ * file. CLN_MEMORY is the only error. */
 cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what);
 
 #endif

@@ -1,5 +1,5 @@
-/* The report's section "Time per stage": a bar and a table of what each stage of a step took, by OpenCL
- * events, and of the rest of the time on the wall. */
+/* The report's section "Time per stage": a bar and a table of each stage's time by OpenCL events,
+ * and of the rest of the wall clock's. */
 #include "report/report_sections.h"
 
 #include <math.h>
@@ -39,7 +39,7 @@ static void put_stage(FILE *to, const char *name, const char *colour, double sec
             100 * seconds / total, colour);
 }
 
-/* Time on the wall; a resumed run starts to count anew. */
+/* The wall clock's time; a resumed run counts from 0 again. */
 static double wall_seconds(const cln_report_rows *r)
 {
     double sum = 0, last = 0;

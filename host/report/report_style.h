@@ -64,7 +64,8 @@ static const char report_style[] =
     ".settings td.n{white-space:normal}"
     "footer{margin-top:44px;color:var(--soft);font-size:12.5px}"
     "@media screen and (max-width:760px){.two{grid-template-columns:1fr}.list,.settings{columns:1}}"
-    "@media print{nav{display:none}main{max-width:none;padding:0}h2{margin-top:28px}.list,.settings{columns:2}"
+    "@media print{nav{display:none}main{max-width:none;padding:0}h2{margin-top:28px}"
+    ".list,.settings{columns:2}"
     "h2,h3{break-after:avoid}.two,.three,.cards,table{break-inside:avoid}"
     "body{font-size:12px;-webkit-print-color-adjust:exact;print-color-adjust:exact}}";
 /* clang-format on */

@@ -1,6 +1,6 @@
-/* The report's section "The octree": which leaf holds what a view shows, by level and by error, as the evaluation left
- * it in RUN/eval/STEM/NAME{.tree,.tree-error}.png with tree.json; and the decisions of the integer program
- * as a table. */
+/* The report's section "The octree": views coloured by the level and the error of the leaf that
+ * each pixel shows (RUN/eval/STEM/NAME{.tree,.tree-error}.png, tree.json), and a table of the
+ * integer program's decisions. */
 #include "report/report_sections.h"
 
 #include <math.h>

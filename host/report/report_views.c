@@ -1,6 +1,5 @@
-/* The report's section "Held-out views": truth, render and error side by side for a few views from the best to
- * the worst, and the figures of all. Pictures are those that the evaluation left in
- * RUN/eval/STEM/NAME{.truth.png,.png,.error.png}, made smaller for the page. */
+/* The report's section "Held-out views": photo, render and error of a few views from the best to
+ * the worst (RUN/eval/STEM/NAME{.truth.png,.png,.error.png}), and the figures of all. */
 #include "report/report_sections.h"
 
 #include <math.h>
@@ -69,7 +68,7 @@ typedef struct ranked {
     double psnr;
 } ranked;
 
-/* Best first; without a PSNR last. */
+/* Best PSNR first, views without one last. */
 static int by_psnr(const void *a, const void *b)
 {
     const ranked *x = a, *y = b;

@@ -3,7 +3,7 @@
  *     title                 legend
  *     y |                             plot area: (LEFT, TOP) to (width - RIGHT, height - BOTTOM)
  *       |____________
- *          x label                                                                               */
+ *          x label */
 #include "report/svg.h"
 
 #include <math.h>
@@ -42,7 +42,7 @@ static double round_step(double span, int parts)
     return 10 * power;
 }
 
-/* The same in what people divide time into. */
+/* The same, in units that people divide time into. */
 static double round_seconds(double span, int parts)
 {
     static const double steps[] = {1,   2,   5,    10,   15,   20,   30,    60,    120,   300,
@@ -57,7 +57,7 @@ static double round_seconds(double span, int parts)
     return 86400 * round_step(span / 86400, parts);
 }
 
-/* Values of all series along one axis; false if there is none. */
+/* The range of all series along one axis; false if they have no finite point. */
 static bool extent(const cln_chart *chart, bool along_y, range *out)
 {
     out->min = INFINITY;
@@ -213,7 +213,7 @@ static void put_legend(const plot *p)
 {
     double x = p->chart->width - RIGHT;
 
-    /* From the right, so that it ends where the plot does; 5.8 px is the mean advance at 11.5 px. */
+    /* Right-aligned with the plot; 5.8 px is the mean advance of a letter of 11.5 px. */
     for (int s = p->chart->series_count - 1; s >= 0; s--) {
         const cln_series *series = &p->chart->series[s];
         bool drawn = false;

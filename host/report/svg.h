@@ -1,6 +1,5 @@
-/* Line charts as inline SVG: axes with round ticks, a few series, a legend. For the report page; draws
- * what it is given and decides nothing about the data. Numbers are printed in the current locale, which
- * the caller sets to "C". */
+/* Line charts as inline SVG: axes with round ticks, a few series, a legend. Numbers are printed in
+ * the current locale; the caller sets it to "C". */
 #ifndef CLN_SVG_H
 #define CLN_SVG_H
 

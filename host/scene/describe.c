@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "io/run_folder.h"
+#include "io/json.h"
 
 static double distance_to_centre(const cln_scene *scene, const cln_view *view)
 {

@@ -16,7 +16,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "io/run_folder.h"
+#include "io/json.h"
 #include "scene/build.h"
 #include "scene/transforms.h"
 

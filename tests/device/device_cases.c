@@ -1,15 +1,14 @@
-/* build/device-cases: the table of cases on one device. Every check of the self-test against float64 is a
- * row, and every output of it a second one, compared with what another device gave.
- *   -d SPEC         the device, as `cl-nascent -d`
- *   -k FOLDER       kernels from there, as --kernel-dir
+/* build/device-cases: the table of cases on one device. Every check of the self-test against
+ * float64 is a row, and every output of it a second one, compared with what another device gave. -d
+ * SPEC         the device, as `cl-nascent -d` -k FOLDER       kernels from there, as --kernel-dir
  *   -t TUNE         as --tune
  *   -s SHAPES       quick, all (default) or tiny (for simulators)
  *   -r FILE         leave the outputs there
- *   -a FILE         compare with those outputs: whole numbers exactly, floats by the bounds that the
- *                   check holds them to
- * Rows: "passed|failed|skipped  CASE  DETAIL"; the last line is "N passed, N failed, N skipped". Exit code
- * 1 if any failed. Buffers start as NaN: a kernel that reads what nothing wrote fails its row. Knows
- * nothing of other devices than its own: tests/device/devices.sh runs it on each. */
+ *   -a FILE         compare with those outputs: whole numbers exactly, floats by the bounds that
+ * the check holds them to Rows: "passed|failed|skipped  CASE  DETAIL"; the last line is "N passed,
+ * N failed, N skipped". Exit code 1 if any failed. Buffers start as NaN: a kernel that reads what
+ * nothing wrote fails its row. Knows nothing of other devices than its own: tests/device/devices.sh
+ * runs it on each. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

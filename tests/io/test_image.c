@@ -1,6 +1,7 @@
 /* Images and arrays on disk: PNG and JPEG through io/image.c, the area filter, and .npy.
- * Oracles: numbers worked out by hand, and the bytes of the formats' definitions. Damaged files: every
- * truncation and every flipped byte of small images must be an error with the path in it, never pixels. */
+ * Oracles: numbers worked out by hand, and the bytes of the formats' definitions. Damaged files:
+ * every truncation and every flipped byte of small images must be an error with the path in it,
+ * never pixels. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -287,8 +288,8 @@ static void test_jpeg_truncation(void **state)
     free(both);
 }
 
-/* Damage anywhere may go unseen in a JPEG (it has no checksum) but never harms the program; run
- * under sanitizers this is the point of the test. A result keeps the promised size. */
+/* A JPEG has no checksum: damage may go unseen, but must not harm the program (sanitizers show it),
+ * and a picture keeps the size of its header. */
 static void test_jpeg_damage(void **state)
 {
     const char *path = scratch_path(*state, "damaged.jpg");
@@ -319,7 +320,7 @@ static void test_jpeg_damage(void **state)
 }
 
 /* Tables with more symbols than there can be, or than the segment holds: stb_image 2.27 would write
- * beyond its own. */
+ * out of bounds. */
 static void test_jpeg_tables(void **state)
 {
     const char *path = scratch_path(*state, "tables.jpg");

@@ -1,5 +1,5 @@
-/* The progress line: what it writes on a terminal, off one, and when it is off; and figures as people read
- * them. Oracle: texts written down here. */
+/* The progress line as a bar, as plain lines and off, and figures as people read them. Oracle:
+ * texts written down here. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -24,7 +24,7 @@ static int count_of(const char *text, const char *what)
     return count;
 }
 
-/* stderr into a file while `show` runs; its text. The caller frees it. */
+/* What `show` writes to stderr; the caller frees it. */
 static char *stderr_of(const char *folder, void (*show)(void))
 {
     const char *path = scratch_path(folder, "stderr");

@@ -1,7 +1,7 @@
-/* The run folder. Proved: only a new, empty or own folder is written to and a foreign one stays
- * as it was; run.json comes back with every bit of its numbers and is never half written;
- * metrics rows are cut on resume so that an interrupted run leaves the rows of one that was not.
- * Oracle: hand-made folders and files. JSON reading itself is another group's. */
+/* The run folder, and names of a view's files. Proved: only a new, empty or own folder is written
+ * to, a foreign one stays as it was; run.json comes back with every bit of its numbers and is never
+ * half written; rows of metrics are cut on resume, so that an interrupted run leaves the rows of
+ * one that was not. Oracle: hand-made folders and files. Reading JSON is tested in scene_input. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -11,6 +11,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include "base/memory.h"
 #include "io/names.h"
 #include "io/run_folder.h"
 #include "scratch.h"
@@ -190,8 +191,8 @@ static void test_metrics_resume(void **state)
     free(b);
 }
 
-/* Rows that are no rows of ours do not survive a cut, nor do events of the step itself, which happen
- * again; a file that needs none is left alone. */
+/* A cut removes lines that are no rows, and events of the step itself, which happen again; a file
+ * without any is not written. */
 static void test_metrics_cut(void **state)
 {
     const char *run = *state, *path = scratch_path(run, "metrics.jsonl");

@@ -1,8 +1,8 @@
 /* safetensors files. Proved: what is written is byte for byte the documented format, reads back
  * bit for bit (every dtype, empty tensors, scalars), and every damage is refused: truncation,
  * flipped bits, lying lengths, offsets, shapes and dtypes; a failed write leaves the old file.
- * Oracles: a file put together here by hand, and the format's own rules. Whether out-of-bounds
- * reads happen shows in the run under address sanitizer. */
+ * Oracles: a file put together by hand, and the format's own rules. The address sanitizer shows
+ * reads out of bounds. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -103,8 +103,8 @@ static void test_bytes(void **state)
     free(data);
 }
 
-/* A file from a header as text and a data section; for %s comes the digest of a tensor x of
- * bytes. */
+/* A file from the text of its header and its data; %s stands for the digest of a tensor x of bytes.
+ */
 static void put_file(const char *path, const char *header, const void *data, size_t bytes)
 {
     char text[1024], hex[17], file[2048];
@@ -124,8 +124,8 @@ static void put_file(const char *path, const char *header, const void *data, siz
 
 #define META "\"__metadata__\":{\"digest\":\"%s\",\"format\":\"pt\"}"
 
-/* As another program may write it: other order of keys, more metadata, no padding, unaligned
- * data. */
+/* As other programs may write it: other order of keys, more metadata, no padding, unaligned data.
+ */
 static void test_reads_others(void **state)
 {
     const char *path = scratch_path(*state, "b.safetensors");

@@ -1,5 +1,5 @@
-/* PSNR and SSIM of pictures. Oracles: numbers worked out by hand, and SSIM from a separate program with direct
- * two-dimensional windows. */
+/* PSNR and SSIM of pictures. Oracles: numbers worked out by hand, and SSIM from a separate program
+ * with direct two-dimensional windows. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,6 +1,6 @@
-/* The report: what is on the page of a run folder made here, that its HTML is well formed, what hostile names
- * become, that missing and damaged files still give a page; the charts; escaping.
- * Oracle: texts and numbers written down here; for base64, the vectors of RFC 4648. */
+/* The report. Proved: the page shows what a hand-made run folder holds, its HTML is well formed,
+ * names with markup stay text, missing and damaged files still give a page; charts have round
+ * ticks. Oracle: texts and numbers written down here; for base64, the vectors of RFC 4648. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -130,8 +130,7 @@ static bool is_reference(const char *at)
     return end > at + 1 && *end == ';';
 }
 
-/* Steps over a tag: a name, then attributes, quoted where they hold more than letters and digits. Its name
- * goes to name. */
+/* Steps over a tag (a name, then attributes, which may be quoted) and copies its name. */
 static const char *read_tag(const char *at, char name[16])
 {
     size_t length = 0;
@@ -166,8 +165,8 @@ static const char *read_tag(const char *at, char name[16])
     return at + 1;
 }
 
-/* Every '<' begins a tag and every '&' a reference; elements that must be closed are, in order; every link
- * leads to an id of the page, every id is there once. */
+/* Every '<' begins a tag and every '&' a reference; elements are closed in order; every link leads
+ * to one id of the page. */
 static void assert_well_formed(const char *page)
 {
     static const char *const closed[] = {

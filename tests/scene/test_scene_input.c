@@ -8,7 +8,7 @@
 #include <cmocka.h>
 #include <math.h>
 #include <string.h>
-#include "io/run_folder.h"
+#include "io/json.h"
 #include "scene_fixture.h"
 #include "tests.h"
 

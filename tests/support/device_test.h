@@ -1,11 +1,11 @@
-/* What the kernel tests share: a device, the parameter sets that stand for kinds of devices (the
- * GPU-shaped ones run on PoCL, too), buffers that start as NaN with a guard behind, and comparison with
- * float64 by two bounds at once. A test that finds no device is skipped, and counted as such.
+/* What the kernels' tests share: a device, parameter sets that stand for kinds of devices (PoCL
+ * runs the GPU's, too), buffers that start as NaN and end in a guard, and comparison with float64
+ * by two bounds at once. Without a device a test is skipped, and counted as skipped.
  *
  *   buffer   |<- what the stage may write ->|<- GUARD bytes ->|      all bytes 0xFF: as floats NaN
  *
- * CLN_TEST_DEVICE names another device than the default (`--device` of the command line);
- * CLN_TEST_KERNEL_DIR reads kernels from there (`--kernel-dir`). */
+ * CLN_TEST_DEVICE chooses the device, as --device does; CLN_TEST_KERNEL_DIR is a folder of kernels,
+ * as for --kernel-dir. */
 #ifndef CLN_TESTS_DEVICE_TEST_H
 #define CLN_TESTS_DEVICE_TEST_H
 
@@ -20,7 +20,7 @@
 
 enum { GUARD = 4096 };
 
-/* "" = the device's own defaults. */
+/* "" stands for the device's own defaults. */
 typedef struct tune_set {
     const char *name, *text;
 } tune_set;
@@ -35,7 +35,7 @@ static const tune_set tune_sets[] = {
 };
 enum { TUNE_SETS = sizeof tune_sets / sizeof tune_sets[0] };
 
-/* Other arithmetic, for the tests of the kernels that have it. */
+/* Other arithmetic, for the kernels that have it. */
 static const tune_set native_set = {"native", "NATIVE=1"};
 static const tune_set half_sets[] = {
     {"half", "HALF=1"},
@@ -52,7 +52,8 @@ static inline void assert_ok(cln_status st)
 static cln_device *test_device_open;
 static cln_tune test_device_tune; /* its defaults */
 
-/* The device of this process, opened once, with the tuning of a set; skips the test if there is none. */
+/* The device of this process, opened once, with the parameters of a set; skips the test without
+ * one. */
 static inline cln_device *test_device(const tune_set *set)
 {
     if (!test_device_open) {
@@ -74,7 +75,7 @@ static inline cln_device *test_device(const tune_set *set)
     return test_device_open;
 }
 
-/* Pipelines are kept, since building programs is most of a test's time; a group's teardown frees them. */
+/* Pipelines are kept until the group's teardown: building programs takes most of a test's time. */
 typedef struct test_pipeline_entry {
     const tune_set *set;
     cln_config config;
@@ -185,8 +186,8 @@ static inline void *test_read(cln_device *device, const cln_buffer *buffer, size
 
 /* ---- comparison ---- */
 
-/* NMSE and worst element in units of the reference's rms: the first misses one bad element in a
- * million, the second a small bias everywhere. */
+/* Bounds on the NMSE, which misses one bad element in a million, and on the worst element in units
+ * of the reference's rms, which misses a small bias everywhere. */
 typedef struct bounds {
     double nmse, worst;
 } bounds;
@@ -229,7 +230,7 @@ static inline void compare(const char *what, const float *got, const double *wan
     test_share = fmax(test_share, fmax(error / square / b.nmse, worst / rms / b.worst));
 }
 
-/* Says how near the bounds a test came, so that drift is seen before it fails. */
+/* Prints the share of its bounds that a test used, so that drift shows before a failure. */
 static inline void test_report(const char *name)
 {
     print_message("%-24s at most %5.1f %% of a bound\n", name, 100 * test_share);

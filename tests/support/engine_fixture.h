@@ -1,6 +1,7 @@
-/* What the tests of whole commands share: a scene of a coloured ball (6 views to train on, 2 to test with,
- * 24 x 24, RGBA, Blender's format), settings small enough for a training of a second, a run to look at,
- * and callbacks that ask to stop at a chosen moment. Skips where there is no OpenCL device. */
+/* What the tests of whole commands share: a scene of a coloured ball (6 views to train on, 2 to
+ * test with, 24 x 24, RGBA, Blender's format), settings small enough for a training of a second, a
+ * run to look at, and callbacks that ask to stop at a chosen moment. Skips where there is no OpenCL
+ * device. */
 #ifndef CLN_TESTS_ENGINE_FIXTURE_H
 #define CLN_TESTS_ENGINE_FIXTURE_H
 
@@ -278,8 +279,8 @@ static inline uint64_t engine_digest(const char *run)
     return digest;
 }
 
-/* Group setup: folder, scene, and the run "whole" that others are compared with. Without a device the
- * scene is made all the same, and tests skip themselves. */
+/* Group setup: folder, scene, and the run "whole" that others are compared with. Without a device
+ * the scene is made all the same, and tests skip themselves. */
 static cln_train_result engine_whole;
 static bool engine_has_device;
 

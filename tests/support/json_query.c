@@ -1,9 +1,11 @@
-/* build/json-query: what cli.sh needs to look into JSON, as Debian has no such tool by default.
- *   json-query PATH < DOCUMENT     prints the value at PATH ("mean.psnr", "images.0.name", "." = all):
- *                                  text bare, numbers in full, "array N" or "object N" for the others
+/* build/json-query: a value of a JSON document, for the shell tests; Debian has no such tool by
+ * default.
+ *
+ *   json-query PATH < DOCUMENT     the value at PATH: "mean.psnr", "images.0.name", or "." for all
  *   json-query -l PATH < LINES     the same for each line of a JSON-lines file
- * Exit code 1, with the reason on stderr, if the input is not exactly one JSON document (per line) or
- * has nothing at PATH. */
+ *
+ * Texts are printed bare, numbers in full, others as "array N" or "object N". Exit code 1, with the
+ * reason on stderr, if the input is not one JSON document (per line) or has nothing at PATH. */
 #include <jansson.h>
 #include <stdio.h>
 #include <stdlib.h>

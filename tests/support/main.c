@@ -1,11 +1,13 @@
-/* build/tests: runs test groups, each in a process of its own, so that a crash, a sanitizer's report or
- * a hang is one failure and not the end of the run.
+/* build/tests: runs test groups, each in a process of its own, so that a crash, a sanitizer's
+ * report or a hang is one failure and not the end of the run.
+ *
  *   build/tests               all groups
  *   build/tests NAME...       some; NAME/PATTERN runs the tests of a group that match (* and ?)
  *   build/tests -l            lists the groups
  *   build/tests -v            shows the tests that pass, too
- * Ends with one line, "N passed, N failed", and ", N skipped" if any were; exit code 1 if any failed.
- * Counts what cmocka prints: a test that began and did not end well has failed. */
+ *
+ * The last line is "N passed, N failed", and ", N skipped" if any were; exit code 1 if any failed.
+ * cmocka's output is counted: a test that began and did not end well has failed. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -43,9 +45,9 @@ static bool starts(const char *line, const char *with)
     return !strncmp(line, with, strlen(with));
 }
 
-/* Ends a group's process: without the driver's destructors, whose threads may still be at work, and with a look for
- * leaks. PoCL's threads say that they are done before they let go of their last objects (its clReleaseContext.c): what
- * is no leak a moment later was none. */
+/* Ends a group's process without the driver's destructors, whose threads may still be at work, and
+ * looks for leaks. PoCL's threads report that they are done before they release their last objects
+ * (its clReleaseContext.c), so that only what is still there half a second later is a leak. */
 static _Noreturn void leave(int status)
 {
     fflush(NULL);
@@ -73,7 +75,7 @@ static void run_child(const test_group *group, const char *pattern, int out)
     leave(group->run() ? 1 : 0);
 }
 
-/* Passes the child's lines on, without cmocka's chatter unless verbose, and counts its tests. */
+/* Copies the child's lines, without cmocka's chatter unless verbose, and counts its tests. */
 static counts read_child(int in, bool verbose)
 {
     counts c = {0, 0, 0};
@@ -143,7 +145,7 @@ static counts run_group(const test_group *group, const char *pattern, bool verbo
     return c;
 }
 
-/* Whether argument `wanted` (NAME or NAME/PATTERN) means this group. */
+/* Does the argument `wanted` (NAME or NAME/PATTERN) select this group? */
 static bool wants(const char *wanted, const char *name, const char **pattern)
 {
     size_t length = strcspn(wanted, "/");

@@ -1,6 +1,5 @@
-/* What tests of models share: a small model in the middle of a training, every byte of it drawn
- * from its step, so that two of the same step are equal and two of different steps differ
- * everywhere. */
+/* What tests of models share: a small model in the middle of training. Every byte is drawn from its
+ * step: two models of one step are equal, two of different steps differ everywhere. */
 #ifndef CLN_TESTS_MODEL_FIXTURE_H
 #define CLN_TESTS_MODEL_FIXTURE_H
 
@@ -20,7 +19,7 @@ static inline uint32_t draw(uint32_t *counter)
     return out[0];
 }
 
-/* Any bits but those of a NaN, whose payload need not survive a move. */
+/* Any bits but those of a NaN, whose payload may change in a copy. */
 static inline void fill(float *out, size_t count, uint32_t *counter)
 {
     for (size_t i = 0; i < count; i++) {
@@ -29,14 +28,13 @@ static inline void fill(float *out, size_t count, uint32_t *counter)
     }
 }
 
-/* Of one of a leaf's moments: a whole number of floats. */
+/* Bytes of one of a leaf's moments: a whole number of floats. */
 static inline size_t moment_bytes(const cln_model *model)
 {
     return (size_t)model->net.params * cln_moment_bytes(&model->config);
 }
 
-/* A model in the middle of a training: odd numbers everywhere, one leaf culled, one split; moments of 32 bits after odd
- * steps, of 16 after even ones. */
+/* One leaf is culled, one split; moments have 32 bits after odd steps, 16 after even ones. */
 static inline void make_model(int64_t step, cln_model *model)
 {
     cln_config config;

@@ -1,13 +1,14 @@
-/* The device's stage-2 samples against the float64 way (reference/ray_samples.c), for the tests of both ways
- * to stage 1's points (test_sampling.c: gather, test_splat.c). Discrete results (leaves, counts) must be
- * equal; a ray on which float32 may decide otherwise is left out, counted and capped. */
+/* The device's samples of stage 2 against float64 (reference/ray_samples.c), for both ways to stage
+ * 1's points: gather (test_sampling.c) and splat (test_splat.c). Discrete results (leaves, counts)
+ * must be equal. Rays on which float32 may decide otherwise are left out and counted; their share
+ * is bounded. */
 #ifndef CLN_TESTS_SAMPLING_TEST_H
 #define CLN_TESTS_SAMPLING_TEST_H
 
 #include "device_test.h"
 #include "check/selftest_checks.h"
 
-/* What the samples of a batch are made from. */
+/* The rays of a batch, and what their samples are drawn from. */
 typedef struct ray_source {
     const cln_octree *tree;
     const cln_config *config;
@@ -16,7 +17,8 @@ typedef struct ray_source {
     void *user;
 } ray_source;
 
-/* Runs the stage twice, the second time into guarded buffers that start as NaN: the same bytes. */
+/* Runs the stage twice, the second time into guarded buffers of NaN; both must give the same bytes.
+ */
 typedef struct device_samples {
     int rays;
     uint32_t n, *starts; /* [rays + 1] */
@@ -60,7 +62,7 @@ static inline void run_stage(cln_pipeline *p, int rays, const cln_sampling *s, d
     free(first);
 }
 
-/* True of any samples: in order, in their leaf's chord, deltas that fill each chord. */
+/* Any samples are in order and in their leaf's chord, and their deltas fill it. */
 static inline void check_samples(const cln_octree *tree, const device_samples *d, float (*o)[4],
                                  float (*dir)[4])
 {
@@ -100,7 +102,7 @@ static inline void check_samples(const cln_octree *tree, const device_samples *d
     }
 }
 
-/* All samples against the reference. Returns the share of rays that were left out. */
+/* All samples against the reference; returns the share of rays that were left out. */
 static inline double compare_samples(const char *name, const ray_source *from,
                                      const device_samples *d, float (*o)[4], float (*dir)[4],
                                      double most_left_out)
@@ -148,7 +150,7 @@ static inline double compare_samples(const char *name, const ray_source *from,
     return (double)left_out / d->rays;
 }
 
-/* A model with leaves at levels 1 to 3, some culled, and random densities: empty, thin and thick. */
+/* A model with leaves at levels 1 to 3, some culled, and random densities from empty to thick. */
 static inline void make_sampling_model(const cln_config *config, cln_model *model)
 {
     const int cells = config->n1 * config->n1 * config->n1;

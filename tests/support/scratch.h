@@ -1,5 +1,5 @@
-/* What tests of files share: a fresh folder per test (a cmocka fixture), whole-file reads and
- * writes, and a log sink that counts warnings. Not for tests that need no disk. */
+/* What tests of files share: a fresh folder per test (a cmocka fixture), whole files read and
+ * written, and a log sink that counts warnings. */
 #ifndef CLN_TESTS_SCRATCH_H
 #define CLN_TESTS_SCRATCH_H
 
@@ -82,7 +82,7 @@ static inline void scratch_count_warnings(cln_log_level level, const char *line,
     *(int *)user += level == CLN_LOG_WARN;
 }
 
-/* No file may grow beyond `bytes` from here on (RLIM_INFINITY: back to normal): a full disk. */
+/* A full disk: from here on no file grows beyond `bytes` (RLIM_INFINITY ends it). */
 static inline void scratch_limit_files(rlim_t bytes)
 {
     struct rlimit limit = {bytes, RLIM_INFINITY};

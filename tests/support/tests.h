@@ -1,6 +1,6 @@
-/* The test groups: each tests/test_*.c exports one function, int test_group_NAME(void), which runs its
- * cmocka group and returns the number of failures. The table of groups that tests/support/main.c runs is made
- * from those files by make (build/test_groups.c); only the prototype goes here. */
+/* The test groups. Each tests/ROOM/test_NAME.c has one function, test_group_NAME, which runs its
+ * cmocka group and returns the number of failures. make collects them in a table
+ * (build/test_groups.c). */
 #ifndef CLN_TESTS_H
 #define CLN_TESTS_H
 
@@ -46,7 +46,6 @@ int test_group_settings(void);
 int test_group_splat(void);
 int test_group_structure(void);
 int test_group_trace(void);
-int test_group_train(void);
 int test_group_tree_from(void);
 int test_group_tune(void);
 int test_group_tuner(void);

@@ -1,0 +1,16 @@
+/* JSON files, and reals that may not be finite. */
+#ifndef CLN_JSON_H
+#define CLN_JSON_H
+
+#include <jansson.h>
+#include <stdbool.h>
+#include "base/status.h"
+
+/* A real, or null if it is not finite. */
+json_t *cln_json_real(double value);
+
+/* Parses a file; with `relaxed`, // and block comments and trailing commas are allowed, as in
+ * instant-ngp's files. CLN_INPUT: "path: line L column C: reason". The caller owns *out. */
+cln_status cln_json_read(const char *path, bool relaxed, json_t **out);
+
+#endif
