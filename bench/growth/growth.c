@@ -3,12 +3,11 @@
  *   bench-growth BASE SERIES=RUN...
  *
  * SERIES is what differs between its runs: leaves, samples (of a step) or pixels (of an image); its
- * runs come in ascending order. Prints a table in Markdown, a row a run: milliseconds a step, all
- * of it and the device's by stage, with the time and memory of a unit of the work beside; then the
- * power of its work with which each quantity grows from the first run of a series to the last: 1 is
- * as fast as the work, 0 not at all. Leaves BASE.csv and, for each series, BASE-SERIES.svg. Steps
- * are those of the second half of a run, when the batch has found its size; kernels are compiled
- * before. Exit status as cl-nascent's. */
+ * runs come in ascending order. Prints three things in Markdown: a row a run with the milliseconds
+ * of a step and of each stage, the time and memory of a unit of work; the powers of the work with
+ * which these grow, over the series and from its last run but one (1 as fast as the work, 0 not at
+ * all); and which powers are above 1. Leaves BASE.csv and BASE-SERIES.svg. The second half of a
+ * run's steps counts, when the batch has its size. Exit status as cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,6 +20,7 @@
 #include "io/progress.h"
 #include "report/report_data.h"
 #include "io/run_folder.h"
+#include "common/csv.h"
 #include "common/plot.h"
 
 enum { MAX_RUNS = 64, SERIES = 3 };
@@ -178,52 +178,127 @@ static double power(const run *a, const run *b, double from, double to)
     return log(to / from) / log(work_of(b) / work_of(a));
 }
 
-static void put_power(double p)
+/* First and last run of a series, and the last but one; false if it has no two of different work.
+ */
+static bool ends_of(const run *runs, int count, int series, const run **first, const run **near,
+                    const run **last)
 {
-    if (isfinite(p))
-        printf(" | %.2f", p);
-    else
-        printf(" | –");
-}
-
-/* First and last run of a series; false if it has no two of different work. */
-static bool ends_of(const run *runs, int count, int series, const run **first, const run **last)
-{
-    *first = *last = NULL;
+    *first = *near = *last = NULL;
     for (int i = 0; i < count; i++) {
         if (runs[i].series != series)
             continue;
         *first = *first ? *first : &runs[i];
+        *near = *last;
         *last = &runs[i];
     }
     return *first && work_of(*last) > 1.01 * work_of(*first);
 }
 
+/* ---- the powers ---- */
+
+/* What grows: the stages, and what a step takes as a whole. */
+enum { STEP = CLN_STAGES, MEMORY, HOST_MEMORY, QUANTITIES };
+
+static const char *name_of(int quantity)
+{
+    return quantity == STEP          ? "time a step"
+           : quantity == MEMORY      ? "device memory"
+           : quantity == HOST_MEMORY ? "host memory"
+                                     : cln_stage_names[quantity];
+}
+
+/* Milliseconds or MiB. */
+static double value_of(const run *r, int quantity)
+{
+    return quantity == STEP          ? 1e3 * r->step
+           : quantity == MEMORY      ? r->device / 1048576
+           : quantity == HOST_MEMORY ? r->host / 1048576
+                                     : 1e3 * r->stages[quantity];
+}
+
+/* The columns, in order: a step as a whole, then stages; returns how many. */
+static int columns_of(const run *runs, int count, int columns[QUANTITIES])
+{
+    int used = 0;
+
+    for (int q = STEP; q < QUANTITIES; q++)
+        columns[used++] = q;
+    for (int q = 0; q < CLN_STAGES; q++)
+        if (matters(runs, count, q))
+            columns[used++] = q;
+    return used;
+}
+
+static double power_of(const run *a, const run *b, int quantity)
+{
+    return power(a, b, value_of(a, quantity), value_of(b, quantity));
+}
+
+static void put_row_of_powers(const run *a, const run *b, const char *which, const int *columns,
+                              int used)
+{
+    printf("| %s%s | %.3g times", series_names[a->series], which, work_of(b) / work_of(a));
+    for (int i = 0; i < used; i++) {
+        const double p = power_of(a, b, columns[i]);
+
+        if (isfinite(p))
+            printf(" | %.2f", p);
+        else
+            printf(" | –");
+    }
+    printf(" |\n");
+}
+
+/* "faster than the work: samples 1.04", of one row; nothing if there is none. Returns how many. */
+static int put_faster(const run *a, const run *b, const char *which, const int *columns, int used)
+{
+    int found = 0;
+
+    for (int i = 0; i < used; i++) {
+        const double p = power_of(a, b, columns[i]);
+
+        if (!(p >= 1.005)) /* as the table rounds it */
+            continue;
+        if (found++ == 0)
+            printf("\nFaster than the work, %s%s:", series_names[a->series], which);
+        printf("%s %s %.2f", found > 1 ? "," : "", name_of(columns[i]), p);
+    }
+    if (found)
+        printf(".\n");
+    return found;
+}
+
 static void put_powers(const run *runs, int count)
 {
-    const run *a = NULL, *b = NULL;
+    static const char last_two[] = ", last two runs";
+    const run *first = NULL, *near = NULL, *last = NULL;
+    int columns[QUANTITIES];
+    const int used = columns_of(runs, count, columns);
+    int faster = 0;
 
-    printf("\n| power of | work grew | time a step | device memory | host memory");
-    for (int k = 0; k < CLN_STAGES; k++)
-        if (matters(runs, count, k))
-            printf(" | %s", cln_stage_names[k]);
-    printf(" |\n|---|---|---|---|---");
-    for (int k = 0; k < CLN_STAGES; k++)
-        if (matters(runs, count, k))
-            printf("|---");
+    printf("\n| power of | work grew");
+    for (int i = 0; i < used; i++)
+        printf(" | %s", name_of(columns[i]));
+    printf(" |\n|---|---");
+    for (int i = 0; i < used; i++)
+        printf("|---");
     printf("|\n");
     for (int s = 0; s < SERIES; s++) {
-        if (!ends_of(runs, count, s, &a, &b))
+        if (!ends_of(runs, count, s, &first, &near, &last))
             continue;
-        printf("| %s | %.3g times", series_names[s], work_of(b) / work_of(a));
-        put_power(power(a, b, a->step, b->step));
-        put_power(power(a, b, a->device, b->device));
-        put_power(power(a, b, a->host, b->host));
-        for (int k = 0; k < CLN_STAGES; k++)
-            if (matters(runs, count, k))
-                put_power(power(a, b, a->stages[k], b->stages[k]));
-        printf(" |\n");
+        put_row_of_powers(first, last, "", columns, used);
+        if (near != first)
+            put_row_of_powers(near, last, last_two, columns, used);
     }
+    for (int s = 0; s < SERIES; s++) {
+        if (!ends_of(runs, count, s, &first, &near, &last))
+            continue;
+        faster += put_faster(first, last, "", columns, used);
+        if (near != first)
+            faster += put_faster(near, last, last_two, columns, used);
+    }
+    if (!faster)
+        printf("\nNothing grew faster than its work.\n");
 }
 
 /* ---- files ---- */
@@ -237,9 +312,10 @@ static void put_csv(FILE *to, const run *runs, int count)
     for (int i = 0; i < count; i++) {
         const run *r = &runs[i];
 
-        fprintf(to, "\n%s,\"%s\",%.10g,%.10g,%.10g,%.10g,%.10g,%.10g,%.10g",
-                series_names[r->series], r->path, r->leaves, r->samples, r->pixels, r->steps,
-                r->step, r->device, r->host);
+        fprintf(to, "\n%s,", series_names[r->series]);
+        csv_text(to, r->path);
+        fprintf(to, ",%.10g,%.10g,%.10g,%.10g,%.10g,%.10g,%.10g", r->leaves, r->samples, r->pixels,
+                r->steps, r->step, r->device, r->host);
         for (int k = 0; k < CLN_STAGES; k++)
             fprintf(to, ",%.10g", r->stages[k]);
     }
@@ -267,34 +343,27 @@ typedef struct line {
     plot_line plot;
 } line;
 
-enum { STEP = CLN_STAGES, MEMORY, LINES };
-
-static double value_of(const run *r, int quantity)
-{
-    return quantity == STEP     ? 1e3 * r->step
-           : quantity == MEMORY ? r->device / 1048576
-                                : 1e3 * r->stages[quantity];
-}
-
 static cln_status write_plot(const run *runs, int count, int series, const char *base)
 {
     cln_status st = CLN_OK;
     line *lines = NULL;
-    plot_line plots[LINES];
+    plot_line plots[QUANTITIES];
+    int columns[QUANTITIES];
+    const int wanted = columns_of(runs, count, columns);
     int used = 0;
     cln_atomic_file *file = NULL;
     char *path = NULL, title[128];
-    const run *a = NULL, *b = NULL;
+    const run *a = NULL, *near = NULL, *b = NULL;
 
-    if (!ends_of(runs, count, series, &a, &b))
+    if (!ends_of(runs, count, series, &a, &near, &b))
         return CLN_OK;
-    CLN_TRY(cln_alloc(&lines, LINES, sizeof *lines, "plot"));
-    for (int n = 0; n < LINES; n++) {
-        const int q = n == 0 ? STEP : n == 1 ? MEMORY : n - 2; /* these two first */
+    CLN_TRY(cln_alloc(&lines, QUANTITIES, sizeof *lines, "plot"));
+    for (int n = 0; n < wanted; n++) {
+        const int q = columns[n];
         line *l = &lines[used];
         int points = 0;
 
-        if (q < CLN_STAGES && !matters(runs, count, q))
+        if (q == HOST_MEMORY)
             continue;
         for (int i = 0; i < count; i++) {
             if (runs[i].series != series)
@@ -309,7 +378,7 @@ static cln_status write_plot(const run *runs, int count, int series, const char 
                                     l->work,
                                     l->value,
                                     NAN,
-                                    power(a, b, value_of(a, q), value_of(b, q))};
+                                    power_of(a, b, q)};
     }
     snprintf(title, sizeof title, "Milliseconds of a step, and memory, over %s",
              series_units[series]);

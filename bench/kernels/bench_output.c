@@ -7,6 +7,7 @@
 
 #include "base/files.h"
 #include "bench.h"
+#include "common/csv.h"
 
 static double gflops(const bench_row *row)
 {
@@ -77,24 +78,28 @@ cln_status bench_write_csv(const bench *b, const char *path)
 {
     cln_status st = CLN_OK;
     cln_atomic_file *file = NULL;
+    FILE *to = NULL;
 
     CLN_TRY(cln_atomic_open(path, &file));
+    to = cln_atomic_stream(file);
     fputs("name,kernel,shape,seconds_min,seconds_median,seconds_max,gflops,gbps,fma_gflops,"
           "copy_gbps,share,bound,nmse,worst,exact,compared,ok,tune,device,driver,version\n",
-          cln_atomic_stream(file));
+          to);
     for (int i = 0; i < b->row_count; i++) {
         const bench_row *row = &b->rows[i];
         const char *bound = NULL;
         const double share = bench_share(row, &bound);
 
-        fprintf(cln_atomic_stream(file),
-                "%s,%s,%s,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.4g,%s,%.3g,%.3g,%d,%zu,%d,\"%s\","
-                "\"%s\",\"%s\",%s\n",
+        fprintf(to,
+                "%s,%s,%s,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.4g,%s,%.3g,%.3g,%d,%zu,%d,\"%s\",",
                 row->name, row->kernel, row->shape, row->time.min, row->time.median, row->time.max,
                 gflops(row), gbps(row), row->fma * 1e-9, row->copy * 1e-9, share, bound,
                 row->errors.nmse, row->errors.worst, row->errors.exact, row->errors.compared,
-                !row->errors.failed, row->tune, b->device->info.name, b->device->info.driver,
-                CLN_VERSION);
+                !row->errors.failed, row->tune);
+        csv_text(to, b->device->info.name);
+        fputc(',', to);
+        csv_text(to, b->device->info.driver);
+        fprintf(to, ",%s\n", CLN_VERSION);
     }
     CLN_TRY(cln_atomic_commit(file));
     file = NULL;

@@ -22,6 +22,7 @@
 #include "io/progress.h"
 #include "report/report_data.h"
 #include "io/run_folder.h"
+#include "common/csv.h"
 #include "common/plot.h"
 
 enum { POINTS = 64, LABEL_BYTES = 64 };
@@ -297,17 +298,6 @@ static void put_markdown(const bench *b)
 
 /* ---- files ---- */
 
-static void put_csv_text(FILE *to, const char *text)
-{
-    fputc('"', to);
-    for (; *text; text++) {
-        if (*text == '"')
-            fputc('"', to);
-        fputc(*text, to);
-    }
-    fputc('"', to);
-}
-
 static void put_csv_number(FILE *to, double value)
 {
     fputc(',', to);
@@ -329,9 +319,9 @@ static void put_csv(FILE *to, const bench *b)
                                   r->params,       r->steps, r->trained,    r->epoch_seconds,
                                   r->view_seconds, r->views, r->end_psnr,   r->end_ssim};
 
-        put_csv_text(to, r->label);
+        csv_text(to, r->label);
         fputc(',', to);
-        put_csv_text(to, r->path);
+        csv_text(to, r->path);
         for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++)
             put_csv_number(to, columns[c]);
         for (int k = 0; k < b->point_count; k++)
