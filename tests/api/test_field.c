@@ -9,7 +9,7 @@
 #include <cmocka.h>
 #include "base/rng.h"
 #include "check/selftest_checks.h"
-#include "engine_fixture.h"
+#include "run_fixture.h"
 #include "tests.h"
 
 enum { POINTS = 4000 };
@@ -23,12 +23,12 @@ typedef struct points {
 /* The run "whole" with one octant culled and another split; its model, too. */
 static const char *make_run(cln_model *model)
 {
-    const char *run = engine_path("odd");
-    json_t *document = engine_json("whole/run.json");
+    const char *run = fixture_path("odd");
+    json_t *document = fixture_json("whole/run.json");
     uint8_t chosen[8] = {0, 0, 1};
     cln_octree_change change;
 
-    assert_ok(cln_checkpoint_read(engine_path("whole"), true, model));
+    assert_ok(cln_checkpoint_read(fixture_path("whole"), true, model));
     assert_int_equal(model->tree.leaf_count, 8);
     assert_ok(cln_octree_cull(&model->tree, chosen, &change));
     assert_ok(cln_model_apply(model, &change));
@@ -92,7 +92,7 @@ static bool reference_at(const cln_model *model, const double at[3], const float
 static void test_field_is_the_networks(void **state)
 {
     static points p;
-    const cln_device_desc device = engine_device();
+    const cln_device_desc device = fixture_device();
     cln_model model = {0};
     cln_field *field = NULL;
     const char *run = NULL;
@@ -139,15 +139,15 @@ static void test_field_is_the_networks(void **state)
 static void test_parts_are_the_whole(void **state)
 {
     static points p, q;
-    const cln_device_desc device = engine_device();
+    const cln_device_desc device = fixture_device();
     cln_model model = {0};
     cln_field *field = NULL;
     const size_t cuts[] = {0, 1, 2, 61, 1000, POINTS};
 
     NEED_DEVICE();
-    assert_ok(cln_checkpoint_read(engine_path("whole"), false, &model));
+    assert_ok(cln_checkpoint_read(fixture_path("whole"), false, &model));
     make_points(&model, &p);
-    assert_ok(cln_field_open(engine_path("whole"), &device, &field));
+    assert_ok(cln_field_open(fixture_path("whole"), &device, &field));
     assert_ok(cln_field_at(field, 0, NULL, NULL, NULL, NULL));
     assert_ok(cln_field_at(field, POINTS, (const double(*)[3])p.at, (const float(*)[3])p.towards,
                            p.rgb, p.sigma));
@@ -167,17 +167,17 @@ static void test_parts_are_the_whole(void **state)
 
 static void test_field_refuses(void **state)
 {
-    const cln_device_desc device = engine_device();
+    const cln_device_desc device = fixture_device();
     double at[2][3] = {{0, 0, 0}, {0, NAN, 0}};
     float towards[2][3] = {{0, 0, 1}, {0, 0, 0}};
     float rgb[2][3], sigma[2];
     cln_field *field = (cln_field *)&device;
 
     NEED_DEVICE();
-    assert_fails(cln_field_open(engine_path("scene"), &device, &field), CLN_INPUT, "run.json");
+    assert_fails(cln_field_open(fixture_path("scene"), &device, &field), CLN_INPUT, "run.json");
     assert_null(field);
     cln_field_close(NULL);
-    assert_ok(cln_field_open(engine_path("whole"), NULL, &field));
+    assert_ok(cln_field_open(fixture_path("whole"), NULL, &field));
     assert_fails(cln_field_at(field, 2, (const double(*)[3])at, NULL, NULL, sigma), CLN_USAGE,
                  "position 1");
     at[1][1] = 0;
@@ -201,5 +201,5 @@ int test_group_field(void)
         cmocka_unit_test(test_field_refuses),
     };
 
-    return cmocka_run_group_tests_name("field", tests, engine_setup, engine_teardown);
+    return cmocka_run_group_tests_name("field", tests, fixture_setup, fixture_teardown);
 }

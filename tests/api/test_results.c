@@ -5,7 +5,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
-#include "engine_fixture.h"
+#include "run_fixture.h"
 #include "render/orbit.h"
 #include "check/selftest.h"
 #include "io/npy.h"
@@ -13,15 +13,15 @@
 
 /* ---- eval ---- */
 
-static cln_status evaluate(const char *run, const char *split, engine_stop *stop,
+static cln_status evaluate(const char *run, const char *split, fixture_stop *stop,
                            cln_eval_result *result)
 {
-    engine_stop none = {0};
-    const cln_eval_desc desc = {.run = engine_path(run),
+    fixture_stop none = {0};
+    const cln_eval_desc desc = {.run = fixture_path(run),
                                 .split = split,
                                 .save_images = true,
-                                .device = engine_device(),
-                                .callbacks = engine_callbacks(stop ? stop : &none)};
+                                .device = fixture_device(),
+                                .callbacks = fixture_callbacks(stop ? stop : &none)};
 
     return cln_eval(&desc, result);
 }
@@ -29,9 +29,9 @@ static cln_status evaluate(const char *run, const char *split, engine_stop *stop
 /* The document without what is measured by the clock. */
 static void drop_seconds(json_t *document)
 {
-    json_t *images = engine_at(document, "images");
+    json_t *images = fixture_at(document, "images");
 
-    json_object_del(engine_at(document, "mean"), "seconds");
+    json_object_del(fixture_at(document, "mean"), "seconds");
     for (size_t i = 0; i < json_array_size(images); i++)
         json_object_del(json_array_get(images, i), "seconds");
 }
@@ -43,23 +43,23 @@ static void test_eval_equals_training(void **state)
     char *text = NULL;
 
     NEED_DEVICE();
-    of_train = engine_json("whole/eval/00000030-test.json");
+    of_train = fixture_json("whole/eval/00000030-test.json");
     assert_ok(evaluate("whole", "test", NULL, &result));
     assert_int_equal(result.count, TEST_VIEWS);
-    assert_true(result.psnr == engine_whole.psnr_test);
-    assert_int_equal(result.digest, engine_whole.digest);
+    assert_true(result.psnr == fixture_whole.psnr_test);
+    assert_int_equal(result.digest, fixture_whole.digest);
     assert_int_equal(result.step, STEPS);
     assert_string_equal(result.images[1].name, "test/r_1");
-    of_eval = engine_json("whole/eval/00000030-test.json");
+    of_eval = fixture_json("whole/eval/00000030-test.json");
     assert_ok(cln_eval_json(&result, &text));
-    printed = engine_parse(text);
+    printed = fixture_parse(text);
     assert_true(json_equal(printed, of_eval));
     drop_seconds(of_train);
     drop_seconds(of_eval);
     if (!json_equal(of_train, of_eval))
         fail_msg("train's last evaluation: %s, eval's: %s", json_dumps(of_train, 0),
                  json_dumps(of_eval, 0));
-    assert_true(cln_is_file(engine_path("whole/eval/00000030-test/test_r_0.error.png")));
+    assert_true(cln_is_file(fixture_path("whole/eval/00000030-test/test_r_0.error.png")));
     cln_eval_free(&result);
     json_decref(of_train);
     json_decref(of_eval);
@@ -69,7 +69,7 @@ static void test_eval_equals_training(void **state)
 static void test_eval_of_other_splits(void **state)
 {
     cln_eval_result result;
-    engine_stop stop = {.signal = SIGINT, .pictures = 2};
+    fixture_stop stop = {.signal = SIGINT, .pictures = 2};
 
     NEED_DEVICE();
     assert_ok(evaluate("whole", "train", NULL, &result));
@@ -85,13 +85,13 @@ static void test_eval_of_other_splits(void **state)
 
 /* ---- render ---- */
 
-static cln_render_desc render_desc(const char *out, engine_stop *stop)
+static cln_render_desc render_desc(const char *out, fixture_stop *stop)
 {
-    return (cln_render_desc){.run = engine_path("whole"),
-                             .out = engine_path(out),
+    return (cln_render_desc){.run = fixture_path("whole"),
+                             .out = fixture_path(out),
                              .split = "test",
-                             .device = engine_device(),
-                             .callbacks = engine_callbacks(stop)};
+                             .device = fixture_device(),
+                             .callbacks = fixture_callbacks(stop)};
 }
 
 static void assert_rendered(const cln_render_desc *desc, int rendered, int skipped)
@@ -118,30 +118,30 @@ static void test_render_skips(void **state)
     static const char *const files[] = {"frames/test_r_1.png", "frames/test_r_1.depth.npy",
                                         "frames/test_r_1.depth.png", "frames/test_r_1.opacity.png",
                                         "frames/render.json"};
-    engine_stop none = {0};
+    fixture_stop none = {0};
     cln_render_desc desc = render_desc("frames", &none);
     uint64_t before[5];
 
     NEED_DEVICE();
     assert_rendered(&desc, TEST_VIEWS, 0);
     for (int i = 0; i < 5; i++)
-        before[i] = digest_of(engine_path(files[i]));
+        before[i] = digest_of(fixture_path(files[i]));
     assert_rendered(&desc, 0, TEST_VIEWS);
     for (int i = 0; i < 4; i++) { /* whichever file is missing, the frame is made again */
-        assert_int_equal(remove(engine_path(files[i])), 0);
+        assert_int_equal(remove(fixture_path(files[i])), 0);
         assert_rendered(&desc, 1, TEST_VIEWS - 1);
     }
     for (int i = 0; i < 5; i++)
-        assert_int_equal(digest_of(engine_path(files[i])), before[i]);
+        assert_int_equal(digest_of(fixture_path(files[i])), before[i]);
     desc.overwrite = true;
     assert_rendered(&desc, TEST_VIEWS, 0);
-    assert_int_equal(digest_of(engine_path(files[0])), before[0]);
+    assert_int_equal(digest_of(fixture_path(files[0])), before[0]);
 }
 
 /* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in nothing. */
 static void test_render_files(void **state)
 {
-    engine_stop none = {0};
+    fixture_stop none = {0};
     cln_render_desc desc = render_desc("along", &none);
     int dims = 0, shape[4], width = 0, height = 0, channels = 0, seen = 0;
     float *ray = NULL, *axis = NULL;
@@ -149,15 +149,15 @@ static void test_render_files(void **state)
 
     NEED_DEVICE();
     assert_rendered(&desc, TEST_VIEWS, 0);
-    desc.out = engine_path("axis");
+    desc.out = fixture_path("axis");
     desc.z_depth = true;
     assert_rendered(&desc, TEST_VIEWS, 0);
-    assert_ok(cln_npy_read_f32(engine_path("along/test_r_0.depth.npy"), &dims, shape, &ray));
+    assert_ok(cln_npy_read_f32(fixture_path("along/test_r_0.depth.npy"), &dims, shape, &ray));
     assert_int_equal(dims, 2);
     assert_int_equal(shape[0], SIDE);
     assert_int_equal(shape[1], SIDE);
-    assert_ok(cln_npy_read_f32(engine_path("axis/test_r_0.depth.npy"), &dims, shape, &axis));
-    assert_ok(cln_image_load(engine_path("along/test_r_0.opacity.png"), &width, &height, &channels,
+    assert_ok(cln_npy_read_f32(fixture_path("axis/test_r_0.depth.npy"), &dims, shape, &axis));
+    assert_ok(cln_image_load(fixture_path("along/test_r_0.opacity.png"), &width, &height, &channels,
                              &opacity));
     for (int i = 0; i < SIDE * SIDE; i++) {
         assert_true(isfinite(ray[i]) && ray[i] >= 0 && axis[i] <= ray[i]);
@@ -169,10 +169,10 @@ static void test_render_files(void **state)
     }
     assert_true(seen > SIDE);
     assert_ok(
-        cln_image_load(engine_path("along/test_r_0.png"), &width, &height, &channels, &picture));
+        cln_image_load(fixture_path("along/test_r_0.png"), &width, &height, &channels, &picture));
     assert_int_equal(channels, 3);
     free(evaluated);
-    assert_ok(cln_image_load(engine_path("whole/eval/00000030-test/test_r_0.png"), &width, &height,
+    assert_ok(cln_image_load(fixture_path("whole/eval/00000030-test/test_r_0.png"), &width, &height,
                              &channels, &evaluated));
     assert_memory_equal(picture, evaluated, SIDE * SIDE * 3);
     free(ray);
@@ -184,14 +184,14 @@ static void test_render_files(void **state)
 
 static void test_render_stops_and_goes_on(void **state)
 {
-    engine_stop stop = {.signal = SIGTERM, .pictures = 2}, none = {0};
+    fixture_stop stop = {.signal = SIGTERM, .pictures = 2}, none = {0};
     cln_render_desc desc = render_desc("stopped", &stop);
     cln_render_result result;
 
     NEED_DEVICE();
     assert_fails(cln_render(&desc, &result), CLN_SIGTERM, "1 of 2 frames");
     assert_int_equal(result.rendered, 1);
-    desc.callbacks = engine_callbacks(&none);
+    desc.callbacks = fixture_callbacks(&none);
     assert_rendered(&desc, 1, 1);
 }
 
@@ -200,7 +200,7 @@ static int warnings;
 /* Frames of other settings are not taken for these without a word; nothing of others is written to. */
 static void test_render_folders(void **state)
 {
-    engine_stop none = {0};
+    fixture_stop none = {0};
     cln_render_desc desc = render_desc("mixed", &none);
     cln_render_result result;
 
@@ -218,9 +218,9 @@ static void test_render_folders(void **state)
     desc.overwrite = false;
     assert_rendered(&desc, 0, TEST_VIEWS);
     assert_int_equal(warnings, 1);
-    desc.out = engine_path("scene");
+    desc.out = fixture_path("scene");
     assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "render.json");
-    assert_false(cln_is_file(engine_path("scene/render.json")));
+    assert_false(cln_is_file(fixture_path("scene/render.json")));
 }
 
 /* ---- orbits ---- */
@@ -262,8 +262,8 @@ static void check_orbit(const cln_scene *scene, const cln_render_desc *desc, dou
 
 static void test_orbit_cameras(void **state)
 {
-    const cln_config config = engine_config();
-    const cln_scene_desc scene_desc = {.path = engine_path("scene"), .config = &config};
+    const cln_config config = fixture_config();
+    const cln_scene_desc scene_desc = {.path = fixture_path("scene"), .config = &config};
     cln_render_desc desc = {.orbit_frames = 7, .orbit_elevation = 25, .orbit_radius = 1.25};
     cln_scene *scene = NULL;
     cln_orbit orbit;
@@ -292,7 +292,7 @@ static void test_orbit_cameras(void **state)
 
 static void test_orbit_renders(void **state)
 {
-    engine_stop none = {0};
+    fixture_stop none = {0};
     cln_render_desc desc = render_desc("orbit", &none);
     int width = 0, height = 0, channels = 0;
 
@@ -304,7 +304,7 @@ static void test_orbit_renders(void **state)
     desc.width = 20;
     desc.height = 12;
     assert_rendered(&desc, 2, 0);
-    assert_ok(cln_image_info(engine_path("orbit/orbit_0001.png"), &width, &height, &channels));
+    assert_ok(cln_image_info(fixture_path("orbit/orbit_0001.png"), &width, &height, &channels));
     assert_int_equal(width, 20);
     assert_int_equal(height, 12);
     assert_rendered(&desc, 0, 2);
@@ -314,32 +314,33 @@ static void test_orbit_renders(void **state)
 
 static void test_info(void **state)
 {
-    const cln_settings settings = {.config = engine_config()};
+    const cln_settings settings = {.config = fixture_config()};
     char *text = NULL;
     json_t *about = NULL;
     json_int_t leaves = 0;
 
     (void)state;
-    assert_ok(cln_info_scene(engine_path("scene"), &settings, &text));
-    about = engine_parse(text);
-    assert_string_equal(json_string_value(engine_at(about, "dialect")), "blender");
-    assert_int_equal(json_integer_value(engine_at(about, "splits.train")), TRAIN_VIEWS);
+    assert_ok(cln_info_scene(fixture_path("scene"), &settings, &text));
+    about = fixture_parse(text);
+    assert_string_equal(json_string_value(fixture_at(about, "dialect")), "blender");
+    assert_int_equal(json_integer_value(fixture_at(about, "splits.train")), TRAIN_VIEWS);
     json_decref(about);
-    assert_fails(cln_info_scene(engine_path("nowhere"), &settings, &text), CLN_INPUT, "nowhere");
+    assert_fails(cln_info_scene(fixture_path("nowhere"), &settings, &text), CLN_INPUT, "nowhere");
     assert_null(text);
     NEED_DEVICE();
-    assert_ok(cln_info_run(engine_path("whole"), &text));
-    about = engine_parse(text);
-    assert_int_equal(json_integer_value(engine_at(about, "step")), STEPS);
+    assert_ok(cln_info_run(fixture_path("whole"), &text));
+    about = fixture_parse(text);
+    assert_int_equal(json_integer_value(fixture_at(about, "step")), STEPS);
     for (size_t level = 0; level < 6; level++)
-        leaves += json_integer_value(json_array_get(engine_at(about, "leaves_by_level"), level));
-    assert_int_equal(leaves, json_integer_value(engine_at(about, "leaves")));
-    assert_int_equal(json_integer_value(json_array_get(engine_at(about, "leaves_by_level"), 1)), 8);
-    assert_string_equal(json_string_value(engine_at(about, "result.model_digest")),
-                        json_string_value(engine_at(about, "model_digest")));
-    assert_int_equal(json_integer_value(engine_at(about, "config.width")), 16);
+        leaves += json_integer_value(json_array_get(fixture_at(about, "leaves_by_level"), level));
+    assert_int_equal(leaves, json_integer_value(fixture_at(about, "leaves")));
+    assert_int_equal(json_integer_value(json_array_get(fixture_at(about, "leaves_by_level"), 1)),
+                     8);
+    assert_string_equal(json_string_value(fixture_at(about, "result.model_digest")),
+                        json_string_value(fixture_at(about, "model_digest")));
+    assert_int_equal(json_integer_value(fixture_at(about, "config.width")), 16);
     json_decref(about);
-    assert_fails(cln_info_run(engine_path("scene"), &text), CLN_INPUT, "run.json");
+    assert_fails(cln_info_run(fixture_path("scene"), &text), CLN_INPUT, "run.json");
 }
 
 /* ---- self-test and devices ---- */
@@ -362,7 +363,7 @@ static void on_check(const char *name, bool passed, bool skipped, const char *de
 
 static void test_selftest_passes(void **state)
 {
-    const cln_device_desc device = engine_device();
+    const cln_device_desc device = fixture_device();
     cln_device_info *devices = NULL;
     tally t = {0};
     int count = 0;
@@ -381,7 +382,7 @@ static void test_selftest_passes(void **state)
 /* A kernel that builds and computes something else is noticed, and named. */
 static void check_wrong_kernel(const char *file, const char *from, const char *to, const char *name)
 {
-    cln_device_desc device = engine_device();
+    cln_device_desc device = fixture_device();
     char path[128], source[128], *text = NULL, *at = NULL, *wrong = NULL;
     size_t bytes = 0;
     tally t = {0};
@@ -392,13 +393,13 @@ static void check_wrong_kernel(const char *file, const char *from, const char *t
     at = strstr(text, from);
     assert_non_null(at);
     assert_true(asprintf(&wrong, "%.*s%s%s", (int)(at - text), text, to, at + strlen(from)) > 0);
-    assert_ok(cln_make_dirs(engine_path("wrong")));
-    scratch_put(engine_path(path), wrong, strlen(wrong));
-    device.kernel_dir = engine_path("wrong");
+    assert_ok(cln_make_dirs(fixture_path("wrong")));
+    scratch_put(fixture_path(path), wrong, strlen(wrong));
+    device.kernel_dir = fixture_path("wrong");
     assert_fails(cln_selftest(&device, true, on_check, &t), CLN_CHECK, name);
     assert_true(t.failed > 0);
     assert_non_null(strstr(t.first, name));
-    assert_int_equal(remove(engine_path(path)), 0);
+    assert_int_equal(remove(fixture_path(path)), 0);
     free(text);
     free(wrong);
 }
@@ -430,5 +431,5 @@ int test_group_results(void)
         cmocka_unit_test(test_selftest_notices),
     };
 
-    return cmocka_run_group_tests_name("results", tests, engine_setup, engine_teardown);
+    return cmocka_run_group_tests_name("results", tests, fixture_setup, fixture_teardown);
 }

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "device/tune.h"
-#include "engine_fixture.h"
+#include "run_fixture.h"
 #include "tests.h"
 
 /* For the end of lanes.h: sums of products that are a little off. */
@@ -20,9 +20,9 @@
 static cln_tune_desc tuner_desc(const char *kernel_dir, const char *tune)
 {
     static cln_settings settings; /* outlives the desc */
-    cln_tune_desc desc = {.device = engine_device(), .settings = &settings, .budget = 600};
+    cln_tune_desc desc = {.device = fixture_device(), .settings = &settings, .budget = 600};
 
-    settings.config = engine_config();
+    settings.config = fixture_config();
     settings.config.batch_samples = 256;
     desc.device.tune = tune;
     if (kernel_dir)
@@ -33,9 +33,10 @@ static cln_tune_desc tuner_desc(const char *kernel_dir, const char *tune)
 /* Sets with tiles of other than 4 samples are made wrong: none of them may be timed, let alone taken. */
 static void test_wrong_sets_are_refused(void **state)
 {
-    const char *wrong = engine_kernels_with("wrong", "#if defined(TS) && TS != 4\n" WRONG "#endif");
+    const char *wrong =
+        fixture_kernels_with("wrong", "#if defined(TS) && TS != 4\n" WRONG "#endif");
     cln_tune_desc desc = tuner_desc(wrong, "VW=4,NV=1,TS=4,NB=16");
-    const char *file = engine_path("found.txt");
+    const char *file = fixture_path("found.txt");
     cln_tune_result r;
     cln_tune_rows *rows = NULL;
     int refused = 0;
@@ -68,7 +69,7 @@ static void test_wrong_sets_are_refused(void **state)
  * anything else still ends with a set that is right. */
 static void test_wrong_start(void **state)
 {
-    const char *wrong = engine_kernels_with("wrong", "#if VW > 1\n" WRONG "#endif");
+    const char *wrong = fixture_kernels_with("wrong", "#if VW > 1\n" WRONG "#endif");
     cln_tune_desc desc = tuner_desc(wrong, "VW=4");
     cln_tune_result r;
 
@@ -85,9 +86,9 @@ static void test_wrong_start(void **state)
 
 static void test_nothing_is_right(void **state)
 {
-    const char *wrong = engine_kernels_with("wrong", WRONG);
+    const char *wrong = fixture_kernels_with("wrong", WRONG);
     cln_tune_desc desc = tuner_desc(wrong, "VW=4");
-    const char *file = engine_path("never.txt");
+    const char *file = fixture_path("never.txt");
     cln_tune_result r;
 
     NEED_DEVICE();
@@ -98,13 +99,13 @@ static void test_nothing_is_right(void **state)
 
 static void test_tuner_stops(void **state)
 {
-    engine_stop stop = {.signal = SIGINT, .pictures = 1};
+    fixture_stop stop = {.signal = SIGINT, .pictures = 1};
     cln_tune_desc desc = tuner_desc(NULL, "VW=4");
-    const char *file = engine_path("never.txt");
+    const char *file = fixture_path("never.txt");
     cln_tune_result r;
 
     NEED_DEVICE();
-    desc.callbacks = engine_callbacks(&stop);
+    desc.callbacks = fixture_callbacks(&stop);
     desc.callbacks.train = NULL;
     desc.file = file;
     assert_fails(cln_tune_search(&desc, &r), CLN_SIGINT, "signal");
@@ -120,5 +121,5 @@ int test_group_tuner(void)
         cmocka_unit_test(test_tuner_stops),
     };
 
-    return cmocka_run_group_tests_name("tuner", tests, engine_setup, engine_teardown);
+    return cmocka_run_group_tests_name("tuner", tests, fixture_setup, fixture_teardown);
 }

@@ -12,7 +12,7 @@
 #include <string.h>
 #include "device/tune.h"
 #include "pipeline/stages.h"
-#include "engine_fixture.h"
+#include "run_fixture.h"
 #include "tests.h"
 
 /* ---- lists ---- */
@@ -149,7 +149,7 @@ static void test_rows_of_the_program(void **state)
 static void test_put(void **state)
 {
     const cln_device_info info = {.name = " Odd|name #3 [x]* ", .driver = "1.2?"};
-    const char *path = engine_path("config/cl-nascent/tune.txt"), *bad = engine_path("bad.txt");
+    const char *path = fixture_path("config/cl-nascent/tune.txt"), *bad = fixture_path("bad.txt");
     cln_tune_rows *rows = NULL;
     cln_tune tune;
     char line[1024], *text = NULL;
@@ -227,20 +227,20 @@ static void test_precedence(void **state)
 /* A set that no program can be made with gives way to the plain one, which is said; but not in tests. */
 static void test_plain_comes_last(void **state)
 {
-    cln_device_desc desc = engine_device();
-    const cln_config config = engine_config();
+    cln_device_desc desc = fixture_device();
+    const cln_config config = fixture_config();
     cln_device *device = NULL;
     cln_pipeline p;
     int warnings = 0;
 
     NEED_DEVICE();
     desc.kernel_dir =
-        engine_kernels_with("novectors", "#if VW > 1\n#error no vectors here\n#endif");
+        fixture_kernels_with("novectors", "#if VW > 1\n#error no vectors here\n#endif");
     desc.tune = "VW=4";
     assert_ok(cln_device_open(&desc, &device));
     cln_log_set_sink(scratch_count_warnings, &warnings);
     assert_ok(cln_pipeline_create(device, &config, false, false, &p));
-    cln_log_set_sink(engine_no_log, NULL);
+    cln_log_set_sink(fixture_no_log, NULL);
     assert_true(warnings > 0);
     assert_int_equal(p.tune.vw, 1);
     assert_non_null(strstr(p.tune_from, "plain"));
@@ -281,18 +281,18 @@ static void test_needs(void **state)
 /* ---- runs ---- */
 
 static cln_status train(const char *run, bool resume, const char *tune, const char *file,
-                        engine_stop *stop)
+                        fixture_stop *stop)
 {
-    engine_stop none = {0};
+    fixture_stop none = {0};
     cln_train_result result;
-    const cln_settings settings = {.config = engine_config(), .preset = "fast"};
-    cln_train_desc desc = {.scene = resume ? NULL : engine_path("scene"),
-                           .run = engine_path(run),
+    const cln_settings settings = {.config = fixture_config(), .preset = "fast"};
+    cln_train_desc desc = {.scene = resume ? NULL : fixture_path("scene"),
+                           .run = fixture_path(run),
                            .resume = resume,
                            .skip_selftest = true,
                            .settings = &settings,
-                           .device = engine_device(),
-                           .callbacks = engine_callbacks(stop ? stop : &none)};
+                           .device = fixture_device(),
+                           .callbacks = fixture_callbacks(stop ? stop : &none)};
 
     desc.device.tune = tune;
     desc.device.tune_file = file;
@@ -307,8 +307,8 @@ static void assert_recorded(const char *run, const char *key, const char *begin)
     const char *text = NULL;
 
     snprintf(path, sizeof path, "%s/run.json", run);
-    document = engine_json(path);
-    text = json_string_value(engine_at(document, key));
+    document = fixture_json(path);
+    text = json_string_value(fixture_at(document, key));
     if (!text || !strstr(text, begin))
         fail_msg("%s: %s is '%s', has no '%s'", run, key, text ? text : "", begin);
     json_decref(document);
@@ -317,36 +317,36 @@ static void assert_recorded(const char *run, const char *key, const char *begin)
 /* Slices of other lengths are summed in another order: other last bits, so it shows whose row was used. */
 static void test_a_run_keeps_its_parameters(void **state)
 {
-    const char *first = engine_path("first.txt"), *second = engine_path("second.txt");
+    const char *first = fixture_path("first.txt"), *second = fixture_path("second.txt");
     static const char rows[2][64] = {"* | * | W16-D2-V16 | VW=4,NV=1,TS=4,NB=4,SL=8\n",
                                      "* | * | W16-D2-V16 | VW=4,NV=1,TS=4,NB=64,SL=640\n"};
-    engine_stop stop = {.signal = SIGINT, .step = STEPS / 2};
+    fixture_stop stop = {.signal = SIGINT, .step = STEPS / 2};
 
     NEED_DEVICE();
     scratch_put(first, rows[0], strlen(rows[0]));
     scratch_put(second, rows[1], strlen(rows[1]));
     assert_ok(train("one", false, NULL, first, NULL));
     assert_ok(train("two", false, NULL, second, NULL));
-    assert_true(engine_digest("one") != engine_digest("two")); /* or this test shows nothing */
+    assert_true(fixture_digest("one") != fixture_digest("two")); /* or this test shows nothing */
     assert_recorded("one", "tune", "SL=8,");
     assert_recorded("one", "tune_from", "first.txt, line 1");
 
     assert_fails(train("stopped", false, NULL, first, &stop), CLN_SIGINT, "signal");
     assert_ok(train("stopped", true, NULL, second, NULL));
-    assert_true(engine_digest("stopped") == engine_digest("one"));
+    assert_true(fixture_digest("stopped") == fixture_digest("one"));
     assert_recorded("stopped", "tune", "SL=8,");
     assert_recorded("stopped", "tune_from", "first.txt, line 1");
 
-    stop = (engine_stop){.signal = SIGINT, .step = STEPS / 2};
+    stop = (fixture_stop){.signal = SIGINT, .step = STEPS / 2};
     assert_fails(train("told", false, NULL, first, &stop), CLN_SIGINT, "signal");
     assert_ok(train("told", true, "VW=4,NV=1,TS=4,NB=64,SL=640", first, NULL));
-    assert_true(engine_digest("told") != engine_digest("one"));
+    assert_true(fixture_digest("told") != fixture_digest("one"));
     assert_recorded("told", "tune", "SL=640,");
     assert_recorded("told", "tune_from", "--tune");
 
-    assert_fails(train("none", false, NULL, engine_path("nowhere.txt"), NULL), CLN_INPUT,
+    assert_fails(train("none", false, NULL, fixture_path("nowhere.txt"), NULL), CLN_INPUT,
                  "nowhere.txt");
-    assert_false(cln_is_dir(engine_path("none")));
+    assert_false(cln_is_dir(fixture_path("none")));
 }
 
 int test_group_tune(void)
@@ -363,5 +363,5 @@ int test_group_tune(void)
         cmocka_unit_test(test_a_run_keeps_its_parameters),
     };
 
-    return cmocka_run_group_tests_name("tune", tests, engine_setup, engine_teardown);
+    return cmocka_run_group_tests_name("tune", tests, fixture_setup, fixture_teardown);
 }

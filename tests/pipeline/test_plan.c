@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "pipeline/plan.h"
-#include "engine_fixture.h"
+#include "run_fixture.h"
 #include "tests.h"
 
 /* ---- arithmetic ---- */
@@ -261,19 +261,19 @@ static void keep_log(cln_log_level level, const char *line, void *user)
     snprintf(to + used, size - used, "%s\n", line);
 }
 
-/* A new run, as engine_train, on a device with this largest allocation. */
+/* A new run, as fixture_train, on a device with this largest allocation. */
 static cln_status train_on(const char *run, const cln_config *config, const char *max_alloc,
                            cln_train_result *result)
 {
-    engine_stop none = {0};
+    fixture_stop none = {0};
     const cln_settings settings = {.config = *config, .preset = "fast"};
-    cln_train_desc desc = {.scene = engine_path("scene"),
-                           .run = engine_path(run),
+    cln_train_desc desc = {.scene = fixture_path("scene"),
+                           .run = fixture_path(run),
                            .skip_selftest = true,
                            .settings = &settings,
-                           .device = engine_device(),
+                           .device = fixture_device(),
                            .command = "test",
-                           .callbacks = engine_callbacks(&none)};
+                           .callbacks = fixture_callbacks(&none)};
 
     desc.device.max_alloc = max_alloc;
     warnings[0] = said[0] = 0;
@@ -288,8 +288,8 @@ static double planned(const char *run, const char *path)
     double value = 0;
 
     snprintf(name, sizeof name, "%s/run.json", run);
-    document = engine_json(name);
-    value = json_number_value(engine_at(document, path));
+    document = fixture_json(name);
+    value = json_number_value(fixture_at(document, path));
     json_decref(document);
     return value;
 }
@@ -314,7 +314,7 @@ static void test_peak_is_planned(void **state)
     };
     NEED_DEVICE();
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        cln_config config = engine_config();
+        cln_config config = fixture_config();
         cln_train_result result;
 
         config.max_leaves = 64;
@@ -337,7 +337,7 @@ static void test_peak_is_planned(void **state)
 /* Level 2 needs more than the limit, which has just room for level 1: a warning, and a run that ends well. */
 static void test_growth_stops_at_the_limit(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
     double small = 0, large = 0;
 
@@ -368,7 +368,7 @@ static void test_growth_stops_at_the_limit(void **state)
  * the last bit, training and pictures. */
 static void test_cut_batches(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result cut, set, plain;
     unsigned long samples = 0;
     const char *at = NULL;
@@ -395,7 +395,7 @@ static void test_cut_batches(void **state)
     config.width = config.view_width = 64;
     assert_fails(train_on("never", &config, "64K", &cut), CLN_MEMORY,
                  "network weights: 81.8 KiB in each of 4 parts");
-    assert_false(cln_is_dir(engine_path("never")));
+    assert_false(cln_is_dir(fixture_path("never")));
     assert_fails(train_on("never", &config, "64X", &cut), CLN_USAGE, "--max-alloc");
 }
 
@@ -407,7 +407,7 @@ static void test_split_arrays(void **state)
 
     NEED_DEVICE();
     for (int i = 0; i < 2; i++) {
-        cln_config config = engine_config();
+        cln_config config = fixture_config();
         cln_train_result whole, parts;
         char run[32];
 
@@ -435,14 +435,14 @@ static void test_split_arrays(void **state)
 /* Refused before an image is read, with a --downscale that will do. */
 static void test_images_that_do_not_fit(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     const char *advice = NULL;
     cln_scene *scene = NULL;
     char path[PATH_MAX + 64];
     cln_scene_desc desc = {.config = &config, .pixels = {true, true, true}};
 
     (void)state;
-    snprintf(path, sizeof path, "%s/scene", engine_folder);
+    snprintf(path, sizeof path, "%s/scene", fixture_folder);
     desc.path = path;
     config.host_mem = 12000; /* 8 images of 2,304 bytes, and two being read */
     assert_int_equal(cln_scene_load(&desc, &scene), CLN_MEMORY);
@@ -471,5 +471,5 @@ int test_group_plan(void)
         cmocka_unit_test(test_parts),           cmocka_unit_test(test_split_arrays),
     };
 
-    return cmocka_run_group_tests_name("plan", tests, engine_setup, engine_teardown);
+    return cmocka_run_group_tests_name("plan", tests, fixture_setup, fixture_teardown);
 }

@@ -6,14 +6,14 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
-#include "engine_fixture.h"
+#include "run_fixture.h"
 #include "tests.h"
 
 /* Settings of a run on the tree of `run`, with all that would change a tree switched on. */
 static cln_config config_on(const char *run)
 {
-    cln_config config = engine_config();
-    const int length = snprintf(config.tree_from, sizeof config.tree_from, "%s", engine_path(run));
+    cln_config config = fixture_config();
+    const int length = snprintf(config.tree_from, sizeof config.tree_from, "%s", fixture_path(run));
 
     if (length >= (int)sizeof config.tree_from)
         skip(); /* a temporary folder with a long name */
@@ -38,9 +38,9 @@ static void assert_levels(const char *run, const char *wanted)
     char *text = NULL, *levels = NULL;
     json_t *about = NULL;
 
-    assert_ok(cln_info_run(engine_path(run), &text));
-    about = engine_parse(text);
-    levels = json_dumps(engine_at(about, "leaves_by_level"), JSON_COMPACT);
+    assert_ok(cln_info_run(fixture_path(run), &text));
+    about = fixture_parse(text);
+    levels = json_dumps(fixture_at(about, "leaves_by_level"), JSON_COMPACT);
     assert_string_equal(levels, wanted);
     free(levels);
     json_decref(about);
@@ -56,19 +56,19 @@ static void test_keeps_the_tree(void **state)
     config = config_on("whole");
     config.width = config.view_width = 32; /* the tree alone is taken, the network is another */
     config.seed = 7;
-    assert_ok(engine_train("on-whole", false, &config, NULL, &result));
+    assert_ok(fixture_train("on-whole", false, &config, NULL, &result));
     assert_int_equal(result.leaves, 8);
     assert_levels("on-whole", "[0,8,0,0,0,0]");
     assert_true(result.psnr_test > 5 && result.psnr_test < 60);
-    run = engine_json("on-whole/run.json");
-    assert_string_equal(json_string_value(engine_at(run, "config.tree_from")), config.tree_from);
+    run = fixture_json("on-whole/run.json");
+    assert_string_equal(json_string_value(fixture_at(run, "config.tree_from")), config.tree_from);
     json_decref(run);
 }
 
 /* One culled down to a single leaf of level 1: no full tree at any level. */
 static void test_keeps_a_culled_tree(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
 
     NEED_DEVICE();
@@ -77,10 +77,10 @@ static void test_keeps_a_culled_tree(void **state)
     config.cull_from = 0.2;
     config.refresh_every = 4;
     config.adaptive = false;
-    assert_ok(engine_train("culled", false, &config, NULL, &result));
+    assert_ok(fixture_train("culled", false, &config, NULL, &result));
     assert_levels("culled", "[0,1,0,0,0,0]");
     config = config_on("culled");
-    assert_ok(engine_train("on-culled", false, &config, NULL, &result));
+    assert_ok(fixture_train("on-culled", false, &config, NULL, &result));
     assert_int_equal(result.leaves, 1);
     assert_levels("on-culled", "[0,1,0,0,0,0]");
 }
@@ -88,34 +88,34 @@ static void test_keeps_a_culled_tree(void **state)
 /* On the tree it would have had anyway, with nothing else different: the same bits. */
 static void test_same_as_its_own(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result own, taken;
 
     NEED_DEVICE();
     config.adaptive = false;
-    assert_ok(engine_train("own", false, &config, NULL, &own));
+    assert_ok(fixture_train("own", false, &config, NULL, &own));
     snprintf(config.tree_from, sizeof config.tree_from, "%.*s", (int)sizeof config.tree_from - 1,
-             engine_path("own"));
-    assert_ok(engine_train("taken", false, &config, NULL, &taken));
+             fixture_path("own"));
+    assert_ok(fixture_train("taken", false, &config, NULL, &taken));
     assert_int_equal(taken.digest, own.digest);
 }
 
 static void test_resumed(void **state)
 {
     cln_config config;
-    engine_stop stop = {.signal = SIGINT, .step = 13};
+    fixture_stop stop = {.signal = SIGINT, .step = 13};
     cln_train_result all, part;
 
     NEED_DEVICE();
     config = config_on("whole");
-    assert_ok(engine_train("straight", false, &config, NULL, &all));
-    assert_fails(engine_train("halted", false, &config, &stop, &part), CLN_SIGINT, "--resume");
-    assert_ok(engine_train("halted", true, &config, NULL, &part));
+    assert_ok(fixture_train("straight", false, &config, NULL, &all));
+    assert_fails(fixture_train("halted", false, &config, &stop, &part), CLN_SIGINT, "--resume");
+    assert_ok(fixture_train("halted", true, &config, NULL, &part));
     assert_int_equal(part.digest, all.digest);
     assert_int_equal(part.leaves, 8);
     config.steps = 2 * STEPS;
     config.tree_from[0] = 0;
-    assert_fails(engine_train("halted", true, &config, NULL, &part), CLN_USAGE, "new run");
+    assert_fails(fixture_train("halted", true, &config, NULL, &part), CLN_USAGE, "new run");
 }
 
 static void test_refused(void **state)
@@ -126,11 +126,11 @@ static void test_refused(void **state)
     NEED_DEVICE();
     config = config_on("whole");
     snprintf(config.bbox, sizeof config.bbox, "-2,-2,-2,2,2,2");
-    assert_fails(engine_train("never", false, &config, NULL, &result), CLN_USAGE, "--bbox");
+    assert_fails(fixture_train("never", false, &config, NULL, &result), CLN_USAGE, "--bbox");
     config = config_on("scene");
-    assert_fails(engine_train("never", false, &config, NULL, &result), CLN_CHECKPOINT,
+    assert_fails(fixture_train("never", false, &config, NULL, &result), CLN_CHECKPOINT,
                  "--tree-from");
-    assert_false(cln_is_dir(engine_path("never")));
+    assert_false(cln_is_dir(fixture_path("never")));
 }
 
 int test_group_tree_from(void)
@@ -141,5 +141,5 @@ int test_group_tree_from(void)
         cmocka_unit_test(test_refused),
     };
 
-    return cmocka_run_group_tests_name("tree_from", tests, engine_setup, engine_teardown);
+    return cmocka_run_group_tests_name("tree_from", tests, fixture_setup, fixture_teardown);
 }

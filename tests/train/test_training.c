@@ -6,7 +6,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
-#include "engine_fixture.h"
+#include "run_fixture.h"
 #include "render/quality.h"
 #include "render/open_run.h"
 #include "tests.h"
@@ -20,7 +20,7 @@ static int column(const char *run, const char *event, const char *key, double *o
     int rows = 0;
 
     snprintf(name, sizeof name, "%s/metrics.jsonl", run);
-    f = fopen(engine_path(name), "r");
+    f = fopen(fixture_path(name), "r");
     assert_non_null(f);
     while (fgets(line, sizeof line, f)) {
         json_t *row = json_loads(line, 0, NULL);
@@ -57,61 +57,62 @@ static void test_learns(void **state)
     json_t *run = NULL;
 
     NEED_DEVICE();
-    assert_int_equal(engine_whole.step, STEPS);
-    assert_int_equal(engine_whole.leaves, 8);
-    assert_true(engine_whole.psnr_test > 5 && engine_whole.psnr_test < 60);
+    assert_int_equal(fixture_whole.step, STEPS);
+    assert_int_equal(fixture_whole.leaves, 8);
+    assert_true(fixture_whole.psnr_test > 5 && fixture_whole.psnr_test < 60);
     assert_int_equal(metrics("whole", "loss", loss, STEPS), STEPS);
     for (int i = 0; i < 5; i++) {
         first += loss[i];
         last += loss[STEPS - 1 - i];
     }
     assert_true(last < 0.7 * first);
-    run = engine_json("whole/run.json");
-    assert_string_equal(json_string_value(engine_at(run, "state")), "done");
-    assert_int_equal(json_integer_value(engine_at(run, "result.step")), STEPS);
-    assert_true(json_array_size(engine_at(run, "left_out")) > 0);
+    run = fixture_json("whole/run.json");
+    assert_string_equal(json_string_value(fixture_at(run, "state")), "done");
+    assert_int_equal(json_integer_value(fixture_at(run, "result.step")), STEPS);
+    assert_true(json_array_size(fixture_at(run, "left_out")) > 0);
     json_decref(run);
-    assert_int_equal(engine_digest("whole"), engine_whole.digest);
-    assert_true(cln_is_file(engine_path("whole/report.html")));
+    assert_int_equal(fixture_digest("whole"), fixture_whole.digest);
+    assert_true(cln_is_file(fixture_path("whole/report.html")));
 }
 
 static void test_seed_decides(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result again, other;
 
     NEED_DEVICE();
-    assert_ok(engine_train("again", false, &config, NULL, &again));
-    assert_int_equal(again.digest, engine_whole.digest);
+    assert_ok(fixture_train("again", false, &config, NULL, &again));
+    assert_int_equal(again.digest, fixture_whole.digest);
     config.seed = 7;
-    assert_ok(engine_train("other", false, &config, NULL, &other));
-    assert_int_not_equal(other.digest, engine_whole.digest);
+    assert_ok(fixture_train("other", false, &config, NULL, &other));
+    assert_int_not_equal(other.digest, fixture_whole.digest);
 }
 
 /* Stopped after a step, then gone on with: run.json keeps what the second process was not told. */
 static void test_interrupted(void **state)
 {
-    const cln_config config = engine_config();
-    engine_stop stop = {.signal = SIGINT, .step = 13};
+    const cln_config config = fixture_config();
+    fixture_stop stop = {.signal = SIGINT, .step = 13};
     cln_train_result result;
     json_t *before = NULL, *after = NULL;
 
     NEED_DEVICE();
-    assert_fails(engine_train("stopped", false, &config, &stop, &result), CLN_SIGINT, "--resume");
+    assert_fails(fixture_train("stopped", false, &config, &stop, &result), CLN_SIGINT, "--resume");
     assert_int_equal(result.step, 13);
-    assert_int_not_equal(engine_digest("stopped"), engine_whole.digest);
-    before = engine_json("stopped/run.json");
-    assert_string_equal(json_string_value(engine_at(before, "state")), "interrupted");
-    assert_ok(engine_train("stopped", true, &config, NULL, &result));
-    assert_int_equal(result.digest, engine_whole.digest);
-    assert_int_equal(engine_digest("stopped"), engine_whole.digest);
+    assert_int_not_equal(fixture_digest("stopped"), fixture_whole.digest);
+    before = fixture_json("stopped/run.json");
+    assert_string_equal(json_string_value(fixture_at(before, "state")), "interrupted");
+    assert_ok(fixture_train("stopped", true, &config, NULL, &result));
+    assert_int_equal(result.digest, fixture_whole.digest);
+    assert_int_equal(fixture_digest("stopped"), fixture_whole.digest);
     assert_every_step_once("stopped", STEPS);
-    after = engine_json("stopped/run.json");
-    assert_string_equal(json_string_value(engine_at(after, "state")), "done");
-    assert_true(json_equal(engine_at(after, "started"), engine_at(before, "started")));
-    assert_true(json_equal(engine_at(after, "dataset"), engine_at(before, "dataset")));
-    assert_string_equal(json_string_value(engine_at(after, "dataset.path")), engine_path("scene"));
-    assert_string_equal(json_string_value(engine_at(after, "preset")), "fast");
+    after = fixture_json("stopped/run.json");
+    assert_string_equal(json_string_value(fixture_at(after, "state")), "done");
+    assert_true(json_equal(fixture_at(after, "started"), fixture_at(before, "started")));
+    assert_true(json_equal(fixture_at(after, "dataset"), fixture_at(before, "dataset")));
+    assert_string_equal(json_string_value(fixture_at(after, "dataset.path")),
+                        fixture_path("scene"));
+    assert_string_equal(json_string_value(fixture_at(after, "preset")), "fast");
     json_decref(before);
     json_decref(after);
 }
@@ -119,17 +120,17 @@ static void test_interrupted(void **state)
 /* A rolling refresh is another training, and it, too, goes on as if it had not been stopped. */
 static void test_rolling_refresh(void **state)
 {
-    cln_config config = engine_config();
-    engine_stop stop = {.signal = SIGINT, .step = 21};
+    cln_config config = fixture_config();
+    fixture_stop stop = {.signal = SIGINT, .step = 21};
     cln_train_result whole, resumed;
 
     NEED_DEVICE();
     config.rolling_refresh = true;
-    assert_ok(engine_train("rolling", false, &config, NULL, &whole));
-    assert_int_not_equal(whole.digest, engine_whole.digest);
-    assert_fails(engine_train("rolling-stopped", false, &config, &stop, &resumed), CLN_SIGINT,
+    assert_ok(fixture_train("rolling", false, &config, NULL, &whole));
+    assert_int_not_equal(whole.digest, fixture_whole.digest);
+    assert_fails(fixture_train("rolling-stopped", false, &config, &stop, &resumed), CLN_SIGINT,
                  "--resume");
-    assert_ok(engine_train("rolling-stopped", true, &config, NULL, &resumed));
+    assert_ok(fixture_train("rolling-stopped", true, &config, NULL, &resumed));
     assert_int_equal(resumed.digest, whole.digest);
 }
 
@@ -137,55 +138,55 @@ static void test_rolling_refresh(void **state)
  * change it. */
 static void test_interrupted_in_evaluation(void **state)
 {
-    cln_config config = engine_config();
-    engine_stop stop = {.signal = SIGTERM, .pictures = 2};
+    cln_config config = fixture_config();
+    fixture_stop stop = {.signal = SIGTERM, .pictures = 2};
     cln_train_result result;
 
     NEED_DEVICE();
     config.eval_every = 11;
-    assert_fails(engine_train("looking", false, &config, &stop, &result), CLN_SIGTERM, "step 11");
+    assert_fails(fixture_train("looking", false, &config, &stop, &result), CLN_SIGTERM, "step 11");
     assert_int_equal(result.step, 11);
     /* pictures after this: step 22, and at the end, where it is stopped again */
-    stop = (engine_stop){.signal = SIGINT, .pictures = TEST_VIEWS + 2};
-    assert_fails(engine_train("looking", true, &config, &stop, &result), CLN_SIGINT,
+    stop = (fixture_stop){.signal = SIGINT, .pictures = TEST_VIEWS + 2};
+    assert_fails(fixture_train("looking", true, &config, &stop, &result), CLN_SIGINT,
                  "last evaluation");
-    assert_int_equal(result.digest, engine_whole.digest);
-    assert_false(cln_is_file(engine_path("looking/eval/00000030-test.json")));
-    assert_ok(engine_train("looking", true, &config, NULL, &result));
-    assert_int_equal(engine_digest("looking"), engine_whole.digest);
-    assert_true(cln_is_file(engine_path("looking/eval/00000030-test.json")));
+    assert_int_equal(result.digest, fixture_whole.digest);
+    assert_false(cln_is_file(fixture_path("looking/eval/00000030-test.json")));
+    assert_ok(fixture_train("looking", true, &config, NULL, &result));
+    assert_int_equal(fixture_digest("looking"), fixture_whole.digest);
+    assert_true(cln_is_file(fixture_path("looking/eval/00000030-test.json")));
     assert_every_step_once("looking", STEPS);
 }
 
 /* SIGUSR1: a checkpoint more, nothing else. */
 static void test_checkpoint_on_the_way(void **state)
 {
-    const cln_config config = engine_config();
-    engine_stop stop = {.signal = SIGUSR1, .step = 7};
+    const cln_config config = fixture_config();
+    fixture_stop stop = {.signal = SIGUSR1, .step = 7};
     cln_train_result result;
 
     NEED_DEVICE();
-    assert_ok(engine_train("saved", false, &config, &stop, &result));
-    assert_int_equal(result.digest, engine_whole.digest);
-    assert_true(cln_is_file(engine_path("saved/checkpoint/00000007.json")));
-    assert_true(cln_is_file(engine_path("saved/checkpoint/00000030.json")));
+    assert_ok(fixture_train("saved", false, &config, &stop, &result));
+    assert_int_equal(result.digest, fixture_whole.digest);
+    assert_true(cln_is_file(fixture_path("saved/checkpoint/00000007.json")));
+    assert_true(cln_is_file(fixture_path("saved/checkpoint/00000030.json")));
 }
 
 /* Budgets may grow and batches shrink with a resume; the network may not change. */
 static void test_resumed_with_other_settings(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
 
     NEED_DEVICE();
     config.steps = STEPS / 2;
-    assert_ok(engine_train("more", false, &config, NULL, &result));
+    assert_ok(fixture_train("more", false, &config, NULL, &result));
     config.steps = STEPS;
     config.rays = 32;
-    assert_ok(engine_train("more", true, &config, NULL, &result));
+    assert_ok(fixture_train("more", true, &config, NULL, &result));
     assert_int_equal(result.step, STEPS);
     config.width = 32;
-    assert_fails(engine_train("more", true, &config, NULL, &result), CLN_CHECKPOINT, "width");
+    assert_fails(fixture_train("more", true, &config, NULL, &result), CLN_CHECKPOINT, "width");
 }
 
 /* ---- structure ---- */
@@ -206,19 +207,19 @@ static double psnr_of(cln_open_run *v, const int *views, int count)
 static void test_split_keeps_pictures(void **state)
 {
     const bool pixels[CLN_SPLITS] = {true, false, true};
-    const cln_device_desc device = engine_device();
+    const cln_device_desc device = fixture_device();
     cln_open_run v;
     cln_octree_change change = {0};
     double before = 0, after = 0;
     int *views = NULL, count = 0;
 
     NEED_DEVICE();
-    assert_ok(cln_open_run_open(engine_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
     before = psnr_of(&v, views, count);
-    assert_true(before == engine_whole.psnr_test);
+    assert_true(before == fixture_whole.psnr_test);
     assert_ok(cln_octree_split(&v.model.tree, NULL, &change));
     assert_ok(cln_model_apply(&v.model, &change));
     assert_int_equal(v.model.tree.leaf_count, 64);
@@ -232,13 +233,13 @@ static void test_split_keeps_pictures(void **state)
 
 static void test_growth(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
     double leaves[STEPS], loss[STEPS];
 
     NEED_DEVICE();
     snprintf(config.level_at, sizeof config.level_at, "2:0.5");
-    assert_ok(engine_train("grown", false, &config, NULL, &result));
+    assert_ok(fixture_train("grown", false, &config, NULL, &result));
     assert_int_equal(result.leaves, 64);
     assert_int_equal(metrics("grown", "leaves", leaves, STEPS), STEPS);
     metrics("grown", "loss", loss, STEPS);
@@ -251,7 +252,7 @@ static void test_growth(void **state)
 static void test_waits(void **state)
 {
     enum { EVERY = 10 };
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
     double waits[STEPS] = {0}, least = INFINITY;
     int rows = 0;
@@ -261,7 +262,7 @@ static void test_waits(void **state)
     config.level_at[0] = 0;
     config.adaptive = false;
     config.log_every = EVERY;
-    assert_ok(engine_train("watched", false, &config, NULL, &result));
+    assert_ok(fixture_train("watched", false, &config, NULL, &result));
     rows = metrics("watched", "host_waits", waits, STEPS);
     assert_int_equal(rows, STEPS / EVERY);
     for (int i = 0; i < rows; i++) /* rows with a refresh or an evaluation have more */
@@ -283,7 +284,7 @@ static double leaves_at(const char *run, int step)
 static void test_culling(void **state)
 {
     static const int stops[] = {6, 7, 8, 9, 20};
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result all, part;
     json_t *run = NULL;
     char *left_out = NULL;
@@ -293,11 +294,11 @@ static void test_culling(void **state)
     config.cull_mean = 1e6;
     config.cull_from = 0.2;
     config.refresh_every = 4;
-    assert_ok(engine_train("culled", false, &config, NULL, &all));
+    assert_ok(fixture_train("culled", false, &config, NULL, &all));
     assert_int_equal(all.leaves, 1);
     assert_true(isfinite(all.psnr_test));
-    run = engine_json("culled/run.json");
-    left_out = json_dumps(engine_at(run, "left_out"), 0);
+    run = fixture_json("culled/run.json");
+    left_out = json_dumps(fixture_at(run, "left_out"), 0);
     assert_non_null(strstr(left_out, "87.5% of the cube"));
     assert_non_null(strstr(left_out, "of the training pixels"));
     free(left_out);
@@ -305,16 +306,16 @@ static void test_culling(void **state)
     assert_int_equal((int)leaves_at("culled", stops[0]), 8);
     assert_int_equal((int)leaves_at("culled", stops[3]), 1);
     for (size_t i = 0; i < sizeof stops / sizeof stops[0]; i++) {
-        engine_stop stop = {.signal = SIGINT, .step = stops[i]};
+        fixture_stop stop = {.signal = SIGINT, .step = stops[i]};
         char name[32];
 
         snprintf(name, sizeof name, "cut-%d", stops[i]);
-        assert_fails(engine_train(name, false, &config, &stop, &part), CLN_SIGINT, "");
-        assert_ok(engine_train(name, true, &config, NULL, &part));
+        assert_fails(fixture_train(name, false, &config, &stop, &part), CLN_SIGINT, "");
+        assert_ok(fixture_train(name, true, &config, NULL, &part));
         assert_int_equal(part.digest, all.digest);
     }
     config.cull_after = 10; /* checks every fourth step */
-    assert_ok(engine_train("later", false, &config, NULL, &all));
+    assert_ok(fixture_train("later", false, &config, NULL, &all));
     assert_int_equal((int)leaves_at("later", 11), 8);
     assert_int_equal((int)leaves_at("later", 13), 1);
 }
@@ -333,7 +334,7 @@ static double last_error(const char *run)
 /* The training PSNR is that of all training pixels, also where rays go through some of them alone. */
 static void test_psnr_of_all_pixels(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
     double all = 0, covered = 0;
 
@@ -345,10 +346,10 @@ static void test_psnr_of_all_pixels(void **state)
     config.lr = config.lr_final = 1e-8;
     config.rays = 2048;
     config.batch_samples = 65536;
-    assert_ok(engine_train("covered", false, &config, NULL, &result));
+    assert_ok(fixture_train("covered", false, &config, NULL, &result));
     covered = last_error("covered");
     config.skip_uncovered = false;
-    assert_ok(engine_train("all", false, &config, NULL, &result));
+    assert_ok(fixture_train("all", false, &config, NULL, &result));
     all = last_error("all");
     if (!(fabs(covered / all - 1) < 0.03))
         fail_msg("mean square error %.4g, by the covered pixels %.4g", all, covered);
@@ -368,7 +369,7 @@ static int decisions(const char *run, const char *key, double *sum)
 
 static cln_config adaptive_config(void)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
 
     config.adaptive = true;
     config.start_level = 2;
@@ -393,7 +394,7 @@ static void test_adaptive(void **state)
     double sum = 0, leaves[STEPS];
 
     NEED_DEVICE();
-    assert_ok(engine_train("adaptive", false, &config, NULL, &whole));
+    assert_ok(fixture_train("adaptive", false, &config, NULL, &whole));
     assert_true(whole.leaves <= 90 && isfinite(whole.psnr_test));
     assert_int_equal(decisions("adaptive", "merged", &sum), 4);
     assert_true(sum >= 1);
@@ -405,12 +406,12 @@ static void test_adaptive(void **state)
     assert_int_equal((int)leaves[5], 64);
     assert_true((int)leaves[6] != 64 && leaves[6] <= 90);
     for (size_t i = 0; i < sizeof stops / sizeof stops[0]; i++) {
-        engine_stop stop = {.signal = SIGINT, .step = stops[i]};
+        fixture_stop stop = {.signal = SIGINT, .step = stops[i]};
         char run[32];
 
         snprintf(run, sizeof run, "adaptive-%d", stops[i]);
-        assert_fails(engine_train(run, false, &config, &stop, &part), CLN_SIGINT, "");
-        assert_ok(engine_train(run, true, &config, NULL, &part));
+        assert_fails(fixture_train(run, false, &config, &stop, &part), CLN_SIGINT, "");
+        assert_ok(fixture_train(run, true, &config, NULL, &part));
         assert_int_equal(part.digest, whole.digest);
         assert_int_equal(decisions(run, "leaves", &sum), 4);
     }
@@ -421,19 +422,19 @@ static void test_adaptive_waits(void **state)
 {
     cln_config config = adaptive_config();
     cln_train_result waits, weighted, again;
-    engine_stop stop = {.signal = SIGINT, .step = 14};
+    fixture_stop stop = {.signal = SIGINT, .step = 14};
     double sum = 0;
 
     NEED_DEVICE();
     config.structure_wait = 1;
-    assert_ok(engine_train("waits", false, &config, NULL, &waits));
+    assert_ok(fixture_train("waits", false, &config, NULL, &waits));
     assert_true(decisions("waits", "leaves", &sum) < 4);
     config.structure_wait = 0;
     config.density_weight = CLN_WEIGHT_VISIBILITY;
-    assert_ok(engine_train("weighted", false, &config, NULL, &weighted));
+    assert_ok(fixture_train("weighted", false, &config, NULL, &weighted));
     assert_true(weighted.leaves <= 90);
-    assert_fails(engine_train("weighted-cut", false, &config, &stop, &again), CLN_SIGINT, "");
-    assert_ok(engine_train("weighted-cut", true, &config, NULL, &again));
+    assert_fails(fixture_train("weighted-cut", false, &config, &stop, &again), CLN_SIGINT, "");
+    assert_ok(fixture_train("weighted-cut", true, &config, NULL, &again));
     assert_int_equal(again.digest, weighted.digest);
 }
 
@@ -448,10 +449,10 @@ static void test_adaptive_infeasible(void **state)
 
     NEED_DEVICE();
     config.max_leaves = 3;
-    assert_ok(engine_train("infeasible", false, &config, NULL, &result));
+    assert_ok(fixture_train("infeasible", false, &config, NULL, &result));
     assert_true(decisions("infeasible", "merged", &sum) >= 1);
     assert_true(result.leaves <= 8);
-    f = fopen(engine_path("infeasible/metrics.jsonl"), "r");
+    f = fopen(fixture_path("infeasible/metrics.jsonl"), "r");
     while (fgets(line, sizeof line, f) && !strstr(line, "\"infeasible\":true"))
         ;
     assert_non_null(strstr(line, "\"infeasible\":true"));
@@ -461,15 +462,15 @@ static void test_adaptive_infeasible(void **state)
 /* The tree of another run, kept as it is. */
 static void test_tree_from(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result, base;
 
     NEED_DEVICE();
     config.adaptive = true;
-    snprintf(config.tree_from, sizeof config.tree_from, "%s", engine_path("adaptive"));
-    assert_ok(engine_train("taken", false, &config, NULL, &result));
+    snprintf(config.tree_from, sizeof config.tree_from, "%s", fixture_path("adaptive"));
+    assert_ok(fixture_train("taken", false, &config, NULL, &result));
     config = adaptive_config();
-    assert_ok(engine_train("adaptive-again", false, &config, NULL, &base));
+    assert_ok(fixture_train("adaptive-again", false, &config, NULL, &base));
     assert_int_equal(result.leaves, base.leaves);
     assert_int_not_equal(result.digest, base.digest);
 }
@@ -477,7 +478,7 @@ static void test_tree_from(void **state)
 /* Memory of culled leaves is given back. */
 static void test_memory_given_back(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
     double memory[STEPS];
 
@@ -488,7 +489,7 @@ static void test_memory_given_back(void **state)
     config.cull_mean = 1e6;
     config.cull_from = 0.4;
     config.refresh_every = 4;
-    assert_ok(engine_train("returned", false, &config, NULL, &result));
+    assert_ok(fixture_train("returned", false, &config, NULL, &result));
     assert_int_equal(result.leaves, 1);
     assert_int_equal(metrics("returned", "dev_mem", memory, STEPS), STEPS);
     assert_true(memory[STEPS - 1] < 0.5 * memory[5]);
@@ -498,11 +499,11 @@ static void test_memory_given_back(void **state)
 
 static void train_splat(const char *run, int lists, cln_train_result *result)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
 
     config.stage1 = CLN_STAGE1_SPLAT;
     config.lists = lists;
-    assert_ok(engine_train(run, false, &config, NULL, result));
+    assert_ok(fixture_train(run, false, &config, NULL, result));
 }
 
 static void test_splat(void **state)
@@ -514,7 +515,7 @@ static void test_splat(void **state)
     train_splat("csr", CLN_LISTS_CSR, &csr);
     assert_int_equal(metrics("csr", "loss", loss, STEPS), STEPS);
     assert_true(loss[STEPS - 1] < 0.8 * loss[0]);
-    assert_int_not_equal(csr.digest, engine_whole.digest);
+    assert_int_not_equal(csr.digest, fixture_whole.digest);
     train_splat("padded", CLN_LISTS_PADDED, &padded);
     assert_int_equal(padded.digest, csr.digest);
 }
@@ -523,7 +524,7 @@ static void test_splat(void **state)
 static void test_splat_in_bands(void **state)
 {
     const bool pixels[CLN_SPLITS] = {false};
-    const cln_device_desc device = engine_device();
+    const cln_device_desc device = fixture_device();
     const float white[3] = {1, 1, 1};
     const cln_camera *pointer = NULL;
     cln_camera tall;
@@ -534,7 +535,7 @@ static void test_splat_in_bands(void **state)
 
     NEED_DEVICE();
     train_splat("tall", CLN_LISTS_CSR, &result);
-    assert_ok(cln_open_run_open(engine_path("tall"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("tall"), NULL, pixels, &v));
     tall = v.scene->views[0].camera;
     tall.width = 64;
     tall.height = 192; /* three bands: they are multiples of the coarsest pixel, 64 rows */
@@ -564,44 +565,44 @@ static void test_splat_in_bands(void **state)
 
 static void assert_nothing_written(const char *run)
 {
-    assert_false(cln_is_dir(engine_path(run)));
+    assert_false(cln_is_dir(fixture_path(run)));
 }
 
 static void test_too_little_memory(void **state)
 {
-    cln_config config = engine_config();
+    cln_config config = fixture_config();
     cln_train_result result;
 
     NEED_DEVICE();
     config.device_mem = 1 << 20;
-    assert_fails(engine_train("never", false, &config, NULL, &result), CLN_MEMORY, "--device-mem");
+    assert_fails(fixture_train("never", false, &config, NULL, &result), CLN_MEMORY, "--device-mem");
     assert_nothing_written("never");
 }
 
 static void test_broken_kernel(void **state)
 {
     const char text[] = "this is no OpenCL;\n";
-    const cln_settings settings = {.config = engine_config(), .preset = "fast"};
-    cln_train_desc desc = {.scene = engine_path("scene"),
-                           .run = engine_path("never"),
+    const cln_settings settings = {.config = fixture_config(), .preset = "fast"};
+    cln_train_desc desc = {.scene = fixture_path("scene"),
+                           .run = fixture_path("never"),
                            .skip_selftest = true,
                            .settings = &settings,
-                           .device = engine_device()};
+                           .device = fixture_device()};
     cln_train_result result;
 
     NEED_DEVICE();
-    assert_ok(cln_make_dirs(engine_path("kernels")));
-    scratch_put(engine_path("kernels/composite.cl"), text, strlen(text));
-    desc.device.kernel_dir = engine_path("kernels");
+    assert_ok(cln_make_dirs(fixture_path("kernels")));
+    scratch_put(fixture_path("kernels/composite.cl"), text, strlen(text));
+    desc.device.kernel_dir = fixture_path("kernels");
     assert_fails(cln_train(&desc, &result), CLN_BUILD, "composite.cl");
     assert_nothing_written("never");
 }
 
 static void test_no_such_device(void **state)
 {
-    const cln_settings settings = {.config = engine_config(), .preset = "fast"};
-    cln_train_desc desc = {.scene = engine_path("scene"),
-                           .run = engine_path("never"),
+    const cln_settings settings = {.config = fixture_config(), .preset = "fast"};
+    cln_train_desc desc = {.scene = fixture_path("scene"),
+                           .run = fixture_path("never"),
                            .settings = &settings,
                            .device = {.spec = "no such device"}};
     cln_train_result result;
@@ -613,16 +614,16 @@ static void test_no_such_device(void **state)
 
 static void test_folders_of_others(void **state)
 {
-    const cln_config config = engine_config();
+    const cln_config config = fixture_config();
     cln_train_result result;
 
     NEED_DEVICE();
-    assert_fails(engine_train("scene", false, &config, NULL, &result), CLN_OUTPUT, "run.json");
-    assert_fails(engine_train("whole", false, &config, NULL, &result), CLN_OUTPUT, "--resume");
-    assert_int_equal(engine_digest("whole"), engine_whole.digest);
+    assert_fails(fixture_train("scene", false, &config, NULL, &result), CLN_OUTPUT, "run.json");
+    assert_fails(fixture_train("whole", false, &config, NULL, &result), CLN_OUTPUT, "--resume");
+    assert_int_equal(fixture_digest("whole"), fixture_whole.digest);
 }
 
-int test_group_engine(void)
+int test_group_training(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_learns),
@@ -650,5 +651,5 @@ int test_group_engine(void)
         cmocka_unit_test(test_folders_of_others),
     };
 
-    return cmocka_run_group_tests_name("engine", tests, engine_setup, engine_teardown);
+    return cmocka_run_group_tests_name("training", tests, fixture_setup, fixture_teardown);
 }

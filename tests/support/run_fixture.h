@@ -1,9 +1,9 @@
-/* What the tests of whole commands share: a scene of a coloured ball (6 views to train on, 2 to
+/* What the tests of runs share: a scene of a coloured ball (6 views to train on, 2 to
  * test with, 24 x 24, RGBA, Blender's format), settings small enough for a training of a second, a
  * run to look at, and callbacks that ask to stop at a chosen moment. Skips where there is no OpenCL
  * device. */
-#ifndef CLN_TESTS_ENGINE_FIXTURE_H
-#define CLN_TESTS_ENGINE_FIXTURE_H
+#ifndef CLN_TESTS_RUN_FIXTURE_H
+#define CLN_TESTS_RUN_FIXTURE_H
 
 #include <dirent.h>
 #include <jansson.h>
@@ -19,7 +19,7 @@
 
 enum { SIDE = 24, STEPS = 30, TRAIN_VIEWS = 6, TEST_VIEWS = 2 };
 
-static char engine_folder[PATH_MAX - 64]; /* of the whole group */
+static char fixture_folder[PATH_MAX - 64]; /* of the whole group */
 
 static inline void assert_ok(cln_status st)
 {
@@ -36,14 +36,14 @@ static inline void assert_fails(cln_status got, cln_status want, const char *wor
     cln_clear_error();
 }
 
-static inline void engine_no_log(cln_log_level level, const char *line, void *user)
+static inline void fixture_no_log(cln_log_level level, const char *line, void *user)
 {
     (void)level;
     (void)line;
     (void)user;
 }
 
-static inline cln_device_desc engine_device(void)
+static inline cln_device_desc fixture_device(void)
 {
     return (cln_device_desc){.spec = getenv("CLN_TEST_DEVICE"),
                              .kernel_dir = getenv("CLN_TEST_KERNEL_DIR")};
@@ -52,7 +52,7 @@ static inline cln_device_desc engine_device(void)
 /* ---- the scene ---- */
 
 /* View i on a ring around z, looking at the origin; OpenGL's axes, as in the files. */
-static inline void engine_pose(double yaw, double height, double m[3][4])
+static inline void fixture_pose(double yaw, double height, double m[3][4])
 {
     const double r = sqrt(1 - height * height);
     const double z[3] = {r * cos(yaw), r * sin(yaw), height}; /* backwards */
@@ -69,7 +69,7 @@ static inline void engine_pose(double yaw, double height, double m[3][4])
 }
 
 /* A ball of radius 1 whose colour is its normal. */
-static inline void engine_picture(double m[3][4], double focal, uint8_t *rgba)
+static inline void fixture_picture(double m[3][4], double focal, uint8_t *rgba)
 {
     for (int i = 0; i < SIDE * SIDE; i++) {
         const double u = (i % SIDE + 0.5 - SIDE / 2) / focal,
@@ -91,7 +91,7 @@ static inline void engine_picture(double m[3][4], double focal, uint8_t *rgba)
     }
 }
 
-static inline void engine_split(const char *folder, const char *split, int count, double phase)
+static inline void fixture_split(const char *folder, const char *split, int count, double phase)
 {
     uint8_t rgba[SIDE * SIDE * 4];
     json_t *frames = json_array(), *document = NULL;
@@ -104,8 +104,8 @@ static inline void engine_split(const char *folder, const char *split, int count
         double m[3][4];
         json_t *rows = json_array();
 
-        engine_pose(6.283185307 * (i + phase) / count, 0.15 + 0.1 * (i % 3), m);
-        engine_picture(m, 0.5 * SIDE / tan(0.5 * angle), rgba);
+        fixture_pose(6.283185307 * (i + phase) / count, 0.15 + 0.1 * (i % 3), m);
+        fixture_picture(m, 0.5 * SIDE / tan(0.5 * angle), rgba);
         for (int a = 0; a < 3; a++)
             json_array_append_new(rows, json_pack("[f,f,f,f]", m[a][0], m[a][1], m[a][2], m[a][3]));
         json_array_append_new(rows, json_pack("[i,i,i,i]", 0, 0, 0, 1));
@@ -126,7 +126,7 @@ static inline void engine_split(const char *folder, const char *split, int count
 /* ---- settings and runs ---- */
 
 /* Every byte set, so that settings can be compared and copied. */
-static inline cln_config engine_config(void)
+static inline cln_config fixture_config(void)
 {
     cln_config config;
 
@@ -153,30 +153,30 @@ static inline cln_config engine_config(void)
 
 /* What the callbacks of a test do: a signal when `step` steps are done, or once `pictures` calls of
  * work() came; after that none. */
-typedef struct engine_stop {
+typedef struct fixture_stop {
     int signal;
     int64_t step;
     int pictures;
     int64_t steps_seen;
     int pictures_seen;
-} engine_stop;
+} fixture_stop;
 
-static inline void engine_on_train(const cln_train_progress *progress, void *user)
+static inline void fixture_on_train(const cln_train_progress *progress, void *user)
 {
-    ((engine_stop *)user)->steps_seen = progress->step;
+    ((fixture_stop *)user)->steps_seen = progress->step;
 }
 
-static inline void engine_on_work(const char *what, int done, int total, void *user)
+static inline void fixture_on_work(const char *what, int done, int total, void *user)
 {
     (void)what;
     (void)done;
     (void)total;
-    ((engine_stop *)user)->pictures_seen++;
+    ((fixture_stop *)user)->pictures_seen++;
 }
 
-static inline int engine_interrupted(void *user)
+static inline int fixture_interrupted(void *user)
 {
-    engine_stop *s = user;
+    fixture_stop *s = user;
 
     if ((s->step && s->steps_seen == s->step) || (s->pictures && s->pictures_seen == s->pictures)) {
         s->step = s->pictures = 0;
@@ -185,36 +185,36 @@ static inline int engine_interrupted(void *user)
     return 0;
 }
 
-static inline cln_callbacks engine_callbacks(engine_stop *stop)
+static inline cln_callbacks fixture_callbacks(fixture_stop *stop)
 {
-    return (cln_callbacks){engine_on_train, engine_on_work, engine_interrupted, stop};
+    return (cln_callbacks){fixture_on_train, fixture_on_work, fixture_interrupted, stop};
 }
 
-static inline const char *engine_path(const char *name)
+static inline const char *fixture_path(const char *name)
 {
-    return scratch_path(engine_folder, name);
+    return scratch_path(fixture_folder, name);
 }
 
 /* A new run (scene given) or a resumed one (scene NULL). stop may be NULL. */
-static inline cln_status engine_train(const char *run, bool resume, const cln_config *config,
-                                      engine_stop *stop, cln_train_result *result)
+static inline cln_status fixture_train(const char *run, bool resume, const cln_config *config,
+                                       fixture_stop *stop, cln_train_result *result)
 {
-    engine_stop none = {0};
+    fixture_stop none = {0};
     const cln_settings settings = {.config = *config, .preset = "fast"};
-    const cln_train_desc desc = {.scene = resume ? NULL : engine_path("scene"),
-                                 .run = engine_path(run),
+    const cln_train_desc desc = {.scene = resume ? NULL : fixture_path("scene"),
+                                 .run = fixture_path(run),
                                  .resume = resume,
                                  .skip_selftest = true,
                                  .settings = &settings,
-                                 .device = engine_device(),
+                                 .device = fixture_device(),
                                  .command = "test",
-                                 .callbacks = engine_callbacks(stop ? stop : &none)};
+                                 .callbacks = fixture_callbacks(stop ? stop : &none)};
 
     return cln_train(&desc, result);
 }
 
 /* A kernel folder whose lanes.h has these lines at its end; skips outside the source tree. */
-static inline const char *engine_kernels_with(const char *name, const char *lines)
+static inline const char *fixture_kernels_with(const char *name, const char *lines)
 {
     char file[128], *text = NULL, *more = NULL;
     size_t bytes = 0;
@@ -224,23 +224,23 @@ static inline const char *engine_kernels_with(const char *name, const char *line
     assert_ok(cln_read_file("kernels/lanes.h", (size_t)1 << 20, &text, &bytes));
     assert_true(asprintf(&more, "%s\n%s\n", text, lines) > 0);
     snprintf(file, sizeof file, "%s/lanes.h", name);
-    assert_ok(cln_make_dirs(engine_path(name)));
-    scratch_put(engine_path(file), more, strlen(more));
+    assert_ok(cln_make_dirs(fixture_path(name)));
+    scratch_put(fixture_path(file), more, strlen(more));
     free(text);
     free(more);
-    return engine_path(name);
+    return fixture_path(name);
 }
 
 /* A JSON file of the group's folder; the caller drops the reference. */
-static inline json_t *engine_json(const char *name)
+static inline json_t *fixture_json(const char *name)
 {
     json_t *document = NULL;
 
-    assert_ok(cln_json_read(engine_path(name), false, &document));
+    assert_ok(cln_json_read(fixture_path(name), false, &document));
     return document;
 }
 
-static inline json_t *engine_parse(char *text)
+static inline json_t *fixture_parse(char *text)
 {
     json_t *document = json_loads(text, 0, NULL);
 
@@ -250,7 +250,7 @@ static inline json_t *engine_parse(char *text)
 }
 
 /* Text and number at "a.b" of a document. */
-static inline json_t *engine_at(json_t *document, const char *path)
+static inline json_t *fixture_at(json_t *document, const char *path)
 {
     char key[64];
 
@@ -266,53 +266,54 @@ static inline json_t *engine_at(json_t *document, const char *path)
     return document;
 }
 
-static inline uint64_t engine_digest(const char *run)
+static inline uint64_t fixture_digest(const char *run)
 {
     char *text = NULL;
     json_t *about = NULL;
     uint64_t digest = 0;
 
-    assert_ok(cln_info_run(engine_path(run), &text));
-    about = engine_parse(text);
-    digest = strtoull(json_string_value(engine_at(about, "model_digest")), NULL, 16);
+    assert_ok(cln_info_run(fixture_path(run), &text));
+    about = fixture_parse(text);
+    digest = strtoull(json_string_value(fixture_at(about, "model_digest")), NULL, 16);
     json_decref(about);
     return digest;
 }
 
 /* Group setup: folder, scene, and the run "whole" that others are compared with. Without a device
  * the scene is made all the same, and tests skip themselves. */
-static cln_train_result engine_whole;
-static bool engine_has_device;
+static cln_train_result fixture_whole;
+static bool fixture_has_device;
 
-static inline int engine_setup(void **state)
+static inline int fixture_setup(void **state)
 {
     const char *base = getenv("TMPDIR");
-    const cln_config config = engine_config();
-    const cln_device_desc desc = engine_device();
+    const cln_config config = fixture_config();
+    const cln_device_desc desc = fixture_device();
     cln_device *device = NULL;
     char path[PATH_MAX];
 
     (void)state;
-    snprintf(engine_folder, sizeof engine_folder, "%s/cln-test-XXXXXX", base ? base : "/tmp");
-    if (!mkdtemp(engine_folder))
+    snprintf(fixture_folder, sizeof fixture_folder, "%s/cln-test-XXXXXX", base ? base : "/tmp");
+    if (!mkdtemp(fixture_folder))
         return -1;
-    cln_log_set_sink(engine_no_log, NULL);
-    snprintf(path, sizeof path, "%s/scene", engine_folder);
-    engine_split(path, "train", TRAIN_VIEWS, 0);
-    engine_split(path, "test", TEST_VIEWS, 0.3);
-    engine_has_device = cln_device_open(&desc, &device) == CLN_OK;
+    cln_log_set_sink(fixture_no_log, NULL);
+    snprintf(path, sizeof path, "%s/scene", fixture_folder);
+    fixture_split(path, "train", TRAIN_VIEWS, 0);
+    fixture_split(path, "test", TEST_VIEWS, 0.3);
+    fixture_has_device = cln_device_open(&desc, &device) == CLN_OK;
     cln_device_close(device);
     cln_clear_error();
-    if (engine_has_device && engine_train("whole", false, &config, NULL, &engine_whole) != CLN_OK) {
+    if (fixture_has_device &&
+        fixture_train("whole", false, &config, NULL, &fixture_whole) != CLN_OK) {
         print_error("%s\n", cln_error_text());
         return -1;
     }
     return 0;
 }
 
-static inline int engine_teardown(void **state)
+static inline int fixture_teardown(void **state)
 {
-    char *folder = strdup(engine_folder);
+    char *folder = strdup(fixture_folder);
     void *own = folder;
 
     (void)state;
@@ -320,12 +321,12 @@ static inline int engine_teardown(void **state)
 }
 
 /* First line of every test that computes. */
-#define NEED_DEVICE()                          \
-    do {                                       \
-        (void)state;                           \
-        cln_log_set_sink(engine_no_log, NULL); \
-        if (!engine_has_device)                \
-            skip();                            \
+#define NEED_DEVICE()                           \
+    do {                                        \
+        (void)state;                            \
+        cln_log_set_sink(fixture_no_log, NULL); \
+        if (!fixture_has_device)                \
+            skip();                             \
     } while (0)
 
 #endif
