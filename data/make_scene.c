@@ -1,6 +1,6 @@
 /* build/make-scene: renders a small scene with exactly known geometry, colour and depth, in a
- * format that the dataset readers read. This file has the options, the cameras and the files that are
- * written; scene_object.c and scene_room.c have the shapes, trace.c and shade.c the ray tracer. The
+ * format that the dataset readers read. This file has the options, the cameras and the writing of
+ * files; scene_object.c and scene_room.c have the shapes, trace.c and shade.c the ray tracer. The
  * same options give the same bytes on every run, for any number of threads. */
 #include <errno.h>
 #include <dirent.h>
