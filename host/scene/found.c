@@ -1,7 +1,7 @@
-/* What lies at a path that no reader takes, for the sentence that says so. Datasets that are known
- * but not read are recognised by one file each (markers), everything else by the endings of names
- * (kinds), in the folder and in the folders in it. */
-#include "scene/reader.h"
+/* What lies at a path. Datasets that are known but not read are recognised by one file each
+ * (markers), everything else by the endings of names (kinds), in the folder and in the folders in
+ * it. See found.h. */
+#include "scene/found.h"
 
 #include <ctype.h>
 #include <dirent.h>
@@ -85,7 +85,8 @@ static cln_status keep_first(char **first, const char *name)
 }
 
 /* Counts what is in `folder`, and in the folders in it; `within`: this is one of those, by name. */
-static cln_status look(const char *folder, const char *within, survey *found)
+static cln_status look(const char *folder, const char *within, bool (*is_scene)(const char *path),
+                       survey *found)
 {
     cln_status st = CLN_OK;
     DIR *dir = opendir(folder);
@@ -107,11 +108,11 @@ static cln_status look(const char *folder, const char *within, survey *found)
         CLN_TRY(cln_path_join(&name, within ? within : "", entry->d_name));
         if (!cln_is_dir(path)) {
             kind = kind_of(name);
-        } else if (!within && cln_reader_any(path)) {
+        } else if (!within && is_scene(path)) {
             found->scenes++;
             CLN_TRY(keep_first(&found->scene, name));
         } else if (!within) {
-            CLN_TRY(look(path, name, found));
+            CLN_TRY(look(path, name, is_scene, found));
         }
         found->count[kind]++;
         CLN_TRY(keep_first(&found->first[kind], name));
@@ -178,7 +179,8 @@ done:
     return st;
 }
 
-cln_status cln_reader_found(const char *path, char **what, char **advice)
+cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), char **what,
+                        char **advice)
 {
     cln_status st = CLN_OK;
     const char *known = NULL;
@@ -192,7 +194,7 @@ cln_status cln_reader_found(const char *path, char **what, char **advice)
         CLN_TRY(cln_strdup(advice, kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice));
         goto done;
     }
-    CLN_TRY(look(path, NULL, &found));
+    CLN_TRY(look(path, NULL, is_scene, &found));
     CLN_TRY(describe_folder(path, &found, what, &known));
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,

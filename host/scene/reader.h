@@ -44,11 +44,4 @@ extern const cln_reader cln_reader_transforms; /* reader_transforms.c */
  * sentence says what lies there instead, what each reader wants and misses, and what to do. */
 cln_status cln_reader_pick(const char *path, const cln_reader **out);
 
-/* readers.c: does any reader detect its format at `path`? */
-bool cln_reader_any(const char *path);
-
-/* found.c: what lies at a path that no reader takes, and what its owner can do about it, both
- * phrases: "it holds 12 images (the first is 'a.jpg')". The caller frees them. */
-cln_status cln_reader_found(const char *path, char **what, char **advice);
-
 #endif

@@ -6,6 +6,7 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "scene/found.h"
 
 /* Tried in this order. */
 static const cln_reader *const readers[] = {
@@ -14,7 +15,7 @@ static const cln_reader *const readers[] = {
 
 enum { READERS = sizeof readers / sizeof *readers };
 
-bool cln_reader_any(const char *path)
+static bool is_scene(const char *path)
 {
     const char *missing = NULL;
 
@@ -63,7 +64,7 @@ cln_status cln_reader_pick(const char *path, const cln_reader **out)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: %s; give the folder of a scene, or its transforms JSON file", path,
                          errno ? strerror(errno) : "neither a folder nor a file"));
-    CLN_TRY(cln_reader_found(path, &what, &advice));
+    CLN_TRY(cln_found_at(path, is_scene, &what, &advice));
     CLN_TRY(list_readers(path, &list));
     CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene: %s; %s; %s", path, what, list, advice));
 done:
