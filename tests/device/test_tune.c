@@ -252,25 +252,25 @@ static void test_plain_comes_last(void **state)
 
 static void put_kernel(const char *file, const char *text)
 {
-    scratch_put(engine_path(file), text, strlen(text));
+    scratch_put(fixture_path(file), text, strlen(text));
 }
 
 /* A kernel file's first line names headers, and theirs come before them, each once. */
 static void test_needs(void **state)
 {
-    cln_device_desc desc = engine_device();
+    cln_device_desc desc = fixture_device();
     cln_device *device = NULL;
     cln_program program;
 
     NEED_DEVICE();
-    assert_ok(cln_make_dirs(engine_path("needs")));
+    assert_ok(cln_make_dirs(fixture_path("needs")));
     put_kernel("needs/first.h", "/* needs: second */\n#define FIRST 1\n");
     put_kernel("needs/second.h", "/* needs: first */\n#define SECOND (FIRST + VW)\n#if FIRST != 1\n"
                                  "#error first.h is missing\n#endif\n");
     put_kernel("needs/probe.cl", "/* needs: second first */\n"
                                  "__kernel void probe(__global int *out) { out[0] = SECOND; }\n");
     put_kernel("needs/lost.cl", "/* needs: nowhere */\n__kernel void lost(void) {}\n");
-    desc.kernel_dir = engine_path("needs");
+    desc.kernel_dir = fixture_path("needs");
     assert_ok(cln_device_open(&desc, &device));
     assert_ok(cln_program_build(device, "probe", NULL, &program));
     cln_program_free(&program);

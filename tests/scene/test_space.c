@@ -41,6 +41,7 @@ static void test_by_hand(void **state)
     assert_memory_equal(out, posed, sizeof posed);
     assert_near(cln_space_distance_to_scene(&space, 0.75), 3, 0);
     assert_near(cln_space_depth_to_scene(&space, 0.75f), 3, 0);
+    assert_near(cln_space_density_to_scene(&space, 6), 1.5, 0);
     cln_space_box_to_scene(&space, cube, low, high);
     assert_near(low[0], 6, 0);
     assert_near(high[0], 8, 0);
