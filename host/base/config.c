@@ -51,6 +51,12 @@ const cln_config_row cln_config_rows[] = {
 };
 /* clang-format on */
 
+const char *const cln_config_groups[CLN_CONFIG_GROUPS][2] = {{"run", "Data, budgets, output"},
+                                                             {"network", "Leaf networks"},
+                                                             {"tree", "Octree"},
+                                                             {"sampling", "Sampling"},
+                                                             {"optim", "Loss and optimiser"}};
+
 const int cln_config_row_count = sizeof cln_config_rows / sizeof cln_config_rows[0];
 
 #define PAPER_NUMBER(field, option, paper, fast, min, max, help, ...) .field = paper,
@@ -328,7 +334,7 @@ cln_status cln_config_preset(const char *name, cln_config *out)
     else if (strcmp(name, "fast") == 0)
         *out = preset_fast;
     else
-        return cln_fail(CLN_USAGE, "--preset: '%s' is not one of fast|paper|nerf|kilonerf", name);
+        return cln_fail(CLN_USAGE, "--preset: '%s' is not one of " CLN_PRESETS, name);
     return CLN_OK;
 }
 

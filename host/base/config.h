@@ -24,6 +24,10 @@ typedef struct cln_config_row {
 extern const cln_config_row cln_config_rows[];
 extern const int cln_config_row_count;
 
+/* The groups of rows in the order in which help and report show them, with their titles. */
+enum { CLN_CONFIG_GROUPS = 5 };
+extern const char *const cln_config_groups[CLN_CONFIG_GROUPS][2];
+
 /* Whether name ([length], need not end there) is the row's option or its alias. */
 bool cln_config_named(const cln_config_row *row, const char *name, size_t length);
 
@@ -31,6 +35,8 @@ bool cln_config_named(const cln_config_row *row, const char *name, size_t length
  * names: the nearest one (never NULL). */
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);
+
+#define CLN_PRESETS "fast|paper|nerf|kilonerf"
 
 /* *out = preset "fast" or "paper", or a baseline: "nerf" (one network) or "kilonerf" (a uniform
  * grid of small ones, from scratch), both fast in all else. CLN_USAGE for another name. */

@@ -10,14 +10,6 @@
 
 enum { LEFT = 26, RIGHT = 80 };
 
-static const struct {
-    const char *group, *title;
-} groups[] = {{"run", "Data, budgets, what a run leaves behind"},
-              {"network", "Leaf networks"},
-              {"tree", "Octree"},
-              {"sampling", "Sampling"},
-              {"optim", "Loss and optimiser"}};
-
 /* ---- layout ---- */
 
 /* Words of text from column `column` on, wrapped, later lines indented. */
@@ -138,16 +130,17 @@ static void put_rows(FILE *to, const cln_command *command)
 
     if (cln_config_preset("fast", &fast) != CLN_OK || cln_config_preset("paper", &paper) != CLN_OK)
         return;
-    for (size_t g = 0; g < sizeof groups / sizeof groups[0]; g++) {
+    for (int g = 0; g < CLN_CONFIG_GROUPS; g++) {
         bool titled = false;
 
         for (int i = 0; i < cln_config_row_count; i++) {
             const cln_config_row *row = &cln_config_rows[i];
 
-            if (strcmp(row->group, groups[g].group) != 0 || !cln_command_takes_row(command, row))
+            if (strcmp(row->group, cln_config_groups[g][0]) != 0 ||
+                !cln_command_takes_row(command, row))
                 continue;
             if (!titled)
-                fprintf(to, "\n%s:\n", groups[g].title);
+                fprintf(to, "\n%s:\n", cln_config_groups[g][1]);
             titled = true;
             put_row(to, row, &fast, &paper);
         }

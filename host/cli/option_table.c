@@ -85,7 +85,7 @@ const cln_arg cln_args[] = {
     TEXT(CLN_TRAIN | CLN_RENDER | CLN_TUNE, "output", output, "PATH",
          "folder to write; train: the new run; render: by default RUN/render/SPLIT or /orbit; "
          "tune: the file to put the row in, by default that of --tune-file", .letter = 'o'),
-    WORD(CLN_TRAIN | CLN_TUNE, "preset", preset, "fast|paper|nerf|kilonerf",
+    WORD(CLN_TRAIN | CLN_TUNE, "preset", preset, CLN_PRESETS,
          "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
          "inside the same program: one network, a uniform grid of small ones", .standard = "fast"),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",

@@ -122,12 +122,12 @@ done:
 static void log_build(cln_device *device, const cln_program *program)
 {
     size_t bytes = 0;
-    char *log = NULL;
+    char *log = NULL, *rest = NULL;
 
     clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes);
     if (bytes > 1 && cln_alloc(&log, bytes + 1, 1, "build log") == CLN_OK) {
         clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, bytes, log, NULL);
-        for (char *line = strtok(log, "\n"); line; line = strtok(NULL, "\n"))
+        for (char *line = strtok_r(log, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest))
             cln_warn("%s.cl: %s", program->name, line);
     }
     free(log);

@@ -5,12 +5,6 @@
 #include "base/config.h"
 #include "report/html.h"
 
-static const char *const group_titles[][2] = {{"run", "Data, budgets, output"},
-                                              {"network", "Leaf networks"},
-                                              {"tree", "Octree"},
-                                              {"sampling", "Sampling"},
-                                              {"optim", "Loss and optimiser"}};
-
 /* A value of run.json as its option would be written. */
 static void put_value(FILE *to, const json_t *value)
 {
@@ -73,12 +67,12 @@ cln_status cln_report_settings(FILE *to, const cln_report_data *data)
         fputs("</b> is marked, the preset's value behind it.</p>\n", to);
     }
     fputs("<div class=settings>\n", to);
-    for (size_t g = 0; g < sizeof group_titles / sizeof group_titles[0]; g++) {
-        fprintf(to, "<section><h3>%s</h3><table>\n", group_titles[g][1]);
+    for (int g = 0; g < CLN_CONFIG_GROUPS; g++) {
+        fprintf(to, "<section><h3>%s</h3><table>\n", cln_config_groups[g][1]);
         for (int i = 0; i < cln_config_row_count; i++) {
             const cln_config_row *row = &cln_config_rows[i];
             const json_t *value = json_object_get(config, row->field);
-            if (value && strcmp(row->group, group_titles[g][0]) == 0)
+            if (value && strcmp(row->group, cln_config_groups[g][0]) == 0)
                 put_row(to, row, value, json_object_get(standards, row->field));
         }
         fputs("</table></section>\n", to);

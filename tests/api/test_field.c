@@ -7,6 +7,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <pthread.h>
 #include "base/rng.h"
 #include "check/selftest_checks.h"
 #include "run_fixture.h"
@@ -165,6 +166,54 @@ static void test_parts_are_the_whole(void **state)
     cln_model_free(&model);
 }
 
+typedef struct thread {
+    const char *run;
+    const points *asked;
+    points got;
+    cln_status status;
+} thread;
+
+static void *ask(void *user)
+{
+    thread *t = user;
+    const cln_device_desc device = engine_device();
+    cln_field *field = NULL;
+
+    t->status = cln_field_open(t->run, &device, &field);
+    if (t->status == CLN_OK)
+        t->status = cln_field_at(field, POINTS, (const double(*)[3])t->asked->at,
+                                 (const float(*)[3])t->asked->towards, t->got.rgb, t->got.sigma);
+    cln_field_close(field);
+    return NULL;
+}
+
+/* Two threads, each with a field of its own, and with an error that the other does not see. */
+static void test_two_threads(void **state)
+{
+    static points p;
+    static thread both[2];
+    cln_model model = {0};
+    pthread_t other;
+
+    NEED_DEVICE();
+    assert_ok(cln_checkpoint_read(engine_path("whole"), false, &model));
+    make_points(&model, &p);
+    both[0] = both[1] = (thread){.run = engine_path("whole"), .asked = &p};
+    assert_int_equal(pthread_create(&other, NULL, ask, &both[1]), 0);
+    ask(&both[0]);
+    assert_int_equal(pthread_join(other, NULL), 0);
+    for (int i = 0; i < 2; i++)
+        assert_int_equal(both[i].status, CLN_OK);
+    assert_memory_equal(both[0].got.rgb, both[1].got.rgb, sizeof p.rgb);
+    assert_memory_equal(both[0].got.sigma, both[1].got.sigma, sizeof p.sigma);
+    both[1].run = engine_path("nowhere");
+    assert_int_equal(pthread_create(&other, NULL, ask, &both[1]), 0);
+    assert_int_equal(pthread_join(other, NULL), 0);
+    assert_int_equal(both[1].status, CLN_INPUT);
+    assert_string_equal(cln_error_text(), "");
+    cln_model_free(&model);
+}
+
 static void test_field_refuses(void **state)
 {
     const cln_device_desc device = fixture_device();
@@ -198,6 +247,7 @@ int test_group_field(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_field_is_the_networks),
         cmocka_unit_test(test_parts_are_the_whole),
+        cmocka_unit_test(test_two_threads),
         cmocka_unit_test(test_field_refuses),
     };
 
