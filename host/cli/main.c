@@ -6,7 +6,8 @@
 #include "base/log.h"
 #include "cli/console.h"
 #include "cli/help.h"
-#include "cli/options.h"
+#include "cli/option_table.h"
+#include "cli/parse.h"
 
 static void print_error(cln_status st, const cln_command *command)
 {

@@ -1,14 +1,14 @@
-/* What a command line means: the parser over the tables of option_table.h. Options stand after the
- * command, in any order; of a repeated one the last counts. The only place that reads the
- * environment. Calls no part of the library but the settings. */
+/* A command line, read: what was asked for. The tables of option_table.h say where each option goes,
+ * parse.h fills it. */
 #ifndef CLN_OPTIONS_H
 #define CLN_OPTIONS_H
 
 #include "cl_nascent.h"
-#include "cli/option_table.h"
+
+struct cln_command;
 
 typedef struct cln_options {
-    const cln_command *command; /* NULL with help or version of the whole program */
+    const struct cln_command *command; /* NULL with help or version of the whole program */
     bool help, version;
     const char *operand; /* SCENE or RUN as given; NULL without */
     char *line;          /* the whole command line, quoted for a shell */
@@ -26,11 +26,5 @@ typedef struct cln_options {
 
     cln_settings *settings; /* train, info, tune: preset or resumed run, then the options given */
 } cln_options;
-
-/* Reads a command line into *out, which the caller frees also on failure. CLN_USAGE sentences name
- * the option and what is legal; a name that does not exist brings the nearest one that does. Errors
- * of reading the run of --resume pass through. */
-cln_status cln_options_parse(int argc, char **argv, cln_options *out);
-void cln_options_free(cln_options *options);
 
 #endif

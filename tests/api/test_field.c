@@ -176,7 +176,7 @@ typedef struct thread {
 static void *ask(void *user)
 {
     thread *t = user;
-    const cln_device_desc device = engine_device();
+    const cln_device_desc device = fixture_device();
     cln_field *field = NULL;
 
     t->status = cln_field_open(t->run, &device, &field);
@@ -196,9 +196,9 @@ static void test_two_threads(void **state)
     pthread_t other;
 
     NEED_DEVICE();
-    assert_ok(cln_checkpoint_read(engine_path("whole"), false, &model));
+    assert_ok(cln_checkpoint_read(fixture_path("whole"), false, &model));
     make_points(&model, &p);
-    both[0] = both[1] = (thread){.run = engine_path("whole"), .asked = &p};
+    both[0] = both[1] = (thread){.run = fixture_path("whole"), .asked = &p};
     assert_int_equal(pthread_create(&other, NULL, ask, &both[1]), 0);
     ask(&both[0]);
     assert_int_equal(pthread_join(other, NULL), 0);
@@ -206,7 +206,7 @@ static void test_two_threads(void **state)
         assert_int_equal(both[i].status, CLN_OK);
     assert_memory_equal(both[0].got.rgb, both[1].got.rgb, sizeof p.rgb);
     assert_memory_equal(both[0].got.sigma, both[1].got.sigma, sizeof p.sigma);
-    both[1].run = engine_path("nowhere");
+    both[1].run = fixture_path("nowhere");
     assert_int_equal(pthread_create(&other, NULL, ask, &both[1]), 0);
     assert_int_equal(pthread_join(other, NULL), 0);
     assert_int_equal(both[1].status, CLN_INPUT);

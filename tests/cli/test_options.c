@@ -1,4 +1,4 @@
-/* The command line (cli/options.h, cli/option_table.h): every hyperparameter and every other option
+/* The command line (cli/parse.h, cli/option_table.h): every hyperparameter and every other option
  * set through the parser, precedence of line, environment, preset and resumed run, forms,
  * suggestions, refused lines with their sentences. Help texts: test_help.c. Oracle: lines and
  * values written down here, and the rows' own legal values. */
@@ -11,7 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/settings.h"
-#include "cli/options.h"
+#include "cli/option_table.h"
+#include "cli/parse.h"
 #include "io/run_folder.h"
 #include "scratch.h"
 #include "tests.h"

@@ -1,11 +1,11 @@
-/* The parser over the tables of options.h. Two passes: first every argument is matched and what
+/* The parser over the tables of option_table.h. Two passes: first every argument is matched and what
  * sets a hyperparameter is put aside, then the base settings (preset, or the run to resume) are
  * fetched and the rest is applied in the order given; so an option's place on the line never
  * matters.
  *
  *   precedence   command line > environment > preset (or the resumed run)
  *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   -- */
-#include "cli/options.h"
+#include "cli/parse.h"
 
 #include <limits.h>
 #include <math.h>
@@ -16,6 +16,7 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
+#include "cli/option_table.h"
 
 /* A row of the table to be set, in the order of the line. */
 typedef struct setting {

@@ -1,0 +1,15 @@
+/* The parser over the tables of option_table.h. Options stand after the command, in any order; of a
+ * repeated one the last counts. The only place that reads the environment. Calls no part of the
+ * library but the settings. */
+#ifndef CLN_PARSE_H
+#define CLN_PARSE_H
+
+#include "cli/options.h"
+
+/* Reads a command line into *out, which the caller frees also on failure. CLN_USAGE sentences name
+ * the option and what is legal; a name that does not exist brings the nearest one that does. Errors
+ * of reading the run of --resume pass through. */
+cln_status cln_options_parse(int argc, char **argv, cln_options *out);
+void cln_options_free(cln_options *options);
+
+#endif
