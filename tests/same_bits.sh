@@ -62,7 +62,7 @@ interrupted() {
     env --default-signal=INT "$program" train "$work/object" -o "$run" "${short[@]}" >/dev/null 2>&1 &
     local child=$!
     while :; do
-        sleep 1.5
+        sleep $((1 + tries)) # longer each time, so that a slow machine gets on, too
         kill -INT $child 2>/dev/null || true
         status=0
         wait $child || status=$?
