@@ -1,6 +1,6 @@
-/* Lens models: from a point of the ideal image plane, at z = 1, to its place in the image, back.
- * Twin of host/scene/lens.c. There are two: a pinhole, and OPENCV with k1 k2 p1 p2; another one
- * joins here, with the same two functions.
+/* Lens models: from a point of the ideal image plane, at z = 1, to its place in the image, and
+ * back. Twin of host/scene/lens.c. There are two: a pinhole, and OPENCV with k1 k2 p1 p2; another
+ * one joins here, with the same two functions.
  *
  * DISTORTION  0 | 1: pinhole; OPENCV
  */
