@@ -1,5 +1,5 @@
-/* The one header that host and kernels share: constants and structs of fixed-width members. The host
- * includes it as C, the kernels get it as the first lines of every program. No functions. */
+/* The one header that host and kernels share: constants and structs of fixed-width members. The
+ * host includes it as C, the kernels get it as the first lines of every program. No functions. */
 #ifndef CLN_DEVICE_ABI_H
 #define CLN_DEVICE_ABI_H
 
@@ -14,17 +14,19 @@ typedef uint32_t cln_u32;
 typedef float cln_f32;
 #endif
 
-/* The octree's deepest level, the root's being 0; all below that depends on it follows from it. One more
- * costs eight times the map, and at six the box of an empty cell no longer fits 32 bits. CLN_LEVELS of
- * cln_config.h is one more. */
+/* The octree's deepest level, the root's being 0; all below that depends on it follows from it.
+ * One more costs eight times the map, and at six the box of an empty cell no longer fits 32
+ * bits. CLN_LEVELS of cln_config.h is one more. */
 #define CLN_MAX_LEVEL 5
 
-/* Most intervals of a ray with leaves down to level `depth`: one for every plane of cells that it can cross. */
+/* Most intervals of a ray with leaves down to level `depth`: one for every plane of cells that
+ * it can cross. */
 #define CLN_MOST_INTERVALS(depth) (3 << (depth))
 
 /* Chords shorter than this, in units of the normalised cube, are left out (method.md 7). */
 #define CLN_MIN_CHORD 1e-5f
-/* sigma * delta is clamped here: exp(-80) is the last normal float's neighbourhood (method.md 9). */
+/* sigma * delta is clamped here: exp(-80) is the last normal float's neighbourhood (method.md
+ * 9). */
 #define CLN_MAX_OPTICAL_DEPTH 80.0f
 
 /* A view's camera in normalised space (scene/scene.h has the model and the units). */
@@ -74,7 +76,8 @@ typedef struct cln_ray_result {
     cln_f32 opacity, loss, square_error, pad;
 } cln_ray_result;
 
-/* Numbers of a ray's random values (base/rng.h): those of its samples go by the number of the interval. */
+/* Numbers of a ray's random values (base/rng.h): those of its samples go by the number of the
+ * interval. */
 #define CLN_DRAW_ROULETTE 0x800000u /* on, by the interval's number */
 
 /* Entries of the octree map. Of a leaf's cells: its slot and level. */
@@ -83,8 +86,8 @@ typedef struct cln_ray_result {
 #define CLN_MAP_SLOT(entry)       (((entry) >> CLN_MAP_LEVEL_BITS) - 1)
 #define CLN_MAP_LEVEL(entry)      ((entry) & ((1 << CLN_MAP_LEVEL_BITS) - 1))
 
-/* Of empty cells: the sign bit, and a box of empty cells around, its lowest x, y, z and its highest, of
- * CLN_MAX_LEVEL bits each. */
+/* Of empty cells: the sign bit, and a box of empty cells around, its lowest x, y, z and its
+ * highest, of CLN_MAX_LEVEL bits each. */
 #define CLN_MAP_EMPTY 0x80000000u
 #define CLN_MAP_BOX(corner, high)                                          \
     ((cln_u32)((corner)[0] - (high)) << CLN_MAX_LEVEL * (3 * (high)) |     \

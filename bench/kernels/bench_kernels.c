@@ -21,16 +21,10 @@ enum { FAMILIES = sizeof families / sizeof families[0], ONLY = 32 };
 
 /* Kernels that have to be in some family's list. */
 static const char *const all_kernels[] = {
-#define X(kernel, program) #kernel,
-    CLN_KERNEL_LIST(X) CLN_SPLAT_KERNEL_LIST(X) CLN_REGULARISE_KERNEL_LIST(X)
-        CLN_MEASURE_KERNEL_LIST(X) CLN_DISTIL_KERNEL_LIST(X)
+#define X(member, kernel, program, when) #member,
+    CLN_KERNEL_LIST(X)
 #undef X
-            "mlp_forward_train",
-    "mlp_forward_eval",
-    "sort64_varying",
-    "sort64_count",
-    "sort64_scatter",
-    "sort64_buckets"};
+};
 
 static const char usage[] =
     "usage: build/bench-kernels [OPTION]...\n"

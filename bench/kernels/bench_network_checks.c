@@ -301,7 +301,8 @@ cln_status network_check(network_run *r, bench_body *body, bench_errors *errors)
     cln_status st = CLN_OK;
 
     if (r->part == UPDATE) /* after Adam's runs */
-        CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
+        CLN_TRY(cln_pipeline_rebuild(r->p, r->model.tree.leaf_count));
+    CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
     if (r->part == ADAM || r->part == UPDATE) {
         CLN_TRY(check_adam(r, errors));
         goto done;

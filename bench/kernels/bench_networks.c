@@ -192,6 +192,7 @@ static cln_status start(bench *b, const network_shape *s, network_run *r)
     CLN_TRY(config_of(s, &config));
     CLN_TRY(make_model(&config, s->leaves, &r->model));
     CLN_TRY(bench_pipeline(b, &config, false, s->tune, &r->p));
+    CLN_TRY(cln_pipeline_rebuild(r->p, r->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
     r->refreshed = CELLS / (config.n1 * config.n1 * config.n1);
     r->refreshed = r->refreshed < s->leaves ? r->refreshed : s->leaves;

@@ -47,6 +47,7 @@ static cln_status run_leaf(bench *b, int shape)
     CLN_TRY(bench_measuring(b, &config, &l.p));
     config.start_level = leaf_shapes[shape].level;
     CLN_TRY(cln_model_create(&config, &model));
+    CLN_TRY(cln_pipeline_rebuild(l.p, model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(l.p, &model, true));
     leaves = (size_t)l.p->leaves;
     CLN_TRY(cln_alloc(&samples, l.n, sizeof *samples, "bench"));
@@ -274,6 +275,7 @@ static cln_status start_regularise(bench *b, int level, cln_model *model, regula
     config.edge = 0.25;
     CLN_TRY(bench_pipeline(b, &config, false, NULL, &g->p));
     CLN_TRY(cln_model_create(&config, model));
+    CLN_TRY(cln_pipeline_rebuild(g->p, model->tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(g->p, model, false));
     CLN_TRY(cln_octree_boxes(&model->tree, &g->boxes));
     g->n = (uint32_t)cln_pipeline_extra_samples(g->p);

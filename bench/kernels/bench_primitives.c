@@ -297,6 +297,7 @@ static cln_status run_group(bench *b, int shape)
     config = g.p->config;
     config.start_level = groups[shape].level;
     CLN_TRY(cln_model_create(&config, &model));
+    CLN_TRY(cln_pipeline_rebuild(g.p, model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(g.p, &model, false));
     CLN_TRY(cln_alloc(&samples, g.n, sizeof *samples, "bench"));
     for (uint32_t i = 0; i < g.n; i++)

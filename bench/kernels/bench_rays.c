@@ -76,6 +76,7 @@ cln_status bench_scene_start(bench *b, const cln_config *config, bool distortion
         s->pixels[r].x = (cln_u32)cln_check_uniform(22, (uint32_t)r, 0, SCENE_SIDE);
         s->pixels[r].y = (cln_u32)((r - first) * SCENE_SIDE * SCENE_VIEWS / (rays + SCENE_VIEWS));
     }
+    CLN_TRY(cln_pipeline_rebuild(s->p, s->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(s->p, &s->model, false));
     CLN_TRY(cln_pipeline_cameras(s->p, list, SCENE_VIEWS, &cln_space_unit));
     s->p->training_views = SCENE_VIEWS;

@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "bench_scene.h"
+#include "pipeline/splat.h"
 
 enum { PROJECT_PART, LISTS_PART };
 static const bench_part parts[] = {
@@ -25,7 +26,7 @@ static const struct {
 
 typedef struct run {
     bench_scene scene;
-    cln_splat_group *groups;
+    cln_ray_group *groups;
     int count;
 } run;
 
@@ -36,10 +37,9 @@ static cln_status splat_body(void *context)
 
     free(r->groups);
     r->groups = NULL;
-    CLN_TRY(cln_stage_splat_plan(r->scene.p, &r->scene.p->density, r->scene.rays, &r->groups,
-                                 &r->count));
+    CLN_TRY(cln_splat_cut(r->scene.p, &r->scene.p->density, r->scene.rays, &r->groups, &r->count));
     for (int g = 0; g < r->count; g++)
-        CLN_TRY(cln_stage_splat_lists(r->scene.p, &r->scene.p->density, &r->groups[g]));
+        CLN_TRY(cln_splat_make(r->scene.p, &r->scene.p->density, &r->groups[g]));
 done:
     return st;
 }

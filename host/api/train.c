@@ -239,6 +239,7 @@ static cln_status prepare(cln_trainer *t)
     say_what_runs(t);
     CLN_TRY(cln_run_open(t->desc->run, t->desc->resume));
     CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
+    CLN_TRY(cln_pipeline_rebuild(&t->pipeline, t->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
     cln_step_cover(t);

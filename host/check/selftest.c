@@ -124,6 +124,7 @@ static cln_status run_pipeline(cln_pipeline *p, cln_checks *c)
 
     p->max_entries = 1 << 20;
     CLN_TRY(make_model(&p->config, &model));
+    CLN_TRY(cln_pipeline_rebuild(p, model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(p, &model, true));
     c->p = p;
     c->model = &model;

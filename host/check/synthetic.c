@@ -177,6 +177,7 @@ cln_status cln_synthetic_upload(const cln_synthetic *s, cln_pipeline *p)
     for (int v = 0; v < CLN_SYNTHETIC_VIEWS; v++)
         cameras[v] = &s->cameras[v];
     p->max_entries = s->max_entries;
+    CLN_TRY(cln_pipeline_rebuild(p, s->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(p, &s->model, true));
     CLN_TRY(cln_pipeline_cameras(p, cameras, CLN_SYNTHETIC_VIEWS, &cln_space_unit));
     p->training_views = CLN_SYNTHETIC_VIEWS;

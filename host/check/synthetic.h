@@ -4,6 +4,7 @@
 #define CLN_SYNTHETIC_H
 
 #include "pipeline/plan.h"
+#include "pipeline/stages.h"
 
 enum { CLN_SYNTHETIC_VIEWS = 4 };
 

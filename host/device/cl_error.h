@@ -1,4 +1,5 @@
-/* OpenCL's error codes as statuses: the sentence names the call and the code. The lowest file of the room. */
+/* OpenCL's error codes as statuses: the sentence names the call and the code. The lowest file of
+ * the room. */
 #ifndef CLN_CL_ERROR_H
 #define CLN_CL_ERROR_H
 

@@ -164,7 +164,8 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
         spec, count);
 }
 
-/* --max-alloc: for drivers that promise more than they keep, and to see what a smaller device does. */
+/* --max-alloc: for drivers that promise more than they keep, and to see what a smaller device
+ * does. */
 static cln_status limit_alloc(cln_device *device, const char *text)
 {
     double bytes = 0;

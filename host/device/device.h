@@ -1,5 +1,5 @@
-/* The room wraps OpenCL: every failed call comes out as a cln_status with the names of call and code.
- * Devices differ by tuning parameters, not by code. One thread at a time per cln_device.
+/* The room wraps OpenCL: every failed call comes out as a cln_status with the names of call and
+ * code. Devices differ by tuning parameters, not by code. One thread at a time per cln_device.
  *
  * A file calls only files above it in this list:
  *   cl_error    error codes as statuses
@@ -63,8 +63,8 @@ typedef struct cln_device {
     bool spoil;   /* tests: new buffers start as NaN, so that what was never written shows */
     size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
-    /* Of queue.c: events not yet accounted for; since cln_device_open, how many were, and how often the
-     * host waited. */
+    /* Of queue.c: events not yet accounted for; since cln_device_open, how many were, and how
+     * often the host waited. */
     cln_pending *pending;
     int pending_count, pending_capacity;
     uint64_t settled, waits;
@@ -74,12 +74,13 @@ typedef struct cln_device {
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out);
 void cln_device_close(cln_device *device); /* accepts NULL */
 
-/* Raw handles of all devices of all platforms in the loader's order, for the listing of devices; the
- * caller frees *out. CLN_NO_DEVICE if there is none. */
+/* Raw handles of all devices of all platforms in the loader's order, for the listing of devices;
+ * the caller frees *out. CLN_NO_DEVICE if there is none. */
 cln_status cln_device_ids(cl_device_id **out, int *count);
 void cln_device_describe(cl_device_id id, cln_device_info *info);
 
-/* The parameters for a network ("W32-D3-V32") on an open device, and where they come from, as a phrase. */
+/* The parameters for a network ("W32-D3-V32") on an open device, and where they come from, as a
+ * phrase. */
 void cln_device_tune(const cln_device *device, const char *network, cln_tune *out,
                      char from[CLN_TUNE_FROM]);
 

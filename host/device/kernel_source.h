@@ -1,5 +1,6 @@
-/* The kernel sources, and the tuning rows of data/tune, embedded by the Makefile (build/kernels_embed.c):
- * one string per source line, ended by NULL; a table is ended by {NULL, NULL}. */
+/* The kernel sources, and the tuning rows of data/tune, embedded by the Makefile
+ * (build/kernels_embed.c): one string per source line, ended by NULL; a table is ended by {NULL,
+ * NULL}. */
 #ifndef CLN_KERNEL_SOURCE_H
 #define CLN_KERNEL_SOURCE_H
 

@@ -28,13 +28,14 @@ static inline size_t cln_groups(size_t a, size_t b)
     return (a + b - 1) / b;
 }
 
-/* Waits for all work and adds the events' times to stage_seconds (as every read and write that waits). */
+/* Waits for all work and adds the events' times to stage_seconds (as every read and write that
+ * waits). */
 cln_status cln_device_finish(cln_device *device);
 /* What is enqueued starts now, if it has not yet. */
 cln_status cln_device_flush(cln_device *device);
 
-/* A place in the queue. Waiting for it waits for what was enqueued before, not for what came behind, and data
- * of fetches before it are there. Every mark is waited for, once. */
+/* A place in the queue. Waiting for it waits for what was enqueued before, not for what came
+ * behind, and data of fetches before it are there. Every mark is waited for, once. */
 typedef struct cln_mark {
     cl_event event;
     uint64_t launches;
@@ -42,7 +43,8 @@ typedef struct cln_mark {
 cln_status cln_device_mark(cln_device *device, cln_mark *out);
 cln_status cln_device_wait(cln_device *device, cln_mark *mark);
 
-/* After a call outside this file that waited for all work: adds the events' times to stage_seconds. */
+/* After a call outside this file that waited for all work: adds the events' times to
+ * stage_seconds. */
 void cln_queue_waited(cln_device *device);
 
 #endif

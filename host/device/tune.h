@@ -1,19 +1,19 @@
-/* Tuning parameters as text, the rows that say which of them to use, and the choice among all sources.
- * A file of rows has one a line (docs/formats.md, "Tuning rows"):
+/* Tuning parameters as text, the rows that say which of them to use, and the choice among all
+ * sources. A file of rows has one a line (docs/formats.md, "Tuning rows"):
  *
  *   DEVICE | DRIVER | NETWORK | VW=8,NV=2,...     # comment
  *
- * The first three are shell patterns; of several rows that match, the last counts. The command line knows
- * where the user's file is; pipeline/programs.c fits a set to a network. */
+ * The first three are shell patterns; of several rows that match, the last counts. The command
+ * line knows where the user's file is; pipeline/programs.c fits a set to a network. */
 #ifndef CLN_TUNE_H
 #define CLN_TUNE_H
 
 #include "cl.h"
 #include "cl_nascent.h"
 
-/* Tuning parameters: X(field, name, cpu, gpu, plain, min, max, meaning). From this list come the struct, the
- * defaults, the parser of "VW=8,TS=6" and its range check, the text form and the kernels' "#define" lines.
- * cpu, gpu: where a kind of device starts; plain: what runs anywhere. */
+/* Tuning parameters: X(field, name, cpu, gpu, plain, min, max, meaning). From this list come the
+ * struct, the defaults, the parser of "VW=8,TS=6" and its range check, the text form and the
+ * kernels' "#define" lines. cpu, gpu: where a kind of device starts; plain: what runs anywhere. */
 #define CLN_TUNE_LIST(X)                                                                \
     X(vw, "VW", 0, 1, 1, 1, 16, "floats per vector; cpu 0 = the device's native width") \
     X(nv, "NV", 2, 1, 1, 1, 8, "vectors per work-item in a tile")                       \
@@ -61,8 +61,8 @@ typedef struct cln_tune_rows {
     int file_count;
 } cln_tune_rows;
 
-/* Adds the rows of a text to *rows (NULL: made first); CLN_INPUT names file, line and what is wrong. The
- * caller frees *rows, also on failure. */
+/* Adds the rows of a text to *rows (NULL: made first); CLN_INPUT names file, line and what is
+ * wrong. The caller frees *rows, also on failure. */
 cln_status cln_tune_rows_add(const char *file, const char *text, cln_tune_rows **rows);
 cln_status cln_tune_rows_read(const char *path, cln_tune_rows **rows);
 cln_status cln_tune_rows_shipped(cln_tune_rows **rows); /* data/tune, from the program itself */
@@ -74,11 +74,13 @@ const cln_tune_row *cln_tune_rows_find(const cln_tune_rows *rows, const char *de
 /* Sets what the row's list names; reading the row has checked it. */
 void cln_tune_row_apply(const cln_tune_row *row, cln_tune *tune);
 
-/* The line (without newline) of a row for exactly this device, driver and network. comment: after a #. */
+/* The line (without newline) of a row for exactly this device, driver and network. comment:
+ * after a #. */
 void cln_tune_row_text(const cln_device_info *info, const char *network, const cln_tune *tune,
                        const char *comment, char out[1024]);
-/* Puts such a line into a file, at its end, in the place of rows with the same three patterns; the file and
- * its folder are made as needed, and all other lines stay. A file with a wrong row is left alone. */
+/* Puts such a line into a file, at its end, in the place of rows with the same three patterns;
+ * the file and its folder are made as needed, and all other lines stay. A file with a wrong row
+ * is left alone. */
 cln_status cln_tune_row_put(const char *path, const char *line);
 
 #endif

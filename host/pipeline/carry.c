@@ -1,4 +1,5 @@
-/* A change of the tree on the device. See carry.h. Array by array, so that only one of them is there twice:
+/* A change of the tree on the device. See carry.h. Array by array, so that only one of them is
+ * there twice:
  *
  *   1. the successor is made, and kernels/carry.cl gathers its rows from the old array
  *   2. weights of new leaves are folded (model/fold.c, in double): their old leaves' rows alone come to the
@@ -16,27 +17,25 @@ _Static_assert(CLN_COPIED == -1 && CLN_MERGED == -2, "as kernels/carry.cl has th
 typedef struct carry {
     cln_pipeline *p;
     const cln_octree_change *change;
-    cln_buffer places; /* int2 [leaf] old slot, octant */
 } carry;
 
-static cln_status put_places(carry *c)
+static cln_status put_places(const carry *c)
 {
     cln_status st = CLN_OK;
-    const size_t bytes = (size_t)c->change->count * sizeof(cl_int2);
+    const size_t count = (size_t)c->change->count;
     cl_int2 *places = NULL;
 
-    CLN_TRY(cln_alloc(&places, (size_t)c->change->count, sizeof *places, "change of the tree"));
-    for (int s = 0; s < c->change->count; s++)
+    CLN_TRY(cln_alloc(&places, count, sizeof *places, "change of the tree"));
+    for (size_t s = 0; s < count; s++)
         places[s] = (cl_int2){{c->change->from[s], c->change->octant[s]}};
-    CLN_TRY(cln_buffer_reserve(c->p->device, &c->places, bytes, "change of the tree"));
-    CLN_TRY(cln_buffer_write(c->p->device, &c->places, 0, places, bytes));
+    CLN_TRY(CLN_PUT(c->p, places, places, count));
 done:
     free(places);
     return st;
 }
 
-/* An array of old leaves as an argument of kernels that have parts: if it is in one buffer, it fits the first
- * part, and the others are not read. */
+/* An array of old leaves as an argument of kernels that have parts: if it is in one buffer, it
+ * fits the first part, and the others are not read. */
 static cln_buffer in_parts(const cln_buffer *old)
 {
     cln_buffer out = *old;
@@ -46,60 +45,51 @@ static cln_buffer in_parts(const cln_buffer *old)
     return out;
 }
 
-/* The successor of an array of rows, filled by the kernel; count: the kernel's last argument. */
-static cln_status gather(const carry *c, cl_kernel kernel, const cln_buffer *old, size_t row_bytes,
-                         cl_uint count, const char *what, cln_buffer *new)
+/* The successor of an array, filled by the kernel; count: the kernel's last argument. */
+static cln_status gather(const carry *c, cln_buffer_id array, cl_kernel kernel, cl_uint count)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
-    const cln_buffer from = in_parts(old);
+    const cln_buffer from = in_parts(cln_pipeline_buffer(p, array));
 
-    CLN_TRY(cln_pipeline_leaf_rows(p, new, row_bytes, what));
+    CLN_TRY(cln_pipeline_succeed(p, array, (size_t)c->change->count));
     CLN_TRY(CLN_LAUNCH(p->device, kernel, CLN_STAGE_STRUCTURE, (size_t)c->change->count,
-                       (size_t)p->tune.sg, CLN_LEAF_ARG_OF(p, &from), CLN_LEAF_ARG_OF(p, new),
-                       CLN_ARG(c->places.mem), CLN_ARG(count)));
+                       (size_t)p->tune.sg, CLN_LEAF_ARG_OF(p, &from), CLN_LEAF_ARG(p, successor),
+                       CLN_ARG(p->places.mem), CLN_ARG(count)));
 done:
     return st;
 }
 
-static void replace(const carry *c, cln_buffer *old, cln_buffer *new)
+static cln_status gather_rows(const carry *c, cln_buffer_id array)
 {
-    cln_buffer_free(c->p->device, old);
-    *old = *new;
-    memset(new, 0, sizeof *new);
+    const size_t bytes = cln_buffer_row_bytes(c->p, array);
+
+    CLN_ASSERT(bytes % sizeof(cl_uint4) == 0);
+    return gather(c, array, c->p->k.carry_rows, (cl_uint)(bytes / sizeof(cl_uint4)));
 }
 
-static cln_status carry_rows(const carry *c, cln_buffer *array, size_t row_bytes, const char *what)
+static cln_status carry_rows(const carry *c, cln_buffer_id array)
 {
     cln_status st = CLN_OK;
-    cln_buffer new = {0};
 
-    CLN_ASSERT(row_bytes % sizeof(cl_uint4) == 0);
-    CLN_TRY(gather(c, c->p->k.carry_rows, array, row_bytes, (cl_uint)(row_bytes / sizeof(cl_uint4)),
-                   what, &new));
-    replace(c, array, &new);
+    CLN_TRY(gather_rows(c, array));
+    cln_pipeline_replace(c->p, array);
 done:
-    cln_buffer_free(c->p->device, &new);
     return st;
 }
 
 static cln_status carry_densities(const carry *c)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = c->p;
-    const cl_uint n1 = (cl_uint)p->config.n1;
-    cln_buffer new = {0};
 
-    CLN_TRY(gather(c, p->k.carry_densities, &p->density, (size_t)n1 * n1 * n1 * sizeof(cl_ushort),
-                   n1, "stage-1 densities", &new));
-    replace(c, &p->density, &new);
+    CLN_TRY(gather(c, CLN_BUFFER_density, c->p->k.carry_densities, (cl_uint)c->p->config.n1));
+    cln_pipeline_replace(c->p, CLN_BUFFER_density);
 done:
-    cln_buffer_free(p->device, &new);
     return st;
 }
 
-/* New leaves from slot `first` on, at most CLN_CARRY_ROWS, whose old ones stand in a row, too: how many,
- * and of how many old leaves. */
+/* New leaves from slot `first` on, at most CLN_CARRY_ROWS, whose old ones stand in a row, too:
+ * how many, and of how many old leaves. */
 static int run_of(const cln_octree_change *change, int first, int *old_count)
 {
     int end = first, last = change->from[first];
@@ -154,37 +144,28 @@ done:
 static cln_status carry_weights(const carry *c)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = c->p;
-    const size_t bytes = (size_t)p->net.params * sizeof(float);
-    cln_buffer new = {0};
 
-    CLN_TRY(gather(c, p->k.carry_rows, &p->params, bytes, (cl_uint)(bytes / sizeof(cl_uint4)),
-                   "network weights", &new));
-    CLN_TRY(fold(c, &p->params, &new));
-    replace(c, &p->params, &new);
+    CLN_TRY(gather_rows(c, CLN_BUFFER_params));
+    CLN_TRY(fold(c, &c->p->params, &c->p->successor));
+    cln_pipeline_replace(c->p, CLN_BUFFER_params);
 done:
-    cln_buffer_free(p->device, &new);
     return st;
 }
 
 /* An array of a few numbers a leaf goes through the host; zeros for new leaves. */
-static cln_status carry_numbers(const carry *c, cln_buffer *array, int old_leaves, size_t row_bytes,
-                                const char *what)
+static cln_status carry_numbers(const carry *c, cln_buffer_id array, int old_leaves)
 {
     cln_status st = CLN_OK;
-    cln_device *device = c->p->device;
-    const size_t count = (size_t)c->change->count;
+    const size_t count = (size_t)c->change->count, bytes = cln_buffer_row_bytes(c->p, array);
     char *old = NULL, *new = NULL;
 
-    CLN_TRY(cln_alloc(&old, (size_t)old_leaves, row_bytes, what));
-    CLN_TRY(cln_alloc(&new, count, row_bytes, what));
-    CLN_TRY(cln_buffer_read(device, array, 0, old, (size_t)old_leaves * row_bytes));
+    CLN_TRY(cln_alloc(&old, (size_t)old_leaves, bytes, "change of the tree"));
+    CLN_TRY(cln_alloc(&new, count, bytes, "change of the tree"));
+    CLN_TRY(cln_pipeline_get(c->p, array, old, (size_t)old_leaves));
     for (size_t s = 0; s < count; s++)
         if (c->change->octant[s] == CLN_COPIED)
-            memcpy(new + s *row_bytes, old + (size_t)c->change->from[s] * row_bytes, row_bytes);
-    cln_buffer_free(device, array);
-    CLN_TRY(cln_buffer_reserve(device, array, count * row_bytes, what));
-    CLN_TRY(cln_buffer_write(device, array, 0, new, count * row_bytes));
+            memcpy(new + s *bytes, old + (size_t)c->change->from[s] * bytes, bytes);
+    CLN_TRY(cln_pipeline_put(c->p, array, new, count));
 done:
     free(old);
     free(new);
@@ -195,9 +176,8 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
                               const cln_octree_change *change)
 {
     cln_status st = CLN_OK;
-    carry c = {.p = p, .change = change};
+    const carry c = {.p = p, .change = change};
     const int old_leaves = p->leaves;
-    const size_t moments = (size_t)p->net.params * cln_moment_bytes(&p->config);
 
     CLN_ASSERT(change->count == tree->leaf_count);
     cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
@@ -206,17 +186,16 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
     CLN_TRY(cln_pipeline_tree(p, tree));
     CLN_TRY(put_places(&c));
     CLN_TRY(carry_weights(&c));
-    CLN_TRY(carry_rows(&c, &p->adam_m, moments, "Adam's first moments"));
-    CLN_TRY(carry_rows(&c, &p->adam_v, moments, "Adam's second moments"));
+    CLN_TRY(carry_rows(&c, CLN_BUFFER_adam_m));
+    CLN_TRY(carry_rows(&c, CLN_BUFFER_adam_v));
     CLN_TRY(carry_densities(&c));
-    CLN_TRY(carry_numbers(&c, &p->adam_steps, old_leaves, sizeof(cl_int), "step counts"));
+    CLN_TRY(carry_numbers(&c, CLN_BUFFER_adam_steps, old_leaves));
     if (cln_pipeline_measures(&p->config) > 0) {
-        CLN_TRY(carry_numbers(&c, &p->leaf_sums, old_leaves, 2 * CLN_MEASURES * sizeof(float),
-                              "measures of leaves"));
-        CLN_TRY(carry_numbers(&c, &p->leaf_met, old_leaves, sizeof(cl_int), "measures of leaves"));
+        CLN_TRY(carry_numbers(&c, CLN_BUFFER_leaf_sums, old_leaves));
+        CLN_TRY(carry_numbers(&c, CLN_BUFFER_leaf_met, old_leaves));
     }
     CLN_TRY(cln_pipeline_derive(p));
 done:
-    cln_buffer_free(p->device, &c.places);
+    cln_buffer_free(p->device, &p->places);
     return st;
 }

@@ -15,17 +15,15 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
     cln_device *device = p->device;
     const cl_uint n = sample_count, leaves = (cl_uint)p->leaves, slice = (cl_uint)p->tune.sl;
     const cl_uint block = (cl_uint)p->tune.nb;
-    const size_t wg = (size_t)p->tune.wg, bytes = (size_t)n * sizeof(cl_uint);
+    const size_t wg = (size_t)p->tune.wg;
     const cl_uint most = (n < leaves ? n : leaves) + n / slice;
     int bits = 1;
 
     *slice_count = most;
     while (bits < 32 && (leaves - 1) >> bits)
         bits++;
-    for (int b = 0; b < 2; b++) {
-        CLN_TRY(cln_buffer_reserve(device, &p->keys[b], bytes, "group keys"));
-        CLN_TRY(cln_buffer_reserve(device, &p->values[b], bytes, "group order"));
-    }
+    CLN_TRY(CLN_RESERVE(p, keys, n));
+    CLN_TRY(CLN_RESERVE(p, values, n));
     CLN_TRY(cln_buffer_zero(device, &p->begin, leaves * sizeof(cl_uint)));
     CLN_TRY(cln_buffer_zero(device, &p->end, leaves * sizeof(cl_uint)));
     CLN_TRY(CLN_LAUNCH(device, p->k.group_keys, CLN_STAGE_GROUP, cln_groups(n, wg), wg,
@@ -39,7 +37,7 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
                        CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_counts.mem),
                        CLN_ARG(leaves), CLN_ARG(slice)));
     CLN_TRY(cln_stage_scan(p, &p->slice_counts, &p->slice_starts, leaves, CLN_STAGE_GROUP, NULL));
-    CLN_TRY(cln_buffer_reserve(device, &p->slices, most * sizeof(cln_slice), "slices"));
+    CLN_TRY(CLN_RESERVE(p, slices, most));
     CLN_TRY(CLN_LAUNCH(device, p->k.group_slices, CLN_STAGE_GROUP,
                        cln_groups(most > leaves ? most : leaves, wg), wg, CLN_ARG(p->begin.mem),
                        CLN_ARG(p->end.mem), CLN_ARG(p->slice_starts.mem), CLN_ARG(p->slices.mem),
@@ -88,10 +86,9 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const cl_uint slices = slice_count, key = step_key;
-    const size_t n = sample_count, acts = cln_pipeline_act_bytes(&p->net, &p->tune);
 
-    CLN_TRY(cln_buffer_reserve(device, &p->out, n * 4 * sizeof(float), "sample colours"));
-    CLN_TRY(cln_buffer_reserve(device, &p->acts, training ? n * acts : 0, "activations"));
+    CLN_TRY(CLN_RESERVE(p, out, sample_count));
+    CLN_TRY(CLN_RESERVE(p, acts, training ? sample_count : 0));
     CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                        CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
                        CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
@@ -120,12 +117,10 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
     const cl_float cauchy = (float)p->config.cauchy, opacity = (float)p->config.opacity_entropy;
     const cl_float distort = (float)p->config.distortion_loss;
-    const size_t measured = (size_t)cln_pipeline_measures(&p->config);
+    const bool measured = cln_pipeline_measures(&p->config) > 0;
 
-    CLN_TRY(cln_buffer_reserve(p->device, &p->dout, (size_t)sample_count * 4 * sizeof(float),
-                               "sample gradients"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->measures,
-                               (size_t)sample_count * measured * sizeof(float), "measures"));
+    CLN_TRY(CLN_RESERVE(p, dout, sample_count));
+    CLN_TRY(CLN_RESERVE(p, measures, sample_count));
     /* the last argument is there only if something is measured */
     CLN_TRY(cln_launch(
         p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
@@ -134,7 +129,7 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
                           CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays),
                           CLN_ARG(scale), CLN_ARG(huber), CLN_ARG(cauchy), CLN_ARG(opacity),
                           CLN_ARG(distort), CLN_ARG(p->measures.mem)},
-        measured > 0 ? 14 : 13));
+        measured ? 14 : 13));
 done:
     return st;
 }
@@ -172,9 +167,8 @@ cln_status cln_stage_distil_gradient(cln_pipeline *p, uint32_t samples, double s
     const cl_float factor = (cl_float)scale;
     const size_t wg = (size_t)p->tune.wg;
 
-    CLN_TRY(
-        cln_buffer_reserve(p->device, &p->dout, (size_t)n * 4 * sizeof(float), "sample gradients"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->losses, (size_t)n * sizeof(float), "losses"));
+    CLN_TRY(CLN_RESERVE(p, dout, samples));
+    CLN_TRY(CLN_RESERVE(p, losses, samples));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.distil_gradient, CLN_STAGE_STRUCTURE, cln_groups(n, wg), wg,
                        CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem), CLN_ARG(p->targets.mem),
                        CLN_ARG(p->dout.mem), CLN_ARG(p->losses.mem), CLN_ARG(n), CLN_ARG(factor)));
@@ -196,12 +190,10 @@ cln_status cln_stage_roulette(cln_pipeline *p, uint32_t sample_count, uint32_t s
     const cl_uint count = sample_count, slices = slice_count, least = min_samples;
     const cl_uint key = cln_hash(step_key);
     const cl_float share = (float)cutoff;
-    const size_t n = sample_count, word = sizeof(cl_uint);
 
-    CLN_TRY(cln_buffer_reserve(p->device, &p->heads, n * 4 * sizeof(float), "head gradients"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen, n * word, "samples of the backward pass"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->chosen_counts, slice_count * word,
-                               "counts of the backward pass"));
+    CLN_TRY(CLN_RESERVE(p, heads, sample_count));
+    CLN_TRY(CLN_RESERVE(p, chosen, sample_count));
+    CLN_TRY(CLN_RESERVE(p, chosen_counts, slice_count));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.roulette, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
                        CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->out.mem),
                        CLN_ARG(p->dout.mem), CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
@@ -214,15 +206,14 @@ done:
 
 /* update false: gradients to p->grads, each slice's at its number. */
 static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
-                                  uint32_t step_key, bool update, cl_uint least, double lr)
+                                  uint32_t step_key, bool update, uint32_t min_samples, double lr)
 {
     cln_status st = CLN_OK;
     const cl_uint slices = slice_count, key = step_key, updates = update;
-    const cl_uint half = (cl_uint)p->tune.sl / 2;
+    const cl_uint half = (cl_uint)p->tune.sl / 2, least = min_samples;
     const cl_float rate = (float)lr;
 
-    CLN_TRY(cln_pipeline_slice_rows(p, &p->grads, (size_t)gradients,
-                                    (size_t)p->net.params * sizeof(float), "weight gradients"));
+    CLN_TRY(CLN_RESERVE(p, grads, (size_t)gradients));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
                        CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed), CLN_ARG(p->boxes.mem),
                        CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem),
@@ -236,10 +227,10 @@ done:
     return st;
 }
 
-static cln_status count_updates(cln_pipeline *p, cl_uint least)
+static cln_status count_updates(cln_pipeline *p, uint32_t min_samples)
 {
     const size_t wg = (size_t)p->tune.wg;
-    const cl_uint leaves = (cl_uint)p->leaves;
+    const cl_uint leaves = (cl_uint)p->leaves, least = min_samples;
 
     return CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
@@ -247,12 +238,13 @@ static cln_status count_updates(cln_pipeline *p, cl_uint least)
                       CLN_ARG(least));
 }
 
-/* Leaves of at least min_slices slices. half_slice: where gradients are (kernels/mlp_backward.cl). */
-static cln_status launch_adam(cln_pipeline *p, cl_uint least, cl_uint min_slices,
+/* Leaves of at least min_slices slices. half_slice: where gradients are
+ * (kernels/mlp_backward.cl). */
+static cln_status launch_adam(cln_pipeline *p, uint32_t min_samples, cl_uint min_slices,
                               cl_uint half_slice, double lr)
 {
     const size_t leaves = (size_t)p->leaves;
-    const cl_uint count = (cl_uint)leaves;
+    const cl_uint count = (cl_uint)leaves, least = min_samples;
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
     const cl_float rate = (float)lr;
 
@@ -326,10 +318,8 @@ cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter,
 cln_status cln_stage_picture_densities(cln_pipeline *p)
 {
     cln_status st = CLN_OK;
-    const size_t n1 = (size_t)p->config.n1;
 
-    CLN_TRY(cln_pipeline_leaf_rows(p, &p->picture_density, n1 * n1 * n1 * sizeof(uint16_t),
-                                   "densities of pictures"));
+    CLN_TRY(CLN_RESERVE(p, picture_density, (size_t)p->leaves));
     CLN_TRY(refresh(p, &p->picture_density, 0, p->leaves, false, 0, 0));
 done:
     return st;
@@ -347,7 +337,7 @@ cln_status cln_stage_seen(cln_pipeline *p)
     const cl_uint cells = n1 * n1 * n1, total = (cl_uint)p->leaves * cells;
     const size_t wg = 64;
 
-    CLN_TRY(cln_pipeline_leaf_rows(p, &p->seen, cells, "visibility of cells"));
+    CLN_TRY(CLN_RESERVE(p, seen, (size_t)p->leaves));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_seen, CLN_STAGE_STRUCTURE, cln_groups(total, wg), wg,
                        CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_LEAF_ARG(p, seen),
                        CLN_ARG(n1), CLN_ARG(views), CLN_ARG(total)));
@@ -359,13 +349,12 @@ cln_status cln_stage_stats(cln_pipeline *p, float *stats)
 {
     cln_status st = CLN_OK;
     const cl_uint n1 = (cl_uint)p->config.n1, cells = n1 * n1 * n1, leaves = (cl_uint)p->leaves;
-    const size_t bytes = (size_t)leaves * 2 * sizeof(float);
 
-    CLN_TRY(cln_buffer_reserve(p->device, &p->leaf_stats, bytes, "leaf statistics"));
+    CLN_TRY(CLN_RESERVE(p, leaf_stats, leaves));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, leaves, (size_t)p->tune.sg,
                        CLN_LEAF_ARG(p, density), CLN_LEAF_ARG(p, seen), CLN_ARG(p->leaf_stats.mem),
                        CLN_ARG(cells)));
-    CLN_TRY(cln_buffer_read(p->device, &p->leaf_stats, 0, stats, bytes));
+    CLN_TRY(CLN_GET(p, leaf_stats, stats, leaves));
 done:
     return st;
 }

@@ -1,4 +1,5 @@
-/* The memory plans. See plan.h; the device's rows are the buffers of stages.h, one add() each. */
+/* The memory plans. See plan.h; the device's rows are the list of buffers (buffers.h), summed by
+ * purpose. */
 #include "pipeline/plan.h"
 
 #include <math.h>
@@ -7,10 +8,10 @@
 
 #include "base/config.h"
 #include "base/memory.h"
-#include "pipeline/carry.h"
 #include "io/progress.h"
-
-static const char *const per_leaf = "--start-level, --max-leaves, --width or --depth";
+#include "pipeline/carry.h"
+#include "pipeline/splat.h"
+#include "pipeline/stages.h"
 
 static void row(cln_plan *plan, const char *purpose, const char *way_out)
 {
@@ -30,9 +31,9 @@ static void add(cln_plan *plan, double bytes)
     plan->total += bytes;
 }
 
-/* An array of rows that may be split (stages.h): one buffer, or parts of `room` rows each; where CLN_PARTS do
- * not do, equal ones, so that the longest rows' are too large. */
-static void add_rows(cln_plan *plan, double rows, double room, double row_bytes)
+/* An array of rows that may be split (pipeline.h): one buffer, or parts of `room` rows each;
+ * where CLN_PARTS do not do, equal ones, so that the longest rows' are too large. */
+static void add_parts(cln_plan *plan, double rows, double room, double row_bytes)
 {
     const int i = plan->count - 1;
     const double parts = fmin(ceil(rows / room), CLN_PARTS);
@@ -57,27 +58,124 @@ static int largest_row(const cln_plan *plan)
 
 /* ---- the device ---- */
 
-/* Everything that the sizes of buffers are made of. */
+/* Everything that the numbers of rows are made of. */
 typedef struct sizes {
-    double leaves, cells, measures;
-    double params, moments, acts;    /* bytes; moments: of each of the two */
+    double leaves, rays, extra_rays, samples, slices, points, gradients;
+    double views, pixels;            /* of a splatted batch; of the largest view */
+    double runs;                     /* of cells that a work-item projects into a view */
+    double entries;                  /* projected samples held at a time */
     double part_leaves, part_slices; /* rows of a part */
-    bool split, leaf;                /* into parts; tune.leaf */
-    double rays, extra_rays, samples, slices, points;
-    double widest, sums, slice; /* counts of a digit of the sort, bytes of a scan's sums */
+    double widest;                   /* counts of a digit of the sort */
+    bool split;                      /* into parts */
     bool distil;
 } sizes;
 
-/* Intervals that a ray can have, at the deepest level. */
-static double most_intervals(void)
+/* Bytes of one row. */
+static double bytes_of(const cln_plan_desc *d, cln_buffer_id id)
 {
-    return 3.0 * (1 << CLN_MAX_LEVEL);
+    return (double)cln_buffer_row_bytes(d->pipeline, id);
+}
+#define BYTES(d, member) bytes_of(d, CLN_BUFFER_##member)
+
+/* Places of a radix sort's table for n elements (sort.c). */
+static double places_of(double n, double widest)
+{
+    return n / CLN_SORT_PER_DIGIT + widest + 1;
 }
 
-/* Bytes of a radix sort's digit counts for n elements (sort.c). */
-static double digits(double n, double widest)
+/* Pixels of the largest view. */
+static double view_pixels(const cln_scene *scene)
 {
-    return 4 * (n / CLN_SORT_PER_DIGIT + widest + 1);
+    double most = 0;
+
+    for (int i = 0; i < scene->view_count; i++)
+        most = fmax(most, (double)scene->views[i].camera.width * scene->views[i].camera.height);
+    return most;
+}
+
+static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
+{
+    switch (when) {
+    case CLN_WHEN_ALWAYS:
+        return true;
+    case CLN_WHEN_TRAINING:
+        return d->training;
+    case CLN_WHEN_MEASURED:
+        return d->training && cln_pipeline_measures(&d->pipeline->config) > 0;
+    case CLN_WHEN_DISTILLING:
+        return s->distil;
+    case CLN_WHEN_SPLATTING:
+        return d->pipeline->config.stage1 == CLN_STAGE1_SPLAT;
+    case CLN_WHEN_INSTEAD:
+        return false;
+    }
+    return true;
+}
+
+/* The most rows that a buffer of this kind is given. */
+static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
+{
+    const double levels = CLN_LEVELS;
+
+    switch (per) {
+    case CLN_PER_LEAF:
+    case CLN_PER_LEAF_P:
+        return s->leaves;
+    case CLN_PER_LEAF_START:
+        return s->leaves + 1;
+    case CLN_PER_CELL:
+        return 1 << (3 * CLN_MAX_LEVEL);
+    case CLN_PER_VIEW:
+        return d->scene->view_count;
+    case CLN_PER_RAY:
+        return s->rays;
+    case CLN_PER_RAY_START:
+        return s->rays + 1;
+    case CLN_PER_ORIGIN:
+        return fmax(s->rays + s->extra_rays, s->points);
+    case CLN_PER_TARGET:
+        return fmax(s->rays, s->points);
+    case CLN_PER_INTERVAL:
+        return s->rays * CLN_MOST_INTERVALS(CLN_MAX_LEVEL);
+    case CLN_PER_SAMPLE:
+        return s->samples;
+    case CLN_PER_SLICE:
+        return s->slices;
+    case CLN_PER_GRADIENT_P:
+        return s->gradients;
+    case CLN_PER_CHUNK:
+        return CLN_SORT_PARTS * (d->pipeline->device->info.compute_units + 1) + 64;
+    case CLN_PER_PLACE:
+        return places_of(fmax(s->samples, s->entries), s->widest);
+    case CLN_PER_BATCH_VIEW:
+        return s->views;
+    case CLN_PER_GRID:
+        return s->views * levels;
+    case CLN_PER_LIST:
+        return s->views * levels * s->pixels;
+    case CLN_PER_LIST_START:
+        return s->views * levels * s->pixels + 1;
+    case CLN_PER_RUN:
+        return s->views * s->runs;
+    case CLN_PER_RUN_START:
+        return s->views * s->runs + 1;
+    case CLN_PER_ENTRY:
+        return s->entries;
+    case CLN_PER_PADDED: /* checked as they are made */
+        return 0;
+    }
+    return 0;
+}
+
+/* The longest row that buffers of this kind have. */
+static double longest_row(const cln_plan_desc *d, const sizes *s, cln_per per)
+{
+    double longest = 0;
+
+    for (int id = 0; id < CLN_BUFFERS; id++)
+        if (cln_buffer_rows[id].per == per && is_there(d, s, cln_buffer_rows[id].when))
+            longest = fmax(longest, bytes_of(d, (cln_buffer_id)id));
+    return longest;
 }
 
 /* Most slices that n samples make: one a leaf that has any, and one for every `slice` samples. */
@@ -94,27 +192,28 @@ static double samples_of(double most, double leaves, double slice)
     return most > leaves ? fmax(spread, (most - leaves) * slice) : spread;
 }
 
-/* Samples of a batch whose every buffer fits `largest`; at least what the smallest batch needs, so that the
- * check finds the buffer that does not fit. */
+/* Samples of a batch whose every buffer fits `largest`; at least what the smallest batch needs,
+ * so that the check finds the buffer that does not fit. */
 static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest)
 {
     const cln_config *c = &d->pipeline->config;
-    double per_sample = 16, least = most_intervals() * c->samples_per_leaf;
+    const double slice = d->pipeline->tune.sl;
+    double least = (double)CLN_MOST_INTERVALS(CLN_MAX_LEVEL) * c->samples_per_leaf;
     double wanted = c->batch_samples, room = 0;
 
     if (d->training) {
         wanted *= 2;
-        per_sample = fmax(per_sample, fmax(s->acts, 4 * s->measures));
         least += cln_pipeline_extra_samples(d->pipeline);
     }
     if (s->distil)
         least = fmax(least, c->distil_samples);
-    room = floor((largest - 2048) / per_sample);
+    room = floor((largest - 2048) / longest_row(d, s, CLN_PER_SAMPLE));
     if (d->training) { /* gradients, cln_pipeline_gradients() the other way round */
-        const double gradients = s->split ? CLN_PARTS * s->part_slices : floor(largest / s->params);
+        const double gradients =
+            s->split ? CLN_PARTS * s->part_slices : floor(largest / BYTES(d, grads));
 
-        room = fmin(room, s->leaf ? fmax(s->slice, gradients * floor(s->slice / 2))
-                                  : samples_of(gradients, s->leaves, s->slice));
+        room = fmin(room, d->pipeline->tune.leaf ? fmax(slice, gradients * floor(slice / 2))
+                                                 : samples_of(gradients, s->leaves, slice));
     }
     return fmax(fmin(wanted, room), least);
 }
@@ -123,7 +222,7 @@ static double fit_rays(const cln_plan_desc *d, double largest)
 {
     const int wanted = d->training ? cln_config_most_rays(&d->pipeline->config) : 0;
     const double rays = wanted > CLN_RENDER_RAYS ? wanted : CLN_RENDER_RAYS;
-    const double room = floor(largest / (most_intervals() * sizeof(cln_interval)));
+    const double room = floor(largest / (CLN_MOST_INTERVALS(CLN_MAX_LEVEL) * BYTES(d, intervals)));
 
     return fmax(16, fmin(rays, room));
 }
@@ -133,131 +232,67 @@ static sizes find_sizes(const cln_plan_desc *d)
     const cln_pipeline *p = d->pipeline;
     const cln_config *c = &p->config;
     const double largest = (double)p->device->max_alloc;
+    const double cells = (double)c->n1 * c->n1 * c->n1;
     sizes s = {.leaves = d->leaves,
                .part_leaves = cln_pipeline_part_leaves(p),
                .part_slices = cln_pipeline_part_slices(p),
                .split = cln_pipeline_in_parts(p, d->leaves),
-               .leaf = p->tune.leaf,
-               .params = 4.0 * p->net.params,
-               .moments = (double)cln_moment_bytes(c) * p->net.params,
-               .acts = (double)cln_pipeline_act_bytes(&p->net, &p->tune),
-               .cells = (double)c->n1 * c->n1 * c->n1,
-               .measures = d->training ? cln_pipeline_measures(c) : 0,
                .extra_rays = d->training ? cln_pipeline_extra_rays(p) : 0,
+               .views = d->training ? c->views_per_batch : 1,
+               .pixels = view_pixels(d->scene),
+               .runs = ceil(d->leaves * cells / CLN_SPLAT_RUN),
                .widest = 1 << p->tune.db,
-               .sums = 8.0 * CLN_SORT_PARTS * (p->device->info.compute_units + 1) + 512,
-               .slice = p->tune.sl,
                .distil = d->training && c->adaptive && !c->tree_from[0]};
 
     s.samples = fit_samples(d, &s, largest);
     s.rays = fit_rays(d, largest);
-    s.slices = slices_of(s.samples, s.leaves, s.slice);
+    s.slices = slices_of(s.samples, s.leaves, p->tune.sl);
+    s.gradients = cln_pipeline_gradients(&p->tune, s.samples, s.slices);
     if (s.distil) { /* nets that are trained together, by samples and by points */
         const double pool = (double)CLN_DISTIL_BATCHES * c->distil_samples;
         const double nets =
-            fmin(floor(s.samples / c->distil_samples), floor(largest / (16 * pool)));
+            fmin(floor(s.samples / c->distil_samples), floor(largest / (BYTES(d, targets) * pool)));
 
         s.points = fmax(1, fmin(64, nets)) * pool;
     }
     return s;
 }
 
-static void add_networks(const cln_plan_desc *d, const sizes *s, cln_plan *out)
+/* The rows of all buffers that are there, in the order of their purposes. */
+static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
-    const double n = s->leaves;
-    double rows = 0;
+    static const struct {
+        const char *name, *ways_out[2]; /* rendering, training */
+    } purposes[CLN_PURPOSES] = {
+#define X(purpose, name, training, rendering) {name, {rendering, training}},
+        CLN_PURPOSE_LIST(X)
+#undef X
+    };
 
-    row(out, "network weights", per_leaf);
-    add_rows(out, n, s->part_leaves, s->params);
-    if (!d->training)
-        return;
-    row(out, "optimiser state", per_leaf);
-    add_rows(out, n, s->part_leaves, s->moments);
-    add_rows(out, n, s->part_leaves, s->moments);
-    add_rows(out, n, s->part_leaves,
-             s->leaf ? 0 : 4.0 * cln_pipeline_transposed(&d->pipeline->net));
-    add(out, 4 * n); /* steps */
-    add(out, 4 * n); /* norms */
-    row(out, "weight gradients", "--batch-samples, --width or --depth");
-    rows = cln_pipeline_gradients(&d->pipeline->tune, s->samples, s->slices);
-    if (s->split)
-        add_rows(out, rows, s->part_slices, s->params);
-    else
-        add(out, rows * s->params);
-    row(out, "activations", "--batch-samples, --width or --depth");
-    add(out, s->samples * s->acts);
-    add(out, 16 * s->samples); /* gradients of heads, rows of the backward pass and their counts */
-    add(out, 4 * s->samples);
-    add(out, 4 * s->slices);
-    if (s->measures > 0) {
-        row(out, "measures", "--batch-samples, or --no-adaptive");
-        add(out, n * 8 * CLN_MEASURES);
-        add(out, 4 * n);
-        add(out, s->samples * 4 * s->measures);
+    for (int purpose = 0; purpose < CLN_PURPOSES; purpose++) {
+        bool begun = false;
+
+        for (int id = 0; id < CLN_BUFFERS; id++) {
+            const cln_buffer_row *buffer = &cln_buffer_rows[id];
+            const double rows = most_rows(d, s, buffer->per);
+            const double bytes = bytes_of(d, (cln_buffer_id)id);
+
+            if ((int)buffer->purpose != purpose || !is_there(d, s, buffer->when))
+                continue;
+            if (!begun)
+                row(out, purposes[purpose].name, purposes[purpose].ways_out[d->training]);
+            begun = true;
+            if (buffer->per == CLN_PER_LEAF_P)
+                add_parts(out, rows, s->part_leaves, bytes);
+            else if (buffer->per == CLN_PER_GRADIENT_P && s->split)
+                add_parts(out, rows, s->part_slices, bytes);
+            else
+                for (int i = 0; i < buffer->count; i++)
+                    add(out, rows * bytes);
+        }
+        if (purpose == CLN_FOR_TREE) /* buffers and parts of nothing have 16 bytes */
+            add(out, 16.0 * CLN_PARTS * CLN_BUFFERS);
     }
-}
-
-static void add_samples(const cln_plan_desc *d, const sizes *s, cln_plan *out)
-{
-    const double n = s->samples;
-
-    row(out, "samples", "--batch-samples or --samples-per-leaf");
-    for (int i = 0; i < (d->training ? 3 : 2); i++)
-        add(out, 16 * n); /* samples, out, dout */
-    for (int i = 0; i < (s->distil ? 5 : 4); i++)
-        add(out, 4 * n); /* keys and values twice, losses */
-    add(out, 16 * s->slices);
-    add(out, digits(n, s->widest));
-    add(out, s->sums);
-}
-
-static void add_rays(const cln_plan_desc *d, const sizes *s, cln_plan *out)
-{
-    const double n = s->rays, all = fmax(n + s->extra_rays, s->points);
-
-    row(out, "rays", d->training ? "--rays or --distil-samples" : "--width and --height");
-    add(out, n * most_intervals() * sizeof(cln_interval));
-    add(out, 16 * all); /* origins */
-    add(out, 16 * all); /* directions */
-    add(out, sizeof(cln_ray_result) * n);
-    add(out, 16 * n); /* pixels */
-    add(out, 16 * n); /* backgrounds */
-    if (d->training)
-        add(out, 16 * fmax(n, s->points)); /* targets */
-    add(out, 4 * n);                       /* used */
-    add(out, 4 * n + 4);                   /* counts, starts */
-    add(out, 4 * n + 4);
-}
-
-static void add_tree(const cln_plan_desc *d, const sizes *s, cln_plan *out)
-{
-    row(out, "stage-1 densities", "--n1, --start-level or --max-leaves");
-    add_rows(out, s->leaves, s->part_leaves, 2 * s->cells);
-    if (d->training) {
-        add_rows(out, s->leaves, s->part_leaves, s->cells); /* seen */
-        add(out, 8 * s->leaves);                            /* mean and peak */
-    }
-    if (d->training) { /* an array's successor, or the densities of pictures; never both */
-        row(out, "changes of the tree", per_leaf);
-        add_rows(out, s->leaves, s->part_leaves, fmax(fmax(s->params, s->moments), 2 * s->cells));
-    }
-    row(out, "tree and cameras", "--max-leaves");
-    add(out, 16 * s->leaves);           /* boxes */
-    add(out, 4 << (3 * CLN_MAX_LEVEL)); /* map */
-    for (int i = 0; i < 4; i++)         /* begin, end, slice counts and starts */
-        add(out, 4 * s->leaves + 4);
-    add(out, (double)sizeof(cln_device_camera) * d->scene->view_count);
-    add(out, 1024); /* buffers and parts of nothing have 16 bytes */
-}
-
-/* Pixels of the largest view. */
-static double view_pixels(const cln_scene *scene)
-{
-    double most = 0;
-
-    for (int i = 0; i < scene->view_count; i++)
-        most = fmax(most, (double)scene->views[i].camera.width * scene->views[i].camera.height);
-    return most;
 }
 
 /* ---- the host ---- */
@@ -267,8 +302,8 @@ static bool is_cpu(const cln_plan_desc *d)
     return strcmp(d->pipeline->device->info.type, "cpu") == 0;
 }
 
-/* Code, driver and the compiler of kernels inside it, as measured with PoCL 3.1, which has all three in this
- * process. */
+/* Code, driver and the compiler of kernels inside it, as measured with PoCL 3.1, which has all
+ * three in this process. */
 static const double program_bytes = 300.0 * (1 << 20);
 
 /* Per pixel of a view that is evaluated: render, depth, opacity, truth, rounded, SSIM, PNG. */
@@ -278,7 +313,7 @@ static const double picture_bytes = 64;
 static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
     const cln_config *c = &d->pipeline->config;
-    const double densities = 2 * s->leaves * s->cells, params = s->leaves * s->params;
+    const double densities = s->leaves * BYTES(d, density), params = s->leaves * BYTES(d, params);
     double images = 0;
 
     out->limit = c->host_mem > 0 ? c->host_mem : cln_host_memory();
@@ -292,13 +327,13 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     add(out, program_bytes);
     row(out, "images", "the size with --downscale, or the number of views");
     add(out, images);
-    row(out, "model", per_leaf);
+    row(out, "model", CLN_LOWER_LEAVES);
     add(out, params);
     if (d->training) {
-        add(out, 2 * s->leaves * s->moments);
+        add(out, 2 * s->leaves * BYTES(d, adam_m));
         add(out, densities);
-        row(out, "changes of the tree", per_leaf);
-        add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * s->params); /* leaves folded at a time */
+        row(out, "changes of the tree", CLN_LOWER_LEAVES);
+        add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded at a time */
         if (s->distil) /* every eighth leaf may come from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
         row(out, "coverage of the images", "the number of views");
@@ -311,61 +346,44 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
 /* ---- projected samples: what both leave ---- */
 
-/* Lists of the batch's views at each level, and as many projected samples as half of the rest has room for;
- * padded lists are checked as they are made. */
-static void add_splatting(const cln_plan_desc *d, const sizes *s, cln_plan *out)
+/* As many as half of what the rest leaves has room for. `out`: the device's plan without them. */
+static double fit_entries(const cln_plan_desc *d, const sizes *s, const cln_plan *out)
 {
-    const cln_config *c = &d->pipeline->config;
-    const double views = d->training ? c->views_per_batch : 1, levels = CLN_MAX_LEVEL + 1;
-    const double runs = ceil(s->leaves * s->cells / 4096);
-    const double scratch = 4.0 / CLN_SORT_PER_DIGIT; /* of the sort, bytes an element */
-    double entries = 0, most = 0, room = 0;
+    const double table = BYTES(d, digit_counts) / CLN_SORT_PER_DIGIT; /* bytes an entry */
+    const double each = 2 * (BYTES(d, keys64) + BYTES(d, values64)) + BYTES(d, list_t) +
+                        BYTES(d, list_sigma) + table;
+    const double most =
+        ((double)d->pipeline->device->max_alloc - 2048) / fmax(BYTES(d, keys64), table);
+    double room = out->limit - out->total, entries = 0;
     cln_plan host = {.count = 0};
 
-    row(out, "lists of views", "--views-per-batch, --downscale or use --stage1 gather");
-    add(out, 4 * (views * levels * view_pixels(d->scene) + 1));
-    add(out, 4 * views * levels * view_pixels(d->scene));
-    add(out, 20 * views * levels); /* grids, views */
-    add(out, 4 * views * runs);
-    add(out, 4 * views * runs + 4);
-    most = ((double)d->pipeline->device->max_alloc - 2048) / fmax(8, scratch);
-    room = out->limit - out->total;
     if (is_cpu(d)) {
         add_host(d, s, &host);
         room = fmin(room, host.limit - host.total - out->total);
     }
-    entries = (0.5 * room - digits(0, s->widest)) / (32 + scratch);
-    entries = fmax(1, fmin(fmin(entries, most), 1u << 28));
-    out->max_entries = (size_t)entries;
-    row(out, "projected samples", "--n1, or use --stage1 gather");
-    for (int i = 0; i < 2; i++) {
-        add(out, 8 * entries); /* keys */
-        add(out, 4 * entries); /* values */
-        add(out, 4 * entries); /* t, sigma */
-    }
-    add(out, digits(entries, s->widest));
-    add(out, s->sums);
+    entries = (0.5 * room - BYTES(d, digit_counts) * places_of(0, s->widest)) / each;
+    return floor(fmax(1, fmin(fmin(entries, most), 1u << 28)));
 }
 
 void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
 {
     const cln_config *c = &d->pipeline->config;
-    const sizes s = find_sizes(d);
+    sizes s = find_sizes(d);
     const double memory = d->pipeline->device->info.global_mem;
+    cln_plan plan = {.limit = c->device_mem > 0 ? fmin(c->device_mem, memory) : 0.9 * memory,
+                     .cells = s.leaves * BYTES(d, seen), /* a byte each */
+                     .max_rays = (int)s.rays,
+                     .max_samples = (size_t)s.samples};
 
-    memset(out, 0, sizeof *out);
-    out->limit = c->device_mem > 0 ? fmin(c->device_mem, memory) : 0.9 * memory;
-    out->cells = s.leaves * s.cells;
-    out->max_rays = (int)s.rays;
-    out->max_samples = (size_t)s.samples;
-    out->batch_samples = (size_t)fmin(c->batch_samples, d->training ? 0.75 * s.samples : s.samples);
-    out->distil_nets = s.distil ? (int)(s.points / CLN_DISTIL_BATCHES / c->distil_samples) : 0;
-    add_networks(d, &s, out);
-    add_tree(d, &s, out);
-    add_samples(d, &s, out);
-    add_rays(d, &s, out);
-    if (c->stage1 == CLN_STAGE1_SPLAT)
-        add_splatting(d, &s, out);
+    plan.batch_samples = (size_t)fmin(c->batch_samples, d->training ? 0.75 * s.samples : s.samples);
+    plan.distil_nets = s.distil ? (int)(s.points / CLN_DISTIL_BATCHES / c->distil_samples) : 0;
+    *out = plan;
+    add_buffers(d, &s, out);
+    if (c->stage1 == CLN_STAGE1_SPLAT) {
+        plan.max_entries = (size_t)(s.entries = fit_entries(d, &s, out));
+        *out = plan;
+        add_buffers(d, &s, out);
+    }
 }
 
 void cln_plan_apply(const cln_plan *plan, cln_pipeline *p)

@@ -1,17 +1,17 @@
-/* The memory plans of a run: what it will allocate on the device, and what it will hold on the host, by
- * purpose, before anything is allocated. Said first, in train's log and in run.json; a run that does not
- * fit ends here (CLN_MEMORY) with the plan in its sentence, and growth of the tree that would not fit is
- * left out with a warning. Batches are cut so that every buffer that grows with rays or samples stays below
- * the device's largest allocation; what has a row per leaf is split into parts (stages.h), and refused where
- * CLN_PARTS of them do not do.
+/* The memory plans of a run: what it will allocate on the device, and what it will hold on the
+ * host, by purpose, before anything is allocated. Said first, in train's log and in run.json; a
+ * run that does not fit ends here (CLN_MEMORY) with the plan in its sentence, and growth of the
+ * tree that would not fit is left out with a warning. Batches are cut so that every buffer that
+ * grows with rays or samples stays below the device's largest allocation; what has a row per
+ * leaf is split into parts (pipeline.h), and refused where CLN_PARTS of them do not do.
  *
- * The device's plan is a bound: every buffer of stages.h is in it at its largest. The host's is an
- * estimate: the program's own arrays are counted, driver and compiler are an allowance. */
+ * The device's plan is a bound: every buffer of buffers.h is in it at its largest. The host's is
+ * an estimate: the program's own arrays are counted, driver and compiler are an allowance. */
 #ifndef CLN_PLAN_H
 #define CLN_PLAN_H
 
 #include <jansson.h>
-#include "pipeline/stages.h"
+#include "pipeline/pipeline.h"
 
 enum { CLN_PLAN_ROWS = 12 };
 
@@ -53,7 +53,8 @@ void cln_plan_device(const cln_plan_desc *desc, cln_plan *out);
 /* limit: --host-mem, else the machine's memory. A CPU's device memory is the host's. */
 void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_plan *out);
 
-/* CLN_MEMORY if a plan does not fit its limit, or one buffer (or part) the device's largest allocation. */
+/* CLN_MEMORY if a plan does not fit its limit, or one buffer (or part) the device's largest
+ * allocation. */
 cln_status cln_plan_check(const cln_device *device, const cln_plan *plan);
 cln_status cln_plan_check_host(const cln_plan *plan);
 

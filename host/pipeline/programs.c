@@ -1,6 +1,7 @@
-/* Builds the pipeline's programs for one network and scene: everything that is constant for a run is a
- * constant of the kernels, and what the scene does not need is not compiled in. */
-#include "pipeline/stages.h"
+/* Creates and frees the pipeline, and builds its programs for one network and scene: what is
+ * constant for a run is a constant of the kernels, and what the scene does not need is not
+ * compiled in. */
+#include "pipeline/pipeline.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -11,30 +12,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 
-int cln_pipeline_measures(const cln_config *config)
-{
-    if (config->density_weight == CLN_WEIGHT_VISIBILITY)
-        return CLN_MEASURES;
-    return config->adaptive && !config->tree_from[0] ? 1 : 0;
-}
-
-int cln_pipeline_acts(const cln_network *net)
-{
-    return net->depth * net->width + (net->view_dependence ? net->view_width : 0);
-}
-
-size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune)
-{
-    return (size_t)cln_pipeline_acts(net) * (tune->half ? sizeof(cl_half) : sizeof(cl_float));
-}
-
-int cln_pipeline_transposed(const cln_network *net)
-{
-    return (net->depth - 1) * net->width * net->width +
-           (net->view_dependence ? net->view_width * net->width : 0);
-}
-
-/* Local memory of one work-group of mlp_backward, the largest, per sample of NB. */
+/* Local memory of a work-group of mlp_backward, which takes most: per sample of NB, */
 static size_t bytes_per_sample(const cln_network *net)
 {
     const int view = net->view_dependence ? net->view_width : 0;
@@ -43,14 +21,14 @@ static size_t bytes_per_sample(const cln_network *net)
            (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 3 + 6);
 }
 
-/* ... and of what it holds of a leaf. */
+/* and for what it holds of a leaf. */
 static size_t bytes_per_leaf(const cln_network *net)
 {
     return sizeof(float) * (size_t)(net->params + cln_pipeline_transposed(net));
 }
 
-/* Local memory of the largest work-group of scan.cl with 64-bit keys: SG = 1, places and counts of digits
- * and lines of output; else a tile and its ranks. */
+/* Local memory of the largest work-group of scan.cl with 64-bit keys: SG = 1, places and counts
+ * of digits and lines of output; else a tile and its ranks. */
 static size_t sort_local(const cln_tune *tune, int line_bits)
 {
     const size_t sg = (size_t)tune->sg, digits = (size_t)1 << tune->db;
@@ -226,105 +204,110 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
     return p->parts > 1 || leaves > (p->tune.leaf ? room : room / 2);
 }
 
-static void free_programs(cln_pipeline *p)
-{
-#define X(kernel, program) cln_kernel_free(&p->k.kernel);
-    CLN_KERNEL_LIST(X)
-    CLN_SPLAT_KERNEL_LIST(X)
-    CLN_REGULARISE_KERNEL_LIST(X)
-    CLN_MEASURE_KERNEL_LIST(X)
-    CLN_DISTIL_KERNEL_LIST(X)
+/* What stands behind the pipeline's "#define" lines, and when programs and kernels are built
+ * (programs.h). */
+enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, TEXTS };
+enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL };
+
+enum program_id {
+#define X(member, file, text, when) PROGRAM_##member,
+    CLN_PROGRAM_LIST(X)
 #undef X
-    cln_kernel_free(&p->k.mlp_forward_train);
-    cln_kernel_free(&p->k.mlp_forward_eval);
-    cln_kernel_free(&p->k.sort64_varying);
-    cln_kernel_free(&p->k.sort64_buckets);
-    cln_kernel_free(&p->k.sort64_count);
-    cln_kernel_free(&p->k.sort64_scatter);
-    cln_program_free(&p->scan);
-    cln_program_free(&p->sort64);
-    cln_program_free(&p->rays);
-    cln_program_free(&p->sampling);
-    cln_program_free(&p->splat);
-    cln_program_free(&p->group);
-    cln_program_free(&p->mlp_density);
-    cln_program_free(&p->mlp_forward_train);
-    cln_program_free(&p->mlp_forward_eval);
-    cln_program_free(&p->mlp_backward);
-    cln_program_free(&p->composite);
-    cln_program_free(&p->roulette);
-    cln_program_free(&p->adam);
-    cln_program_free(&p->stats);
-    cln_program_free(&p->carry);
-    cln_program_free(&p->regularise);
-    cln_program_free(&p->distil);
+        PROGRAMS
+};
+
+static const struct {
+    const char *file;
+    size_t at; /* in cln_pipeline */
+    enum text_kind text;
+    enum when when;
+} programs[PROGRAMS] = {
+#define X(member, file, text, when) {#file, offsetof(cln_pipeline, member), text, when},
+    CLN_PROGRAM_LIST(X)
+#undef X
+};
+
+static const struct {
+    const char *name;
+    size_t at;
+    enum program_id program;
+    enum when when;
+} kernels[] = {
+#define X(member, kernel, program, when) \
+    {#kernel, offsetof(cln_pipeline, k.member), PROGRAM_##program, when},
+    CLN_KERNEL_LIST(X)
+#undef X
+};
+enum { KERNELS = sizeof kernels / sizeof kernels[0] };
+
+static bool is_true(const cln_pipeline *p, enum when when)
+{
+    switch (when) {
+    case ALWAYS:
+        return true;
+    case SPLATTING:
+        return p->config.stage1 == CLN_STAGE1_SPLAT;
+    case REGULARISED:
+        return p->config.sparsity > 0 || p->config.edge > 0;
+    case MEASURED:
+        return cln_pipeline_measures(&p->config) > 0;
+    case SERIAL:
+        return p->tune.sg == 1;
+    }
+    return false;
 }
 
-static cln_status build(cln_pipeline *out)
+static cln_program *program_of(cln_pipeline *p, int i)
+{
+    return (cln_program *)((char *)p + programs[i].at);
+}
+
+static cl_kernel *kernel_of(cln_pipeline *p, int i)
+{
+    return (cl_kernel *)((char *)p + kernels[i].at);
+}
+
+/* All programs, or those that know of parts. */
+static void free_programs(cln_pipeline *p, bool all)
+{
+    for (int i = 0; i < KERNELS; i++)
+        if (all || programs[kernels[i].program].text >= PARTS)
+            cln_kernel_free(kernel_of(p, i));
+    for (int i = 0; i < PROGRAMS; i++)
+        if (all || programs[i].text >= PARTS)
+            cln_program_free(program_of(p, i));
+}
+
+/* Those that are needed and not there. */
+static cln_status build(cln_pipeline *p)
 {
     cln_status st = CLN_OK;
-    cln_device *device = out->device;
-    const cln_config *config = &out->config;
-    char *defines = NULL, *wide = NULL, *leaves = NULL, *train = NULL, *eval = NULL;
+    char *texts[TEXTS] = {NULL};
 
-    CLN_TRY(cln_pipeline_defines(out, &defines));
-    CLN_TRY(cln_asprintf(&wide, "%s#define KEY_BITS 64\n", defines));
-    CLN_TRY(cln_asprintf(&leaves,
+    CLN_TRY(cln_pipeline_defines(p, &texts[PLAIN]));
+    CLN_TRY(cln_asprintf(&texts[WIDE], "%s#define KEY_BITS 64\n", texts[PLAIN]));
+    CLN_TRY(cln_asprintf(&texts[PARTS],
                          "%s#define PARTS %d\n#define PART_LEAVES %du\n#define PART_SLICES %du\n",
-                         defines, out->parts, out->part_leaves, out->part_slices));
-    CLN_TRY(cln_asprintf(&train, "%s#define TRAIN 1\n", leaves));
-    CLN_TRY(cln_asprintf(&eval, "%s#define TRAIN 0\n", leaves));
-#define BUILD(program)  CLN_TRY(cln_program_build(device, #program, defines, &out->program))
-#define LEAVES(program) CLN_TRY(cln_program_build(device, #program, leaves, &out->program))
-    BUILD(scan);
-    BUILD(rays);
-    LEAVES(sampling);
-    BUILD(group);
-    CLN_TRY(cln_program_build(device, "mlp_density", eval, &out->mlp_density));
-    CLN_TRY(cln_program_build(device, "mlp_forward", eval, &out->mlp_forward_eval));
-    CLN_TRY(cln_program_build(device, "mlp_forward", train, &out->mlp_forward_train));
-    CLN_TRY(cln_program_build(device, "mlp_backward", train, &out->mlp_backward));
-    BUILD(composite);
-    BUILD(roulette);
-    LEAVES(adam);
-    LEAVES(stats);
-    LEAVES(carry);
-#define X(kernel, program) CLN_TRY(cln_kernel_create(&out->program, #kernel, &out->k.kernel));
-    CLN_KERNEL_LIST(X)
-    CLN_TRY(cln_kernel_create(&out->mlp_forward_eval, "mlp_forward", &out->k.mlp_forward_eval));
-    CLN_TRY(cln_kernel_create(&out->mlp_forward_train, "mlp_forward", &out->k.mlp_forward_train));
-    if (config->stage1 == CLN_STAGE1_SPLAT) {
-        LEAVES(splat);
-        CLN_TRY(cln_program_build(device, "scan", wide, &out->sort64));
-        CLN_SPLAT_KERNEL_LIST(X)
-        CLN_TRY(cln_kernel_create(&out->sort64, "sort_varying", &out->k.sort64_varying));
-        if (out->tune.sg == 1)
-            CLN_TRY(cln_kernel_create(&out->sort64, "sort_buckets", &out->k.sort64_buckets));
-        CLN_TRY(cln_kernel_create(&out->sort64, "sort_count", &out->k.sort64_count));
-        CLN_TRY(cln_kernel_create(&out->sort64, "sort_scatter", &out->k.sort64_scatter));
+                         texts[PLAIN], p->parts, p->part_leaves, p->part_slices));
+    CLN_TRY(cln_asprintf(&texts[TRAIN], "%s#define TRAIN 1\n", texts[PARTS]));
+    CLN_TRY(cln_asprintf(&texts[EVAL], "%s#define TRAIN 0\n", texts[PARTS]));
+    for (int i = 0; i < PROGRAMS; i++)
+        if (!program_of(p, i)->program && is_true(p, programs[i].when))
+            CLN_TRY(cln_program_build(p->device, programs[i].file, texts[programs[i].text],
+                                      program_of(p, i)));
+    for (int i = 0; i < KERNELS; i++) {
+        const cln_program *program = program_of(p, (int)kernels[i].program);
+
+        if (!*kernel_of(p, i) && program->program && is_true(p, kernels[i].when))
+            CLN_TRY(cln_kernel_create(program, kernels[i].name, kernel_of(p, i)));
     }
-    if (config->sparsity > 0 || config->edge > 0) {
-        BUILD(regularise);
-        CLN_REGULARISE_KERNEL_LIST(X)
-    }
-    if (cln_pipeline_measures(config) > 0) {
-        BUILD(distil);
-        CLN_MEASURE_KERNEL_LIST(X)
-        CLN_DISTIL_KERNEL_LIST(X)
-    }
-#undef X
-#undef BUILD
-#undef LEAVES
 done:
-    free(defines);
-    free(wide);
-    free(leaves);
-    free(train);
-    free(eval);
+    for (int i = 0; i < TEXTS; i++)
+        free(texts[i]);
     return st;
 }
 
-cln_status cln_pipeline_split(cln_pipeline *p, int leaves)
+cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
 {
     cln_status st = CLN_OK;
     const int room = cln_pipeline_part_leaves(p);
@@ -340,7 +323,7 @@ cln_status cln_pipeline_split(cln_pipeline *p, int leaves)
     p->part_leaves = room;
     p->part_slices = cln_pipeline_part_slices(p);
     p->parts = CLN_PARTS;
-    free_programs(p);
+    free_programs(p, false);
     CLN_TRY(build(p));
 done:
     return st;
@@ -410,43 +393,11 @@ done:
 
 void cln_pipeline_free(cln_pipeline *p)
 {
-    cln_device *device = p->device;
-    cln_buffer *const buffers[] = {&p->boxes,         &p->map,
-                                   &p->params,        &p->transposed,
-                                   &p->adam_m,        &p->heads,
-                                   &p->chosen,        &p->chosen_counts,
-                                   &p->adam_v,        &p->adam_steps,
-                                   &p->norms,         &p->density,
-                                   &p->seen,          &p->leaf_stats,
-                                   &p->cameras,       &p->pixels,
-                                   &p->ray_o,         &p->ray_d,
-                                   &p->targets,       &p->backgrounds,
-                                   &p->results,       &p->intervals,
-                                   &p->used,          &p->sample_counts,
-                                   &p->sample_starts, &p->samples,
-                                   &p->begin,         &p->end,
-                                   &p->slice_counts,  &p->slice_starts,
-                                   &p->slices,        &p->out,
-                                   &p->dout,          &p->acts,
-                                   &p->grads,         &p->batch_views,
-                                   &p->splat_counts,  &p->splat_starts,
-                                   &p->grids,         &p->list_start,
-                                   &p->list_count,    &p->list_t,
-                                   &p->list_sigma,    &p->padded_t,
-                                   &p->padded_sigma,  &p->keys64[0],
-                                   &p->keys64[1],     &p->sums,
-                                   &p->digit_counts,  &p->keys[0],
-                                   &p->keys[1],       &p->values[0],
-                                   &p->values[1],     &p->leaf_sums,
-                                   &p->leaf_met,      &p->measures,
-                                   &p->losses,        &p->picture_density};
-
-    if (!device)
+    if (!p->device)
         return;
-    clFinish(device->queue);
-    for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
-        cln_buffer_free(device, buffers[i]);
-    free_programs(p);
+    clFinish(p->device->queue);
+    cln_pipeline_release_all(p);
+    free_programs(p, true);
     free(p->host_pixels);
     free(p->host_cameras);
     memset(p, 0, sizeof *p);

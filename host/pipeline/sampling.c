@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "pipeline/stage1.h"
 
 cln_status cln_stage_rays(cln_pipeline *p, int n)
 {
@@ -16,49 +17,11 @@ cln_status cln_stage_rays(cln_pipeline *p, int n)
                       CLN_ARG(p->ray_d.mem), CLN_ARG(count));
 }
 
-/* The kernels read stage 1 through the arguments at their front (gather: densities, boxes, n1; splat:
- * list starts, t, sigma) and, for splat, at their end (pixels, grids, list lengths). */
-enum { MAX_ARGS = 32 };
-typedef struct arguments {
-    cln_arg args[MAX_ARGS];
-    int count;
-} arguments;
-
-static void add(arguments *a, size_t bytes, const void *value)
-{
-    CLN_ASSERT(a->count < MAX_ARGS);
-    a->args[a->count++] = (cln_arg){bytes, value, 1};
-}
-#define ADD(a, x) add(a, sizeof(x), &(x))
+#define ADD(args, x) cln_args_add(args, (cln_arg)CLN_ARG(x))
 
 static const cln_buffer *densities(const cln_pipeline *p, const cln_sampling *s)
 {
     return s->pictures ? &p->picture_density : &p->density;
-}
-
-static void add_stage1_front(cln_pipeline *p, const cln_sampling *s, arguments *a,
-                             const cl_uint *n1)
-{
-    if (p->config.stage1 == CLN_STAGE1_GATHER) {
-        a->args[a->count++] = (cln_arg)CLN_LEAF_ARG_OF(p, densities(p, s));
-        ADD(a, p->boxes.mem);
-        ADD(a, *n1);
-    } else {
-        const bool padded = p->config.lists == CLN_LISTS_PADDED;
-
-        ADD(a, p->list_start.mem);
-        add(a, sizeof(cl_mem), padded ? &p->padded_t.mem : &p->list_t.mem);
-        add(a, sizeof(cl_mem), padded ? &p->padded_sigma.mem : &p->list_sigma.mem);
-    }
-}
-
-static void add_stage1_back(cln_pipeline *p, arguments *a)
-{
-    if (p->config.stage1 == CLN_STAGE1_SPLAT) {
-        ADD(a, p->pixels.mem);
-        ADD(a, p->grids.mem);
-        ADD(a, p->list_count.mem);
-    }
 }
 
 /* Work-items of a group, whose rays are about as many as elsewhere. */
@@ -67,9 +30,9 @@ static size_t group_of(const cln_pipeline *p)
     return cln_groups((size_t)p->tune.wg, CLN_RAYS_EACH((size_t)p->tune.vw));
 }
 
-static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int all)
+static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_ray_group *g, int all)
 {
-    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
+    const cl_uint first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
     const cl_uint rays = (cl_uint)all;
     const cl_int depth = p->depth;
     const cl_float max_depth = s->min_transmittance > 0 ? -logf(s->min_transmittance) : 1e30f;
@@ -77,9 +40,10 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     const cl_uint per_ray = (cl_uint)p->config.samples_per_ray;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
     const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
-    arguments a = {.count = 0};
+    const cln_stage1 *stage1 = cln_stage1_of(&p->config);
+    cln_args a = {.count = 0};
 
-    add_stage1_front(p, s, &a, &n1);
+    stage1->front(p, densities(p, s), &a);
     ADD(&a, p->ray_o.mem);
     ADD(&a, p->ray_d.mem);
     ADD(&a, p->map.mem);
@@ -97,23 +61,25 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, s->empty_share);
     ADD(&a, seed);
     ADD(&a, s->step);
-    add_stage1_back(p, &a);
+    if (stage1->back)
+        stage1->back(p, &a);
     return cln_launch(p->device, p->k.intervals_fill, CLN_STAGE_INTERVALS,
-                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.args, a.count);
+                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.list, a.count);
 }
 
 /* Samples of the group's rays, as far as no ray reaches past `most` samples. */
-static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_group *g, int all,
+static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_ray_group *g, int all,
                        size_t most)
 {
-    const cl_uint n1 = (cl_uint)p->config.n1, first = (cl_uint)g->first_ray;
+    const cl_uint first = (cl_uint)g->first_ray;
     const cl_uint n = (cl_uint)g->rays, rays = (cl_uint)all, jitter = s->jitter;
     const cl_uint allowed = most < UINT32_MAX ? (cl_uint)most : UINT32_MAX;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
     const size_t each = CLN_RAYS_EACH((size_t)p->tune.vw), wg = group_of(p);
-    arguments a = {.count = 0};
+    const cln_stage1 *stage1 = cln_stage1_of(&p->config);
+    cln_args a = {.count = 0};
 
-    add_stage1_front(p, s, &a, &n1);
+    stage1->front(p, densities(p, s), &a);
     ADD(&a, p->ray_o.mem);
     ADD(&a, p->ray_d.mem);
     ADD(&a, p->intervals.mem);
@@ -128,9 +94,10 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_splat_g
     ADD(&a, jitter);
     ADD(&a, seed);
     ADD(&a, s->step);
-    add_stage1_back(p, &a);
+    if (stage1->back)
+        stage1->back(p, &a);
     return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES,
-                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.args, a.count);
+                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.list, a.count);
 }
 
 /* Largest number of rays, at least one, whose samples fit. */
@@ -165,9 +132,9 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     cln_device *device = p->device;
     const size_t rays = (size_t)n;
     const cl_uint count = (cl_uint)n;
-    const bool splat = p->config.stage1 == CLN_STAGE1_SPLAT;
-    cln_splat_group all = {.first_ray = 0, .rays = n}, *groups = NULL;
-    int group_count = 0;
+    const cln_stage1 *stage1 = cln_stage1_of(&p->config);
+    cln_ray_group all = {.first_ray = 0, .rays = n}, *cut_groups = NULL, *groups = &all;
+    int group_count = 1;
     cln_mark mark = {.event = NULL};
     cln_status made = CLN_OK;
     const size_t extra = (size_t)cln_pipeline_extra_samples(p);
@@ -177,21 +144,17 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
 
     *rays_used = n;
     *sample_count = 0;
-    CLN_TRY(cln_buffer_reserve(device, &p->intervals,
-                               rays * (size_t)CLN_MOST_INTERVALS(p->depth) * sizeof(cln_interval),
-                               "intervals"));
-    CLN_TRY(cln_buffer_reserve(device, &p->used, rays * sizeof(cl_uint), "intervals"));
-    CLN_TRY(cln_buffer_reserve(device, &p->sample_counts, rays * sizeof(cl_uint), "samples"));
-    CLN_TRY(cln_buffer_reserve(device, &p->sample_starts, (rays + 1) * sizeof(cl_uint), "samples"));
-    if (splat) {
-        CLN_TRY(cln_stage_splat_plan(p, densities(p, s), n, &groups, &group_count));
-    } else {
-        groups = &all;
-        group_count = 1;
+    CLN_TRY(CLN_RESERVE(p, intervals, rays * (size_t)CLN_MOST_INTERVALS(p->depth)));
+    CLN_TRY(CLN_RESERVE(p, used, rays));
+    CLN_TRY(CLN_RESERVE(p, sample_counts, rays));
+    CLN_TRY(CLN_RESERVE(p, sample_starts, rays + 1));
+    if (stage1->cut) {
+        CLN_TRY(stage1->cut(p, densities(p, s), n, &cut_groups, &group_count));
+        groups = cut_groups;
     }
     for (int g = 0; g < group_count; g++) {
-        if (splat)
-            CLN_TRY(cln_stage_splat_lists(p, densities(p, s), &groups[g]));
+        if (stage1->make)
+            CLN_TRY(stage1->make(p, densities(p, s), &groups[g]));
         CLN_TRY(fill(p, s, &groups[g], n));
     }
     CLN_TRY(
@@ -199,7 +162,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     CLN_TRY(cln_buffer_fetch(device, &p->sample_starts, rays * sizeof(cl_uint), &p->sample_total,
                              sizeof p->sample_total));
     CLN_TRY(cln_device_mark(device, &mark));
-    /* into the room that there is, most often enough: the device does not wait for the host to wait */
+    /* The room that is there most often suffices: the device then goes on while the host waits. */
     if (group_count == 1 && limit > 0)
         made = emit(p, s, &groups[0], n, limit);
     CLN_TRY(cln_device_wait(device, &mark));
@@ -209,15 +172,13 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
         CLN_TRY(cut(p, n, s->max_samples, rays_used, sample_count));
     if (group_count == 1 && *sample_count <= limit)
         goto done;
-    CLN_TRY(cln_buffer_reserve(device, &p->samples, (*sample_count + extra) * sizeof(cln_sample),
-                               "samples"));
+    CLN_TRY(CLN_RESERVE(p, samples, *sample_count + extra));
     for (int g = 0; g < group_count; g++) {
-        if (splat && group_count > 1) /* a single group's lists are still there */
-            CLN_TRY(cln_stage_splat_lists(p, densities(p, s), &groups[g]));
+        if (stage1->make && group_count > 1) /* what was made of a single group is still there */
+            CLN_TRY(stage1->make(p, densities(p, s), &groups[g]));
         CLN_TRY(emit(p, s, &groups[g], n, *sample_count));
     }
 done:
-    if (splat)
-        free(groups);
+    free(cut_groups);
     return st;
 }

@@ -1,6 +1,6 @@
-/* Prefix sums and the stable radix sort (kernels/scan.cl): cuts their work into chunks and the keys into
- * digits. Chunks grow with n, so that their tables stay small; the digits leave out the bits in which no
- * two keys differ. Neither changes a result. */
+/* Prefix sums and the stable radix sort (kernels/scan.cl): cuts their work into chunks and the
+ * keys into digits. Chunks grow with n, so that their tables stay small; the digits leave out
+ * the bits in which no two keys differ. Neither changes a result. */
 #include "pipeline/stages.h"
 
 #include <math.h>
@@ -9,10 +9,10 @@
 
 #include "base/memory.h"
 
-/* ALONE: elements that one group scans without help. LOOK: from this many
- * keys on, finding the bits that vary costs less than a pass. STREAM: from this many pairs on, they do
- * not stay in a CPU's caches between passes, and whole lines are written past them. BUCKET: pairs that do
- * stay in the caches of one core. */
+/* ALONE: elements that one group scans without help. LOOK: from this many keys on, finding the
+ * bits that vary costs less than a pass. STREAM: from this many pairs on, they do not stay in a
+ * CPU's caches between passes, and whole lines are written past them. BUCKET: pairs that do stay
+ * in the caches of one core. */
 enum { ALONE = 32768, LOOK = 32768, STREAM = 1 << 20, BUCKET = 8192, MAX_PASSES = 64 };
 
 static size_t larger(size_t a, size_t b)
@@ -20,7 +20,8 @@ static size_t larger(size_t a, size_t b)
     return a > b ? a : b;
 }
 
-/* Elements of a chunk of n: with a table of `digits` counts per chunk, enough to keep that small. */
+/* Elements of a chunk of n: with a table of `digits` counts per chunk, enough to keep that
+ * small. */
 static cl_uint chunk_of(const cln_pipeline *p, size_t n, size_t digits)
 {
     const size_t groups = CLN_SORT_PARTS * larger(1, (size_t)p->device->info.compute_units);
@@ -45,8 +46,7 @@ cln_status cln_stage_scan(cln_pipeline *p, const cln_buffer *in, const cln_buffe
     const cl_uint count = n, chunk = n <= ALONE ? ALONE : chunk_of(p, n, 0);
     const cl_uint chunks = (cl_uint)cln_groups(n, chunk);
 
-    CLN_TRY(
-        cln_buffer_reserve(device, &p->sums, ((size_t)chunks + 1) * sizeof(cl_uint), "scan sums"));
+    CLN_TRY(CLN_RESERVE(p, sums, (size_t)chunks + 1));
     if (chunks > 1) {
         CLN_TRY(CLN_LAUNCH(device, p->k.scan_sums, stage, chunks, (size_t)p->tune.sg,
                            CLN_ARG(in->mem), CLN_ARG(p->sums.mem), CLN_ARG(count), CLN_ARG(chunk)));
@@ -65,7 +65,7 @@ typedef struct digit {
     int bits;
 } digit;
 
-/* Length of the run of ones of `mask` from bit `from` on. */
+/* Ones in a row in `mask`, from bit `from` upwards. */
 static int run_of(uint64_t mask, int from)
 {
     int length = 0;
@@ -75,7 +75,8 @@ static int run_of(uint64_t mask, int from)
     return length;
 }
 
-/* Length of what of `bits` places from bit `from` on reaches to their last one. */
+/* Of the `bits` bits of `mask` from bit `from` upwards: how many reach up to the highest that is
+ * set. */
 static int window(uint64_t mask, int from, int bits)
 {
     int length = 0;
@@ -96,8 +97,8 @@ static int lowest(uint64_t mask)
     return mask ? __builtin_ctzll(mask) : 64;
 }
 
-/* Takes one digit of at most `bits` bits off the low end of *mask: a window of neighbours, or a run of
- * varying bits and a window behind the gap, whichever takes more. */
+/* Takes one digit of at most `bits` bits off the low end of *mask: a window of neighbours; or a
+ * run of ones and a window above the next gap, where that takes more ones. */
 static digit next_digit(uint64_t *mask, int bits)
 {
     const int low = lowest(*mask), alone = window(*mask, low, bits);
@@ -132,8 +133,8 @@ static int cut(uint64_t mask, int bits, digit digits[MAX_PASSES])
     return passes;
 }
 
-/* Time of a pass over n elements with digits of `bits` bits, in about the time of one element: a wider
- * digit goes to more places at once and has more counts. */
+/* Time of a pass over n elements with digits of `bits` bits; the unit is about the time of one
+ * element. A wider digit writes to more places and has more counts. */
 static double pass_cost(size_t n, size_t chunks, int bits)
 {
     const double digits = 1 << bits;
@@ -161,8 +162,9 @@ static int plan_passes(const cln_pipeline *p, size_t n, uint64_t mask, int most,
     return cut(mask, best, digits);
 }
 
-/* The same for a bucket of n elements, whose keys differ below bit `high` only: its digits are windows of
- * one width, none of which reaches beyond. That some bits come twice, or are all the same, does no harm. */
+/* The same for a bucket of n elements, whose keys differ below bit `high` only. Its digits are
+ * windows of one width, and none reaches beyond `high`; a bit may come twice, which does no
+ * harm. */
 static cl_uint plan_bucket(size_t n, uint64_t mask, int high, int most, cl_uint shifts[MAX_PASSES],
                            int *width)
 {
@@ -195,7 +197,7 @@ static cln_status varying(cln_pipeline *p, const cln_buffer *keys, cl_uint n, cl
 
     *mask = 0;
     CLN_TRY(cln_alloc(&masks, chunks, sizeof *masks, "sort masks"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->sums, chunks * sizeof *masks, "sort masks"));
+    CLN_TRY(CLN_RESERVE(p, sums, chunks));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.sort64_varying, stage, chunks, (size_t)p->tune.sg,
                        CLN_ARG(keys->mem), CLN_ARG(p->sums.mem), CLN_ARG(n), CLN_ARG(chunk)));
     CLN_TRY(cln_buffer_read(p->device, &p->sums, 0, masks, chunks * sizeof *masks));
@@ -230,8 +232,7 @@ static cln_status find_places(const sort *s, const digit *d, cl_uint *chunks)
     const cl_uint digits = 1u << d->bits, chunk = chunk_of(p, s->n, digits);
 
     *chunks = (cl_uint)cln_groups(s->n, chunk);
-    CLN_TRY(cln_buffer_reserve(p->device, &p->digit_counts,
-                               ((size_t)digits * *chunks + 1) * sizeof(cl_uint), "sort counts"));
+    CLN_TRY(CLN_RESERVE(p, digit_counts, (size_t)digits * *chunks + 1));
     CLN_TRY(CLN_LAUNCH(p->device, s->wide ? p->k.sort64_count : p->k.sort_count, s->stage, *chunks,
                        (size_t)p->tune.sg, CLN_ARG(s->keys[0].mem), CLN_ARG(p->digit_counts.mem),
                        CLN_ARG(s->n), CLN_ARG(chunk), CLN_ARG(*chunks), CLN_ARG(digits),
@@ -275,7 +276,7 @@ done:
     return st;
 }
 
-/* Most elements of a digit, of the places that find_places found. Reads back. */
+/* The largest count of a digit, from the table that find_places made. Reads back. */
 static cln_status most_of_a_digit(const sort *s, cl_uint digits, cl_uint chunks, cl_uint *most)
 {
     cln_status st = CLN_OK;
@@ -292,8 +293,8 @@ done:
     return st;
 }
 
-/* By the highest digit first, then each bucket in cache. *sorted: whether it was done; not if a bucket is
- * so large that the other compute units would wait for it. */
+/* Sorts by the highest digit first, then each bucket in cache. *sorted: false if a bucket is so
+ * large that the other compute units would wait for it; nothing is done then. */
 static cln_status by_buckets(const sort *s, uint64_t mask, bool *sorted)
 {
     cln_status st = CLN_OK;
@@ -318,7 +319,7 @@ static cln_status by_buckets(const sort *s, uint64_t mask, bool *sorted)
     passes = plan_bucket(s->n >> top.bits, mask & ones(0, high - top.bits), high - top.bits,
                          p->tune.db, shifts, &width);
     low_mask = (1u << width) - 1;
-    CLN_TRY(cln_buffer_reserve(p->device, &p->sums, passes * sizeof *shifts, "sort digits"));
+    CLN_TRY(CLN_RESERVE(p, sums, passes));
     CLN_TRY(cln_buffer_write(p->device, &p->sums, 0, shifts, passes * sizeof *shifts));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.sort64_buckets, s->stage, passes ? (size_t)1 << top.bits : 0,
                        1, CLN_ARG(s->keys[0].mem), CLN_ARG(s->values[0].mem),

@@ -1,17 +1,19 @@
-/* Stage 1 by splatting (kernels/splat.cl): plans groups of views or bands of rows whose projected samples
- * fit the memory plan, and builds the sorted lists of a group. */
-#include "pipeline/stages.h"
+/* Stage 1 by splatting (kernels/splat.cl): plans groups of views or bands of rows whose
+ * projected samples fit the memory plan, and builds the sorted lists of a group. */
+#include "pipeline/splat.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/memory.h"
+#include "pipeline/stages.h"
 
-enum { LEVELS = CLN_MAX_LEVEL + 1, MAX_COARSENING = 64, RUN = 4096 };
+enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 
-/* Coarsening k of a level: a leaf sample grid of spacing s, seen from distance z with focal length f,
- * gives n1 (z / (f s))^2 samples per pixel and leaf; k^2 times that must reach splat_per_ray
- * (method.md 4, "Coverage", with s = side / n1). */
+/* Coarsening k of a level: a leaf sample grid of spacing s, seen from distance z with focal
+ * length f, gives n1 (z / (f s))^2 samples per pixel and leaf; k^2 times that must reach
+ * splat_per_ray (method.md 4, "Coverage", with s = side / n1). */
 static int coarsening(const cln_pipeline *p, const cln_device_camera *c, int level)
 {
     const double n1 = p->config.n1, side = 2.0 / (1 << level);
@@ -35,17 +37,17 @@ static cln_status make_grids(cln_pipeline *p, cl_uint (**grids)[4], cl_uint *lis
     const int count = p->batch_view_count;
 
     *grids = NULL;
-    CLN_TRY(cln_alloc(grids, (size_t)count * LEVELS, sizeof **grids, "splat grids"));
+    CLN_TRY(cln_alloc(grids, (size_t)count * CLN_LEVELS, sizeof **grids, "splat grids"));
     CLN_TRY(cln_alloc(&views, (size_t)count, sizeof *views, "batch views"));
     for (int i = 0; i < p->host_rays; i++)
         views[p->host_pixels[i].pad] = p->host_pixels[i].view;
     for (int v = 0; v < count; v++)
-        for (int level = 0; level < LEVELS; level++) {
+        for (int level = 0; level < CLN_LEVELS; level++) {
             const cln_device_camera *c = &p->host_cameras[views[v]];
             const cl_uint k = (cl_uint)coarsening(p, c, level);
             const cl_uint row = ((cl_uint)c->width + k - 1) / k,
                           rows = ((cl_uint)c->height + k - 1) / k;
-            cl_uint *grid = (*grids)[v * LEVELS + level];
+            cl_uint *grid = (*grids)[v * CLN_LEVELS + level];
 
             grid[0] = next;
             grid[1] = k;
@@ -54,19 +56,15 @@ static cln_status make_grids(cln_pipeline *p, cl_uint (**grids)[4], cl_uint *lis
             next += row * rows;
         }
     *lists = next;
-    CLN_TRY(cln_buffer_reserve(p->device, &p->batch_views, (size_t)count * sizeof *views, "views"));
-    CLN_TRY(cln_buffer_write(p->device, &p->batch_views, 0, views, (size_t)count * sizeof *views));
-    CLN_TRY(
-        cln_buffer_reserve(p->device, &p->grids, (size_t)count * LEVELS * sizeof **grids, "grids"));
-    CLN_TRY(
-        cln_buffer_write(p->device, &p->grids, 0, *grids, (size_t)count * LEVELS * sizeof **grids));
+    CLN_TRY(CLN_PUT(p, batch_views, views, (size_t)count));
+    CLN_TRY(CLN_PUT(p, grids, *grids, (size_t)count * CLN_LEVELS));
 done:
     free(views);
     return st;
 }
 
 /* Launches splat_count, or splat_emit once the counts are scanned. */
-static cln_status project(cln_pipeline *p, const cln_buffer *density, const cln_splat_group *g,
+static cln_status project(cln_pipeline *p, const cln_buffer *density, const cln_ray_group *g,
                           bool emit, cl_uint *items)
 {
     const cl_uint n1 = (cl_uint)p->config.n1, total = (cl_uint)p->leaves * n1 * n1 * n1;
@@ -88,22 +86,20 @@ static cln_status project(cln_pipeline *p, const cln_buffer *density, const cln_
         p->device, p->k.splat_emit, CLN_STAGE_PROJECT, *items, wg, CLN_ARG(p->cameras.mem),
         CLN_ARG(p->batch_views.mem), CLN_LEAF_ARG_OF(p, density), CLN_ARG(p->boxes.mem),
         CLN_ARG(p->grids.mem), CLN_ARG(p->splat_starts.mem), CLN_ARG(p->keys64[0].mem),
-        CLN_ARG(p->values[0].mem), CLN_ARG(first), CLN_ARG(views), CLN_ARG(total), CLN_ARG(n1),
+        CLN_ARG(p->values64[0].mem), CLN_ARG(first), CLN_ARG(views), CLN_ARG(total), CLN_ARG(n1),
         CLN_ARG(run), CLN_ARG(runs), CLN_ARG(row_begin), CLN_ARG(row_end), CLN_ARG(min_alpha));
 }
 
-static cln_status count_entries(cln_pipeline *p, const cln_buffer *density,
-                                const cln_splat_group *g, uint32_t *entries)
+static cln_status count_entries(cln_pipeline *p, const cln_buffer *density, const cln_ray_group *g,
+                                uint32_t *entries)
 {
     cln_status st = CLN_OK;
     const size_t n1 = (size_t)p->config.n1;
-    const size_t runs = cln_groups((size_t)p->leaves * n1 * n1 * n1, RUN);
+    const size_t runs = (size_t)g->views * cln_groups((size_t)p->leaves * n1 * n1 * n1, RUN);
     cl_uint items = 0;
 
-    CLN_TRY(cln_buffer_reserve(p->device, &p->splat_counts,
-                               (size_t)g->views * runs * sizeof(cl_uint), "splat counts"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->splat_starts,
-                               ((size_t)g->views * runs + 1) * sizeof(cl_uint), "splat counts"));
+    CLN_TRY(CLN_RESERVE(p, splat_counts, runs));
+    CLN_TRY(CLN_RESERVE(p, splat_starts, runs + 1));
     CLN_TRY(project(p, density, g, false, &items));
     CLN_TRY(
         cln_stage_scan(p, &p->splat_counts, &p->splat_starts, items, CLN_STAGE_PROJECT, entries));
@@ -112,7 +108,7 @@ done:
 }
 
 /* Rays of a group: those of its views and rows (the batch is in that order). */
-static void find_rays(const cln_pipeline *p, cln_splat_group *g)
+static void find_rays(const cln_pipeline *p, cln_ray_group *g)
 {
     int first = 0, end = 0;
 
@@ -131,11 +127,11 @@ static void find_rays(const cln_pipeline *p, cln_splat_group *g)
     g->rays = end - first;
 }
 
-cln_status cln_stage_splat_plan(cln_pipeline *p, const cln_buffer *density, int n,
-                                cln_splat_group **groups, int *count)
+cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_ray_group **groups,
+                         int *count)
 {
     cln_status st = CLN_OK;
-    cln_splat_group *stack = NULL;
+    cln_ray_group *stack = NULL;
     cl_uint(*grids)[4] = NULL, lists = 0;
     int depth = 0, capacity = 0;
 
@@ -148,17 +144,15 @@ cln_status cln_stage_splat_plan(cln_pipeline *p, const cln_buffer *density, int 
         return CLN_OK;
     CLN_TRY(make_grids(p, &grids, &lists));
     p->list_total = (int)lists;
-    CLN_TRY(cln_buffer_reserve(p->device, &p->list_start, ((size_t)lists + 1) * sizeof(cl_uint),
-                               "list starts"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->list_count, (size_t)lists * sizeof(cl_uint),
-                               "list lengths"));
+    CLN_TRY(CLN_RESERVE(p, list_start, (size_t)lists + 1));
+    CLN_TRY(CLN_RESERVE(p, list_count, lists));
     /* Halve views, then rows, until the entries fit; a row that does not fit is too much. */
     capacity = 4 * (p->batch_view_count + 32768);
     CLN_TRY(cln_alloc(&stack, (size_t)capacity, sizeof *stack, "splat plan"));
     CLN_TRY(cln_alloc(groups, (size_t)capacity, sizeof **groups, "splat plan"));
-    stack[depth++] = (cln_splat_group){.views = p->batch_view_count, .row_end = 1 << 20};
+    stack[depth++] = (cln_ray_group){.views = p->batch_view_count, .row_end = 1 << 20};
     while (depth > 0) {
-        cln_splat_group g = stack[--depth];
+        cln_ray_group g = stack[--depth];
         uint32_t entries = 0;
 
         find_rays(p, &g);
@@ -185,7 +179,7 @@ cln_status cln_stage_splat_plan(cln_pipeline *p, const cln_buffer *density, int 
             goto done;
         }
         CLN_ASSERT(depth + 2 <= capacity);
-        cln_splat_group a = g, b = g;
+        cln_ray_group a = g, b = g;
 
         if (g.views > 1) {
             a.views = g.views / 2;
@@ -228,10 +222,8 @@ static cln_status pad(cln_pipeline *p, cl_uint lists)
         goto done;
     }
     CLN_TRY(cln_buffer_write(p->device, &p->grids, 3 * sizeof(cl_uint), &longest, sizeof longest));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->padded_t, (size_t)lists * longest * sizeof(float),
-                               "padded lists (--lists csr needs less)"));
-    CLN_TRY(cln_buffer_reserve(p->device, &p->padded_sigma, (size_t)lists * longest * sizeof(float),
-                               "padded lists (--lists csr needs less)"));
+    CLN_TRY(CLN_RESERVE(p, padded_t, (size_t)lists * longest));
+    CLN_TRY(CLN_RESERVE(p, padded_sigma, (size_t)lists * longest));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.splat_pad, CLN_STAGE_SORT, cln_groups(lists, wg), wg,
                        CLN_ARG(p->list_start.mem), CLN_ARG(p->list_t.mem),
                        CLN_ARG(p->list_sigma.mem), CLN_ARG(p->padded_t.mem),
@@ -241,8 +233,7 @@ done:
     return st;
 }
 
-cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_buffer *density,
-                                 const cln_splat_group *g)
+cln_status cln_splat_make(cln_pipeline *p, const cln_buffer *density, const cln_ray_group *g)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
@@ -255,21 +246,19 @@ cln_status cln_stage_splat_lists(cln_pipeline *p, const cln_buffer *density,
 
     CLN_TRY(count_entries(p, density, g, &entries));
     n = entries;
-    for (int b = 0; b < 2; b++) {
-        CLN_TRY(cln_buffer_reserve(device, &p->keys64[b], n * sizeof(cl_ulong), "splat keys"));
-        CLN_TRY(cln_buffer_reserve(device, &p->values[b], n * sizeof(cl_uint), "splat values"));
-    }
-    CLN_TRY(cln_buffer_reserve(device, &p->list_t, n * sizeof(float), "splat lists"));
-    CLN_TRY(cln_buffer_reserve(device, &p->list_sigma, n * sizeof(float), "splat lists"));
+    CLN_TRY(CLN_RESERVE(p, keys64, n));
+    CLN_TRY(CLN_RESERVE(p, values64, n));
+    CLN_TRY(CLN_RESERVE(p, list_t, n));
+    CLN_TRY(CLN_RESERVE(p, list_sigma, n));
     CLN_TRY(project(p, density, g, true, &items));
     while (bits < 64 && (lists - 1) >> (bits - 32))
         bits++;
-    CLN_TRY(cln_stage_sort(p, p->keys64, p->values, n, bits, true, CLN_STAGE_SORT));
+    CLN_TRY(cln_stage_sort(p, p->keys64, p->values64, n, bits, true, CLN_STAGE_SORT));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_bounds, CLN_STAGE_SORT, cln_groups((size_t)n + 1, wg), wg,
                        CLN_ARG(p->keys64[0].mem), CLN_ARG(p->list_start.mem), CLN_ARG(n),
                        CLN_ARG(lists)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_read, CLN_STAGE_SORT, cln_groups(n, wg), wg,
-                       CLN_ARG(p->keys64[0].mem), CLN_ARG(p->values[0].mem),
+                       CLN_ARG(p->keys64[0].mem), CLN_ARG(p->values64[0].mem),
                        CLN_LEAF_ARG_OF(p, density), CLN_ARG(p->list_t.mem),
                        CLN_ARG(p->list_sigma.mem), CLN_ARG(n), CLN_ARG(cells)));
     CLN_TRY(CLN_LAUNCH(device, p->k.splat_lengths, CLN_STAGE_SORT, cln_groups(lists, wg), wg,
@@ -280,11 +269,41 @@ done:
     return st;
 }
 
-void cln_stage_splat_release(cln_pipeline *p)
+cln_status cln_splat_keep(cln_pipeline *p, const cln_pixel *pixels, int n)
 {
-    cln_buffer *const buffers[] = {&p->keys64[0], &p->keys64[1],    &p->list_t,      &p->list_sigma,
-                                   &p->padded_t,  &p->padded_sigma, &p->digit_counts};
+    cln_status st = CLN_OK;
 
-    for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
-        cln_buffer_free(p->device, buffers[i]);
+    free(p->host_pixels);
+    p->host_rays = 0;
+    CLN_TRY(cln_alloc(&p->host_pixels, (size_t)n, sizeof *pixels, "pixels"));
+    if (n)
+        memcpy(p->host_pixels, pixels, (size_t)n * sizeof *pixels);
+    p->host_rays = n;
+done:
+    return st;
+}
+
+void cln_splat_release(cln_pipeline *p)
+{
+    cln_pipeline_release(p, CLN_FOR_PROJECTED);
+    cln_buffer_free(p->device, &p->digit_counts);
+}
+
+void cln_splat_front(const cln_pipeline *p, const cln_buffer *density, cln_args *args)
+{
+    const bool padded = p->config.lists == CLN_LISTS_PADDED;
+
+    (void)density; /* lists are made of it */
+    cln_args_add(args, (cln_arg)CLN_ARG(p->list_start.mem));
+    cln_args_add(args,
+                 padded ? (cln_arg)CLN_ARG(p->padded_t.mem) : (cln_arg)CLN_ARG(p->list_t.mem));
+    cln_args_add(args, padded ? (cln_arg)CLN_ARG(p->padded_sigma.mem)
+                              : (cln_arg)CLN_ARG(p->list_sigma.mem));
+}
+
+void cln_splat_back(const cln_pipeline *p, cln_args *args)
+{
+    cln_args_add(args, (cln_arg)CLN_ARG(p->pixels.mem));
+    cln_args_add(args, (cln_arg)CLN_ARG(p->grids.mem));
+    cln_args_add(args, (cln_arg)CLN_ARG(p->list_count.mem));
 }

@@ -95,6 +95,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_plan_text(&plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
     cln_plan_apply(&plan, p);
+    CLN_TRY(cln_pipeline_rebuild(p, opened->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(p, &opened->model, false));
 done:
     return st;

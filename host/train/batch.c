@@ -7,6 +7,7 @@
 #include "base/config.h"
 #include "base/memory.h"
 #include "base/rng.h"
+#include "pipeline/stage1.h"
 
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out)
 {
@@ -107,7 +108,7 @@ static bool locate_covered(const cln_coverage *c, const cln_scene *scene, const 
 
 bool cln_batch_skips(const cln_batch *b, const cln_config *config, int64_t step)
 {
-    return config->skip_uncovered && config->stage1 == CLN_STAGE1_GATHER && !b->coverage.whole &&
+    return config->skip_uncovered && !cln_stage1_of(config)->by_view && !b->coverage.whole &&
            b->coverage.share > 0 && step >= config->precrop_steps;
 }
 
@@ -163,23 +164,23 @@ enum { FETCH_AHEAD = 16 }; /* pixels lie far from each other */
 void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *config,
                     const cln_draw *d)
 {
-    const bool splat = config->stage1 == CLN_STAGE1_SPLAT;
+    const bool by_view = cln_stage1_of(config)->by_view;
     const int n = d->n, views = config->views_per_batch < n ? config->views_per_batch : n;
     const uint64_t seed = (uint64_t)config->seed;
 
     CLN_ASSERT(n <= b->capacity);
     for (int i = 0; i < n; i++) {
-        /* splat: ray i looks through batch view i * views / n */
-        const uint32_t slot = splat ? (uint32_t)((int64_t)i * views / n) : 0;
-        place p = splat ? draw_in_slot(b, scene, config, d, (uint32_t)i, slot)
-                        : draw_place(b, scene, config, d, (uint32_t)i);
+        /* by view: ray i looks through batch view i * views / n */
+        const uint32_t slot = by_view ? (uint32_t)((int64_t)i * views / n) : 0;
+        place p = by_view ? draw_in_slot(b, scene, config, d, (uint32_t)i, slot)
+                          : draw_place(b, scene, config, d, (uint32_t)i);
 
         if (d->step < (uint32_t)config->precrop_steps)
             p = crop(scene, p);
         b->pixels[i] = (cln_pixel){(cln_u32)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, p.index),
                                    (cln_u32)p.x, (cln_u32)p.y, slot};
     }
-    if (splat)
+    if (by_view)
         qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);
     memcpy(b->backgrounds[0], scene->background, sizeof scene->background);
     for (int i = 0; i < n; i++) {

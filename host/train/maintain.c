@@ -14,6 +14,7 @@
 #include "model/integer_program.h"
 #include "model/structure.h"
 #include "pipeline/carry.h"
+#include "pipeline/stage1.h"
 #include "render/ray_batch.h"
 
 /* ---- changes of the tree ---- */
@@ -23,6 +24,7 @@ static cln_status carry(cln_trainer *t, const cln_octree_change *change)
 {
     cln_status st = CLN_OK;
 
+    CLN_TRY(cln_pipeline_rebuild(&t->pipeline, t->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_carry(&t->pipeline, &t->model.tree, change));
     CLN_TRY(cln_stage_seen(&t->pipeline));
     cln_step_cover(t);
@@ -128,7 +130,7 @@ static void adopt_plans(cln_trainer *t, const plans *p)
     t->plan = p->device;
     t->host_plan = p->host;
     cln_plan_apply(&p->device, &t->pipeline);
-    cln_stage_splat_release(&t->pipeline); /* the next batch takes what the plan says */
+    cln_stage1_release(&t->pipeline); /* the next batch takes what the plan says */
 }
 
 /* One level finer, by the exact split; not if it would not fit in memory. */

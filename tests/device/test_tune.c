@@ -1,6 +1,6 @@
-/* Kernel parameters: lists and rows as text (device/tune.h), which source wins, what falls back to plain
- * ones, what a run keeps when it is resumed. The tuner: test_tuner.c. Oracles: texts written down here, and
- * digests of runs. */
+/* Kernel parameters: lists and rows as text (device/tune.h), which source wins, what falls back
+ * to plain ones, what a run keeps when it is resumed. The tuner: test_tuner.c. Oracles: texts
+ * written down here, and digests of runs. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -224,7 +224,8 @@ static void test_precedence(void **state)
     cln_tune_rows_free(device.rows[1]);
 }
 
-/* A set that no program can be made with gives way to the plain one, which is said; but not in tests. */
+/* A set that no program can be made with gives way to the plain one, which is said; but not in
+ * tests. */
 static void test_plain_comes_last(void **state)
 {
     cln_device_desc desc = fixture_device();
@@ -314,7 +315,8 @@ static void assert_recorded(const char *run, const char *key, const char *begin)
     json_decref(document);
 }
 
-/* Slices of other lengths are summed in another order: other last bits, so it shows whose row was used. */
+/* Slices of other lengths are summed in another order: other last bits, so it shows whose row
+ * was used. */
 static void test_a_run_keeps_its_parameters(void **state)
 {
     const char *first = fixture_path("first.txt"), *second = fixture_path("second.txt");

@@ -1,6 +1,7 @@
-/* adam.cl against the float64 reference, with moments of 32 and of 16 bits: two updates in a row of leaves with no, too few, just enough
- * and many samples, over one and many slices; untouched leaves keep every bit, the transposed copy is
- * the weights' own, and a launch repeated from the same state gives the same bytes. */
+/* adam.cl against the float64 reference, with moments of 32 and of 16 bits: two updates in a row
+ * of leaves with no, too few, just enough and many samples, over one and many slices; untouched
+ * leaves keep every bit, the transposed copy is the weights' own, and a launch repeated from the
+ * same state gives the same bytes. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -126,8 +127,8 @@ static void update(const adam_case *c, const cln_network *net, const uint32_t *b
     }
 }
 
-/* Moments of 16 bits: each is one of its two neighbours, and of those nearer to the lower one as many go up as chance
- * says (none would, if they were rounded to the nearest one). */
+/* Moments of 16 bits: each is one of its two neighbours, and of those nearer to the lower one as
+ * many go up as chance says (none would, if they were rounded to the nearest one). */
 static void check_rounded(const char *name, const double *got, const double *want, size_t n)
 {
     double expected = 0, up = 0, variance = 0;

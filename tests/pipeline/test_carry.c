@@ -1,6 +1,7 @@
-/* Changes of the tree on the device. Proved: after any history of merges, splits and culls, a model that was carried
- * there has the bits of one that cln_model_apply carried on the host, in one buffer and in parts, with
- * both kinds of moments; and what a change asks of memory is given back. Oracle: model/model.c. */
+/* Changes of the tree on the device. Proved: after any history of merges, splits and culls, a
+ * model that was carried there has the bits of one that cln_model_apply carried on the host, in
+ * one buffer and in parts, with both kinds of moments; and what a change asks of memory is given
+ * back. Oracle: model/model.c. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -130,6 +131,7 @@ static bool check_history(const tune_set *set, int64_t step, int room)
         }
         for (int s = 0; s < change.count; s++)
             met[change.octant[s] == CLN_COPIED ? 0 : change.octant[s] >= 0 ? 1 : 2]++;
+        assert_ok(cln_pipeline_rebuild(&p, other.tree.leaf_count));
         assert_ok(cln_pipeline_carry(&p, &other.tree, &change));
         assert_ok(cln_pipeline_download(&p, &other, true));
         assert_same(&host, &other);

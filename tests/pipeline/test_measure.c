@@ -1,6 +1,7 @@
-/* What the structure optimisation measures and how merged leaves learn: each sample's share of its ray's
- * error and its transmittance-weighted density (composite.cl), their sums over leaves and steps (stats.cl)
- * and the gradient of the distillation (distil.cl), each against float64 worked out here. */
+/* What the structure optimisation measures and how merged leaves learn: each sample's share of
+ * its ray's error and its transmittance-weighted density (composite.cl), their sums over leaves
+ * and steps (stats.cl) and the gradient of the distillation (distil.cl), each against float64
+ * worked out here. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -130,7 +131,8 @@ static void test_shares(void **state)
     test_report("shares of the error");
 }
 
-/* Sums over leaves of no, one and many samples, over many steps; samples of regularisers do not count. */
+/* Sums over leaves of no, one and many samples, over many steps; samples of regularisers do not
+ * count. */
 static void check_sums(const tune_set *set)
 {
     enum { LEAVES = 8, N = 700, COMPOSITED = 650, STEPS = 300 };

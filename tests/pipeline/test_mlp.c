@@ -1,14 +1,16 @@
-/* mlp_density.cl, mlp_forward.cl and mlp_backward.cl against the float64 reference: densities, forward and
- * backward pass on many network shapes and parameter sets, with leaves of no, one and many samples, random
- * numbers in the padding of the weights (no input may reach it), the slopes of RReLU redrawn here from their
- * published hash, and the same bytes from the same launch. Samples lie at exact local coordinates where bands
- * are many: float32's rounding of a position is multiplied by 2^bands, which is no error of the network. */
+/* mlp_density.cl, mlp_forward.cl and mlp_backward.cl against the float64 reference: densities,
+ * forward and backward pass on many network shapes and parameter sets, with leaves of no, one
+ * and many samples, random numbers in the padding of the weights (no input may reach it), the
+ * slopes of RReLU redrawn here from their published hash, and the same bytes from the same
+ * launch. Samples lie at exact local coordinates where bands are many: float32's rounding of a
+ * position is multiplied by 2^bands, which is no error of the network. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
 #include "device_test.h"
+#include "pipeline/field.h"
 #include "reference/reference.h"
 #include "tests.h"
 
@@ -239,7 +241,8 @@ static sample_input input_of(const mlp_data *d, uint32_t i, const float box[4])
     return in;
 }
 
-/* Outputs and, in training, the summed gradients of every leaf, of samples as often as `factors` say (NULL: once). */
+/* Outputs and, in training, the summed gradients of every leaf, of samples as often as `factors`
+ * say (NULL: once). */
 static void run_reference(const mlp_case *c, const cln_config *config, const mlp_data *d,
                           bool training, uint32_t step_key, const double *factors, double (*out)[4],
                           double *grads)
@@ -288,8 +291,9 @@ static void upload(cln_pipeline *p, const mlp_data *d, uint32_t *slices)
 
 /* Bounds: about ten times the worst measured over all cases and sets. */
 static const bounds forward_bounds = {1e-11, 2e-5}, gradient_bounds = {1e-11, 2e-4};
-/* Pre-activations of 11 bits are off by up to 2^-12, and so are the activations of which weight gradients are
- * sums of products (measured: 9e-8 and 6.5e-3). The outputs do not know: the same bounds. */
+/* Pre-activations of 11 bits are off by up to 2^-12, and so are the activations of which weight
+ * gradients are sums of products (measured: 9e-8 and 6.5e-3). The outputs do not know: the same
+ * bounds. */
 static const bounds half_bounds = {1e-6, 5e-2};
 
 static void compare_outputs(const mlp_case *c, float (*got)[4], double (*want)[4], uint32_t n)
@@ -359,7 +363,8 @@ static void compare_gradients(const mlp_case *c, const cln_network *net, int lea
     free(sums);
 }
 
-/* What every sample counted for in the newest backward pass: its chosen head over the one it would have had. */
+/* What every sample counted for in the newest backward pass: its chosen head over the one it
+ * would have had. */
 static double *factors_of(cln_pipeline *p, const mlp_data *d, const cln_slice *slices,
                           uint32_t slice_count, uint32_t step_key)
 {
@@ -506,8 +511,8 @@ static void test_no_samples(void **state)
     cln_model_free(&model);
 }
 
-/* Cached densities: the cell's centre, or a point drawn in it; a bfloat16 next to the right one is let
- * pass only where float32 rounding may have decided. */
+/* Cached densities: the cell's centre, or a point drawn in it; a bfloat16 next to the right one
+ * is let pass only where float32 rounding may have decided. */
 static void check_densities(const mlp_case *c, int n1, bool jitter)
 {
     cln_config config = config_of(c);
@@ -546,6 +551,69 @@ static void check_densities(const mlp_case *c, int n1, bool jitter)
         }
     }
     free(got);
+    free_data(&d);
+}
+
+/* The field at points, asked in turns of 37 at most: inside leaves the reference's network, in a
+ * culled leaf and outside the cube zero. */
+static void test_points(void **state)
+{
+    enum { POINTS = 100 };
+    const mlp_case *c = &cases[0];
+    const cln_config config = config_of(c);
+    cln_pipeline *p = test_pipeline(c->set, &config, false, false);
+    float at[POINTS][4] = {{0}}, along[POINTS][4] = {{0}}, got[POINTS][4], *boxes = NULL;
+    uint8_t culled[64] = {[3] = 1};
+    cln_octree_change change = {0};
+    mlp_data d = {0};
+    const double bound = 1e-5; /* relative */
+    double worst = 0;
+    int inside = 0;
+
+    (void)state;
+    make_data(c, &config, &p->tune, &d);
+    assert_ok(cln_octree_cull(&d.model.tree, culled, &change));
+    assert_ok(cln_model_apply(&d.model, &change));
+    cln_octree_change_free(&change);
+    assert_ok(cln_pipeline_upload(p, &d.model, false));
+    assert_ok(cln_octree_boxes(&d.model.tree, &boxes));
+    for (int i = 0; i < POINTS; i++) {
+        for (int a = 0; a < 3; a++)
+            at[i][a] = (float)test_uniform(41, 3 * i + a, -1.2, 1.2);
+        along[i][i % 3] = i % 2 ? 1 : -1;
+    }
+    memset(got, 0xFF, sizeof got);
+    p->max_samples = 37;
+    assert_ok(cln_field_points(p, &d.model.tree, POINTS, (const float(*)[4])at,
+                               (const float(*)[4])along, got));
+    p->max_samples = 0;
+    for (int i = 0; i < POINTS; i++) {
+        const int slot =
+            cln_octree_find(&d.model.tree, (const double[]){at[i][0], at[i][1], at[i][2]});
+        double local[3], dir[3], want[4] = {0};
+        ref_network r;
+
+        for (int a = 0; a < 3 && slot >= 0; a++) {
+            dir[a] = along[i][a];
+            local[a] = ((double)at[i][a] - boxes[4 * slot + a]) * 2 / boxes[4 * slot + 3] - 1;
+        }
+        if (slot >= 0) {
+            inside++;
+            make_reference(c, &config, &p->net, d.model.tree.level[d.model.tree.leaf[slot]], &r);
+            ref_forward(&r, d.model.params + slot * p->net.params, local, dir, NULL,
+                        (c->lower + c->upper) / 2, want);
+        }
+        for (int k = 0; k < 4; k++) {
+            const double error = fabs(got[i][k] - want[k]) / (want[k] != 0 ? fabs(want[k]) : 1);
+
+            if (!(error <= bound))
+                fail_msg("point %d, value %d: %g, the reference %g", i, k, got[i][k], want[k]);
+            worst = fmax(worst, error);
+        }
+    }
+    print_message("points                   at most %5.1f %% of a bound\n", 100 * worst / bound);
+    assert_true(inside > 30 && inside < 80);
+    free(boxes);
     free_data(&d);
 }
 
@@ -611,8 +679,8 @@ static void free_trained(trained *t)
     free(t->steps);
 }
 
-/* The same bytes as backward and then Adam (their own tests: against float64), for leaves with too few samples,
- * of one slice and of several. Where Adam is wrong in both, test_adam.c fails. */
+/* The same bytes as backward and then Adam (their own tests: against float64), for leaves with
+ * too few samples, of one slice and of several. Where Adam is wrong in both, test_adam.c fails. */
 static void check_update(const tune_set *set, int leaf, int moments, const mlp_case *like)
 {
     mlp_case c = *like;
@@ -663,8 +731,8 @@ static void test_updates_at_once(void **state)
 
 /* ---- arrays in parts ---- */
 
-/* All that the networks' kernels write: two steps with gradients in memory and two without, outputs, densities,
- * statistics of them. */
+/* All that the networks' kernels write: two steps with gradients in memory and two without,
+ * outputs, densities, statistics of them. */
 static void run_all(cln_pipeline *p, const mlp_data *d, trained *apart, trained *at_once,
                     float **out, uint16_t **density, float **stats)
 {
@@ -684,7 +752,7 @@ static void run_all(cln_pipeline *p, const mlp_data *d, trained *apart, trained 
     for (size_t i = 0; i < 22 * cells; i++)
         seen[i] = test_uniform(9, (int)i, 0, 1) < 0.5;
     *stats = test_alloc(22, 2 * sizeof **stats);
-    assert_ok(cln_pipeline_leaf_rows(p, &p->seen, cells, "test"));
+    assert_ok(CLN_RESERVE(p, seen, (size_t)p->leaves));
     assert_ok(cln_buffer_write(p->device, &p->seen, 0, seen, 22 * cells));
     assert_ok(cln_stage_stats(p, *stats));
     free(seen);
@@ -719,10 +787,12 @@ static void check_split(const tune_set *set)
     for (int split = 0; split < 2; split++) {
         if (split) {
             p->device->max_alloc = 7 * 2 * 8000 - 1;
-            assert_int_equal(cln_pipeline_split(p, 25), CLN_MEMORY);
+            assert_int_equal(cln_pipeline_rebuild(p, 25), CLN_MEMORY);
             cln_clear_error();
             assert_int_equal(p->parts, 1);
-            assert_ok(cln_pipeline_split(p, 22));
+            assert_int_equal(cln_pipeline_upload(p, &d.model, true), CLN_INTERNAL);
+            cln_clear_error();
+            assert_ok(cln_pipeline_rebuild(p, 22));
             p->device->max_alloc = most;
         }
         assert_int_equal(p->parts, split ? CLN_PARTS : 1);
@@ -763,7 +833,7 @@ int test_group_mlp(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_networks),        cmocka_unit_test(test_no_samples),
         cmocka_unit_test(test_updates_at_once), cmocka_unit_test(test_densities),
-        cmocka_unit_test(test_in_parts),
+        cmocka_unit_test(test_in_parts),        cmocka_unit_test(test_points),
     };
 
     return cmocka_run_group_tests_name("mlp", tests, NULL, test_device_close);

@@ -1,7 +1,8 @@
-/* The memory plans (pipeline/plan.h). As arithmetic, on devices that do not exist: rows add up, what can be
- * cut stays below the largest allocation, what cannot is refused by name. As a promise, on the device at
- * hand: no run allocates more than its plan or its limit, growth stops where the limit is, and batches cut
- * by a small largest allocation train and render as batches of that size do, to the last bit. */
+/* The memory plans (pipeline/plan.h). As arithmetic, on devices that do not exist: rows add up,
+ * what can be cut stays below the largest allocation, what cannot is refused by name. As a
+ * promise, on the device at hand: no run allocates more than its plan or its limit, growth stops
+ * where the limit is, and batches cut by a small largest allocation train and render as batches
+ * of that size do, to the last bit. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -15,7 +16,8 @@
 
 static const double MIB = 1 << 20;
 
-/* Four views of 100 x 50, RGBA, with pixels; a pipeline without buffers on a device without a driver. */
+/* Four views of 100 x 50, RGBA, with pixels; a pipeline without buffers on a device without a
+ * driver. */
 typedef struct fake {
     cln_device device;
     cln_pipeline pipeline;
@@ -94,8 +96,8 @@ static void test_adds_up(void **state)
     }
 }
 
-/* Largest allocations from plenty to hardly any: rows that grow with the batch fit, until the smallest batch
- * is reached; then the check names the row that does not. */
+/* Largest allocations from plenty to hardly any: rows that grow with the batch fit, until the
+ * smallest batch is reached; then the check names the row that does not. */
 static void test_cut_below_the_largest(void **state)
 {
     const cln_config config = preset("fast");
@@ -180,7 +182,8 @@ static void test_parts(void **state)
     }
 }
 
-/* Weight gradients are of slices: a leaf's samples, 480 at a time. Counted here one leaf at a time. */
+/* Weight gradients are of slices: a leaf's samples, 480 at a time. Counted here one leaf at a
+ * time. */
 static void test_slices_fit(void **state)
 {
     const cln_config config = preset("fast");
@@ -294,8 +297,8 @@ static double planned(const char *run, const char *path)
     return value;
 }
 
-/* Ways to train that use other buffers. The tree does not shrink, so the last plan is the largest; 4 MiB a
- * buffer keep what is planned for rays near what is used. */
+/* Ways to train that use other buffers. The tree does not shrink, so the last plan is the
+ * largest; 4 MiB a buffer keep what is planned for rays near what is used. */
 static void test_peak_is_planned(void **state)
 {
     static const struct {
@@ -334,7 +337,8 @@ static void test_peak_is_planned(void **state)
     }
 }
 
-/* Level 2 needs more than the limit, which has just room for level 1: a warning, and a run that ends well. */
+/* Level 2 needs more than the limit, which has just room for level 1: a warning, and a run that
+ * ends well. */
 static void test_growth_stops_at_the_limit(void **state)
 {
     cln_config config = fixture_config();
@@ -364,8 +368,8 @@ static void test_growth_stops_at_the_limit(void **state)
     assert_non_null(strstr(warnings, "--host-mem"));
 }
 
-/* A largest allocation of 256 KiB cuts the batch; another run with that batch as its setting is the same to
- * the last bit, training and pictures. */
+/* A largest allocation of 256 KiB cuts the batch; another run with that batch as its setting is
+ * the same to the last bit, training and pictures. */
 static void test_cut_batches(void **state)
 {
     cln_config config = fixture_config();
@@ -399,8 +403,9 @@ static void test_cut_batches(void **state)
     assert_fails(train_on("never", &config, "64X", &cut), CLN_USAGE, "--max-alloc");
 }
 
-/* A largest allocation that has room for the batch, but not for the arrays of 512 leaves: these are split, at
- * the start or when the tree grows, and what is learnt is the same to the last bit. */
+/* A largest allocation that has room for the batch, but not for the arrays of 512 leaves: these
+ * are split, at the start or when the tree grows, and what is learnt is the same to the last
+ * bit. */
 static void test_split_arrays(void **state)
 {
     static const char *const stage1[] = {"gather", "splat"};

@@ -1,6 +1,7 @@
-/* regularise.cl: the extra samples lie where they should (points inside their leaf, pairs on a face that
- * both leaves share), and the gradients are central differences, in double, of the two losses that
- * method.md 10 states; densities from 0 to 1e4. Two parameter sets, one of them GPU-shaped. */
+/* regularise.cl: the extra samples lie where they should (points inside their leaf, pairs on a
+ * face that both leaves share), and the gradients are central differences, in double, of the two
+ * losses that method.md 10 states; densities from 0 to 1e4. Two parameter sets, one of them
+ * GPU-shaped. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -14,7 +15,8 @@
 enum { POINTS = 4096, PAIRS = 2048, EXTRA = POINTS + 2 * PAIRS };
 static const double SPARSITY = 0.5, EDGE = 0.25;
 
-/* What one pair costs: U |f_a - f_b| summed over f = alpha (r, g, b, 1), by its share of the mean. */
+/* What one pair costs: U |f_a - f_b| summed over f = alpha (r, g, b, 1), by its share of the
+ * mean. */
 static double pair_loss(const double a[4], const double b[4], double spacing, double u)
 {
     const double alpha = -expm1(-spacing * a[3]), beta = -expm1(-spacing * b[3]);

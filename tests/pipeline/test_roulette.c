@@ -1,6 +1,7 @@
-/* Which samples go through the backward pass (kernels/roulette.cl) against float64, for parameters of all kinds of devices: slices
- * of few and many samples, gradients of very different size, none, tiny and huge ones; that the expectation is the
- * whole gradient; and what has no number. The backward pass with them: test_mlp.c. */
+/* Which samples go through the backward pass (kernels/roulette.cl) against float64, for
+ * parameters of all kinds of devices: slices of few and many samples, gradients of very
+ * different size, none, tiny and huge ones; that the expectation is the whole gradient; and what
+ * has no number. The backward pass with them: test_mlp.c. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* sampling.cl with stage 1 by gather, against the float64 reference: leaves along a ray, counts,
- * positions, deltas; random rays, and rays along axes, faces, edges and corners, from inside a leaf and
- * past the cube; cutting a batch that is too large. */
+ * positions, deltas; random rays, and rays along axes, faces, edges and corners, from inside a
+ * leaf and past the cube; cutting a batch that is too large. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -19,8 +19,8 @@ typedef struct sampling_case {
 
 enum { CHORD = CLN_ALLOCATE_CHORD, WEIGHT = CLN_ALLOCATE_WEIGHT };
 
-/* n1 is odd: with an even one, midpoints of a interval from face to face fall exactly between cells, where
- * rounding may choose either. */
+/* n1 is odd: with an even one, midpoints of a interval from face to face fall exactly between
+ * cells, where rounding may choose either. */
 static const sampling_case cases[] = {
     {"paper", 0, CHORD, CLN_CDF_SIGMA, 7, true, 0.25, 1e-4, 0, 1},
     {"fast", 1, WEIGHT, CLN_CDF_WEIGHT, 7, true, 0.25, 1e-3, 1e-3, 0.25},
@@ -230,8 +230,8 @@ static void test_special_rays(void **state)
         check_special(level % TUNE_SETS, level);
 }
 
-/* Rays from one corner of cells to another through a tree full of holes: where every step may round to either
- * side of an edge, the walk comes to its end, with samples front to back. */
+/* Rays from one corner of cells to another through a tree full of holes: where every step may
+ * round to either side of an edge, the walk comes to its end, with samples front to back. */
 static void check_corners(int set)
 {
     enum { RAYS = 4096 };
@@ -295,8 +295,8 @@ static void test_corners(void **state)
         check_corners(set);
 }
 
-/* Slots on rays with exact numbers: axis-parallel ones in the interior and on faces, where the half-open
- * boxes decide. */
+/* Slots on rays with exact numbers: axis-parallel ones in the interior and on faces, where the
+ * half-open boxes decide. */
 static void test_exact_slots(void **state)
 {
     const sampling_case *c = &cases[0];
@@ -379,7 +379,8 @@ static void test_cut(void **state)
     run_stage(p, 0, &sampling, &some);
     assert_int_equal(some.n, 0);
     device_samples_free(&some);
-    /* the first ray alone has too many: it is made all the same, into a buffer that has room for it, too */
+    /* the first ray alone has too many: it is made all the same, into a buffer that has room for
+     * it, too */
     for (int r = 1; r < RANDOM_RAYS; r++)
         if (all.starts[r + 1] - all.starts[r] > 4) {
             memcpy(o[0], o[r], sizeof o[0]);
@@ -425,7 +426,7 @@ static void test_in_parts(void **state)
             most = p->device->max_alloc;
             row = fmax(4.0 * p->net.params, 2.0 * 7 * 7 * 7);
             p->device->max_alloc = row * cln_groups((size_t)model.tree.leaf_count, CLN_PARTS);
-            assert_ok(cln_pipeline_split(p, model.tree.leaf_count));
+            assert_ok(cln_pipeline_rebuild(p, model.tree.leaf_count));
             p->device->max_alloc = most;
             assert_int_equal(p->parts, CLN_PARTS);
         }

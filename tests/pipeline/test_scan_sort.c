@@ -1,7 +1,7 @@
-/* scan.cl and group.cl through their stages: prefix sums, the stable radix sort, samples grouped by leaf,
- * against plain loops on the host. Results are integers and must be equal. Sizes run round the chunk
- * length of every parameter set, from 0 up, and over a million; keys have long runs of equals, so that
- * instability shows in the values. */
+/* scan.cl and group.cl through their stages: prefix sums, the stable radix sort, samples grouped
+ * by leaf, against plain loops on the host. Results are integers and must be equal. Sizes run
+ * round the chunk length of every parameter set, from 0 up, and over a million; keys have long
+ * runs of equals, so that instability shows in the values. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -27,7 +27,8 @@ static cln_pipeline *pipeline_of(int set)
     return test_pipeline(&tune_sets[set], &config, false, false);
 }
 
-/* 0, 1, around one chunk (of the least size, and as large as the widest digit makes it), and many. */
+/* 0, 1, around one chunk (of the least size, and as large as the widest digit makes it), and
+ * many. */
 enum { MOST_SIZES = 12 };
 static int sizes_of(const cln_pipeline *p, uint32_t sizes[MOST_SIZES])
 {
@@ -234,8 +235,8 @@ static void test_sort(void **state)
     }
 }
 
-/* A million and more: whole lines are written, buckets sorted; and where they cannot be, since one would
- * be too large. */
+/* A million and more: whole lines are written, buckets sorted; and where they cannot be, since
+ * one would be too large. */
 static void test_large_sort(void **state)
 {
     const uint32_t n = (1u << 20) + 77;
@@ -284,8 +285,8 @@ static int launches_of(cln_pipeline *p, uint32_t n, int bits, kind k)
     return (int)(after - before);
 }
 
-/* As many passes as the bits need in which keys differ: none if they are all the same (the spare buffers stay as they
- * were), one for a few bits wherever they stand. */
+/* As many passes as the bits need in which keys differ: none if they are all the same (the spare
+ * buffers stay as they were), one for a few bits wherever they stand. */
 static void test_passes(void **state)
 {
     enum { N = 40009, LOOK = 1, PASS = 3 }; /* looking at the bits; count, scan, scatter */

@@ -1,8 +1,8 @@
-/* splat.cl and stats.cl against brute force in double: which sample of which leaf falls on which list of
- * which view, in which order; the samples that come of it (sampling.cl with stage 1 by splatting); padded
- * lists, groups of views and bands of rows give the same bytes; splatting and gathering see about the
- * same optical depths. One camera stands inside a leaf, one looks along an axis at symmetrical samples,
- * which have equal depths. */
+/* splat.cl and stats.cl against brute force in double: which sample of which leaf falls on which
+ * list of which view, in which order; the samples that come of it (sampling.cl with stage 1 by
+ * splatting); padded lists, groups of views and bands of rows give the same bytes; splatting and
+ * gathering see about the same optical depths. One camera stands inside a leaf, one looks along
+ * an axis at symmetrical samples, which have equal depths. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -181,8 +181,9 @@ static int by_list_then_t(const void *a, const void *b)
     return x->t < y->t ? -1 : x->t > y->t;
 }
 
-/* The entry of a cell's centre for a view: its list, depth and density. False if it is dropped. Lists
- * that it would be on if rounding moved it by a hair go to skip[]; *close tells that there are any. */
+/* The entry of a cell's centre for a view: its list, depth and density. False if it is dropped.
+ * Lists that it would be on if rounding moved it by a hair go to skip[]; *close tells that there
+ * are any. */
 static bool project_cell(const cln_config *config, const cln_model *model, const float *boxes,
                          const cln_camera *c, const splat_lists *l, int view, int index, entry *e,
                          uint8_t *skip, bool *close)
@@ -223,8 +224,8 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     return true;
 }
 
-/* Every list against brute force. Lists that a close sample may have joined or left are not compared;
- * their share is capped. */
+/* Every list against brute force. Lists that a close sample may have joined or left are not
+ * compared; their share is capped. */
 static void compare_lists(const cln_config *config, const cln_model *model,
                           const cln_camera *cameras, const splat_lists *l)
 {
@@ -414,8 +415,8 @@ static void test_no_room(void **state)
     free_run(&run);
 }
 
-/* The same scene seen by splatted lists and by walking the leaves: mean optical depth of the intervals
- * through leaves with a smooth density, where a sample fell into the chord at all. */
+/* The same scene seen by splatted lists and by walking the leaves: mean optical depth of the
+ * intervals through leaves with a smooth density, where a sample fell into the chord at all. */
 static void test_splat_like_gather(void **state)
 {
     const cln_config config = config_of(16, CLN_LISTS_CSR);

@@ -30,7 +30,7 @@ static const tune_set tune_sets[] = {
     {"plain", "VW=1,NV=1,LS=1,TS=1,NB=8,SL=16,WG=1,DB=5,CHUNK=16,LEAF=0"},
     {"wide vectors", "VW=16,NV=1,LS=1,TS=4,NB=12,SL=48,WG=8,SG=8,DB=7,CHUNK=100"},
     {"vectors and items", "VW=4,NV=1,LS=16,TS=4,NB=16,SL=64,WG=32,SG=32,DB=3,CHUNK=33"},
-    /* a GPU's own, device.h */
+    /* a GPU's own, tune.h */
     {"gpu", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=256,DB=8,CHUNK=2048,LEAF=0"},
 };
 enum { TUNE_SETS = sizeof tune_sets / sizeof tune_sets[0] };

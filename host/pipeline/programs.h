@@ -1,0 +1,78 @@
+/* The programs and kernels of the pipeline: the one place for a new one. From these lists come
+ * the members of cln_pipeline, building, releasing, and the bench's check that every kernel is
+ * timed. */
+#ifndef CLN_PROGRAMS_H
+#define CLN_PROGRAMS_H
+
+/* X(member, file, text, when): kernels/FILE.cl, built behind the pipeline's "#define" lines and
+ * more of them:
+ *   PLAIN   none
+ *   PARTS   how arrays of a row per leaf lie (kernels/leaves.h); built again when they are split
+ *   TRAIN, EVAL   PARTS, and whether a pass is of training (mlp_*.cl)
+ *   WIDE    64-bit keys (scan.cl)
+ * when, as programs.c decides from settings and tuning parameters: ALWAYS; SPLATTING: stage 1
+ * splats; REGULARISED: a regulariser looks at points; MEASURED: training measures leaves, which
+ * may merge. */
+#define CLN_PROGRAM_LIST(X)                          \
+    X(scan, scan, PLAIN, ALWAYS)                     \
+    X(sort64, scan, WIDE, SPLATTING)                 \
+    X(rays, rays, PLAIN, ALWAYS)                     \
+    X(sampling, sampling, PARTS, ALWAYS)             \
+    X(splat, splat, PARTS, SPLATTING)                \
+    X(group, group, PLAIN, ALWAYS)                   \
+    X(mlp_density, mlp_density, EVAL, ALWAYS)        \
+    X(mlp_forward_eval, mlp_forward, EVAL, ALWAYS)   \
+    X(mlp_forward_train, mlp_forward, TRAIN, ALWAYS) \
+    X(mlp_backward, mlp_backward, TRAIN, ALWAYS)     \
+    X(composite, composite, PLAIN, ALWAYS)           \
+    X(roulette, roulette, PLAIN, ALWAYS)             \
+    X(adam, adam, PARTS, ALWAYS)                     \
+    X(stats, stats, PARTS, ALWAYS)                   \
+    X(carry, carry, PARTS, ALWAYS)                   \
+    X(regularise, regularise, PLAIN, REGULARISED)    \
+    X(distil, distil, PLAIN, MEASURED)
+
+/* X(member, kernel, program, when): made with its program, if `when` is true besides. SERIAL:
+ * tune.sg is 1. */
+#define CLN_KERNEL_LIST(X)                                          \
+    X(scan_sums, scan_sums, scan, ALWAYS)                           \
+    X(scan_write, scan_write, scan, ALWAYS)                         \
+    X(sort_count, sort_count, scan, ALWAYS)                         \
+    X(sort_scatter, sort_scatter, scan, ALWAYS)                     \
+    X(sort64_varying, sort_varying, sort64, ALWAYS)                 \
+    X(sort64_buckets, sort_buckets, sort64, SERIAL)                 \
+    X(sort64_count, sort_count, sort64, ALWAYS)                     \
+    X(sort64_scatter, sort_scatter, sort64, ALWAYS)                 \
+    X(rays_make, rays_make, rays, ALWAYS)                           \
+    X(intervals_fill, intervals_fill, sampling, ALWAYS)             \
+    X(samples_emit, samples_emit, sampling, ALWAYS)                 \
+    X(splat_count, splat_count, splat, ALWAYS)                      \
+    X(splat_emit, splat_emit, splat, ALWAYS)                        \
+    X(splat_bounds, splat_bounds, splat, ALWAYS)                    \
+    X(splat_read, splat_read, splat, ALWAYS)                        \
+    X(splat_lengths, splat_lengths, splat, ALWAYS)                  \
+    X(splat_pad, splat_pad, splat, ALWAYS)                          \
+    X(group_keys, group_keys, group, ALWAYS)                        \
+    X(group_bounds, group_bounds, group, ALWAYS)                    \
+    X(group_slice_counts, group_slice_counts, group, ALWAYS)        \
+    X(group_slices, group_slices, group, ALWAYS)                    \
+    X(mlp_density, mlp_density, mlp_density, ALWAYS)                \
+    X(mlp_forward_train, mlp_forward, mlp_forward_train, ALWAYS)    \
+    X(mlp_forward_eval, mlp_forward, mlp_forward_eval, ALWAYS)      \
+    X(mlp_backward, mlp_backward, mlp_backward, ALWAYS)             \
+    X(roulette, roulette, roulette, ALWAYS)                         \
+    X(composite, composite, composite, ALWAYS)                      \
+    X(composite_train, composite_train, composite, ALWAYS)          \
+    X(adam_count, adam_count, adam, ALWAYS)                         \
+    X(adam, adam, adam, ALWAYS)                                     \
+    X(transpose, transpose, adam, ALWAYS)                           \
+    X(carry_rows, carry_rows, carry, ALWAYS)                        \
+    X(carry_densities, carry_densities, carry, ALWAYS)              \
+    X(stats_seen, stats_seen, stats, ALWAYS)                        \
+    X(stats_leaf, stats_leaf, stats, ALWAYS)                        \
+    X(leaf_measure, leaf_measure, stats, MEASURED)                  \
+    X(regularise_points, regularise_points, regularise, ALWAYS)     \
+    X(regularise_gradient, regularise_gradient, regularise, ALWAYS) \
+    X(distil_gradient, distil_gradient, distil, ALWAYS)
+
+#endif

@@ -1,0 +1,20 @@
+/* Stage 1 by splatting (kernels/splat.cl), as the methods of stage1.h: a batch's views are
+ * projected together if their entries fit max_entries, else in groups of views or bands of rows.
+ * cut counts and cuts; make builds the lists of one group. Both read back totals. */
+#ifndef CLN_SPLAT_H
+#define CLN_SPLAT_H
+
+#include "pipeline/stage1.h"
+
+/* Cells that a work-item projects. */
+enum { CLN_SPLAT_RUN = 4096 };
+
+cln_status cln_splat_keep(cln_pipeline *p, const cln_pixel *pixels, int n);
+cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_ray_group **groups,
+                         int *count);
+cln_status cln_splat_make(cln_pipeline *p, const cln_buffer *density, const cln_ray_group *group);
+void cln_splat_release(cln_pipeline *p);
+void cln_splat_front(const cln_pipeline *p, const cln_buffer *density, cln_args *args);
+void cln_splat_back(const cln_pipeline *p, cln_args *args);
+
+#endif
