@@ -1,11 +1,12 @@
-/* cln_render: pictures of a run from the poses of a split or from an orbit, as files. Which cameras, which
- * files, what is there already; a view itself is render.c's. Per frame, in this order, each atomically:
+/* cln_render: pictures of a run from the poses of a split or from an orbit, as files. Which
+ * cameras, which files, what is there already; a view itself is render.c's. Per frame, in this
+ * order, each atomically:
  *
  *   NAME.depth.npy  NAME.depth.png  NAME.opacity.png  NAME.png
  *
- * A frame is there when all four are. NAME.png goes first and comes back last, so a frame that was cut
- * short is rendered again. OUT/render.json tells what the frames are of; a folder that holds files but
- * no render.json is not written to. */
+ * A frame is there when all four are. NAME.png goes first and comes back last, so a frame that was
+ * cut short is rendered again. OUT/render.json tells what the frames are of; a folder that holds
+ * files but no render.json is not written to. */
 #include <dirent.h>
 #include <errno.h>
 #include <math.h>
@@ -133,7 +134,8 @@ static json_t *describe(const job *j)
     return about;
 }
 
-/* CLN_OUTPUT if the folder holds files of others; *before: its render.json, NULL if there is none. */
+/* CLN_OUTPUT if the folder holds files of others; *before: its render.json, NULL if there is
+ * none. */
 static cln_status check_folder(const char *out, json_t **before)
 {
     cln_status st = CLN_OK;
@@ -205,8 +207,8 @@ static int ascending(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Grey by inverse depth, near is bright; ends of the scale: 2nd and 98th percentile of what is mostly
- * opaque. What is transparent fades to black. */
+/* Grey by inverse depth, near is bright; ends of the scale: 2nd and 98th percentile of what is
+ * mostly opaque. What is transparent fades to black. */
 static cln_status draw_depth(const cln_picture *p, uint8_t *grey)
 {
     cln_status st = CLN_OK;

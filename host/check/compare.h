@@ -1,5 +1,5 @@
-/* What checks of kernels have in common: inputs, the comparison with float64, and the report of a verdict.
- * For the self-test, the tuner, tests and benches. */
+/* What checks of kernels have in common: inputs, the comparison with float64, and the report of a
+ * verdict. For the self-test, the tuner, tests and benches. */
 #ifndef CLN_COMPARE_H
 #define CLN_COMPARE_H
 
@@ -7,17 +7,18 @@
 
 /* ---- comparing ---- */
 
-/* How far n values are from float64: NMSE, and the worst element in units of the reference's rms, which is
- * element `at`. Infinite where a value is not finite, or is not zero though all of the reference is. */
+/* How far n values are from float64: NMSE, and the worst element in units of the reference's rms,
+ * which is element `at`. Infinite where a value is not finite, or is not zero though all of the
+ * reference is. */
 typedef struct cln_error {
     double nmse, worst;
     size_t at;
 } cln_error;
 cln_error cln_check_error(const float *got, const double *want, size_t n);
 
-/* Are n values within both bounds? NMSE misses one bad element in many, the worst element a small error
- * everywhere. Values that are not finite are out of bounds; an all-zero reference must be met exactly.
- * text: by how much, as a phrase. */
+/* Are n values within both bounds? NMSE misses one bad element in many, the worst element a small
+ * error everywhere. Values that are not finite are out of bounds; an all-zero reference must be met
+ * exactly. text: by how much, as a phrase. */
 bool cln_compare_values(const float *got, const double *want, size_t n, double nmse, double worst,
                         char text[256]);
 
@@ -34,8 +35,8 @@ cln_status cln_check_spoil(cln_device *device, cln_buffer *buffer, size_t bytes)
 
 /* ---- verdicts ---- */
 
-/* Outputs of a check: n floats with the bounds they are held to, or n whole numbers, which are the same on
- * every device. */
+/* Outputs of a check: n floats with the bounds they are held to, or n whole numbers, which are the
+ * same on every device. */
 typedef struct cln_output {
     const char *name; /* "SHAPE: CHECK" */
     bool discrete;
@@ -76,7 +77,8 @@ void cln_check_say(cln_checks *c, const char *name, bool passed, const char *fmt
 void cln_check_compare(cln_checks *c, const char *name, const float *got, const double *want,
                        size_t n, double nmse, double worst);
 
-/* Puts out what has no float64 reference: floats, and whole numbers that are the same on every device. */
+/* Puts out what has no float64 reference: floats, and whole numbers that are the same on every
+ * device. */
 void cln_check_values(cln_checks *c, const char *name, const float *values, size_t n, double nmse,
                       double worst);
 void cln_check_numbers(cln_checks *c, const char *name, const uint32_t *numbers, size_t n);

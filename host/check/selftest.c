@@ -1,6 +1,6 @@
-/* The self-test: pipelines of a few shapes, every check on each. See selftest.h. It shows that a device and
- * its compiler do the arithmetic of the kernels; the tests of the kernels, with all their corners, are
- * in tests/. */
+/* The self-test: pipelines of a few shapes, every check on each. See selftest.h. It shows that a
+ * device and its compiler do the arithmetic of the kernels; the tests of the kernels, with all
+ * their corners, are in tests/. */
 #include "check/selftest.h"
 
 #include <math.h>
@@ -25,7 +25,8 @@ typedef struct shape {
 #define TINY {[CLN_SHAPES_TINY] = true}
 /* clang-format on */
 
-/* The tiny ones are small in every respect: a simulator runs a million times slower than a device. */
+/* The tiny ones are small in every respect: a simulator runs a million times slower than a
+ * device. */
 static const shape shapes[] = {
     {"fast preset", "fast", .in = QUICK},
     {"width 16", "fast", .small = true, .splat = true, .distortion = true, .in = QUICK},

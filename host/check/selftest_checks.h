@@ -1,6 +1,6 @@
-/* The checks of the self-test: selftest.c runs them on one pipeline after the other; selftest_rays.c,
- * selftest_networks.c and selftest_structure.c hold them. The reference's side of a pipeline serves tests
- * and benches, too. */
+/* The checks of the self-test: selftest.c runs them on one pipeline after the other;
+ * selftest_rays.c, selftest_networks.c and selftest_structure.c hold them. The reference's side of
+ * a pipeline serves tests and benches, too. */
 #ifndef CLN_SELFTEST_CHECKS_H
 #define CLN_SELFTEST_CHECKS_H
 
@@ -11,11 +11,13 @@
 ref_network cln_check_network(const cln_config *config, const cln_model *model, int slot);
 ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cln_sampling *s);
 
-/* Is got, values what a stable sort makes of keys with the values 0 .. n - 1? *wrong: places that are not. */
+/* Is got, values what a stable sort makes of keys with the values 0 .. n - 1? *wrong: places that
+ * are not. */
 cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
                             uint32_t n, uint32_t *wrong);
 
-/* The checks; each reports itself. A status other than CLN_OK means that no verdict was possible. */
+/* The checks; each reports itself. A status other than CLN_OK means that no verdict was
+ * possible. */
 cln_status cln_check_scan(cln_checks *c);
 cln_status cln_check_sort(cln_checks *c, bool wide);
 cln_status cln_check_rays(cln_checks *c);

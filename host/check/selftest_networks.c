@@ -1,5 +1,6 @@
-/* Checks of the leaf networks (densities, forward, backward), Adam, and compositing with its gradient,
- * against reference/network.c, adam.c and composite.c; and that the same launch gives the same bytes. */
+/* Checks of the leaf networks (densities, forward, backward), Adam, and compositing with its
+ * gradient, against reference/network.c, adam.c and composite.c; and that the same launch gives the
+ * same bytes. */
 #include "check/selftest_checks.h"
 
 #include <math.h>
@@ -239,8 +240,8 @@ done:
     return st;
 }
 
-/* One of Adam's moments as it is kept, to a unit of bfloat16's last place. No outputs: which way one is rounded hangs on
- * a device's last bits. */
+/* Checks one of Adam's moments as stored, to one unit in bfloat16's last place. No outputs:
+ * rounding depends on a device's last bits. */
 static cln_status check_moments(cln_checks *c, const char *name, const cln_buffer *buffer,
                                 const double *want, size_t n)
 {
@@ -315,7 +316,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
         got[i] -= c->model->params[i];
         want[i] -= c->model->params[i];
     }
-    /* no outputs: the first step is nearly the gradient's sign, on each device of its own gradient */
+    /* no outputs: the first step is nearly the sign of each device's own gradient */
     within = cln_compare_values(got, want, (size_t)all, 1e-6, 1e-2, text);
     cln_check_say(c, "adam", within, "%s", text);
     cln_check_say(c, "adam: leaves with few samples stay", changed == 0 && idle > 0,
@@ -369,11 +370,12 @@ done:
     return st;
 }
 
-/* No leaf here has more samples than are decided upon together. */
+/* No leaf here has more samples than one decision takes. */
 enum { MOST_OF_SLICE = CLN_ROULETTE_SEGMENT, CUTOFF = 2 };
 
-/* A slice's choice against the reference's: samples chosen otherwise, and the heads' gradients, 0 of those that stay.
- * Where a draw is nearer than float32 can tell, what the device chose counts. */
+/* Counts the samples of a slice that were chosen otherwise than by the reference; gradients of
+ * heads to want and got, 0 for samples that stay out. Where a draw is nearer than float32 can tell,
+ * the device's choice counts. */
 static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const uint32_t *order,
                           const uint32_t *chosen, uint32_t count, const float (*heads)[4],
                           float (*got)[4], double (*want)[4])

@@ -1,5 +1,5 @@
-/* Checks of the way from pixels to samples: scan, sort, rays, intervals, samples. Reference: plain loops,
- * scene/camera.c and reference/rays.c. */
+/* Checks of the way from pixels to samples: scan, sort, rays, intervals, samples. Reference: plain
+ * loops, scene/camera.c and reference/rays.c. */
 #include "check/selftest_checks.h"
 
 #include <math.h>
@@ -72,8 +72,8 @@ done:
     return st;
 }
 
-/* Sorted, stable (values are the places before), and every value still with its key. Of wide keys so many
- * that the bits which vary are looked for. */
+/* Sorted, stable (values are the places before), and every value still with its key. Of wide keys
+ * so many that the bits which vary are looked for. */
 cln_status cln_check_sort(cln_checks *c, bool wide)
 {
     enum { VALUES = 97 };
@@ -287,8 +287,9 @@ static bool counts_agree(const made *m, uint32_t samples)
     return agree;
 }
 
-/* Whether all of stage 1's points on a camera's ray stand clear of the borders between cells, and their
- * number is clear, too: else rounding decides which density counts, and devices may differ. */
+/* Returns whether the points of stage 1 on a camera's ray stand clear of the borders between cells,
+ * and their number is clear, too. Else rounding decides which density counts, and devices may
+ * differ. */
 static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_pixel *pixel,
                       const float (*boxes)[4])
 {
@@ -367,8 +368,8 @@ done:
     return st;
 }
 
-/* Stage 1's densities, the same on every device: those that the device works out may round to either of
- * two bfloat16 numbers, and samples stand by them. */
+/* Stage 1's densities, the same on every device: those that the device works out may round to
+ * either of two bfloat16 numbers, and samples stand by them. */
 static cln_status put_densities(cln_checks *c)
 {
     cln_status st = CLN_OK;

@@ -1,5 +1,5 @@
-/* Self-test of what looks at the volume instead of rays: sums of measures and densities over leaves, the
- * gradient that merged leaves learn by, and the regularisers' points. See selftest_checks.h. */
+/* Checks of what looks at the volume instead of rays: sums over leaves, the gradient that merged
+ * leaves learn by, and the regularisers' points. See selftest_checks.h. */
 #include "check/selftest_checks.h"
 
 #include <math.h>
@@ -108,7 +108,8 @@ done:
     return st;
 }
 
-/* Which cells the first camera of cln_check_rays sees, and mean and peak of stage 1's densities there. */
+/* Which cells the first camera of cln_check_rays sees, and mean and peak of stage 1's densities
+ * there. */
 static cln_status check_stats(cln_checks *c)
 {
     cln_status st = CLN_OK;
@@ -169,8 +170,8 @@ typedef struct pairs {
     double *want;
 } pairs;
 
-/* The derivatives written out: 0.05 lambda exp(-0.05 sigma) / points, and of lambda U |f_a - f_b| / 4
- * per pair, f = (1 - exp(-x)) (r, g, b, 1) with x the density over a cell. */
+/* The derivatives written out: 0.05 lambda exp(-0.05 sigma) / points, and of lambda U |f_a - f_b| /
+ * 4 per pair, f = (1 - exp(-x)) (r, g, b, 1) with x the density over a cell. */
 static void differentiate(const cln_checks *c, const cln_sampling *s, const pairs *d)
 {
     const cln_config *config = &c->p->config;

@@ -54,7 +54,8 @@ static int level_of(const cln_config *config)
     return level;
 }
 
-/* The full tree without the leaves whose middle is outside the ball; level 0 and 1 stay as they are. */
+/* The full tree without the leaves whose middle is outside the ball; level 0 and 1 stay as they
+ * are. */
 static cln_status make_tree(int level, cln_octree *tree)
 {
     cln_status st = CLN_OK;

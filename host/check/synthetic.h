@@ -1,5 +1,5 @@
-/* Work that looks like training and depends on the settings alone: for the tuner and the benches, which
- * must do the same work again and again. No scene, no files; nothing is learned. */
+/* Synthetic training work that depends on the settings alone, for the tuner and the benches: the
+ * same work each time. No scene, no files; nothing is learnt. */
 #ifndef CLN_SYNTHETIC_H
 #define CLN_SYNTHETIC_H
 
@@ -22,17 +22,17 @@ typedef struct cln_synthetic {
     uint32_t samples, slices;
 } cln_synthetic;
 
-/* The leaves of a ball, at the level that most of a training with these settings goes through, at most 3
- * where the tree grows; the settings' networks, sampling, loss and batch, stage 1 with at most 2^21 cells.
- * CLN_MEMORY if the device has no room for it. */
+/* The leaves of a ball, at the level that most of a training with these settings goes through, at
+ * most 3 where the tree grows; the settings' networks, sampling, loss and batch, stage 1 with at
+ * most 2^21 cells. CLN_MEMORY if the device has no room for it. */
 cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cln_synthetic *out);
 void cln_synthetic_free(cln_synthetic *s); /* accepts a zeroed one */
 
 /* Tree, weights and cameras into a pipeline that was made for s->model.config. */
 cln_status cln_synthetic_upload(const cln_synthetic *s, cln_pipeline *p);
 
-/* Every stage of a training step but regularisers that look at points, with a learning rate that changes
- * nothing; waits for its end. The work is the same each time. */
+/* Runs every stage of a training step, except regularisers that look at points, with a learning
+ * rate that changes nothing, and waits for its end. */
 cln_status cln_synthetic_step(cln_synthetic *s, cln_pipeline *p);
 
 /* Halves the rays until a step takes at most `seconds` (or 256 are left). */

@@ -1,14 +1,15 @@
-/* cln_tune_search: coordinate descent over kernel parameters. It begins with the class's defaults and goes
- * through the moves below in rounds; each move changes one parameter, or two that only make sense together,
- * of the best set so far. A set that the network's shape or the device rules out (cln_pipeline_fit) is
- * passed over. Every other one is first held against the float64 reference with the very networks that
- * it is for, and refused if it fails; only then is it timed, in turn with the best set, so that whatever else
- * the machine does hits both:
+/* cln_tune_search: coordinate descent over kernel parameters. It begins with the class's defaults
+ * and goes through the moves below in rounds; each move changes one parameter, or two that only
+ * make sense together, of the best set so far. A set that the network's shape or the device rules
+ * out (cln_pipeline_fit) is passed over. Every other one is first held against the float64
+ * reference with the very networks that it is for, and refused if it fails; only then is it timed,
+ * in turn with the best set, so that whatever else the machine does hits both:
  *
- *   best | candidate | best | candidate | ...       ratio of each pair; the candidate is taken if the median
- *   pair 0           | pair 1           | ...       is below GAIN and few pairs speak against it
+ *   best | candidate | best | candidate | ...   one ratio for each pair
+ *   pair 0           | pair 1           | ...
  *
- * What is timed is a training step (synthetic.h). Ends when a round has found nothing better, or with the
+ * The candidate is taken if the median ratio is below GAIN and few pairs speak against it. What is
+ * timed is a training step (synthetic.h). Ends when a round has found nothing better, or with the
  * budget. Parameters that trade accuracy for speed are no part of it. */
 #include <math.h>
 #include <signal.h>
@@ -32,8 +33,8 @@ static const double PART_SECONDS =
     0.03; /* shortest part of a pair: steps are repeated to fill it */
 static const double STEP_SHARE = 1 / 60.0; /* longest step, as a share of the budget */
 
-/* What to try, lists separated by blanks, the most promising first: a tile of samples x neurons in registers
- * decides on a CPU, how many work-items share a leaf on a GPU. */
+/* What to try, lists separated by blanks, the most promising first: a tile of samples x neurons in
+ * registers decides on a CPU, how many work-items share a leaf on a GPU. */
 static const struct {
     const char *cpu, *gpu;
 } moves[] = {
@@ -165,8 +166,8 @@ static void keep_first(const char *name, bool passed, bool skipped, const char *
         snprintf(try->reason, sizeof try->reason, "%s: %s", name, detail);
 }
 
-/* A set that cannot be built, has no room, or that the device stumbles over is refused like one that
- * computes something else; any other error ends the search. */
+/* A set that cannot be built, has no room, or that the device stumbles over is refused like one
+ * that computes something else; any other error ends the search. */
 static cln_status refuse(cln_tune_try *try, cln_status st)
 {
     if (st != CLN_CHECK && st != CLN_BUILD && st != CLN_MEMORY && st != CLN_CL)
@@ -261,8 +262,8 @@ done:
     return st;
 }
 
-/* First right or wrong, against the float64 reference, then fast or slow. Nothing if it was tried already,
- * or if there is no time (but something must be taken in the end). */
+/* First right or wrong, against the float64 reference, then fast or slow. Nothing if it was tried
+ * already, or if there is no time (but something must be taken in the end). */
 static cln_status consider(tuner *t, cln_tune tune)
 {
     cln_status st = CLN_OK;

@@ -1,13 +1,13 @@
-/* The integer program of the structure optimisation (method.md 12.2, 12.3; NAScenT section 4, after ACORN
- * and NeAT): which ACTIVE leaves split, which full sibling groups merge, under a budget of leaves.
- * Solved exactly: siblings couple inside their group only and groups through one row of the program
- * only, so it is a multiple-choice knapsack over sibling groups. Decides; carries nothing out
- * (octree.h does), measures nothing.
+/* The integer program of the structure optimisation (method.md 12.2, 12.3; NAScenT section 4, after
+ * ACORN and NeAT): which ACTIVE leaves split, which full sibling groups merge, under a budget of
+ * leaves. Solved exactly: siblings couple inside their group only and groups through one row of the
+ * program only, so it is a multiple-choice knapsack over sibling groups. Decides; carries nothing
+ * out (octree.h does), measures nothing.
  *
  *   min  sum_b keep_b n_b + split_b s_b + merge_b g_b                     n_b, s_b, g_b binary
  *   s.t. n_b + s_b + g_b = 1                                              every leaf b
  *        g_b = g_q for siblings b, q; g_b = 0 unless no sibling of b is an INNER node
- *        sum_b n_b + 8 s_b + g_b / m_b <= max_leaves                      m_b ACTIVE siblings, b too
+ *        sum_b n_b + 8 s_b + g_b / m_b <= max_leaves                   m_b: ACTIVE siblings and b
  *
  *   keep_b  = e_b d_b
  *   split_b = saved_b if it is not NaN, else split_factor e_b d_b
@@ -47,9 +47,9 @@ cln_status cln_integer_program_solve(const cln_integer_program_desc *desc,
                                      cln_integer_program_result *out);
 void cln_integer_program_result_free(cln_integer_program_result *result); /* accepts a zeroed one */
 
-/* The same program as text in CPLEX's LP format, for a MIP solver (cbc, glpsol --lp): variables nSLOT,
- * sSLOT, gSLOT; the budget row counts a merge once, on its group's first g. CLN_OUTPUT; CLN_INTERNAL for a
- * tree without leaves. */
+/* The same program as text in CPLEX's LP format, for a MIP solver (cbc, glpsol --lp): variables
+ * nSLOT, sSLOT, gSLOT; the budget row counts a merge once, on its group's first g. CLN_OUTPUT;
+ * CLN_INTERNAL for a tree without leaves. */
 cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, const char *path);
 
 #endif

@@ -8,7 +8,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 
-/* All that is on the device, too, while a training runs. */
+/* Frees all that is on the device, too, while a training runs. */
 static void free_carried(cln_model *model)
 {
     free(model->params);
@@ -52,7 +52,7 @@ size_t cln_moment_bytes(const cln_config *config)
     return config->moments == CLN_MOMENTS_BFLOAT16 ? sizeof(uint16_t) : sizeof(float);
 }
 
-/* *array (a pointer to rows of row_bytes, or to NULL): made if it is not there. */
+/* Makes *array (a pointer to rows of row_bytes, or to NULL) if it is not there. */
 static cln_status make(void *array, size_t leaves, size_t row_bytes, const char *what)
 {
     cln_status st = CLN_OK;
@@ -138,7 +138,8 @@ void cln_model_restart_measures(cln_model *model)
     model->sum_square = 0;
 }
 
-/* *array (a pointer to rows of row_bytes, or to NULL) = the rows of the leaves that are kept, and zeros for new ones. */
+/* Carries *array (a pointer to rows of row_bytes, or to NULL): rows of kept leaves, zeros for new
+ * ones. */
 static cln_status carry(const cln_octree_change *change, size_t row_bytes, void *array)
 {
     cln_status st = CLN_OK;
@@ -187,7 +188,8 @@ static void densities_of_child(int n, const uint16_t *parent, int octant, uint16
         }
 }
 
-/* The parent's grid of what its child's knows: nearest cell in the child's octant, and its edge beyond. */
+/* The parent's grid from its child's: nearest cell in the child's octant, the grid's edge beyond
+ * it. */
 static void densities_of_parent(int n, const uint16_t *child, int octant, uint16_t *parent)
 {
     for (int z = 0; z < n; z++)

@@ -1,6 +1,6 @@
-/* A model on the host: tree + packed weights + where it sits in the world, and the training state that
- * an exact resume needs; to and from a run's checkpoint. The engine downloads into and uploads from
- * it. No OpenCL. */
+/* A model on the host: tree, packed weights, its place in the world, and the training state that an
+ * exact resume needs. Written to and read from a run's checkpoint. The pipeline uploads from it and
+ * downloads into it. No OpenCL. */
 #ifndef CLN_MODEL_H
 #define CLN_MODEL_H
 
@@ -27,7 +27,8 @@ typedef struct cln_model {
     double train_seconds; /* budget used so far */
     int rays;             /* adapted batch size of the next step */
     int level;            /* growth reached so far */
-    /* What the structure optimisation has measured (method.md 12.3); kept with the training state. */
+    /* What the structure optimisation has measured (method.md 12.3); kept with the training
+     * state. */
     float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
     int32_t *met;       /* [slot] samples since the last decision */
     float *error;       /* [slot] e_b of the last decision; NaN before the first */
@@ -44,29 +45,30 @@ enum { CLN_MEASURES = 3 };
 /* Bytes of one of Adam's moments of a weight. */
 size_t cln_moment_bytes(const cln_config *config);
 
-/* A new model: full tree at config.start_level, or a copy of `tree`; initial weights, training state
- * zero. */
+/* A new model: full tree at config.start_level, or a copy of `tree`; initial weights, training
+ * state zero. */
 cln_status cln_model_create(const cln_config *config, cln_model *out);
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out);
 void cln_model_free(cln_model *model); /* accepts a zeroed model */
 
-/* Applies a change of structure (already made in model->tree by octree.h): copies, folds or unfolds
- * params, zeroes adam state of new leaves, copies or zeroes (for new leaves) adam_steps; resizes density
- * (kept leaves copied, new ones from the parent's octant or the merged child, nearest cell, until the
- * next refresh) and what was measured (new leaves start afresh). CLN_MEMORY: the model has no weights any more. */
+/* Applies a change of the tree, already made in model->tree by octree.h, to the arrays:
+ *   params      copied, folded or unfolded
+ *   moments     copied, zero for new leaves; adam_steps and measures likewise
+ *   density     copied; for new leaves the nearest cells of the old grid, until the next refresh
+ * CLN_MEMORY: the model has no weights any more. */
 cln_status cln_model_apply(cln_model *model, const cln_octree_change *change);
 
-/* The same of a model whose leaves are carried over elsewhere (pipeline/carry.h): carries error and saved, and
- * gives up params, training state and measures, which are of the tree before; cln_model_make_room and a
- * download bring them back. CLN_MEMORY. */
+/* Follows a change whose leaves are carried over elsewhere (pipeline/carry.h): carries error and
+ * saved, and frees params, training state and measures, which are of the tree before.
+ * cln_pipeline_download brings them back. CLN_MEMORY. */
 cln_status cln_model_follow(cln_model *model, const cln_octree_change *change);
 
-/* Makes the arrays of params, and of training state and measures if `training`, that are not there; zeros.
+/* Makes the missing arrays of params, and if `training` of training state and measures, as zeros.
  * CLN_MEMORY. */
 cln_status cln_model_make_room(cln_model *model, bool training);
 
-/* Starts a new interval of measuring: sums, samples and rays back to zero. Not between a change of the
- * tree and cln_model_apply. */
+/* Starts a new interval of measuring: sums, samples and rays back to zero. Not between a change of
+ * the tree and cln_model_apply. */
 void cln_model_restart_measures(cln_model *model);
 
 /* Digest of parameters and tree: what `info` prints as model_digest. 0 without weights. */

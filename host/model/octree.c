@@ -405,7 +405,8 @@ static void cells_of(const cln_octree *tree, int node, int depth, int low[3], in
     }
 }
 
-/* sums[z][y][x], (n + 1)^3: leaves' cells below (x, y, z), so that a box is known to be empty by eight of them. */
+/* sums[z][y][x], (n + 1)^3: cells of leaves below (x, y, z); eight of them tell whether a box is
+ * empty. */
 static void sum_up(const int32_t *map, int n, int32_t *sums)
 {
     for (int z = 1; z <= n; z++)

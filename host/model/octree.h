@@ -49,20 +49,22 @@ void cln_octree_change_free(cln_octree_change *change);
 /* Splits every marked ACTIVE leaf (split[slot] != 0; NULL = all) below CLN_MAX_LEVEL. */
 cln_status cln_octree_split(cln_octree *tree, const uint8_t *split, cln_octree_change *change);
 
-/* Turns every marked ACTIVE leaf into CULLED; a parent whose eight children are all CULLED becomes a
- * CULLED leaf itself (its children stay in the arrays, unreachable). */
+/* Turns every marked ACTIVE leaf into CULLED; a parent whose eight children are all CULLED becomes
+ * a CULLED leaf itself (its children stay in the arrays, unreachable). */
 cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
 
-/* Does the ACTIVE leaf belong to a group that may merge: it has siblings, none of them INNER? */
+/* Returns whether the ACTIVE leaf's group may merge: it has siblings, none of them INNER. */
 bool cln_octree_can_merge(const cln_octree *tree, int slot);
 
-/* Replaces every sibling group with a marked leaf (merge[slot] != 0) by its parent as one ACTIVE leaf
- * (the children stay in the arrays as CULLED nodes, unreachable). The change names the sibling of the
- * largest weight[slot] as the one that the parent comes from. CLN_INTERNAL if a group may not merge. */
+/* Replaces every sibling group with a marked leaf (merge[slot] != 0) by its parent as one ACTIVE
+ * leaf (the children stay in the arrays as CULLED nodes, unreachable). The change names the sibling
+ * of the largest weight[slot] as the one that the parent comes from. CLN_INTERNAL if a group may
+ * not merge. */
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
 
-/* *change becomes both changes in one: itself, then `next`. A leaf is new in one of them at most. CLN_MEMORY. */
+/* Joins two changes in a row: *change becomes itself, then `next`. A leaf is new in at most one of
+ * them. CLN_MEMORY. */
 cln_status cln_octree_change_join(cln_octree_change *change, const cln_octree_change *next);
 
 /* An independent copy. */
@@ -74,10 +76,12 @@ int cln_octree_depth(const cln_octree *tree);
 /* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */
 int cln_octree_find(const cln_octree *tree, const double point[3]);
 
-/* The tree as the kernels read it: a dense map at level `depth`, cell (x,y,z) at index
- * (z * n + y) * n + x with n = 2^depth: CLN_MAP_LEAF of the leaf there, or where there is none
- * CLN_MAP_EMPTY with the CLN_MAP_BOX of empty cells around it, as large as it grew. The caller frees
- * *map ([n^3]). */
+/* The tree as the kernels read it: a dense map at level `depth`, n = 2^depth cells along an axis.
+ *
+ *   (*map)[(z * n + y) * n + x]   CLN_MAP_LEAF of the leaf there; where there is none CLN_MAP_EMPTY
+ *                                 with the CLN_MAP_BOX of empty cells around, as large as it grew
+ *
+ * The caller frees *map. CLN_MEMORY. */
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map);
 
 /* Minimum and side of a node's box, normalised units; exact. */

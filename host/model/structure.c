@@ -1,5 +1,5 @@
-/* Decisions about the tree: culling of empty leaves and growth by schedule. See structure.h; carries
- * nothing out. Splits and merges of single leaves are integer_program.c's. */
+/* Decisions about the tree: culling of empty leaves and growth by schedule. See structure.h;
+ * carries nothing out. Splits and merges of single leaves are integer_program.c's. */
 #include "model/structure.h"
 
 #include <string.h>

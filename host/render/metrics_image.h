@@ -1,7 +1,7 @@
-/* Picture quality (method.md section 14): the one routine for every PSNR and SSIM the program prints.
- * PSNR = -10 log10(MSE over pixels and channels), values clipped to [0,1]. SSIM: 11x11 Gaussian window,
- * sigma 1.5, K1 0.01, K2 0.03, L = 1, valid convolution, per channel, mean of the map, variances
- * clipped at 0 and |s01| <= sqrt(s00 s11). All sums in double. */
+/* Picture quality (method.md section 14): the one routine for every PSNR and SSIM the program
+ * prints. PSNR = -10 log10(MSE over pixels and channels), values clipped to [0,1]. SSIM: 11x11
+ * Gaussian window, sigma 1.5, K1 0.01, K2 0.03, L = 1, valid convolution, per channel, mean of the
+ * map, variances clipped at 0 and |s01| <= sqrt(s00 s11). All sums in double. */
 #ifndef CLN_METRICS_IMAGE_H
 #define CLN_METRICS_IMAGE_H
 

@@ -1,5 +1,5 @@
-/* Opens a run for eval and render. See open_run.h. The settings are the checkpoint's, so that pictures are
- * those of the training that made it, bit for bit. */
+/* Opens a run for eval and render. See open_run.h. Settings are the checkpoint's, so that pictures
+ * have the bits of the training that made it. */
 #include "render/open_run.h"
 
 #include <stdio.h>

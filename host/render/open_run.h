@@ -1,5 +1,5 @@
-/* A trained run opened to be looked at: newest checkpoint (weights alone), scene, device, programs. What
- * eval and render have in common. Writes nothing. */
+/* A trained run opened to be looked at: newest checkpoint (weights alone), scene, device, programs.
+ * What eval and render have in common. Writes nothing. */
 #ifndef CLN_OPEN_RUN_H
 #define CLN_OPEN_RUN_H
 
@@ -20,8 +20,8 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
 /* The checkpoint alone: for what needs no scene. */
 cln_status cln_open_run_model(const char *run, cln_open_run *out);
 
-/* Device, memory plan, programs, tree and weights; cameras are the caller's. distortion: some view that
- * will be rendered is distorted. */
+/* Device, memory plan, programs, tree and weights; cameras are the caller's. distortion: some view
+ * that will be rendered is distorted. */
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, bool distortion);
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 

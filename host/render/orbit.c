@@ -51,8 +51,8 @@ static void find_target(const cln_scene *scene, double target[3])
         memcpy(target, focus, sizeof focus);
 }
 
-/* Up, distance, and east towards the first training camera. Cameras whose up vectors cancel out, or that
- * all stand on the axis, leave it open: then z is up, and any direction is east. */
+/* Up, distance, and east towards the first training camera. Cameras whose up vectors cancel out, or
+ * that all stand on the axis, leave it open: then z is up, and any direction is east. */
 static void find_frame(const cln_scene *scene, cln_orbit *out)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);

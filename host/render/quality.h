@@ -11,9 +11,9 @@ cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most,
                               int *count);
 
 /* Renders the given views (their pixels must be loaded) and fills `result` (digest, step and train
- * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go, and
- * of a few views pictures of the tree, which is `model`'s (NULL: none), with tree.json. Makes the
- * densities of pictures and gives them back. */
+ * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go,
+ * and of a few views pictures of the tree, which is `model`'s (NULL: none), with tree.json. Makes
+ * the densities of pictures and gives them back. */
 cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
                                const int *views, int count, const char *folder,
                                const cln_callbacks *callbacks, cln_eval_result *result);

@@ -1,5 +1,5 @@
-/* A batch of rays rendered with a pipeline whose tree and weights are uploaded: the one way to pictures, to the
- * probe of training (train/maintain.h) and to whoever looks at a run live. */
+/* A batch of rays rendered with a pipeline whose tree and weights are uploaded: the one way to
+ * pictures, to the probe of training (train/maintain.h) and to whoever looks at a run live. */
 #ifndef CLN_RAY_BATCH_H
 #define CLN_RAY_BATCH_H
 
@@ -13,11 +13,12 @@ typedef struct cln_ray_batch {
     cln_sampling sampling;
 } cln_ray_batch;
 
-/* How pictures are sampled, by p->config: midpoints, densities of pictures, samples of one batch. */
+/* How pictures are sampled, by p->config: midpoints, densities of pictures, samples of one
+ * batch. */
 cln_sampling cln_render_sampling(const cln_pipeline *p);
 
-/* Renders the first *rendered rays of the batch, as many as have room for their samples (at least one);
- * results: [n]. Waits for them. CLN_MEMORY, CLN_CL. */
+/* Renders the first *rendered rays of the batch, as many as have room for their samples (at least
+ * one); results: [n]. Waits for them. CLN_MEMORY, CLN_CL. */
 cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *batch, cln_ray_result *results,
                            int *rendered);
 

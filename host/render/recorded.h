@@ -11,9 +11,9 @@
  * Reads run.json: CLN_INPUT. */
 cln_status cln_run_config(const char *run, cln_config *config, char **scene);
 
-/* Sets device->tune to the kernel parameters that the run began with, so that its bits do not depend on
- * what a file of rows says by now. Leaves them if they were given (--tune), and on another device or driver.
- * Reads run.json: CLN_INPUT. */
+/* Sets device->tune to the kernel parameters that the run began with, so that its bits do not
+ * depend on what a file of rows says by now. Leaves them if they were given (--tune), and on
+ * another device or driver. Reads run.json: CLN_INPUT. */
 cln_status cln_recorded_tune(const char *run, cln_device *device);
 
 /* Warns if the scene is not the one that run.json names: the results would silently be others.

@@ -1,5 +1,6 @@
-/* One view rendered with a pipeline whose tree and weights are uploaded: the way every picture is made, for
- * eval, render and the evaluations during training. Training's own densities stay as they are. */
+/* One view rendered with a pipeline whose tree and weights are uploaded: the way every picture is
+ * made, for eval, render and the evaluations during training. Training's own densities stay as they
+ * are. */
 #ifndef CLN_VIEW_H
 #define CLN_VIEW_H
 
@@ -21,9 +22,9 @@ cln_status cln_render_prepare(cln_pipeline *p);
 /* Gives back the memory of the densities of pictures. */
 void cln_render_release(cln_pipeline *p);
 
-/* View number `view` of the cameras given to cln_pipeline_cameras. axis_depth: depth along the optical
- * axis instead of along the ray. `interrupted` (may be NULL) is polled between batches and ends the
- * picture with CLN_SIGINT / CLN_SIGTERM. */
+/* View number `view` of the cameras given to cln_pipeline_cameras. axis_depth: depth along the
+ * optical axis instead of along the ray. `interrupted` (may be NULL) is polled between batches and
+ * ends the picture with CLN_SIGINT / CLN_SIGTERM. */
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
                            const cln_callbacks *callbacks, cln_picture *out);
 

@@ -90,8 +90,8 @@ static place crop(const cln_scene *scene, place p)
     return (place){p.index, c->width / 4 + p.x / 2, c->height / 4 + p.y / 2};
 }
 
-/* A pixel of the covered tiles, by 64 random bits; false if there a tile reaches over the image's edge, whose
- * nearest pixel is given. */
+/* Finds the pixel of the covered tiles that 64 random bits name. False if a tile reaches over the
+ * image's edge there; *out is then the nearest pixel. */
 static bool locate_covered(const cln_coverage *c, const cln_scene *scene, const uint32_t bits[2],
                            place *out)
 {

@@ -1,6 +1,6 @@
-/* Which pixels a training step looks at, and the colours it should find there. Host work: images stay
- * 8-bit in host memory, the device gets one batch of pixels. A pixel is a pure function of (seed, step,
- * ray) and the tree, so nothing has to be stored to resume. */
+/* Draws the pixels of a training step and their true colours. Host work: images stay 8-bit in host
+ * memory, the device gets one batch of pixels. A pixel is a pure function of (seed, step, ray) and
+ * the tree, so a resume needs nothing stored. */
 #ifndef CLN_BATCH_H
 #define CLN_BATCH_H
 
@@ -28,11 +28,12 @@ typedef struct cln_draw {
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out);
 void cln_batch_free(cln_batch *batch);
 
-/* Does a training step leave out pixels without a leaf before them? */
+/* Returns whether a training step leaves out pixels without a leaf before them. */
 bool cln_batch_skips(const cln_batch *batch, const cln_config *config, int64_t step);
 
-/* Draws n <= capacity rays for a step. Gather: pixels uniform over all training pixels, or over the covered ones.
- * Splat: config.views_per_batch views, ordered by view, then row; pixels uniform in each. */
+/* Draws n <= capacity rays for a step. Gather: uniform pixels of all training pixels, or of the
+ * covered ones. Splat: uniform pixels of config.views_per_batch views, ordered by view, then
+ * row. */
 void cln_batch_draw(cln_batch *batch, const cln_scene *scene, const cln_config *config,
                     const cln_draw *draw);
 

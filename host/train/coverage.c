@@ -101,8 +101,9 @@ static double norm1(const double v[3])
     return fabs(v[0]) + fabs(v[1]) + fabs(v[2]);
 }
 
-/* Interval of x / z over a cube around p (camera axes x and z, p in their terms; reach: half the cube's side). With
- * u = px / pz it is (px + dx) / (pz + dz) - u = (dx - u dz) / (pz + dz). */
+/* Interval of x / z over a cube around p. x, z: the camera's axes, in which p is given; reach: half
+ * of the cube's side. With u = px / pz it is (px + dx) / (pz + dz) - u = (dx - u dz) / (pz +
+ * dz). */
 static void extent(double px, double pz, const double x[3], const double z[3], double reach,
                    double out[2])
 {
@@ -126,8 +127,8 @@ static bool tiles_between(double low, double high, int pixels, int side, int out
     return true;
 }
 
-/* Marks the tiles that a cube may be seen in: its middle in world units, half its side. False if that may be any,
- * since it reaches the camera's plane. */
+/* Marks the tiles that a cube may be seen in. middle: world units; reach: half of its side. False
+ * if the cube reaches the camera's plane, since that may be any tile. */
 static bool mark_cube(const cln_camera *c, int side, const double middle[3], double reach,
                       uint8_t *marks)
 {
@@ -187,7 +188,8 @@ static grid inside(const cln_camera *c, const cln_tile *tile, int side)
     return (grid){wide < side ? wide : side, high < side ? high : side};
 }
 
-/* Squared errors of a tile's pixels, each the mean of its channels, where a picture shows the background. */
+/* Sums squared errors of a tile's pixels, each the mean of its channels, if they show the
+ * background. */
 static double background_error(const cln_scene *scene, const cln_view *view, const cln_tile *tile,
                                int side)
 {

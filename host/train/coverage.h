@@ -1,14 +1,15 @@
-/* Which pixels of the training views have a leaf before them: a ray through any other meets nothing that could
- * learn, so drawing it would cost time and train nothing. Kept by tiles, never too few of them. Host work, exact for
- * pinhole cameras; a view through a distorting lens counts as covered. Decides nothing about which pixels are
- * drawn (batch.h). */
+/* Finds the pixels of the training views that have a leaf before them: a ray through any other
+ * pixel meets nothing that could learn. Kept by tiles, which may hold pixels without a leaf, and
+ * never miss one that has. Host work, exact for pinhole cameras; a view through a distorting lens
+ * counts as covered. batch.h decides which pixels are drawn. */
 #ifndef CLN_COVERAGE_H
 #define CLN_COVERAGE_H
 
 #include "model/octree.h"
 #include "scene/scene.h"
 
-/* A square of pixels: training view, and its first column and row. Those at an image's edge may reach over it. */
+/* A square of pixels: training view, first column and first row. At an image's edge it may reach
+ * over. */
 typedef struct cln_tile {
     uint32_t view;
     uint16_t x, y;
@@ -18,15 +19,13 @@ typedef struct cln_coverage {
     int side;      /* of every tile, pixels */
     int views;     /* training views */
     size_t *first; /* [views + 1] tiles of the views before */
-    float *
-        error; /* [tile] its pixels' squared errors, summed, if all show the background; < 0: not known yet */
+    float *error;  /* [tile] summed squared errors if all show the background; < 0: not known yet */
 
-    size_t *start;   /* [views + 1] where a view's tiles begin in `tiles` */
-    cln_tile *tiles; /* those that are covered, by view, row and column */
-    bool whole;      /* that is all of them */
-    double share;    /* of the training pixels: those covered */
-    double
-        error_other; /* squared errors of those that are not, over the number of all training pixels */
+    size_t *start;      /* [views + 1] where a view's tiles begin in `tiles` */
+    cln_tile *tiles;    /* those that are covered, by view, row and column */
+    bool whole;         /* that is all of them */
+    double share;       /* of the training pixels: those covered */
+    double error_other; /* summed squared errors of the others / number of all training pixels */
 } cln_coverage;
 
 /* Says nothing about any tree yet. The scene's training images must be loaded. */

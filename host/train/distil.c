@@ -1,5 +1,5 @@
-/* Distillation of merged leaves. See distil.h. Points are stratified in the new leaf's box, directions come
- * from training cameras that see it; all of it is a function of seed, step and node. */
+/* Distillation of merged leaves. See distil.h. Points are stratified in the new leaf's box;
+ * directions come from training cameras that see it. Both are functions of seed, step and node. */
 #include "train/distil.h"
 
 #include <math.h>

@@ -1,6 +1,7 @@
-/* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way: loop ->
- * maintain -> step, and both to record. Every decision is a function of the seed, the step and the model,
- * so that a run interrupted and resumed equals one that was not, bit for bit (budgets in time excepted). */
+/* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way:
+ * loop -> maintain -> step, and both to record. Every decision is a function of the seed, the step
+ * and the model, so that a run interrupted and resumed equals one that was not, bit for bit
+ * (budgets in time excepted). */
 #include "train/loop.h"
 
 #include <math.h>
@@ -66,7 +67,7 @@ static void show_work(const char *what, int done, int total, void *user)
         callbacks->work(what, done, total, callbacks->user);
 }
 
-/* *done = false if there is nothing to evaluate, or if a signal (t->signal) ended it. */
+/* Evaluates the test views. *done: false if there are none, or if a signal (t->signal) ended it. */
 static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
 {
     cln_status st = CLN_OK, rendered = CLN_OK;
@@ -113,7 +114,7 @@ static cln_status checkpoint(cln_trainer *t)
                           (long long)t->model.step);
             goto done;
         }
-    /* for those who look at the tree: the error since the last decision; decisions measure their own */
+    /* for exports and reports: the error since the last decision; decisions measure their own */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
@@ -122,7 +123,8 @@ done:
     return st;
 }
 
-/* Is a test PSNR due at this step? Points by seconds or steps, every N steps, and for a target. */
+/* Returns whether a test PSNR is due: at points by seconds or steps, every N steps, and for a
+ * target. */
 static bool evaluation_due(cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
@@ -202,8 +204,8 @@ static cln_status wait_for_step(cln_trainer *t)
     return st;
 }
 
-/* A step that is taken back: drivers compile a kernel when it is first launched, which may take seconds and
- * is no training. */
+/* Takes a step and takes it back: drivers compile a kernel at its first launch, which may take
+ * seconds and is no training. */
 static cln_status warm_up(cln_trainer *t)
 {
     cln_status st = CLN_OK;

@@ -5,9 +5,9 @@
 
 #include "train/trainer.h"
 
-/* Runs until a budget is used up, the target PSNR is reached or a signal comes; writes checkpoints, rows
- * of metrics.jsonl and the final evaluation. CLN_SIGINT or CLN_SIGTERM after the checkpoint that a signal
- * asked for; CLN_DIVERGED. */
+/* Runs until a budget is used up, the target PSNR is reached or a signal comes; writes checkpoints,
+ * rows of metrics.jsonl and the final evaluation. CLN_SIGINT or CLN_SIGTERM after the checkpoint
+ * that a signal asked for; CLN_DIVERGED. */
 cln_status cln_loop_run(cln_trainer *t);
 
 #endif

@@ -1,5 +1,6 @@
-/* Between the steps. See maintain.h. Every decision is a function of the seed, the step and the model, and
- * all that it rests on is in the checkpoint, so a resumed run decides as one that went through. */
+/* Maintenance of the tree. See maintain.h. Every decision is a function of the seed, the step and
+ * the model, and all that it rests on is in the checkpoint, so a resumed run decides as one that
+ * went through. */
 #include "train/maintain.h"
 
 #include <math.h>
@@ -67,8 +68,8 @@ done:
     return st;
 }
 
-/* A change of the tree brings the model to the host and back, some ten steps' time: for a leaf or two of thousands, which
- * cost next to nothing, it waits until CULL_PART of the leaves are marked, or until there is a change anyway (`now`). */
+/* A change of the tree takes some ten steps' time. For a leaf or two of thousands, which cost
+ * little, it waits until one leaf in CULL_PART is marked, or for another change (`now`). */
 enum { CULL_PART = 100 };
 
 static cln_status cull(cln_trainer *t, bool now)
@@ -209,8 +210,8 @@ done:
     return st;
 }
 
-/* Steps from one refresh to the next: soon after a growth, when densities and emptiness change fast, then
- * ever more rarely up to refresh_every (instant-ngp refreshes all cells in its first steps, too). */
+/* Steps from one refresh to the next: few after a growth, when densities change fast, then more, up
+ * to refresh_every (instant-ngp refreshes all cells in its first steps, too). */
 static int64_t refresh_interval(const cln_trainer *t)
 {
     const int64_t interval = (t->model.refresh_step - t->model.growth_step) / 4;
@@ -259,7 +260,8 @@ done:
 
 /* ---- decisions ---- */
 
-/* Cost e d of each merged leaf's children, by node of the parent, before they are gone. */
+/* Saves the cost e d of each merged leaf's children by the parent's node, before the children are
+ * gone. */
 static void save_costs(const cln_model *model, const float *mean, const uint8_t *merge,
                        double *cost)
 {
@@ -271,8 +273,8 @@ static void save_costs(const cln_model *model, const float *mean, const uint8_t 
                 model->error[s] * pow(fmax(mean[s], 0), model->config.cost_density);
 }
 
-/* The tree of the model after merges and splits, and the change as one. fresh[slot]: new leaves; merged ones
- * are also the distillation's. split, merge: [old slot]. */
+/* Changes the model's tree by merges, then splits; *change: both as one. split, merge: marks [old
+ * slot]. fresh: marks of new leaves [slot]; the merged ones are also distilled. */
 static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
                                cln_octree_change *change, uint8_t **fresh)
 {
@@ -369,7 +371,8 @@ static int leaf_budget(cln_trainer *t)
     return n;
 }
 
-/* Errors per ray, densities and permissions of every leaf; the errors also stay in the model. */
+/* Measures every leaf: error per ray, density, whether it may split. The errors stay in the model,
+ * too. */
 static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
 {
     cln_status st = CLN_OK;
@@ -464,7 +467,7 @@ done:
     return st;
 }
 
-/* Is a decision due? Counts it, also when the error still falls and the tree is left alone. */
+/* Returns whether a decision is due and counts it, also when the tree is then left alone. */
 static bool decision_comes(cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;

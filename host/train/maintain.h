@@ -1,19 +1,21 @@
-/* What happens to the tree between steps: growth by level, refresh of stage 1, culling, and the structure
- * decisions (method.md 11, 12). The decisions themselves are model/structure.h and
- * model/integer_program.h; here they are measured, carried out and written down. */
+/* Maintenance of the tree between steps: growth by level, refresh of stage 1, culling, and the
+ * structure decisions (method.md 11, 12). model/structure.h and model/integer_program.h decide;
+ * here leaves are measured, and decisions carried out and written down. */
 #ifndef CLN_MAINTAIN_H
 #define CLN_MAINTAIN_H
 
 #include "train/record.h"
 
-/* All that is due before the next step at this fraction of the budget. */
+/* Does all that is due before the next step; fraction: 0..1 of the budget. CLN_MEMORY, CLN_CL. */
 cln_status cln_maintain(cln_trainer *t, double fraction);
 
-/* PSNR over a fixed batch of training rays, with evaluation's sampling. */
+/* Measures the PSNR, in dB, of a fixed batch of training rays, sampled as in pictures but with
+ * training's densities. */
 cln_status cln_maintain_probe(cln_trainer *t, double *psnr);
 
-/* Carries a solution of the program out: merges (with distillation), splits, refresh of what is new. The
- * decision's PSNRs and distil_steps are filled in. */
+/* Carries out a solution of the integer program: merges (with distillation), splits, refresh of new
+ * leaves. split, merge: marks [slot]; leaves_after: what they come to. Fills in the decision's
+ * PSNRs and distil_steps. CLN_MEMORY, CLN_CL. */
 cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
                                     int leaves_after, cln_decision *decision);
 

@@ -102,8 +102,8 @@ static const char *text_of(const json_t *object, const char *key, const char *ot
     return text ? text : otherwise;
 }
 
-/* A resumed run keeps what this process was not told: its preset and its scene's path, and when it was
- * first started. */
+/* A resumed run keeps what this process was not told: its preset and its scene's path, and when it
+ * was first started. */
 cln_status cln_record_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;

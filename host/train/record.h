@@ -1,13 +1,14 @@
-/* What a training run writes down beside its checkpoints: run.json, rows of metrics.jsonl, evaluations,
- * the report, and the sentences about what was left out. */
+/* The written record of a training run, beside its checkpoints: run.json, rows of metrics.jsonl,
+ * evaluations, the report, and the sentences about what was left out. All fail with CLN_OUTPUT or
+ * CLN_MEMORY. */
 #ifndef CLN_RECORD_H
 #define CLN_RECORD_H
 
 #include "render/quality.h"
 #include "train/trainer.h"
 
-/* A structure decision: one row of metrics.jsonl ("event": "structure") and one line of the log. PSNR is
- * over a fixed batch of training rays, without jitter; NaN where nothing changed. */
+/* A structure decision: one row of metrics.jsonl ("event": "structure") and one line of the log.
+ * PSNR is over a fixed batch of training rays, without jitter; NaN where nothing changed. */
 typedef struct cln_decision {
     int leaves_before, leaves, splits, merges, keeps, budget;
     bool infeasible;

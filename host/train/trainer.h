@@ -1,5 +1,5 @@
-/* A training run in memory: made by cln_train (api/train.c), run by loop.c, trained by step.c, its tree
- * changed by maintain.c, written down by record.c. A struct without functions of its own. */
+/* A training run in memory: made by cln_train (api/train.c), run by loop.c, trained by step.c, its
+ * tree changed by maintain.c, written down by record.c. A struct without functions of its own. */
 #ifndef CLN_TRAINER_H
 #define CLN_TRAINER_H
 

@@ -1,6 +1,6 @@
-/* The tuner (cln_tune_search): it ends, leaves a row that fits, and never times or takes a set whose kernels
- * compute something else. Oracle: kernels that are made wrong on purpose, for some sets or for all. No
- * speed is asserted. */
+/* The tuner (cln_tune_search): it ends, leaves a row that fits, and never times or takes a set
+ * whose kernels compute something else. Oracle: kernels that are made wrong on purpose, for some
+ * sets or for all. No speed is asserted. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -30,7 +30,8 @@ static cln_tune_desc tuner_desc(const char *kernel_dir, const char *tune)
     return desc;
 }
 
-/* Sets with tiles of other than 4 samples are made wrong: none of them may be timed, let alone taken. */
+/* Sets with tiles of other than 4 samples are made wrong: none of them may be timed, let alone
+ * taken. */
 static void test_wrong_sets_are_refused(void **state)
 {
     const char *wrong =

@@ -414,7 +414,8 @@ static void test_fold_touches(void **state)
     free(b);
 }
 
-/* Unfolding: the parent computes in the child's octant what the child does, once its top band is zero. */
+/* Unfolding: the parent computes in the child's octant what the child does, once its top band is
+ * zero. */
 static void check_unfold(const cln_config *c, int octant)
 {
     enum { GRID = 5 };

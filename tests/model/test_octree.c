@@ -56,7 +56,8 @@ static int brute_find(const cln_octree *tree, const double point[3])
 }
 
 /* Everything that must hold for any tree. */
-/* The box of an empty cell: it holds the cell and no leaf's, and would hold one if it were larger on any side. */
+/* The box of an empty cell: it holds the cell and no leaf's, and would hold one if it were larger
+ * on any side. */
 static void check_empty_box(const int32_t *map, int n, const int cell[3], uint32_t entry)
 {
     int low[3], high[3];
@@ -263,7 +264,8 @@ static void test_cull_collapses(void **state)
     cln_octree_free(&tree);
 }
 
-/* A merged leaf beside leaves as deep as its children were: those, still in the table, hide nothing of it. */
+/* A merged leaf beside leaves as deep as its children were: those, still in the table, hide nothing
+ * of it. */
 static void test_merge_one_of_two(void **state)
 {
     const uint8_t split[8] = {0, 0, 1, 0, 0, 1};
@@ -286,7 +288,8 @@ static void test_merge_one_of_two(void **state)
     cln_octree_free(&tree);
 }
 
-/* Merging: groups become their parent, which comes from the heaviest sibling; slots stay in order. */
+/* Merging: groups become their parent, which comes from the heaviest sibling; slots stay in
+ * order. */
 static void test_merge(void **state)
 {
     uint8_t split[8] = {0, 0, 1}, cull[15] = {0}, merge[16] = {0};

@@ -1,5 +1,5 @@
-/* Which training pixels have a leaf before them (train/coverage.h), against rays through all of them in float64, and
- * what batches draw from that (train/batch.h). */
+/* Which training pixels have a leaf before them (train/coverage.h), against rays through all of
+ * them in float64, and what batches draw from that (train/batch.h). */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -37,7 +37,8 @@ static cln_octree random_tree(int level, uint32_t keep_one_of)
     return tree;
 }
 
-/* Views on a sphere of this radius round the cube's middle, looking about there; the last one looks away. */
+/* Views on a sphere of this radius round the cube's middle, looking about there; the last one looks
+ * away. */
 static cln_scene *make_scene(const char *folder, int views, double radius, int width, int height,
                              int channels)
 {
@@ -108,8 +109,8 @@ static uint8_t *covered_pixels(const cln_coverage *c, const cln_scene *scene, in
     return out;
 }
 
-/* Every ray that meets a leaf goes through a covered pixel; share and error by counting pixels. Returns covered
- * pixels over pixels that meet a leaf. */
+/* Every ray that meets a leaf goes through a covered pixel; share and error by counting pixels.
+ * Returns covered pixels over pixels that meet a leaf. */
 static double check(const cln_scene *scene, const cln_octree *tree, double half)
 {
     const cln_space space = {{0.1, -0.2, 0.05}, half};
@@ -182,7 +183,8 @@ static void test_tight(void **state)
     cln_scene_free(scene);
 }
 
-/* A lens that bends lines is not worked out: its whole view counts. So does one that a leaf is around. No leaf: nothing. */
+/* A view through a distorting lens counts as a whole, and so does one inside a leaf. No leaf: no
+ * tile. */
 static void test_whole_and_nothing(void **state)
 {
     cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
@@ -212,8 +214,8 @@ static void test_whole_and_nothing(void **state)
     cln_scene_free(scene);
 }
 
-/* A batch's pixels are covered ones, each as often as any other; the same again for the same step. Views of several
- * sizes, none a multiple of a tile. */
+/* A batch's pixels are covered ones, each as often as any other; the same again for the same step.
+ * Views of several sizes, none a multiple of a tile. */
 static void test_draw(void **state)
 {
     enum { STEPS = 100 };
@@ -274,7 +276,8 @@ static void test_draw(void **state)
     cln_scene_free(scene);
 }
 
-/* When all pixels count: no such option, splatting, the middle of the images first, or no leaf at all. */
+/* When all pixels count: no such option, splatting, the middle of the images first, or no leaf at
+ * all. */
 static void test_when_all_count(void **state)
 {
     cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);

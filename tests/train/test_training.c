@@ -11,8 +11,8 @@
 #include "render/open_run.h"
 #include "tests.h"
 
-/* Column `key` of a run's metrics.jsonl, of the steps (event NULL) or of one kind of event; returns the
- * number of rows. */
+/* Column `key` of a run's metrics.jsonl, of the steps (event NULL) or of one kind of event; returns
+ * the number of rows. */
 static int column(const char *run, const char *event, const char *key, double *out, int most)
 {
     char name[64], line[4096];
@@ -134,8 +134,8 @@ static void test_rolling_refresh(void **state)
     assert_int_equal(resumed.digest, whole.digest);
 }
 
-/* SIGTERM while test views are rendered: the training is whole, and neither evaluations nor their end
- * change it. */
+/* SIGTERM while test views are rendered: the training is whole, and neither evaluations nor their
+ * end change it. */
 static void test_interrupted_in_evaluation(void **state)
 {
     cln_config config = fixture_config();
@@ -279,8 +279,8 @@ static double leaves_at(const char *run, int step)
     return leaves[step - 1];
 }
 
-/* Culling that wants every leaf leaves one, and the training goes on with it and the pixels it is before, also when
- * resumed just before and after. */
+/* Culling that wants every leaf leaves one, and the training goes on with it and the pixels it is
+ * before, also when resumed just before and after. */
 static void test_culling(void **state)
 {
     static const int stops[] = {6, 7, 8, 9, 20};
@@ -331,7 +331,8 @@ static double last_error(const char *run)
     return sum;
 }
 
-/* The training PSNR is that of all training pixels, also where rays go through some of them alone. */
+/* The training PSNR is that of all training pixels, also where rays go through some of them
+ * alone. */
 static void test_psnr_of_all_pixels(void **state)
 {
     cln_config config = fixture_config();
@@ -384,8 +385,8 @@ static cln_config adaptive_config(void)
     return config;
 }
 
-/* The integer program at work: merges to meet the budget, then splits and merges inside it; the same bits
- * when interrupted on the way, before, between and after decisions. */
+/* The integer program at work: merges to meet the budget, then splits and merges inside it; the
+ * same bits when interrupted on the way, before, between and after decisions. */
 static void test_adaptive(void **state)
 {
     static const int stops[] = {5, 6, 13, 25};
@@ -417,7 +418,8 @@ static void test_adaptive(void **state)
     }
 }
 
-/* An error that still falls makes the tree wait; densities weighted by visibility are another measure. */
+/* An error that still falls makes the tree wait; densities weighted by visibility are another
+ * measure. */
 static void test_adaptive_waits(void **state)
 {
     cln_config config = adaptive_config();

@@ -1,6 +1,6 @@
-/* --tree-from: a run on another run's tree has its leaves and keeps them whatever the rows about growth,
- * culling and adaptation say, learns, and goes on after an interruption as if there had been none; what
- * cannot be taken over is refused with nothing written. */
+/* --tree-from: a run on another run's tree has its leaves and keeps them whatever the rows about
+ * growth, culling and adaptation say, learns, and goes on after an interruption as if there had
+ * been none; what cannot be taken over is refused with nothing written. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
