@@ -7,7 +7,7 @@
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
 #   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
-#   make bench              install what is missing, time every kernel (bench/results/, docs/benches.md)
+#   make bench              install what is missing, time every kernel (docs/benches.md)
 #   make bench-sort         the sort beside other sorts (needs g++)
 #   make install            program and library: PREFIX=/usr/local DESTDIR= LIBDIR=
 #   make deps | clean       install what the build needs; remove build/
@@ -54,7 +54,8 @@ TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/common/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) bench/growth/growth.c $(PEER_MAIN) $(TEST_OWN)
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
+           bench/growth/growth.c $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 TUNE_ROWS := $(wildcard data/tune/*.txt)
 EXAMPLES := $(wildcard examples/*.c)

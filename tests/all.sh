@@ -1,9 +1,10 @@
 #!/bin/bash
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
-# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed library,
-# and the devices side by side. Each part ends with a line "N passed, N failed[, N skipped]"; their
-# sum is the last line here, and the exit status is non-zero if anything failed. A part that breaks
-# without saying so counts as one failure. What failed is named again before the sum.
+# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed
+# library, and the devices side by side. Each part ends with a line "N passed, N failed[, N
+# skipped]"; their sum is the last line here, and the exit status is non-zero if anything failed. A
+# part that breaks without saying so counts as one failure. What failed is named again before the
+# sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
@@ -12,6 +13,10 @@ jobs=$(nproc 2>/dev/null || echo 2)
 passed=0 failed=0 skipped=0 failures=""
 mkdir -p build
 log=build/test-part.log
+
+# lines that tell of a failure
+telling='FAILED|^failed|: failed|exit status|ended by|[1-9][0-9]* failed|^=='
+telling+='|SUMMARY: |leak of|^ +#[0-9]' # sanitizers
 
 # part NAME COMMAND...
 part() {
@@ -28,7 +33,7 @@ part() {
         echo "$name: exit status $status" | tee -a "$log"
         f=1
     fi
-    [ "${f:-0}" = 0 ] || failures+=$(grep -E 'FAILED|^failed|: failed|exit status|ended by|SUMMARY: |leak of|^ +#[0-9]|[1-9][0-9]* failed|^==' "$log" |
+    [ "${f:-0}" = 0 ] || failures+=$(grep -E "$telling" "$log" |
         head -n 40 | sed "s/^/$name: /")$'\n'
     passed=$((passed + ${p:-0}))
     failed=$((failed + ${f:-0}))
@@ -36,8 +41,8 @@ part() {
     echo "$name: $((SECONDS - started)) s"
 }
 
-# halves PROGRAM GROUP...: in two processes at once, as a driver compiles kernels with one thread; the sum of both last
-# lines at the end.
+# halves PROGRAM GROUP...: in two processes at once, as a driver compiles kernels with one thread.
+# The last line is the sum of theirs.
 halves() {
     local program=$1 status=0 other first second
     shift
@@ -52,7 +57,10 @@ halves() {
     cat build/test-first.log build/test-second.log | awk '
         /^[0-9]+ passed, [0-9]+ failed/ { p += $1; f += $3; s += $5; n++; next }
         { print }
-        END { printf "%d passed, %d failed%s\n", p, f, s ? ", " s " skipped" : ""; exit n != 2 }' || status=1
+        END {
+            printf "%d passed, %d failed%s\n", p, f, s ? ", " s " skipped" : ""
+            exit n != 2
+        }' || status=1
     rm -f build/test-first.log build/test-second.log
     return $status
 }
@@ -62,8 +70,8 @@ unit() {
     halves build/tests $(build/tests -l)
 }
 
-# Unit tests under sanitizers. Groups that train for long or build many kernels would take minutes there
-# and run the same host code: they are left out.
+# Unit tests under sanitizers, without the groups that build many kernels: they would take minutes
+# there and run the same host code.
 sanitized() {
     # shellcheck disable=SC2046
     halves build/sanitize/tests $(build/sanitize/tests -l | grep -v -x -E "mlp|tuner")
@@ -87,5 +95,6 @@ part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage sc
 rm -f "$log"
 
 printf '\n%s' "$failures"
-printf '\n%d passed, %d failed%s\n' $passed $failed "$([ $skipped = 0 ] || echo ", $skipped skipped")"
+printf '\n%d passed, %d failed%s\n' $passed $failed \
+    "$([ $skipped = 0 ] || echo ", $skipped skipped")"
 [ $failed = 0 ]

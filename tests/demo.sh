@@ -1,6 +1,7 @@
 #!/bin/sh
-# The demo behind `make demo`: generated scene -> two minutes of training -> held-out views -> a short
-# orbit, all under build/demo/. The run of an earlier demo is replaced; it is this script's own.
+# The demo behind `make demo`: generated scene -> two minutes of training -> held-out views -> a
+# short orbit, all under build/demo/. The run of an earlier demo is replaced; it is this script's
+# own.
 set -eu
 
 demo=build/demo

@@ -1,10 +1,12 @@
 #!/bin/sh
-# Installs the Debian packages that are missing for: build, test, lint, peers (any of them as arguments).
-# Names them before it installs; says and does nothing if all are there. "a|b" is satisfied by either
-# and installed as the first. Not a package manager for other systems: there it names what is needed.
+# Installs the Debian packages that are missing for: build, test, lint, peers (any of them as
+# arguments). Names them before it installs; says and does nothing if all are there. "a|b" is
+# satisfied by either and installed as the first. Not a package manager for other systems: there it
+# names what is needed.
 set -eu
 
-build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
+build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libstb-dev zlib1g-dev
+    pkg-config|pkgconf"
 test="libcmocka-dev glpk-utils oclgrind"
 lint="clang-14|clang clang-format-14|clang-format"
 peers="g++"

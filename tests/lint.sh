@@ -1,6 +1,6 @@
 #!/bin/bash
-# make lint: what can be checked without running anything. Each check prints its findings and one line;
-# the last line is "N passed, N failed[, N skipped]". Run from the repository's root.
+# make lint: what can be checked without running anything. Each check prints its findings and one
+# line; the last line is "N passed, N failed[, N skipped]". Run from the repository's root.
 #   warnings    every C file compiles with gcc's warnings as errors
 #   kernels     every kernels/*.cl compiles with clang as OpenCL C 1.2, with no device involved
 #   rooms       host/ folders include only themselves and what stands below them (ORDER, DOWN)
@@ -16,8 +16,10 @@ cd "$(dirname "$0")/.." || exit 1
 
 ORDER="cli api train render check pipeline report model scene device io reference base"
 passed=0 failed=0 skipped=0
-c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
-all_files=$(ls host/*/*.[ch] include/*.h examples/*.c data/*.[ch] tests/*/*.[ch] tests/*.sh tests/*/*.sh bench/*/*.[ch] kernels/* 2>/dev/null)
+c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c \
+    bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
+all_files=$(ls host/*/*.[ch] include/*.h examples/*.c data/*.[ch] tests/*/*.[ch] tests/*.sh \
+    tests/*/*.sh bench/*/*.[ch] kernels/* 2>/dev/null)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
@@ -51,8 +53,9 @@ skip() {
 
 warnings() {
     local flags
-    flags="-std=c11 -D_GNU_SOURCE -O2 -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes
-           -Werror -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)"
+    flags="-std=c11 -D_GNU_SOURCE -O2 -Wall -Wextra -Wshadow -Wstrict-prototypes
+           -Wmissing-prototypes -Werror -Iinclude -Ihost -Ibench -Itests/support
+           -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)"
     # shellcheck disable=SC2086
     printf '%s\n' $c_files | xargs -P 2 -n 4 ${CC:-gcc} $flags -fsyntax-only
 }
@@ -60,12 +63,13 @@ warnings() {
 # The prelude's helpers need not all be used, and an argument list is the same for every build of a
 # kernel: those two warnings are off.
 kernel() {
-    "$clang" -x cl -cl-std=CL1.2 -Xclang -finclude-default-header -fsyntax-only -Wall -Wextra -Werror \
+    "$clang" -x cl -cl-std=CL1.2 -Xclang -finclude-default-header -fsyntax-only -Wall -Wextra \
+        -Werror \
         -Wno-unused-function -Wno-unused-parameter "$@"
 }
 
-# Headers of a kernel file, in order: those that its first line names, "needs: leaves network", behind theirs
-# (host/device/program.c does the same).
+# Headers of a kernel file, in order: those that its first line names, "needs: leaves network",
+# behind theirs (host/device/program.c does the same).
 needs() {
     local header
     for header in $(sed -n '1s|^/\* needs: \([a-z_0-9 ]*\).*|\1|p' "$1"); do
@@ -85,7 +89,8 @@ kernels() {
             kernel "${headers[@]}" ${more:+"$more"} "$cl"
         done
     done
-    grep -n '#include' kernels/* | sed 's/$/: kernels include nothing, the prelude is put before them/'
+    grep -n '#include' kernels/* | sed \
+        's/$/: kernels include nothing, the prelude is put before them/'
 }
 
 rooms() {
@@ -115,7 +120,8 @@ circles() {
     grep -H '^#include "[a-z_]*/' host/*/*.[ch] |
         sed 's/^host\/\([^.]*\)\.[ch]:#include "\([^.]*\)\.h".*/\1 \2/' |
         awk '$1 != $2' | sort -u | tsort 2>&1 >/dev/null |
-        sed 's/^tsort: -: input contains a loop:/files of host that include each other in a circle:/; s/^tsort:/   /'
+        sed -e 's/^tsort: -: input contains a loop:/files of host that include each other:/' \
+            -e 's/^tsort:/   /'
 }
 
 opencl_header() {
@@ -126,7 +132,8 @@ opencl_header() {
 options() {
     local page
     page=$(tr -d '\\' <docs/cl-nascent.1)
-    sed -n 's/^ *\(INT\|REAL\|BOOL\|ENUM\|TEXT\)([a-z0-9_]*, "\([a-z0-9-]*\)".*/\2/p' host/base/config_rows.h |
+    sed -n 's/^ *\(INT\|REAL\|BOOL\|ENUM\|TEXT\)([a-z0-9_]*, "\([a-z0-9-]*\)".*/\2/p' \
+        host/base/config_rows.h |
         while read -r option; do
             case $page in
             *"--$option"*) ;;
@@ -135,13 +142,15 @@ options() {
         done
 }
 
-# "method.md 4, 5", "method.md sections 4 to 7", "method.md 9's rule": the numbers behind the name, as far as the line
-# goes.
+# "method.md 4, 5", "method.md sections 4 to 7", "method.md 9's rule": the numbers behind the name,
+# as far as the line goes.
 method() {
     local file line words number headings
-    headings=" $(sed -n 's/^##* \([0-9][0-9.]*\)[. ].*/\1/p' docs/method.md | sed 's/\.$//' | tr '\n' ' ')"
+    headings=" $(sed -n 's/^##* \([0-9][0-9.]*\)[. ].*/\1/p' docs/method.md | sed 's/\.$//' |
+        tr '\n' ' ')"
     # shellcheck disable=SC2086
-    grep -noE 'method\.md,? (sections? )?[0-9][0-9.]*(((,| and| to|, and) )[0-9][0-9.]*)*' $all_files docs/*.md /dev/null |
+    grep -noE 'method\.md,? (sections? )?[0-9][0-9.]*(((,| and| to|, and) )[0-9][0-9.]*)*' \
+        $all_files docs/*.md /dev/null |
         while IFS=: read -r file line words; do
             for number in $(grep -oE '[0-9][0-9.]*' <<<"$words" | sed 's/\.$//'); do
                 case $headings in
@@ -184,7 +193,11 @@ if [ -e docs/cl-nascent.1 ]; then check options options; else skip options "no m
 check method method
 if [ -n "$clang_format" ]; then check format format; else skip format "no clang-format"; fi
 check length lengths
-if command -v shellcheck >/dev/null; then check scripts shell_scripts; else skip scripts "not installed"; fi
+if command -v shellcheck >/dev/null; then
+    check scripts shell_scripts
+else
+    skip scripts "not installed"
+fi
 
 echo "$passed passed, $failed failed$([ $skipped = 0 ] || echo ", $skipped skipped")"
 [ $failed = 0 ]

@@ -1,10 +1,12 @@
 #!/bin/bash
-# The gate of a change that must not change results: trains short runs with a budget in steps, and prints for
-# each the digest of its model and a checksum of its pictures. Not part of `make test`: it compares two programs
-# on one machine, as bits differ between devices. A change that only moves code prints the same before and after:
+# The gate of a change that must not change results: trains short runs with a budget in steps, and
+# prints for each the digest of its model and a checksum of its pictures. Not part of `make test`:
+# it compares two programs on one machine, as bits differ between devices. A change that only moves
+# code prints the same before and after:
 #   tests/same_bits.sh PROGRAM >before; ...; tests/same_bits.sh PROGRAM | diff before -
 #   tests/same_bits.sh PROGRAM CASE...        only these cases
-# PROGRAM is a build/cl-nascent; its build/make-scene stands beside it. About five minutes on two cores.
+# PROGRAM is a build/cl-nascent; its build/make-scene stands beside it. About five minutes on two
+# cores.
 set -eu
 
 program=$(realpath "$1")
@@ -17,12 +19,13 @@ export XDG_CONFIG_HOME=$work/config
 unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE
 
 "$generator" "$work/object" --size 80 --train 20 --test 3 >/dev/null
-"$generator" "$work/lens" --kind room --format ngp --size 64 --train 24 --distortion -0.1,0.02,1e-3,-1e-3 >/dev/null
+"$generator" "$work/lens" --kind room --format ngp --size 64 --train 24 --distortion \
+    -0.1,0.02,1e-3,-1e-3 >/dev/null
 "$generator" "$work/rgb" --format nerfstudio --size 64 --train 16 --test 2 >/dev/null
 
 # A whole schedule in a few hundred steps: growth, culls, splits, merges.
-short=(--skip-selftest --progress none -q --steps 300 --cull-after 32 --refresh-every 64 --distil-steps 40
-    --split-samples 200 --structure-every 0.1 --max-leaves 600)
+short=(--skip-selftest --progress none -q --steps 300 --cull-after 32 --refresh-every 64
+    --distil-steps 40    --split-samples 200 --structure-every 0.1 --max-leaves 600)
 
 wanted() {
     [ ${#cases[@]} = 0 ] && return
@@ -36,11 +39,13 @@ wanted() {
 # say NAME RUN: digest of the model, checksums of what eval and render make of it
 say() {
     local name=$1 run=$2 digest pictures
-    digest=$("$program" info "$run" --json | grep -o '"model_digest": *"[0-9a-f]*"' | head -n 1 | cut -d'"' -f4)
+    digest=$("$program" info "$run" --json |
+        grep -o '"model_digest": *"[0-9a-f]*"' | head -n 1 | cut -d'"' -f4)
     "$program" eval "$run" -q --max-images 2 --progress none >/dev/null 2>&1 ||
         "$program" eval "$run" -q --split train --max-images 2 --progress none >/dev/null
     "$program" render "$run" -q --orbit 2 --progress none >/dev/null
-    pictures=$(cd "$run" && find eval render \( -name '*.png' -o -name '*.npy' \) -print0 | sort -z |
+    pictures=$(cd "$run" && find eval render \( -name '*.png' -o -name '*.npy' \) -print0 |
+        sort -z |
         xargs -0 cat | sha256sum | cut -c -16)
     echo "$name $digest $pictures"
 }
@@ -59,7 +64,8 @@ bits() {
 interrupted() {
     wanted interrupted || return 0
     local run=$work/run-interrupted status=0 tries=0
-    env --default-signal=INT "$program" train "$work/object" -o "$run" "${short[@]}" >/dev/null 2>&1 &
+    env --default-signal=INT "$program" train "$work/object" -o "$run" "${short[@]}" >/dev/null \
+        2>&1 &
     local child=$!
     while :; do
         sleep $((1 + tries)) # longer each time, so that a slow machine gets on, too
@@ -69,13 +75,15 @@ interrupted() {
         [ $status = 0 ] && break
         tries=$((tries + 1))
         [ $tries -lt 100 ] || return 1
-        env --default-signal=INT "$program" train --resume "$run" --skip-selftest --progress none -q >/dev/null 2>&1 &
+        env --default-signal=INT "$program" train --resume "$run" --skip-selftest --progress none \
+            -q >/dev/null 2>&1 &
         child=$!
     done
     say interrupted "$run"
 }
 
-paper=(--preset paper --view-width 64 --n1 10 --rays 512 --batch-samples 16384 --samples-per-leaf 12)
+paper=(--preset paper --view-width 64 --n1 10 --rays 512 --batch-samples 16384 \
+    --samples-per-leaf 12)
 
 bits fast object
 interrupted
@@ -85,15 +93,19 @@ bits fast-lens lens
 bits fast-splat object --stage1 splat
 bits splat-lens lens --stage1 splat --lists padded
 bits paper object "${paper[@]}" --steps 100
-bits paper-noise object "${paper[@]}" --steps 80 --rrelu-scope neuron --density-noise 0.5 --moments bfloat16
+bits paper-noise object "${paper[@]}" --steps 80 --rrelu-scope neuron --density-noise 0.5 \
+    --moments bfloat16
 bits nerf object --preset nerf --width 64 --rays 256 --batch-samples 16384 --steps 60
 bits kilonerf object --preset kilonerf --rays 512 --steps 100
-bits regularised object --sparsity 0.01 --cauchy 0.001 --opacity-entropy 0.01 --distortion-loss 0.01 \
+bits regularised object --sparsity 0.01 --cauchy 0.001 --opacity-entropy 0.01 \
+    --distortion-loss 0.01 \
     --edge 0.01 --view-l2 1e-5
 bits merges object --merge-factor 0.3 --structure-from 0.2 --level-at 3:0.05
-bits options object --skip --depth 6 --bands-by-level --rrelu-scope element --density relu --init fan-in \
+bits options object --skip --depth 6 --bands-by-level --rrelu-scope element --density relu \
+    --init fan-in \
     --loss huber --no-view-dependence
-bits exp object --density exp --rolling-refresh --density-weight visibility --cull mean --cost-density 1
+bits exp object --density exp --rolling-refresh --density-weight visibility --cull mean \
+    --cost-density 1
 bits precrop object --precrop-steps 100 --lr-schedule step --no-skip-uncovered --no-adaptive
 bits plain object --tune VW=1,LS=1,TS=4 --steps 100
 bits gpu object --tune VW=1,LS=64,TS=8,NB=16,LEAF=0 --steps 100

@@ -3,20 +3,20 @@
 #
 #   bench_open NAME SCENE OUT LIMIT     programs, folder, points in time; then
 #   bench_train RUN LABEL PRESET OPTIONS...
-#                                       one run in OUT/RUN, and a row of that label in the table; $trained is
-#                                       "no" afterwards if it was left out, as it does not fit the device
+#                                       one run in OUT/RUN, and a row of that label in the table;
+#                                       $trained is then "no" if it does not fit the device
 #   bench_value RUN PATH                a number of its run.json
-#   bench_table TITLE                   the table on standard output and in OUT/NAME.md, OUT/NAME.csv and
-#                                       OUT/NAME.svg; the next table begins empty
+#   bench_table TITLE                   the table on standard output and as OUT/NAME.md, .csv and
+#                                       .svg; the next table begins empty
 #
-# A bench that was stopped goes on where it was when the same command is given again: finished runs are
-# kept, interrupted ones resumed. A run that was made with other options ends the bench, with nothing
-# touched. What a run prints is in OUT/RUN.log.
+# A bench that was stopped goes on where it was when the same command is given again: finished runs
+# are kept, interrupted ones resumed. A run that was made with other options ends the bench, with
+# nothing touched. What a run prints is in OUT/RUN.log.
 #
 # Environment:
 #   CL_NASCENT_DEVICE   where to run, as for cl-nascent -d
-#   POINTS              test PSNR at these training times ("1m,2m,5m"); otherwise at 1/32, 1/16, 1/8, 1/4 and
-#                       1/2 of LIMIT
+#   POINTS              test PSNR at these training times ("1m,2m,5m"); otherwise at 1/32, 1/16,
+#                       1/8, 1/4 and 1/2 of LIMIT
 #   VIEWS               test views for it, evenly chosen (8)
 #   FINAL               test views at the end (VIEWS; 0 = all)
 #   CLN, TABLE, QUERY   the programs (build/cl-nascent, build/bench-table, build/json-query)
@@ -147,8 +147,9 @@ bench_table() {
 
 # ---- settings that several benches share ----
 
-# A leaf network of the paper's kind: WIDTH and DEPTH, view layer of VIEW_WIDTH (256), 10 and 4 frequencies.
-# The fast preset's rate suits its 32 neurons; here it falls with the width, unless LR gives it.
+# A leaf network of the paper's kind: WIDTH and DEPTH, view layer of VIEW_WIDTH (256), 10 and 4
+# frequencies. The fast preset's rate suits its 32 neurons; here it falls with the width, unless LR
+# gives it.
 bench_network() {
     awk -v w="$1" -v d="$2" -v v="${VIEW_WIDTH:-256}" -v lr="${LR:-0}" 'BEGIN {
         if (lr + 0 == 0) lr = 0.128 / w
@@ -158,8 +159,8 @@ bench_network() {
 
 growth=${GROWTH:-3:0.08 4:0.25 5:0.4}
 
-# A tree that grows to a level, whole levels at a time, as the fast preset's would: from level 2, or at once
-# where that is the level. GROWTH: LEVEL:FRACTION of the budget.
+# A tree that grows to a level, whole levels at a time, as the fast preset's would: from level 2, or
+# at once where that is the level. GROWTH: LEVEL:FRACTION of the budget.
 bench_growth() {
     start=2 at=
     if [ "$1" -lt 2 ]; then

@@ -1,22 +1,27 @@
 #!/bin/sh
-# How cost grows: time of a step by stage, and memory, against leaves, samples of a step and image size. Each
-# series changes one of them and keeps the others: whole levels of the tree, no culling, no growth, no adaptation,
-# on scenes that it generates. Nothing else should run on the machine.
+# How cost grows: time of a step by stage, and memory, against leaves, samples of a step and image
+# size. Each series changes one of them and keeps the others: whole levels of the tree, no culling,
+# no growth, no adaptation, on scenes that it generates. Nothing else should run on the machine.
 #
 #   bench/growth/growth.sh OUT [TRAIN OPTIONS]
-#   STEPS=64 bench/growth/growth.sh build/bench-growth                                       small, two cores
-#   LEVELS="1 2 3 4 5" SAMPLES="65536 262144 1048576 4194304" bench/growth/growth.sh build/bench-growth   a GPU
+#   small, two cores:
+#     STEPS=64 bench/growth/growth.sh build/bench-growth
+#   a GPU:
+#     LEVELS="1 2 3 4 5" SAMPLES="65536 262144 1048576 4194304" \
+#         bench/growth/growth.sh build/bench-growth
 #
 #   STEPS=...    steps of a run; the second half is measured (200)
 #   LEVELS=...   series leaves: 8 to the power of each (1 2 3 4)
 #   SAMPLES=...  series samples: aimed at in a step (4096 16384 65536 262144)
 #   SIZES=...    series pixels: width and height of the images (50 100 200 400 800)
 #   SERIES="leaves samples pixels"
-#   CL_NASCENT_DEVICE, CLN, QUERY: as in bench/common/lib.sh; GROWTH_TABLE, MAKE_SCENE: the other two programs
-# The other two of a run are level 3, 65,536 samples and 200 x 200 pixels. Finished runs are kept. TRAIN OPTIONS go
-# to every run (a larger network, --stage1 splat, whose cost does depend on the pixels).
+#   CL_NASCENT_DEVICE, CLN, QUERY: as in bench/common/lib.sh; GROWTH_TABLE, MAKE_SCENE: the other
+#                two programs
+# The other two of a run are level 3, 65,536 samples and 200 x 200 pixels. Finished runs are kept.
+# TRAIN OPTIONS go to every run (a larger network, --stage1 splat, whose cost does depend on the
+# pixels).
 set -eu
-[ $# -ge 1 ] || { sed -n '2,18s/^# \{0,1\}//p' "$0"; exit 2; }
+[ $# -ge 1 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh
 . "$(dirname "$0")/../common/lib.sh"
 bench=growth out=$1
@@ -39,16 +44,20 @@ measure() {
     shift 5
     given="$level $samples $size $steps $*"
     if [ -e "$run" ] && [ "$(cat "$run.options" 2>/dev/null)" != "$given" ]; then
-        bench_fail "$run was made with other options ($run.options), or not by this; choose another OUT"
+        bench_fail \
+            "$run was made with other options ($run.options), or not by this; choose another OUT"
     fi
-    [ -d "$out/scene-$size" ] || "$make_scene" "$out/scene-$size" --size "$size" --train 24 --test 1 >/dev/null
+    [ -d "$out/scene-$size" ] || "$make_scene" "$out/scene-$size" --size "$size" --train 24 \
+        --test 1 >/dev/null
     if [ "$(bench_state "$run")" != "done" ]; then
         bench_say "$run"
         rm -rf "$run"
         printf '%s\n' "$given" >"$run.options"
-        "$cln" train "$out/scene-$size" -o "$run" --start-level "$level" --level-at "" --no-adaptive \
+        "$cln" train "$out/scene-$size" -o "$run" --start-level "$level" --level-at "" \
+            --no-adaptive \
             --cull-from 1 --batch-samples "$samples" --rays "$samples" --steps "$steps" \
-            --log-every "$(((steps + 7) / 8))" --progress none --json "$@" >"$run.log" 2>&1 || status=$?
+            --log-every "$(((steps + 7) / 8))" --progress none --json "$@" >"$run.log" 2>&1 \
+            || status=$?
     fi
     case $status in
     0) printf '%s=%s\n' "$series" "$run" >>"$rows" ;;

@@ -1,21 +1,23 @@
 #!/bin/sh
 # The adaptive tree against what it should beat, for the same time on one scene. Two tables:
 #   methods   the presets nerf (one network), kilonerf (a uniform grid, from scratch) and fast
-#   levels    whole levels 3, 4, 5, without their empty leaves, each beside an adaptive tree of at most as
-#             many leaves as that one ended with, which is adapted from a level coarser instead
+#   levels    whole levels 3, 4, 5, without their empty leaves, each beside an adaptive tree of at
+#             most as many leaves as that one ended with, adapted from a level coarser
 # Nothing else should run on the machine.
 #
 #   bench/scenes/baselines.sh SCENE OUT LIMIT [TRAIN OPTIONS]
-#   VIEWS=2 bench/scenes/baselines.sh build/demo/scene build/bench-baselines 1m              small, two cores
-#   FINAL=0 bench/scenes/baselines.sh ../lego build/bench-baselines 10m                      ten minutes a run
+#   small, two cores:
+#     VIEWS=2 bench/scenes/baselines.sh build/demo/scene build/bench-baselines 1m
+#   ten minutes a run:
+#     FINAL=0 bench/scenes/baselines.sh ../lego build/bench-baselines 10m
 #
 #   PARTS="methods levels"
 #   LEVELS=...   of the second table (3 4 5)
 #   GROWTH=...   when whole levels come (bench/common/lib.sh)
-# More: bench/common/lib.sh. VIEWS decides how long it takes beyond the training: a picture by the nerf preset is
-# slow on a CPU. TRAIN OPTIONS go to every run.
+# More: bench/common/lib.sh. VIEWS decides how long it takes beyond the training: a picture by the
+# nerf preset is slow on a CPU. TRAIN OPTIONS go to every run.
 set -eu
-[ $# -ge 3 ] || { sed -n '2,18s/^# \{0,1\}//p' "$0"; exit 2; }
+[ $# -ge 3 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh
 . "$(dirname "$0")/../common/lib.sh"
 scene=$1 out=$2 limit=$3
@@ -33,7 +35,8 @@ for part in ${PARTS:-methods levels}; do
     levels)
         for level in ${LEVELS:-3 4 5}; do
             # shellcheck disable=SC2046
-            bench_train "level-$level" "level $level" fast --no-adaptive $(bench_growth "$level") "$@"
+            bench_train "level-$level" "level $level" fast --no-adaptive $(bench_growth "$level") \
+                "$@"
             [ $trained = yes ] || continue
             leaves=$(bench_value "level-$level" result.leaves)
             # shellcheck disable=SC2046

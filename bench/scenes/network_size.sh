@@ -1,19 +1,21 @@
 #!/bin/sh
-# The size of the leaf networks on a fixed tree (the paper's Table 3): every size is trained from its initial
-# weights for the same time on the tree that an adaptive run ended with. Nothing else should run on the
-# machine.
+# The size of the leaf networks on a fixed tree (the paper's Table 3): every size is trained from
+# its initial weights for the same time on the tree that an adaptive run ended with. Nothing else
+# should run on the machine.
 #
 #   bench/scenes/network_size.sh SCENE OUT LIMIT [TRAIN OPTIONS]
-#   bench/scenes/network_size.sh build/demo/scene build/bench-size 1m --max-leaves 200       small, two cores
-#   bench/scenes/network_size.sh ../lego build/bench-size 1h --max-leaves 2700               large, a GPU
+#   small, two cores:
+#     bench/scenes/network_size.sh build/demo/scene build/bench-size 1m --max-leaves 200
+#   large, a GPU:
+#     bench/scenes/network_size.sh ../lego build/bench-size 1h --max-leaves 2700
 #
-#   TREE=RUN     take this run's tree; else an adaptive run of the fast preset is trained first, for LIMIT
+#   TREE=RUN     take this run's tree; else an adaptive run of the fast preset is trained first
 #   SIZES=...    WIDTHxDEPTH each (64x4 64x8 128x4 128x8 256x4 256x8)
 #   VIEW_WIDTH   neurons of the view layer (256)
 #   LR           learning rate of every size (0.128 / width); the last is a twentieth of it
 # More: bench/common/lib.sh. TRAIN OPTIONS go to every run, the first one included.
 set -eu
-[ $# -ge 3 ] || { sed -n '2,16s/^# \{0,1\}//p' "$0"; exit 2; }
+[ $# -ge 3 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh
 . "$(dirname "$0")/../common/lib.sh"
 bench_open network_size "$1" "$2" "$3"

@@ -1,16 +1,18 @@
 #!/bin/sh
-# Error against run time on one scene: trains with test PSNR at the given points, then evaluates every test view.
-# Two tables in Markdown: what the points and the end came to, and where the time of a step went once the tree was
-# left alone (--structure-until), by OpenCL events. Nothing else should run on the machine.
+# Error against run time on one scene: trains with test PSNR at the given points, then evaluates
+# every test view. Two tables in Markdown: the points and the end, and the time of a step by stage,
+# by OpenCL events, once the tree was left alone (--structure-until). Nothing else should run on the
+# machine.
 #
 #   bench/scenes/scene.sh SCENE RUN LIMIT POINTS [TRAIN OPTIONS]
 #   bench/scenes/scene.sh ../lego build/lego-10m 10m 1m,2m,5m
 #
-# Seconds are training seconds: growth, refresh and culling count, evaluation and building kernels do not.
-# PSNR at the points is over the evenly chosen test views of --eval-images (8), in the last row over all.
+# Seconds are training seconds: growth, refresh and culling count, evaluation and building kernels
+# do not. PSNR at the points is over the evenly chosen test views of --eval-images (8), in the last
+# row over all.
 # CLN, QUERY: the programs (build/cl-nascent, build/json-query).
 set -eu
-[ $# -ge 4 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0"; exit 2; }
+[ $# -ge 4 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 scene=$1 run=$2 limit=$3 points=$4
 shift 4
 cln=${CLN:-build/cl-nascent}
@@ -26,27 +28,40 @@ from=$("$query" config.structure_until <"$run/run.json")
 
 echo "| training seconds | steps | leaves | PSNR train | PSNR test | SSIM test |"
 echo "|---|---|---|---|---|---|"
+# step and seconds stand side by side in a row, the others in this order
+n='([0-9.]+)'
 grep '"psnr_test"' "$metrics" | sed -E \
-    's/.*"step":([0-9]+),"seconds":([0-9.]+).*"psnr_train":([0-9.]+).*"leaves":([0-9]+).*"psnr_test":([0-9.]+).*/\2 \1 \4 \3 \5/' |
+    -e 's/.*"step":'$n',"seconds":'$n'.*"psnr_train":'$n'.*"leaves":'$n'.*"psnr_test":'$n'.*/'\
+'\2 \1 \4 \3 \5/' |
     awk '{ printf "| %.0f | %d | %d | %.2f | %.2f | |\n", $1, $2, $3, $4, $5 }'
 awk -v psnr="$(value mean.psnr "$run/scene.json")" -v ssim="$(value mean.ssim "$run/scene.json")" \
     -v time="$(value train_seconds "$run/scene.json")" -v step="$(value step "$run/scene.json")" \
-    -v leaves="$(value result.leaves "$run/run.json")" -v train="$(value result.psnr_train "$run/run.json")" \
-    -v each="$(value mean.seconds "$run/scene.json")" -v device="$(value result.device_peak "$run/run.json")" \
+    -v leaves="$(value result.leaves "$run/run.json")" \
+    -v train="$(value result.psnr_train "$run/run.json")" \
+    -v each="$(value mean.seconds "$run/scene.json")" \
+    -v device="$(value result.device_peak "$run/run.json")" \
     -v host="$(value result.host_peak "$run/run.json")" 'BEGIN {
-    printf "| %.0f, all views | %d | %d | %.2f | %.2f | %.3f |\n\n", time, step, leaves, train, psnr, ssim
-    printf "%.2f s a picture; at most %.0f MB on the device, %.0f MB in the process.\n\n", each, device / 1e6, host / 1e6 }'
+    printf "| %.0f, all views | %d | %d | %.2f | %.2f | %.3f |\n\n",
+        time, step, leaves, train, psnr, ssim
+    printf "%.2f s a picture; at most %.0f MB on the device, %.0f MB in the process.\n\n",
+        each, device / 1e6, host / 1e6 }'
 
 # rows of metrics.jsonl: stages since the row before, in seconds
 end=$(tail -n 1 "$metrics" | sed -E 's/.*"seconds":([0-9.]+).*/\1/')
 grep '"stages"' "$metrics" | awk -v after="$(echo "$from $end" | awk '{ print $1 * $2 }')" '
     function field(name) {
-        return match($0, "\"" name "\":[0-9.e+-]+") ? substr($0, RSTART + length(name) + 3, RLENGTH - length(name) - 3) + 0 : 0
+        key = "\"" name "\":"
+        if (!match($0, key "[0-9.e+-]+"))
+            return 0
+        return substr($0, RSTART + length(key), RLENGTH - length(key)) + 0
     }
     {
         seconds = field("seconds"); step = field("step")
         if (/"padding"/) { padding += field("padding"); filled += field("leaf_samples"); rows++ }
-        if (seconds < after) { first = seconds; first_step = step; padding = filled = rows = 0; next }
+        if (seconds < after) {
+            first = seconds; first_step = step; padding = filled = rows = 0
+            next
+        }
         match($0, /"stages":\{[^}]*/)
         n = split(substr($0, RSTART + 10, RLENGTH - 10), parts, ",")
         for (i = 1; i <= n; i++) {
@@ -61,8 +76,12 @@ grep '"stages"' "$metrics" | awk -v after="$(echo "$from $end" | awk '{ print $1
         if (steps <= 0) exit
         printf "| stage, steps %d to %d | ms a step | share |\n|---|---|---|\n", first_step, step
         for (i = 1; i <= kinds; i++)
-            printf "| %s | %.2f | %.1f %% |\n", order[i], 1e3 * sum[order[i]] / steps, 100 * sum[order[i]] / all
-        printf "| host, and the device waiting for it | %.2f | %.1f %% |\n", 1e3 * (all - device) / steps, 100 * (all - device) / all
+            printf "| %s | %.2f | %.1f %% |\n", order[i], 1e3 * sum[order[i]] / steps,
+                100 * sum[order[i]] / all
+        printf "| host, and the device waiting for it | %.2f | %.1f %% |\n",
+            1e3 * (all - device) / steps, 100 * (all - device) / all
         printf "| all | %.2f | |\n", 1e3 * all / steps
-        if (rows) printf "\n%.0f samples a leaf; %.1f %% of the rows of the forward tiles stand empty.\n", filled / rows, 100 * padding / rows
+        if (rows)
+            printf "\n%.0f samples a leaf; %.1f %% of the rows of the forward tiles stand empty.\n",
+                filled / rows, 100 * padding / rows
     }'

@@ -1,21 +1,24 @@
 #!/bin/sh
-# The level of the tree (the paper's Table 4): whole levels 0 to 4 without their empty leaves, and the adaptive
-# tree, all with the same network and for the same time. Nothing else should run on the machine.
+# The level of the tree (the paper's Table 4): whole levels 0 to 4 without their empty leaves, and
+# the adaptive tree, all with the same network and for the same time. Nothing else should run on the
+# machine.
 #
 #   bench/scenes/tree_level.sh SCENE OUT LIMIT [TRAIN OPTIONS]
-#   NETWORK=fast bench/scenes/tree_level.sh build/demo/scene build/bench-level 1m            small, two cores
-#   bench/scenes/tree_level.sh ../lego build/bench-level 1h --max-leaves 2700                large, a GPU
+#   small, two cores:
+#     NETWORK=fast bench/scenes/tree_level.sh build/demo/scene build/bench-level 1m
+#   large, a GPU:
+#     bench/scenes/tree_level.sh ../lego build/bench-level 1h --max-leaves 2700
 #
 #   NETWORK=64x8 WIDTHxDEPTH of the leaf networks (the paper's W64-D8), or "fast": the fast preset's
 #   LEVELS=...   0 1 2 3 4 all
 #   GROWTH=...   when whole levels come (bench/common/lib.sh)
 # More: bench/common/lib.sh. TRAIN OPTIONS go to every run.
 #
-# A leaf of a coarse tree is long: levels 0, 1 and 2 get more samples in a leaf and on a ray and a finer
-# stage 1 than the fast preset's leaves, for which 8, 16 and 12 cells along an axis were chosen. Level 0 is
-# not culled: it is one leaf.
+# A leaf of a coarse tree is long: levels 0, 1 and 2 get more samples in a leaf and on a ray and a
+# finer stage 1 than the fast preset's leaves, for which 8, 16 and 12 cells along an axis were
+# chosen. Level 0 is not culled: it is one leaf.
 set -eu
-[ $# -ge 3 ] || { sed -n '2,17s/^# \{0,1\}//p' "$0"; exit 2; }
+[ $# -ge 3 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh
 . "$(dirname "$0")/../common/lib.sh"
 bench_open tree_level "$1" "$2" "$3"

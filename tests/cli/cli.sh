@@ -1,8 +1,8 @@
 #!/bin/bash
-# The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind, its
-# exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
-#   tests/cli/cli.sh [SECTION...]      sections: usage devices tune scenes names train structure resume results damage
-#                                  output memory bench
+# The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind,
+# its exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
+#   tests/cli/cli.sh [SECTION...]      sections: usage devices tune scenes names train structure
+#                                  resume results damage output memory bench
 #   BUILD=build/sanitize           the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -15,13 +15,15 @@ make_scene=$here/$BUILD/make-scene
 # every path of every check has characters that shells and patterns take for something else
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln cli [*] (+) XXXXXX")
 children="" child=0 whole=""
-trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work"; rm -rf "$work"' EXIT
+trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work"; rm -rf "$work"' \
+    EXIT
 
 # A network small enough for a second's training, on a tree that grows and is culled on the way.
 small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
     --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
-    --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60 --structure-from 0.5 --structure-every 0.1
-    --structure-until 0.95 --split-samples 0 --distil-steps 20)
+    --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60
+    --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --split-samples 0
+    --distil-steps 20)
 steps=300
 
 . tests/support/checks.sh
@@ -113,7 +115,7 @@ baseline() {
     blender
     if [ ! -d "$work/whole" ]; then
         train whole
-        if [ $rc = 0 ]; then ok "a run of $steps steps"; else bad "a run of $steps steps" "exit code $rc"; fi
+        check "a run of $steps steps" [ $rc = 0 ]
         whole=$(digest "$work/whole")
         check "its digest is 16 hexadecimal digits" grep -qxE '[0-9a-f]{16}' <<<"$whole"
     fi
@@ -142,7 +144,8 @@ section_usage() {
     expect "train without an output" 2 "~output|-o" "$cln" train s
     expect "eval without a run" 2 "RUN" "$cln" eval
     expect "export without a file" 2 "--octree" "$cln" export r
-    expect "export in a colour that is not offered" 2 "colour level" "$cln" export r --octree f --colour red
+    expect "export in a colour that is not offered" 2 "colour level" "$cln" export r --octree f \
+        --colour red
     expect "tune with a budget that is none" 2 "budget 1" "$cln" tune --budget 0
     expect "tune with an option of train" 2 "lr train" "$cln" tune --lr 1
     check "wrong usage leaves stdout empty" [ ! -s "$work/out" ]
@@ -171,7 +174,8 @@ section_devices() {
     expect "selftest --quick --json" 0 "" "$cln" selftest --quick --json
     check "selftest --json is one document" json . >/dev/null
     mkdir -p "$work/kernels" && cp kernels/* include/device_abi.h "$work/kernels/"
-    expect "--kernel-dir with the same kernels" 0 "" "$cln" selftest --quick --kernel-dir "$work/kernels"
+    expect "--kernel-dir with the same kernels" 0 "" "$cln" selftest --quick \
+        --kernel-dir "$work/kernels"
     echo 'this is no OpenCL;' >>"$work/kernels/mlp_forward.cl"
     expect "--kernel-dir with a broken kernel, with its log" 4 "mlp_forward.cl error" \
         "$cln" selftest --quick --kernel-dir "$work/kernels"
@@ -179,9 +183,11 @@ section_devices() {
         "$cln" selftest --quick --kernel-dir "$work/nowhere"
 }
 
-# Kernel parameters: the tuner's row, where parameters come from, and that wrong kernels are noticed.
+# Kernel parameters: the tuner's row, where parameters come from, and that wrong kernels are
+# noticed.
 section_tune() {
-    local rows=$work/config/cl-nascent/tune.txt net=(--width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1)
+    local rows=$work/config/cl-nascent/tune.txt
+    local net=(--width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1)
     blender
     expect "tune" 0 "" "$cln" tune "${net[@]}" --budget 2 --progress none
     check "tune prints the row" grep -q '| W16-D2-V16 | VW=' "$work/out"
@@ -190,7 +196,8 @@ section_tune() {
         "$cln" train "$work/blender" -o "$work/tuned" "${small[@]}" --steps 2
     check "train says so" said "$rows, line 3"
     check "and which they are" grep -q "kernel parameters: VW=" "$work/err"
-    check "run.json says so" eval '[[ "$("$query" tune_from <"$work/tuned/run.json")" = "$rows, line 3"* ]]'
+    check "run.json says so" eval \
+        '[[ "$("$query" tune_from <"$work/tuned/run.json")" = "$rows, line 3"* ]]'
     expect "--tune goes before it" 0 "" \
         "$cln" train "$work/blender" -o "$work/given" "${small[@]}" --steps 2 --tune VW=4
     check "run.json says so" eval '"$query" tune_from <"$work/given/run.json" | grep -q "^--tune"'
@@ -202,7 +209,8 @@ section_tune() {
         --progress none --tune VW=4,TS=5 -o "$work/rows/mine.txt"
     check "tune --json is one document" [ "$(json schema)" = cl-nascent.tune/1 ]
     check "the file has its row" grep -qF "$(json row)" "$work/rows/mine.txt"
-    check "the first set is where it began" grep -q '^VW=4,NV=[0-9]*,LS=1,TS=5,' <<<"$(json tries.0.tune)"
+    check "the first set is where it began" grep -q '^VW=4,NV=[0-9]*,LS=1,TS=5,' \
+        <<<"$(json tries.0.tune)"
 
     echo '* | * | * | VW=8,XX=1' >"$work/wrong.txt"
     expect "a row that is wrong: file, line, reason" 3 "wrong.txt ~line.1 XX VW" \
@@ -218,18 +226,20 @@ section_tune() {
     printf '#undef MAD\n#define MAD(a, b, c) (1.001f * fma((a), (b), (c)))\n' >>"$work/off/lanes.h"
     expect "train on a device that fails the self-test: case, way out" 10 \
         "~fast.preset:.[a-z]+: ~does.not.compute --skip-selftest" \
-        "$cln" train "$work/blender" -o "$work/refused" "${small[@]:1}" --steps 2 --kernel-dir "$work/off"
+        "$cln" train "$work/blender" -o "$work/refused" "${small[@]:1}" --steps 2 \
+        --kernel-dir "$work/off"
     check "it names the device" said "$("$cln" devices --no-test --json | "$query" devices.0.name)"
     check "it wrote nothing" [ ! -e "$work/refused" ]
     expect "--skip-selftest trains all the same" 0 "" \
-        "$cln" train "$work/blender" -o "$work/forced" "${small[@]}" --steps 2 --kernel-dir "$work/off"
+        "$cln" train "$work/blender" -o "$work/forced" "${small[@]}" --steps 2 \
+        --kernel-dir "$work/off"
 }
 
 # bad_scene NAME WORDS: $work/bad must be refused, by info and before train writes anything
 bad_scene() {
     expect "$1" 3 "$2" "$cln" info "$work/bad"
     run "$cln" train "$work/bad" -o "$work/never" "${small[@]}" --steps 1
-    if [ $rc = 3 ] && [ ! -e "$work/never" ]; then ok "$1: train writes nothing"; else bad "$1: train writes nothing" "exit code $rc"; fi
+    check "$1: train writes nothing" [ $rc = 3 -a ! -e "$work/never" ]
     rm -rf "$work/bad" "$work/never"
     cp -r "$work/blender" "$work/bad"
 }
@@ -254,11 +264,13 @@ section_scenes() {
     check "info leaves stderr to warnings" [ ! -s "$work/err" ]
     expect "info for people" 0 "" "$cln" info "$work/blender"
     check "info for people names the dialect" grep -q blender "$work/out"
-    scene nerfstudio --format nerfstudio --distortion=-0.1,0.02,0.001,-0.001 --size 32 --train 6 --val 1 --test 2
+    scene nerfstudio --format nerfstudio --distortion=-0.1,0.02,0.001,-0.001 --size 32 --train 6 \
+        --val 1 --test 2
     expect "info of a distorted nerfstudio scene" 0 "" "$cln" info "$work/nerfstudio" --json
     check "its dialect" [ "$(json dialect)" = nerfstudio ]
     scene ngp --format ngp --kind room --size 32 --train 9 --test 0
-    expect "info of an instant-ngp scene, by its file" 0 "" "$cln" info "$work/ngp/transforms.json" --json
+    expect "info of an instant-ngp scene, by its file" 0 "" "$cln" info \
+        "$work/ngp/transforms.json" --json
     check "its dialect" [ "$(json dialect)" = instant-ngp ]
 
     expect "missing scene" 3 "$work/nowhere" "$cln" info "$work/nowhere"
@@ -275,12 +287,14 @@ section_scenes() {
 
     rm -rf "$work/bad" && cp -r "$work/blender" "$work/bad"
     sed -i 's/"frames": \[/"frames": [,/' "$train_json"
-    bad_scene "malformed JSON, with line and column" "transforms_train.json ~line.[0-9]+ ~column.[0-9]+"
+    bad_scene "malformed JSON, with line and column" \
+        "transforms_train.json ~line.[0-9]+ ~column.[0-9]+"
     head -c 300 "$work/blender/transforms_train.json" >"$train_json"
     bad_scene "truncated JSON" "transforms_train.json ~line.[0-9]+"
     first=$work/bad/train/r_003.png
     truncate -s 700 "$first"
-    expect "truncated image" 3 "r_003.png" "$cln" train "$work/bad" -o "$work/never" "${small[@]}" --steps 1
+    expect "truncated image" 3 "r_003.png" "$cln" train "$work/bad" -o "$work/never" "${small[@]}" \
+        --steps 1
     check "truncated image: train writes nothing" [ ! -e "$work/never" ]
     rm "$first"
     bad_scene "missing image" "r_003"
@@ -302,7 +316,8 @@ section_scenes() {
 
 # Names with characters that shells, grep -E, JSON, HTML and printf take for something else.
 section_names() {
-    local odd="a [b] (c)+*\"q' <i>&amp; ü%41#?;" view="r [0] (+)*\"'<b>&ü%d" s r name json_view text words
+    local odd="a [b] (c)+*\"q' <i>&amp; ü%41#?;" view="r [0] (+)*\"'<b>&ü%d" s r name json_view \
+        text words
     s="$work/scene $odd" r="$work/run $odd"
     scene tiny --size 32 --train 6 --test 2
     cp -r "$work/tiny" "$s"
@@ -319,13 +334,16 @@ section_names() {
     check "its report is named" grep -qF "$r/report.html" "$work/out"
     check "run.json keeps the scene's name" [ "$("$query" dataset.path <"$r/run.json")" = "$s" ]
     eval "words=($("$query" command <"$r/run.json"))"
-    check "its command can be typed again" [ "${words[2]}|${words[4]}|${words[-1]}" = "$s|$r|$name" ]
-    expect "a piece of the device's name chooses it" 0 "" "$cln" train --resume "$r" --steps +1 -d "${name:3}" \
+    check "its command can be typed again" [ "${words[2]}|${words[4]}|${words[-1]}" = \
+        "$s|$r|$name" ]
+    expect "a piece of the device's name chooses it" 0 "" "$cln" train --resume "$r" --steps +1 \
+        -d "${name:3}" \
         --skip-selftest --progress none
     expect "eval finds the scene" 0 "" "$cln" eval "$r" --json --progress none
     check "the images' names come back" [ "$(json images.0.name)|$(json images.1.name)" = \
         "test/$view.0001|test/$view.0002" ]
-    check "each has pictures of its own" [ "$(find "$r/eval/00000004-test" -name '*.truth.png' | wc -l)" = 2 ]
+    check "each has pictures of its own" [ \
+        "$(find "$r/eval/00000004-test" -name '*.truth.png' | wc -l)" = 2 ]
     check "named like it" [ -s "$r/eval/00000004-test/test_$view.0002.error.png" ]
     check "the report has them all" [ "$(grep -o 'data:image/png' "$r/report.html" | wc -l)" -ge 6 ]
     check "the report has the run's name, escaped" grep -qF \
@@ -353,13 +371,16 @@ section_train() {
     check "train --json is not printed unasked" grep -q 'model digest' "$work/out"
     run "$cln" info "$work/whole" --json
     check "info RUN --json is one document" [ "$(json model_digest)" = "${whole:-none}" ]
-    for f in run.json metrics.jsonl report.html checkpoint/latest checkpoint/00000300.safetensors; do
+    for f in run.json metrics.jsonl report.html checkpoint/latest \
+        checkpoint/00000300.safetensors; do
         check "a run leaves $f" [ -s "$work/whole/$f" ]
     done
     check "metrics.jsonl has every step once" every_step_once "$work/whole" $steps
-    check "its losses are numbers" [ "$(step_rows "$work/whole" | "$query" -l loss | grep -cE '^[0-9.e+-]+$')" = $steps ]
+    check "its losses are numbers" [ \
+        "$(step_rows "$work/whole" | "$query" -l loss | grep -cE '^[0-9.e+-]+$')" = $steps ]
     check "training makes the loss smaller" eval 'step_rows "$work/whole" | "$query" -l loss |
-        awk "NR <= 20 { a += \$1 } { last[NR % 20] = \$1 } END { for (i in last) b += last[i]; exit !(b < 0.7 * a) }"'
+        awk "NR <= 20 { a += \$1 } { last[NR % 20] = \$1 }
+            END { for (i in last) b += last[i]; exit !(b < 0.7 * a) }"'
     check "run.json says done" [ "$("$query" state <"$work/whole/run.json")" = "done" ]
 
     train twin --json
@@ -370,17 +391,20 @@ section_train() {
     check "another seed, other bits" is_another "$work/other"
     run "$cln" train "$work/blender" -o "$work/told" "${small[@]}" --steps 2
     check "train says what was left out" grep -qi 'left out' "$work/err"
-    run env POCL_MAX_PTHREAD_COUNT=1 "$cln" train "$work/blender" -o "$work/thread" "${small[@]}" --steps $steps
+    run env POCL_MAX_PTHREAD_COUNT=1 "$cln" train "$work/blender" -o "$work/thread" "${small[@]}" \
+        --steps $steps
     check "one thread, same bits" is_whole "$work/thread"
 
     psnr=$("$query" result.psnr_test <"$work/whole/run.json")
-    train gpu-shaped --json --tune VW=1,NV=1,LS=16,TS=8,NB=16,SL=128,WG=64,SG=256,DB=8,CHUNK=2048,LEAF=0
+    train gpu-shaped --json --tune \
+        VW=1,NV=1,LS=16,TS=8,NB=16,SL=128,WG=64,SG=256,DB=8,CHUNK=2048,LEAF=0
     check "with a GPU's parameters, as good" eval \
         'number_above "$(json psnr_test)" "$(awk -v p="$psnr" "BEGIN { print p - 0.5 }")"'
 
     run "$cln" train "$work/blender" -o "$work/timed" "${small[@]}" --time-limit 2s --json
     check "--time-limit ends the training" [ $rc = 0 ]
-    check "after its seconds" eval 'number_above "$(json seconds)" 1.9 && number_above 10 "$(json seconds)"'
+    check "after its seconds" eval \
+        'number_above "$(json seconds)" 1.9 && number_above 10 "$(json seconds)"'
     run "$cln" train "$work/blender" -o "$work/target" "${small[@]}" --steps 100000 --eval-every 5 \
         --target-psnr 5 --json
     check "--target-psnr ends the training" eval '[ $rc = 0 ] && number_above 1000 "$(json step)"'
@@ -395,15 +419,16 @@ section_train() {
     check "--stage1 splat" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
 }
 
-# The adaptive tree on the demo object: what a decision costs in PSNR, its program against a MIP solver,
-# and what the tree looks like from outside.
+# The adaptive tree on the demo object: what a decision costs in PSNR, its program against a MIP
+# solver, and what the tree looks like from outside.
 section_structure() {
     local r=$work/grown lp=$work/last.lp
     scene demo --size 80 --train 24 --test 3
-    run "$cln" train "$work/demo" -o "$r" --skip-selftest --progress none --width 16 --view-width 16 \
-        --steps 1000 --start-level 2 --level-at 3:0.2 --n1 8 --rays 512 --refresh-every 64 --log-every 100 \
-        --cull-from 0.1 --cull-after 0 --cull-strikes 2 --max-leaves 150 --structure-from 0.4 --structure-every 0.1 \
-        --structure-until 0.95 --split-samples 100 --cost-density 1 --merge-factor 1.1 --dump-program "$lp" -v
+    run "$cln" train "$work/demo" -o "$r" --skip-selftest --progress none --width 16 \
+        --view-width 16 --steps 1000 --start-level 2 --level-at 3:0.2 --n1 8 --rays 512 \
+        --refresh-every 64 --log-every 100 --cull-from 0.1 --cull-after 0 --cull-strikes 2 \
+        --max-leaves 150 --structure-from 0.4 --structure-every 0.1 --structure-until 0.95 \
+        --split-samples 100 --cost-density 1 --merge-factor 1.1 --dump-program "$lp" -v
     check "train with an adaptive tree" [ $rc = 0 ]
     cp "$work/err" "$work/grown.log"
     check "six decisions are rows" [ "$(decision_rows "$r" | wc -l)" = 6 ]
@@ -414,16 +439,20 @@ section_structure() {
     decision_rows "$r" | "$query" -l merged >"$work/merged"
     decision_rows "$r" | "$query" -l split >"$work/split"
     paste "$work/before" "$work/after" "$work/pretrained" "$work/merged" "$work/split" >"$work/out"
-    check "there were splits and merges" awk '{ m += $4; s += $5 } END { exit !(m > 0 && s > 0) }' "$work/out"
-    check "a split alone costs less than 0.05 dB" awk '$4 == 0 && $5 > 0 && $1 - $2 >= 0.05 { bad = 1 } END { exit bad }' "$work/out"
-    check "merges cost less than 0.3 dB once trained" awk '$4 > 0 && $1 - $3 >= 0.3 { bad = 1 } END { exit bad }' "$work/out"
+    check "there were splits and merges" awk '{ m += $4; s += $5 } END { exit !(m > 0 && s > 0) }' \
+        "$work/out"
+    check "a split alone costs less than 0.05 dB" awk \
+        '$4 == 0 && $5 > 0 && $1 - $2 >= 0.05 { bad = 1 } END { exit bad }' "$work/out"
+    check "merges cost less than 0.3 dB once trained" awk \
+        '$4 > 0 && $1 - $3 >= 0.3 { bad = 1 } END { exit bad }' "$work/out"
     decision_rows "$r" | "$query" -l leaves >"$work/leaves"
     check "leaves stay in the budget" awk '$1 > 150 { bad = 1 } END { exit bad }' "$work/leaves"
     if command -v glpsol >/dev/null; then
         run glpsol --lp "$lp" --output "$work/solution"
         check "a MIP solver finds the same optimum" awk \
             -v want="$(decision_rows "$r" | tail -1 | "$query" objective)" \
-            '/^Objective:/ { found = 1; d = $4 - want } END { exit !(found && d * d <= 1e-10 * want * want) }' \
+            '/^Objective:/ { found = 1; d = $4 - want }
+            END { exit !(found && d * d <= 1e-10 * want * want) }' \
             "$work/solution"
     else
         skip "a MIP solver finds the same optimum" "no glpsol"
@@ -466,9 +495,11 @@ section_resume() {
     check "killed and resumed = not interrupted" is_whole "$r"
 
     cp -r "$work/whole" "$work/longer"
-    expect "resume with +N steps" 0 "" "$cln" train --resume "$work/longer" --skip-selftest --progress none --steps +20 --json
+    expect "resume with +N steps" 0 "" "$cln" train --resume "$work/longer" --skip-selftest \
+        --progress none --steps +20 --json
     check "it goes on to the sum" [ "$(json step)" = $((steps + 20)) ]
-    expect "resume of what is no run" 3 "blender" "$cln" train --resume "$work/blender" --skip-selftest
+    expect "resume of what is no run" 3 "blender" "$cln" train --resume "$work/blender" \
+        --skip-selftest
     expect "resume with another network" 8 "~width|network" \
         "$cln" train --resume "$work/longer" --skip-selftest --width 32 --view-width 32
     expect "resume with other moments" 8 "another --moments" \
@@ -492,20 +523,24 @@ section_results() {
     check "eval --json: background" [ "$(json background)" = "array 3" ]
     check "eval --json: digest" [ "$(json model_digest)" = "${whole:-none}" ]
     # docs/formats.md: the file is the same document
-    for key in schema tool model_digest step split color_space pixel_centre mean.psnr std.ssim images.1.psnr_u8; do
+    for key in schema tool model_digest step split color_space pixel_centre mean.psnr std.ssim \
+        images.1.psnr_u8; do
         check "eval --json and its file: $key" [ "$(json $key)" = \
             "$("$query" $key <"$work/whole/eval/00000300-test.json" || echo nothing)" ]
     done
     for f in .png .truth.png .error.png; do
         check "eval leaves NAME$f" [ -s "$work/whole/eval/00000300-test/test_r_001$f" ]
     done
-    check "eval leaves pictures of the tree" [ -s "$work/whole/eval/00000300-test/test_r_000.tree.png" ]
-    check "and says what they show" [ "$("$query" leaves <"$work/whole/eval/00000300-test/tree.json")" = \
+    check "eval leaves pictures of the tree" \
+        [ -s "$work/whole/eval/00000300-test/test_r_000.tree.png" ]
+    check "and says what they show" [ \
+        "$("$query" leaves <"$work/whole/eval/00000300-test/tree.json")" = \
         "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
     check "the mean is the images' mean" awk -v m="$(json mean.psnr)" -v a="$(json images.0.psnr)" \
         -v b="$(json images.1.psnr)" -v c="$(json images.2.psnr)" \
         'BEGIN { d = m - (a + b + c) / 3; exit !(d < 1e-9 && d > -1e-9) }'
-    expect "eval --split train --max-images 2" 0 "" "$cln" eval "$work/whole" --split train --max-images 2 --json
+    expect "eval --split train --max-images 2" 0 "" "$cln" eval "$work/whole" --split train \
+        --max-images 2 --json
     check "it has two images" [ "$(json images)" = "array 2" ]
     expect "eval --min-psnr" 9 "psnr" "$cln" eval "$work/whole" --min-psnr 90
     expect "eval of a split that is not there" 3 "val" "$cln" eval "$work/whole" --split val
@@ -530,7 +565,8 @@ section_results() {
     expect "render --overwrite" 0 "" "$cln" render "$work/whole" --overwrite --json
     check "renders all" [ "$(json rendered)$(json skipped)" = 30 ]
     check "with the same bits again" same_tree "$frames" "$work/frames"
-    expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 -o "$work/orbit" --json
+    expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
+        -o "$work/orbit" --json
     check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
     expect "eval of what is no run" 3 "blender" "$cln" eval "$work/blender"
 
@@ -538,7 +574,8 @@ section_results() {
         "$cln" export "$work/whole" --octree "$work/tree.ply" --json
     check "export --json is one document" [ "$(json schema)" = cl-nascent.export/1 ]
     leaves=$(json leaves)
-    check "it has the run's leaves" [ "$leaves" = "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
+    check "it has the run's leaves" [ "$leaves" = \
+        "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
     check "of six levels" [ "$(json levels)" = "array 6" ]
     check "the file is PLY with eight vertices a leaf" \
         grep -aqx "element vertex $((8 * leaves))" "$work/tree.ply"
@@ -548,13 +585,15 @@ section_results() {
     expect "export to a file that is there" 7 "tree.ply --overwrite" \
         "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error
     check "it is left as it was" cmp -s "$work/tree.ply" "$work/before.ply"
-    expect "export --overwrite" 0 "" "$cln" export "$work/whole" --octree "$work/tree.ply" --overwrite
+    expect "export --overwrite" 0 "" "$cln" export "$work/whole" --octree "$work/tree.ply" \
+        --overwrite
     check "export says how many leaves" grep -q "leaves" "$work/out"
     check "same model, same bytes" cmp -s "$work/tree.ply" "$work/before.ply"
     expect "export by error" 0 "" \
         "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error --overwrite
     check "it says so" grep -aq "coloured by error" "$work/tree.ply"
-    expect "export of what is no run" 3 "blender" "$cln" export "$work/blender" --octree "$work/none.ply"
+    expect "export of what is no run" 3 "blender" "$cln" export "$work/blender" \
+        --octree "$work/none.ply"
     expect "export of a run that is not there" 3 "nowhere" \
         "$cln" export "$work/nowhere" --octree "$work/none.ply"
     check "nothing is written then" [ ! -e "$work/none.ply" ]
@@ -588,7 +627,8 @@ section_damage() {
     expect "truncated newest checkpoint: a warning, the one before" 0 "$(basename "$file")" \
         "$cln" info "$work/cut" --json
     check "its digest is another" printed_another
-    expect "training goes on from there" 0 "" "$cln" train --resume "$work/cut" --skip-selftest --progress none
+    expect "training goes on from there" 0 "" "$cln" train --resume "$work/cut" --skip-selftest \
+        --progress none
     check "and comes to the same end" is_whole "$work/cut"
 
     cp -r "$r" "$work/flipped"
@@ -613,7 +653,8 @@ section_output() {
     before=$(cd "$work/whole" && find . -type f -exec md5sum {} + | sort)
     expect "a run that is there, without --resume" 7 "--resume" \
         "$cln" train "$work/blender" -o "$work/whole" "${small[@]}" --steps 1
-    check "it is left as it was" [ "$(cd "$work/whole" && find . -type f -exec md5sum {} + | sort)" = "$before" ]
+    check "it is left as it was" [ \
+        "$(cd "$work/whole" && find . -type f -exec md5sum {} + | sort)" = "$before" ]
     expect "output under a file" 7 "file" \
         "$cln" train "$work/blender" -o "$work/foreign/file/run" "${small[@]}" --steps 1
     expect "output under a device" 7 "/dev/full" \
@@ -626,26 +667,30 @@ section_output() {
             "$cln" train "$work/blender" -o "$work/readonly/run" "${small[@]}" --steps 1
     fi
     # no file may grow beyond 4 MiB, a checkpoint of this network is larger
-    start "$cln" train "$work/blender" -o "$work/full" "${small[@]}" --width 64 --view-width 64 --start-level 2 \
+    start "$cln" train "$work/blender" -o "$work/full" "${small[@]}" --width 64 --view-width 64 \
+        --start-level 2 \
         --level-at "" --cull-from 1 --steps 100000
     wait_for 120 rows_of "$work/full" 5
     kill -INT "$child"
     finish
     before=$(digest "$work/full")
     expect "full disk" 7 "checkpoint" bash -c "trap '' XFSZ; ulimit -f 4096
-        exec \"\$@\"" full "$cln" train --resume "$work/full" --skip-selftest --progress none --steps 200
+        exec \"\$@\"" full "$cln" train --resume "$work/full" --skip-selftest --progress none \
+        --steps 200
     check "the checkpoint before it is whole" [ "$(digest "$work/full")" = "${before:-none}" ]
     check "nothing half-written is left" [ -z "$(find "$work/full" -name '*.tmp*')" ]
     expect "with room again, it goes on" 0 "" \
         "$cln" train --resume "$work/full" --skip-selftest --progress none --steps 200 --json
     check "to its end" [ "$(json step)" = 200 ]
-    expect "stdout that cannot be written" 7 "" bash -c 'exec "$@" >/dev/full' full "$cln" info "$work/whole" --json
+    expect "stdout that cannot be written" 7 "" bash -c 'exec "$@" >/dev/full' full "$cln" info \
+        "$work/whole" --json
 }
 
 section_memory() {
     local r limit psnr
     blender
-    expect "too little device memory: the plan is printed" 5 "device-mem ~[0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
+    expect "too little device memory: the plan is printed" 5 \
+        "device-mem ~[0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --device-mem 1M
     check "and nothing written" [ ! -e "$work/never" ]
     expect "too little host memory for the images" 5 "--host-mem ~--downscale.[0-9]" \
@@ -657,64 +702,85 @@ section_memory() {
     check "nothing written by any of them" [ ! -e "$work/never" ]
 
     # the plan comes before the first buffer; both peaks are told
-    run "$cln" train "$work/blender" -o "$work/planned" "${small[@]}" --steps 20 --no-adaptive --level-at "" -v
+    run "$cln" train "$work/blender" -o "$work/planned" "${small[@]}" --steps 20 --no-adaptive \
+        --level-at "" -v
     check "the plan is said before anything is allocated" awk '/memory plan:/ { planned = NR }
-        /buffer for/ && !first { first = NR } END { exit !(planned && first > planned) }' "$work/err"
+        /buffer for/ && !first { first = NR }
+        END { exit !(planned && first > planned) }' "$work/err"
     check "host memory, too" grep -q "host memory, estimated: .*images" "$work/err"
-    check "peaks are printed at the end" grep -qE "^peak memory +[0-9.]+ [KMG]iB device, [0-9.]+ [KMG]iB host" "$work/out"
+    check "peaks are printed at the end" grep -qE \
+        "^peak memory +[0-9.]+ [KMG]iB device, [0-9.]+ [KMG]iB host" "$work/out"
     r=$work/planned/run.json
-    check "the peak is below the plan" number_above "$("$query" plan.total <"$r")" "$("$query" result.device_peak <"$r")"
+    check "the peak is below the plan" number_above "$("$query" plan.total <"$r")" \
+        "$("$query" result.device_peak <"$r")"
     limit=$("$query" host_plan.total <"$r")
     check "host memory, too" number_above "$limit" "$("$query" result.host_peak <"$r")"
-    run "$cln" train "$work/blender" -o "$work/hosted" "${small[@]}" --steps 20 --no-adaptive --level-at "" \
+    run "$cln" train "$work/blender" -o "$work/hosted" "${small[@]}" --steps 20 --no-adaptive \
+        --level-at "" \
         --host-mem "$limit" --json
     check "a training that keeps to --host-mem" [ "$(json state)" = "done" ]
     check "its peak is below it" number_above "$limit" "$(json host_peak)"
 
-    # a limit with room for level 1 and a half: growth by level and by the integer program stay below it
+    # a limit with room for level 1 and a half: growth by level and by the integer program stay
+    # below it
     limit=$(awk -v a="$("$query" plan.total <"$r")" 'BEGIN { printf "%.0f", a + 60000 }')
-    run "$cln" train "$work/blender" -o "$work/level" "${small[@]}" --steps 60 --no-adaptive --device-mem "$limit" --json
-    check "growth by level stops at the limit" [ "$(json state)" = "done" -a "$(json leaves)" -le 8 ]
+    run "$cln" train "$work/blender" -o "$work/level" "${small[@]}" --steps 60 --no-adaptive \
+        --device-mem "$limit" --json
+    check "growth by level stops at the limit" \
+        [ "$(json state)" = "done" -a "$(json leaves)" -le 8 ]
     check "with a warning" grep -q "the tree stays at level 1" "$work/err"
     check "the peak is below the limit" number_above "$limit" "$(json device_peak)"
     run "$cln" train "$work/blender" -o "$work/few" "${small[@]}" --steps 1 --level-at ""
-    limit=$(awk -v a="$("$query" plan.total <"$work/few/run.json")" 'BEGIN { printf "%.0f", a + 1e6 }')
-    run "$cln" train "$work/blender" -o "$work/more" "${small[@]}" --steps 60 --level-at "" --cull-from 1 \
+    limit=$(awk -v a="$("$query" plan.total <"$work/few/run.json")" \
+        'BEGIN { printf "%.0f", a + 1e6 }')
+    run "$cln" train "$work/blender" -o "$work/more" "${small[@]}" --steps 60 --level-at "" \
+        --cull-from 1 \
         --device-mem "$limit" --max-leaves 4000 --json
     check "the integer program trains on" [ "$(json state)" = "done" ]
     check "its peak is below the limit" number_above "$limit" "$(json device_peak)"
     check "its budget of leaves is smaller" eval \
-        'decision_rows "$work/more" | "$query" -l budget | awk "\$1 >= 4000 { bad = 1 } END { exit bad || !NR }"'
+        'decision_rows "$work/more" | "$query" -l budget | awk "\$1 >= 4000 { bad = 1 }
+            END { exit bad || !NR }"'
 
     # batches cut by a small largest buffer: as good, and pictures the same
     train buffers --no-adaptive --leaf-samples 0 --json
     psnr=$(json psnr_test)
     train small-buffers --no-adaptive --leaf-samples 0 --json --max-alloc 1M
     check "--max-alloc cuts the batches" grep -q "batches are cut to" "$work/err"
-    check "the training is as good" number_above "$(json psnr_test)" "$(awk -v p="$psnr" 'BEGIN { print p - 1 }')"
-    check "of less memory" number_above "$("$query" result.device_peak <"$work/buffers/run.json")" "$(json device_peak)"
+    check "the training is as good" number_above "$(json psnr_test)" \
+        "$(awk -v p="$psnr" 'BEGIN { print p - 1 }')"
+    check "of less memory" number_above "$("$query" result.device_peak <"$work/buffers/run.json")" \
+        "$(json device_peak)"
     run "$cln" eval "$work/buffers" --json --progress none
     cp "$work/out" "$work/whole.json"
     run "$cln" eval "$work/buffers" --json --progress none --max-alloc 512K
-    check "pictures in smaller batches are the same" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
+    check "pictures in smaller batches are the same" [ "$(json mean.psnr)" = \
+        "$("$query" mean.psnr <"$work/whole.json")" ]
 
-    # 512 leaves, whose arrays do not fit one buffer; the limit is not of the run, so eval has them in one
-    run "$cln" train "$work/blender" -o "$work/parts" "${small[@]}" --start-level 3 --level-at "" --no-adaptive \
+    # 512 leaves, whose arrays do not fit one buffer; the limit is not of the run, so eval has them
+    # in one
+    run "$cln" train "$work/blender" -o "$work/parts" "${small[@]}" --start-level 3 --level-at "" \
+        --no-adaptive \
         --steps 2 --max-alloc 1M
     check "the plan says what is split" grep -qE \
-        "memory plan: network weights [0-9.]+ MiB in 3 parts, optimiser state [0-9.]+ MiB in 3 parts" "$work/err"
+        "memory plan: network weights [0-9.]+ MiB in 3 parts, optimiser state [0-9.]+ MiB in 3" \
+        "$work/err"
     run "$cln" eval "$work/parts" --json --progress none
     cp "$work/out" "$work/whole.json"
     run "$cln" eval "$work/parts" --json --progress none --max-alloc 1M -v
-    check "pictures from parts: the plan" grep -qE "memory plan: network weights [0-9.]+ MiB in 3 parts" "$work/err"
+    check "pictures from parts: the plan" grep -qE \
+        "memory plan: network weights [0-9.]+ MiB in 3 parts" "$work/err"
     check "and the same" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
 }
 
-# A row of the kernels' bench, with all that docs/benches.md says is in it; how fast is no test's business.
+# A row of the kernels' bench, with all that docs/benches.md says is in it; how fast is no test's
+# business.
 section_bench() {
     local bench=$here/$BUILD/bench-kernels key
-    expect "a row of the kernels' bench" 0 "" "$bench" --json --only mlp_training/W16-D2-V16-L4-1x1 --budget 0.001
-    for key in seconds.min seconds.median seconds.max gflops gbps fma_gflops copy_gbps share nmse worst; do
+    expect "a row of the kernels' bench" 0 "" "$bench" --json \
+        --only mlp_training/W16-D2-V16-L4-1x1 --budget 0.001
+    for key in seconds.min seconds.median seconds.max gflops gbps fma_gflops copy_gbps share nmse \
+        worst; do
         check "it has $key" number_above "$(json $key)" -1e-30
     done
     check "it names the kernel" [ "$(json kernel)" = mlp_training ]
@@ -731,7 +797,8 @@ for program in "$cln" "$make_scene" "$query"; do
     fi
 done
 sections=("$@")
-[ $# = 0 ] && sections=(usage devices tune scenes names train structure resume results damage output memory bench)
+[ $# = 0 ] && sections=(usage devices tune scenes names train structure resume results damage \
+    output memory bench)
 for s in "${sections[@]}"; do
     if [ "$(type -t "section_$s")" != function ]; then
         echo "cli.sh: no section $s" >&2

@@ -26,7 +26,8 @@ run "${MAKE:-make}" --no-print-directory install DESTDIR="$root" PREFIX=/usr
 check "make install" [ $rc = 0 ] # the rest would look at nothing
 [ $rc = 0 ] || { count; exit 1; }
 for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-nascent.so.0 \
-    lib/libcl-nascent.so lib/pkgconfig/cl-nascent.pc share/man/man1/cl-nascent.1 share/doc/cl-nascent/api.md; do
+    lib/libcl-nascent.so lib/pkgconfig/cl-nascent.pc \
+    share/man/man1/cl-nascent.1 share/doc/cl-nascent/api.md; do
     check "$file is there" [ -s "$usr/$file" ]
 done
 
@@ -112,7 +113,8 @@ export LD_LIBRARY_PATH=$lib
 # ---- the examples ----
 
 "$make_scene" "$work/scene" --size 32 --train 8 --test 2 >/dev/null || bad "make-scene"
-small=(width=16 depth=2 view-width=16 bands=4 n1=8 rays=256 batch-samples=4096 start-level=1 level-at=
+small=(width=16 depth=2 view-width=16 bands=4 n1=8 rays=256 batch-samples=4096 start-level=1
+    level-at=
     max-level=1 cull-after=0 log-every=20)
 
 digest() {

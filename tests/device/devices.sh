@@ -1,17 +1,17 @@
 #!/bin/bash
-# One table of cases on every OpenCL device found, against float64 and against each other: vendors' compilers
-# miscompile silently, and what runs on one device proves little about the next. docs/devices.md has what
-# came out. Where a case fails, the device and the case are named.
+# One table of cases on every OpenCL device found, against float64 and against each other: vendors'
+# compilers miscompile silently, and what runs on one device proves little about the next.
+# docs/devices.md has what came out. Where a case fails, the device and the case are named.
 #   tests/device/devices.sh [-q] [SECTION...]      -q: the part that `make test` runs
 #   table    every check of the self-test against float64, its outputs against the first device that
 #            passed all: whole numbers equal, floats within the check's own bounds
 #   unit     the kernels' tests in build/tests on each device (not with -q)
-#   train    a scene trained and evaluated on each: PSNR within 0.1 dB of the first device's; the first
-#            device's run evaluated on each: within 0.01 dB
-#   broken   kernels broken on purpose are noticed and named, and `train` refuses them unless forced
-#   grind    the tiny shapes under Oclgrind, a simulator: races and bad accesses fail; all kernels ran
-# Devices are those that the loader knows (OCL_ICD_VENDORS), of PoCL both pthread and basic, of Mesa's
-# rusticl llvmpipe. ONLY=N tests row N of `cl-nascent devices` alone.
+#   train    a scene trained and evaluated on each: PSNR within 0.1 dB of the first device's; the
+#            first device's run evaluated on each: within 0.01 dB
+#   broken   kernels broken on purpose are noticed and named; `train` refuses them unless forced
+#   grind    the tiny shapes under Oclgrind, a simulator: no race, no bad access; all kernels ran
+# Devices are those that the loader knows (OCL_ICD_VENDORS), of PoCL both pthread and basic, of
+# Mesa's rusticl llvmpipe. ONLY=N tests row N of `cl-nascent devices` alone.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -59,7 +59,8 @@ find_devices() {
         units=$("$query" "devices.$i.compute_units" <"$work/list")
         if [ "$units" -gt "$most" ]; then most=$units best=${#devices[@]}; fi
         devices+=("$i")
-        names+=("$i $name, $("$query" "devices.$i.platform" <"$work/list") $("$query" "devices.$i.driver" <"$work/list")")
+        name="$i $name, $("$query" "devices.$i.platform" <"$work/list")"
+        names+=("$name $("$query" "devices.$i.driver" <"$work/list")")
     done
     if [ ${#devices[@]} = 0 ]; then skip "all" "no OpenCL device"; fi
 }
@@ -76,7 +77,8 @@ break_kernel() {
 }
 
 differ_by() { # A B MOST
-    awk -v a="$1" -v b="$2" -v most="$3" 'BEGIN { d = a - b; exit !(a != "" && b != "" && d <= most && -d <= most) }'
+    awk -v a="$1" -v b="$2" -v most="$3" \
+        'BEGIN { d = a - b; exit !(a != "" && b != "" && d <= most && -d <= most) }'
 }
 
 # ---- sections ----
@@ -105,13 +107,15 @@ section_unit() {
 }
 
 section_train() {
-    local i psnr leaves first="" first_leaves=0 settings=(--width 16 --depth 2 --view-width 16 --bands 4
-        --view-bands 1 --start-level 1 --level-at "2:0.2,3:0.4" --n1 8 --rays 512 --max-leaves 120
+    local i psnr leaves first="" first_leaves=0
+    local settings=(--width 16 --depth 2 --view-width 16 --bands 4 --view-bands 1 --start-level 1
+        --level-at "2:0.2,3:0.4" --n1 8 --rays 512 --max-leaves 120
         --structure-from 0.5 --structure-until 0.9 --split-samples 0 --steps 200)
     "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
     for i in "${!devices[@]}"; do
-        expect "device ${names[$i]}: trains" 0 "" timeout 1800 "$cln" train "$work/scene" -o "$work/run$i" \
-            -d "${devices[$i]}" --progress none --quiet "${settings[@]}" || continue
+        expect "device ${names[$i]}: trains" 0 "" timeout 1800 \
+            "$cln" train "$work/scene" -o "$work/run$i" -d "${devices[$i]}" \
+            --progress none --quiet "${settings[@]}" || continue
         run "$cln" eval "$work/run$i" -d "${devices[$i]}" --json --quiet --progress none
         psnr=$(json mean.psnr)
         leaves=$("$cln" info "$work/run$i" --json | "$query" leaves)
@@ -124,11 +128,13 @@ section_train() {
         fi
         check "device ${names[$i]}: PSNR within 0.1 dB" differ_by "$psnr" "$first" 0.1
         # decisions near a threshold fall either way by rounding: a twentieth of the leaves
-        check "device ${names[$i]}: as many leaves" differ_by "$leaves" "$first_leaves" $((first_leaves / 20))
+        check "device ${names[$i]}: as many leaves" differ_by "$leaves" "$first_leaves" \
+            $((first_leaves / 20))
         run "$cln" eval "$first_run" -d "${devices[$i]}" --json --quiet --progress none
         psnr=$(json mean.psnr)
         echo "device ${names[$i]}: $psnr dB of the first device's run"
-        check "device ${names[$i]}: the first one's run, within 0.01 dB" differ_by "$psnr" "$first" 0.01
+        check "device ${names[$i]}: the first one's run, within 0.01 dB" differ_by "$psnr" \
+            "$first" 0.01
     done
 }
 
@@ -147,37 +153,47 @@ noticed() {
 }
 
 section_broken() {
-    local settings=(--width 16 --depth 2 --bands 2 --steps 3 --rays 64 --edge 0.1 --quiet --progress none)
+    local settings=(--width 16 --depth 2 --bands 2 --steps 3 --rays 64 --edge 0.1 --quiet \
+        --progress none)
     run "$cases" -d "${devices[$best]}" -s tiny -r "$work/whole"
     add "device ${names[$best]}: tiny shapes" || return
-    noticed "a wrong sign" regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' "regularisers backward "
-    noticed "one too few" group.cl 's/end\[keys\[i\]\] = i + 1u/end[keys[i]] = i/' "networks backward "
+    noticed "a wrong sign" regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' \
+        "regularisers backward "
+    noticed "one too few" group.cl 's/end\[keys\[i\]\] = i + 1u/end[keys[i]] = i/' \
+        "networks backward "
     # between layers: elsewhere indices would be read too early, and the device might crash
-    noticed "a missing barrier" layer.h '/local float \*trunk_forward/,/return DEPTH/s/GROUP_SYNC();//' \
+    noticed "a missing barrier" layer.h \
+        '/local float \*trunk_forward/,/return DEPTH/s/GROUP_SYNC();//' \
         "networks: (colour|density) "
     # right by float64 (any random number is), but not what the others make of it
-    noticed "other random numbers" sampling.cl 's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
+    noticed "other random numbers" sampling.cl \
+        's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
         "samples: where, as the other"
     [ -d "$work/scene" ] || "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
     break_kernel regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' || return
-    expect "train refuses, names the case and the way out" 10 "~regularisers.backward --skip-selftest" \
-        "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" --kernel-dir "$work/kernels" "${settings[@]}"
+    expect "train refuses, names the case and the way out" 10 \
+        "~regularisers.backward --skip-selftest" \
+        "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" \
+        --kernel-dir "$work/kernels" "${settings[@]}"
     check "and writes nothing" [ ! -e "$work/refused" ]
-    expect "train goes on if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" \
+    expect "train goes on if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" \
+        -d "${devices[$best]}" \
         --kernel-dir "$work/kernels" "${settings[@]}" --skip-selftest
 }
 
-# Oclgrind 21.10 simulates what clang 14 makes of the source, and stops at two things in it:
-#   -Drestrict=   `restrict` of inlined helpers leaves llvm.experimental.noalias.scope.decl calls, which it
-#                 takes for an undefined function
-#   --max-errors   by default errors after the first thousand are not logged; which come first is by chance
-#   no --uninitialized   its shadow of a global buffer is made anew by every write of the host, with that
-#                 write's size, and kept when the buffer's number is used again: the rest then counts as
-#                 unwritten; and `freeze` instructions end a kernel. device-cases fills new buffers with NaN
-#                 instead, so what nothing wrote fails a comparison.
+# Oclgrind 21.10 simulates what clang 14 makes of the source. Its options here:
+#   -Drestrict=       `restrict` of inlined helpers leaves calls of an intrinsic,
+#                     llvm.experimental.noalias.scope.decl, which it takes for an undefined function
+#   --max-errors      by default only the first thousand errors are logged, in no fixed order
+#   no --uninitialized
+#                     every write of the host makes its shadow of a global buffer anew, with that
+#                     write's size, so that the rest counts as unwritten; and `freeze` instructions
+#                     end a kernel. device-cases fills new buffers with NaN instead, so that reading
+#                     what nothing wrote fails a comparison.
 simulate() {
     rm -f "$work/log"
-    run timeout 900 oclgrind --log "$work/log" --max-errors 100000 --build-options -Drestrict= --data-races \
+    run timeout 900 oclgrind --log "$work/log" --max-errors 100000 --build-options -Drestrict= \
+        --data-races \
         --inst-counts "$cases" -s tiny "$@"
     touch "$work/log"
 }
@@ -200,10 +216,10 @@ section_grind() {
     ran=$(sed -n "s/.*executed for kernel '\([a-z_0-9]*\)'.*/\1/p" "$work/out" | sort -u)
     head -n 40 "$work/log"
     check "no race, no bad access" [ ! -s "$work/log" ]
-    # peak_*: ceilings, for the benches; sort_varying, sort_buckets: from 32768 and a million pairs on, half
-    # a minute and many here
-    for kernel in $(cat kernels/*.cl | tr '\n' ' ' |
-        grep -oE '__kernel( __attribute__\(\(reqd_work_group_size\([A-Z0-9, ]*\)\)\))? void [a-z_0-9]+' | sed 's/.* //'); do
+    # peak_*: ceilings, for the benches; sort_varying, sort_buckets: from 32768 and a million pairs
+    # on, half a minute and many here
+    for kernel in $(cat kernels/*.cl | tr '\n' ' ' | sed 's/__attribute__((reqd[^)]*)))//g' |
+        grep -oE '__kernel +void [a-z_0-9]+' | sed 's/.* //'); do
         case $kernel in
         peak_* | sort_varying | sort_buckets) ;;
         *) grep -qx "$kernel" <<<"$ran" || missing="$missing $kernel" ;;

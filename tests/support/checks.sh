@@ -1,6 +1,6 @@
 #!/bin/bash
-# What cli.sh and devices.sh share: checks that count themselves, and the environment of a fresh user. To be
-# sourced from the repository's root with $work, a folder of the script's own; no program by itself.
+# What cli.sh and devices.sh share: checks that count themselves, and the environment of a fresh
+# user. To be sourced from the repository's root with $work, a folder of the script's own.
 # shellcheck disable=SC2154
 query=$PWD/build/json-query
 passed=0 failed=0 skipped=0
@@ -38,7 +38,7 @@ run() {
     rc=$?
 }
 
-# said WORD: WORD is on the last stderr, in capitals or not. The word is literal, whatever characters it
+# said WORD: WORD is on the last stderr, in capitals or not. It is literal, whatever characters it
 # has, unless it begins with ~, which makes the rest of it a pattern of grep -E.
 said() {
     case $1 in
@@ -47,8 +47,8 @@ said() {
     esac
 }
 
-# expect NAME CODE WORDS COMMAND...: the exit code, and each of WORDS on stderr, as `said` takes it. WORDS are
-# separated by spaces; a text that has spaces itself is a check of its own: check NAME said TEXT.
+# expect NAME CODE WORDS COMMAND...: the exit code, and each of WORDS on stderr, as `said` takes it.
+# Spaces separate WORDS; a text that has spaces itself is a check of its own: check NAME said TEXT.
 expect() {
     local name=$1 code=$2 words word
     read -ra words <<<"$3"
