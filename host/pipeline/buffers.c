@@ -1,5 +1,5 @@
 /* The list of buffers at work: how large each is, reserving, filling and releasing. See
- * buffers.h. */
+ * buffer_list.h. */
 #include "pipeline/pipeline.h"
 
 #include <string.h>

@@ -2,8 +2,8 @@
  * there twice:
  *
  *   1. the successor is made, and kernels/carry.cl gathers its rows from the old array
- *   2. weights of new leaves are folded (model/fold.c, in double): their old leaves' rows alone come to the
- *      host, and their own alone go back
+ *   2. weights of new leaves are folded (model/fold.c, in double): their old leaves' rows
+ *      alone come to the host, and their own alone go back
  *   3. the old array is freed */
 #include "pipeline/carry.h"
 

@@ -1,23 +1,26 @@
-/* The pipeline: one struct owns programs and device buffers (programs.h, buffers.h list them);
- * what it is made of, what goes in and what comes out. stages.h has what is done with it,
- * field.h what a field is asked. A file of this room calls only files below it:
+/* The pipeline: one struct owns the programs of kernel_list.h and the buffers of buffer_list.h.
+ * Here is what it is made of, what goes in and what comes out. A file of this room calls only
+ * files below it:
  *
- *   plan                             the memory plan, before anything is allocated
- *   field                            a trained field at points
- *   carry                            a change of the tree on the device
- *   networks, sampling, regularise   stages
- *   stage1, splat                    the stage-1 methods
- *   sort                             scan and sort
- *   transfer                         tree, weights, cameras and batches, in and out
- *   programs, buffers, fit           what the pipeline owns; tuning parameters for a network */
+ *   plan                  the memory plan, before anything is allocated
+ *   field                 a trained field at points
+ *   carry                 a change of the tree on the device
+ *   networks, sampling    the stages (stages.h)
+ *   transfer              tree, weights, cameras and batches, in and out
+ *   stage1_methods        which stage-1 methods there are (stage1.h)
+ *   splat                 one of them
+ *   sort                  scan and sort
+ *   regularise            points of regularisers
+ *   programs              creates, builds, frees; fits tuning parameters to a network
+ *   buffers               reserves, fills and releases */
 #ifndef CLN_PIPELINE_H
 #define CLN_PIPELINE_H
 
 #include "device/program.h"
 #include "device/queue.h"
 #include "model/model.h"
-#include "pipeline/buffers.h"
-#include "pipeline/programs.h"
+#include "pipeline/buffer_list.h"
+#include "pipeline/kernel_list.h"
 #include "scene/scene.h"
 
 struct cln_pipeline {

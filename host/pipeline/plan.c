@@ -1,5 +1,5 @@
-/* The memory plans. See plan.h; the device's rows are the list of buffers (buffers.h), summed by
- * purpose. */
+/* The memory plans. See plan.h; the device's rows are the list of buffers (buffer_list.h),
+ * summed by purpose. */
 #include "pipeline/plan.h"
 
 #include <math.h>

@@ -5,8 +5,9 @@
  * grows with rays or samples stays below the device's largest allocation; what has a row per
  * leaf is split into parts (pipeline.h), and refused where CLN_PARTS of them do not do.
  *
- * The device's plan is a bound: every buffer of buffers.h is in it at its largest. The host's is
- * an estimate: the program's own arrays are counted, driver and compiler are an allowance. */
+ * The device's plan is a bound: every buffer of buffer_list.h is in it at its largest. The
+ * host's is an estimate: the program's own arrays are counted, driver and compiler are an
+ * allowance. */
 #ifndef CLN_PLAN_H
 #define CLN_PLAN_H
 

@@ -205,7 +205,7 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
 }
 
 /* What stands behind the pipeline's "#define" lines, and when programs and kernels are built
- * (programs.h). */
+ * (kernel_list.h). */
 enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, TEXTS };
 enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL };
 

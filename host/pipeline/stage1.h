@@ -1,7 +1,7 @@
-/* The stage-1 methods: the one place for a new one, which is a row of stage1.c. Besides it needs
- * a word of the setting (cln_config.h), its way to read points and densities in
- * kernels/stage1.h, and what it builds and keeps (programs.h, buffers.h). Cached densities
- * (cln_stage_refresh) are what each method starts from. */
+/* The stage-1 methods: the one place for a new one, which is a row of stage1_methods.c. Besides
+ * it needs a word of the setting (cln_config.h), its way to read points and densities in
+ * kernels/stage1.h, and what it builds and keeps (kernel_list.h, buffer_list.h). Cached
+ * densities (cln_stage_refresh) are what each method starts from. */
 #ifndef CLN_STAGE1_H
 #define CLN_STAGE1_H
 
@@ -19,7 +19,11 @@ typedef struct cln_args {
     int count;
 } cln_args;
 
-void cln_args_add(cln_args *args, cln_arg arg);
+static inline void cln_args_add(cln_args *args, cln_arg arg)
+{
+    CLN_ASSERT(args->count < CLN_MOST_ARGS);
+    args->list[args->count++] = arg;
+}
 
 /* density: p->density or p->picture_density. */
 typedef struct cln_stage1 {

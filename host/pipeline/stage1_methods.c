@@ -4,12 +4,6 @@
 
 #include "pipeline/splat.h"
 
-void cln_args_add(cln_args *args, cln_arg arg)
-{
-    CLN_ASSERT(args->count < CLN_MOST_ARGS);
-    args->list[args->count++] = arg;
-}
-
 static void gather_front(const cln_pipeline *p, const cln_buffer *density, cln_args *args)
 {
     cln_args_add(args, (cln_arg)CLN_LEAF_ARG_OF(p, density));

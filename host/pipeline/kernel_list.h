@@ -1,8 +1,8 @@
 /* The programs and kernels of the pipeline: the one place for a new one. From these lists come
  * the members of cln_pipeline, building, releasing, and the bench's check that every kernel is
  * timed. */
-#ifndef CLN_PROGRAMS_H
-#define CLN_PROGRAMS_H
+#ifndef CLN_KERNEL_LIST_H
+#define CLN_KERNEL_LIST_H
 
 /* X(member, file, text, when): kernels/FILE.cl, built behind the pipeline's "#define" lines and
  * more of them:

@@ -1,7 +1,7 @@
 /* The buffers of the pipeline: the one place for a new one. From the list come the members of
  * cln_pipeline, the bytes that are reserved, releasing, and the memory plan's rows (plan.h). */
-#ifndef CLN_BUFFERS_H
-#define CLN_BUFFERS_H
+#ifndef CLN_BUFFER_LIST_H
+#define CLN_BUFFER_LIST_H
 
 #include "device/buffer.h"
 #include "device_abi.h"
