@@ -279,7 +279,8 @@ section_scenes() {
     check "train on a missing scene writes nothing" [ ! -e "$work/never" ]
     expect "options without effect" 0 "" "$cln" train "$work/blender" -o "$work/idle" \
         "${small[@]}" --steps 2 --skip --lr-final 1e-5 --lr-schedule step
-    check "--skip without effect is said" grep -q -- '--skip has no effect: .*--depth 6$' "$work/err"
+    check "--skip without effect is said" grep -q -- \
+        '--skip has no effect: .*--depth 6$' "$work/err"
     check "--lr-final without effect is said" grep -q -- '--lr-final has no effect: ' "$work/err"
     check "and no other" [ "$(grep -c 'has no effect' "$work/err")" = 2 ]
     mkdir -p "$work/empty"
