@@ -107,7 +107,8 @@ $B/bench-kernels: $(BENCH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-sort: bench/peers/peer_sort.cpp $B/libcl-nascent.a
-	$(call SAY,CXX $@)$(CXX) -std=c++17 -D_GNU_SOURCE -O3 -march=native -fopenmp -Wall -Wextra -Iinclude -Ihost \
+	$(call SAY,CXX $@)$(CXX) -std=c++17 -D_GNU_SOURCE -O3 -march=native -fopenmp -Wall -Wextra \
+	    -Iinclude -Ihost \
 	    $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
@@ -128,28 +129,31 @@ PEER_LIBS_openblas = $(shell pkg-config --libs openblas 2>/dev/null)
 PEER_LIBS_clblast := -lclblast
 PEER_PACKAGES := libxsmm-dev libdnnl-dev libopenblas-dev libclblast-dev
 PEER_CFLAGS_openblas = $(shell pkg-config --cflags openblas 2>/dev/null)
-found_peer = $(shell $(CC) $(PEER_CFLAGS_$1) -fsyntax-only -include $(PEER_HEADER_$1) -x c /dev/null \
-               2>/dev/null && echo $1)
+found_peer = $(shell $(CC) $(PEER_CFLAGS_$1) -fsyntax-only -include $(PEER_HEADER_$1) \
+               -x c /dev/null 2>/dev/null && echo $1)
+MISSING = $(filter-out $(FOUND),$(PEERS))
+not_installed = $(if $(MISSING),; not installed: $(MISSING) (of $(PEER_PACKAGES)))
 
 bench-peers: $B/libcl-nascent.a
 	@tests/deps.sh build
-	@$(MAKE) --no-print-directory $B/bench-peers FOUND="$(strip $(foreach p,$(PEERS),$(call found_peer,$p)))"
+	@$(MAKE) --no-print-directory $B/bench-peers \
+	    FOUND="$(strip $(foreach p,$(PEERS),$(call found_peer,$p)))"
 
 # One command, as these need flags of their own: this processor's instructions, OpenMP, vectorised
 # activations (which trapping mathematics would forbid), each its library.
 $B/bench-peers: $(PEER_MAIN) $(wildcard bench/peers/*) $B/libcl-nascent.a FORCE
-	@echo "  peers: $(or $(FOUND),none)$(if $(filter-out $(FOUND),$(PEERS)),; not installed: $(filter-out \
-	    $(FOUND),$(PEERS)) (of $(PEER_PACKAGES)))"
+	@echo "  peers: $(or $(FOUND),none)$(not_installed)"
 	$(call SAY,LINK $@)$(CC) $(CFLAGS_ALL) -O3 -march=native -fno-trapping-math -fopenmp \
-	    $(foreach p,$(FOUND),-DPEER_$(shell echo $p | tr a-z A-Z) $(PEER_CFLAGS_$p)) $(PEER_MAIN) \
-	    bench/peers/timing.c bench/peers/cpu.c $(FOUND:%=bench/peers/%.c) $B/libcl-nascent.a \
+	    $(foreach p,$(FOUND),-DPEER_$(shell echo $p | tr a-z A-Z) $(PEER_CFLAGS_$p)) \
+	    $(PEER_MAIN) bench/peers/timing.c bench/peers/cpu.c $(FOUND:%=bench/peers/%.c) \
+	    $B/libcl-nascent.a \
 	    $(foreach p,$(FOUND),$(PEER_LIBS_$p)) $(LDLIBS_ALL) -o $@
 
 $B/obj/%.o: %.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -MMD -MP -c $< -o $@
 
-# Each kernel file, and file of tuning rows, becomes one C string literal per line, so that -pedantic's
+# Each kernel file, and file of tuning rows, becomes one C string literal per line, so that pedantic
 # limit on literal length does not matter and build logs can name file and line.
 $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	@mkdir -p $(@D)
@@ -176,7 +180,7 @@ $B/obj/kernels_embed.o: $B/kernels_embed.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
-# The table of test groups, from the test files: a new file needs no entry anywhere but its prototype.
+# The table of test groups, from the test files: a new file needs only its prototype in tests.h.
 GROUP := s/^int test_group_\([a-z0-9_]*\)(void)$$
 $B/test_groups.c: FORCE
 	@mkdir -p $(@D)
@@ -255,4 +259,5 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test test-devices grind lint fmt bench bench-programs bench-peers bench-sort install clean
+.PHONY: all FORCE deps demo test test-devices grind lint fmt bench bench-programs \
+        bench-peers bench-sort install clean

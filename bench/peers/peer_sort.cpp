@@ -1,15 +1,16 @@
-/* The stable radix sort of (64-bit key, 32-bit value) pairs beside what else sorts them on this machine's
- * cores: all on the same data, in one process, in turn, round after round. Not part of the build or the
- * tests; C++ because the peers are. Results are compared: keys with std::stable_sort's, and the values,
- * too, of what is stable; of the others every value must still be with its key.
+/* The stable radix sort of (64-bit key, 32-bit value) pairs beside what else sorts them on this
+ * machine's cores: all on the same data, in one process, in turn, round after round. Not part of
+ * the build or the tests; C++ because the peers are. Results are compared: keys with
+ * std::stable_sort's, and the values, too, of what is stable; of the others every value must still
+ * be with its key.
  *
  *   build/bench-sort [DEVICE [LOG2 [ROUNDS [TUNE [KERNEL_DIR]]]]]     "" or - leaves one out
  *
  * LOG2: sizes 2^16, 2^20, ... up to 2^LOG2 pairs (24); 0 = only the small sorts of a training step.
- * Two kinds of keys: 64 random bits, and what the program sorts, ray << 32 | bits of a float in [2, 6]
- * for 160,000 rays. Pairs of the peers are structs of 16 bytes, ours are two arrays. "device": from and
- * to device buffers; "with transfers": from and to host memory. Every method's scratch memory has been
- * touched before. Times are the least of all rounds. */
+ * Two kinds of keys: 64 random bits, and what the program sorts, ray << 32 | bits of a float in [2,
+ * 6] for 160,000 rays. Pairs of the peers are structs of 16 bytes, ours are two arrays. "device":
+ * from and to device buffers; "with transfers": from and to host memory. Every method's scratch
+ * memory has been touched before. Times are the least of all rounds. */
 #include <parallel/algorithm>
 
 #include <algorithm>

@@ -1,5 +1,4 @@
-/* Text helpers that belong to no format: how alike two names are, for "did you mean"; and what of a text
- * is UTF-8. */
+/* Text of no format: how alike two names are, for "did you mean", and UTF-8. */
 #ifndef CLN_TEXT_H
 #define CLN_TEXT_H
 
@@ -9,8 +8,8 @@
  * characters count. */
 int cln_edit_distance(const char *a, const char *b);
 
-/* Bytes of the UTF-8 character (RFC 3629) that begins at `at`: 1 to 4, 0 if none does. The final zero byte is
- * a character of one byte. */
+/* Bytes of the UTF-8 character (RFC 3629) that begins at `at`: 1 to 4, 0 if none does. The final
+ * zero byte is a character of one byte. */
 int cln_utf8_bytes(const char *at);
 
 /* Is the whole text UTF-8? */

@@ -1,5 +1,5 @@
-/* A command line, read: what was asked for. The tables of option_table.h say where each option goes,
- * parse.h fills it. */
+/* A command line, read: what was asked for. The tables of option_table.h say where each option
+ * goes, parse.h fills it. */
 #ifndef CLN_OPTIONS_H
 #define CLN_OPTIONS_H
 

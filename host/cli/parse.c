@@ -1,6 +1,6 @@
-/* The parser over the tables of option_table.h. Two passes: first every argument is matched and what
- * sets a hyperparameter is put aside, then the base settings (preset, or the run to resume) are
- * fetched and the rest is applied in the order given; so an option's place on the line never
+/* The parser over the tables of option_table.h. Two passes: first every argument is matched and
+ * what sets a hyperparameter is put aside, then the base settings (preset, or the run to resume)
+ * are fetched and the rest is applied in the order given; so an option's place on the line never
  * matters.
  *
  *   precedence   command line > environment > preset (or the resumed run)

@@ -1,7 +1,7 @@
 /* What others see of an octree: the PLY file of cln_export (host/api/export.c, io/ply.h) and the
- * pictures of the tree (render/tree_picture.h), on a small tree made here: level 1 without its first leaf,
- * its second one split. Oracle: boxes, slots and colours written down here; of faces, that they close a
- * box and look outwards. */
+ * pictures of the tree (render/tree_picture.h), on a small tree made here: level 1 without its
+ * first leaf, its second one split. Oracle: boxes, slots and colours written down here; of faces,
+ * that they close a box and look outwards. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -40,8 +40,8 @@ static void assert_fails(cln_status got, cln_status want, const char *word)
 
 /* ---- the tree ---- */
 
-/* Slots 0..7: the children, at level 2, of the root's child 1; 8..13: the root's children 2..7. No error
- * is known. The cube is (1, 2, 3) +- 4. */
+/* Slots 0..7: the children, at level 2, of the root's child 1; 8..13: the root's children 2..7. No
+ * error is known. The cube is (1, 2, 3) +- 4. */
 static void make_tree(cln_model *model)
 {
     const uint8_t first[8] = {1};

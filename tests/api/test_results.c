@@ -1,5 +1,6 @@
-/* What a run is looked at with: eval (equal to train's own figures, image by image), render (files, what
- * is there already, stopping, folders of others), orbits, info, the self-test and the device list. */
+/* What a run is looked at with: eval (equal to train's own figures, image by image), render (files,
+ * what is there already, stopping, folders of others), orbits, info, the self-test and the device
+ * list. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -138,7 +139,8 @@ static void test_render_skips(void **state)
     assert_int_equal(digest_of(fixture_path(files[0])), before[0]);
 }
 
-/* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in nothing. */
+/* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in
+ * nothing. */
 static void test_render_files(void **state)
 {
     fixture_stop none = {0};
@@ -197,7 +199,7 @@ static void test_render_stops_and_goes_on(void **state)
 
 static int warnings;
 
-/* Frames of other settings are not taken for these without a word; nothing of others is written to. */
+/* Frames of other settings are refused, with a sentence; folders of others stay as they are. */
 static void test_render_folders(void **state)
 {
     fixture_stop none = {0};
@@ -230,8 +232,8 @@ static double dot(const double *c2w, int a, int b)
     return c2w[a] * c2w[b] + c2w[4 + a] * c2w[4 + b] + c2w[8 + a] * c2w[8 + b];
 }
 
-/* Each camera has a right-handed rotation, stands at its distance and elevation, and has the target in
- * the middle of its picture, upright. */
+/* Each camera has a right-handed rotation, stands at its distance and elevation, and has the target
+ * in the middle of its picture, upright. */
 static void check_orbit(const cln_scene *scene, const cln_render_desc *desc, double elevation)
 {
     cln_orbit orbit;

@@ -1,6 +1,6 @@
-/* The scene generator's geometry, since every picture and depth it makes is taken as truth: hits of each
- * shape against its implicit equation marched in small steps (written here, apart from data/), the tree
- * against one shape at a time, and a rendered sphere against its closed form. */
+/* The scene generator's geometry, since every picture and depth it makes is taken as truth: hits of
+ * each shape against its implicit equation marched in small steps (written here, apart from data/),
+ * the tree against one shape at a time, and a rendered sphere against its closed form. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -87,8 +87,8 @@ static void build_scene(shapes *scene, const shape *list, int count)
     assert_int_equal(shapes_finish(scene), CLN_OK);
 }
 
-/* One ray: the hit is on the surface, it is the first one, and the normal is the equation's gradient.
- * Returns whether there was one. */
+/* One ray: the hit is on the surface, it is the first one, and the normal is the equation's
+ * gradient. Returns whether there was one. */
 static bool check_ray(const shape *s, const shapes *scene, vec o, vec d)
 {
     hit h;
@@ -261,7 +261,7 @@ static void test_scenes(void **state)
     check_inside_cube(object);
     assert_int_equal(scene_room(room), CLN_OK);
     check_inside_cube(room);
-    /* the room is closed: from its middle every ray ends on something, within the cube's diagonal */
+    /* the room is closed: every ray from its middle ends within the cube's diagonal */
     for (uint32_t i = 0; i < 2000; i++) {
         hit h;
         assert_true(shapes_hit(&room->shapes, vec3(0.1, 0.2, 0), random_unit(2 * i), 0, 5.2, &h));

@@ -1,7 +1,7 @@
 /* The float64 reference itself, first half: leaf network, compositing with its loss, Adam. Oracles:
- * central differences (step 1e-5), the closed form of method.md 9 in long double, hand-computed numbers.
- * Elements whose perturbation crosses a kink show as differences that do not settle when the step is
- * quartered; they are left out, counted and capped at 2 %. */
+ * central differences (step 1e-5), the closed form of method.md 9 in long double, hand-computed
+ * numbers. Elements whose perturbation crosses a kink show as differences that do not settle when
+ * the step is quartered; they are left out, counted and capped at 2 %. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -248,8 +248,8 @@ static void test_network_by_hand(void **state)
     assert_near(out[3], 10 * log(1 + exp(0.03 + 0.25 - 0.5)), 1e-12);
 }
 
-/* The skip layer reads the encoding behind its own input; without view dependence colour comes from the
- * trunk. */
+/* The skip layer reads the encoding behind its own input; without view dependence colour comes from
+ * the trunk. */
 static void test_skip_by_hand(void **state)
 {
     const network_case shape = {"hand",           16,    6,   16,    1, 0, false, true,
@@ -402,7 +402,7 @@ static void test_loss_gradients(void **state)
     }
 }
 
-/* The closed form of method.md 9 in long double: relative accuracy also where gradients are tiny. */
+/* The closed form of method.md 9 in long double: accurate also where gradients are tiny. */
 static void test_loss_closed_form(void **state)
 {
     (void)state;
@@ -491,7 +491,8 @@ static void test_huber_by_hand(void **state)
                 (0.05 * 0.05 / 2 + 0.1 * (0.3 - 0.05)) / 3, 1e-15);
 }
 
-/* Nothing behind an opaque sample counts, nothing overflows, and a ray of empty samples is background. */
+/* Nothing behind an opaque sample counts, nothing overflows, and a ray of empty samples is
+ * background. */
 static void test_composite_extremes(void **state)
 {
     static const double optical[] = {0, 1e-300, 1e-12, 80, 1e4, 1e6, 1e300};

@@ -1,6 +1,6 @@
-/* The float64 reference itself, second half: rays through the tree, stage 1 and stage 2 sampling, keys,
- * bfloat16. Oracles: point membership by cln_octree_find, the piecewise-linear distribution function
- * written again here, hand-computed numbers. */
+/* The float64 reference itself, second half: rays through the tree, stage 1 and stage 2 sampling,
+ * keys, bfloat16. Oracles: point membership by cln_octree_find, the piecewise-linear distribution
+ * function written again here, hand-computed numbers. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -75,7 +75,7 @@ static bool cube_chord(const double o[3], const double d[3], double *t_in, doubl
     return *t_out > *t_in;
 }
 
-/* Everything that can be said about the intervals of one ray without slab tests. Returns their count. */
+/* What must hold of one ray's intervals, without slab tests; returns their count. */
 static int check_ray(const cln_octree *tree, bool whole, const double o[3], const double d[3])
 {
     ref_interval iv[MAX_INTERVALS];
@@ -396,7 +396,7 @@ static void test_step_density(void **state)
     }
 }
 
-/* The mixed distribution function at t, written from method.md 7 with arrays of edges and masses. */
+/* The mixed distribution function at t, by method.md 7, from arrays of edges and masses. */
 static double distribution(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
                            const double *sigma, double at)
 {
@@ -429,8 +429,8 @@ static double distribution(const ref_sampling *s, double t_in, double t_out, int
     return total;
 }
 
-/* The distribution function at each position is the u that asked for it. Densities up to 1e6, points
- * outside the chord, equal points, none at all. */
+/* The distribution function at each position is the u that asked for it. Densities up to 1e6,
+ * points outside the chord, equal points, none at all. */
 static void test_positions(void **state)
 {
     (void)state;
