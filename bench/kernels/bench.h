@@ -128,6 +128,7 @@ bench_work bench_work_roulette(double n);
 bench_work bench_work_update(const cln_config *config, const cln_network *net, const cln_tune *tune,
                              double n, double leaves, double slices);
 bench_work bench_work_upload(const cln_config *config, const cln_network *net, double leaves);
+bench_work bench_work_carry(const cln_config *config, const cln_network *net, double leaves);
 bench_work bench_work_scan(double n);
 bench_work bench_work_sort(double n, bool wide);
 bench_work bench_work_group(double n, double leaves, double slices);
@@ -155,6 +156,6 @@ cln_status bench_write_markdown(const bench *b, const char *path);
 
 extern const bench_family bench_networks, bench_arithmetic, bench_upload, bench_scan, bench_sort,
     bench_sort64, bench_group, bench_rays, bench_splat, bench_stats, bench_composite, bench_leaf,
-    bench_distil, bench_regularise;
+    bench_distil, bench_regularise, bench_carry;
 
 #endif

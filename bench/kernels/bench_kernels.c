@@ -15,7 +15,7 @@
 static const bench_family *const families[] = {
     &bench_networks, &bench_arithmetic, &bench_upload, &bench_rays,       &bench_splat,
     &bench_scan,     &bench_sort,       &bench_sort64, &bench_group,      &bench_composite,
-    &bench_leaf,     &bench_distil,     &bench_stats,  &bench_regularise,
+    &bench_leaf,     &bench_distil,     &bench_stats,  &bench_regularise, &bench_carry,
 };
 enum { FAMILIES = sizeof families / sizeof families[0], ONLY = 32 };
 

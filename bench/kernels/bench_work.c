@@ -94,6 +94,15 @@ bench_work bench_work_upload(const cln_config *config, const cln_network *net, d
                                            WORD * cln_pipeline_transposed(net))};
 }
 
+/* Weights, both moments and densities of the leaves, read and written. */
+bench_work bench_work_carry(const cln_config *config, const cln_network *net, double leaves)
+{
+    const double moments = 2 * (double)cln_moment_bytes(config);
+    const double cells = (double)config->n1 * config->n1 * config->n1;
+
+    return (bench_work){.bytes = 2 * leaves * (net->params * (WORD + moments) + WORD / 2 * cells)};
+}
+
 bench_work bench_work_scan(double n)
 {
     return (bench_work){.bytes = WORD * (2 * n + 1)};

@@ -114,6 +114,7 @@ static cln_status run_checks(cln_checks *c)
     CLN_TRY(cln_check_composite(c));
     if (cln_pipeline_measures(&c->p->config) > 0)
         CLN_TRY(cln_check_structure(c));
+    CLN_TRY(cln_check_carry(c));
 done:
     return st;
 }

@@ -25,5 +25,6 @@ cln_status cln_check_densities(cln_checks *c);
 cln_status cln_check_networks(cln_checks *c);
 cln_status cln_check_composite(cln_checks *c);
 cln_status cln_check_structure(cln_checks *c); /* only where the pipeline measures */
+cln_status cln_check_carry(cln_checks *c);     /* last: changes the tree on the device */
 
 #endif
