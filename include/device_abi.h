@@ -35,7 +35,8 @@ typedef struct cln_device_camera {
     cln_f32 fx, fy, cx, cy;
     cln_f32 k1, k2, p1, p2;
     cln_i32 width, height;
-    cln_i32 pad[2];
+    cln_i32 lens; /* scene/lens.h */
+    cln_i32 pad;
 } cln_device_camera;
 
 /* One ray asked for: which pixel of which view. The ray goes through its centre. */

@@ -1,6 +1,6 @@
 /* Lens models: from a point of the ideal image plane, at z = 1, to its place in the image, and
  * back. Twin of host/scene/lens.c. There are two: a pinhole, and OPENCV with k1 k2 p1 p2; another
- * one joins here, with the same two functions.
+ * one joins here as a branch of both functions, by c.lens.
  *
  * DISTORTION  0 | 1: pinhole; OPENCV
  */

@@ -111,6 +111,7 @@ static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
                              .fy = (float)c->fy,
                              .cx = (float)c->cx,
                              .cy = (float)c->cy,
+                             .lens = (cln_i32)c->lens,
                              .k1 = (float)c->k1,
                              .k2 = (float)c->k2,
                              .p1 = (float)c->p1,
