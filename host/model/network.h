@@ -53,7 +53,7 @@ double cln_network_density_bias(const cln_config *config);
 
 /* Weights of child `octant` that compute on its local coordinates what the parent computes on its
  * own (method.md section 11, "Split by folding"): exact but for band 0, whose half-angle functions
- * are fitted to 7e-5. parent, child: [params], may not overlap. */
+ * are fitted to 6e-7 by four bands or more. parent, child: [params], may not overlap. */
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child);
 
 /* The inverse: weights of the parent that compute what its child `octant` computes, there and
