@@ -60,10 +60,16 @@ typedef struct layer {
     const __global float *w;
 } layer;
 
-/* What a layer's first tile reads of `rows` rows of weights. */
+/* What a layer's first tile reads of `rows` rows of weights; and n weights of heads. All rows are
+ * of one width, so that the compiler need not keep it. */
 HELPER ahead weights_ahead(const __global float *w, int rows, int columns)
 {
     return AHEAD_ROWS(w, rows, columns, NV * VW);
+}
+
+HELPER ahead heads_ahead(const __global float *w, int n)
+{
+    return weights_ahead(w, (n + NV * VW - 1) / (NV * VW), NV * VW);
 }
 
 /* One layer: in, and behind it `more` (an encoding, or nothing) -> activations to out

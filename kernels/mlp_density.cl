@@ -26,7 +26,7 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
 
     for (uint at_cell = begin; at_cell < end; at_cell += NB) {
         const block b = block_at(at_cell - begin, end - begin, ids, 0u);
-        const ahead head = AHEAD_RUN(w + SIGMA_W, b.first ? WIDTH + 16 : 0);
+        const ahead head = heads_ahead(w + SIGMA_W, b.first ? WIDTH + 16 : 0);
 
         GROUP_SYNC();
         for (int s = b.lid; s < b.rows; s += LS) {

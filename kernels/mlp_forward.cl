@@ -88,7 +88,7 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
         GROUP_SYNC();
         head_forward(b, by_sample(v, VIEW), w + COLOUR_W, w + COLOUR_B, 3, raw);
 #else
-        const ahead heads = AHEAD_RUN(w + SIGMA_W, b.first ? PARAMS - SIGMA_W : 0);
+        const ahead heads = heads_ahead(w + SIGMA_W, b.first ? PARAMS - SIGMA_W : 0);
         const __local float *h = trunk_forward(b, w, enc, h0, h1, kept, heads);
 
         fetch_samples(samples, order + after.start, count_after, b.lid);
