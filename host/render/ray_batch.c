@@ -10,7 +10,7 @@ cln_sampling cln_render_sampling(const cln_pipeline *p)
         .jitter = false,
         .pictures = true,
         .min_transmittance = (float)c->render_min_transmittance,
-        .uniform_share = 0,
+        .uniform_share = (float)c->uniform_share,
         .empty_weight = (float)c->empty_weight,
         .empty_share = c->empty_weight > 0 ? 0 : 1,
         .max_samples = p->max_samples > 0 && p->max_samples < wanted ? p->max_samples : wanted};
