@@ -6,7 +6,7 @@
  * prints or exits: log lines go to cln_log_to's sink, progress and interruption through callbacks.
  * Texts that a function hands out (char **) are freed with free(). Strings are UTF-8; descs and
  * what they point to stay the caller's and need only live during the call. One run folder is
- * written by one process at a time. */
+ * written by one process at a time: cln_train holds RUN/lock, and CLN_OUTPUT names who does. */
 #ifndef CL_NASCENT_H
 #define CL_NASCENT_H
 

@@ -200,6 +200,10 @@ static cln_status prepare(cln_trainer *t)
                             .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
     char *saved_scene = NULL;
 
+    if (t->desc->resume) { /* before anything is read that another process could still change */
+        CLN_TRY(cln_run_open(t->desc->run, true));
+        CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
+    }
     if (!scene.path && t->desc->resume) {
         cln_config ignored;
 
@@ -237,7 +241,10 @@ static cln_status prepare(cln_trainer *t)
                                 config.random_background && t->scene->has_alpha, &t->pipeline));
     CLN_TRY(plan(t));
     say_what_runs(t);
-    CLN_TRY(cln_run_open(t->desc->run, t->desc->resume));
+    if (!t->desc->resume) {
+        CLN_TRY(cln_run_open(t->desc->run, false));
+        CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
+    }
     CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
     CLN_TRY(cln_pipeline_rebuild(&t->pipeline, t->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
@@ -253,7 +260,8 @@ done:
 cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
 {
     cln_status st = CLN_OK;
-    cln_trainer t = {.desc = desc, .began = cln_now(), .psnr_train = NAN, .psnr_test = NAN};
+    cln_trainer t = {
+        .desc = desc, .lock = -1, .began = cln_now(), .psnr_train = NAN, .psnr_test = NAN};
     const char *state = "failed";
 
     memset(result, 0, sizeof *result);
@@ -289,5 +297,6 @@ done:
     cln_model_free(&t.model);
     cln_scene_free(t.scene);
     cln_device_close(t.device);
+    cln_run_release(t.lock);
     return st;
 }

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
@@ -23,7 +24,7 @@ struct cln_metrics {
     int fd;
 };
 
-/* A temporary file of a first run.json that was never finished does not count. */
+/* The lock, and a temporary file of a first run.json that was never finished, do not count. */
 static cln_status folder_is_empty(const char *path, bool *empty)
 {
     DIR *dir = opendir(path);
@@ -33,7 +34,7 @@ static cln_status folder_is_empty(const char *path, bool *empty)
     *empty = true;
     for (struct dirent *e = readdir(dir); e; e = readdir(dir))
         if (strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0 &&
-            strncmp(e->d_name, "run.json.tmp.", 13) != 0)
+            strcmp(e->d_name, "lock") != 0 && strncmp(e->d_name, "run.json.tmp.", 13) != 0)
             *empty = false;
     closedir(dir);
     return CLN_OK;
@@ -90,6 +91,58 @@ done:
     free(reason);
     free(path);
     return st;
+}
+
+/* What the holder of a lock wrote into its file: "process 123 on HOST". */
+static void read_holder(int lock, char *out, size_t bytes)
+{
+    const ssize_t n = pread(lock, out, bytes - 1, 0);
+
+    out[n > 0 ? n : 0] = 0;
+    out[strcspn(out, "\n")] = 0;
+    if (!out[0])
+        snprintf(out, bytes, "another process");
+}
+
+cln_status cln_run_hold(const char *run, int *lock)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, text[192], host[128] = "";
+    int file = -1, refused = 0;
+
+    *lock = -1;
+    CLN_TRY(cln_path_join(&path, run, "lock"));
+    file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (file < 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
+    refused = flock(file, LOCK_EX | LOCK_NB) != 0 ? errno : 0;
+    if (refused == EWOULDBLOCK) {
+        read_holder(file, text, sizeof text);
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s trains this run; wait for its end, or stop it", run,
+                         text));
+    }
+    if (refused)
+        cln_warn("%s: cannot be locked: %s; take care that no other process trains this run", path,
+                 strerror(refused));
+    gethostname(host, sizeof host - 1);
+    snprintf(text, sizeof text, "process %ld on %s\n", (long)getpid(), host);
+    if (ftruncate(file, 0) != 0 || pwrite(file, text, strlen(text), 0) < 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
+    *lock = file;
+    file = -1;
+done:
+    if (file >= 0)
+        close(file);
+    free(path);
+    return st;
+}
+
+void cln_run_release(int lock)
+{
+    if (lock < 0)
+        return;
+    (void)!ftruncate(lock, 0); /* finished runs are alike, whoever trained them */
+    close(lock);
 }
 
 cln_status cln_run_write_json(const char *run, const char *name, const json_t *document)

@@ -13,6 +13,12 @@
  * written. */
 cln_status cln_run_open(const char *run, bool resume);
 
+/* Holds RUN for this process alone, until cln_run_release or its end, however it comes: a lock on
+ * RUN/lock, which names the process. CLN_OUTPUT names the one that holds it. On a file system
+ * without locks a warning. The caller releases *lock. */
+cln_status cln_run_hold(const char *run, int *lock);
+void cln_run_release(int lock); /* accepts a negative one */
+
 /* run.json, written atomically, and read; the reader checks "schema" ("cl-nascent.run/1") and gives
  * the document to the caller. */
 cln_status cln_run_write(const char *run, const json_t *document);

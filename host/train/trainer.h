@@ -13,6 +13,7 @@ enum { CLN_EVAL_POINTS = 32 };
 
 typedef struct cln_trainer {
     const cln_train_desc *desc;
+    int lock; /* on the run folder (io/run_folder.h) */
     cln_device *device;
     cln_scene *scene;
     cln_model model;

@@ -465,6 +465,9 @@ section_resume() {
     baseline
     start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
     wait_for 60 rows_of "$r" 30
+    run "$cln" train --resume "$r" --skip-selftest --progress none
+    check "a second process on a run: exit code 7" [ $rc = 7 ]
+    check "a second process on a run: the first is named" grep -q "process $child on" "$work/err"
     kill -INT "$child"
     finish
     check "SIGINT: exit code 130" [ $rc = 130 ]
