@@ -16,7 +16,7 @@ typedef float cln_f32;
 
 /* The octree's deepest level, the root's being 0; all below that depends on it follows from it.
  * One more costs eight times the map, and at six the box of an empty cell no longer fits 32
- * bits. CLN_LEVELS of cln_config.h is one more. */
+ * bits. CLN_LEVELS of cl_nascent.h is one more. */
 #define CLN_MAX_LEVEL 5
 
 /* Most intervals of a ray with leaves down to level `depth`: one for every plane of cells that

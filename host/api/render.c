@@ -1,5 +1,5 @@
 /* cln_render: pictures of a run from the poses of a split or from an orbit, as files. Which
- * cameras, which files, what is there already; a view itself is render.c's. Per frame, in this
+ * cameras, which files, what is there already; a view itself is render/view.c's. Per frame, in this
  * order, each atomically:
  *
  *   NAME.depth.npy  NAME.depth.png  NAME.opacity.png  NAME.png

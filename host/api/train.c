@@ -1,6 +1,6 @@
 /* cln_train: puts a run together (scene, device, programs, plan, model) and takes it apart again.
- * The loop is train.c. Nothing is written before scene, options and memory plan are known to be
- * good. */
+ * The loop is train/loop.c. Nothing but the lock of a run that is resumed is written before scene,
+ * options and memory plan are known to be good. */
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>

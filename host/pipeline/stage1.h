@@ -1,5 +1,5 @@
 /* The stage-1 methods: the one place for a new one, which is a row of stage1_methods.c. Besides
- * it needs a word of the setting (cln_config.h), its way to read points and densities in
+ * it needs a word of the setting (base/config_rows.h), its way to read points and densities in
  * kernels/stage1.h, and what it builds and keeps (kernel_list.h, buffer_list.h). Cached
  * densities (cln_stage_refresh) are what each method starts from. */
 #ifndef CLN_STAGE1_H

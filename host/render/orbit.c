@@ -1,4 +1,4 @@
-/* The geometry of `render --orbit`. See orbit.h; the rendering is render_run.c's. */
+/* The geometry of `render --orbit`. See orbit.h; the rendering is api/render.c's. */
 #include "render/orbit.h"
 
 #include <math.h>
