@@ -1,0 +1,164 @@
+/* Training's gradient is that of the integral (docs/method.md 7, 9): the few jittered samples of a
+ * step, averaged over steps, against hundreds of even samples on the same rays of one trained
+ * model. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <cmocka.h>
+#include "render/open_run.h"
+#include "run_fixture.h"
+#include "tests.h"
+#include "train/batch.h"
+
+enum { RAYS = 256, AVERAGED = 16 };
+
+/* A run's model on the device, and one batch of training rays. */
+typedef struct bed {
+    cln_open_run run;
+    cln_batch batch;
+    size_t numbers; /* of a gradient: [leaf][param] */
+} bed;
+
+static cln_config config_of_run(void)
+{
+    cln_open_run v;
+    cln_config config;
+
+    assert_ok(cln_open_run_model(fixture_path("whole"), &v));
+    config = v.model.config;
+    config.roulette = 0; /* the test is about sampling */
+    cln_open_run_close(&v);
+    return config;
+}
+
+static void open_bed(const cln_config *config, bed *b)
+{
+    const bool pixels[CLN_SPLITS] = {true, false, false};
+    const cln_device_desc device = fixture_device();
+    const cln_draw draw = {.step = 7, .n = RAYS};
+    cln_pipeline *p = &b->run.pipeline;
+
+    memset(b, 0, sizeof *b);
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &b->run));
+    b->run.model.config = *config;
+    assert_ok(cln_open_run_start(&b->run, &device, false));
+    assert_ok(cln_pipeline_scene(p, b->run.scene, &b->run.model.space));
+    assert_ok(CLN_RESERVE(p, density, (size_t)p->leaves));
+    assert_ok(cln_stage_refresh(p, 0, p->leaves, false, 0, 0));
+    assert_ok(cln_batch_create(b->run.scene, config, &b->batch));
+    cln_batch_draw(&b->batch, b->run.scene, config, &draw);
+    assert_ok(cln_pipeline_batch(p, b->batch.pixels, RAYS, b->batch.targets[0],
+                                 b->batch.backgrounds[0]));
+    assert_ok(cln_stage_rays(p, RAYS));
+    b->numbers = (size_t)p->leaves * (size_t)p->net.params;
+}
+
+static void close_bed(bed *b)
+{
+    cln_batch_free(&b->batch);
+    cln_open_run_close(&b->run);
+}
+
+/* Adds the batch's gradient, over all slices of a leaf, with the samples of this step. */
+static void add_gradient(bed *b, uint32_t step, bool jitter, double *sum)
+{
+    cln_pipeline *p = &b->run.pipeline;
+    const cln_config *c = &b->run.model.config;
+    const size_t params = (size_t)p->net.params;
+    const cln_sampling sampling = {.jitter = jitter,
+                                   .min_transmittance = (float)c->min_transmittance,
+                                   .uniform_share = (float)c->uniform_share,
+                                   .empty_weight = (float)c->empty_weight,
+                                   .empty_share = (float)c->empty_share,
+                                   .seed = 1,
+                                   .step = step,
+                                   .max_samples = (size_t)1 << 20};
+    uint32_t samples = 0, slices = 0;
+    cln_slice *slice = NULL;
+    float *grads = NULL;
+    int rays = 0;
+
+    assert_ok(cln_stage_sample(p, RAYS, &sampling, &rays, &samples));
+    assert_int_equal(rays, RAYS);
+    assert_ok(cln_stage_group(p, samples, &slices));
+    assert_ok(cln_stage_slices(p, &slices));
+    assert_ok(cln_stage_forward(p, samples, slices, true, 0));
+    assert_ok(cln_stage_composite_train(p, RAYS, samples));
+    assert_ok(cln_stage_backward(p, samples, slices, 0));
+    assert_ok(cln_alloc(&slice, slices, sizeof *slice, "test"));
+    assert_ok(cln_alloc(&grads, slices * params, sizeof *grads, "test"));
+    assert_ok(cln_buffer_read(p->device, &p->slices, 0, slice, slices * sizeof *slice));
+    assert_ok(cln_buffer_read(p->device, &p->grads, 0, grads, slices * params * sizeof *grads));
+    for (size_t s = 0; s < slices; s++)
+        for (size_t i = 0; i < params; i++)
+            sum[(size_t)slice[s].slot * params + i] += grads[s * params + i];
+    free(slice);
+    free(grads);
+}
+
+static double *dense_gradient(void)
+{
+    cln_config config = config_of_run();
+    double *sum = NULL;
+    bed b;
+
+    config.allocate = CLN_ALLOCATE_CHORD;
+    config.samples_per_leaf = 256;
+    config.uniform_share = 1;
+    config.empty_weight = 0;
+    config.min_transmittance = 0;
+    open_bed(&config, &b);
+    assert_ok(cln_alloc(&sum, b.numbers, sizeof *sum, "test"));
+    add_gradient(&b, 0, false, sum);
+    close_bed(&b);
+    return sum;
+}
+
+/* Of the mean gradient of AVERAGED steps: its distance to `want`, as a share of its length. */
+static double error_of(double uniform_share, const double *want)
+{
+    cln_config config = config_of_run();
+    double *sum = NULL, square = 0, length = 0;
+    bed b;
+
+    config.uniform_share = uniform_share;
+    open_bed(&config, &b);
+    assert_ok(cln_alloc(&sum, b.numbers, sizeof *sum, "test"));
+    for (uint32_t step = 0; step < AVERAGED; step++)
+        add_gradient(&b, step, true, sum);
+    for (size_t i = 0; i < b.numbers; i++) {
+        const double d = sum[i] / AVERAGED - want[i];
+
+        square += d * d;
+        length += want[i] * want[i];
+    }
+    free(sum);
+    close_bed(&b);
+    assert_true(length > 0);
+    return sqrt(square / length);
+}
+
+static void test_gradient_of_the_integral(void **state)
+{
+    double *want = NULL, own = 0, steered = 0;
+
+    NEED_DEVICE();
+    want = dense_gradient();
+    own = error_of(config_of_run().uniform_share, want);
+    steered = error_of(0, want);
+    print_message("gradient against dense sampling: off by %.3f; without even samples: %.3f\n", own,
+                  steered);
+    assert_true(own < 0.05);
+    assert_true(own < 0.8 * steered);
+    free(want);
+}
+
+int test_group_gradient(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradient_of_the_integral)};
+
+    return cmocka_run_group_tests_name("gradient", tests, fixture_setup, fixture_teardown);
+}
