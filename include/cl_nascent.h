@@ -213,12 +213,16 @@ typedef struct cln_eval_image {
     char *name;
     int width, height;
     double psnr, psnr_u8, ssim, mse, seconds;
+    double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
+    double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
+                             NAN where there are none */
 } cln_eval_image;
 
 typedef struct cln_eval_result {
     int count;
     cln_eval_image *images;
     double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images */
+    double opacity_error, opaque_air; /* means over those that have one; else NAN */
     int64_t step;
     double train_seconds;
     uint64_t digest;

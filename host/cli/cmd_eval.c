@@ -2,6 +2,7 @@
  * that is in RUN/eval/STEP-SPLIT.json. */
 #include "cli/commands.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,6 +35,13 @@ static void print_table(const cln_eval_result *r)
         print_row(width, r->images[i].name, r->images[i].psnr, r->images[i].ssim,
                   r->images[i].seconds);
     print_row(width, "mean", r->psnr, r->ssim, r->seconds);
+    if (isfinite(r->opacity_error)) {
+        printf("\nopacity: RMS error %.4f", r->opacity_error);
+        if (isfinite(r->opaque_air))
+            printf("; opaque where the images are transparent: %.2f %% of the pixels",
+                   100 * r->opaque_air);
+        putchar('\n');
+    }
     printf("\n%d %s images at step %s, after %s of training; background %g,%g,%g; model %s\n",
            r->count, r->split, step, duration, r->background[0], r->background[1], r->background[2],
            digest);

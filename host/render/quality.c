@@ -2,6 +2,7 @@
 #include "render/quality.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -76,6 +77,30 @@ done:
     return st;
 }
 
+/* Opacity against alpha, which colours over one background cannot tell: what is opaque and has the
+ * background's colour looks like air. */
+static void measure_opacity(const cln_view *view, const cln_picture *picture, cln_eval_image *image)
+{
+    const size_t pixels = (size_t)picture->width * (size_t)picture->height;
+    size_t air = 0, opaque = 0;
+    double square = 0;
+
+    image->opacity_error = image->opaque_air = NAN;
+    if (view->channels != 4)
+        return;
+    for (size_t i = 0; i < pixels; i++) {
+        const uint8_t alpha = view->pixels[4 * i + 3];
+        const double d = picture->opacity[i] - alpha / 255.0;
+
+        square += d * d;
+        air += alpha == 0;
+        opaque += alpha == 0 && picture->opacity[i] > 0.5f;
+    }
+    image->opacity_error = sqrt(square / (double)pixels);
+    if (air > 0)
+        image->opaque_air = (double)opaque / (double)air;
+}
+
 static cln_status measure(const cln_scene *scene, int view, const cln_picture *picture,
                           const char *folder, cln_eval_image *image)
 {
@@ -98,6 +123,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->psnr = cln_psnr(image->mse);
     image->psnr_u8 = cln_psnr(cln_image_mse(width, height, rounded, truth));
     CLN_TRY(cln_image_ssim(width, height, picture->rgb, truth, &image->ssim));
+    measure_opacity(v, picture, image);
     if (folder)
         CLN_TRY(save(folder, v->name, width, height, picture->rgb, truth, rounded));
 done:
@@ -121,6 +147,24 @@ static cln_status draw_tree(const cln_model *model, const cln_view *view, int i,
     json_array_append_new(drawn, json_string(view->name));
 done:
     return st;
+}
+
+/* Mean of a member over the images where it is a number; NAN if there is none. */
+static double mean_of(const cln_eval_result *result, size_t member)
+{
+    double sum = 0;
+    int count = 0;
+
+    for (int i = 0; i < result->count; i++) {
+        double value = 0;
+
+        memcpy(&value, (const char *)&result->images[i] + member, sizeof value);
+        if (isfinite(value)) {
+            sum += value;
+            count++;
+        }
+    }
+    return count > 0 ? sum / count : NAN;
 }
 
 cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
@@ -164,6 +208,8 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
             callbacks->work("eval", i + 1, count, callbacks->user);
     }
     result->psnr_of_mean_mse = cln_psnr(result->mse);
+    result->opacity_error = mean_of(result, offsetof(cln_eval_image, opacity_error));
+    result->opaque_air = mean_of(result, offsetof(cln_eval_image, opaque_air));
     if (tree)
         CLN_TRY(cln_tree_describe(model, drawn, folder));
 done:
@@ -194,20 +240,24 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         const cln_eval_image *e = &r->images[i];
 
         json_array_append_new(
-            images, json_pack("{s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:f}", "name", e->name, "width",
-                              e->width, "height", e->height, "psnr", cln_json_real(e->psnr),
-                              "psnr_u8", cln_json_real(e->psnr_u8), "ssim", cln_json_real(e->ssim),
-                              "mse", cln_json_real(e->mse), "seconds", e->seconds));
+            images,
+            json_pack("{s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name", e->name,
+                      "width", e->width, "height", e->height, "psnr", cln_json_real(e->psnr),
+                      "psnr_u8", cln_json_real(e->psnr_u8), "ssim", cln_json_real(e->ssim), "mse",
+                      cln_json_real(e->mse), "opacity_error", cln_json_real(e->opacity_error),
+                      "opaque_air", cln_json_real(e->opaque_air), "seconds", e->seconds));
     }
     *out = json_pack(
-        "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:f}, "
+        "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, "
+        "s:f}, "
         "s:{s:o, s:o}, s:o, s:o}",
         "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "model_digest", digest,
         "step", (json_int_t)r->step, "train_seconds", r->train_seconds, "split", r->split,
         "color_space", "srgb", "background", (double)r->background[0], (double)r->background[1],
         (double)r->background[2], "pixel_centre", 0.5, "mean", "psnr", cln_json_real(r->psnr),
         "psnr_u8", cln_json_real(r->psnr_u8), "ssim", cln_json_real(r->ssim), "mse",
-        cln_json_real(r->mse), "seconds", r->seconds, "std", "psnr",
+        cln_json_real(r->mse), "opacity_error", cln_json_real(r->opacity_error), "opaque_air",
+        cln_json_real(r->opaque_air), "seconds", r->seconds, "std", "psnr",
         cln_json_real(deviation(r, false)), "ssim", cln_json_real(deviation(r, true)),
         "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");
