@@ -9,7 +9,9 @@
  *   S_i = sum_{j>i} w_j G_j + T_end g.background, a true backward sweep (no cancellation)
  *
  *   RAY_BACKGROUND 0 | 1   one background for all rays, or one each
- *   LOSS 0 l2 | 1 huber;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built in
+ *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
+ *     alpha_weight (T_end - (1 - a))^2;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built
+ *     in
  *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
  *                          share of the ray's error; and T sigma delta, T delta (density weighted
  *                          by transmittance)
@@ -17,6 +19,7 @@
 #ifndef LOSS
 #define RAY_BACKGROUND 1
 #define LOSS 1
+#define ALPHA 1
 #define CAUCHY 1
 #define OPACITY 1
 #define DISTORT 1
@@ -75,11 +78,11 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
                               const __global cln_sample *restrict samples, /* [sample] */
                               const __global float4 *restrict out,         /* [sample] */
                               const __global float4 *restrict backgrounds, /* [1] or [ray] */
-                              const __global float4 *restrict targets,     /* [ray] */
+                              const __global float4 *restrict targets,     /* [ray] r, g, b, a */
                               __global float4 *restrict dout,              /* [sample] */
                               __global cln_ray_result *restrict results, uint n, float scale,
-                              float huber, float cauchy, float opacity_weight,
-                              float distort MEASURE_ARGUMENT)
+                              float huber, float alpha_weight, float cauchy,
+                              float opacity_weight, float distort MEASURE_ARGUMENT)
 {
     const uint r = get_global_id(0);
 
@@ -124,11 +127,18 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
     loss = square;
     g = difference * (2.0f / 3.0f);
 #endif
-    float rest = through * dot(g.xyz, back.xyz); /* S_i */
+    float rest = dot(g.xyz, back.xyz); /* dL/dT_end, then S_i */
+#if ALPHA
+    const float surplus = through - (1.0f - targets[r].w);
+
+    extra = alpha_weight * surplus * surplus;
+    rest += 2.0f * alpha_weight * surplus;
+#endif
+    rest *= through;
 #if OPACITY
     const float miss = 1.0f - opacity;
 
-    extra = opacity_weight * log1p(opacity * miss / 0.11f);
+    extra += opacity_weight * log1p(opacity * miss / 0.11f);
     const float g_opacity =
         opacity_weight * (1.0f - 2.0f * opacity) / (0.11f + opacity * miss);
 #endif

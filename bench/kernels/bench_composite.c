@@ -107,10 +107,10 @@ static void widen(const batch *t, int r, wide_ray *w)
         for (int k = 0; k < 4; k++)
             w->out[i][k] = t->out[at][k];
     }
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++)
         w->background[k] = t->background[k];
+    for (int k = 0; k < 4; k++)
         w->target[k] = t->targets[r][k];
-    }
 }
 
 /* Every rays / count-th ray: its picture, or its gradients and measures. */
@@ -119,8 +119,12 @@ static cln_status check_batch(const batch *t, bool train, bench_errors *errors)
     enum { GRADIENTS = PER_RAY * 4 };
     cln_status st = CLN_OK;
     const cln_config *config = &t->p->config;
-    const ref_loss rule = {config->loss, config->huber_delta, config->cauchy,
-                           config->opacity_entropy, config->distortion_loss};
+    const ref_loss rule = {config->loss,
+                           config->huber_delta,
+                           config->cauchy,
+                           config->opacity_entropy,
+                           config->distortion_loss,
+                           config->alpha_loss};
     const int count = t->rays < MOST ? t->rays : MOST, each = train ? GRADIENTS : 5;
     cln_ray_result *results = NULL;
     float(*dout)[4] = NULL, *measures = NULL, *got = NULL, *shares = NULL;

@@ -237,8 +237,8 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                &t->eval_count));
     cln_info("building kernels for %s", t->device->info.name);
-    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion,
-                                config.random_background && t->scene->has_alpha, &t->pipeline));
+    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion, t->scene->has_alpha,
+                                &t->pipeline));
     CLN_TRY(plan(t));
     say_what_runs(t);
     if (!t->desc->resume) {

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 17 };
+enum { IDLE_ROWS = 18 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -37,6 +37,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"huber-delta", c->loss != CLN_LOSS_HUBER, "the loss is l2; give --loss huber"},
         {"random-background", c->random_background && !facts->has_alpha,
          "the images have no alpha, so nothing shows through; leave it out"},
+        {"alpha-loss", c->alpha_loss > 0 && !facts->has_alpha,
+         "the images have no alpha; leave it out"},
         {"epochs", c->steps > 0 || c->time_limit > 0,
          "epochs count when no other budget is set; leave out --steps and --time-limit"},
         {"lists splat-per-ray splat-min-alpha views-per-batch", c->stage1 == CLN_STAGE1_GATHER,

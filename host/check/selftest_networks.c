@@ -584,19 +584,23 @@ static int widen(const cln_pipeline *p, batch *b, int r, double background[3], d
         for (int k = 0; k < 4; k++)
             b->ref_out[i][k] = b->out[at][k];
     }
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++)
         background[k] = b->backgrounds[p->ray_background ? r : 0][k];
+    for (int k = 0; k < 4; k++)
         target[k] = b->targets[r][k];
-    }
     return n;
 }
 
 static void compare_batch(cln_checks *c, batch *b)
 {
     const cln_config *config = &c->p->config;
-    const ref_loss loss = {config->loss, config->huber_delta, config->cauchy,
-                           config->opacity_entropy, config->distortion_loss};
-    double background[3], target[3], losses[RAYS];
+    const ref_loss loss = {config->loss,
+                           config->huber_delta,
+                           config->cauchy,
+                           config->opacity_entropy,
+                           config->distortion_loss,
+                           config->alpha_loss};
+    double background[3], target[4], losses[RAYS];
     float got_losses[RAYS];
 
     for (int r = 0; r < RAYS; r++) {

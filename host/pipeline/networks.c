@@ -115,7 +115,8 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     const cl_uint rays = (cl_uint)n;
     const size_t wg = (size_t)p->tune.wg;
     const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
-    const cl_float cauchy = (float)p->config.cauchy, opacity = (float)p->config.opacity_entropy;
+    const cl_float alpha = (float)p->config.alpha_loss, cauchy = (float)p->config.cauchy;
+    const cl_float opacity = (float)p->config.opacity_entropy;
     const cl_float distort = (float)p->config.distortion_loss;
     const bool measured = cln_pipeline_measures(&p->config) > 0;
 
@@ -127,9 +128,9 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
         (const cln_arg[]){CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
                           CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem),
                           CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays),
-                          CLN_ARG(scale), CLN_ARG(huber), CLN_ARG(cauchy), CLN_ARG(opacity),
-                          CLN_ARG(distort), CLN_ARG(p->measures.mem)},
-        measured ? 14 : 13));
+                          CLN_ARG(scale), CLN_ARG(huber), CLN_ARG(alpha), CLN_ARG(cauchy),
+                          CLN_ARG(opacity), CLN_ARG(distort), CLN_ARG(p->measures.mem)},
+        measured ? 15 : 14));
 done:
     return st;
 }

@@ -31,6 +31,7 @@ struct cln_pipeline {
     char tune_from[CLN_TUNE_FROM]; /* where from, as a phrase */
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
     bool distortion;     /* built in */
+    bool alpha;          /* the images have alpha */
     bool ray_background; /* one background per ray (random_background with alpha) */
     /* Arrays P have a row per leaf (grads: per slice): in one buffer, or once there are leaves
      * of which one array would pass the device's largest allocation, in CLN_PARTS of so many
@@ -66,11 +67,12 @@ struct cln_pipeline {
     cln_device_camera *host_cameras; /* [view] */
 };
 
-/* Programs for this network and scene; no buffers yet. Kernel parameters as cln_device_tune
+/* Programs for this network and scene; no buffers yet. distortion: some lens has it; alpha: the
+ * images have it, without which random_background and alpha_loss are left out. Kernel parameters as cln_device_tune
  * says; where no program can be made with them, plain ones with a warning (not if
  * device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
-                               bool ray_background, cln_pipeline *out);
+                               bool alpha, cln_pipeline *out);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
 
 /* An array P as an argument of a kernel. */

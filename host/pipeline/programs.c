@@ -161,8 +161,9 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define DISTORTION %d\n#define RAY_BACKGROUND %d", p->distortion, p->ray_background);
     line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
          c->allocate, c->cdf, c->lists);
-    line(&t, "#define LOSS %d\n#define CAUCHY %d\n#define OPACITY %d\n#define DISTORT %d", c->loss,
-         c->cauchy > 0, c->opacity_entropy > 0, c->distortion_loss > 0);
+    line(&t, "#define LOSS %d\n#define ALPHA %d\n#define CAUCHY %d\n#define OPACITY %d", c->loss,
+         c->alpha_loss > 0 && p->alpha, c->cauchy > 0, c->opacity_entropy > 0);
+    line(&t, "#define DISTORT %d", c->distortion_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
     line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
     real(&t, "BETA1", c->beta1);
@@ -329,8 +330,8 @@ done:
     return st;
 }
 
-static cln_status create(cln_device *device, const cln_config *config, bool distortion,
-                         bool ray_background, const cln_tune *tune, cln_pipeline *out)
+static cln_status create(cln_device *device, const cln_config *config, bool distortion, bool alpha,
+                         const cln_tune *tune, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
 
@@ -339,7 +340,8 @@ static cln_status create(cln_device *device, const cln_config *config, bool dist
     out->parts = out->part_leaves = out->part_slices = 1;
     out->config = *config;
     out->distortion = distortion;
-    out->ray_background = ray_background;
+    out->alpha = alpha;
+    out->ray_background = config->random_background && alpha;
     CLN_TRY(cln_network_layout(config, &out->net));
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);
@@ -361,7 +363,7 @@ done:
 }
 
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
-                               bool ray_background, cln_pipeline *out)
+                               bool alpha, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
     cln_network net;
@@ -372,7 +374,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    st = create(device, config, distortion, ray_background, &tune, out);
+    st = create(device, config, distortion, alpha, &tune, out);
     if ((st == CLN_BUILD || st == CLN_MEMORY) && !device->tune_exact) {
         cln_tune_text(&tune, list);
         cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
@@ -381,7 +383,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
         cln_clear_error();
         cln_tune_plain(&tune);
         snprintf(from, sizeof from, "plain, because others could not be used");
-        st = create(device, config, distortion, ray_background, &tune, out);
+        st = create(device, config, distortion, alpha, &tune, out);
     }
     CLN_TRY(st);
     snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,

@@ -75,11 +75,11 @@ static double spread(int i, int n, const double (*out)[4], const double *t, cons
 }
 
 double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
-                       const double *delta, const double background[3], const double target[3],
+                       const double *delta, const double background[3], const double target[4],
                        double (*grad)[4])
 {
     double rgb[3], depth = 0, opacity = 0, total = 0;
-    double drgb[3], dopacity = 0, dtrans = 0;
+    double drgb[3], dopacity = 0, dtrans = 0, behind = 1, surplus = 0;
 
     ref_composite(n, out, t, delta, background, rgb, &depth, &opacity, NULL);
     for (int c = 0; c < 3; c++) {
@@ -87,6 +87,11 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
         drgb[c] /= 3;
         dtrans += drgb[c] * background[c];
     }
+    for (int i = 0; i < n; i++)
+        behind *= exp(-optical_depth(out[i][3], delta[i]));
+    surplus = behind - (1 - target[3]);
+    total += loss->alpha * surplus * surplus;
+    dtrans += 2 * loss->alpha * surplus;
     for (int i = 0; i < n; i++)
         total += loss->cauchy * log1p(2 * out[i][3] * out[i][3]);
     total += loss->opacity_entropy * log1p(opacity * (1 - opacity) / 0.11);

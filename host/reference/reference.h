@@ -154,7 +154,7 @@ double ref_roulette(const ref_network *r, double cutoff, uint32_t key, int n, co
 typedef struct ref_loss {
     int kind; /* CLN_LOSS_* */
     double huber_delta;
-    double cauchy, opacity_entropy, distortion;
+    double cauchy, opacity_entropy, distortion, alpha;
 } ref_loss;
 
 /* n samples front to back: out[i] = r, g, b, sigma. sigma*delta is clamped to 80. Depth =
@@ -166,10 +166,10 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
 /* Loss of one ray against target, to be averaged over rays: l2: mean_c (C - target)^2; huber:
  * mean_c of d^2/2 below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum
  * log(1 + 2 sigma^2) + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i
- * - t_j| + 1/3 sum w_i^2 delta_i). grad (may be NULL): dL/d(r, g, b, sigma) per sample, by a true
- * backward sweep. */
+ * - t_j| + 1/3 sum w_i^2 delta_i) + alpha * (T_end - (1 - target[3]))^2. grad (may be NULL):
+ * dL/d(r, g, b, sigma) per sample, by a true backward sweep. */
 double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
-                       const double *delta, const double background[3], const double target[3],
+                       const double *delta, const double background[3], const double target[4],
                        double (*grad)[4]);
 
 /* ---- single samples and points (method.md 10, 11, 12.3) ---- */

@@ -192,6 +192,6 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
         if (d->ray_background)
             cln_uniform4(seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0, back);
         cln_view_pixel(view, (int)b->pixels[i].x, (int)b->pixels[i].y, back, b->targets[i], &alpha);
-        b->targets[i][3] = 0;
+        b->targets[i][3] = alpha;
     }
 }

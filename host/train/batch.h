@@ -11,7 +11,7 @@
 typedef struct cln_batch {
     int capacity;
     cln_pixel *pixels;       /* [ray] */
-    float (*targets)[4];     /* [ray] r, g, b over its background, 0 */
+    float (*targets)[4];     /* [ray] r, g, b over its background, alpha */
     float (*backgrounds)[4]; /* [ray] with random_background, else [1] */
     int train_views;
     uint64_t *first;       /* [train_views + 1] pixels before view i */

@@ -203,6 +203,8 @@ static void test_idle(void **state)
     }
     assert_non_null(strstr(warnings("fast", "random-background=yes", false, false), "no alpha"));
     assert_string_equal(warnings("fast", "random-background=yes", false, true), "");
+    assert_non_null(strstr(warnings("fast", "alpha-loss=0.1", false, false), "no alpha"));
+    assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
     /* what a preset has is not said, though the paper's has a final rate and goes down by steps */

@@ -69,6 +69,7 @@ static void make_batch(batch *b)
             b->targets[r][k] = (float)test_uniform(5, 3 * r + k, 0, 1);
             b->backgrounds[r][k] = (float)test_uniform(6, 3 * r + k, 0, 1);
         }
+        b->targets[r][3] = r % 3 ? (float)test_uniform(8, r, 0, 1) : (float)(r % 2);
         b->ray_d[r][3] = (float)test_uniform(7, r, 0.5, 1);
     }
 }
@@ -100,7 +101,7 @@ static void upload(cln_pipeline *p, const batch *b, bool per_ray)
 /* One ray widened to double. */
 typedef struct wide_ray {
     int n;
-    double out[MOST][4], t[MOST], delta[MOST], background[3], target[3];
+    double out[MOST][4], t[MOST], delta[MOST], background[3], target[4];
 } wide_ray;
 
 static void widen(const batch *b, int r, bool per_ray, wide_ray *w)
@@ -114,10 +115,10 @@ static void widen(const batch *b, int r, bool per_ray, wide_ray *w)
         for (int k = 0; k < 4; k++)
             w->out[i][k] = b->out[s][k];
     }
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++)
         w->background[k] = b->backgrounds[per_ray ? r : 0][k];
+    for (int k = 0; k < 4; k++)
         w->target[k] = b->targets[r][k];
-    }
 }
 
 /* Pictures: colour, depth (along the ray or the axis), opacity. */
@@ -160,10 +161,12 @@ static void test_pictures(void **state)
     (void)state;
     make_batch(&b);
     for (int set = 0; set < TUNE_SETS; set++) {
-        const cln_config config = small_config();
+        cln_config config = small_config();
         const bool per_ray = set % 2;
-        cln_pipeline *p = test_pipeline(&tune_sets[set], &config, false, per_ray);
+        cln_pipeline *p = NULL;
 
+        config.random_background = per_ray;
+        p = test_pipeline(&tune_sets[set], &config, false, true);
         check_pictures(p, &b, per_ray, false);
         check_pictures(p, &b, per_ray, true);
     }
@@ -179,12 +182,13 @@ typedef struct loss_case {
 } loss_case;
 
 static const loss_case loss_cases[] = {
-    {"l2", {CLN_LOSS_L2, 0.1, 0, 0, 0}, false},
-    {"huber", {CLN_LOSS_HUBER, 0.15, 0, 0, 0}, true},
-    {"cauchy", {CLN_LOSS_L2, 0.1, 0.01, 0, 0}, false},
-    {"opacity entropy", {CLN_LOSS_L2, 0.1, 0, 0.1, 0}, true},
-    {"distortion", {CLN_LOSS_L2, 0.1, 0, 0, 0.5}, false},
-    {"all", {CLN_LOSS_HUBER, 0.2, 0.001, 0.05, 0.2}, true},
+    {"l2", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0}, false},
+    {"huber", {CLN_LOSS_HUBER, 0.15, 0, 0, 0, 0}, true},
+    {"cauchy", {CLN_LOSS_L2, 0.1, 0.01, 0, 0, 0}, false},
+    {"opacity entropy", {CLN_LOSS_L2, 0.1, 0, 0.1, 0, 0}, true},
+    {"distortion", {CLN_LOSS_L2, 0.1, 0, 0, 0.5, 0}, false},
+    {"alpha", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.3}, false},
+    {"all", {CLN_LOSS_HUBER, 0.2, 0.001, 0.05, 0.2, 0.1}, true},
 };
 
 static void check_losses(const loss_case *c, const tune_set *set, const batch *b)
@@ -203,7 +207,9 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     config.cauchy = c->loss.cauchy;
     config.opacity_entropy = c->loss.opacity_entropy;
     config.distortion_loss = c->loss.distortion;
-    p = test_pipeline(set, &config, false, c->per_ray);
+    config.alpha_loss = c->loss.alpha;
+    config.random_background = c->per_ray;
+    p = test_pipeline(set, &config, false, true);
     upload(p, b, c->per_ray);
     assert_ok(cln_stage_composite_train(p, RAYS, b->samples));
     results = test_read(p->device, &p->results, RAYS * sizeof *results, "results");

@@ -337,7 +337,7 @@ enum { MAX_SAMPLES = 64 };
 
 typedef struct ray_data {
     int n;
-    double out[MAX_SAMPLES][4], t[MAX_SAMPLES], delta[MAX_SAMPLES], background[3], target[3];
+    double out[MAX_SAMPLES][4], t[MAX_SAMPLES], delta[MAX_SAMPLES], background[3], target[4];
 } ray_data;
 
 static void make_ray(const ray_case *c, ray_data *ray)
@@ -358,6 +358,7 @@ static void make_ray(const ray_case *c, ray_data *ray)
         ray->background[k] = uniform(6, k, 0, 1);
         ray->target[k] = uniform(7, k, 0, 1);
     }
+    ray->target[3] = uniform(8, c->n, 0, 1);
 }
 
 static double loss_of(const ref_loss *loss, const ray_data *ray, double (*grad)[4])
@@ -367,9 +368,13 @@ static double loss_of(const ref_loss *loss, const ray_data *ray, double (*grad)[
 }
 
 static const ref_loss losses[] = {
-    {CLN_LOSS_L2, 0.1, 0, 0, 0},    {CLN_LOSS_HUBER, 0.1, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0}, {CLN_LOSS_L2, 0.1, 0, 0.05, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0.3},  {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0},
+    {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0},
+    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0.05, 0, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0.3, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.4},
+    {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1, 0.2},
 };
 
 /* Bound: 1e-6 of the gradient's size, and what double rounding leaves of a loss of up to 50 at this
@@ -441,9 +446,9 @@ static void test_composite_by_hand(void **state)
 {
     const double half = log(2), bg[3] = {1, 0, 0.5}, t[2] = {1, 3}, delta[2] = {0.5, 0.25};
     const double out[2][4] = {{0.2, 0.4, 0.6, half / 0.5}, {1, 0.5, 0, half / 0.25}};
-    const double target[3] = {0, 0, 0};
-    double rgb[3], depth = 0, opacity = 0, w[2] = {0, 0}, plain = 0;
-    ref_loss loss = {CLN_LOSS_L2, 0.1, 0, 0, 0};
+    const double target[4] = {0, 0, 0, 0};
+    double rgb[4], depth = 0, opacity = 0, w[2] = {0, 0}, plain = 0;
+    ref_loss loss = {CLN_LOSS_L2, 0.1, 0, 0, 0, 0};
 
     (void)state;
     ref_composite(0, NULL, NULL, NULL, bg, rgb, &depth, &opacity, NULL);
@@ -479,12 +484,16 @@ static void test_composite_by_hand(void **state)
     loss.distortion = 1;
     assert_near(ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL),
                 2 * 0.5 * 0.25 * 2 + (0.25 * 0.5 + 0.0625 * 0.25) / 3, 1e-12);
+    loss.distortion = 0;
+    loss.alpha = 2;
+    rgb[3] = 0.25; /* of the target; the ray's is 0.75 */
+    assert_near(ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL), 2 * 0.25, 1e-15);
 }
 
 static void test_huber_by_hand(void **state)
 {
-    const ref_loss loss = {CLN_LOSS_HUBER, 0.1, 0, 0, 0};
-    const double bg[3] = {0.5, 0.5, 0.5}, target[3] = {0.45, 0.8, 0.5};
+    const ref_loss loss = {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0};
+    const double bg[3] = {0.5, 0.5, 0.5}, target[4] = {0.45, 0.8, 0.5, 1};
 
     (void)state;
     assert_near(ref_loss_of_ray(&loss, 0, NULL, NULL, NULL, bg, target, NULL),

@@ -50,8 +50,8 @@ static void open_bed(const cln_config *config, bed *b)
     assert_ok(cln_stage_refresh(p, 0, p->leaves, false, 0, 0));
     assert_ok(cln_batch_create(b->run.scene, config, &b->batch));
     cln_batch_draw(&b->batch, b->run.scene, config, &draw);
-    assert_ok(cln_pipeline_batch(p, b->batch.pixels, RAYS, b->batch.targets[0],
-                                 b->batch.backgrounds[0]));
+    assert_ok(
+        cln_pipeline_batch(p, b->batch.pixels, RAYS, b->batch.targets[0], b->batch.backgrounds[0]));
     assert_ok(cln_stage_rays(p, RAYS));
     b->numbers = (size_t)p->leaves * (size_t)p->net.params;
 }
