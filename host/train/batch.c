@@ -57,7 +57,7 @@ static void draw_bits(uint64_t seed, uint32_t step, uint32_t index, uint32_t att
     cln_philox(counter, key, bits);
 }
 
-/* Where a ray looks: the index of a training view among them, and a pixel of it. */
+/* The pixel of a ray: index among the training views, column, row. */
 typedef struct place {
     int index, x, y;
 } place;
@@ -67,10 +67,10 @@ static const cln_camera *camera_of(const cln_scene *scene, int index)
     return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, index)].camera;
 }
 
-/* The `at`-th pixel of all training pixels. */
+/* Pixel number `at` of all training pixels. */
 static place locate(const cln_batch *b, const cln_scene *scene, uint64_t at)
 {
-    /* views are most often as large as each other */
+    /* mostly right at once: views tend to have one size */
     int low = (int)((double)at / (double)b->first[b->train_views] * b->train_views);
     uint64_t width = 0;
 
@@ -90,7 +90,7 @@ static place crop(const cln_scene *scene, place p)
     return (place){p.index, c->width / 4 + p.x / 2, c->height / 4 + p.y / 2};
 }
 
-/* Finds the pixel of the covered tiles that 64 random bits name. False if a tile reaches over the
+/* Draws a pixel of the covered tiles by 64 random bits. False if the tile reaches beyond the
  * image's edge there; *out is then the nearest pixel. */
 static bool locate_covered(const cln_coverage *c, const cln_scene *scene, const uint32_t bits[2],
                            place *out)
@@ -112,7 +112,7 @@ bool cln_batch_skips(const cln_batch *b, const cln_config *config, int64_t step)
            b->coverage.share > 0 && step >= config->precrop_steps;
 }
 
-enum { DRAWS = 64 }; /* of which all would have to fall outside the image */
+enum { DRAWS = 64 }; /* attempts to draw a pixel inside the image */
 
 static place draw_place(const cln_batch *b, const cln_scene *scene, const cln_config *config,
                         const cln_draw *d, uint32_t ray)
@@ -130,7 +130,7 @@ static place draw_place(const cln_batch *b, const cln_scene *scene, const cln_co
     return p;
 }
 
-/* In one of the views of a batch, whose slots are in the order of the rays. */
+/* Draws a pixel of the batch's view number `slot`. */
 static place draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_config *config,
                           const cln_draw *d, uint32_t ray, uint32_t slot)
 {
@@ -159,7 +159,7 @@ static int by_view_and_row(const void *a, const void *b)
     return p->x < q->x ? -1 : p->x > q->x;
 }
 
-enum { FETCH_AHEAD = 16 }; /* pixels lie far from each other */
+enum { FETCH_AHEAD = 16 }; /* pixels to prefetch: drawn ones lie far apart in memory */
 
 void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *config,
                     const cln_draw *d)

@@ -1,6 +1,6 @@
 /* Draws the pixels of a training step and their true colours. Host work: images stay 8-bit in host
  * memory, the device gets one batch of pixels. A pixel is a pure function of (seed, step, ray) and
- * the tree, so a resume needs nothing stored. */
+ * the tree, so checkpoints need not store any. */
 #ifndef CLN_BATCH_H
 #define CLN_BATCH_H
 
@@ -22,18 +22,18 @@ typedef struct cln_draw {
     uint32_t step;
     int n; /* rays */
     bool ray_background;
-    bool covered; /* only pixels of batch->coverage, which has some; gather only */
+    bool covered; /* only covered tiles of batch->coverage, at least one; gather only */
 } cln_draw;
 
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out);
 void cln_batch_free(cln_batch *batch);
 
-/* Returns whether a training step leaves out pixels without a leaf before them. */
+/* Returns whether a training step skips pixels that see no leaf. */
 bool cln_batch_skips(const cln_batch *batch, const cln_config *config, int64_t step);
 
-/* Draws n <= capacity rays for a step. Gather: uniform pixels of all training pixels, or of the
- * covered ones. Splat: uniform pixels of config.views_per_batch views, ordered by view, then
- * row. */
+/* Draws n <= capacity rays for a step. Gather: uniform over all training pixels, or over the
+ * covered ones. Splat: uniform over the pixels of config.views_per_batch views, ordered by view,
+ * then row. */
 void cln_batch_draw(cln_batch *batch, const cln_scene *scene, const cln_config *config,
                     const cln_draw *draw);
 

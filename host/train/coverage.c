@@ -7,10 +7,11 @@
 
 #include "base/memory.h"
 
-/* Small tiles follow an outline closely; so many a side are enough for an image of any size. */
+/* Tile side in pixels, and tiles along an image's longer side: small tiles follow an outline
+ * closely, MOST_TILES bound the cost for large images. */
 enum { SMALLEST_TILE = 4, MOST_TILES = 64 };
 
-/* Pixels that rounding may move a border by, float32 rays of the device included. */
+/* Pixels by which rounding may move a border, the device's float32 rays included. */
 static const double SLACK = 0.02;
 
 static const cln_view *train_view(const cln_scene *scene, int i)
@@ -18,7 +19,7 @@ static const cln_view *train_view(const cln_scene *scene, int i)
     return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)];
 }
 
-/* One size for all views, so that every tile stands for as many pixels. */
+/* One size for all views, so that all tiles are drawn alike. */
 static int tile_side(const cln_scene *scene)
 {
     const int n = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
@@ -101,9 +102,9 @@ static double norm1(const double v[3])
     return fabs(v[0]) + fabs(v[1]) + fabs(v[2]);
 }
 
-/* Interval of x / z over a cube around p. x, z: the camera's axes, in which p is given; reach: half
- * of the cube's side. With u = px / pz it is (px + dx) / (pz + dz) - u = (dx - u dz) / (pz +
- * dz). */
+/* Interval that holds x / z over a cube around p. x, z: the camera's axes; px, pz: p along them;
+ * reach: half of the cube's side. With u = px / pz, (px + dx) / (pz + dz) - u = (dx - u dz) /
+ * (pz + dz). */
 static void extent(double px, double pz, const double x[3], const double z[3], double reach,
                    double out[2])
 {
@@ -114,7 +115,7 @@ static void extent(double px, double pz, const double x[3], const double z[3], d
     out[1] = u + most;
 }
 
-/* First and last tile of the pixels whose centres lie in [low, high]; false if there is none. */
+/* First and last tile of the pixels with centres in [low, high]; false if there are none. */
 static bool tiles_between(double low, double high, int pixels, int side, int out[2])
 {
     const double first = fmax(ceil(low - 0.5 - SLACK), 0);
@@ -127,8 +128,8 @@ static bool tiles_between(double low, double high, int pixels, int side, int out
     return true;
 }
 
-/* Marks the tiles that a cube may be seen in. middle: world units; reach: half of its side. False
- * if the cube reaches the camera's plane, since that may be any tile. */
+/* Marks the tiles that may show a cube. middle: world units; reach: half of its side. False if the
+ * cube reaches the camera's plane: any tile may show it then. */
 static bool mark_cube(const cln_camera *c, int side, const double middle[3], double reach,
                       uint8_t *marks)
 {
@@ -154,7 +155,7 @@ static bool mark_cube(const cln_camera *c, int side, const double middle[3], dou
     return true;
 }
 
-/* The tiles of a view that a leaf may be seen in; marks: [tile of the view]. */
+/* Marks the tiles of a view that may show a leaf; marks: [tile of the view]. */
 static void mark_view(const cln_camera *c, int side, const cln_octree *tree, const cln_space *space,
                       uint8_t *marks)
 {
@@ -180,7 +181,7 @@ static void mark_view(const cln_camera *c, int side, const cln_octree *tree, con
 
 /* ---- all of them ---- */
 
-/* Columns and rows of a tile that lie in the image. */
+/* Columns and rows of a tile inside the image. */
 static grid inside(const cln_camera *c, const cln_tile *tile, int side)
 {
     const int wide = c->width - tile->x, high = c->height - tile->y;
@@ -188,8 +189,8 @@ static grid inside(const cln_camera *c, const cln_tile *tile, int side)
     return (grid){wide < side ? wide : side, high < side ? high : side};
 }
 
-/* Sums squared errors of a tile's pixels, each the mean of its channels, if they show the
- * background. */
+/* Sum of squared errors over a tile's pixels, each the mean of its channels, where pictures show
+ * the bare background. */
 static double background_error(const cln_scene *scene, const cln_view *view, const cln_tile *tile,
                                int side)
 {

@@ -1,15 +1,15 @@
-/* Finds the pixels of the training views that have a leaf before them: a ray through any other
- * pixel meets nothing that could learn. Kept by tiles, which may hold pixels without a leaf, and
- * never miss one that has. Host work, exact for pinhole cameras; a view through a distorting lens
- * counts as covered. batch.h decides which pixels are drawn. */
+/* Finds the training pixels that see a leaf: a ray through any other pixel trains nothing.
+ * Coverage is kept by tile and conservative: a covered tile may hold pixels that see no leaf, but
+ * every pixel that sees one is in a covered tile. Host work, for pinhole cameras; a view with lens
+ * distortion counts as covered. batch.h decides which pixels are drawn. */
 #ifndef CLN_COVERAGE_H
 #define CLN_COVERAGE_H
 
 #include "model/octree.h"
 #include "scene/scene.h"
 
-/* A square of pixels: training view, first column and first row. At an image's edge it may reach
- * over. */
+/* A square of pixels: training view, first column and first row. It may reach beyond the image's
+ * right and lower edges. */
 typedef struct cln_tile {
     uint32_t view;
     uint16_t x, y;
@@ -19,24 +19,26 @@ typedef struct cln_coverage {
     int side;      /* of every tile, pixels */
     int views;     /* training views */
     size_t *first; /* [views + 1] tiles of the views before */
-    float *error;  /* [tile] summed squared errors if all show the background; < 0: not known yet */
+    float *error;  /* [tile] sum of squared errors of the bare background; < 0: not known yet */
 
     size_t *start;      /* [views + 1] where a view's tiles begin in `tiles` */
-    cln_tile *tiles;    /* those that are covered, by view, row and column */
-    bool whole;         /* that is all of them */
-    double share;       /* of the training pixels: those covered */
-    double error_other; /* summed squared errors of the others / number of all training pixels */
+    cln_tile *tiles;    /* covered ones, by view, row and column */
+    bool whole;         /* all tiles are covered */
+    double share;       /* covered pixels / all training pixels */
+    double error_other; /* sum of squared errors of uncovered pixels / all training pixels */
 } cln_coverage;
 
-/* Says nothing about any tree yet. The scene's training images must be loaded. */
+/* Counts every pixel as covered until the first update. The scene's training images must be
+ * loaded. */
 cln_status cln_coverage_create(const cln_scene *scene, cln_coverage *out);
 void cln_coverage_free(cln_coverage *coverage);
 
-/* Of this tree, whose cube is `space`'s. Costs views x leaves, until a view is whole. */
+/* Finds what this tree covers, its cube placed by `space`. Costs views x leaves; a view is done
+ * once it is covered whole. */
 void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const cln_octree *tree,
                          const cln_space *space);
 
-/* Host memory for the training views of a scene. */
+/* Host bytes for the training views of a scene. */
 double cln_coverage_bytes(const cln_scene *scene);
 
 #endif

@@ -1,5 +1,5 @@
-/* Distillation of merged leaves. See distil.h. Points are stratified in the new leaf's box;
- * directions come from training cameras that see it. Both are functions of seed, step and node. */
+/* Distils merged leaves. See distil.h. Points are stratified in the new leaf's box; directions come
+ * from training cameras that see it. Both are functions of seed, step and node. */
 #include "train/distil.h"
 
 #include <math.h>
@@ -30,7 +30,7 @@ static void draw(const cln_trainer *t, int32_t node, uint32_t index, uint32_t wh
                  (uint32_t)node * 65536u + index, what, out);
 }
 
-/* Pinhole test: is the point before the camera and inside its image? */
+/* Returns whether the point is in front of the camera and inside its image, as a pinhole. */
 static bool sees(const cln_device_camera *c, const float point[3])
 {
     float local[3] = {0, 0, 0}, u, v;
@@ -45,7 +45,7 @@ static bool sees(const cln_device_camera *c, const float point[3])
     return u >= 0 && v >= 0 && u < (float)c->width && v < (float)c->height;
 }
 
-/* Training views that see the centre of the box; fewer than DIRECTIONS if few do. */
+/* Draws training views that see the centre of the box, up to DIRECTIONS; returns how many. */
 static int choose_views(const cln_trainer *t, int32_t node, const float box[4],
                         int views[DIRECTIONS])
 {
@@ -75,7 +75,7 @@ static void direct(const cln_trainer *t, int view, const float point[3], const f
     if (view >= 0) {
         for (int a = 0; a < 3; a++)
             out[a] = point[a] - t->pipeline.host_cameras[view].c2w[4 * a + 3];
-    } else { /* nobody sees it: anywhere on the sphere */
+    } else { /* no view sees it: uniform on the sphere */
         const float z = 2 * u[0] - 1, r = sqrtf(fmaxf(1 - z * z, 0));
 
         out[0] = r * cosf(6.2831853f * u[1]);
@@ -132,9 +132,9 @@ done:
     return st;
 }
 
-/* ---- what the old leaves say ---- */
+/* ---- targets from the old leaves ---- */
 
-/* Targets of all points; culled octants are empty and their targets 0. */
+/* Evaluates the targets of all points; 0 in culled octants. */
 static cln_status ask(cln_trainer *t, cln_distil *d, size_t points)
 {
     cln_status st = CLN_OK;
@@ -160,7 +160,7 @@ cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *
     memset(out, 0, sizeof *out);
     out->pool = CLN_DISTIL_BATCHES * t->model.config.distil_samples;
     CLN_TRY(cln_alloc(&out->nodes, (size_t)tree->leaf_count, sizeof *out->nodes, "merges"));
-    for (int s = 0; s < tree->leaf_count; s++) { /* siblings without INNER ones stand in a row */
+    for (int s = 0; s < tree->leaf_count; s++) { /* siblings that are all leaves are adjacent */
         const int32_t parent = merge[s] ? tree->parent[tree->leaf[s]] : -1;
 
         if (parent >= 0 && parent != last)
@@ -180,9 +180,9 @@ done:
     return st;
 }
 
-/* ---- what the new ones learn ---- */
+/* ---- training of the new ones ---- */
 
-/* The largest mean loss of a net, of the batch just trained. */
+/* The largest of the nets' mean losses in the batch just trained. */
 static cln_status worst_loss(cln_pipeline *p, int nets, int samples, float *losses, double *worst)
 {
     cln_status st = CLN_OK;
@@ -201,7 +201,7 @@ done:
     return st;
 }
 
-/* Nets [first, first + nets), together. */
+/* Trains nets [first, first + nets) together; *steps becomes at least the steps done. */
 static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int nets, int *steps)
 {
     cln_status st = CLN_OK;
@@ -252,7 +252,7 @@ done:
     return st;
 }
 
-/* The new leaves' Adam state back to zero: what distillation gathered is not of their rays. */
+/* Zeroes the new leaves' Adam state: distillation's gradients are not those of rays. */
 static cln_status forget_moments(cln_trainer *t, const cln_distil *d)
 {
     cln_status st = CLN_OK;

@@ -1,6 +1,6 @@
-/* Trains a merged leaf on samples of the old ones, without rays (method.md 11, "Merge"; NAScenT
- * section 4, pre-training). Before the change of the tree, prepare() draws points and asks the old
- * networks; after it, train() teaches the new ones, which start from what unfolding gave them. */
+/* Trains merged leaves on samples of the old ones, without rays (method.md 11, "Merge"; NAScenT
+ * section 4, pre-training). Before the tree changes, prepare() draws points and evaluates the old
+ * networks there; after it, train() fits the new ones, which start from unfolded weights. */
 #ifndef CLN_DISTIL_H
 #define CLN_DISTIL_H
 
@@ -14,14 +14,13 @@ typedef struct cln_distil {
     float *lengths;                        /* [net] a thirty-second of the diagonal */
 } cln_distil;
 
-/* Draws points and asks the old networks, for the groups with marked leaves: merge [slot], of the
- * model's tree, which the device still has. CLN_MEMORY, CLN_CL: *out is freed. */
+/* Draws points and evaluates the old networks, for the groups with marked leaves (merge: [slot]).
+ * The device must still hold the model's tree. CLN_MEMORY, CLN_CL: *out is freed. */
 cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *out);
 void cln_distil_free(cln_distil *distil); /* accepts a zeroed one */
 
-/* Trains the leaves that `nodes` now are, until the loss of each is below distil-stop or
- * distil-steps are done. *steps: how many were. Adam's state of these leaves is zero afterwards.
- * CLN_MEMORY, CLN_CL. */
+/* Trains the leaves at `nodes` until each one's loss is below distil-stop or distil-steps are done.
+ * *steps: steps done. Adam's state of these leaves is zero afterwards. CLN_MEMORY, CLN_CL. */
 cln_status cln_distil_train(cln_trainer *t, const cln_distil *distil, int *steps);
 
 #endif

@@ -1,7 +1,7 @@
 /* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way:
- * loop -> maintain -> step, and both to record. Every decision is a function of the seed, the step
- * and the model, so that a run interrupted and resumed equals one that was not, bit for bit
- * (budgets in time excepted). */
+ * loop -> maintain -> step, and loop and maintain -> record. Every decision is a function of the
+ * seed, the step and the model, so a resumed run equals an uninterrupted one bit for bit (except
+ * with a budget in time). */
 #include "train/loop.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@
 
 /* ---- budgets ---- */
 
-/* The fraction 0..1 of the budget that is used, in steps or in time, whichever is more. */
+/* The used fraction 0..1 of the budget in steps or in time, whichever is larger. */
 static double fraction_used(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
@@ -45,7 +45,7 @@ static int64_t steps_of_epochs(const cln_trainer *t)
 
 /* ---- evaluation, checkpoints ---- */
 
-/* Polls the caller. What comes while a picture is under way is kept for the loop. */
+/* Polls the caller for a signal, and keeps it for the loop: it may come during an evaluation. */
 static int poll_signal(void *user)
 {
     cln_trainer *t = user;
@@ -67,7 +67,8 @@ static void show_work(const char *what, int done, int total, void *user)
         callbacks->work(what, done, total, callbacks->user);
 }
 
-/* Evaluates the test views. *done: false if there are none, or if a signal (t->signal) ended it. */
+/* Evaluates the test views. *done: false without test views, or if a signal (t->signal) ended it.
+ * folder: of the pictures of the final evaluation, else NULL. */
 static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
 {
     cln_status st = CLN_OK, rendered = CLN_OK;
@@ -114,7 +115,7 @@ static cln_status checkpoint(cln_trainer *t)
                           (long long)t->model.step);
             goto done;
         }
-    /* for exports and reports: the error since the last decision; decisions measure their own */
+    /* the error since the last decision, for exports and reports; decisions measure it anew */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
@@ -123,8 +124,8 @@ done:
     return st;
 }
 
-/* Returns whether a test PSNR is due: at points by seconds or steps, every N steps, and for a
- * target. */
+/* Returns whether an evaluation is due: at points in seconds or steps, every N steps, or, for a
+ * target PSNR, every 15 s. */
 static bool evaluation_due(cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
@@ -164,7 +165,7 @@ static void report_progress(const cln_trainer *t, double fraction)
         callbacks->train(&progress, callbacks->user);
 }
 
-/* Rows of metrics.jsonl; afterwards a new interval begins. */
+/* Writes a row of metrics.jsonl and begins a new interval. */
 static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
 {
     cln_status st = CLN_OK;
@@ -194,7 +195,7 @@ static cln_status stopped(const cln_trainer *t, const char *when)
         (long long)t->model.step, t->desc->run);
 }
 
-/* The rest of the newest step, as training time. */
+/* Waits for the newest step to end, which counts as training time. */
 static cln_status wait_for_step(cln_trainer *t)
 {
     const double began = cln_now();
@@ -204,13 +205,13 @@ static cln_status wait_for_step(cln_trainer *t)
     return st;
 }
 
-/* Takes a step and takes it back: drivers compile a kernel at its first launch, which may take
- * seconds and is no training. */
+/* Runs a step and undoes it: drivers compile a kernel at its first launch, and those seconds are
+ * not training time. */
 static cln_status warm_up(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     double psnr = 0;
-    const cln_model before = t->model; /* its numbers; the arrays are not touched by a step */
+    const cln_model before = t->model; /* scalars only: a step does not touch the arrays */
 
     CLN_TRY(cln_stage_refresh(&t->pipeline, 0, 1, true, 0, 0));
     CLN_TRY(cln_step(t, 0));

@@ -6,8 +6,8 @@
 #include "train/trainer.h"
 
 /* Runs until a budget is used up, the target PSNR is reached or a signal comes; writes checkpoints,
- * rows of metrics.jsonl and the final evaluation. CLN_SIGINT or CLN_SIGTERM after the checkpoint
- * that a signal asked for; CLN_DIVERGED. */
+ * rows of metrics.jsonl and the final evaluation. CLN_SIGINT or CLN_SIGTERM: stopped by the signal,
+ * after a checkpoint. CLN_DIVERGED, CLN_MEMORY, CLN_CL, CLN_OUTPUT. */
 cln_status cln_loop_run(cln_trainer *t);
 
 #endif

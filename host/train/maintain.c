@@ -1,6 +1,5 @@
-/* Maintenance of the tree. See maintain.h. Every decision is a function of the seed, the step and
- * the model, and all that it rests on is in the checkpoint, so a resumed run decides as one that
- * went through. */
+/* Maintains the tree. See maintain.h. Every decision is a function of the seed, the step and the
+ * model, all of which are in the checkpoint, so a resumed run decides like an uninterrupted one. */
 #include "train/maintain.h"
 
 #include <math.h>
@@ -20,7 +19,7 @@
 
 /* ---- changes of the tree ---- */
 
-/* The model's tree has changed: the device follows. */
+/* Brings a change of the model's tree to the device. */
 static cln_status carry(cln_trainer *t, const cln_octree_change *change)
 {
     cln_status st = CLN_OK;
@@ -33,7 +32,7 @@ done:
     return st;
 }
 
-/* A new interval of measuring, on the host and on the device. */
+/* Begins a new interval of measuring, on host and device. */
 static cln_status restart_measures(cln_trainer *t)
 {
     cln_model_restart_measures(&t->model);
@@ -68,8 +67,8 @@ done:
     return st;
 }
 
-/* A change of the tree takes some ten steps' time. For a leaf or two of thousands, which cost
- * little, it waits until one leaf in CULL_PART is marked, or for another change (`now`). */
+/* Changing the tree costs as much as some ten steps, a few empty leaves of thousands cost little:
+ * so culling waits until one leaf in CULL_PART is marked, or for another change (`now`). */
 enum { CULL_PART = 100 };
 
 static cln_status cull(cln_trainer *t, bool now)
@@ -92,7 +91,7 @@ static cln_status cull(cln_trainer *t, bool now)
         cln_debug("step %lld: culled %d of %d leaves", (long long)t->model.step,
                   leaves - t->pipeline.leaves, leaves);
     }
-    if (!t->model.config.adaptive) { /* weights by visibility are of one interval, too */
+    if (!t->model.config.adaptive) { /* weights by visibility cover one interval, too */
         CLN_TRY(restart_measures(t));
     }
 done:
@@ -131,10 +130,10 @@ static void adopt_plans(cln_trainer *t, const plans *p)
     t->plan = p->device;
     t->host_plan = p->host;
     cln_plan_apply(&p->device, &t->pipeline);
-    cln_stage1_release(&t->pipeline); /* the next batch takes what the plan says */
+    cln_stage1_release(&t->pipeline); /* the next batch allocates by the new plan */
 }
 
-/* One level finer, by the exact split; not if it would not fit in memory. */
+/* Splits every leaf once by the exact split, unless the tree would not fit in memory. */
 static cln_status grow(cln_trainer *t, bool *grown)
 {
     cln_status st = CLN_OK;
@@ -159,7 +158,7 @@ static cln_status grow(cln_trainer *t, bool *grown)
         goto done;
     }
     CLN_TRY(cln_step_catch_up(t));
-    if (leaves < p->leaves) { /* those that waited for it (cull) */
+    if (leaves < p->leaves) { /* marked leaves that waited for a change (cull) */
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
         CLN_TRY(cln_model_follow(&t->model, &change));
     }
@@ -191,7 +190,7 @@ static cln_status refresh(cln_trainer *t, int first, int count)
                              (uint32_t)t->model.step);
 }
 
-/* The marked leaves only, run by run. */
+/* Refreshes the marked leaves only, run by run. */
 static cln_status refresh_marked(cln_trainer *t, const uint8_t *marks)
 {
     cln_status st = CLN_OK;
@@ -210,8 +209,8 @@ done:
     return st;
 }
 
-/* Steps from one refresh to the next: few after a growth, when densities change fast, then more, up
- * to refresh_every (instant-ngp refreshes all cells in its first steps, too). */
+/* Steps from one refresh to the next: few after a growth, while densities change fast, then more,
+ * up to refresh_every (instant-ngp, too, refreshes all cells in its first steps). */
 static int64_t refresh_interval(const cln_trainer *t)
 {
     const int64_t interval = (t->model.refresh_step - t->model.growth_step) / 4;
@@ -235,12 +234,12 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
                            .n = rays,
                            .backgrounds = (const float(*)[4])t->batch.backgrounds,
                            .sampling = cln_render_sampling(p)};
-    /* any pixel: the same ones before a change and after it */
+    /* of all pixels, so that they are the same before and after a change */
     const cln_draw draw = {.step = UINT32_MAX, .n = rays, .ray_background = p->ray_background};
     int used = 0;
     double square = 0;
 
-    batch.sampling.pictures = false; /* training's densities, as its next step sees them */
+    batch.sampling.pictures = false; /* training's densities, as the next step reads them */
     batch.sampling.max_samples = t->plan.max_samples;
     CLN_TRY(cln_step_catch_up(t));
     t->drawn = false;
@@ -260,8 +259,7 @@ done:
 
 /* ---- decisions ---- */
 
-/* Saves the cost e d of each merged leaf's children by the parent's node, before the children are
- * gone. */
+/* Sums the costs e d of the children to merge into cost[parent's node], before they are gone. */
 static void save_costs(const cln_model *model, const float *mean, const uint8_t *merge,
                        double *cost)
 {
@@ -274,7 +272,7 @@ static void save_costs(const cln_model *model, const float *mean, const uint8_t 
 }
 
 /* Changes the model's tree by merges, then splits; *change: both as one. split, merge: marks [old
- * slot]. fresh: marks of new leaves [slot]; the merged ones are also distilled. */
+ * slot]. *fresh: marks of new leaves [slot], merged ones included. */
 static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
                                cln_octree_change *change, uint8_t **fresh)
 {
@@ -352,7 +350,7 @@ done:
     return st;
 }
 
-/* --max-leaves, or fewer where there is no memory for them. */
+/* --max-leaves, or fewer if memory is short. */
 static int leaf_budget(cln_trainer *t)
 {
     const int wanted = t->model.config.max_leaves, leaves = t->pipeline.leaves;
@@ -371,8 +369,8 @@ static int leaf_budget(cln_trainer *t)
     return n;
 }
 
-/* Measures every leaf: error per ray, density, whether it may split. The errors stay in the model,
- * too. */
+/* Measures every leaf: error per ray, density, whether it may split. Errors also go into the
+ * model. */
 static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
 {
     cln_status st = CLN_OK;
@@ -452,7 +450,7 @@ static cln_status decide(cln_trainer *t)
     if (r.splits + r.merges > 0) {
         CLN_TRY(cln_maintain_restructure(t, r.split, r.merge, r.leaves, &d));
         m->last_square = 0;
-        if (8 * r.splits + r.merges > r.leaves / 8) /* a growth: densities change fast again */
+        if (8 * r.splits + r.merges > r.leaves / 8) /* as after a growth, densities change fast */
             m->growth_step = m->step;
     } else {
         m->last_square = square;
@@ -467,7 +465,7 @@ done:
     return st;
 }
 
-/* Returns whether a decision is due and counts it, also when the tree is then left alone. */
+/* Returns whether a decision is due, and counts it even if the tree is then left alone. */
 static bool decision_comes(cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;
@@ -483,7 +481,7 @@ static bool decision_comes(cln_trainer *t, double fraction)
     return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
 }
 
-/* method.md 11: only when the error no longer falls, by comparison with the interval before. */
+/* method.md 12.3: decides only when the error no longer falls from interval to interval. */
 static cln_status wait_or_decide(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -505,7 +503,7 @@ done:
 
 /* ---- all of it ---- */
 
-/* A rolling refresh takes this many steps from part to part, and parts (instant-ngp's sixteen). */
+/* A rolling refresh has PARTS parts, one every PARTS steps (instant-ngp's sixteen). */
 enum { PARTS = 16 };
 
 cln_status cln_maintain(cln_trainer *t, double fraction)

@@ -1,4 +1,4 @@
-/* The written record of a run. See record.h; docs/formats.md has the schemas. */
+/* Writes the record of a run. See record.h; docs/formats.md has the schemas. */
 #include "train/record.h"
 
 #include <math.h>
@@ -102,8 +102,7 @@ static const char *text_of(const json_t *object, const char *key, const char *ot
     return text ? text : otherwise;
 }
 
-/* A resumed run keeps what this process was not told: its preset and its scene's path, and when it
- * was first started. */
+/* A resumed run keeps its preset, its scene's path and its first start's time from run.json. */
 cln_status cln_record_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;

@@ -1,6 +1,5 @@
-/* The written record of a training run, beside its checkpoints: run.json, rows of metrics.jsonl,
- * evaluations, the report, and the sentences about what was left out. All fail with CLN_OUTPUT or
- * CLN_MEMORY. */
+/* Writes the record of a training run: run.json, rows of metrics.jsonl, evaluations, the report,
+ * and what was left out. Not checkpoints. Functions fail with CLN_OUTPUT or CLN_MEMORY. */
 #ifndef CLN_RECORD_H
 #define CLN_RECORD_H
 
@@ -18,21 +17,21 @@ typedef struct cln_decision {
     double work_seconds;
 } cln_decision;
 
-/* run.json at the start (state "running"), and at the end with state and result. */
+/* Write run.json: at the start with state "running", at the end with state and result. */
 cln_status cln_record_start(cln_trainer *t);
 cln_status cln_record_end(cln_trainer *t, const char *state);
 
-/* One row for the interval that ends now. */
+/* Adds a row for the interval that ends now. */
 cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
 
-/* The row of a structure decision, "event": "structure". */
+/* Adds the row of a structure decision. */
 cln_status cln_record_decision(cln_trainer *t, const cln_decision *decision);
 
-/* RUN/eval/STEP-SPLIT.json, and the folder beside it for pictures. */
+/* Writes RUN/eval/STEP-SPLIT.json; gives the path of the folder beside it, for pictures. */
 cln_status cln_record_eval(const char *run, const cln_eval_result *result);
 cln_status cln_record_folder(const char *run, int64_t step, const char *split, char **folder);
 
-/* "left out: lens distortion (pinhole cameras); ..." for the log, and as a JSON array. */
+/* Lists what this run leaves out, as an array of phrases: "lens distortion (pinhole cameras)". */
 cln_status cln_record_left_out(const cln_trainer *t, json_t **out);
 
 #endif

@@ -14,8 +14,8 @@ double cln_step_learning_rate(const cln_config *c, double fraction)
     return c->lr * pow(c->lr_final / c->lr, fraction);
 }
 
-/* Rays of the next step: --rays, more where leaves would meet too few samples, fewer where a batch
- * would pass its size. Integers only; a step changes them by a bounded factor. */
+/* Rays of the next step: --rays, more if leaves would meet too few samples, fewer if the batch
+ * would have too many. Integers only; a step changes the number by a bounded factor. */
 static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
 {
     const cln_config *c = &t->model.config;
@@ -34,8 +34,8 @@ static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
     return next < 16 ? 16 : (int)next;
 }
 
-/* Adds the results of the step before, which the host has by now. Its rays stand for those through
- * pixels without a leaf before them, too, whose error is known. */
+/* Adds the results of the step before, which have arrived by now. Its rays also stand for those
+ * through pixels that see no leaf: their error is known. */
 static cln_status account(cln_trainer *t)
 {
     const cln_coverage *cover = &t->batch.coverage;
@@ -100,8 +100,8 @@ static void draw(cln_trainer *t)
     t->drawn = true;
 }
 
-/* The host waits once, for the number of samples. It looks at a step's results in the next step,
- * and draws the next batch while the device works. */
+/* The host waits once, for the number of samples. It reads a step's results in the next step, and
+ * draws the next batch while the device works. */
 cln_status cln_step(cln_trainer *t, double fraction)
 {
     cln_status st = CLN_OK;

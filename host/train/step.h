@@ -1,7 +1,6 @@
-/* One training step (method.md 11): a batch is drawn, the pipeline's stages run forward, backward
- * and through Adam, and the results are accounted for. Results are looked at one step late, so that
- * the host does not wait for the device. Knows nothing of budgets, the tree's changes and the run
- * folder. */
+/* One training step (method.md 11): draws a batch, runs the pipeline's stages forward, backward and
+ * through Adam, and sums up the results. The host reads results one step late, so that it does not
+ * wait for the device. Budgets, changes of the tree and the run folder are others' work. */
 #ifndef CLN_STEP_H
 #define CLN_STEP_H
 
@@ -10,17 +9,16 @@
 /* Adam's learning rate at a fraction 0..1 of the budget: config.lr, lower by config.lr_schedule. */
 double cln_step_learning_rate(const cln_config *config, double fraction);
 
-/* The step number model.step, which grows by 1. The results are owed until the next step or
- * cln_step_catch_up. CLN_DIVERGED if the step before had a loss that is not finite. */
+/* Takes step number model.step and increments it. Its results are owed until the next step or
+ * cln_step_catch_up. CLN_DIVERGED if the loss of the step before was not finite. */
 cln_status cln_step(cln_trainer *t, double fraction);
 
 /* Waits for the newest step's results and adds them to the sums of the model and of the interval;
- * does nothing if none are owed. Whoever reads or restarts those sums calls this first.
- * CLN_DIVERGED. */
+ * does nothing if none are owed. Call it before reading or restarting those sums. CLN_DIVERGED. */
 cln_status cln_step_catch_up(cln_trainer *t);
 
-/* Finds the training pixels that have a leaf before them, after a change of the tree: the next
- * batch is drawn from those. No results may be owed. */
+/* Finds the training pixels that see a leaf, after a change of the tree: the next batch is drawn
+ * from those. No results may be owed. */
 void cln_step_cover(cln_trainer *t);
 
 #endif

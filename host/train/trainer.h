@@ -1,5 +1,5 @@
-/* A training run in memory: made by cln_train (api/train.c), run by loop.c, trained by step.c, its
- * tree changed by maintain.c, written down by record.c. A struct without functions of its own. */
+/* The state of a training run. cln_train (api/train.c) makes it, loop.c runs it, step.c trains it,
+ * maintain.c changes its tree, record.c writes its record. */
 #ifndef CLN_TRAINER_H
 #define CLN_TRAINER_H
 
@@ -21,16 +21,16 @@ typedef struct cln_trainer {
     cln_plan plan, host_plan;
     cln_batch batch;
     cln_ray_result *results; /* [config.rays] */
-    bool drawn;              /* batch is that of the next step */
-    struct {                 /* results that are still on their way */
+    bool drawn;              /* the next step's batch is drawn */
+    struct {                 /* results that the host has not read yet */
         bool due;
         int64_t step;
         int rays;
         uint32_t samples;
     } owed;
     int64_t steps;                /* budget in steps; 0 = time alone */
-    bool full;                    /* a finer tree does not fit in memory: said once, tried again */
-    bool host_full;               /* more host memory than --host-mem: said once */
+    bool full;                    /* no memory for a finer tree: warned once, tried again */
+    bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
@@ -39,7 +39,7 @@ typedef struct cln_trainer {
     int *eval_views, eval_count; /* test views for evaluations during training */
     char *eval_folder;           /* of the final one */
     double point_seconds[CLN_EVAL_POINTS];
-    double looked_seconds; /* training seconds up to which points have been looked at */
+    double looked_seconds; /* training seconds when due points were last looked for */
     int point_steps[CLN_EVAL_POINTS], point_count;
 
     json_t *run; /* run.json */
@@ -49,7 +49,7 @@ typedef struct cln_trainer {
         int64_t rays, samples;
         double loss, square; /* sums of the steps' means */
         double began_seconds;
-        double stage_seconds[CLN_STAGES]; /* the device's at the start of it */
+        double stage_seconds[CLN_STAGES]; /* the device's counter at its start */
         uint64_t waits;                   /* likewise */
     } window;
 } cln_trainer;
