@@ -1,5 +1,5 @@
-/* The buffers of the pipeline: the one place for a new one. From the list come the members of
- * cln_pipeline, the bytes that are reserved, releasing, and the memory plan's rows (plan.h). */
+/* The list of the pipeline's buffers: a new one takes a row here. The list generates the members of
+ * cln_pipeline, reserving, releasing, and the memory plan's rows (plan.h). */
 #ifndef CLN_BUFFER_LIST_H
 #define CLN_BUFFER_LIST_H
 
@@ -8,7 +8,7 @@
 
 typedef struct cln_pipeline cln_pipeline;
 
-/* X(purpose, name, way out in training, in rendering): rows of the memory plan, in its order. */
+/* X(purpose, name, what to lower in training, in rendering): the memory plan's rows, in order. */
 #define CLN_PURPOSE_LIST(X)                                               \
     X(WEIGHTS, "network weights", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)     \
     X(OPTIMISER, "optimiser state", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)   \
@@ -36,8 +36,8 @@ typedef enum cln_purpose {
         CLN_PURPOSES
 } cln_purpose;
 
-/* What a buffer has one row of; plan.c knows how many there are at most. P: in parts where
- * cln_pipeline says so. A buffer of leaves is given back where few of them are left. */
+/* What a buffer has one row for; plan.c knows the largest numbers. P: may be split into parts
+ * (cln_pipeline). A buffer of leaves also shrinks when many leaves are gone. */
 typedef enum cln_per {
     CLN_PER_LEAF,
     CLN_PER_LEAF_P,
@@ -64,91 +64,91 @@ typedef enum cln_per {
     CLN_PER_PADDED,     /* lists x the longest; not planned */
 } cln_per;
 
-/* When a buffer is there, as the plan sees it. */
+/* When the plan counts a buffer. */
 typedef enum cln_when {
     CLN_WHEN_ALWAYS,
     CLN_WHEN_TRAINING,
     CLN_WHEN_MEASURED,   /* training that measures leaves */
     CLN_WHEN_DISTILLING, /* training in which leaves may merge */
     CLN_WHEN_SPLATTING,
-    CLN_WHEN_INSTEAD, /* in the place of another row, never together with it: not planned */
+    CLN_WHEN_INSTEAD, /* replaces another row, never beside it: not planned */
 } cln_when;
 
-/* X or PAIR(member, element, elements of a row, per, purpose, when, what): `what` stands in
- * messages. A PAIR is two buffers, the sort's input and its output. The number of elements is an
- * expression of `p` that buffers.c evaluates. */
-#define CLN_BUFFER_LIST(X, PAIR)                                                                   \
-    /* the networks; of transposed weights none with tune.leaf; moments: float or bfloat16 */      \
-    X(params, cl_float, p->net.params, LEAF_P, WEIGHTS, ALWAYS, "network weights")                 \
-    X(transposed, cl_float, transposed_of(p), LEAF_P, OPTIMISER, TRAINING, "transposed weights")   \
-    X(adam_m, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's first moments")        \
-    X(adam_v, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's second moments")       \
-    X(adam_steps, cl_int, 1, LEAF, OPTIMISER, TRAINING, "step counts")                             \
-    X(norms, cl_float, 1, LEAF, OPTIMISER, TRAINING, "norms")                                      \
-    X(grads, cl_float, p->net.params, GRADIENT_P, GRADIENTS, TRAINING, "weight gradients")         \
-    /* what the forward pass keeps; what the backward pass begins with, of grouped samples */      \
-    X(acts, cl_uchar, kept_of(p), SAMPLE, ACTIVATIONS, TRAINING, "activations")                    \
-    X(heads, cl_float4, 1, SAMPLE, ACTIVATIONS, TRAINING, "head gradients")                        \
-    X(chosen, cl_uint, 1, SAMPLE, ACTIVATIONS, TRAINING, "samples of the backward pass")           \
-    X(chosen_counts, cl_uint, 1, SLICE, ACTIVATIONS, TRAINING, "counts of the backward pass")      \
-    X(leaf_sums, cl_float2, CLN_MEASURES, LEAF, MEASURES, MEASURED, "measures of leaves")          \
-    X(leaf_met, cl_int, 1, LEAF, MEASURES, MEASURED, "measures of leaves")                         \
-    X(measures, cl_float, cln_pipeline_measures(&p->config), SAMPLE, MEASURES, MEASURED,           \
-      "measures")                                                                                  \
-    /* stage 1, of n1^3 cells a leaf: bfloat16, and whether a view sees them; mean and peak */     \
-    X(density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, ALWAYS, "stage-1 densities")             \
-    X(seen, cl_uchar, cells_of(p), LEAF_P, DENSITIES, TRAINING, "visibility of cells")             \
-    X(leaf_stats, cl_float2, 1, LEAF, DENSITIES, TRAINING, "leaf statistics")                      \
-    /* one array's successor, as its own rows; old slot and octant; densities of pictures, which \
-     * rendering has instead of training's, and training while there is no successor */ \
-    X(successor, cl_uchar, longest_of(p), LEAF_P, CHANGES, TRAINING, "changes of the tree")        \
-    X(places, cl_int2, 1, LEAF, CHANGES, TRAINING, "changes of the tree")                          \
-    X(picture_density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, INSTEAD,                         \
-      "densities of pictures")                                                                     \
-    /* minimum x, y, z and side of leaves; octree map; runs and slices of grouped samples */       \
-    X(boxes, cl_float4, 1, LEAF, TREE, ALWAYS, "leaf boxes")                                       \
-    X(map, cl_int, 1, CELL, TREE, ALWAYS, "leaf map")                                              \
-    X(begin, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                          \
-    X(end, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                            \
-    X(slice_counts, cl_uint, 1, LEAF, TREE, ALWAYS, "slice counts")                                \
-    X(slice_starts, cl_uint, 1, LEAF_START, TREE, ALWAYS, "slice counts")                          \
-    X(cameras, cln_device_camera, 1, VIEW, TREE, ALWAYS, "cameras")                                \
-    /* samples; r, g, b, sigma of each and their gradients; keys and order of grouping */          \
-    X(samples, cln_sample, 1, SAMPLE, SAMPLES, ALWAYS, "samples")                                  \
-    X(out, cl_float4, 1, SAMPLE, SAMPLES, ALWAYS, "sample colours")                                \
-    X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                           \
-    X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                  \
-    PAIR(keys, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group keys")                                  \
-    PAIR(values, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group order")                               \
-    X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                      \
-    X(digit_counts, cl_uint, 1, PLACE, SAMPLES, ALWAYS, "sort counts")                             \
-    X(sums, cl_ulong, 1, CHUNK, SAMPLES, ALWAYS, "scan sums")                                      \
-    /* rays; backgrounds: one, or one of each ray; intervals and how many of them are used */      \
-    X(pixels, cln_pixel, 1, RAY, RAYS, ALWAYS, "pixels")                                           \
-    X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                           \
-    X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                           \
-    X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                    \
-    X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                                 \
-    X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                                \
-    X(intervals, cln_interval, 1, INTERVAL, RAYS, ALWAYS, "intervals")                             \
-    X(used, cl_uint, 1, RAY, RAYS, ALWAYS, "intervals")                                            \
-    X(sample_counts, cl_uint, 1, RAY, RAYS, ALWAYS, "samples")                                     \
-    X(sample_starts, cl_uint, 1, RAY_START, RAYS, ALWAYS, "samples")                               \
-    /* splatting: the batch's views, their grids of lists, counts of what is projected */          \
-    X(batch_views, cl_uint, 1, BATCH_VIEW, LISTS, SPLATTING, "views")                              \
-    X(grids, cl_uint4, 1, GRID, LISTS, SPLATTING, "grids")                                         \
-    X(list_start, cl_uint, 1, LIST_START, LISTS, SPLATTING, "list starts")                         \
-    X(list_count, cl_uint, 1, LIST, LISTS, SPLATTING, "list lengths")                              \
-    X(splat_counts, cl_uint, 1, RUN, LISTS, SPLATTING, "splat counts")                             \
-    X(splat_starts, cl_uint, 1, RUN_START, LISTS, SPLATTING, "splat counts")                       \
-    /* what is projected: keys of list and t, cells; sorted into lists of t and sigma */           \
-    PAIR(keys64, cl_ulong, 1, ENTRY, PROJECTED, SPLATTING, "splat keys")                           \
-    PAIR(values64, cl_uint, 1, ENTRY, PROJECTED, SPLATTING, "splat values")                        \
-    X(list_t, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                             \
-    X(list_sigma, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                         \
-    X(padded_t, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                         \
-      "padded lists (--lists csr needs less)")                                                     \
-    X(padded_sigma, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                     \
+/* X or PAIR(member, element, elements of a row, per, purpose, when, what): messages call the buffer
+ * `what`. A PAIR is two buffers, the sort's input and output. buffers.c evaluates the number of
+ * elements, an expression of `p`. */
+#define CLN_BUFFER_LIST(X, PAIR)                                                                 \
+    /* the networks; no transposed weights with tune.leaf; moments: float or bfloat16 */         \
+    X(params, cl_float, p->net.params, LEAF_P, WEIGHTS, ALWAYS, "network weights")               \
+    X(transposed, cl_float, transposed_of(p), LEAF_P, OPTIMISER, TRAINING, "transposed weights") \
+    X(adam_m, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's first moments")      \
+    X(adam_v, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's second moments")     \
+    X(adam_steps, cl_int, 1, LEAF, OPTIMISER, TRAINING, "step counts")                           \
+    X(norms, cl_float, 1, LEAF, OPTIMISER, TRAINING, "norms")                                    \
+    X(grads, cl_float, p->net.params, GRADIENT_P, GRADIENTS, TRAINING, "weight gradients")       \
+    /* kept by the forward pass; inputs of the backward pass, in order of grouped samples */     \
+    X(acts, cl_uchar, kept_of(p), SAMPLE, ACTIVATIONS, TRAINING, "activations")                  \
+    X(heads, cl_float4, 1, SAMPLE, ACTIVATIONS, TRAINING, "head gradients")                      \
+    X(chosen, cl_uint, 1, SAMPLE, ACTIVATIONS, TRAINING, "samples of the backward pass")         \
+    X(chosen_counts, cl_uint, 1, SLICE, ACTIVATIONS, TRAINING, "counts of the backward pass")    \
+    X(leaf_sums, cl_float2, CLN_MEASURES, LEAF, MEASURES, MEASURED, "measures of leaves")        \
+    X(leaf_met, cl_int, 1, LEAF, MEASURES, MEASURED, "measures of leaves")                       \
+    X(measures, cl_float, cln_pipeline_measures(&p->config), SAMPLE, MEASURES, MEASURED,         \
+      "measures")                                                                                \
+    /* stage 1, n1^3 cells a leaf: bfloat16, and whether a view sees it; mean and peak */        \
+    X(density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, ALWAYS, "stage-1 densities")           \
+    X(seen, cl_uchar, cells_of(p), LEAF_P, DENSITIES, TRAINING, "visibility of cells")           \
+    X(leaf_stats, cl_float2, 1, LEAF, DENSITIES, TRAINING, "leaf statistics")                    \
+    /* an array's successor, of rows of its size; old slot and octant; densities of pictures, \
+     * held instead of training's in rendering, and instead of the successor in training */  \
+    X(successor, cl_uchar, longest_of(p), LEAF_P, CHANGES, TRAINING, "changes of the tree")      \
+    X(places, cl_int2, 1, LEAF, CHANGES, TRAINING, "changes of the tree")                        \
+    X(picture_density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, INSTEAD,                       \
+      "densities of pictures")                                                                   \
+    /* minimum x, y, z and side of leaves; octree map; runs and slices of grouped samples */     \
+    X(boxes, cl_float4, 1, LEAF, TREE, ALWAYS, "leaf boxes")                                     \
+    X(map, cl_int, 1, CELL, TREE, ALWAYS, "leaf map")                                            \
+    X(begin, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                        \
+    X(end, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                          \
+    X(slice_counts, cl_uint, 1, LEAF, TREE, ALWAYS, "slice counts")                              \
+    X(slice_starts, cl_uint, 1, LEAF_START, TREE, ALWAYS, "slice counts")                        \
+    X(cameras, cln_device_camera, 1, VIEW, TREE, ALWAYS, "cameras")                              \
+    /* samples; r, g, b, sigma of each and their gradients; keys and order of grouping */        \
+    X(samples, cln_sample, 1, SAMPLE, SAMPLES, ALWAYS, "samples")                                \
+    X(out, cl_float4, 1, SAMPLE, SAMPLES, ALWAYS, "sample colours")                              \
+    X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                         \
+    X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                \
+    PAIR(keys, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group keys")                                \
+    PAIR(values, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group order")                             \
+    X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                    \
+    X(digit_counts, cl_uint, 1, PLACE, SAMPLES, ALWAYS, "sort counts")                           \
+    X(sums, cl_ulong, 1, CHUNK, SAMPLES, ALWAYS, "scan sums")                                    \
+    /* rays; backgrounds: one, or one per ray; intervals, and how many of a ray's are used */    \
+    X(pixels, cln_pixel, 1, RAY, RAYS, ALWAYS, "pixels")                                         \
+    X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
+    X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
+    X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                  \
+    X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                               \
+    X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                              \
+    X(intervals, cln_interval, 1, INTERVAL, RAYS, ALWAYS, "intervals")                           \
+    X(used, cl_uint, 1, RAY, RAYS, ALWAYS, "intervals")                                          \
+    X(sample_counts, cl_uint, 1, RAY, RAYS, ALWAYS, "samples")                                   \
+    X(sample_starts, cl_uint, 1, RAY_START, RAYS, ALWAYS, "samples")                             \
+    /* splatting: the batch's views, their grids of lists, counts of projected samples */        \
+    X(batch_views, cl_uint, 1, BATCH_VIEW, LISTS, SPLATTING, "views")                            \
+    X(grids, cl_uint4, 1, GRID, LISTS, SPLATTING, "grids")                                       \
+    X(list_start, cl_uint, 1, LIST_START, LISTS, SPLATTING, "list starts")                       \
+    X(list_count, cl_uint, 1, LIST, LISTS, SPLATTING, "list lengths")                            \
+    X(splat_counts, cl_uint, 1, RUN, LISTS, SPLATTING, "splat counts")                           \
+    X(splat_starts, cl_uint, 1, RUN_START, LISTS, SPLATTING, "splat counts")                     \
+    /* projected samples: keys of list and t, cells; sorted into lists of t and sigma */         \
+    PAIR(keys64, cl_ulong, 1, ENTRY, PROJECTED, SPLATTING, "splat keys")                         \
+    PAIR(values64, cl_uint, 1, ENTRY, PROJECTED, SPLATTING, "splat values")                      \
+    X(list_t, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                           \
+    X(list_sigma, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                       \
+    X(padded_t, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                       \
+      "padded lists (--lists csr needs less)")                                                   \
+    X(padded_sigma, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                   \
       "padded lists (--lists csr needs less)")
 
 typedef enum cln_buffer_id {
@@ -171,21 +171,21 @@ extern const cln_buffer_row cln_buffer_rows[CLN_BUFFERS];
 /* Bytes of one row: elements of a row times their size. */
 size_t cln_buffer_row_bytes(const cln_pipeline *p, cln_buffer_id id);
 
-/* Room for `rows` rows; contents are lost when the buffer grows, or if it is of leaves and far
- * too large. A PAIR's both. CLN_MEMORY names the buffer. */
+/* Reserves `rows` rows, of both buffers of a PAIR. Contents are lost when the buffer grows, or
+ * shrinks because it has a row per leaf and is far too large. CLN_MEMORY names the buffer. */
 cln_status cln_pipeline_reserve(cln_pipeline *p, cln_buffer_id id, size_t rows);
 #define CLN_RESERVE(p, member, rows) cln_pipeline_reserve(p, CLN_BUFFER_##member, rows)
 
-/* Reserves p->successor as the successor of an array of leaves, with rows of the array's size;
- * and puts it in the array's place, which frees the array. */
+/* Succeed: reserves p->successor with rows of the array's size; array: one with a row per leaf.
+ * Replace: frees the array and puts the successor in its place. */
 cln_status cln_pipeline_succeed(cln_pipeline *p, cln_buffer_id array, size_t rows);
 void cln_pipeline_replace(cln_pipeline *p, cln_buffer_id array);
 
 /* The first of a row's buffers. */
 cln_buffer *cln_pipeline_buffer(cln_pipeline *p, cln_buffer_id id);
 
-/* Reserves rows and writes them. Put waits; of put_soon, `data` must stay until a later call has
- * waited. */
+/* Reserve rows and write them. Put waits; put_soon does not: `data` must stay until a later call
+ * has waited. */
 cln_status cln_pipeline_put(cln_pipeline *p, cln_buffer_id id, const void *data, size_t rows);
 cln_status cln_pipeline_put_soon(cln_pipeline *p, cln_buffer_id id, const void *data, size_t rows);
 #define CLN_PUT(p, member, data, rows) cln_pipeline_put(p, CLN_BUFFER_##member, data, rows)

@@ -39,7 +39,8 @@ int cln_pipeline_transposed(const cln_network *net)
            (net->view_dependence ? net->view_width * net->width : 0);
 }
 
-/* Elements of a row, where the list needs more than a number. */
+/* ---- elements of a row ---- */
+
 static size_t cells_of(const cln_pipeline *p)
 {
     return (size_t)p->config.n1 * (size_t)p->config.n1 * (size_t)p->config.n1;
@@ -88,14 +89,14 @@ cln_buffer *cln_pipeline_buffer(cln_pipeline *p, cln_buffer_id id)
     return (cln_buffer *)((char *)p + cln_buffer_rows[id].at);
 }
 
-/* What leaves had that were culled or merged is given back. */
+/* Gives memory of culled and merged leaves back. */
 static void free_if_large(cln_device *device, cln_buffer *buffer, size_t bytes)
 {
     if (buffer->bytes > bytes + bytes / 4 + 65536)
         cln_buffer_free(device, buffer);
 }
 
-/* Rows of `id` in a buffer, that of the list or another one. */
+/* Reserves rows of `id` in any buffer. */
 static cln_status reserve(cln_pipeline *p, cln_buffer_id id, cln_buffer *buffer, size_t rows)
 {
     const cln_buffer_row *row = &cln_buffer_rows[id];

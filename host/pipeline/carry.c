@@ -1,9 +1,9 @@
-/* A change of the tree on the device. See carry.h. Array by array, so that only one of them is
- * there twice:
+/* A change of the tree on the device. See carry.h. It goes array by array, so that only one array
+ * exists twice:
  *
- *   1. the successor is made, and kernels/carry.cl gathers its rows from the old array
- *   2. weights of new leaves are folded (model/fold.c, in double): their old leaves' rows
- *      alone come to the host, and their own alone go back
+ *   1. kernels/carry.cl gathers the successor's rows from the old array
+ *   2. weights of new leaves are folded on the host (model/fold.c, in double): only their old
+ *      leaves' rows are read, only their own are written
  *   3. the old array is freed */
 #include "pipeline/carry.h"
 
@@ -34,8 +34,8 @@ done:
     return st;
 }
 
-/* An array of old leaves as an argument of kernels that have parts: if it is in one buffer, it
- * fits the first part, and the others are not read. */
+/* An array of old leaves as an argument of kernels that know parts: if it is one buffer, it fits
+ * the first part, and the others are not read. */
 static cln_buffer in_parts(const cln_buffer *old)
 {
     cln_buffer out = *old;
@@ -45,7 +45,7 @@ static cln_buffer in_parts(const cln_buffer *old)
     return out;
 }
 
-/* The successor of an array, filled by the kernel; count: the kernel's last argument. */
+/* Makes an array's successor by the kernel; count: the kernel's last argument. */
 static cln_status gather(const carry *c, cln_buffer_id array, cl_kernel kernel, cl_uint count)
 {
     cln_status st = CLN_OK;
@@ -88,8 +88,8 @@ done:
     return st;
 }
 
-/* New leaves from slot `first` on, at most CLN_CARRY_ROWS, whose old ones stand in a row, too:
- * how many, and of how many old leaves. */
+/* Length of the run of new leaves from slot `first` on whose old leaves are adjacent too, at most
+ * CLN_CARRY_ROWS; *old_count: how many old leaves. */
 static int run_of(const cln_octree_change *change, int first, int *old_count)
 {
     int end = first, last = change->from[first];
@@ -102,7 +102,7 @@ static int run_of(const cln_octree_change *change, int first, int *old_count)
     return end - first;
 }
 
-/* Weights of new leaves, folded or unfolded from rows of `old` to rows of `new`. */
+/* Folds or unfolds the weights of new leaves, from rows of `old` to rows of `new`. */
 static cln_status fold(const carry *c, const cln_buffer *old, const cln_buffer *new)
 {
     cln_status st = CLN_OK;
@@ -152,7 +152,7 @@ done:
     return st;
 }
 
-/* An array of a few numbers a leaf goes through the host; zeros for new leaves. */
+/* Carries an array of a few numbers a leaf through the host; zeros for new leaves. */
 static cln_status carry_numbers(const carry *c, cln_buffer_id array, int old_leaves)
 {
     cln_status st = CLN_OK;

@@ -1,19 +1,17 @@
-/* A change of the tree on the device: weights, Adam's state, densities and measures of the
- * leaves go from their old slots to their new ones without a way through the host. */
+/* A change of the tree on the device: weights, Adam's state, densities and measures move from old
+ * slots to new ones; large arrays stay on the device but for the weights of new leaves. */
 #ifndef CLN_CARRY_H
 #define CLN_CARRY_H
 
 #include "pipeline/stages.h"
 
-/* Most new leaves whose weights are folded at a time (host memory: as many rows, and their
- * parents'). */
+/* Most new leaves folded at a time; host memory: as many rows of weights, twice. */
 enum { CLN_CARRY_ROWS = 512 };
 
-/* tree: the new one; change: what became of the old one's slots (model/octree.h). Bit for bit
- * what downloading, cln_model_apply and uploading would do. Adam's state and measures of new
- * leaves are zero. Belongs behind cln_pipeline_rebuild for the new leaves. Afterwards
- * cln_stage_seen is due. The model's arrays on the host are not touched. CLN_MEMORY, CLN_CL: the
- * pipeline is fit for cln_pipeline_free alone. */
+/* tree: the new one; change: where its slots come from (model/octree.h). The result equals
+ * downloading, cln_model_apply and uploading bit for bit. Adam's state and measures of new leaves
+ * are zero. Call cln_pipeline_rebuild for the new leaves before, cln_stage_seen after. The model's
+ * arrays on the host stay as they are. CLN_MEMORY, CLN_CL: the pipeline can only be freed. */
 cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
                               const cln_octree_change *change);
 

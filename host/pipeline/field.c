@@ -1,5 +1,5 @@
-/* The field at points. See field.h. A point is a ray that begins there with one sample at its
- * beginning, so that grouping and networks are those of rendering. */
+/* The field at points. See field.h. A point is the origin of a ray with one sample at t = 0, so
+ * that grouping and networks are those of rendering. */
 #include "pipeline/field.h"
 
 #include <stdlib.h>

@@ -1,18 +1,16 @@
-/* The programs and kernels of the pipeline: the one place for a new one. From these lists come
- * the members of cln_pipeline, building, releasing, and the bench's check that every kernel is
- * timed. */
+/* The lists of the pipeline's programs and kernels: a new one takes a row here. They generate the
+ * members of cln_pipeline, building, releasing, and the bench's check that each kernel is timed. */
 #ifndef CLN_KERNEL_LIST_H
 #define CLN_KERNEL_LIST_H
 
-/* X(member, file, text, when): kernels/FILE.cl, built behind the pipeline's "#define" lines and
- * more of them:
+/* X(member, file, text, when): kernels/FILE.cl, built after the pipeline's "#define" lines and
+ * these:
  *   PLAIN   none
- *   PARTS   how arrays of a row per leaf lie (kernels/leaves.h); built again when they are split
- *   TRAIN, EVAL   PARTS, and whether a pass is of training (mlp_*.cl)
+ *   PARTS   layout of arrays of a row per leaf (kernels/leaves.h); built again when they are split
+ *   TRAIN, EVAL   PARTS, and whether the pass is for training (mlp_*.cl)
  *   WIDE    64-bit keys (scan.cl)
- * when, as programs.c decides from settings and tuning parameters: ALWAYS; SPLATTING: stage 1
- * splats; REGULARISED: a regulariser looks at points; MEASURED: training measures leaves, which
- * may merge. */
+ * when (programs.c decides by settings and tuning parameters): ALWAYS; SPLATTING: stage 1 splats;
+ * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge. */
 #define CLN_PROGRAM_LIST(X)                          \
     X(scan, scan, PLAIN, ALWAYS)                     \
     X(sort64, scan, WIDE, SPLATTING)                 \
@@ -32,8 +30,8 @@
     X(regularise, regularise, PLAIN, REGULARISED)    \
     X(distil, distil, PLAIN, MEASURED)
 
-/* X(member, kernel, program, when): made with its program, if `when` is true besides. SERIAL:
- * tune.sg is 1. */
+/* X(member, kernel, program, when): created with its program if `when` holds, too. SERIAL: tune.sg
+ * is 1. */
 #define CLN_KERNEL_LIST(X)                                          \
     X(scan_sums, scan_sums, scan, ALWAYS)                           \
     X(scan_write, scan_write, scan, ALWAYS)                         \

@@ -122,7 +122,7 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
 
     CLN_TRY(CLN_RESERVE(p, dout, sample_count));
     CLN_TRY(CLN_RESERVE(p, measures, sample_count));
-    /* the last argument is there only if something is measured */
+    /* the kernel has the last argument only if something is measured */
     CLN_TRY(cln_launch(
         p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
         (const cln_arg[]){CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
@@ -205,7 +205,7 @@ done:
     return st;
 }
 
-/* update false: gradients to p->grads, each slice's at its number. */
+/* Without `update`, writes gradients to p->grads, each slice's at its index. */
 static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
                                   uint32_t step_key, bool update, uint32_t min_samples, double lr)
 {
@@ -239,7 +239,7 @@ static cln_status count_updates(cln_pipeline *p, uint32_t min_samples)
                       CLN_ARG(least));
 }
 
-/* Leaves of at least min_slices slices. half_slice: where gradients are
+/* Updates leaves of at least min_slices slices. half_slice: where gradients lie
  * (kernels/mlp_backward.cl). */
 static cln_status launch_adam(cln_pipeline *p, uint32_t min_samples, cl_uint min_slices,
                               cl_uint half_slice, double lr)

@@ -1,13 +1,13 @@
-/* The pipeline: one struct owns the programs of kernel_list.h and the buffers of buffer_list.h.
- * Here is what it is made of, what goes in and what comes out. A file of this room calls only
- * files below it:
+/* The pipeline: one struct that owns the programs of kernel_list.h and the buffers of
+ * buffer_list.h. This header has the struct and its transfers. A file of this room calls only files
+ * below it:
  *
  *   plan                  the memory plan, before anything is allocated
  *   field                 a trained field at points
  *   carry                 a change of the tree on the device
  *   networks, sampling    the stages (stages.h)
  *   transfer              tree, weights, cameras and batches, in and out
- *   stage1_methods        which stage-1 methods there are (stage1.h)
+ *   stage1_methods        the table of stage-1 methods (stage1.h)
  *   splat                 one of them
  *   sort                  scan and sort
  *   regularise            points of regularisers
@@ -28,14 +28,14 @@ struct cln_pipeline {
     cln_config config;
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
-    char tune_from[CLN_TUNE_FROM]; /* where from, as a phrase */
+    char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
-    bool distortion;     /* built in */
+    bool distortion;     /* lens code is built in */
     bool alpha;          /* the images have alpha */
     bool ray_background; /* one background per ray (random_background with alpha) */
-    /* Arrays P have a row per leaf (grads: per slice): in one buffer, or once there are leaves
-     * of which one array would pass the device's largest allocation, in CLN_PARTS of so many
-     * rows (kernels/leaves.h). */
+    /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; where one array would
+     * exceed the device's largest allocation, all are CLN_PARTS buffers of so many rows
+     * (kernels/leaves.h). */
     int parts, part_leaves, part_slices;
 
 #define X(member, file, text, when) cln_program member;
@@ -52,14 +52,14 @@ struct cln_pipeline {
 #undef X
 #undef PAIR
 
-    int leaves, depth;              /* of the tree that is uploaded */
+    int leaves, depth;              /* of the uploaded tree */
     int view_count, training_views; /* the first ones are for training */
-    int max_rays;                   /* of a batch, and samples (memory plan); 0 = any number */
-    size_t max_samples;
-    uint32_t sample_total; /* of the newest batch, once cln_stage_sample has returned */
+    int max_rays;                   /* of a batch (memory plan); 0 = any number */
+    size_t max_samples;             /* likewise */
+    uint32_t sample_total;          /* of the newest batch, once cln_stage_sample has returned */
 
-    /* Splatting: the most projected samples at a time (memory plan), those of the last batch,
-     * and host copies that plan it. */
+    /* Splatting: most projected samples at a time (memory plan), number in the last batch, and host
+     * copies for planning it. */
     size_t max_entries;
     int64_t splat_entries;
     cln_pixel *host_pixels; /* [ray] */
@@ -67,10 +67,10 @@ struct cln_pipeline {
     cln_device_camera *host_cameras; /* [view] */
 };
 
-/* Programs for this network and scene; no buffers yet. distortion: some lens has it; alpha: the
- * images have it, without which random_background and alpha_loss are left out. Kernel parameters as cln_device_tune
- * says; where no program can be made with them, plain ones with a warning (not if
- * device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
+/* Builds the programs for this network and scene; no buffers yet. distortion: some lens has it.
+ * alpha: the images have it; without it random_background and alpha_loss are left out. Kernel
+ * parameters come from cln_device_tune; if programs cannot be built with them, plain ones with a
+ * warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
                                bool alpha, cln_pipeline *out);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
@@ -82,76 +82,73 @@ void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
         sizeof(cl_mem), (buffer)->part, (p)->parts \
     }
 
-/* Rows of one part, of leaves and of gradients: as many as the device's largest allocation holds,
- * at least 1. */
+/* Rows of a part, for leaves and for gradients: what the device's largest allocation holds, at
+ * least 1. */
 int cln_pipeline_part_leaves(const cln_pipeline *p);
 int cln_pipeline_part_slices(const cln_pipeline *p);
 
-/* Whether so many leaves need parts. Without tune.leaf, gradients need them before weights do: a
- * leaf that has samples takes a gradient for each of its slices. */
+/* Returns whether so many leaves need parts. Without tune.leaf, gradients need them before weights:
+ * a leaf has a gradient per slice. */
 bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves);
 
-/* Builds again the programs that know of parts, if `leaves` leaves are the first that need them;
- * else nothing. Whoever makes or grows a tree calls it before cln_pipeline_upload or
- * cln_pipeline_carry, which refuse leaves without it (CLN_INTERNAL). CLN_MEMORY if CLN_PARTS
- * parts do not hold the leaves. */
+/* Splits the arrays P once `leaves` leaves need it, and builds the programs that read them again;
+ * else does nothing. Call it before cln_pipeline_upload or cln_pipeline_carry of a new or grown
+ * tree: they refuse leaves that need parts (CLN_INTERNAL). CLN_MEMORY if CLN_PARTS parts do not
+ * hold the leaves. */
 cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves);
 
 /* Lowers vectors, tiles and blocks until they divide this network and fit the device's groups and
  * local memory. */
 void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune *tune);
 
-/* The "#define" lines of a program of this pipeline (programs.c); the caller frees *text. */
+/* Writes the "#define" lines of this pipeline's programs (programs.c); the caller frees *text. */
 cln_status cln_pipeline_defines(const cln_pipeline *p, char **text);
 
-/* Numbers that a training step measures per sample: 0, 1 or CLN_MEASURES. */
+/* Measures per sample of a training step: 0, 1 or CLN_MEASURES. */
 int cln_pipeline_measures(const cln_config *config);
 
 /* Rays and samples that the regularisers of points add to a batch (cln_stage_regularise). */
 int cln_pipeline_extra_rays(const cln_pipeline *p);
 int cln_pipeline_extra_samples(const cln_pipeline *p);
 
-/* A work-group of the adam kernel: weights that it updates, of so many leaves in turn. */
+/* Of a work-group of the adam kernel: weights that it updates per leaf, and leaves. */
 enum { CLN_ADAM_PART = 1024, CLN_ADAM_EACH = 16 };
 
-/* Kept pre-activations per sample, and the bytes they take (tune.half); transposed weights per
- * leaf. */
+/* Pre-activations kept per sample, and their bytes (tune.half); transposed weights per leaf. */
 int cln_pipeline_acts(const cln_network *net);
 size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune);
 int cln_pipeline_transposed(const cln_network *net);
 
-/* Gradients that an update holds at a time, of so many samples in slices of at most tune.sl:
- * with tune.leaf only those of slices that share a leaf (kernels/mlp_backward.cl). */
+/* Gradients that an update holds at a time, for so many samples and slices; with tune.leaf only
+ * those of slices that share a leaf (kernels/mlp_backward.cl). */
 double cln_pipeline_gradients(const cln_tune *tune, double samples, double slices);
 
-/* Uploads a tree alone: boxes, map, room for runs and slices of its leaves. Their arrays P are the
- * caller's. CLN_INTERNAL without cln_pipeline_rebuild. */
+/* Uploads a tree alone: boxes, map, room for runs and slices of its leaves. The caller fills the
+ * arrays P. CLN_INTERNAL if cln_pipeline_rebuild is missing. */
 cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree);
-/* Makes what follows from a training pipeline's leaves and weights: room for norms, transposed
- * weights. */
+/* Makes what training derives from leaves and weights: room for norms, transposed weights. */
 cln_status cln_pipeline_derive(cln_pipeline *p);
 
-/* Uploads tree and weights, and the training state if `training`; densities if the model has them.
- * Download: params, and the training state if `training`, into the model's arrays, which are made
- * if they are not there. Reads back. A change of the tree goes without either (carry.h). */
+/* Uploads tree and weights, densities if the model has them, the training state if `training`.
+ * Download: weights, and the training state if `training`, into the model's arrays, allocated if
+ * missing. Reads back. A change of the tree needs neither (carry.h). */
 cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training);
 cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
 
-/* Cameras of `count` views in normalised space. */
+/* Uploads the cameras of `count` views, brought to normalised space. */
 cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
                                 const cln_space *space);
 
-/* The same of all views of a scene, by their numbers; the training views come first. */
+/* The same for all views of a scene, in its order; the training views come first. */
 cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const cln_space *space);
 
-/* A batch's pixels (pad = index of the view among the batch's views; rays are in order of pad,
- * then y, if the stage-1 method is by_view), and in training its targets and backgrounds
- * ([n][4], [1][4] or [n][4]). Does not wait: the arrays must stay until cln_stage_sample has
- * returned. */
+/* Uploads a batch: pixels (pad: index of the view in the batch; if the stage-1 method is by_view,
+ * rays are ordered by pad, then y), targets ([n][4] in training, else NULL) and backgrounds ([1][4]
+ * or [n][4]). Does not wait: the arrays must stay until cln_stage_sample has returned. */
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
                               const float *backgrounds);
 
-/* Points instead of rays: rays of their own, with the point as origin, [n][4] both; targets
+/* Upload points instead of rays: a ray per point with the point as origin, [n][4] both; targets
  * [n][4] or NULL. And samples on them, at t = 0. */
 cln_status cln_pipeline_points(cln_pipeline *p, const float *origins, const float *directions,
                                const float *targets, uint32_t rays);

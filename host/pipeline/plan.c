@@ -1,5 +1,5 @@
-/* The memory plans. See plan.h; the device's rows are the list of buffers (buffer_list.h),
- * summed by purpose. */
+/* The memory plans. See plan.h; the device's rows are the list of buffers (buffer_list.h), summed
+ * by purpose. */
 #include "pipeline/plan.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@ static void row(cln_plan *plan, const char *purpose, const char *way_out)
     plan->rows[plan->count++].way_out = way_out;
 }
 
-/* One buffer of the newest row. */
+/* Adds a buffer to the newest row. */
 static void add(cln_plan *plan, double bytes)
 {
     const int i = plan->count - 1;
@@ -31,8 +31,9 @@ static void add(cln_plan *plan, double bytes)
     plan->total += bytes;
 }
 
-/* An array of rows that may be split (pipeline.h): one buffer, or parts of `room` rows each;
- * where CLN_PARTS do not do, equal ones, so that the longest rows' are too large. */
+/* Adds an array that may be split (pipeline.h): one buffer, or parts of at most `room` rows; if
+ * CLN_PARTS of those do not suffice, CLN_PARTS equal parts, so that the check finds them too
+ * large. */
 static void add_parts(cln_plan *plan, double rows, double room, double row_bytes)
 {
     const int i = plan->count - 1;
@@ -45,7 +46,7 @@ static void add_parts(cln_plan *plan, double rows, double room, double row_bytes
     plan->total += rows * row_bytes;
 }
 
-/* The row to lower first. */
+/* The largest row that can be lowered; -1 if none can. */
 static int largest_row(const cln_plan *plan)
 {
     int worst = -1;
@@ -58,11 +59,11 @@ static int largest_row(const cln_plan *plan)
 
 /* ---- the device ---- */
 
-/* Everything that the numbers of rows are made of. */
+/* What the numbers of rows are computed from. */
 typedef struct sizes {
     double leaves, rays, extra_rays, samples, slices, points, gradients;
     double views, pixels;            /* of a splatted batch; of the largest view */
-    double runs;                     /* of cells that a work-item projects into a view */
+    double runs;                     /* of cells: a work-item projects one into a view */
     double entries;                  /* projected samples held at a time */
     double part_leaves, part_slices; /* rows of a part */
     double widest;                   /* counts of a digit of the sort */
@@ -77,7 +78,7 @@ static double bytes_of(const cln_plan_desc *d, cln_buffer_id id)
 }
 #define BYTES(d, member) bytes_of(d, CLN_BUFFER_##member)
 
-/* Places of a radix sort's table for n elements (sort.c). */
+/* Entries of a radix sort's table for n elements (sort.c). */
 static double places_of(double n, double widest)
 {
     return n / CLN_SORT_PER_DIGIT + widest + 1;
@@ -112,7 +113,7 @@ static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
     return true;
 }
 
-/* The most rows that a buffer of this kind is given. */
+/* The most rows of a buffer of this kind. */
 static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
 {
     const double levels = CLN_LEVELS;
@@ -161,13 +162,13 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
         return s->views * s->runs + 1;
     case CLN_PER_ENTRY:
         return s->entries;
-    case CLN_PER_PADDED: /* checked as they are made */
+    case CLN_PER_PADDED: /* checked when they are made */
         return 0;
     }
     return 0;
 }
 
-/* The longest row that buffers of this kind have. */
+/* Bytes of the longest row among buffers of this kind. */
 static double longest_row(const cln_plan_desc *d, const sizes *s, cln_per per)
 {
     double longest = 0;
@@ -178,13 +179,13 @@ static double longest_row(const cln_plan_desc *d, const sizes *s, cln_per per)
     return longest;
 }
 
-/* Most slices that n samples make: one a leaf that has any, and one for every `slice` samples. */
+/* Most slices of n samples: one for each leaf that has any, and one for every `slice` samples. */
 static double slices_of(double n, double leaves, double slice)
 {
     return fmin(n, leaves) + floor(n / slice);
 }
 
-/* The other way round: samples that make at most `most` slices. */
+/* The inverse: samples that make at most `most` slices. */
 static double samples_of(double most, double leaves, double slice)
 {
     const double spread = floor(most / (1 + 1 / slice)); /* every sample in a leaf of its own */
@@ -192,8 +193,8 @@ static double samples_of(double most, double leaves, double slice)
     return most > leaves ? fmax(spread, (most - leaves) * slice) : spread;
 }
 
-/* Samples of a batch whose every buffer fits `largest`; at least what the smallest batch needs,
- * so that the check finds the buffer that does not fit. */
+/* Samples of a batch whose every buffer fits `largest`; at least those of the smallest batch, so
+ * that the check finds the buffer that does not fit. */
 static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest)
 {
     const cln_config *c = &d->pipeline->config;
@@ -208,7 +209,7 @@ static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest
     if (s->distil)
         least = fmax(least, c->distil_samples);
     room = floor((largest - 2048) / longest_row(d, s, CLN_PER_SAMPLE));
-    if (d->training) { /* gradients, cln_pipeline_gradients() the other way round */
+    if (d->training) { /* for gradients: the inverse of cln_pipeline_gradients() */
         const double gradients =
             s->split ? CLN_PARTS * s->part_slices : floor(largest / BYTES(d, grads));
 
@@ -248,7 +249,7 @@ static sizes find_sizes(const cln_plan_desc *d)
     s.rays = fit_rays(d, largest);
     s.slices = slices_of(s.samples, s.leaves, p->tune.sl);
     s.gradients = cln_pipeline_gradients(&p->tune, s.samples, s.slices);
-    if (s.distil) { /* nets that are trained together, by samples and by points */
+    if (s.distil) { /* nets trained together, limited by samples and by points */
         const double pool = (double)CLN_DISTIL_BATCHES * c->distil_samples;
         const double nets =
             fmin(floor(s.samples / c->distil_samples), floor(largest / (BYTES(d, targets) * pool)));
@@ -258,7 +259,7 @@ static sizes find_sizes(const cln_plan_desc *d)
     return s;
 }
 
-/* The rows of all buffers that are there, in the order of their purposes. */
+/* Adds the rows of all planned buffers, in the order of their purposes. */
 static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
     static const struct {
@@ -290,7 +291,7 @@ static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
                 for (int i = 0; i < buffer->count; i++)
                     add(out, rows * bytes);
         }
-        if (purpose == CLN_FOR_TREE) /* buffers and parts of nothing have 16 bytes */
+        if (purpose == CLN_FOR_TREE) /* empty buffers and parts have 16 bytes */
             add(out, 16.0 * CLN_PARTS * CLN_BUFFERS);
     }
 }
@@ -302,14 +303,14 @@ static bool is_cpu(const cln_plan_desc *d)
     return strcmp(d->pipeline->device->info.type, "cpu") == 0;
 }
 
-/* Code, driver and the compiler of kernels inside it, as measured with PoCL 3.1, which has all
- * three in this process. */
+/* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this
+ * process. */
 static const double program_bytes = 300.0 * (1 << 20);
 
-/* Per pixel of a view that is evaluated: render, depth, opacity, truth, rounded, SSIM, PNG. */
+/* Per pixel of an evaluated view: render, depth, opacity, truth, rounded, SSIM, PNG. */
 static const double picture_bytes = 64;
 
-/* All but the device's memory where that is the host's. */
+/* Adds the host's rows, without the memory of a device that is a CPU. */
 static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
     const cln_config *c = &d->pipeline->config;
@@ -334,7 +335,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, densities);
         row(out, "changes of the tree", CLN_LOWER_LEAVES);
         add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded at a time */
-        if (s->distil) /* every eighth leaf may come from a merge */
+        if (s->distil) /* up to every eighth leaf comes from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
         row(out, "coverage of the images", "the number of views");
         add(out, d->coverage_bytes);
@@ -344,9 +345,9 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     add(out, picture_bytes * view_pixels(d->scene));
 }
 
-/* ---- projected samples: what both leave ---- */
+/* ---- projected samples: half of what is left ---- */
 
-/* As many as half of what the rest leaves has room for. `out`: the device's plan without them. */
+/* The number that fits half of the remaining memory. `out`: the device's plan without them. */
 static double fit_entries(const cln_plan_desc *d, const sizes *s, const cln_plan *out)
 {
     const double table = BYTES(d, digit_counts) / CLN_SORT_PER_DIGIT; /* bytes an entry */
@@ -426,7 +427,7 @@ void cln_plan_text(const cln_plan *plan, char *out, size_t bytes)
         snprintf(out + used, bytes - used, " = %s of %s", amount, limit);
 }
 
-/* CLN_MEMORY with the plan if it is above its limit, which `option` gives. */
+/* CLN_MEMORY with the plan if it exceeds its limit, which `option` sets. */
 static cln_status check_total(const cln_plan *plan, const char *whose, const char *option)
 {
     char text[1024];

@@ -1,13 +1,11 @@
-/* The memory plans of a run: what it will allocate on the device, and what it will hold on the
- * host, by purpose, before anything is allocated. Said first, in train's log and in run.json; a
- * run that does not fit ends here (CLN_MEMORY) with the plan in its sentence, and growth of the
- * tree that would not fit is left out with a warning. Batches are cut so that every buffer that
- * grows with rays or samples stays below the device's largest allocation; what has a row per
- * leaf is split into parts (pipeline.h), and refused where CLN_PARTS of them do not do.
+/* The memory plans of a run: device and host memory by purpose, before anything is allocated.
+ * train logs them first and writes them to run.json. A run that does not fit ends with CLN_MEMORY
+ * and the plan in its sentence; growth of the tree that would not fit is left out with a warning.
+ * Batches are cut so that buffers that grow with rays or samples stay below the device's largest
+ * allocation; arrays of a row per leaf are split into up to CLN_PARTS parts (pipeline.h).
  *
- * The device's plan is a bound: every buffer of buffer_list.h is in it at its largest. The
- * host's is an estimate: the program's own arrays are counted, driver and compiler are an
- * allowance. */
+ * The device's plan is a bound: it counts every buffer of buffer_list.h at its largest. The host's
+ * is an estimate: it counts the program's own arrays and an allowance for driver and compiler. */
 #ifndef CLN_PLAN_H
 #define CLN_PLAN_H
 
@@ -16,7 +14,7 @@
 
 enum { CLN_PLAN_ROWS = 12 };
 
-/* What plans count with besides the settings. */
+/* Constants of the plans besides the settings. */
 enum {
     CLN_RENDER_RAYS = 16384, /* most rays of a picture's batch */
     CLN_DISTIL_BATCHES = 16  /* batches of distil-samples points that a merge cycles through */
@@ -26,16 +24,16 @@ typedef struct cln_plan {
     struct {
         const char *purpose;
         double bytes;
-        double largest; /* the largest single buffer of it */
-        int parts; /* buffers that each of its arrays of a row per leaf is split into; 1 = none */
-        const char *way_out; /* what to lower; NULL = nothing to be done */
+        double largest;      /* bytes of its largest single buffer */
+        int parts;           /* of each of its arrays of a row per leaf; 1 = not split */
+        const char *way_out; /* what to lower; NULL = nothing can be */
     } rows[CLN_PLAN_ROWS];
     int count;
     double total, limit;
     double cells;         /* of stage 1 over all leaves; kernels index them with 32 bits */
     int max_rays;         /* of a batch, so that its intervals stay within one buffer */
-    size_t max_samples;   /* of a batch; the same for all that is kept per sample */
-    size_t batch_samples; /* aimed at: --batch-samples, or less where max_samples is small */
+    size_t max_samples;   /* of a batch, likewise */
+    size_t batch_samples; /* samples aimed at: --batch-samples, or fewer if max_samples is small */
     size_t max_entries;   /* projected samples held at a time (splat) */
     int distil_nets;      /* merged leaves trained together */
 } cln_plan;
@@ -44,7 +42,7 @@ typedef struct cln_plan_desc {
     const cln_pipeline *pipeline; /* device, settings, network; no buffers needed */
     const cln_scene *scene;
     int leaves;
-    bool training;         /* or rendering alone */
+    bool training;         /* else only rendering */
     double coverage_bytes; /* training: host memory of train/coverage.h */
 } cln_plan_desc;
 
@@ -54,12 +52,11 @@ void cln_plan_device(const cln_plan_desc *desc, cln_plan *out);
 /* limit: --host-mem, else the machine's memory. A CPU's device memory is the host's. */
 void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_plan *out);
 
-/* CLN_MEMORY if a plan does not fit its limit, or one buffer (or part) the device's largest
- * allocation. */
+/* CLN_MEMORY if a plan exceeds its limit, or a buffer (or part) the device's largest allocation. */
 cln_status cln_plan_check(const cln_device *device, const cln_plan *plan);
 cln_status cln_plan_check_host(const cln_plan *plan);
 
-/* What a pipeline must keep to: the device's limit, rays, samples, entries. */
+/* Sets what the pipeline must keep to: the device's limit, rays, samples, entries. */
 void cln_plan_apply(const cln_plan *plan, cln_pipeline *pipeline);
 
 /* "weights 12 MiB in 3 parts, activations 80 MiB, ... = 230 MiB of 3.2 GiB". */

@@ -1,6 +1,5 @@
-/* Creates and frees the pipeline, and builds its programs for one network and scene: what is
- * constant for a run is a constant of the kernels, and what the scene does not need is not
- * compiled in. */
+/* Creates and frees the pipeline, and builds its programs for one network and scene: a run's
+ * constants are constants of the kernels, and code that the scene does not need is left out. */
 #include "pipeline/pipeline.h"
 
 #include <math.h>
@@ -12,7 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 
-/* Local memory of a work-group of mlp_backward, which takes most: per sample of NB, */
+/* Local memory of a work-group of mlp_backward, the largest: bytes per sample of a block of NB. */
 static size_t bytes_per_sample(const cln_network *net)
 {
     const int view = net->view_dependence ? net->view_width : 0;
@@ -21,14 +20,14 @@ static size_t bytes_per_sample(const cln_network *net)
            (size_t)(net->enc_pad + net->dir_pad + 3 * net->width + 2 * view + 4 + 3 + 6);
 }
 
-/* and for what it holds of a leaf. */
+/* Bytes for the leaf's weights and gradients (tune.leaf). */
 static size_t bytes_per_leaf(const cln_network *net)
 {
     return sizeof(float) * (size_t)(net->params + cln_pipeline_transposed(net));
 }
 
-/* Local memory of the largest work-group of scan.cl with 64-bit keys: SG = 1, places and counts
- * of digits and lines of output; else a tile and its ranks. */
+/* Local memory of the largest work-group of scan.cl with 64-bit keys. SG = 1: places and counts of
+ * digits, lines of output; else a tile and its ranks. */
 static size_t sort_local(const cln_tune *tune, int line_bits)
 {
     const size_t sg = (size_t)tune->sg, digits = (size_t)1 << tune->db;
@@ -80,7 +79,7 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
         tune->leaf = 0;
 }
 
-/* A power of two of work-items and digits that fit the local memory. */
+/* Lowers work-items to a power of two, and digits, until they fit the local memory. */
 static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
 {
     const size_t local = device->local_mem * 7 / 8;
@@ -97,7 +96,7 @@ static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
         tune->db--;
 }
 
-/* Text that grows; a failed allocation shows up in `st`. */
+/* A text of fixed capacity; st: status of its allocation. */
 typedef struct text {
     char *text;
     size_t used, capacity;
@@ -118,7 +117,7 @@ static void line(text *t, const char *fmt, ...)
     t->text[t->used] = 0;
 }
 
-/* A float literal that reads back exactly, with a sign that cannot fuse with what stands before. */
+/* Defines a float literal that reads back exactly. */
 static void real(text *t, const char *name, double value)
 {
     if (isinf(value))
@@ -178,7 +177,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     return t.st;
 }
 
-/* Rows that the device's largest allocation holds. */
+/* Rows of one buffer of the device's largest allocation. */
 static int rows_of(const cln_pipeline *p, double row_bytes)
 {
     return (int)fmax(1, fmin((double)p->device->max_alloc / row_bytes, 1 << 24));
@@ -205,7 +204,7 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
     return p->parts > 1 || leaves > (p->tune.leaf ? room : room / 2);
 }
 
-/* What stands behind the pipeline's "#define" lines, and when programs and kernels are built
+/* Lines that follow the pipeline's "#define" lines, and when programs and kernels are built
  * (kernel_list.h). */
 enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, TEXTS };
 enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL };
@@ -268,7 +267,7 @@ static cl_kernel *kernel_of(cln_pipeline *p, int i)
     return (cl_kernel *)((char *)p + kernels[i].at);
 }
 
-/* All programs, or those that know of parts. */
+/* Frees all programs, or those that know parts. */
 static void free_programs(cln_pipeline *p, bool all)
 {
     for (int i = 0; i < KERNELS; i++)
@@ -279,7 +278,7 @@ static void free_programs(cln_pipeline *p, bool all)
             cln_program_free(program_of(p, i));
 }
 
-/* Those that are needed and not there. */
+/* Builds the programs and kernels that are needed and missing. */
 static cln_status build(cln_pipeline *p)
 {
     cln_status st = CLN_OK;

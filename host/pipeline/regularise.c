@@ -1,4 +1,4 @@
-/* Extra samples for the regularisers that look at points (kernels/regularise.cl). */
+/* Extra samples for the regularisers of points (kernels/regularise.cl). */
 #include "pipeline/stages.h"
 
 enum { POINTS = 4096, PAIRS = 2048 };

@@ -24,7 +24,7 @@ static const cln_buffer *densities(const cln_pipeline *p, const cln_sampling *s)
     return s->pictures ? &p->picture_density : &p->density;
 }
 
-/* Work-items of a group, whose rays are about as many as elsewhere. */
+/* Work-items of a group; each takes CLN_RAYS_EACH rays, so a group takes about tune.wg. */
 static size_t group_of(const cln_pipeline *p)
 {
     return cln_groups((size_t)p->tune.wg, CLN_RAYS_EACH((size_t)p->tune.vw));
@@ -67,7 +67,7 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_ray_gro
                       cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.list, a.count);
 }
 
-/* Samples of the group's rays, as far as no ray reaches past `most` samples. */
+/* Writes the samples of the group's rays, but for rays that would exceed `most` samples in all. */
 static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_ray_group *g, int all,
                        size_t most)
 {
@@ -100,7 +100,7 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_ray_gro
                       cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.list, a.count);
 }
 
-/* Largest number of rays, at least one, whose samples fit. */
+/* Finds the largest number of rays, at least one, whose samples fit. */
 static cln_status cut(cln_pipeline *p, int n, size_t max_samples, int *rays_used, uint32_t *total)
 {
     cln_status st = CLN_OK;
@@ -162,7 +162,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     CLN_TRY(cln_buffer_fetch(device, &p->sample_starts, rays * sizeof(cl_uint), &p->sample_total,
                              sizeof p->sample_total));
     CLN_TRY(cln_device_mark(device, &mark));
-    /* The room that is there most often suffices: the device then goes on while the host waits. */
+    /* The reserved room mostly suffices: the device then goes on while the host waits. */
     if (group_count == 1 && limit > 0)
         made = emit(p, s, &groups[0], n, limit);
     CLN_TRY(cln_device_wait(device, &mark));
@@ -174,7 +174,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
         goto done;
     CLN_TRY(CLN_RESERVE(p, samples, *sample_count + extra));
     for (int g = 0; g < group_count; g++) {
-        if (stage1->make && group_count > 1) /* what was made of a single group is still there */
+        if (stage1->make && group_count > 1) /* a single group's lists are still there */
             CLN_TRY(stage1->make(p, densities(p, s), &groups[g]));
         CLN_TRY(emit(p, s, &groups[g], n, *sample_count));
     }

@@ -1,6 +1,6 @@
-/* Prefix sums and the stable radix sort (kernels/scan.cl): cuts their work into chunks and the
- * keys into digits. Chunks grow with n, so that their tables stay small; the digits leave out
- * the bits in which no two keys differ. Neither changes a result. */
+/* Prefix sums and the stable radix sort (kernels/scan.cl): cuts the work into chunks and the keys
+ * into digits. Chunks grow with n, so that their tables stay small; digits skip bits that are equal
+ * in all keys. Neither changes a result. */
 #include "pipeline/stages.h"
 
 #include <math.h>
@@ -9,10 +9,10 @@
 
 #include "base/memory.h"
 
-/* ALONE: elements that one group scans without help. LOOK: from this many keys on, finding the
- * bits that vary costs less than a pass. STREAM: from this many pairs on, they do not stay in a
- * CPU's caches between passes, and whole lines are written past them. BUCKET: pairs that do stay
- * in the caches of one core. */
+/* ALONE: up to so many elements one group scans alone. LOOK: from so many keys on, finding the bits
+ * that vary costs less than a pass. STREAM: from so many pairs on, a CPU's caches do not hold them
+ * between passes, and whole lines are written past the caches. BUCKET: pairs that the caches of one
+ * core hold. */
 enum { ALONE = 32768, LOOK = 32768, STREAM = 1 << 20, BUCKET = 8192, MAX_PASSES = 64 };
 
 static size_t larger(size_t a, size_t b)
@@ -20,8 +20,7 @@ static size_t larger(size_t a, size_t b)
     return a > b ? a : b;
 }
 
-/* Elements of a chunk of n: with a table of `digits` counts per chunk, enough to keep that
- * small. */
+/* Elements of a chunk, of n in all: enough to keep the table of `digits` counts per chunk small. */
 static cl_uint chunk_of(const cln_pipeline *p, size_t n, size_t digits)
 {
     const size_t groups = CLN_SORT_PARTS * larger(1, (size_t)p->device->info.compute_units);
@@ -59,13 +58,13 @@ done:
     return st;
 }
 
-/* A digit of the keys: one or two pieces, as digit_of of scan.cl takes it. */
+/* A digit of the keys: one or two pieces, see digit_of of scan.cl. */
 typedef struct digit {
     cl_uint shift[2], mask[2];
     int bits;
 } digit;
 
-/* Ones in a row in `mask`, from bit `from` upwards. */
+/* Length of the run of ones in `mask` from bit `from` upwards. */
 static int run_of(uint64_t mask, int from)
 {
     int length = 0;
@@ -75,8 +74,7 @@ static int run_of(uint64_t mask, int from)
     return length;
 }
 
-/* Of the `bits` bits of `mask` from bit `from` upwards: how many reach up to the highest that is
- * set. */
+/* Bits from bit `from` of `mask` up to its highest set bit, looking at no more than `bits` bits. */
 static int window(uint64_t mask, int from, int bits)
 {
     int length = 0;
@@ -97,8 +95,8 @@ static int lowest(uint64_t mask)
     return mask ? __builtin_ctzll(mask) : 64;
 }
 
-/* Takes one digit of at most `bits` bits off the low end of *mask: a window of neighbours; or a
- * run of ones and a window above the next gap, where that takes more ones. */
+/* Takes one digit of at most `bits` bits off the low end of *mask: a window of neighbours, or a run
+ * of ones and a window above the next gap if that takes more ones. */
 static digit next_digit(uint64_t *mask, int bits)
 {
     const int low = lowest(*mask), alone = window(*mask, low, bits);
@@ -133,8 +131,8 @@ static int cut(uint64_t mask, int bits, digit digits[MAX_PASSES])
     return passes;
 }
 
-/* Time of a pass over n elements with digits of `bits` bits; the unit is about the time of one
- * element. A wider digit writes to more places and has more counts. */
+/* Time of a pass over n elements with digits of `bits` bits, in units of about one element's time.
+ * A wider digit writes to more places and has more counts. */
 static double pass_cost(size_t n, size_t chunks, int bits)
 {
     const double digits = 1 << bits;
@@ -142,7 +140,7 @@ static double pass_cost(size_t n, size_t chunks, int bits)
     return (double)n * (1 + digits / 4800) + 1.3 * (double)chunks * digits;
 }
 
-/* The digits that take least time, of at most `most` bits. */
+/* Cuts the keys into the digits of at most `most` bits that take the least time. */
 static int plan_passes(const cln_pipeline *p, size_t n, uint64_t mask, int most,
                        digit digits[MAX_PASSES])
 {
@@ -162,9 +160,8 @@ static int plan_passes(const cln_pipeline *p, size_t n, uint64_t mask, int most,
     return cut(mask, best, digits);
 }
 
-/* The same for a bucket of n elements, whose keys differ below bit `high` only. Its digits are
- * windows of one width, and none reaches beyond `high`; a bit may come twice, which does no
- * harm. */
+/* The same for a bucket of n elements, whose keys differ only below bit `high`. Its digits are
+ * windows of one width that end below `high`; a bit may be in two of them, which is harmless. */
 static cl_uint plan_bucket(size_t n, uint64_t mask, int high, int most, cl_uint shifts[MAX_PASSES],
                            int *width)
 {
@@ -186,7 +183,7 @@ static cl_uint plan_bucket(size_t n, uint64_t mask, int high, int most, cl_uint 
     return passes;
 }
 
-/* The bits in which 64-bit keys differ. Reads back. */
+/* Finds the bits in which 64-bit keys differ. Reads back. */
 static cln_status varying(cln_pipeline *p, const cln_buffer *keys, cl_uint n, cln_stage stage,
                           uint64_t *mask)
 {
@@ -212,7 +209,7 @@ typedef struct sort {
     cln_pipeline *p;
     cln_buffer *keys, *values; /* [2] each */
     cl_uint n;
-    bool wide, streams; /* 64-bit keys; whole lines are written */
+    bool wide, streams; /* 64-bit keys; writes whole lines */
     cln_stage stage;
 } sort;
 
@@ -224,7 +221,7 @@ static void swap(cln_buffer pair[2])
     pair[1] = first;
 }
 
-/* p->digit_counts = where each chunk's elements of each digit go. */
+/* p->digit_counts = first place of each chunk's elements of each digit. */
 static cln_status find_places(const sort *s, const digit *d, cl_uint *chunks)
 {
     cln_status st = CLN_OK;
@@ -276,7 +273,7 @@ done:
     return st;
 }
 
-/* The largest count of a digit, from the table that find_places made. Reads back. */
+/* The largest count of a digit, from find_places' table. Reads back. */
 static cln_status most_of_a_digit(const sort *s, cl_uint digits, cl_uint chunks, cl_uint *most)
 {
     cln_status st = CLN_OK;
@@ -293,8 +290,8 @@ done:
     return st;
 }
 
-/* Sorts by the highest digit first, then each bucket in cache. *sorted: false if a bucket is so
- * large that the other compute units would wait for it; nothing is done then. */
+/* Sorts by the highest digit first, then each bucket in cache. *sorted: false, with nothing done,
+ * if the other compute units would wait for a large bucket. */
 static cln_status by_buckets(const sort *s, uint64_t mask, bool *sorted)
 {
     cln_status st = CLN_OK;

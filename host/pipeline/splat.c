@@ -1,5 +1,5 @@
-/* Stage 1 by splatting (kernels/splat.cl): plans groups of views or bands of rows whose
- * projected samples fit the memory plan, and builds the sorted lists of a group. */
+/* Stage 1 by splatting (kernels/splat.cl): plans groups of views or bands of rows whose projected
+ * samples fit the memory plan, and builds the sorted lists of a group. */
 #include "pipeline/splat.h"
 
 #include <math.h>
@@ -11,9 +11,9 @@
 
 enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 
-/* Coarsening k of a level: a leaf sample grid of spacing s, seen from distance z with focal
- * length f, gives n1 (z / (f s))^2 samples per pixel and leaf; k^2 times that must reach
- * splat_per_ray (method.md 4, "Coverage", with s = side / n1). */
+/* Coarsening k of a level: a leaf's cells of spacing s = side / n1, seen from distance z with focal
+ * length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that must reach splat_per_ray
+ * (method.md 4, "Coverage"). */
 static int coarsening(const cln_pipeline *p, const cln_device_camera *c, int level)
 {
     const double n1 = p->config.n1, side = 2.0 / (1 << level);
@@ -107,7 +107,7 @@ done:
     return st;
 }
 
-/* Rays of a group: those of its views and rows (the batch is in that order). */
+/* Finds a group's rays: the batch is ordered by view and row. */
 static void find_rays(const cln_pipeline *p, cln_ray_group *g)
 {
     int first = 0, end = 0;
@@ -146,7 +146,7 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
     p->list_total = (int)lists;
     CLN_TRY(CLN_RESERVE(p, list_start, (size_t)lists + 1));
     CLN_TRY(CLN_RESERVE(p, list_count, lists));
-    /* Halve views, then rows, until the entries fit; a row that does not fit is too much. */
+    /* Halve views, then rows, until the entries fit; fail if the smallest band does not. */
     capacity = 4 * (p->batch_view_count + 32768);
     CLN_TRY(cln_alloc(&stack, (size_t)capacity, sizeof *stack, "splat plan"));
     CLN_TRY(cln_alloc(groups, (size_t)capacity, sizeof **groups, "splat plan"));
@@ -165,7 +165,7 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
             p->splat_entries += entries;
             continue;
         }
-        if (g.row_end == 1 << 20 && g.views == 1) /* bands are cut at a coarse row's multiple */
+        if (g.row_end == 1 << 20 && g.views == 1) /* bands are whole coarse rows */
             g.row_end =
                 ((p->host_cameras[p->host_pixels[g.first_ray].view].height - 1) / MAX_COARSENING +
                  1) *
@@ -190,7 +190,7 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
 
             a.row_end = b.row_begin = g.row_begin + bands / 2 * MAX_COARSENING;
         }
-        stack[depth++] = b; /* a is taken first: groups stay in the order of rays */
+        stack[depth++] = b; /* below a: groups stay in the order of rays */
         stack[depth++] = a;
     }
 done:
@@ -293,7 +293,7 @@ void cln_splat_front(const cln_pipeline *p, const cln_buffer *density, cln_args 
 {
     const bool padded = p->config.lists == CLN_LISTS_PADDED;
 
-    (void)density; /* lists are made of it */
+    (void)density; /* the lists hold it */
     cln_args_add(args, (cln_arg)CLN_ARG(p->list_start.mem));
     cln_args_add(args,
                  padded ? (cln_arg)CLN_ARG(p->padded_t.mem) : (cln_arg)CLN_ARG(p->list_t.mem));

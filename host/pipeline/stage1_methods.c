@@ -1,5 +1,4 @@
-/* The table of stage-1 methods, and the one that needs no more than cached densities. See
- * stage1.h. */
+/* The table of stage-1 methods, and gather, which needs only cached densities. See stage1.h. */
 #include "pipeline/stage1.h"
 
 #include "pipeline/splat.h"

@@ -1,4 +1,5 @@
-/* What goes into and comes out of the pipeline's buffers: tree and weights, cameras, batches. */
+/* Brings tree, weights, cameras and batches to the pipeline's buffers, and weights and training
+ * state back. */
 #include "pipeline/stage1.h"
 
 #include <stdlib.h>
