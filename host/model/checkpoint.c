@@ -1,12 +1,12 @@
-/* Checkpoints of a run: RUN/checkpoint/NNNNNNNN.safetensors (tree, weights, training state) with
- * NNNNNNNN.json beside it (all the rest), and `latest`, a text file with the newest one's
- * number. docs/formats.md has every key.
+/* Checkpoints of a run: RUN/checkpoint/NNNNNNNN.safetensors (tree, weights, training state), beside
+ * it NNNNNNNN.json (all the rest), and `latest`, a text file with the newest one's number.
+ * docs/formats.md has every key.
  *
  * A checkpoint exists when its .json does: it is written after its .safetensors, each by atomic
- * rename, so a crash at any point leaves the earlier ones whole. The .json names the tensors'
- * digest and carries one of its own, so no two halves of different checkpoints and no damaged
- * one is ever used. Every size read is compared with what the settings and the tree ask for
- * before it is used. Does not touch the rest of the run folder. */
+ * rename, so a crash at any point leaves the earlier ones whole. The .json holds the tensors'
+ * digest and its own, so damaged files and halves of different checkpoints are never used. Every
+ * size read is compared with the settings and the tree before it is used. Does not touch the rest
+ * of the run folder. */
 #include "model/model.h"
 
 #include <dirent.h>
@@ -37,8 +37,8 @@ static void hex_of(uint64_t digest, char hex[17])
     snprintf(hex, 17, "%016" PRIx64, digest);
 }
 
-/* Of the document's text without its own "digest"; 17 digits bring back every double, so the
- * text is the same when it has been read back. */
+/* Digest of the document's text without its own "digest". 17 digits reproduce every double, so the
+ * text is the same after it was read back. */
 static cln_status digest_document(json_t *document, char hex[17])
 {
     char *text = NULL;
@@ -157,7 +157,7 @@ done:
     return st;
 }
 
-/* Checks schema and digest, then fills what is not in the tensors; *tensors_digest (17 bytes). */
+/* Checks schema and digest, then fills in all but the tensors, and tensors_digest. */
 static cln_status read_document(const char *path, cln_model *out, char tensors_digest[17])
 {
     cln_status st = CLN_OK;
@@ -297,8 +297,8 @@ done:
 
 /* ---- the folder ---- */
 
-/* Does a file name start with at least eight digits and go on with `suffix`? The number in
- * *step. */
+/* Returns whether a file name is at least eight digits, *step, then `suffix`; whole: and nothing
+ * else. */
 static bool parse_name(const char *name, const char *suffix, bool whole, int64_t *step)
 {
     size_t digits = strspn(name, "0123456789"), length = strlen(suffix);
@@ -316,7 +316,7 @@ static int descending(const void *a, const void *b)
     return (*x < *y) - (*x > *y);
 }
 
-/* Steps of the checkpoints in a folder, newest first; none if there is no such folder. */
+/* Lists the steps of a folder's checkpoints, newest first; none if the folder is missing. */
 static cln_status list_steps(const char *folder, int64_t **steps, int *count)
 {
     cln_status st = CLN_OK;
@@ -342,9 +342,8 @@ done:
     return st;
 }
 
-/* Removes all checkpoints but the one just written and the newest before it, what a crash left
- * behind, and steps beyond this one: they were damaged, or the run would have gone on from
- * there. */
+/* Removes all checkpoints but the one just written and the newest before it, and leftovers of
+ * crashes. Later steps go, too: they are damaged, or the run would have resumed from them. */
 static cln_status remove_old(const char *folder, int64_t newest)
 {
     cln_status st = CLN_OK;
@@ -455,7 +454,7 @@ cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
             cln_warn("%s; going back from step %" PRId64 " to %" PRId64, defect, steps[i],
                      steps[i + 1]);
     }
-    /* Whatever a reader called it (a missing file, bad JSON): here it is a damaged checkpoint. */
+    /* Missing files and bad JSON are damaged checkpoints here. */
     st = cln_fail(CLN_CHECKPOINT, "%s: no whole checkpoint in it; the oldest of %d: %s", run, count,
                   defect);
 done:

@@ -2,19 +2,19 @@
  * section 11).
  *
  * With x = x'/2 + o (o = -1/2 or +1/2 per axis), band k >= 1 of the parent is band k-1 of the
- * child, its (sin, cos) pair of weights turned by the angle 2^k o; the identity rows are halved
- * and leave o w to the bias. Only band 0 leaves the basis: sin(x'/2), cos(x'/2) are written as
+ * child, its (sin, cos) pair of weights turned by the angle 2^k o; the identity rows are halved and
+ * add o w to the bias. Only band 0 leaves the basis: sin(x'/2), cos(x'/2) are written as
  *   sin(x/2) ~ s[0] x + sum_k s[k+1] sin(2^k x)      cos(x/2) ~ c[0] + sum_k c[k+1] cos(2^k x)
  * over the first min(bands, 4) bands. The coefficients are minimax on [-1, 1], found by the
  * Remez exchange in 40 digits (method.md has least-squares ones for two bands). Largest errors:
  *   bands        1        2        3        4
  *   sin(x/2)  4.9e-5   1.1e-6   6.8e-8   1.3e-8
  *   cos(x/2)  1.0e-3   3.3e-5   2.5e-6   6.2e-7
- * All else is exact but for the rounding to float; sums are in double.
+ * The rest is exact but for rounding to float; sums are in double.
  *
  * Unfolding writes a child's function in its parent's coordinates, x' = 2 x - s with s = -1 or +1:
- * band k becomes band k+1, turned by 2^k s; the identity is exact. The child's top band has no
- * place and is left out: what it carried is for the training after a merge. */
+ * band k becomes band k+1, turned by 2^k s; the identity is exact. The child's top band is beyond
+ * the parent's bands and is dropped: the training after a merge makes up for it. */
 #include "model/encoding.h"
 
 #include <math.h>
@@ -42,9 +42,9 @@ static const double fit_cos[FIT_BANDS][FIT_BANDS + 1] = {
      -6.43056025168570182e-6},
 };
 
-/* One neuron's weights over the encoding along one axis, in[enc] -> out[enc] (rows of other axes
- * are left alone). sign: which half of the parent; turn[k]: cos, sin of 2^k / 2. Returns what
- * its bias gains. */
+/* Folds one neuron's weights over the encoding along one axis, in[enc] -> out[enc] (rows of this
+ * axis only). sign: half of the parent; turn[k]: cos, sin of 2^k / 2. Returns the change of its
+ * bias. */
 static double fold_axis(int bands, int axis, double sign, const double (*turn)[2], const double *in,
                         double *out)
 {
@@ -74,7 +74,7 @@ static double fold_axis(int bands, int axis, double sign, const double (*turn)[2
     return bias;
 }
 
-/* The same for unfolding; turn[k]: cos, sin of 2^k. */
+/* Unfolds likewise; turn[k]: cos, sin of 2^k. */
 static double unfold_axis(int bands, int axis, double sign, const double (*turn)[2],
                           const double *in, double *out)
 {

@@ -1,7 +1,7 @@
-/* The split by folding (method.md section 11): weights of a child that compute on the child's local
- * coordinates what the parent computes on its own, so a split changes no picture; and its inverse,
- * unfolding, which a merge starts from. Only layers that read the position's encoding change, layer
- * 0 and the skip layer, as the encoding says (encoding.h). */
+/* The split by folding (method.md section 11): a child's weights compute on its local coordinates
+ * what the parent's compute on the parent's, so a split changes no picture. Its inverse, unfolding,
+ * is the start of a merge. Only layers that read the position's encoding change, layer 0 and the
+ * skip layer; encoding.h says how. */
 #include <string.h>
 
 #include "model/encoding.h"

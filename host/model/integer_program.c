@@ -1,18 +1,17 @@
 /* The integer program of the structure optimisation, solved exactly. See integer_program.h.
  *
- * A group's leaves meet in the rows of the group only, groups in the budget row only. So what a
- * group can do is a short list of ways, each with the leaves it then has and its cost:
+ * Leaves of a group share rows of their group only, groups share the budget row only. So a group
+ * has a short list of ways, each with a number of leaves and a cost:
  *
  *   merge      1 leaf           if it may merge
- *   split k    m + 7 k leaves   its k members that gain most by a split, k = 0..those that may
+ *   split k    m + 7 k leaves   the k members that gain most, k = 0..members that may split
  *
- * less those that cost no less than another way with no more leaves. Choosing one way per group
- * under the budget is a multiple-choice knapsack: going through the groups, cost[c] is the least
- * cost of those so far with c leaves in all, and one byte per group and c remembers the way. Only
- * the c that a group can reach, and from which the groups after it still fit, have a byte: about
- * 1 MB at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves). Ties go to fewer
- * leaves, then to the earlier way; among members, to the lower slot. Measures nothing, changes no
- * tree. */
+ * without ways that cost no less than another one with no more leaves. Choosing one way per group
+ * under the budget is a multiple-choice knapsack: after each group, cost[c] is the least cost of
+ * the groups so far with c leaves in all, and one byte per group and c records the way. Only those
+ * c have a byte that the groups so far can reach and the remaining groups can still fit: about 1 MB
+ * at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves). Ties go to fewer leaves, then
+ * to the earlier way; among members, to the lower slot. */
 #include "model/integer_program.h"
 
 #include <math.h>
@@ -25,7 +24,7 @@
 
 enum { SIBLINGS = 8, WAYS = SIBLINGS + 2, MERGE = -1 };
 
-/* The sum over all leaves stays finite. */
+/* Keeps the sum over all leaves finite. */
 static const double LARGEST_COST = 1e300;
 
 typedef struct way {
@@ -51,7 +50,7 @@ typedef struct program {
     int fewest, most; /* leaves, if every group takes its first or its last way */
 } program;
 
-/* The leaf counts that the groups up to one can have; its bytes start at `start`. */
+/* Leaf counts low..high that the groups up to one can have; its bytes begin at `start`. */
 typedef struct span {
     int low, high;
     size_t start;
@@ -65,7 +64,7 @@ static cln_status check_number(int slot, const char *what, double value)
                     value, LARGEST_COST);
 }
 
-/* The siblings of a leaf; whether it is the first of them. */
+/* Collects the siblings of a leaf; returns whether it is the first of them. */
 static bool gather(const cln_octree *tree, int slot, group *g)
 {
     int parent = tree->parent[tree->leaf[slot]];
@@ -130,8 +129,8 @@ static void sort_by_gain(group *g)
     }
 }
 
-/* Summed anew for every number of splits, in slot order: what is left of a cost after taking gains
- * off could be mere rounding. */
+/* Summed anew for every number of splits, in slot order: subtracting gains from one sum could leave
+ * mere rounding. */
 static double cost_of_splits(const group *g, int splits)
 {
     bool split[SIBLINGS] = {false};
@@ -144,7 +143,7 @@ static double cost_of_splits(const group *g, int splits)
     return cost;
 }
 
-/* Ways come with rising leaves. */
+/* Call with rising leaves. */
 static void add_way(group *g, int leaves, double cost, int splits)
 {
     if (g->way_count > 0) {
@@ -162,7 +161,7 @@ static void list_ways(group *g)
     if (g->may_merge && g->count > 1)
         add_way(g, 1, g->merge, MERGE);
     add_way(g, g->count, cost_of_splits(g, 0), 0);
-    if (g->may_merge && g->count == 1) /* frees no leaf: only if it is cheaper than keeping */
+    if (g->may_merge && g->count == 1) /* frees no leaf: only if cheaper than keeping */
         add_way(g, 1, g->merge, MERGE);
     for (int k = 1; k <= g->splittable; k++)
         add_way(g, g->count + 7 * k, cost_of_splits(g, k), k);
@@ -199,11 +198,11 @@ done:
     return st;
 }
 
-/* The knapsack: the way of each group, for fewest <= max_leaves < most. */
+/* Solves the knapsack: chosen[group] is its way, for fewest <= max_leaves < most. */
 static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
 {
     cln_status st = CLN_OK;
-    span *spans = NULL;    /* [group + 1], the first before any group */
+    span *spans = NULL;    /* [group + 1], the first is before any group */
     double *cost = NULL;   /* [leaves] */
     uint8_t *taken = NULL; /* [group][its span] */
     size_t cells = 0;
@@ -226,7 +225,7 @@ static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
     CLN_TRY(cln_alloc(&cost, (size_t)max_leaves + 1, sizeof *cost, "integer program"));
     CLN_TRY(cln_alloc(&taken, cells, sizeof *taken, "integer program"));
 
-    /* Every way has a leaf, so going down a cell is overwritten only after its last use. */
+    /* Downwards: every way has a leaf, so a cell is overwritten only after its last use. */
     for (int i = 0; i < p->count; i++) {
         const group *g = &p->groups[i];
         const span *before = &spans[i], *after = &spans[i + 1];
@@ -305,12 +304,12 @@ cln_status cln_integer_program_solve(const cln_integer_program_desc *desc,
     CLN_TRY(cln_alloc(&out->merge, slots, sizeof *out->merge, "merge marks"));
     CLN_TRY(cln_alloc(&chosen, (size_t)p.count, sizeof *chosen, "integer program"));
 
-    /* If not even all first ways together meet the budget, they are what comes nearest to it: no
-     * split, and every merge that frees leaves, so that an order of merges would change nothing. */
+    /* If the first ways together exceed the budget, they come nearest to it: no split, and every
+     * merge that frees leaves. */
     out->infeasible = p.fewest > desc->max_leaves;
     if (!out->infeasible && p.most > desc->max_leaves)
         CLN_TRY(choose(&p, desc->max_leaves, chosen));
-    else if (!out->infeasible) /* the budget does not bind: the cheapest of each */
+    else if (!out->infeasible) /* the budget does not bind: each group's cheapest way */
         for (int i = 0; i < p.count; i++)
             chosen[i] = (uint8_t)(p.groups[i].way_count - 1);
     for (int i = 0; i < p.count; i++)
@@ -323,7 +322,7 @@ done:
     return st;
 }
 
-/* " + cost xSLOT". No cost is below 0; a negative zero's sign would be a second one to a reader. */
+/* Writes " + cost xSLOT". Costs are >= 0; fabs removes the sign of a negative zero. */
 static void write_term(FILE *f, double cost, char variable, int slot)
 {
     char number[CLN_NUMBER_BYTES];
@@ -402,7 +401,7 @@ static void write_binaries(FILE *f, const program *p)
     }
 }
 
-/* Keywords begin their lines and nothing else does: that is how glpsol tells them from names. */
+/* Only keywords begin in the first column: glpsol tells them from names that way. */
 cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, const char *path)
 {
     cln_status st = CLN_OK;
@@ -425,7 +424,7 @@ cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, co
     write_rows(f, &p, desc->max_leaves);
     write_binaries(f, &p);
     fprintf(f, "End\n");
-    finished = file; /* ended by the commit, whatever comes of it; that sees failed writes too */
+    finished = file; /* commit ends it in any case, and reports failed writes */
     file = NULL;
     CLN_TRY(cln_atomic_commit(finished));
 done:

@@ -1,8 +1,7 @@
 /* The integer program of the structure optimisation (method.md 12.2, 12.3; NAScenT section 4, after
- * ACORN and NeAT): which ACTIVE leaves split, which full sibling groups merge, under a budget of
- * leaves. Solved exactly: siblings couple inside their group only and groups through one row of the
- * program only, so it is a multiple-choice knapsack over sibling groups. Decides; carries nothing
- * out (octree.h does), measures nothing.
+ * ACORN and NeAT): decides which ACTIVE leaves split and which sibling groups merge, under a budget
+ * of leaves. Solved exactly: siblings are coupled within their group only, groups by one row only,
+ * so it is a multiple-choice knapsack over sibling groups. octree.h carries it out.
  *
  *   min  sum_b keep_b n_b + split_b s_b + merge_b g_b                     n_b, s_b, g_b binary
  *   s.t. n_b + s_b + g_b = 1                                              every leaf b
@@ -18,12 +17,12 @@
 #include <stdbool.h>
 #include "model/octree.h"
 
-/* What is known of one ACTIVE leaf. */
+/* Measures of an ACTIVE leaf. */
 typedef struct cln_leaf_measure {
     double error;   /* e_b: aggregated reprojection error, >= 0 */
-    double density; /* D_b, >= 0 */
+    double density; /* d_b = D_b^cost-density, >= 0 */
     double saved;   /* cost of its children, measured before they were merged; NaN = not known */
-    bool may_split; /* enough samples met it; the depth limit is checked here */
+    bool may_split; /* it met enough samples; the solver checks the depth limit */
 } cln_leaf_measure;
 
 typedef struct cln_integer_program_desc {
@@ -38,17 +37,17 @@ typedef struct cln_integer_program_result {
     int splits, merges, keeps;     /* leaves split; groups merged; leaves kept */
     int leaves;                    /* ACTIVE leaves afterwards */
     double objective, cost_before; /* of the solution; of keeping every leaf */
-    bool infeasible;               /* no choice meets the budget: merges alone, cheapest first */
+    bool infeasible;               /* no choice meets the budget: every merge, no split */
 } cln_integer_program_result;
 
-/* The optimum; among equal ones always the same. CLN_MEMORY; CLN_INTERNAL for a measure that is
- * negative or not finite. */
+/* Finds the optimum; among equal ones always the same. CLN_MEMORY; CLN_INTERNAL for a measure that
+ * is negative or not finite. */
 cln_status cln_integer_program_solve(const cln_integer_program_desc *desc,
                                      cln_integer_program_result *out);
 void cln_integer_program_result_free(cln_integer_program_result *result); /* accepts a zeroed one */
 
-/* The same program as text in CPLEX's LP format, for a MIP solver (cbc, glpsol --lp): variables
- * nSLOT, sSLOT, gSLOT; the budget row counts a merge once, on its group's first g. CLN_OUTPUT;
+/* Writes the program in CPLEX's LP format, for a MIP solver (cbc, glpsol --lp): variables nSLOT,
+ * sSLOT, gSLOT; the budget row counts a merge once, by its group's first g. CLN_OUTPUT;
  * CLN_INTERNAL for a tree without leaves. */
 cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, const char *path);
 

@@ -1,5 +1,5 @@
-/* A model in host memory: made, carried over a change of structure, digested. See model.h. Its
- * way to and from the disk is checkpoint.c; decides nothing and evaluates nothing. */
+/* A model in host memory: creates it, carries it over a change of the tree, digests it. See
+ * model.h. checkpoint.c reads and writes it. */
 #include "model/model.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 
-/* Frees all that is on the device, too, while a training runs. */
+/* Frees the arrays that the device also holds during training. */
 static void free_carried(cln_model *model)
 {
     free(model->params);
@@ -52,7 +52,7 @@ size_t cln_moment_bytes(const cln_config *config)
     return config->moments == CLN_MOMENTS_BFLOAT16 ? sizeof(uint16_t) : sizeof(float);
 }
 
-/* Makes *array (a pointer to rows of row_bytes, or to NULL) if it is not there. */
+/* Allocates *array, rows of row_bytes, if it is NULL. */
 static cln_status make(void *array, size_t leaves, size_t row_bytes, const char *what)
 {
     cln_status st = CLN_OK;
@@ -138,8 +138,7 @@ void cln_model_restart_measures(cln_model *model)
     model->sum_square = 0;
 }
 
-/* Carries *array (a pointer to rows of row_bytes, or to NULL): rows of kept leaves, zeros for new
- * ones. */
+/* Carries *array, rows of row_bytes or NULL: rows of kept leaves, zeros for new ones. */
 static cln_status carry(const cln_octree_change *change, size_t row_bytes, void *array)
 {
     cln_status st = CLN_OK;
@@ -158,7 +157,7 @@ done:
     return st;
 }
 
-/* The same of one number a leaf; new ones have none. */
+/* The same for one number a leaf; NaN for new ones. */
 static cln_status carry_known(const cln_octree_change *change, float **array)
 {
     cln_status st = CLN_OK;
@@ -171,8 +170,8 @@ done:
     return st;
 }
 
-/* The child's grid [n][n][n] (z, y, x) from the octant of its parent's, nearest cell: the centre of
- * child cell i lies at ((i + 1/2) / n + upper half) / 2 of the parent's side. */
+/* The child's grid [n][n][n] (z, y, x) from the nearest cells of its octant in the parent's: the
+ * centre of child cell i lies at ((i + 1/2) / n + upper half) / 2 of the parent's side. */
 static void densities_of_child(int n, const uint16_t *parent, int octant, uint16_t *child)
 {
     int half[3];
@@ -188,8 +187,8 @@ static void densities_of_child(int n, const uint16_t *parent, int octant, uint16
         }
 }
 
-/* The parent's grid from its child's: nearest cell in the child's octant, the grid's edge beyond
- * it. */
+/* The parent's grid from its child's: the nearest cell, which outside the child's octant is at the
+ * grid's edge. */
 static void densities_of_parent(int n, const uint16_t *child, int octant, uint16_t *parent)
 {
     for (int z = 0; z < n; z++)
@@ -255,7 +254,7 @@ cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
 done:
     free(params);
     free(density);
-    if (st != CLN_OK) { /* what there is belongs to another tree */
+    if (st != CLN_OK) { /* the old weights belong to another tree */
         free(model->params);
         model->params = NULL;
     }
@@ -279,7 +278,7 @@ uint64_t cln_model_digest(const cln_model *model)
     const cln_octree *tree = &model->tree;
     uint64_t digest = CLN_DIGEST_START;
 
-    /* Leaves only: strikes and culled nodes do not change what the model shows. */
+    /* Leaves only: strikes and culled nodes do not change pictures. */
     for (int s = 0; s < tree->leaf_count; s++) {
         int node = tree->leaf[s];
         const uint16_t *pos = tree->pos[node];

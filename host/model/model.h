@@ -1,6 +1,6 @@
-/* A model on the host: tree, packed weights, its place in the world, and the training state that an
- * exact resume needs. Written to and read from a run's checkpoint. The pipeline uploads from it and
- * downloads into it. No OpenCL. */
+/* A model on the host: tree, packed weights, its place in the world, and the training state for an
+ * exact resume. Checkpoints hold it; the pipeline uploads from it and downloads into it. No
+ * OpenCL. */
 #ifndef CLN_MODEL_H
 #define CLN_MODEL_H
 
@@ -27,16 +27,15 @@ typedef struct cln_model {
     double train_seconds; /* budget used so far */
     int rays;             /* adapted batch size of the next step */
     int level;            /* growth reached so far */
-    /* What the structure optimisation has measured (method.md 12.3); kept with the training
-     * state. */
+    /* Measures of the structure optimisation (method.md 12.3); kept with the training state. */
     float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
     int32_t *met;       /* [slot] samples since the last decision */
     float *error;       /* [slot] e_b of the last decision; NaN before the first */
-    float *saved;       /* [slot] cost of the children that were merged into it; NaN = none */
-    int64_t sum_rays;   /* rays behind `sums` */
-    double sum_square;  /* their summed square errors */
-    double last_square; /* mean square error of the interval before; 0 = none */
-    int decisions;      /* structure decisions that came due so far */
+    float *saved;       /* [slot] cost of the children merged into it; NaN = none */
+    int64_t sum_rays;   /* rays that `sums` cover */
+    double sum_square;  /* sum of their squared errors */
+    double last_square; /* mean squared error of the interval before; 0 = none */
+    int decisions;      /* structure decisions due so far */
 } cln_model;
 
 /* Of each leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */
@@ -45,42 +44,42 @@ enum { CLN_MEASURES = 3 };
 /* Bytes of one of Adam's moments of a weight. */
 size_t cln_moment_bytes(const cln_config *config);
 
-/* A new model: full tree at config.start_level, or a copy of `tree`; initial weights, training
- * state zero. */
+/* Create a model on a full tree of config.start_level, or on a copy of `tree`: initial weights,
+ * zero training state. */
 cln_status cln_model_create(const cln_config *config, cln_model *out);
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out);
 void cln_model_free(cln_model *model); /* accepts a zeroed model */
 
-/* Applies a change of the tree, already made in model->tree by octree.h, to the arrays:
+/* Applies a change that octree.h made in model->tree to the arrays:
  *   params      copied, folded or unfolded
  *   moments     copied, zero for new leaves; adam_steps and measures likewise
  *   density     copied; for new leaves the nearest cells of the old grid, until the next refresh
- * CLN_MEMORY: the model has no weights any more. */
+ * CLN_MEMORY: the model has lost its weights. */
 cln_status cln_model_apply(cln_model *model, const cln_octree_change *change);
 
-/* Follows a change whose leaves are carried over elsewhere (pipeline/carry.h): carries error and
- * saved, and frees params, training state and measures, which are of the tree before.
- * cln_pipeline_download brings them back. CLN_MEMORY. */
+/* Follows a change that the device carries out (pipeline/carry.h): carries error and saved, and
+ * frees params, training state and measures of the old tree. cln_pipeline_download brings the new
+ * ones. CLN_MEMORY. */
 cln_status cln_model_follow(cln_model *model, const cln_octree_change *change);
 
-/* Makes the missing arrays of params, and if `training` of training state and measures, as zeros.
+/* Allocates missing arrays as zeros: params, and if `training` training state and measures.
  * CLN_MEMORY. */
 cln_status cln_model_make_room(cln_model *model, bool training);
 
-/* Starts a new interval of measuring: sums, samples and rays back to zero. Not between a change of
- * the tree and cln_model_apply. */
+/* Starts a new interval of measuring: zeroes sums, samples and rays. Not between a change of the
+ * tree and cln_model_apply. */
 void cln_model_restart_measures(cln_model *model);
 
 /* Digest of parameters and tree: what `info` prints as model_digest. 0 without weights. */
 uint64_t cln_model_digest(const cln_model *model);
 
-/* RUN/checkpoint/NNNNNNNN.safetensors + NNNNNNNN.json (step, seconds, rays, config, cube, digests),
- * then RUN/checkpoint/latest; each by atomic rename; then all but the newest two are removed.
+/* Writes RUN/checkpoint/NNNNNNNN.safetensors, NNNNNNNN.json (step, seconds, rays, config, cube,
+ * digests) and RUN/checkpoint/latest, each by atomic rename; then removes all but the newest two.
  * CLN_OUTPUT leaves the earlier checkpoints whole. */
 cln_status cln_checkpoint_write(const char *run, const cln_model *model);
 
-/* The newest checkpoint that is whole. A damaged newest one is reported by a warning and the one
- * before it is used; none whole is CLN_CHECKPOINT. `training`: also the training state. */
+/* Reads the newest whole checkpoint, with a warning for each damaged one after it. training: also
+ * the training state. CLN_CHECKPOINT if none is whole. */
 cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out);
 
 #endif

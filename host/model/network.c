@@ -1,6 +1,6 @@
-/* The leaf network's layout in memory and its initial weights (method.md sections 1 and 2).
- * Evaluates nothing; the split by folding is in fold.c. Initial weights are a pure function of
- * (seed, matrix, element), so every leaf gets the same ones and nothing needs to be stored. */
+/* The leaf network's layout in memory and its initial weights (method.md sections 1 and 2). Initial
+ * weights are a pure function of (seed, matrix, element), the same for every leaf. The split by
+ * folding is in fold.c. */
 #include "model/network.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ static int round_up(int n, int multiple)
     return (n + multiple - 1) / multiple * multiple;
 }
 
-/* Takes `floats` from the end of the leaf's block, rounded up so that the next block is aligned. */
+/* Appends `floats` to the leaf's block, rounded up so that the next offset is aligned. */
 static int take(cln_network *net, int floats)
 {
     int offset = net->params;
@@ -96,7 +96,7 @@ void cln_network_text(const cln_network *net, char out[32])
     snprintf(out, 32, "W%d-D%d-V%d", net->width, net->depth, net->view_width);
 }
 
-/* count uniforms in +-bound; `block` tells the matrices and biases of a network apart. */
+/* Fills in uniforms in +-bound; block: number of the matrix or bias in the network. */
 static void fill_uniform(const cln_config *config, int block, int count, double bound, float *out)
 {
     float u[4];
@@ -109,8 +109,8 @@ static void fill_uniform(const cln_config *config, int block, int count, double 
     }
 }
 
-/* Kaiming-uniform keeps the activations' second moment: f = leaky with a slope r that is uniform in
- * [lower, upper] has E[f^2] = (1 + E[r^2]) / 2 of its input's. */
+/* Kaiming-uniform keeps the activations' second moment: a leaky activation with a slope r uniform
+ * in [lower, upper] multiplies it by (1 + E[r^2]) / 2. */
 static double weight_bound(const cln_config *config, int fan_in)
 {
     double mean = (config->rrelu_lower + config->rrelu_upper) / 2;
@@ -131,7 +131,7 @@ void cln_network_init(const cln_network *net, const cln_config *config, float *p
                      params + net->trunk_w[i]);
         fill_uniform(config, block++, w, 1 / sqrt(rows), params + net->trunk_b[i]);
     }
-    /* Nearly flat, so that the density starts at what the activation's bias says everywhere. */
+    /* Nearly flat: the density starts at the activation's bias everywhere. */
     fill_uniform(config, block++, w, 0.1 * weight_bound(config, w), params + net->sigma_w);
     if (net->view_dependence) {
         int rows = w + net->dir;

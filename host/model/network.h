@@ -1,6 +1,5 @@
 /* The leaf network (method.md sections 1, 2, 11): its layout in memory, initial weights, and the
- * exact split by folding. Evaluating it is the kernels' work (kernels/mlp_*.cl; float64 twin in
- * reference/).
+ * exact split by folding. kernels/mlp_*.cl evaluate it (float64 twin in reference/).
  *
  * Encoding (model/encoding.h): rows zero-padded to a multiple of 4. Position: leaf-local x in
  * [-1,1]^3; direction: unit world vector.
@@ -34,10 +33,10 @@ typedef struct cln_network {
     int view_w, view_b; /* -1 without view dependence */
     int colour_w, colour_b;
     int params;  /* floats per leaf, padded (the stride of packed buffers) */
-    int learned; /* of these, really used (for reports) */
+    int learned; /* of these, without padding (for reports) */
 } cln_network;
 
-/* Rows of trunk layer i's matrix that multiply something (enc_pad, width or width + enc_pad). */
+/* Rows of a trunk layer's matrix: enc_pad, width or width + enc_pad. */
 int cln_network_rows(const cln_network *net, int layer);
 
 cln_status cln_network_layout(const cln_config *config, cln_network *out);
@@ -45,19 +44,20 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out);
 /* "W32-D3-V16": width, depth, width of the view layer (V0: none); at most 31 characters. */
 void cln_network_text(const cln_network *net, char out[32]);
 
-/* Initial weights of one leaf, [params] (method.md section 2); the same for every leaf. */
+/* Fills in a leaf's initial weights, [params] (method.md section 2); the same for every leaf. */
 void cln_network_init(const cln_network *net, const cln_config *config, float *params);
 
 /* Density activation's bias b, from initial_depth (method.md section 1). */
 double cln_network_density_bias(const cln_config *config);
 
-/* Weights of child `octant` that compute on its local coordinates what the parent computes on its
- * own (method.md section 11, "Split by folding"): exact but for band 0, whose half-angle functions
- * are fitted to 6e-7 by four bands or more. parent, child: [params], may not overlap. */
+/* Makes weights of child `octant` that compute on its local coordinates what the parent's compute
+ * on the parent's (method.md section 11, "Split by folding"): exact but for band 0, whose
+ * half-angle functions are fitted to 6e-7 by four bands or more. parent, child: [params], may not
+ * overlap. */
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child);
 
-/* The inverse: weights of the parent that compute what its child `octant` computes, there and
- * beyond, but for the child's top band, which is left out. What a merge starts from. */
+/* The inverse, where a merge starts: weights of the parent that compute what its child `octant`
+ * computes, inside the octant and beyond, without the child's top band. */
 void cln_network_unfold(const cln_network *net, const float *child, int octant, float *parent);
 
 #endif

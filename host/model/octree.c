@@ -1,11 +1,10 @@
-/* The octree: create, split, cull, look up, and to and from flat arrays. See octree.h for the
- * layout.
+/* The octree: create, split, merge, cull, look up, and to and from flat arrays. See octree.h for
+ * the layout.
  *
- * New groups of eight children are appended, so a child's index is always larger than its
- * parent's and groups start at 1, 9, 17, ...; depth-first order over the octants is Morton order
- * of the leaves, which is how slots are numbered. A change of structure allocates everything it
- * needs before it touches the tree: on failure the tree is as it was. Decides nothing
- * (structure.c does) and knows no networks. */
+ * New groups of eight children are appended, so a child's index is always larger than its parent's
+ * and groups start at 1, 9, 17, ...; depth-first order over the octants is Morton order of the
+ * leaves, the order of slots. A change allocates everything before it touches the tree: on failure
+ * the tree is as it was. structure.c and integer_program.c decide on changes. */
 #include "model/octree.h"
 
 #include <stdlib.h>
@@ -37,7 +36,7 @@ void cln_octree_change_free(cln_octree_change *change)
     memset(change, 0, sizeof *change);
 }
 
-/* Node arrays for `capacity` nodes, none used; `leaf` is not allocated. */
+/* Allocates arrays for `capacity` nodes, none used; not `leaf`. */
 static cln_status tree_alloc(int capacity, cln_octree *out)
 {
     cln_status st = CLN_OK;
@@ -58,7 +57,7 @@ done:
     return st;
 }
 
-/* Room for `extra` more nodes. */
+/* Makes room for `extra` more nodes. */
 static cln_status reserve(cln_octree *tree, int extra)
 {
     cln_status st = CLN_OK;
@@ -119,7 +118,7 @@ done:
     return st;
 }
 
-/* Gives a leaf eight ACTIVE children; its own slot stays for renumber() to see. Room is there. */
+/* Gives a leaf eight ACTIVE children, for which there is room; renumber() still needs its slot. */
 static void add_children(cln_octree *tree, int node)
 {
     int first = tree->node_count;
@@ -152,8 +151,8 @@ static int collect(const cln_octree *tree, int node, int32_t *leaf, int count)
     return count;
 }
 
-/* Numbers the leaves anew into `leaf` (taken over; it has room for all of them) and says in
- * `change` (may be NULL) where each came from: from its own old slot, or from its parent's. */
+/* Numbers the leaves anew into `leaf`, which the tree takes over (it has room for all), and writes
+ * into `change` (may be NULL) where each comes from: its own old slot or its parent's. */
 static void renumber(cln_octree *tree, int32_t *leaf, cln_octree_change *change)
 {
     free(tree->leaf);
@@ -243,7 +242,7 @@ cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_cha
     for (int s = 0; s < tree->leaf_count; s++)
         if (cull[s])
             tree->state[tree->leaf[s]] = CLN_NODE_CULLED;
-    /* Children stand after their parents: backwards, a collapse is seen by the level above. */
+    /* Backwards, children before their parents, so that collapses go on upwards. */
     for (int i = tree->node_count - 1; i >= 0; i--) {
         int culled = 0;
         if (tree->state[i] != CLN_NODE_INNER)
@@ -385,7 +384,6 @@ static size_t cell_at(int x, int y, int z, int n)
     return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
 }
 
-/* Sets the cells of [low, high). */
 static void fill_box(int32_t *map, int n, const int low[3], const int high[3], int32_t value)
 {
     for (int z = low[2]; z < high[2]; z++)
@@ -394,7 +392,7 @@ static void fill_box(int32_t *map, int n, const int low[3], const int high[3], i
                 map[cell_at(x, y, z, n)] = value;
 }
 
-/* The cells of a node, at `depth`. */
+/* Cells [low, high) of a node in the map at `depth`. */
 static void cells_of(const cln_octree *tree, int node, int depth, int low[3], int high[3])
 {
     const int side = 1 << (depth - tree->level[node]);
@@ -405,8 +403,8 @@ static void cells_of(const cln_octree *tree, int node, int depth, int low[3], in
     }
 }
 
-/* sums[z][y][x], (n + 1)^3: cells of leaves below (x, y, z); eight of them tell whether a box is
- * empty. */
+/* sums[z][y][x], (n + 1)^3: number of leaf cells below (x, y, z); the eight corners of a box tell
+ * whether it is empty. */
 static void sum_up(const int32_t *map, int n, int32_t *sums)
 {
     for (int z = 1; z <= n; z++)
@@ -453,7 +451,7 @@ static void grow_box(const int32_t *sums, int n, int low[3], int high[3])
     }
 }
 
-/* Boxes for the culled nodes from `node` down. Of those in the table, some belong to no tree. */
+/* Fills in boxes for the culled nodes from `node` down: nodes in the arrays may be unreachable. */
 static void fill_empty(const cln_octree *tree, int node, int depth, const int32_t *sums,
                        int32_t *map)
 {
@@ -482,8 +480,7 @@ cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
     int low[3], high[3];
 
     *map = NULL;
-    /* No leaf is deeper than the deepest ACTIVE one: eight culled siblings become one culled
-     * node. */
+    /* The deepest leaf is ACTIVE: eight culled siblings become one culled node. */
     if (depth < cln_octree_depth(tree) || depth > CLN_MAX_LEVEL)
         return cln_fail(CLN_INTERNAL, "octree map at level %d: leaves go down to level %d", depth,
                         cln_octree_depth(tree));
@@ -543,7 +540,7 @@ done:
     return st;
 }
 
-/* What is wrong with node i, given that all nodes before it are sound; NULL if nothing. */
+/* Describes the defect of node i, or NULL; all nodes before it must be sound. */
 static const char *row_defect(const int32_t *rows, int node_count, int i)
 {
     const int32_t *row = rows + (size_t)ROW * i, *parent = NULL;

@@ -1,5 +1,5 @@
-/* The octree over the root cube [-1,1]^3 (method.md section 3): which leaves exist, where, in which
- * slot. Plain C, no densities, no networks, no policy (structure.h decides, this carries out).
+/* The octree over the root cube [-1,1]^3 (method.md section 3): leaves, their places and slots. It
+ * carries changes out; structure.h and integer_program.h decide on them.
  *
  *   node states   INNER (8 children), ACTIVE leaf (has a network), CULLED leaf (zero density)
  *   geometry      node at level l: integer position (x, y, z) in 0..2^l-1, side 2 * 2^-l,
@@ -7,7 +7,7 @@
  *   child i       bit 0 of i = upper half along x, bit 1 along y, bit 2 along z
  *   slots         ACTIVE leaves numbered 0.. in Morton order; weights are packed by slot
  *
- * Arrays are SoA, indexed by node; node 0 is the root; children stand together, eight in a row. */
+ * Arrays are indexed by node; node 0 is the root; eight siblings are adjacent. */
 #ifndef CLN_OCTREE_H
 #define CLN_OCTREE_H
 
@@ -31,10 +31,10 @@ typedef struct cln_octree {
     int32_t *leaf;      /* [slot] node */
 } cln_octree;
 
-/* What became of the slots in a change of structure: new slot s comes from old slot from[s], as
+/* A change of the tree by slots: new slot s comes from old slot from[s], as
  *   octant[s] = CLN_COPIED             the same leaf
  *   octant[s] = k in 0..7              its child k (a split: fold)
- *   octant[s] = CLN_MERGED - k         its parent, of which it was child k (a merge: unfold) */
+ *   octant[s] = CLN_MERGED - k         the parent of the old leaf, its child k (a merge: unfold) */
 enum { CLN_COPIED = -1, CLN_MERGED = -2 };
 typedef struct cln_octree_change {
     int count;      /* new leaf_count */
@@ -46,31 +46,29 @@ cln_status cln_octree_create(int level, cln_octree *out); /* full tree, all leav
 void cln_octree_free(cln_octree *tree);
 void cln_octree_change_free(cln_octree_change *change);
 
-/* Splits every marked ACTIVE leaf (split[slot] != 0; NULL = all) below CLN_MAX_LEVEL. */
+/* Splits every marked ACTIVE leaf (split[slot] != 0; NULL = all) of a level below CLN_MAX_LEVEL. */
 cln_status cln_octree_split(cln_octree *tree, const uint8_t *split, cln_octree_change *change);
 
-/* Turns every marked ACTIVE leaf into CULLED; a parent whose eight children are all CULLED becomes
- * a CULLED leaf itself (its children stay in the arrays, unreachable). */
+/* Makes every marked ACTIVE leaf CULLED; a parent with eight CULLED children becomes a CULLED leaf
+ * itself (its children stay in the arrays, unreachable). */
 cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
 
 /* Returns whether the ACTIVE leaf's group may merge: it has siblings, none of them INNER. */
 bool cln_octree_can_merge(const cln_octree *tree, int slot);
 
 /* Replaces every sibling group with a marked leaf (merge[slot] != 0) by its parent as one ACTIVE
- * leaf (the children stay in the arrays as CULLED nodes, unreachable). The change names the sibling
- * of the largest weight[slot] as the one that the parent comes from. CLN_INTERNAL if a group may
- * not merge. */
+ * leaf (the children stay in the arrays as CULLED nodes, unreachable). In the change, the parent
+ * comes from the sibling of the largest weight[slot]. CLN_INTERNAL if a group may not merge. */
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
 
-/* Joins two changes in a row: *change becomes itself, then `next`. A leaf is new in at most one of
- * them. CLN_MEMORY. */
+/* Joins two successive changes: *change becomes *change, then `next`. A leaf is new in at most one
+ * of them. CLN_MEMORY. */
 cln_status cln_octree_change_join(cln_octree_change *change, const cln_octree_change *next);
 
-/* An independent copy. */
 cln_status cln_octree_copy(const cln_octree *tree, cln_octree *out);
 
-/* Deepest level that has an ACTIVE leaf (0 if there is none). */
+/* Deepest level with an ACTIVE leaf (0 without any). */
 int cln_octree_depth(const cln_octree *tree);
 
 /* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */
@@ -78,8 +76,8 @@ int cln_octree_find(const cln_octree *tree, const double point[3]);
 
 /* The tree as the kernels read it: a dense map at level `depth`, n = 2^depth cells along an axis.
  *
- *   (*map)[(z * n + y) * n + x]   CLN_MAP_LEAF of the leaf there; where there is none CLN_MAP_EMPTY
- *                                 with the CLN_MAP_BOX of empty cells around, as large as it grew
+ *   (*map)[(z * n + y) * n + x]   CLN_MAP_LEAF of the leaf there; else CLN_MAP_EMPTY with the
+ *                                 CLN_MAP_BOX of empty cells around it, grown as far as it goes
  *
  * The caller frees *map. CLN_MEMORY. */
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map);
@@ -90,8 +88,8 @@ void cln_octree_box(const cln_octree *tree, int node, float box[4]);
 /* Per-slot geometry for the kernels: {min x, min y, min z, side} in normalised units; [slot][4]. */
 cln_status cln_octree_boxes(const cln_octree *tree, float **boxes);
 
-/* To and from flat arrays for a checkpoint: rows {state, level, strikes, parent, child, x, y, z} of
- * int32 [node][8]; reading checks every link, level and position. CLN_CHECKPOINT. */
+/* To and from flat rows of a checkpoint, int32 [node][8]: {state, level, strikes, parent, child, x,
+ * y, z}. Unpack checks every link, level and position. CLN_CHECKPOINT, CLN_MEMORY. */
 cln_status cln_octree_pack(const cln_octree *tree, int32_t **rows);
 cln_status cln_octree_unpack(const int32_t *rows, int node_count, cln_octree *out);
 

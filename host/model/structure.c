@@ -1,13 +1,12 @@
-/* Decisions about the tree: culling of empty leaves and growth by schedule. See structure.h;
- * carries nothing out. Splits and merges of single leaves are integer_program.c's. */
+/* Decides on culling of empty leaves and on growth by schedule. See structure.h. */
 #include "model/structure.h"
 
 #include <string.h>
 #include "base/config.h"
 #include "base/log.h"
 
-/* Empty by the mean; and, guarded, by the peak too: a thin opaque rod in a big leaf has a tiny mean
- * (a share of 1e-5 of the volume at sigma 500 gives 0.005) but one opaque sample. */
+/* Empty by the mean and, guarded, by the peak: a thin opaque rod in a big leaf has a tiny mean
+ * (1e-5 of the volume at sigma 500 gives 0.005) but one opaque sample. */
 static bool is_empty(const cln_config *config, float mean, float peak, double side)
 {
     if (!(mean < config->cull_mean))
@@ -15,7 +14,7 @@ static bool is_empty(const cln_config *config, float mean, float peak, double si
     return config->cull == CLN_CULL_MEAN || peak * (side / config->n1) < config->cull_max;
 }
 
-/* By the strikes alone; may be all. */
+/* Marks leaves by their strikes, possibly all. */
 static int mark(const cln_octree *tree, const cln_config *config, uint8_t *cull)
 {
     const int needed = config->cull == CLN_CULL_MEAN ? 1 : config->cull_strikes;
@@ -71,7 +70,7 @@ int cln_structure_level(const cln_config *config, double fraction)
     double at[CLN_MAX_LEVEL + 1];
     int level = config->start_level;
 
-    /* The syntax was checked with the other options; without a plan the tree stays as it starts. */
+    /* The options' check has seen the syntax; without a plan the tree stays as it starts. */
     if (cln_config_levels(config, at) != CLN_OK) {
         cln_clear_error();
         return level;
