@@ -1,4 +1,4 @@
-/* Buffers: one array in one OpenCL buffer or in CLN_PARTS of them; their bytes are counted. */
+/* Buffers: an array in one OpenCL buffer or in CLN_PARTS of them; counts their bytes. */
 #include "device/buffer.h"
 
 #include <stdlib.h>
@@ -15,7 +15,7 @@ static void CL_CALLBACK free_host(cl_mem buffer, void *memory)
     free(memory);
 }
 
-/* A CPU device computes in the host's memory: in huge pages, then. */
+/* A CPU device works in host memory, so it gets huge pages. */
 static cl_mem make_mem(const cln_device *device, size_t bytes, cl_int *code)
 {
     void *memory = NULL;
@@ -37,7 +37,7 @@ static cl_mem make_mem(const cln_device *device, size_t bytes, cl_int *code)
     return NULL;
 }
 
-/* One buffer that counts as allocated. */
+/* Allocates an OpenCL buffer and counts it. */
 static cln_status make(cln_device *device, size_t bytes, const char *what, cl_mem *out)
 {
     cln_status st = CLN_OK;
@@ -58,7 +58,7 @@ static cln_status make(cln_device *device, size_t bytes, const char *what, cl_me
     *out = make_mem(device, bytes, &code);
     if (code != CL_SUCCESS) {
         *out = NULL;
-        /* some drivers say "resources" for memory */
+        /* some drivers report missing memory as missing resources */
         st = code == CL_OUT_OF_RESOURCES
                  ? cln_fail(CLN_MEMORY, "clCreateBuffer: %s (%d)", cln_cl_name(code), (int)code)
                  : cln_cl_failed("clCreateBuffer", code);
@@ -81,7 +81,7 @@ static int parts_of(const cln_buffer *buffer)
     return buffer->part_bytes ? CLN_PARTS : 1;
 }
 
-/* What a part takes; at least 16 bytes are always there. */
+/* Bytes of a part, at least 16. */
 static size_t bytes_of(const cln_buffer *buffer, int part)
 {
     const size_t before = (size_t)part * buffer->part_bytes;
@@ -137,7 +137,7 @@ void cln_buffer_free(cln_device *device, cln_buffer *buffer)
     memset(buffer, 0, sizeof *buffer);
 }
 
-/* The first of a range's bytes that lie in one part. */
+/* The leading bytes of a range that lie in one part. */
 typedef struct piece {
     cl_mem mem;
     size_t offset, bytes;

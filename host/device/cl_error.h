@@ -1,5 +1,4 @@
-/* OpenCL's error codes as statuses: the sentence names the call and the code. The lowest file of
- * the room. */
+/* OpenCL's error codes as statuses: the sentence names the call and the code. */
 #ifndef CLN_CL_ERROR_H
 #define CLN_CL_ERROR_H
 
@@ -9,7 +8,7 @@
 /* Name of an OpenCL error code, "CL_OUT_OF_RESOURCES". */
 const char *cln_cl_name(cl_int code);
 
-/* CLN_MEMORY for codes that say so, else CLN_CL. call: as text, cut at its "(". */
+/* CLN_MEMORY for the codes of missing memory, else CLN_CL. call: its text, cut at "(". */
 cln_status cln_cl_failed(const char *call, cl_int code);
 
 /* Like CLN_TRY, for a call that returns an error code, or for a code. */

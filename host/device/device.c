@@ -33,7 +33,7 @@ static void device_text(cl_device_id id, cl_device_info what, char *out, size_t 
 {
     memset(out, 0, bytes);
     clGetDeviceInfo(id, what, bytes - 1, out, NULL);
-    cln_utf8_repair(out); /* JSON and HTML hold nothing else */
+    cln_utf8_repair(out); /* JSON and HTML need valid UTF-8 */
 }
 
 void cln_device_describe(cl_device_id id, cln_device_info *info)
@@ -114,7 +114,7 @@ static bool contains(const char *text, const char *part)
     return false;
 }
 
-/* Does device number `row` answer to spec? "auto" is resolved by the caller. */
+/* Returns whether device number `row` matches spec, which is not "auto". */
 static bool matches(const char *spec, int row, const cln_device_info *info)
 {
     char number[16];
@@ -164,8 +164,7 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
         spec, count);
 }
 
-/* --max-alloc: for drivers that promise more than they keep, and to see what a smaller device
- * does. */
+/* --max-alloc: for drivers that promise more than they keep, and to imitate a smaller device. */
 static cln_status limit_alloc(cln_device *device, const char *text)
 {
     double bytes = 0;
@@ -180,7 +179,7 @@ static cln_status limit_alloc(cln_device *device, const char *text)
     return CLN_OK;
 }
 
-/* A device may be listed and yet be of no use: lost, or without a compiler (embedded profiles). */
+/* A listed device may be unusable: lost, or without a compiler (embedded profiles). */
 static cln_status check_usable(const cln_device *device)
 {
     cl_bool available = CL_TRUE, compiler = CL_TRUE;
@@ -274,7 +273,7 @@ void cln_device_tune(const cln_device *device, const char *network, cln_tune *ou
         const cln_tune_row *row =
             cln_tune_rows_find(device->rows[i], device->info.name, device->info.driver, network);
 
-        if (row) { /* over those of the class */
+        if (row) { /* on top of the class's defaults */
             cln_tune_row_apply(row, out);
             snprintf(from, CLN_TUNE_FROM, "%.400s, line %d", row->file, row->line);
             return;

@@ -1,4 +1,4 @@
-/* The room wraps OpenCL: every failed call comes out as a cln_status with the names of call and
+/* This room wraps OpenCL: every failed call becomes a cln_status whose sentence names call and
  * code. Devices differ by tuning parameters, not by code. One thread at a time per cln_device.
  *
  * A file calls only files above it in this list:
@@ -17,7 +17,7 @@
 #include "cl_nascent.h"
 #include "device/tune.h"
 
-/* Stages whose device time is accounted for, in the order of the pipeline. */
+/* Stages whose device time is reported, in the order of the pipeline. */
 #define CLN_STAGE_LIST(X)            \
     X(UPLOAD, "upload")              \
     X(RAYS, "rays")                  \
@@ -53,18 +53,18 @@ typedef struct cln_device {
     cl_context context;
     cl_command_queue queue;
     cln_device_info info;
-    cln_tune tune; /* those of its class, with --tune over them; cln_device_tune has the rest */
-    char tune_from[CLN_TUNE_FROM]; /* where `tune` comes from, or "": the rows go before it */
-    bool tune_exact; /* `tune` or nothing (self-test, tuner, tests): no rows, no falling back */
+    cln_tune tune; /* its class's defaults with --tune on top; see cln_device_tune */
+    char tune_from[CLN_TUNE_FROM]; /* source of `tune`; "": rows take precedence */
+    bool tune_exact; /* use `tune` only (self-test, tuner, tests): no rows, no plain fallback */
     cln_tune_rows *rows[2]; /* the user's (may be NULL), data/tune */
     char *kernel_dir;
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
     size_t allocated, peak;                 /* bytes of live buffers, and the most so far */
-    bool spoil;   /* tests: new buffers start as NaN, so that what was never written shows */
+    bool spoil;   /* tests: new buffers start as NaN, to expose reads of unwritten elements */
     size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
-    /* Of queue.c: events not yet accounted for; since cln_device_open, how many were, and how
-     * often the host waited. */
+    /* queue.c's: launches whose time is not yet known; since cln_device_open, launches whose time
+     * is, and waits of the host. */
     cln_pending *pending;
     int pending_count, pending_capacity;
     uint64_t settled, waits;
@@ -74,13 +74,12 @@ typedef struct cln_device {
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out);
 void cln_device_close(cln_device *device); /* accepts NULL */
 
-/* Raw handles of all devices of all platforms in the loader's order, for the listing of devices;
- * the caller frees *out. CLN_NO_DEVICE if there is none. */
+/* Raw handles of all devices of all platforms in the loader's order; the caller frees *out.
+ * CLN_NO_DEVICE if there is none. */
 cln_status cln_device_ids(cl_device_id **out, int *count);
 void cln_device_describe(cl_device_id id, cln_device_info *info);
 
-/* The parameters for a network ("W32-D3-V32") on an open device, and where they come from, as a
- * phrase. */
+/* Chooses the parameters for a network ("W32-D3-V32"); from: their source, as a phrase. */
 void cln_device_tune(const cln_device *device, const char *network, cln_tune *out,
                      char from[CLN_TUNE_FROM]);
 

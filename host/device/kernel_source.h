@@ -1,6 +1,5 @@
-/* The kernel sources, and the tuning rows of data/tune, embedded by the Makefile
- * (build/kernels_embed.c): one string per source line, ended by NULL; a table is ended by {NULL,
- * NULL}. */
+/* The kernel sources and the tuning rows of data/tune, which the Makefile embeds
+ * (build/kernels_embed.c): a string per source line, then NULL; a table ends with {NULL, NULL}. */
 #ifndef CLN_KERNEL_SOURCE_H
 #define CLN_KERNEL_SOURCE_H
 

@@ -1,6 +1,6 @@
-/* Programs from embedded or on-disk kernel files. A program's source is handed over as an array of
- * lines with #line marks, so that build errors name the real file and line; nothing is included at
- * device-compile time. */
+/* Programs from embedded or on-disk kernel files. A program's source is an array of lines with
+ * #line marks, so that build errors name the real file and line; the device's compiler includes
+ * nothing. / */
 #include "device/program.h"
 
 #include <stdio.h>
@@ -15,11 +15,11 @@
 
 enum { FILES = 24, NAME = 32 };
 
-/* Texts gathered for clCreateProgramWithSource; `owned` ones are freed. */
+/* Texts for clCreateProgramWithSource; `owned` ones are freed. */
 typedef struct source {
     const char **text;
-    char *owned[2 * FILES + 1]; /* the defines, and of each file its mark and what was read */
-    char names[FILES][NAME];    /* files that are in */
+    char *owned[2 * FILES + 1]; /* the defines; each file's mark, and its text if it was read */
+    char names[FILES][NAME];    /* files so far */
     int count, capacity, owned_count, files;
 } source;
 
@@ -62,7 +62,7 @@ static const char *const *embedded(const char *name)
     return NULL;
 }
 
-/* True the first time. */
+/* Notes a file; false if it is in already. */
 static bool enter(source *s, const char *name)
 {
     for (int i = 0; i < s->files; i++)
@@ -73,7 +73,7 @@ static bool enter(source *s, const char *name)
     return true;
 }
 
-/* A kernel file, once, behind the headers that its first line names and theirs:
+/* Appends a kernel file, once, after the headers that its first line names, and theirs:
  *   needs: leaves network */
 static cln_status append_file(cln_device *device, source *s, const char *name)
 {
@@ -88,7 +88,7 @@ static cln_status append_file(cln_device *device, source *s, const char *name)
         return CLN_OK;
     if (device->kernel_dir) {
         CLN_TRY(cln_path_join(&path, device->kernel_dir, name));
-        if (cln_is_file(path)) /* files that are not there come from the binary */
+        if (cln_is_file(path)) /* missing files come from the binary */
             CLN_TRY(cln_read_file(path, 1 << 20, &text, &bytes));
     }
     if (!text && !lines)

@@ -1,4 +1,4 @@
-/* Programs and kernels from the embedded kernel files, or those of --kernel-dir. */
+/* Programs and kernels from the embedded kernel files or those of --kernel-dir. */
 #ifndef CLN_PROGRAM_H
 #define CLN_PROGRAM_H
 
@@ -9,9 +9,9 @@ typedef struct cln_program {
     char name[32];
 } cln_program;
 
-/* Builds device_abi.h, lanes.h, the headers that NAME.cl names in its first line, and NAME.cl, with
- * `defines` as "#define A 1" lines in the source text itself (some drivers' caches ignore -D). On
- * CLN_BUILD the whole build log goes to the log at warn level. */
+/* Builds `defines`, device_abi.h, lanes.h, the headers that NAME.cl names in its first line, and
+ * NAME.cl. defines: "#define A 1" lines, part of the source since some drivers' caches ignore -D.
+ * On CLN_BUILD the whole build log goes to the log at warn level. */
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
                              cln_program *out);
 void cln_program_free(cln_program *program);

@@ -1,4 +1,4 @@
-/* The command queue: launches, waiting, and the device time of what was launched. */
+/* The command queue: launches, waiting, and the device time of launches. */
 #include "device/queue.h"
 
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 #include "base/memory.h"
 #include "device/cl_error.h"
 
-/* Accounts for the first `count` launches, which are done. */
+/* Adds up the times of the first `count` launches, which are done. */
 static void settle(cln_device *device, int count)
 {
     device->waits++;

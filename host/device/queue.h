@@ -7,7 +7,7 @@
 typedef struct cln_arg {
     size_t bytes;
     const void *value;
-    int count; /* of arguments in a row, their values one behind the other */
+    int count; /* of successive arguments, whose values are adjacent */
 } cln_arg;
 
 #define CLN_ARG(x)         \
@@ -15,7 +15,7 @@ typedef struct cln_arg {
         sizeof(x), &(x), 1 \
     }
 
-/* One-dimensional: `groups` groups of `local` work-items; groups 0 launches nothing. */
+/* Launches `groups` groups of `local` work-items in one dimension; nothing if groups is 0. */
 cln_status cln_launch(cln_device *device, cl_kernel kernel, cln_stage stage, size_t groups,
                       size_t local, const cln_arg *args, int count);
 #define CLN_LAUNCH(device, kernel, stage, groups, local, ...)                        \
@@ -28,14 +28,13 @@ static inline size_t cln_groups(size_t a, size_t b)
     return (a + b - 1) / b;
 }
 
-/* Waits for all work and adds the events' times to stage_seconds (as every read and write that
- * waits). */
+/* Waits for all work and adds its times to stage_seconds, like every read and write that waits. */
 cln_status cln_device_finish(cln_device *device);
-/* What is enqueued starts now, if it has not yet. */
+/* Submits enqueued work without waiting. */
 cln_status cln_device_flush(cln_device *device);
 
-/* A place in the queue. Waiting for it waits for what was enqueued before, not for what came
- * behind, and data of fetches before it are there. Every mark is waited for, once. */
+/* A place in the queue. Waiting for it waits for work enqueued before it, not after it; fetches
+ * before it are done then. Wait for every mark exactly once. */
 typedef struct cln_mark {
     cl_event event;
     uint64_t launches;
@@ -43,8 +42,8 @@ typedef struct cln_mark {
 cln_status cln_device_mark(cln_device *device, cln_mark *out);
 cln_status cln_device_wait(cln_device *device, cln_mark *mark);
 
-/* After a call outside this file that waited for all work: adds the events' times to
- * stage_seconds. */
+/* Adds launch times to stage_seconds; call it after a call outside this file that waited for all
+ * work. */
 void cln_queue_waited(cln_device *device);
 
 #endif

@@ -38,7 +38,7 @@ void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT])
                          tune_rows[i].name, *tune_field((cln_tune *)tune, i));
 }
 
-/* where: how the sentence begins, "--tune" or file and line. */
+/* where: start of the error sentence, "--tune" or file and line. */
 static cln_status parse_list(cln_status bad, const char *where, const char *text, cln_tune *tune)
 {
     while (*text) {
@@ -100,7 +100,7 @@ void cln_tune_plain(cln_tune *out)
 
 /* ---- rows ---- */
 
-/* The next part of a line up to `end`, without blanks around it; false if it does not fit. */
+/* Takes a line's next part, up to `end`, without blanks around it; false if it does not fit. */
 static bool part(const char **at, char end, char *out, size_t bytes)
 {
     const size_t whole = strcspn(*at, (const char[]){end, 0});
@@ -121,7 +121,7 @@ static bool part(const char **at, char end, char *out, size_t bytes)
     return true;
 }
 
-/* One line without its newline. *found: false if it has no row (blank, or a comment alone). */
+/* Reads a line without its newline. *found: false if it is blank or only a comment. */
 static cln_status parse_row(const char *file, int number, const char *text, cln_tune_row *row,
                             bool *found)
 {
@@ -267,7 +267,7 @@ void cln_tune_rows_free(cln_tune_rows *rows)
     free(rows);
 }
 
-/* Some drivers pad their names with blanks, which a row cannot have at its ends. */
+/* Ignores blanks around `text`: some drivers pad their names, and a row's parts have none. */
 static bool matches(const char *pattern, const char *text)
 {
     char trimmed[160];
@@ -292,7 +292,7 @@ void cln_tune_row_apply(const cln_tune_row *row, cln_tune *tune)
 
 /* ---- writing rows ---- */
 
-/* A name as a pattern that matches it: characters that mean something in a row become a `?`. */
+/* Makes a pattern that matches a name: characters with a meaning in a row become a `?`. */
 static void as_pattern(const char *name, char out[160])
 {
     part(&name, 0, out, 160);

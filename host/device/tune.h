@@ -1,19 +1,19 @@
-/* Tuning parameters as text, the rows that say which of them to use, and the choice among all
- * sources. A file of rows has one a line (docs/formats.md, "Tuning rows"):
+/* Tuning parameters as text, and rows that give them by device, driver and network. A file has a
+ * row per line (docs/formats.md, "Tuning rows"):
  *
  *   DEVICE | DRIVER | NETWORK | VW=8,NV=2,...     # comment
  *
- * The first three are shell patterns; of several rows that match, the last counts. The command
- * line knows where the user's file is; pipeline/programs.c fits a set to a network. */
+ * The first three are shell patterns; the last matching row counts. The command line knows the
+ * user's file; device.c chooses among the sources; pipeline/programs.c fits a set to a network. */
 #ifndef CLN_TUNE_H
 #define CLN_TUNE_H
 
 #include "cl.h"
 #include "cl_nascent.h"
 
-/* Tuning parameters: X(field, name, cpu, gpu, plain, min, max, meaning). From this list come the
- * struct, the defaults, the parser of "VW=8,TS=6" and its range check, the text form and the
- * kernels' "#define" lines. cpu, gpu: where a kind of device starts; plain: what runs anywhere. */
+/* Tuning parameters: X(field, name, cpu, gpu, plain, min, max, meaning). The list generates the
+ * struct, the defaults, the parser of "VW=8,TS=6" with its range check, the text form and the
+ * kernels' "#define" lines. cpu, gpu: a class's defaults; plain: values that run anywhere. */
 #define CLN_TUNE_LIST(X)                                                                \
     X(vw, "VW", 0, 1, 1, 1, 16, "floats per vector; cpu 0 = the device's native width") \
     X(nv, "NV", 2, 1, 1, 1, 8, "vectors per work-item in a tile")                       \
@@ -36,21 +36,21 @@ typedef struct cln_tune {
 #undef X
 } cln_tune;
 
-enum { CLN_TUNE_TEXT = 256, CLN_TUNE_FROM = 512 }; /* bytes of such texts */
+enum { CLN_TUNE_TEXT = 256, CLN_TUNE_FROM = 512 }; /* bytes: a set as text; its source */
 
-/* "VW=8,NV=2,...", all of them. */
+/* Writes all parameters as "VW=8,NV=2,...". */
 void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT]);
-/* Applies "VW=8,TS=6"; CLN_USAGE names what is wrong and the range. */
+/* Applies "VW=8,TS=6"; CLN_USAGE names the mistake and the range. */
 cln_status cln_tune_parse(const char *text, cln_tune *tune);
 
-/* The columns cpu or gpu; plain: no vectors, no groups, small blocks. */
+/* Class default: the column cpu or gpu. Plain: no vectors, no groups, small blocks. */
 void cln_tune_class_default(cl_device_id id, bool cpu, cln_tune *out);
 void cln_tune_plain(cln_tune *out);
 
 typedef struct cln_tune_row {
     char device[160], driver[160], network[32]; /* patterns */
     char list[CLN_TUNE_TEXT];
-    const char *file; /* the rows' text that it is from */
+    const char *file; /* name of its text */
     int line;
 } cln_tune_row;
 
@@ -61,8 +61,8 @@ typedef struct cln_tune_rows {
     int file_count;
 } cln_tune_rows;
 
-/* Adds the rows of a text to *rows (NULL: made first); CLN_INPUT names file, line and what is
- * wrong. The caller frees *rows, also on failure. */
+/* Add the rows of a text to *rows (allocated if NULL); CLN_INPUT names file, line and mistake. The
+ * caller frees *rows, also on failure. */
 cln_status cln_tune_rows_add(const char *file, const char *text, cln_tune_rows **rows);
 cln_status cln_tune_rows_read(const char *path, cln_tune_rows **rows);
 cln_status cln_tune_rows_shipped(cln_tune_rows **rows); /* data/tune, from the program itself */
@@ -71,16 +71,15 @@ void cln_tune_rows_free(cln_tune_rows *rows);           /* accepts NULL */
 /* The last row that matches, NULL without one. */
 const cln_tune_row *cln_tune_rows_find(const cln_tune_rows *rows, const char *device,
                                        const char *driver, const char *network);
-/* Sets what the row's list names; reading the row has checked it. */
+/* Applies the row's list, which reading has checked. */
 void cln_tune_row_apply(const cln_tune_row *row, cln_tune *tune);
 
-/* The line (without newline) of a row for exactly this device, driver and network. comment:
- * after a #. */
+/* Writes a row for just this device, driver and network, without newline; comment: after a #. */
 void cln_tune_row_text(const cln_device_info *info, const char *network, const cln_tune *tune,
                        const char *comment, char out[1024]);
-/* Puts such a line into a file, at its end, in the place of rows with the same three patterns;
- * the file and its folder are made as needed, and all other lines stay. A file with a wrong row
- * is left alone. */
+/* Appends such a line to a file and removes rows with the same three patterns; all other lines
+ * stay. Creates the file and its folder as needed. CLN_INPUT: a wrong row; the file stays as it
+ * is. */
 cln_status cln_tune_row_put(const char *path, const char *line);
 
 #endif
