@@ -1,13 +1,13 @@
-/* PNG and JPEG, in and out. The one translation unit with stb_image and stb_image_write in it; it
- * is not a general image library (8-bit results only, no colour profiles, EXIF rotation ignored
- * because poses belong to the pixels as stored).
+/* Reads and writes PNG, reads JPEG. The only translation unit with stb_image and stb_image_write.
+ * Not a general image library: 8-bit results, no colour profiles, no EXIF rotation (poses belong to
+ * the pixels as stored).
  *
- * Files come from strangers, so before stb decodes anything:
- *   1. the size is read from the header by code of ours and checked against the limits,
- *   2. the container is walked to its end: PNG chunk lengths and CRCs up to IEND, JPEG segments and
- *      entropy-coded data up to EOI. stb checks neither, and fills what is missing with grey,
- *   3. the largest single allocation of the decoder is capped by that size, so that a small file
- *      cannot inflate to gigabytes.
+ * Files are untrusted, so before stb decodes anything:
+ *   1. our code reads the size from the header and checks it against the limits,
+ * 2. our code walks the container to its end: PNG chunk lengths and CRCs up to IEND, JPEG segments
+ *      and entropy-coded data up to EOI. stb checks neither, and fills missing data with grey,
+ *   3. the size caps the decoder's largest single allocation, so that a small file cannot inflate
+ *      to gigabytes.
  * stb_image 2.27 (Debian 12) needs that: without it damaged JPEGs write out of bounds. */
 #include "io/image.h"
 
@@ -26,7 +26,7 @@ enum {
     PNG_IHDR_END = 33
 };
 
-/* What stb may ask for at once: set per decode, per thread. */
+/* Most bytes of one allocation by stb: set per decode, per thread. */
 static _Thread_local size_t decoder_limit;
 
 /* Zeroed: the JPEG decoder trusts tables that a damaged file never defines. */
@@ -70,8 +70,8 @@ static unsigned char *compress_png(unsigned char *data, int length, int *out_len
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include "stb_image_write.h"
 
-/* What the header says. problem: a reason to refuse the file, or NULL. cut: the data ended before
- * the header did (when walking: before the image did). */
+/* Contents of the header. problem: a reason to refuse the file, or NULL. cut: the data end before
+ * the header does (in a whole walk: before the image does). */
 typedef struct header {
     int64_t width, height;
     int channels;
@@ -143,8 +143,8 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
     }
 }
 
-/* Position of the marker byte (after 0xFF and fill bytes) at or after `at`, or `bytes`. In entropy-
- * coded data FF00 is a data byte and FFD0..FFD7 are restarts. */
+/* Position of the next marker byte (after 0xFF and fill bytes) from `at` on, or `bytes`. In
+ * entropy-coded data FF00 is a data byte and FFD0..FFD7 are restarts. */
 static size_t next_marker(const uint8_t *data, size_t bytes, size_t at, bool entropy)
 {
     while (at < bytes) {
@@ -161,8 +161,8 @@ static size_t next_marker(const uint8_t *data, size_t bytes, size_t at, bool ent
     return bytes;
 }
 
-/* Huffman tables of a DHT segment (after its length): 16 counts, then as many symbols. The decoder
- * writes beyond its own tables if the counts add up to more than 256. */
+/* Checks the Huffman tables of a DHT segment (after its length): 16 counts, then as many symbols.
+ * The decoder writes beyond its own tables if the counts add up to more than 256. */
 static bool huffman_tables_fit(const uint8_t *p, size_t bytes)
 {
     while (bytes >= 17) {
@@ -178,8 +178,8 @@ static bool huffman_tables_fit(const uint8_t *p, size_t bytes)
     return bytes == 0;
 }
 
-/* Walks JPEG segments: to the frame header, or with `whole` to EOI. Thumbnails inside APP segments
- * are jumped over with their segment, so their EOI does not count. */
+/* Walks JPEG segments: to the frame header, or with `whole` to EOI. APP segments are skipped with
+ * the thumbnails in them, so a thumbnail's EOI does not count. */
 static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *head)
 {
     size_t at = 2;
@@ -249,7 +249,7 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
         head->problem = "not a PNG or JPEG image";
 }
 
-/* Sizes first: they are what the user can act on even if the rest is cut. */
+/* Sizes first: the user can act on them even if the rest is cut. */
 static cln_status check_header(const char *path, const header *head)
 {
     if (head->problem)
@@ -368,7 +368,7 @@ cln_status cln_image_downscale(int n, int *width, int *height, int channels, uin
                         *width, *height);
     if (n == 1)
         return CLN_OK;
-    /* In place: a block is read at or after the place its mean goes to. */
+    /* In place: a mean is written at or before its block. */
     for (int y = 0; y < h; y++)
         for (int x = 0; x < w; x++) {
             uint64_t sum[4] = {0}, alpha = 0;

@@ -1,5 +1,5 @@
-/* Images on disk, decoded nowhere else: PNG and JPEG are read through stb_image, after the header's
- * size was checked; PNG is written through stb_image_write, atomically. */
+/* Image files: reads PNG and JPEG through stb_image after checks of its own, writes PNG through
+ * stb_image_write, atomically. */
 #ifndef CLN_IMAGE_H
 #define CLN_IMAGE_H
 
@@ -9,8 +9,7 @@
 
 enum { CLN_IMAGE_MAX_SIDE = 32768, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 
-/* Size and channels (3, or 4 if the file has alpha; grey counts as 3 or 4) from the header alone.
- */
+/* Reads size and channels (3, or 4 with alpha; grey counts as 3 or 4) from the header. */
 cln_status cln_image_info(const char *path, int *width, int *height, int *channels);
 
 /* Decodes to [height][width][channels] u8, channels as cln_image_info says. CLN_INPUT with the path
@@ -18,16 +17,16 @@ cln_status cln_image_info(const char *path, int *width, int *height, int *channe
 cln_status cln_image_load(const char *path, int *width, int *height, int *channels,
                           uint8_t **pixels);
 
-/* The same from the bytes of a file; path is for the sentence. */
+/* The same from the bytes of a file; path: its name in the error sentence. */
 cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
                             int *height, int *channels, uint8_t **pixels);
 
-/* Area filter: divides the size by n (floor; the last partial block is dropped), averaging n x n
- * blocks; with 4 channels on premultiplied values, un-premultiplied after. Rounds to nearest. In
- * place, *pixels is reallocated. */
+/* Divides the size by n (floor; partial blocks are dropped) by the mean of n x n blocks, to
+ * nearest; with 4 channels the mean of premultiplied values, divided by alpha. In place; *pixels is
+ * reallocated. */
 cln_status cln_image_downscale(int n, int *width, int *height, int channels, uint8_t **pixels);
 
-/* PNG of [height][width][channels] u8, channels 1, 3 or 4. */
+/* Writes a PNG of [height][width][channels] u8, channels 1, 3 or 4. */
 cln_status cln_image_write_png(const char *path, int width, int height, int channels,
                                const uint8_t *pixels);
 

@@ -1,7 +1,7 @@
 /* JSON through jansson, and the relaxed dialect of instant-ngp's files. See json.h.
  *
- * Relaxed text is cleaned before jansson sees it, byte for byte in place: a comment becomes blanks
- * (newlines kept) and a trailing comma a blank, so jansson's line and column are the file's. */
+ * Relaxed text is cleaned in place before jansson sees it: comments (but not their newlines) and
+ * trailing commas become blanks, so jansson's line and column are the file's. */
 #include "io/json.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ json_t *cln_json_real(double value)
     return isfinite(value) ? json_real(value) : json_null();
 }
 
-/* End of the string literal that opens at `at` (index after its closing quote, or bytes). */
+/* Index after the closing quote of the string literal that opens at `at`, or bytes. */
 static size_t skip_string(const char *text, size_t bytes, size_t at)
 {
     for (at++; at < bytes && text[at] != '"' && text[at] != '\n'; at++)
@@ -37,8 +37,8 @@ static cln_status open_comment(const char *path, const char *text, size_t at)
                     column);
 }
 
-/* Blanks out comments. Bytes inside a UTF-8 character are dropped, since jansson's columns count
- * characters; hence *bytes may shrink. */
+/* Blanks comments, one blank per UTF-8 character, as jansson's columns count characters; *bytes may
+ * shrink. */
 static cln_status blank_comments(const char *path, char *text, size_t *bytes)
 {
     size_t out = 0, at = 0;
@@ -75,7 +75,7 @@ static cln_status blank_comments(const char *path, char *text, size_t *bytes)
     return CLN_OK;
 }
 
-/* Blanks a comma between a value and the closing bracket; "[,]" stays the error it is. */
+/* Blanks commas between a value and a closing bracket; "[,]" stays an error. */
 static void blank_trailing_commas(char *text, size_t bytes)
 {
     size_t last = 0;               /* index of the last significant byte */

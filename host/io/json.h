@@ -1,4 +1,4 @@
-/* JSON files, and reals that may not be finite. */
+/* JSON files, and reals that need not be finite. */
 #ifndef CLN_JSON_H
 #define CLN_JSON_H
 

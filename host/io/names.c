@@ -1,4 +1,4 @@
-/* View names to file names. See names.h; opens nothing. */
+/* View names to file names. See names.h. */
 #include "io/names.h"
 
 #include <stdbool.h>
@@ -6,7 +6,7 @@
 #include <strings.h>
 #include "base/memory.h"
 
-/* Images' extensions. Any other dot belongs to the name: "frame.0001" has no extension. */
+/* Extensions of images. Any other dot belongs to the name, as in "frame.0001". */
 static bool is_extension(const char *dot)
 {
     return !strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg");

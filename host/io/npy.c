@@ -11,7 +11,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 
-/* Data goes to the file as it lies in memory. */
+/* Data are written as they are in memory. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "npy.c is for little-endian hosts");
 
 enum { MAX_DIMS = 4, PREFIX_BYTES = 10, HEADER_MAX = 1024 };
@@ -67,7 +67,7 @@ done:
     return st;
 }
 
-/* The text after "'key':" and blanks, or NULL. */
+/* Text after "'key':" and blanks, or NULL. */
 static const char *value_of(const char *header, const char *key)
 {
     const char *p = strstr(header, key);

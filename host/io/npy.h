@@ -1,4 +1,4 @@
-/* NumPy .npy files of float32, little-endian, in C order: what this program writes. */
+/* NumPy .npy files of float32, little-endian, in C order. */
 #ifndef CLN_NPY_H
 #define CLN_NPY_H
 
@@ -7,8 +7,8 @@
 /* Writes shape[dims] float32, atomically. */
 cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const float *data);
 
-/* Reads what the writer writes (version 1.0 headers, '<f4', C order, up to 4 dimensions, at most
- * 2^31 bytes). The caller frees *data. CLN_INPUT with the path and what is wrong. */
+/* Reads files as the writer makes them (version 1.0, '<f4', C order, up to 4 dimensions, at most
+ * 2^31 bytes). The caller frees *data. CLN_INPUT names path and defect. */
 cln_status cln_npy_read_f32(const char *path, int *dims, int shape[4], float **data);
 
 #endif

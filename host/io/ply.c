@@ -1,13 +1,13 @@
-/* PLY, binary little-endian: a text header that names elements and their properties, then all
- * vertices, then all faces. Vertex i of a box has the upper x if bit 0 of i is set, the upper y for
- * bit 1, the upper z for bit 2; a face's vertices run counter-clockwise as seen from outside. */
+/* PLY, binary little-endian: a text header with elements and their properties, then all vertices,
+ * then all faces. Vertex i of a box has the upper x if bit 0 of i is set, the upper y for bit 1,
+ * the upper z for bit 2; a face's vertices run counter-clockwise as seen from outside. */
 #include "io/ply.h"
 
 #include <stdio.h>
 #include <string.h>
 #include "base/files.h"
 
-/* Numbers go to the file as they lie in memory. */
+/* Numbers are written as they are in memory. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "ply.c is for little-endian hosts");
 
 enum {

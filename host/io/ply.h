@@ -1,5 +1,5 @@
-/* PLY files of axis-parallel boxes, for programs that show meshes. Binary, little-endian;
- * docs/formats.md has the layout. */
+/* PLY files of axis-parallel boxes, for mesh viewers. Binary, little-endian; docs/formats.md has
+ * the layout. */
 #ifndef CLN_PLY_H
 #define CLN_PLY_H
 
@@ -10,10 +10,11 @@ typedef struct cln_ply_box {
     float min[3], max[3];
     uint8_t colour[3];
     uint8_t level;
-    float error; /* NaN where it is not known */
+    float error; /* NaN: not known */
 } cln_ply_box;
 
-/* Eight vertices and six faces a box, in the order of `boxes`, atomically. comment: one line. */
+/* Writes eight vertices and six faces a box, in the order of `boxes`, atomically. comment: one
+ * line. */
 cln_status cln_ply_write_boxes(const char *path, int count, const cln_ply_box *boxes,
                                const char *comment);
 

@@ -47,7 +47,7 @@ size_t cln_tensor_bytes(const cln_tensor *tensor)
     return bytes;
 }
 
-/* Over names, types, shapes and data, so that a flipped bit in header or data shows. */
+/* Digest of names, types, shapes and data, to expose a flipped bit in header or data. */
 static uint64_t digest_of(int count, const cln_tensor *tensors)
 {
     uint64_t digest = CLN_DIGEST_START;
@@ -149,7 +149,7 @@ static const char *read_entry(const json_t *entry, const char *data, size_t size
         if (!json_is_integer(side) || json_integer_value(side) < 0)
             return "its shape is no list of whole numbers from 0";
         out->shape[k] = json_integer_value(side);
-        /* An empty tensor may have any other sides; a full one cannot be larger than the file. */
+        /* An empty tensor may have any sides; another one cannot be larger than the file. */
         if (out->shape[k] != 0 && bytes > size / (uint64_t)out->shape[k])
             bytes = SIZE_MAX;
         else
@@ -178,7 +178,7 @@ static int by_offset(const void *a, const void *b)
     return (cln_tensor_bytes(x) > 0) - (cln_tensor_bytes(y) > 0);
 }
 
-/* Length, header and data section of the bytes read; fills file->header and file->tensors. */
+/* Parses length, header and data section; fills in file->header, file->tensors and the digest. */
 static cln_status parse(cln_safetensors *file, size_t bytes)
 {
     cln_status st = CLN_OK;

@@ -1,8 +1,8 @@
 /* safetensors files: 8-byte little-endian header length, a JSON header {name: {dtype, shape,
  * data_offsets}}, then raw little-endian data; numpy and torch read them. Written as a stream,
- * atomically; read whole. docs/formats.md has it byte by byte. "__metadata__" holds the digest of
- * the content ("digest", 16 hex digits, cln_safetensors_digest), which reading checks: a damaged
- * file is CLN_CHECKPOINT, never used. */
+ * atomically; read whole. docs/formats.md has the layout byte by byte. "__metadata__" holds the
+ * content's "digest" (16 hex digits, cln_safetensors_digest). Reading checks it: a damaged file is
+ * CLN_CHECKPOINT, never used. */
 #ifndef CLN_SAFETENSORS_H
 #define CLN_SAFETENSORS_H
 
@@ -23,13 +23,13 @@ typedef struct cln_tensor {
     cln_dtype dtype;
     int dims;
     int64_t shape[4];
-    const void *data; /* host memory, little-endian as the host is */
+    const void *data; /* host memory, little-endian like the host */
 } cln_tensor;
 
 /* Bytes of one tensor's data. */
 size_t cln_tensor_bytes(const cln_tensor *tensor);
 
-/* Writes all tensors in order; their digest also to *digest if not NULL. CLN_OUTPUT. */
+/* Writes all tensors in order; *digest (may be NULL): their digest. CLN_OUTPUT. */
 cln_status cln_safetensors_write(const char *path, int count, const cln_tensor *tensors,
                                  uint64_t *digest);
 
@@ -40,12 +40,12 @@ typedef struct cln_safetensors cln_safetensors;
 cln_status cln_safetensors_read(const char *path, cln_safetensors **out);
 void cln_safetensors_free(cln_safetensors *file); /* accepts NULL */
 
-/* Digest of all tensors, as cln_safetensors_write gave it: of each, in the header's order, the
- * name, the dtype's name, the shape as int64 and the data, folded with cln_digest. */
+/* Digest of all tensors, the one cln_safetensors_write gave: cln_digest over each one's name,
+ * dtype's name, shape as int64 and data, in the header's order. */
 uint64_t cln_safetensors_digest(const cln_safetensors *file);
 
-/* Tensor by name; its data points into `file` and may be unaligned in files that others wrote: copy
- * it. CLN_CHECKPOINT if absent or of another dtype. */
+/* Finds a tensor by name. Its data point into `file`, unaligned perhaps in other programs' files:
+ * copy them. CLN_CHECKPOINT if absent or of another dtype. */
 cln_status cln_safetensors_get(const cln_safetensors *file, const char *name, cln_dtype dtype,
                                cln_tensor *out);
 
