@@ -1,7 +1,7 @@
-/* The option table as data. See config.h. The rows are expanded once into descriptions and once for
- * each of the presets fast and paper into values; the baselines nerf and kilonerf are rows over
- * fast. Everything else walks the descriptions. What several rows mean together, and the small
- * languages inside TEXT rows, are in config_check.c. */
+/* The option table as data. See config.h. The rows expand once into descriptions, and once for each
+ * of the presets fast and paper into values; the baselines nerf and kilonerf are rows on top of
+ * fast. Everything else walks the descriptions. config_check.c has the rules that bind several rows
+ * and the small languages inside TEXT rows. */
 #include "base/config.h"
 
 #include <limits.h>
@@ -11,7 +11,7 @@
 #include "base/number.h"
 #include "base/text.h"
 
-/* What every type of row has, and the flags and alias that stand behind its help. */
+/* Members of every type of row, and the flags and alias that follow its help. */
 #define ROW(row_type, row_field, row_option, row_help, ...) \
     {.type = row_type,                                      \
      .field = #row_field,                                   \
@@ -75,21 +75,21 @@ static const cln_config preset_fast = {
 
 /* ---- baselines: other methods' shapes in this program ----
  *
- * Each is the fast preset but for these rows, so that a comparison has the same rays, budget, loss
- * and machine, and differs in what holds the scene. They are not the authors' programs: density
- * activation, batch and losses are this program's. */
+ * Each is the fast preset with these rows changed, so that a comparison has the same rays, budget,
+ * loss and machine, and differs in the scene's representation. They are not the authors' programs:
+ * density activation, batch and losses are this program's. */
 typedef struct setting {
     const char *option, *value;
 } setting;
 
 /* NeRF (Mildenhall et al., arXiv 2003.08934, section 5 and appendix A; bmild/nerf: run_nerf.py):
  * one network for the whole cube, 8 x 256 with the encoding again at layer 5, view layer 128, 10
- * and 4 frequencies, ReLU, Adam and its rates as there. Left out: the linear layer before the view
- * layer (method.md section 1) and the coarse network. Stage 1 stands in for that one, with 64 cells
- * along an axis for its 64 samples of a ray and a refresh at least every 64 steps, for it is never
- * stale; and stage 2 follows the compositing weight, as NeRF's fine samples do. An opaque ray gets
- * 64 of them: the 8 that the fast preset gives a leaf are not enough for one that is the whole
- * cube. No culling, as there is one leaf. */
+ * and 4 frequencies, ReLU, Adam and its rates. Left out: the linear layer before the view layer
+ * (method.md section 1) and the coarse network. Stage 1 replaces the coarse network: 64 cells along
+ * an axis for its 64 samples of a ray, refreshed at least every 64 steps, as it is never stale.
+ * Stage 2 follows the compositing weight, like NeRF's fine samples, 64 for an opaque ray: the fast
+ * preset's 8 a leaf are too few for a leaf that is the whole cube. No culling: there is one
+ * leaf. */
 static const setting nerf[] = {
     {"start-level", "0"},
     {"level-at", ""},
@@ -116,11 +116,11 @@ static const setting nerf[] = {
 };
 
 /* KiloNeRF (Reiser et al., arXiv 2103.13744; creiser/kilonerf: cfgs/): a uniform grid of networks,
- * each two layers of 32 and a view layer of 32, 10 and 4 frequencies, ReLU. Here 16^3 cells over
- * the cube, there a grid per scene over a tight box (lego: 9 x 16 x 10). From scratch: KiloNeRF
- * trains a NeRF first and distils it into the grid, and then fine-tunes with a weight on the view
- * layer; without that teacher this is its shape, not its quality. Culling and stage 1 are its
- * occupancy grid. */
+ * each two layers of 32 and a view layer of 32, 10 and 4 frequencies, ReLU. Here it has 16^3 cells
+ * over the cube, there a grid per scene over a tight box (lego: 9 x 16 x 10). It trains from
+ * scratch, while KiloNeRF distils a trained NeRF into the grid and fine-tunes with a weight on the
+ * view layer; without that teacher this is its shape, not its quality. Culling and stage 1 replace
+ * its occupancy grid. */
 static const setting kilonerf[] = {
     {"start-level", "4"}, {"level-at", ""},     {"adaptive", "no"},   {"width", "32"},
     {"depth", "2"},       {"skip", "no"},       {"view-width", "32"}, {"bands", "10"},
@@ -129,7 +129,7 @@ static const setting kilonerf[] = {
 
 static const struct {
     const char *name;
-    const setting *settings; /* [count], over the fast preset */
+    const setting *settings; /* [count], on top of the fast preset */
     size_t count;
 } baselines[] = {
     {"nerf", nerf, sizeof nerf / sizeof nerf[0]},
@@ -469,8 +469,8 @@ static cln_status set_from_json(cln_config *config, const cln_config_row *row, c
     return CLN_OK;
 }
 
-/* The key of a row in an object: its field, or where that is missing its earlier name ("t-min" is
- * "t_min" there). NULL if it has neither. */
+/* The key of a row in an object: its field, else its earlier name ("t-min" is "t_min" there). NULL
+ * if the object has neither. */
 static const char *key_of(const json_t *object, const cln_config_row *row, char earlier[64])
 {
     if (json_object_get(object, row->field))
@@ -496,7 +496,7 @@ static bool is_read(const json_t *object, const char *key)
 cln_status cln_config_from_json(const json_t *object, cln_config *out)
 {
     cln_status st = CLN_OK;
-    cln_config config = preset_paper; /* every row is overwritten below, but for later ones */
+    cln_config config = preset_paper; /* for missing CLN_ROW_LATER rows; others are overwritten */
     const char *key = NULL;
     json_t *given = NULL;
 

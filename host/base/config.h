@@ -1,5 +1,5 @@
-/* The rows of config_rows.h as data: presets, set by text, to and from JSON, compare. Used by the
- * CLI's parser and help, by run.json and by checkpoints. Interprets nothing. */
+/* The rows of config_rows.h as data: presets, setting by text, to and from JSON, comparison. For
+ * the command line's parser and help, run.json and checkpoints. */
 #ifndef CLN_BASE_CONFIG_H
 #define CLN_BASE_CONFIG_H
 
@@ -24,30 +24,30 @@ typedef struct cln_config_row {
 extern const cln_config_row cln_config_rows[];
 extern const int cln_config_row_count;
 
-/* The groups of rows in the order in which help and report show them, with their titles. */
+/* The groups of rows in the order of help and report, with their titles. */
 enum { CLN_CONFIG_GROUPS = 5 };
 extern const char *const cln_config_groups[CLN_CONFIG_GROUPS][2];
 
-/* Whether name ([length], need not end there) is the row's option or its alias. */
+/* Returns whether the first `length` characters of name are the row's option or alias. */
 bool cln_config_named(const cln_config_row *row, const char *name, size_t length);
 
-/* The row of an option name or alias ("rays", without dashes); NULL if there is none. For misspelt
- * names: the nearest one (never NULL). */
+/* The row of an option name or alias ("rays", without dashes), or NULL; and for misspelt names the
+ * nearest option (never NULL). */
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);
 
 #define CLN_PRESETS "fast|paper|nerf|kilonerf"
 
 /* *out = preset "fast" or "paper", or a baseline: "nerf" (one network) or "kilonerf" (a uniform
- * grid of small ones, from scratch), both fast in all else. CLN_USAGE for another name. */
+ * grid of small ones, from scratch), both otherwise fast. CLN_USAGE for another name. */
 cln_status cln_config_preset(const char *name, cln_config *out);
 
-/* Sets one value from text, range-checked, independent of LC_NUMERIC. Units by the row's flags
+/* Sets a value from text, range-checked, independent of LC_NUMERIC. Units by the row's flags
  * (CLN_ROW_SECONDS, _BYTES, _AUTO); BOOL takes yes|no|true|false|1|0.
- * CLN_USAGE names the option, the text and the legal range; *config is then untouched. */
+ * CLN_USAGE names the option, the text and the legal range, and leaves *config as it is. */
 cln_status cln_config_set(cln_config *config, const cln_config_row *row, const char *text);
 
-/* Parsers behind it, for options outside the table. */
+/* Its parsers, for options outside the table. */
 cln_status cln_parse_seconds(const char *text, double *seconds);
 cln_status cln_parse_bytes(const char *text, double *bytes);
 cln_status cln_parse_reals(const char *text, int count, double *out); /* "a,b,c" */
@@ -55,17 +55,16 @@ cln_status cln_parse_reals(const char *text, int count, double *out); /* "a,b,c"
 /* The value as text that cln_config_set reads back exactly. */
 void cln_config_text(const cln_config *config, const cln_config_row *row, char out[CLN_TEXT_BYTES]);
 
-/* JSON object field -> value (ENUM as its word), and back. An unknown or missing key is CLN_INPUT,
- * except that an alias may stand for its row, and that a row flagged CLN_ROW_LATER may be missing:
- * it then gets its paper value. */
+/* To and from a JSON object of field -> value (ENUM as its word). An unknown or missing key is
+ * CLN_INPUT; but an alias may replace its row's key, and a missing CLN_ROW_LATER row gets its paper
+ * value. */
 cln_status cln_config_to_json(const cln_config *config, json_t **out);
 cln_status cln_config_from_json(const json_t *object, cln_config *out);
 
-/* The first row with all these flags whose values differ; NULL if there is none. */
+/* The first row with all these flags whose values differ, or NULL. */
 const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *b, unsigned flags);
 
-/* Checks between values that no single row can make (widths, level_at syntax and order).
- * CLN_USAGE. */
+/* Checks the rules that bind several values, and TEXT rows. CLN_USAGE. */
 cln_status cln_config_check(const cln_config *config);
 
 /* The most rays a batch ever has: --rays, or 8 times that with --leaf-samples. */
@@ -74,7 +73,8 @@ int cln_config_most_rays(const cln_config *config);
 /* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */
 cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS]);
 
-/* "60s,2m,5000" -> up to max points, ascending as given; seconds[i] > 0 or steps[i] > 0. */
+/* "60s,2m,5000" -> up to max points in the given, ascending order; seconds[i] > 0 or steps[i] >
+ * 0. */
 cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
                                   int *count);
 

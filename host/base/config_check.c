@@ -7,8 +7,8 @@
 #include "base/config.h"
 #include "base/number.h"
 
-/* Copies the part of *text up to the next comma and steps over it. False at the end of the text, or
- * when a part is empty (then *text is not at its end). */
+/* Copies *text up to the next comma and steps past it. False at the end of the text, or at an empty
+ * part (then *text is not at its end). */
 static bool next_part(const char **text, char part[CLN_TEXT_BYTES])
 {
     size_t length = strcspn(*text, ",");
@@ -17,7 +17,7 @@ static bool next_part(const char **text, char part[CLN_TEXT_BYTES])
         return false;
     snprintf(part, CLN_TEXT_BYTES, "%.*s", (int)length, *text);
     if ((*text)[length] == ',' && (*text)[length + 1])
-        length++; /* a comma at the very end is left, as an empty part */
+        length++; /* leaves a comma at the very end, as an empty part */
     *text += length;
     return true;
 }
@@ -160,8 +160,8 @@ static cln_status check_bbox(const char *text)
     return CLN_OK;
 }
 
-/* The adaptive rows among themselves and against the growth by level. With --tree-from none of
- * them, nor the growth, has a meaning: that tree is kept as it is. */
+/* Checks the adaptive rows among themselves and against growth by level. --tree-from keeps its
+ * tree, so that none of them counts. */
 static cln_status check_adaptive(const cln_config *config, const double fraction[CLN_LEVELS])
 {
     int deepest = config->start_level;

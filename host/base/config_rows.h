@@ -1,7 +1,6 @@
-/* Every hyperparameter and run option, one row each. From this list come the struct, the presets,
- * the command-line options with their help, the settings of the public interface, run.json and the
- * checkpoint's settings, so they cannot drift apart. Nothing here reads or interprets a value; see
- * the room that the comment names.
+/* Every hyperparameter and run option, a row each. The list generates the struct, the presets, the
+ * command-line options with their help, the settings of the public interface, run.json and the
+ * checkpoint's settings, so they cannot drift apart.
  *
  * Rows, by type (paper = method.md's default, fast = chosen by error against run time on a CPU,
  * docs/results.md):
@@ -10,12 +9,12 @@
  *   BOOL(field, option, paper, fast, help)                 --option / --no-option
  *   ENUM(field, option, paper, fast, "a|b|c", help)        stored as the index of the word
  *   TEXT(field, option, paper, fast, help)                 at most 127 characters
- * and behind the help, where a row needs it, what else is known of it:
- *   .flags = CLN_ROW_...      who else must know this row (below)
+ * A row may have after its help:
+ *   .flags = CLN_ROW_...      special treatment (below)
  *   .alias = "old-name"       an earlier name: still an option, and a key of older runs
  *
- * A new row is CLN_ROW_LATER, and its paper value means what was done without it: runs written
- * before are read with that value.
+ * A new row is CLN_ROW_LATER, and its paper value means the behaviour without it: older runs are
+ * read with that value.
  */
 #ifndef CLN_CONFIG_ROWS_H
 #define CLN_CONFIG_ROWS_H
@@ -32,7 +31,7 @@ enum {
     CLN_ROW_SHAPE = 2,   /* shape of the networks' kernels: checked on the device before training */
     CLN_ROW_TUNE = 4,    /* an option of `tune`, too */
     CLN_ROW_SCENE = 8,   /* an option of `info SCENE`, too: how a scene is read */
-    CLN_ROW_LATER = 16,  /* runs from before this row existed have its paper value */
+    CLN_ROW_LATER = 16,  /* runs older than this row have its paper value */
     CLN_ROW_BUDGET = 32, /* +N extends a resumed run */
     CLN_ROW_SECONDS = 64, /* REAL: also 90s, 10m, 2h */
     CLN_ROW_BYTES = 128,  /* REAL: also 512M, 4G */
@@ -54,7 +53,7 @@ enum { CLN_LOSS_L2, CLN_LOSS_HUBER };
 enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
 
-/* What shapes the leaf networks: compile-time constants of the kernels (method.md section 1). */
+/* The leaf networks: compile-time constants of the kernels (method.md sections 1, 2). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
     INT(width, "width", 64, 32, 16, 256, "neurons of a trunk layer: 16, 32, 64, 128 or 256",       \
         .flags = CLN_ROW_NETWORK)                                                                  \
@@ -212,7 +211,7 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     INT(precrop_steps, "precrop-steps", 0, 0, 0, 1000000,                                          \
         "first steps that draw rays from the middle half of the images only")
 
-/* Data, budgets and what a run leaves behind. */
+/* Data, budgets and output of a run. */
 #define CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)                                               \
     INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                       \
     INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)", .flags = CLN_ROW_BUDGET) \

@@ -1,10 +1,9 @@
 /* Files, folders, paths and content digests. See files.h for the contracts.
  *
- * An atomic write goes to "PATH.tmp.PID.N" beside PATH (the same file system, so that rename is one
- * step), is flushed to the disk, and only then takes PATH's name:
+ * An atomic write goes to "PATH.tmp.PID.N" beside PATH (the same file system, so that rename is
+ * atomic), is flushed to the disk, and only then takes PATH's name:
  *   open temp -> write -> fflush, fsync -> rename -> fsync the folder
- * Whatever fails before the rename leaves PATH as it was. Not for appending; metrics rows do that
- * themselves. */
+ * A failure before the rename leaves PATH as it was. Not for appending. */
 #include "base/files.h"
 
 #include <errno.h>
@@ -45,7 +44,7 @@ cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t 
 
     *out = NULL;
     *bytes = 0;
-    /* O_NONBLOCK: a FIFO of that name must not hang the program before fstat can refuse it. */
+    /* O_NONBLOCK: a FIFO of that name must not block the program before fstat refuses it. */
     fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (fd < 0 || fstat(fd, &info) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path, strerror(errno)));
@@ -137,8 +136,8 @@ cln_status cln_atomic_write(cln_atomic_file *file, const void *data, size_t byte
     return CLN_OK;
 }
 
-/* The rename itself survives a power cut only when the folder is on disk too. Folders that cannot
- * be opened or synced (some network file systems) are let pass: the file is complete either way. */
+/* The rename survives a power cut only if the folder is synced too. A folder that cannot be opened
+ * or synced (some network file systems) is no error: the file is complete either way. */
 static void sync_folder_of(const char *path)
 {
     const char *slash = strrchr(path, '/');

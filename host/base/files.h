@@ -11,16 +11,16 @@
 bool cln_is_file(const char *path);
 bool cln_is_dir(const char *path);
 
-/* Reads a whole file; *out has one extra zero byte after *bytes. CLN_INPUT on failure, also when
- * the file is larger than max_bytes. The caller frees *out. */
+/* Reads a whole file; a zero byte follows its *bytes. CLN_INPUT on failure, also if the file is
+ * larger than max_bytes. The caller frees *out. */
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes);
 
-/* Writes atomically: a reader sees the old file or the new one. CLN_OUTPUT on failure, old file
- * kept, temp file removed. */
+/* Writes atomically: a reader sees the old file or the new one. CLN_OUTPUT on failure: the old file
+ * stays, the temp file is removed. */
 cln_status cln_write_file(const char *path, const void *data, size_t bytes);
 
-/* The same for large or streamed files: open a temp file next to path, write, then commit (flush,
- * fsync, rename, fsync of the folder) or abandon. Exactly one of the two ends it; both free it. */
+/* The same for large or streamed files: open a temp file beside path, write, then commit (flush,
+ * fsync, rename, fsync of the folder) or abandon, exactly one of them; both free it. */
 typedef struct cln_atomic_file cln_atomic_file;
 cln_status cln_atomic_open(const char *path, cln_atomic_file **out);
 FILE *cln_atomic_stream(cln_atomic_file *file);
@@ -34,8 +34,8 @@ cln_status cln_make_dirs(const char *path);
 /* *out = "dir/name" ("name" if dir is empty or name is absolute). */
 cln_status cln_path_join(char **out, const char *dir, const char *name);
 
-/* 64-bit content digest (FNV-1a over 8-byte words with a final mix; not cryptographic). Start with
- * CLN_DIGEST_START and fold pieces in order. */
+/* 64-bit content digest (FNV-1a over 8-byte words with a final mix; not cryptographic): start with
+ * CLN_DIGEST_START and add pieces in order. */
 #define CLN_DIGEST_START 0xcbf29ce484222325ull
 uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes);
 

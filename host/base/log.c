@@ -1,4 +1,4 @@
-/* Formats log lines and hands them to the sink. Level and sink are the process's. */
+/* Formats log lines and hands them to the sink. Level and sink belong to the process. */
 #include "base/log.h"
 
 #include <stdarg.h>

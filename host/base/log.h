@@ -1,14 +1,14 @@
-/* The log: sentences for a person, handed to the sink that cl_nascent.h sets (cln_log_to), to
- * nobody before that. Levels: error is for main() alone, warn for what changes a result, info for
- * what train says anyway, debug for -v. Not for results (stdout) nor for the live progress line
- * (io/progress.h), which clears itself before a line of the log. */
+/* The log: sentences for a person, which go to the sink that cln_log_to sets, and nowhere before.
+ * Levels: error is for main() only, warn for what changes a result, info for train's normal lines,
+ * debug for -v. Not for results (stdout) or the live progress line (io/progress.h), which clears
+ * itself before a line of the log. */
 #ifndef CLN_LOG_H
 #define CLN_LOG_H
 
 #include "cl_nascent.h"
 
-/* cln_log_to in two parts: lines above this level are dropped (default CLN_LOG_INFO), and where the
- * others go; NULL = nowhere. */
+/* cln_log_to in two parts. Level: lines above it are dropped (default CLN_LOG_INFO). Sink: gets the
+ * others; NULL drops them. */
 void cln_log_set_level(cln_log_level level);
 void cln_log_set_sink(cln_log_sink *sink, void *user);
 

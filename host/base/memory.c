@@ -13,8 +13,7 @@
 
 enum { HUGE_PAGE = 2 << 20 };
 
-/* Asks for huge pages for what lies wholly in [p, p + bytes); whether they come changes speed
- * alone. */
+/* Asks for huge pages in [p, p + bytes); they only affect speed. */
 static void ask_for_huge_pages(void *p, size_t bytes)
 {
 #ifdef MADV_HUGEPAGE

@@ -1,7 +1,6 @@
 /* Checked allocation: overflow-safe sizes, zeroed memory, CLN_MEMORY with the size in the sentence.
- * Large pieces lie in huge pages where the system gives them to those who ask (Debian's default):
- * of 4 KiB pages a processor remembers the places of a few MiB only, and its prefetching ends with
- * each. */
+ * Large blocks ask for huge pages (granted on request by Debian's default): with 4 KiB pages a
+ * processor's TLB covers only a few MiB, and prefetching stops at each page. */
 #ifndef CLN_MEMORY_H
 #define CLN_MEMORY_H
 
@@ -9,8 +8,8 @@
 #include <stdint.h>
 #include "base/status.h"
 
-/* *out = zeroed memory for count elements of size bytes (count 0 gives a valid pointer to free).
- * `what` names it in the error sentence. On failure *out is NULL. */
+/* *out = zeroed memory for count elements of size bytes (a pointer to free even for count 0). what:
+ * its name in the error sentence. On failure *out is NULL. */
 cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *what);
 
 /* *out = copy of text; NULL stays NULL. */
@@ -19,14 +18,14 @@ cln_status cln_strdup(char **out, const char *text);
 /* *out = printf-style text. */
 cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
-/* Memory for a large array, not zeroed, at the start of a huge page; free() frees it. NULL if there
- * is none, if it is less than a huge page, or if the system has no such pages. */
+/* Memory for a large array, not zeroed, aligned to a huge page; free() frees it. NULL if memory is
+ * short, if bytes are less than a huge page, or if the system has none. */
 void *cln_huge_pages(size_t bytes);
 
-/* Bytes of memory that this machine has. */
+/* Bytes of this machine's memory. */
 double cln_host_memory(void);
 
-/* The largest resident memory that this process had, in bytes; 0 if unknown. */
+/* Peak resident memory of this process, in bytes; 0 if unknown. */
 double cln_peak_rss(void);
 
 #endif

@@ -1,13 +1,13 @@
 /* Counter-based random numbers: Philox4x32-10 (Salmon et al., "Parallel Random Numbers: As Easy as
- * 1, 2, 3", SC 2011). A number is a pure function of (seed, stream, step, index, draw), so nothing
- * has to be stored to resume a run and no order of evaluation matters. kernels/rng.h holds the same
- * generator for the device; tests compare both with the published known answers. */
+ * 1, 2, 3", SC 2011). A number is a pure function of (seed, stream, step, index, draw), so a
+ * resumed run needs no stored state and the order of evaluation does not matter. kernels/rng.h has
+ * the same generator for the device; tests compare both with the published known answers. */
 #ifndef CLN_RNG_H
 #define CLN_RNG_H
 
 #include <stdint.h>
 
-/* What a number is for; the second word of the counter is (stream << 24) | draw. */
+/* Purposes of numbers; the counter's second word is (stream << 24) | draw. */
 enum {
     CLN_STREAM_PIXELS = 1,     /* host: which pixel of which view a ray goes through */
     CLN_STREAM_INIT = 2,       /* host: initial weights */
@@ -26,15 +26,15 @@ void cln_philox(const uint32_t counter[4], const uint32_t key[2], uint32_t out[4
 void cln_uniform4(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index, uint32_t draw,
                   float out[4]);
 
-/* A well-mixed 32-bit hash, C. Wellons' "lowbias32", as kernels/rng.h has it. */
+/* A well-mixed 32-bit hash, C. Wellons' "lowbias32", as in kernels/rng.h. */
 uint32_t cln_hash(uint32_t x);
 
-/* One uniform in [0,1), 24 bits, for (seed, stream, step, index, number, draw): the key of a stream
- * and step by Philox, the rest by a hash (kernels/rng.h). */
+/* A uniform in [0,1), 24 bits, for (seed, stream, step, index, number, draw): Philox gives the key
+ * of stream and step, a hash the rest (kernels/rng.h). */
 float cln_uniform_hash(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
                        uint32_t number, uint32_t draw);
 
-/* An unbiased integer in [0, n), n > 0, from 32 random bits (multiply-shift; bias < n / 2^32). */
+/* An integer in [0, n), n > 0, from 32 random bits (multiply-shift; bias < n / 2^32). */
 uint32_t cln_bounded(uint32_t random, uint32_t n);
 
 #endif

@@ -1,5 +1,5 @@
-/* Settings by name and text: the rows of config.h behind an opaque type. Those of a run are made in
- * api/train.c. */
+/* Settings by name and text: the rows of config.h behind an opaque type. api/train.c makes those of
+ * a run. */
 #include "base/settings.h"
 
 #include <stdio.h>
@@ -41,7 +41,7 @@ static cln_status find_row(const char *name, const cln_config_row **row)
                     cln_config_nearest(name));
 }
 
-/* "+N" of a budget: the run's own plus N. Of two of them the last counts, as of any setting. */
+/* "+N" of a budget: the run's own plus N. Given twice, the last counts, as with any setting. */
 static cln_status extend(cln_settings *settings, const cln_config_row *row, const char *more)
 {
     cln_status st = CLN_OK;

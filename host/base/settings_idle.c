@@ -1,12 +1,12 @@
-/* Settings that were given but have no effect with the others: said as warnings when a training
- * begins. See settings.h. To add one: a row in the list below. */
+/* Warnings at the start of a training about given settings without effect. See settings.h. A new
+ * one is a row of the list below. */
 #include "base/settings.h"
 
 #include <string.h>
 #include "base/log.h"
 
 typedef struct idle {
-    const char *options; /* of the rows, separated by spaces */
+    const char *options; /* separated by spaces */
     bool when;
     const char *why; /* reason; way out */
 } idle;
@@ -18,7 +18,7 @@ enum { IDLE_ROWS = 18 };
     "split-samples split-factor merge-factor cost-density distil-steps distil-samples "   \
     "distil-lr distil-stop"
 
-/* The list. For an option in two rows the first that holds is said. */
+/* The list. Of two rows of an option, the first that holds counts. */
 static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle out[IDLE_ROWS])
 {
     const bool tree = c->tree_from[0];
@@ -61,7 +61,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
     memcpy(out, rows, sizeof rows);
 }
 
-/* Is row's option among "a b c"? */
+/* Returns whether the row's option is among "a b c". */
 static bool is_among(const char *options, const cln_config_row *row)
 {
     while (*options) {

@@ -1,4 +1,4 @@
-/* The thread-local error record behind status.h. Nothing else. */
+/* The thread-local error record of status.h. */
 #include "base/status.h"
 
 #include <stdarg.h>
@@ -6,8 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Long enough for a path, a reason and a way out; build logs are printed in full by their own
- * channel (device/program.c) and only named here. */
+/* Enough for a path, a reason and a way out; device/program.c logs build logs by itself. */
 enum { TEXT_BYTES = 4096 };
 
 static _Thread_local struct {

@@ -1,6 +1,5 @@
-/* The distance between two names by dynamic programming over their prefixes (optimal string
- * alignment: Levenshtein's with swaps), and UTF-8. See text.h; who suggests what is the callers'
- * affair. */
+/* Edit distance by dynamic programming over prefixes (optimal string alignment: Levenshtein's with
+ * swaps), and UTF-8. See text.h. */
 #include "base/text.h"
 
 #include <stdint.h>
@@ -34,7 +33,7 @@ int cln_edit_distance(const char *a, const char *b)
 
 int cln_utf8_bytes(const char *at)
 {
-    static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000}; /* shorter forms are wrong */
+    static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000}; /* overlong forms are invalid */
     const unsigned char first = (unsigned char)*at;
     const int bytes = first < 0x80 ? 1 : first < 0xC0 ? 0 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
     uint32_t code = bytes == 1 ? first : first & (0xFFu >> (bytes + 1));
