@@ -1,5 +1,4 @@
-/* Adam with bias correction (method.md 11), on one block of parameters. Decides nothing about which
- * leaves are touched. See reference.h. */
+/* Adam with bias correction (method.md 11), on a block of parameters. See reference.h. */
 #include <math.h>
 #include "reference/reference.h"
 

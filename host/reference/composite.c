@@ -1,6 +1,6 @@
-/* Compositing of one ray and its loss, forward and by a true backward sweep (method.md 9 and 10):
- * the adjoint of the transmittance runs back to front, so nothing is got by subtracting a prefix
- * from the whole. See reference.h. */
+/* Compositing of a ray and its loss, forward and by a true backward sweep (method.md 9 and 10): the
+ * adjoint of the transmittance runs back to front, so no prefix is subtracted from a total. See
+ * reference.h. */
 #include <math.h>
 #include "reference/reference.h"
 
@@ -37,7 +37,7 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
     *opacity = sum;
 }
 
-/* Loss of one channel's error d; *slope = its derivative. */
+/* Loss of a channel's error d; *slope = its derivative. */
 static double channel_loss(const ref_loss *loss, double d, double *slope)
 {
     double limit = loss->huber_delta;
@@ -54,7 +54,7 @@ static double channel_loss(const ref_loss *loss, double d, double *slope)
     return limit * (fabs(d) - limit / 2);
 }
 
-/* Weight of sample i from scratch, so that the sweep needs no array of them. */
+/* Weight of sample i, computed from scratch. */
 static double weight_of(int i, const double (*out)[4], const double *delta)
 {
     double tau = 0;
@@ -104,7 +104,7 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
     if (!grad)
         return total;
 
-    /* Back to front. dtrans = dL/d(transmittance behind sample i), at first behind the last. */
+    /* Back to front. dtrans = dL/d(transmittance behind sample i), initially the last one's. */
     for (int i = n - 1; i >= 0; i--) {
         double x = optical_depth(out[i][3], delta[i]), alpha = -expm1(-x);
         double w = weight_of(i, out, delta), trans = 1, dw = dopacity, dalpha = 0;

@@ -1,5 +1,5 @@
-/* The frequency encoding (method.md 1), twin of kernels/encoding_frequency.h. See reference.h;
- * model/encoding.h says what an encoding consists of. */
+/* The frequency encoding (method.md 1), twin of kernels/encoding_frequency.h. See reference.h and
+ * model/encoding.h. */
 #include <math.h>
 #include "reference/reference.h"
 

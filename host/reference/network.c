@@ -1,4 +1,4 @@
-/* One leaf network on one sample, forward and backward (method.md 1), from the packed layout of
+/* A leaf network on one sample, forward and backward (method.md 1), in the packed layout of
  * model/network.h. A negative-side slope r is taken literally: x <= 0 gives r x, also for r < 0.
  * See reference.h. */
 #include <math.h>
@@ -7,11 +7,11 @@
 
 enum { MAX_DEPTH = 8, MAX_WIDTH = 256, MAX_ENC = 64, MAX_DIR = 28 };
 
-/* The clamps of the exponential density: its value stays finite in float32, its derivative is
- * bounded as in nerfacc and instant-ngp. */
+/* Clamps of the exponential density: its value stays finite in float32; its derivative is bounded
+ * as in nerfacc and instant-ngp. */
 static const double exp_value_max = 80, exp_gradient_max = 15;
 
-/* Everything a forward pass computes: pre-activations x, activations h, heads. */
+/* Results of a forward pass: pre-activations x, activations h, heads. */
 typedef struct pass {
     double enc[MAX_ENC], dir[MAX_DIR];
     double x[MAX_DEPTH][MAX_WIDTH], h[MAX_DEPTH][MAX_WIDTH];

@@ -1,7 +1,6 @@
-/* Losses and measures that belong to single samples or points: what the structure optimisation
- * measures of a sample (method.md 12.3), the distillation of merged leaves (11) and the
- * regularisers over points of the volume (10). Derivatives are written out; the tests check them by
- * differences. See reference.h. */
+/* Losses and measures of single samples or points: the structure optimisation's measures of a
+ * sample (method.md 12.3), distillation of merged leaves (11), regularisers over points of the
+ * volume (10). Derivatives are analytic; tests check them by differences. See reference.h. */
 #include <math.h>
 #include "reference/reference.h"
 

@@ -1,6 +1,6 @@
-/* The whole way of one ray, from its leaves over stage 1's points to its stage-2 samples, put
- * together from rays.c and sampling.c; and whether float32 may decide otherwise on it, so that
- * whoever compares a device's discrete results can leave such rays out. See reference.h. */
+/* A ray's way from its leaves through stage 1's points to its stage-2 samples, by rays.c and
+ * sampling.c; and whether float32 may decide differently on it, so that comparisons of a device's
+ * discrete results can leave such rays out. See reference.h. */
 #include <math.h>
 #include "base/rng.h"
 #include "device_abi.h"
@@ -11,7 +11,7 @@ static bool near_integer(double x, double within)
     return fabs(x - round(x)) < within;
 }
 
-/* Other leaves when the ray is moved a little? */
+/* Returns whether the ray meets other leaves if it is moved a little. */
 static bool near_edges(const cln_octree *tree, const double o[3], const double d[3],
                        const ref_interval *iv, int n)
 {
@@ -51,7 +51,7 @@ double ref_interval_depth(const ref_interval *v, int m, const double *t, const d
     return tau;
 }
 
-/* Is the number of samples of this interval one that rounding could change? */
+/* Returns whether rounding could change this interval's number of samples. */
 static bool close_count(const ref_sampling *s, double length, double side, double tau_in,
                         double tau)
 {

@@ -1,13 +1,12 @@
-/* Rays through the tree, brute force: a slab test on every ACTIVE leaf, then order by distance. The
- * kernels walk the tree instead; this does not, so that a mistake in one is no mistake in the
- * other. See reference.h. */
+/* Rays through the tree by brute force: a slab test on every ACTIVE leaf, then order by distance.
+ * The kernels walk the tree instead, so a mistake in one is not in the other. See reference.h. */
 #include <math.h>
 #include "reference/reference.h"
 
 static const double min_chord = 1e-5;
 
-/* Cuts [*t_in, *t_out] to where the ray is inside [low, high) along one axis; the cube's own upper
- * face belongs to it. False if nothing is left. */
+/* Cuts [*t_in, *t_out] to the part where the ray is inside [low, high) along an axis; the cube's
+ * upper face counts as inside. False if nothing is left. */
 static bool cut_slab(double origin, double direction, double low, double high, double *t_in,
                      double *t_out)
 {
@@ -40,7 +39,7 @@ int ref_intervals(const cln_octree *tree, const double origin[3], const double d
         }
         if (!hit || !(t_out - t_in > min_chord))
             continue;
-        /* Insertion: what does not fit is the farthest. */
+        /* insertion sort; the farthest do not fit */
         at = count < max ? count : max;
         count++;
         while (at > 0 && out[at - 1].t_in > t_in) {

@@ -1,7 +1,7 @@
 /* Float64 twin of every kernel, in plain loops, straight from method.md: the oracle of tests and
- * self-test. Knows no OpenCL, shares no arithmetic with kernels/; only the data layout (network.h),
- * the random numbers (base/rng.h) and the definitions written here. Inputs are the float32 values
- * the kernels get, widened. Speed does not matter, clarity does.
+ * self-test. It shares no arithmetic with kernels/, only the data layout (network.h), the random
+ * numbers (base/rng.h) and the definitions written here. Inputs are the kernels' float32 values,
+ * widened. Clarity matters, speed does not.
  *
  * Units: normalised space, root cube [-1,1]^3, unit directions, t = distance; density per unit. */
 #ifndef CLN_REFERENCE_H
@@ -18,16 +18,16 @@ typedef struct ref_interval {
     double t_in, t_out;
 } ref_interval;
 
-/* ACTIVE leaves along origin + t * direction, t >= 0, front to back, chords longer than 1e-5 only.
- * Axis-parallel directions (zeros), origins inside or on faces are ordinary input. Returns the
- * count; writes at most `max`. Brute force over all leaves with slab tests, then sorted. */
+/* Finds the ACTIVE leaves along origin + t * direction, t >= 0, front to back, with chords longer
+ * than 1e-5. Directions with zeros and origins inside boxes or on faces are ordinary input. Returns
+ * the count; writes at most `max`. Brute force: slab tests on all leaves, then a sort. */
 int ref_intervals(const cln_octree *tree, const double origin[3], const double direction[3],
                   ref_interval *out, int max);
 
 /* ---- stage 1 (method.md 4, 5, 6) ---- */
 
-/* Gather: m = max(1, ceil(n1 * L / side)) points at the midpoints of m equal parts of the chord;
- * the density of the nearest cell of the leaf's cache [n1][n1][n1] (z, y, x). Returns m. */
+/* Gather: m = max(1, ceil(n1 * L / side)) points at the midpoints of m equal parts of the chord,
+ * with densities of the nearest cells of the leaf's cache [n1][n1][n1] (z, y, x). Returns m. */
 int ref_gather(const double origin[3], const double direction[3], const ref_interval *interval,
                const float box[4], const float *cache, int n1, double *t, double *sigma, int max);
 
@@ -57,7 +57,7 @@ typedef struct ref_sampling {
 int ref_sample_count(const ref_sampling *s, double length, double side, double tau_in, double tau,
                      double roulette);
 
-/* Positions of n samples, ascending, in [t_in, t_out] from m stage-1 points (t ascending, sigma).
+/* Places n samples, ascending, in [t_in, t_out] by m stage-1 points (t ascending, sigma).
  *   edges      midpoints clipped to the chord
  *   mass       p_j = (sigma_j + eps) * width_j, eps = 1e-5 max(1, mean sigma), or for cdf_weight
  *              T_j (1 - exp(-sigma_j width_j)) + 1e-5 width_j / L, T_j from the chord's start
@@ -66,20 +66,20 @@ int ref_sample_count(const ref_sampling *s, double length, double side, double t
 void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
                           const double *sigma, int n, const double *xi, double *out);
 
-/* delta of n ascending samples in the chord: method.md 9's rule; sums to t_out - t_in. */
+/* Deltas of n ascending samples in the chord (method.md 9); they sum to t_out - t_in. */
 void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta);
 
-/* ---- a ray's whole way to its samples ---- */
+/* ---- a ray's way to its samples ---- */
 
 enum { REF_MOST_INTERVALS = 64, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
-#define REF_NEAR 4e-6 /* a ray that passes an edge closer than this may be decided otherwise */
+#define REF_NEAR 4e-6 /* float32 may decide differently on rays closer to an edge than this */
 
-/* Stage-1 points of one interval of ray r, ascending; returns their number, at most
- * REF_MOST_POINTS. *close is set if rounding may give others. */
+/* Gives the stage-1 points of an interval of ray r, ascending; returns their number, at most
+ * REF_MOST_POINTS. Sets *close if rounding may give other points. */
 typedef int ref_points_fn(void *user, int r, const double o[3], const double d[3],
                           const ref_interval *interval, double *t, double *sigma, bool *close);
 
-/* The points by gather; user: */
+/* Points by gather; user is a */
 typedef struct ref_gather_cache {
     int n1;
     const float *boxes; /* [slot][4] */
@@ -98,7 +98,7 @@ typedef struct ref_way {
 } ref_way;
 
 typedef struct ref_samples {
-    bool close; /* float32 may decide otherwise somewhere */
+    bool close; /* float32 may decide differently somewhere */
     int n;
     double t[REF_MOST_SAMPLES], delta[REF_MOST_SAMPLES];
     int slot[REF_MOST_SAMPLES];
@@ -107,7 +107,7 @@ typedef struct ref_samples {
 /* Optical depth of an interval: points' densities times their share of the chord. */
 double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma);
 
-/* Samples of ray r of a batch, all intervals. */
+/* Makes the samples of ray r of a batch, in all intervals. */
 void ref_ray_samples(const ref_way *way, int r, const float o[4], const float d[4],
                      ref_samples *out);
 
@@ -123,28 +123,28 @@ typedef struct ref_network {
 /* Encodings: x[3] -> out[enc_pad]; zero padding. */
 void ref_encode(int bands, const double x[3], const double *weights, int pad, double *out);
 
-/* One sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
- * [depth][width] for the trunk then [view_width] for the view layer, negative-side slopes r of each
- * element; NULL = `slope` everywhere. out[4] = colour r, g, b in 0..1 and sigma. */
+/* Evaluates a sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
+ * negative-side slopes r of all elements, [depth][width] of the trunk, then [view_width] of the
+ * view layer; NULL = `slope` everywhere. out[4] = colour r, g, b in 0..1 and sigma. */
 void ref_forward(const ref_network *r, const float *params, const double local[3],
                  const double dir[3], const double *slopes, double slope, double out[4]);
 
-/* The smallest pre-activation of one sample: below rounding errors, float32 may find it on the
- * other side of zero, where the gradient is another one. */
+/* The smallest absolute pre-activation of a sample: below rounding errors, float32 may have it on
+ * the other side of zero, with another gradient. */
 double ref_margin(const ref_network *r, const float *params, const double local[3],
                   const double dir[3], const double *slopes, double slope);
 
-/* Adds dL/dparams of one sample to grad[params] given dL/dout[4]. */
+/* Adds dL/dparams of a sample to grad[params], given dL/dout[4]. */
 void ref_backward(const ref_network *r, const float *params, const double local[3],
                   const double dir[3], const double *slopes, double slope, const double dout[4],
                   double *grad);
 
 /* ---- Russian roulette before the backward pass (kernels/roulette.cl) ---- */
 
-/* n samples ids[0..n) that are decided upon together, of out and dout [sample], with draws in (0,
- * 1] by hash of key and id. heads [n]: dL/d(raw r, g, b, sigma) times factors; factors [n]: with
- * size |heads|_1 and `least` the mean size times cutoff, 0 if draw * least >= size, else max(1,
- * least / size); 1 without cutoff. Returns how near a draw came to being decided otherwise. */
+/* Decides on n samples ids[0..n) of out and dout [sample] together, by draws in (0, 1] that hash
+ * key and id. heads [n]: dL/d(raw r, g, b, sigma) times factors. factors [n]: with size = |heads|_1
+ * and `least` = cutoff times the mean size, 0 if draw * least >= size, else max(1, least / size); 1
+ * without cutoff. Returns the smallest distance of a draw from its threshold. */
 double ref_roulette(const ref_network *r, double cutoff, uint32_t key, int n, const uint32_t *ids,
                     const float (*out)[4], const float (*dout)[4], double (*heads)[4],
                     double *factors);
@@ -157,29 +157,29 @@ typedef struct ref_loss {
     double cauchy, opacity_entropy, distortion, alpha;
 } ref_loss;
 
-/* n samples front to back: out[i] = r, g, b, sigma. sigma*delta is clamped to 80. Depth =
- * sum w t / max(sum w, 1e-10). weights: [n] or NULL. */
+/* Composites n samples front to back: out[i] = r, g, b, sigma. sigma * delta is clamped to 80.
+ * Depth = sum w t / max(sum w, 1e-10). weights: [n] or NULL. */
 void ref_composite(int n, const double (*out)[4], const double *t, const double *delta,
                    const double background[3], double rgb[3], double *depth, double *opacity,
                    double *weights);
 
-/* Loss of one ray against target, to be averaged over rays: l2: mean_c (C - target)^2; huber:
- * mean_c of d^2/2 below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum
- * log(1 + 2 sigma^2) + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i
- * - t_j| + 1/3 sum w_i^2 delta_i) + alpha * (T_end - (1 - target[3]))^2. grad (may be NULL):
- * dL/d(r, g, b, sigma) per sample, by a true backward sweep. */
+/* Loss of a ray, not yet averaged over rays. l2: mean_c (C - target)^2; huber: mean_c of d^2/2
+ * below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum log(1 + 2 sigma^2)
+ * + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i - t_j| + 1/3 sum
+ * w_i^2 delta_i) + alpha * (T_end - (1 - target[3]))^2. grad (may be NULL): dL/d(r, g, b, sigma)
+ * per sample, by a true backward sweep. */
 double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
                        const double *delta, const double background[3], const double target[4],
                        double (*grad)[4]);
 
 /* ---- single samples and points (method.md 10, 11, 12.3) ---- */
 
-/* Of each sample of a ray: its share of the ray's mean square error, T sigma delta, T delta. */
+/* Measures of each sample of a ray: its share of the ray's mean squared error, T sigma delta, T
+ * delta. */
 void ref_measures(int n, const double (*out)[4], const double *delta, const double background[3],
                   const double target[3], double (*measures)[3]);
 
-/* (alpha - alpha*)^2 + alpha* |c - c*|^2 / 3 of one point, target = c*, alpha*; and its
- * gradient. */
+/* (alpha - alpha*)^2 + alpha* |c - c*|^2 / 3 of a point, target = c*, alpha*; and its gradient. */
 double ref_distil(const double out[4], const double target[4], double delta, double grad[4]);
 
 /* d/dsigma of 1 - exp(-0.05 sigma); gradient of a quarter of |f_a - f_b|, f = alpha (r, g, b,

@@ -1,5 +1,4 @@
-/* Which samples go through the backward pass, and what they count for (kernels/roulette.cl). See
- * reference.h. */
+/* Chooses samples of the backward pass and their factors (kernels/roulette.cl). See reference.h. */
 #include <math.h>
 #include "base/rng.h"
 #include "reference/reference.h"
@@ -9,7 +8,7 @@ static double draw(uint32_t key, uint32_t sample)
     return (cln_hash(cln_hash(cln_hash(sample ^ key)) + 0x9E3779B9u) >> 8) * 0x1p-24 + 0x1p-25;
 }
 
-/* d sigma / d raw from sigma, as far as the raw output tells no more. */
+/* d sigma / d raw, computed from sigma. */
 static double density_slope(int density, double kappa, double sigma)
 {
     if (density == CLN_DENSITY_SOFTPLUS)

@@ -1,5 +1,5 @@
-/* Stage 1 read along a ray, stage 2 counts, positions and deltas, sort keys and bfloat16: method.md
- * 4 to 7 and the delta rule of 9. Knows no tree; one chord at a time. See reference.h. */
+/* Stage 1 along a ray, stage-2 counts, positions and deltas, sort keys and bfloat16: method.md 4 to
+ * 7 and the delta rule of 9. Works on one chord at a time. See reference.h. */
 #include <math.h>
 #include <string.h>
 #include "reference/reference.h"
@@ -13,9 +13,9 @@ uint16_t ref_to_bf16(float value)
     upper = (uint16_t)(bits >> 16);
     lower = bits & 0xFFFF;
     if (isnan(value))
-        return upper | 0x40; /* quiet; its payload's low half may have been all it had */
+        return upper | 0x40; /* quiet: its payload may have been in the lower half only */
     if (lower > 0x8000 || (lower == 0x8000 && (upper & 1)))
-        upper++; /* carries into the exponent as it should: the largest float becomes infinity */
+        upper++; /* may carry into the exponent: the largest float becomes infinity */
     return upper;
 }
 
