@@ -1,4 +1,4 @@
-/* What a check compares and reports with. See compare.h. */
+/* Comparison, inputs and reports of checks. See compare.h. */
 #include "check/compare.h"
 
 #include <math.h>
@@ -48,8 +48,8 @@ cln_error cln_check_error(const float *got, const double *want, size_t n)
             e.at = i;
         }
     }
-    if (!(error == 0)) {         /* also a NaN */
-        e.nmse = error / square; /* infinite if all of the reference is zero */
+    if (!(error == 0)) {         /* NaN too */
+        e.nmse = error / square; /* infinite if the reference is all zero */
         e.worst = largest / sqrt(square / (double)n);
     }
     return e;

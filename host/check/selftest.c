@@ -1,6 +1,6 @@
 /* The self-test: pipelines of a few shapes, every check on each. See selftest.h. It shows that a
- * device and its compiler do the arithmetic of the kernels; the tests of the kernels, with all
- * their corners, are in tests/. */
+ * device and its compiler compute the kernels correctly; tests/ covers the kernels' corner
+ * cases. */
 #include "check/selftest.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ typedef struct shape {
     const char *name, *preset, *tune; /* tune NULL: the device's */
     bool small;                       /* the smallest network instead of the preset's */
     bool splat, distortion;
-    bool in[CLN_SHAPES_TINY + 1]; /* which sets it is part of */
+    bool in[CLN_SHAPES_TINY + 1]; /* sets that have it */
 } shape;
 
 /* clang-format off */
@@ -25,8 +25,7 @@ typedef struct shape {
 #define TINY {[CLN_SHAPES_TINY] = true}
 /* clang-format on */
 
-/* The tiny ones are small in every respect: a simulator runs a million times slower than a
- * device. */
+/* Tiny ones are small in every respect: a simulator is a million times slower than a device. */
 static const shape shapes[] = {
     {"fast preset", "fast", .in = QUICK},
     {"width 16", "fast", .small = true, .splat = true, .distortion = true, .in = QUICK},
@@ -39,14 +38,14 @@ static const shape shapes[] = {
      .small = true, .in = TINY},
 };
 
-/* The settings that the checks need: little work, and slopes that the reference can follow. */
+/* Adapts settings to the checks: little work, and slopes that the reference can follow. */
 static void prepare(cln_config *config)
 {
     config->start_level = 1;
-    config->n1 = 5; /* odd: points between two opposite faces stand on no border of cells */
+    config->n1 = 5; /* odd: no midpoint between opposite faces lies on a border of cells */
     config->splat_min_alpha = 0;
-    config->roulette = 0; /* it has a check of its own */
-    /* the code of random slopes, with the same slope for all: no hash to redo here */
+    config->roulette = 0; /* has its own check */
+    /* runs the code of random slopes with equal bounds, so that the reference needs no hash */
     if (config->rrelu_scope != CLN_RRELU_MEAN)
         config->rrelu_lower = config->rrelu_upper = -0.2;
 }
@@ -79,7 +78,7 @@ done:
     return st;
 }
 
-/* Leaves of two levels whose weights differ. */
+/* Makes a model with leaves of two levels and different weights. */
 static cln_status make_model(const cln_config *config, cln_model *model)
 {
     cln_status st = CLN_OK;
@@ -108,7 +107,7 @@ static cln_status run_checks(cln_checks *c)
     CLN_TRY(cln_check_sort(c, false));
     if (c->p->config.stage1 == CLN_STAGE1_SPLAT)
         CLN_TRY(cln_check_sort(c, true));
-    if (c->failed > before) /* wrong offsets would have the others write anywhere */
+    if (c->failed > before) /* with wrong offsets the others would write anywhere */
         goto done;
     CLN_TRY(cln_check_densities(c));
     CLN_TRY(cln_check_rays(c));
@@ -162,7 +161,7 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
     }
     st = cln_pipeline_create(device, &config, s->distortion, s->small, &pipeline);
     if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
-        /* a network that training would refuse, too */
+        /* training would refuse this network, too */
         cln_check_report(c, s->name, false, true, cln_error_text());
         cln_clear_error();
         st = CLN_OK;
@@ -194,7 +193,7 @@ cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan
 
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
         if (shapes[i].in[plan->shapes] &&
-            (plan->sink || c.failed == 0)) /* without a list one will do */
+            (plan->sink || c.failed == 0)) /* without a sink the first failure suffices */
             CLN_TRY(run_shape(device, &shapes[i], &c));
     CLN_TRY(verdict(device, &c));
 done:

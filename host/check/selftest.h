@@ -1,6 +1,6 @@
-/* The self-test on a device that is already open (cln_selftest opens one): kernels against the
- * float64 reference on small shapes. What the kernels gave can be had besides, to compare devices
- * with one another (tests/device/device_cases.c). */
+/* The self-test on an open device (cln_selftest opens one): kernels against the float64 reference
+ * on small shapes. It can also output the kernels' results, to compare devices with one another
+ * (tests/device/device_cases.c). */
 #ifndef CLN_SELFTEST_H
 #define CLN_SELFTEST_H
 
@@ -19,13 +19,13 @@ typedef struct cln_selftest_plan {
 /* CLN_CHECK names the first check that failed. */
 cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan);
 
-/* The same checks for the networks, sampling and loss of these settings alone, with the parameters
- * that the device has for them. */
+/* Runs the same checks only for the networks, sampling and loss of these settings, with the
+ * device's parameters for them. */
 cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
                                void *user);
 
-/* What a training with these settings asks of its device: the quick set, and where the fast preset
- * has other networks, these. */
+/* Runs the checks before a training: the quick set, and these settings if their networks' kernels
+ * differ from the fast preset's. */
 cln_status cln_selftest_training(cln_device *device, const cln_config *config);
 
 #endif

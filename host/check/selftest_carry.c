@@ -1,6 +1,6 @@
-/* Check of changes of the tree on the device (pipeline/carry.h): a leaf is split there and by
- * cln_model_apply, to the same bits. Leaves the pipeline with the changed tree, so it comes last.
- * See selftest_checks.h. */
+/* Checks changes of the tree on the device (pipeline/carry.h): splits a leaf there and by
+ * cln_model_apply, to the same bits. Changes the pipeline's tree, so it comes last. See
+ * selftest_checks.h. */
 #include "check/selftest_checks.h"
 
 #include <string.h>
@@ -8,7 +8,7 @@
 #include "base/memory.h"
 #include "pipeline/carry.h"
 
-/* Moments and densities that differ everywhere; any bits are numbers to be moved. */
+/* Fills moments or densities with varying bits; any bits can be carried. */
 static void fill(void *array, size_t bytes, uint32_t stream)
 {
     uint8_t *byte = array;

@@ -1,30 +1,30 @@
-/* The checks of the self-test: selftest.c runs them on one pipeline after the other;
- * selftest_rays.c, selftest_networks.c and selftest_structure.c hold them. The reference's side of
- * a pipeline serves tests and benches, too. */
+/* The checks of the self-test, in selftest_rays.c, selftest_networks.c, selftest_structure.c and
+ * selftest_carry.c; selftest.c runs them on one pipeline after the other. Tests and benches also
+ * use the reference's side of a pipeline. */
 #ifndef CLN_SELFTEST_CHECKS_H
 #define CLN_SELFTEST_CHECKS_H
 
 #include "check/compare.h"
 #include "reference/reference.h"
 
-/* The reference's side of a pipeline: leaf `slot` of a model; the rules of a batch's samples. */
+/* The reference's side of a pipeline: the network of leaf `slot`; the rules of a batch's
+ * samples. */
 ref_network cln_check_network(const cln_config *config, const cln_model *model, int slot);
 ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cln_sampling *s);
 
-/* Is got, values what a stable sort makes of keys with the values 0 .. n - 1? *wrong: places that
- * are not. */
+/* Compares got and values with a stable sort of keys with the values 0 .. n - 1; *wrong: number of
+ * wrong places. */
 cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
                             uint32_t n, uint32_t *wrong);
 
-/* The checks; each reports itself. A status other than CLN_OK means that no verdict was
- * possible. */
+/* The checks; each reports its verdicts. A status other than CLN_OK: no verdict was possible. */
 cln_status cln_check_scan(cln_checks *c);
 cln_status cln_check_sort(cln_checks *c, bool wide);
 cln_status cln_check_rays(cln_checks *c);
 cln_status cln_check_densities(cln_checks *c);
 cln_status cln_check_networks(cln_checks *c);
 cln_status cln_check_composite(cln_checks *c);
-cln_status cln_check_structure(cln_checks *c); /* only where the pipeline measures */
+cln_status cln_check_structure(cln_checks *c); /* only if the pipeline measures */
 cln_status cln_check_carry(cln_checks *c);     /* last: changes the tree on the device */
 
 #endif

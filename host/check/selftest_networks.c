@@ -1,6 +1,5 @@
-/* Checks of the leaf networks (densities, forward, backward), Adam, and compositing with its
- * gradient, against reference/network.c, adam.c and composite.c; and that the same launch gives the
- * same bytes. */
+/* Checks the leaf networks (densities, forward, backward), the roulette, Adam, and compositing with
+ * its gradient against host/reference/, and that the same launch gives the same bytes. */
 #include "check/selftest_checks.h"
 
 #include <math.h>
@@ -31,7 +30,8 @@ static double slope_of(const cln_checks *c)
     return 0.5 * (c->p->config.rrelu_lower + c->p->config.rrelu_upper);
 }
 
-/* Stage 1's densities at cell centres: all cells of two leaves, the rest only for being numbers. */
+/* Checks stage 1's densities at cell centres: values in two leaves, elsewhere only that they are
+ * finite and >= 0. */
 cln_status cln_check_densities(cln_checks *c)
 {
     cln_status st = CLN_OK;
@@ -78,8 +78,8 @@ done:
 
 /* ---- networks ---- */
 
-/* Samples at exact local coordinates (t = 0 on a ray that starts there): float32's rounding of a
- * position is multiplied by 2^bands, which is no error of the network. */
+/* Samples at exact local coordinates (t = 0 on a ray that starts there): the encoding multiplies
+ * float32's rounding of a position by up to 2^bands, which is no error of the network. */
 typedef struct data {
     uint32_t n, slices;
     cln_sample *samples;
@@ -91,7 +91,7 @@ typedef struct data {
     double (*want)[4], *want_grads; /* reference; gradients [leaf][params] */
 } data;
 
-/* Leaves without samples, with one, and with more than a block. */
+/* Leaves have no sample, one, and more than a block. */
 static uint32_t samples_of(const cln_checks *c, int slot)
 {
     static const uint32_t counts[] = {0, 1, 7, 48, 50, 101, 130, 17};
@@ -202,7 +202,7 @@ done:
     return st;
 }
 
-/* Forward and backward once; *grads is new memory. */
+/* Runs forward and, in training, backward; allocates *grads. */
 static cln_status launch(cln_checks *c, data *d, bool training, float **grads)
 {
     cln_status st = CLN_OK;
@@ -223,7 +223,7 @@ done:
     return st;
 }
 
-/* The slices of a leaf add up to its gradient. */
+/* Checks the sum of each leaf's slices, its gradient. */
 static cln_status compare_gradients(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;
@@ -240,7 +240,7 @@ done:
     return st;
 }
 
-/* Checks one of Adam's moments as stored, to one unit in bfloat16's last place. No outputs:
+/* Checks one of Adam's moments as stored, to one unit in bfloat16's last place. Outputs nothing, as
  * rounding depends on a device's last bits. */
 static cln_status check_moments(cln_checks *c, const char *name, const cln_buffer *buffer,
                                 const double *want, size_t n)
@@ -273,7 +273,7 @@ done:
     return st;
 }
 
-/* One update of the leaves with enough samples; the others keep every bit. */
+/* Checks an update of the leaves with enough samples; the others must keep every bit. */
 static cln_status check_adam(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;
@@ -311,12 +311,12 @@ static cln_status check_adam(cln_checks *c, const data *d)
         for (int i = 0; i < params; i++)
             changed += got[at + i] != c->model->params[at + i];
     }
-    /* the step itself: weights would hide its error behind their size */
+    /* compare the steps: large weights would hide their errors */
     for (int i = 0; i < all; i++) {
         got[i] -= c->model->params[i];
         want[i] -= c->model->params[i];
     }
-    /* no outputs: the first step is nearly the sign of each device's own gradient */
+    /* output nothing: the first step is nearly the sign of the device's own gradient */
     within = cln_compare_values(got, want, (size_t)all, 1e-6, 1e-2, text);
     cln_check_say(c, "adam", within, "%s", text);
     cln_check_say(c, "adam: leaves with few samples stay", changed == 0 && idle > 0,
@@ -332,7 +332,7 @@ done:
     return st;
 }
 
-/* Training's way to the same weights: backward and Adam in one pass. */
+/* Checks that training's way, backward and Adam in one pass, gives the same weights. */
 static cln_status check_update(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;
@@ -356,7 +356,7 @@ done:
     return st;
 }
 
-/* The samples by leaf. */
+/* Outputs the order of samples by leaf. */
 static cln_status put_out_order(cln_checks *c, uint32_t n)
 {
     cln_status st = CLN_OK;
@@ -370,12 +370,12 @@ done:
     return st;
 }
 
-/* No leaf here has more samples than one decision takes. */
+/* No leaf here has more samples than the roulette decides on together. */
 enum { MOST_OF_SLICE = CLN_ROULETTE_SEGMENT, CUTOFF = 2 };
 
-/* Counts the samples of a slice that were chosen otherwise than by the reference; gradients of
- * heads to want and got, 0 for samples that stay out. Where a draw is nearer than float32 can tell,
- * the device's choice counts. */
+/* Counts the samples of a slice that the reference chooses differently; want and got: gradients of
+ * heads, 0 for samples left out. If a draw is too close to its threshold for float32, the slice is
+ * not compared. */
 static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const uint32_t *order,
                           const uint32_t *chosen, uint32_t count, const float (*heads)[4],
                           float (*got)[4], double (*want)[4])
@@ -411,7 +411,8 @@ static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const 
     return other;
 }
 
-/* Which samples go through the backward pass (kernels/roulette.cl), of the newest forward pass. */
+/* Checks the choice of samples for the backward pass (kernels/roulette.cl) of the newest forward
+ * pass. */
 static cln_status check_roulette(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;
@@ -438,7 +439,7 @@ static cln_status check_roulette(cln_checks *c, const data *d)
         other += compare_choice(c, d, s, order, chosen, counts[s], heads, got, want);
         all += counts[s];
     }
-    /* some are left out, where slices are longer than one */
+    /* some must be left out if any slice has more than one sample */
     cln_check_say(c, "roulette: samples", other == 0 && (all < d->n || d->slices >= d->n),
                   "%d of %u chosen otherwise, %u go", other, d->n, all);
     cln_check_compare(c, "roulette: gradients", got[0], want[0], 4 * (size_t)d->n, 1e-11, 1e-4);
@@ -514,7 +515,7 @@ typedef struct batch {
     double want[RAYS * MOST * 4], ref_out[MOST][4], ref_t[MOST], ref_delta[MOST], ref_grad[MOST][4];
 } batch;
 
-/* Rays with none, one and many samples; empty, faint and opaque ones. */
+/* Makes rays with none, one and many samples; empty, faint and opaque ones. */
 static void make_batch(batch *b)
 {
     uint32_t at = 0;
@@ -571,7 +572,7 @@ done:
     return st;
 }
 
-/* Ray r in double, for the reference; its number of samples. */
+/* Widens ray r for the reference; returns its number of samples. */
 static int widen(const cln_pipeline *p, batch *b, int r, double background[3], double target[3])
 {
     const int n = (int)(b->starts[r + 1] - b->starts[r]);
@@ -633,7 +634,8 @@ static void compare_batch(cln_checks *c, batch *b)
                       GRADIENT[0], GRADIENT[1]);
 }
 
-/* A sample's share of its ray's error: by weight, and by length of what the ray saw through. */
+/* Checks the samples' shares of their ray's error: by weight, and by length for the transmitted
+ * part. */
 static void compare_shares(cln_checks *c, batch *b)
 {
     double background[3], target[3], measures[MOST][3];

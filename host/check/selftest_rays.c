@@ -1,4 +1,4 @@
-/* Checks of the way from pixels to samples: scan, sort, rays, intervals, samples. Reference: plain
+/* Checks the way from pixels to samples: scan, sort, rays, intervals, samples. Reference: plain
  * loops, scene/camera.c and reference/rays.c. */
 #include "check/selftest_checks.h"
 
@@ -72,8 +72,8 @@ done:
     return st;
 }
 
-/* Sorted, stable (values are the places before), and every value still with its key. Of wide keys
- * so many that the bits which vary are looked for. */
+/* Checks that keys are sorted, stably, and keep their values (the places before). Wide keys are
+ * enough for the sort to look for bits that vary. */
 cln_status cln_check_sort(cln_checks *c, bool wide)
 {
     enum { VALUES = 97 };
@@ -137,7 +137,7 @@ ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cl
 
 enum { VIEWS = 3, SIDE = 40, STEP = 4, RAYS = VIEWS * (SIDE / STEP) * (SIDE / STEP) };
 
-/* One camera inside the cube and two outside; distorted if the kernels know distortion. */
+/* One camera inside the cube and two outside; distorted if the kernels have lens code. */
 static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
 {
     static const double poses[VIEWS][12] = {
@@ -187,7 +187,7 @@ done:
     return st;
 }
 
-/* What the device made of the batch. */
+/* The device's results for the batch. */
 typedef struct made {
     int rays;
     uint32_t used[RAYS], sample_starts[RAYS + 1], most; /* intervals of a ray */
@@ -196,7 +196,8 @@ typedef struct made {
     float chords[RAYS];
 } made;
 
-/* Chords per ray against brute force over the leaves, from the very rays that the device has. */
+/* Checks the sums of chords per ray against brute force over the leaves, on the device's own
+ * rays. */
 static cln_status check_chords(cln_checks *c, const float (*ray_o)[4], const float (*ray_d)[4],
                                const made *m)
 {
@@ -220,7 +221,7 @@ done:
     return st;
 }
 
-/* Samples of an interval stand in its chord, ascending, and their deltas add up to it. */
+/* Checks that samples of an interval lie in its chord, ascending, and their deltas add up to it. */
 static void check_samples(cln_checks *c, made *m)
 {
     double worst = 0;
@@ -287,9 +288,8 @@ static bool counts_agree(const made *m, uint32_t samples)
     return agree;
 }
 
-/* Returns whether the points of stage 1 on a camera's ray stand clear of the borders between cells,
- * and their number is clear, too. Else rounding decides which density counts, and devices may
- * differ. */
+/* Returns whether a camera's ray has stage-1 points clear of borders between cells, and a clear
+ * number of them. Else rounding decides which density counts, and devices may differ. */
 static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_pixel *pixel,
                       const float (*boxes)[4])
 {
@@ -321,7 +321,7 @@ static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_p
     return true;
 }
 
-/* Which leaves the rays meet, how many samples they take there, and where. */
+/* Outputs the leaves that rays meet, and the numbers and places of their samples there. */
 static cln_status put_out_batch(cln_checks *c, const cln_camera *cameras, const cln_pixel *pixels,
                                 const made *m)
 {
@@ -368,8 +368,8 @@ done:
     return st;
 }
 
-/* Stage 1's densities, the same on every device: those that the device works out may round to
- * either of two bfloat16 numbers, and samples stand by them. */
+/* Uploads densities that are the same on every device: computed ones may round to either of two
+ * bfloat16 numbers, which moves samples. */
 static cln_status put_densities(cln_checks *c)
 {
     cln_status st = CLN_OK;
@@ -396,7 +396,7 @@ cln_status cln_check_rays(cln_checks *c)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
-    /* nothing left out, so that chords can be compared */
+    /* skips nothing, so that chords can be compared */
     const cln_sampling sampling = {.jitter = true,
                                    .uniform_share = 0.25f,
                                    .empty_share = 1,

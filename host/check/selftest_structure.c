@@ -1,5 +1,5 @@
-/* Checks of what looks at the volume instead of rays: sums over leaves, the gradient that merged
- * leaves learn by, and the regularisers' points. See selftest_checks.h. */
+/* Checks on the volume instead of rays: sums over leaves, the gradient of distillation, and the
+ * regularisers' points. See selftest_checks.h. */
 #include "check/selftest_checks.h"
 
 #include <math.h>
@@ -19,7 +19,7 @@ typedef struct data {
     double want[SAMPLES * 4], want_losses[SAMPLES];
 } data;
 
-/* Three steps' measures, the samples in all leaves but one. */
+/* Checks the sums of three steps' measures, with samples in all leaves but one. */
 static cln_status check_sums(cln_checks *c, data *d)
 {
     cln_status st = CLN_OK;
@@ -108,8 +108,8 @@ done:
     return st;
 }
 
-/* Which cells the first camera of cln_check_rays sees, and mean and peak of stage 1's densities
- * there. */
+/* Checks which cells the first camera of cln_check_rays sees, and mean and peak of their
+ * densities. */
 static cln_status check_stats(cln_checks *c)
 {
     cln_status st = CLN_OK;
@@ -170,8 +170,8 @@ typedef struct pairs {
     double *want;
 } pairs;
 
-/* The derivatives written out: 0.05 lambda exp(-0.05 sigma) / points, and of lambda U |f_a - f_b| /
- * 4 per pair, f = (1 - exp(-x)) (r, g, b, 1) with x the density over a cell. */
+/* The analytic derivatives: 0.05 lambda exp(-0.05 sigma) / points, and that of lambda U
+ * |f_a - f_b| / 4 per pair, f = (1 - exp(-x)) (r, g, b, 1), x = density times cell side. */
 static void differentiate(const cln_checks *c, const cln_sampling *s, const pairs *d)
 {
     const cln_config *config = &c->p->config;
@@ -206,7 +206,7 @@ static void differentiate(const cln_checks *c, const cln_sampling *s, const pair
     }
 }
 
-/* Points and pairs stand where the others' devices put them, in the leaves that hold them. */
+/* Checks that points and pairs lie in their samples' leaves; outputs them, to compare devices. */
 static cln_status check_places(cln_checks *c, const cln_sampling *s, pairs *d)
 {
     cln_status st = CLN_OK;
@@ -240,7 +240,7 @@ static cln_status check_places(cln_checks *c, const cln_sampling *s, pairs *d)
     cln_check_numbers(c, "points of the volume: leaves", numbers, all);
     cln_check_values(c, "points of the volume: where", d->places[0], 4 * rays, 1e-12, 1e-5);
     if (wrong > 0)
-        d->extra = 0; /* their leaves are no index */
+        d->extra = 0; /* slots are no valid indices */
 done:
     free(numbers);
     return st;

@@ -15,7 +15,7 @@ static const double distance = 3;            /* of the cameras, in halves of the
 static const double radius = 0.85;           /* of the ball */
 static const uint16_t density_of_4 = 0x4080; /* bfloat16: an opaque object with a soft skin */
 
-/* From a ring around z, looking at the origin (OpenCV's axes). */
+/* A camera on a ring around z that looks at the origin (OpenCV's axes). */
 static cln_camera camera(int view)
 {
     const double yaw = 2 * M_PI * (view + 0.3) / CLN_SYNTHETIC_VIEWS, up = 0.3;
@@ -54,8 +54,8 @@ static int level_of(const cln_config *config)
     return level;
 }
 
-/* The full tree without the leaves whose middle is outside the ball; level 0 and 1 stay as they
- * are. */
+/* Makes the full tree of a level without leaves whose centre is outside the ball; levels 0 and 1
+ * keep all leaves. */
 static cln_status make_tree(int level, cln_octree *tree)
 {
     cln_status st = CLN_OK;
@@ -82,7 +82,7 @@ done:
     return st;
 }
 
-/* Random pixels for `rays` rays, view and row ascending. */
+/* Draws pixels for `rays` rays, view and row ascending, and random targets. */
 static void draw(cln_synthetic *s, int rays)
 {
     s->rays = rays;
@@ -120,7 +120,7 @@ cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cl
     cln_config ours = *config;
     cln_octree tree = {0};
     cln_plan plan;
-    cln_pipeline shape; /* what the plan looks at */
+    cln_pipeline shape; /* only what the plan reads */
     cln_view views[CLN_SYNTHETIC_VIEWS];
     const cln_scene scene = {.views = views, .view_count = CLN_SYNTHETIC_VIEWS};
     size_t cells = 0;
@@ -211,7 +211,7 @@ cln_status cln_synthetic_settle(cln_synthetic *s, cln_pipeline *p, double second
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_synthetic_step(s, p)); /* compiles, and finds how many rays a batch has room for */
+    CLN_TRY(cln_synthetic_step(s, p)); /* compiles, and finds how many rays fit a batch */
     if (s->used < s->rays)
         draw(s, s->used);
     for (;;) {

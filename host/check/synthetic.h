@@ -1,5 +1,5 @@
-/* Synthetic training work that depends on the settings alone, for the tuner and the benches: the
- * same work each time. No scene, no files; nothing is learnt. */
+/* Synthetic training work for the tuner and the benches: a function of the settings, the same each
+ * time. No scene, no files; it learns nothing. */
 #ifndef CLN_SYNTHETIC_H
 #define CLN_SYNTHETIC_H
 
@@ -12,27 +12,27 @@ enum { CLN_SYNTHETIC_VIEWS = 4 };
 typedef struct cln_synthetic {
     cln_model model;
     cln_camera cameras[CLN_SYNTHETIC_VIEWS];
-    cln_pixel *pixels;   /* [rays at first] by view, then row */
-    float (*targets)[4]; /* [rays at first] */
+    cln_pixel *pixels;   /* [initial rays] by view, then row */
+    float (*targets)[4]; /* [initial rays] */
     cln_ray_result *results;
     int rays; /* of a step */
     cln_sampling sampling;
     size_t max_entries;
-    int used; /* of the last step: rays whose samples had room, */
-    uint32_t samples, slices;
+    int used;                 /* rays of the last step whose samples fit */
+    uint32_t samples, slices; /* of the last step */
 } cln_synthetic;
 
-/* The leaves of a ball, at the level that most of a training with these settings goes through, at
- * most 3 where the tree grows; the settings' networks, sampling, loss and batch, stage 1 with at
- * most 2^21 cells. CLN_MEMORY if the device has no room for it. */
+/* Makes the leaves of a ball at start-level, or if the tree grows at its last level, at most 3; the
+ * settings' networks, sampling, loss and batch; stage 1 with at most 2^21 cells. CLN_MEMORY if the
+ * device has no room for it. */
 cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cln_synthetic *out);
 void cln_synthetic_free(cln_synthetic *s); /* accepts a zeroed one */
 
-/* Tree, weights and cameras into a pipeline that was made for s->model.config. */
+/* Uploads tree, weights and cameras to a pipeline made for s->model.config. */
 cln_status cln_synthetic_upload(const cln_synthetic *s, cln_pipeline *p);
 
-/* Runs every stage of a training step, except regularisers that look at points, with a learning
- * rate that changes nothing, and waits for its end. */
+/* Runs every stage of a training step but the regularisers of points, with a learning rate that
+ * changes nothing, and waits for its end. */
 cln_status cln_synthetic_step(cln_synthetic *s, cln_pipeline *p);
 
 /* Halves the rays until a step takes at most `seconds` (or 256 are left). */
