@@ -1,5 +1,5 @@
-/* The one header that includes OpenCL's own; pins the version we ask of it. Only device/ and
- * pipeline/ may include this. */
+/* The only header that includes OpenCL's, at one version. Only device/ and pipeline/ may include
+ * this one. */
 #ifndef CLN_CL_H
 #define CLN_CL_H
 

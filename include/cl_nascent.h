@@ -1,12 +1,12 @@
-/* cl-nascent: posed photos in, a scene that can be looked at from anywhere out, on any OpenCL
- * device. The library's one public header; everything the command line does, it does through this.
- * How the parts go together, with examples: docs/api.md.
+/* cl-nascent: posed photos in, a scene to be viewed from anywhere out, on any OpenCL device. The
+ * library's only public header; the command line works through it alone. docs/api.md shows how the
+ * parts go together, with examples.
  *
  * Errors: functions return cln_status; cln_error_text() (per thread) has the sentence. Nothing here
  * prints or exits: log lines go to cln_log_to's sink, progress and interruption through callbacks.
- * Texts that a function hands out (char **) are freed with free(). Strings are UTF-8; descs and
- * what they point to stay the caller's and need only live during the call. One run folder is
- * written by one process at a time: cln_train holds RUN/lock, and CLN_OUTPUT names who does. */
+ * The caller frees texts (char **) with free(). Strings are UTF-8; descs and what they point to
+ * stay the caller's and need only live during the call. One process at a time trains into a run
+ * folder: cln_train holds RUN/lock; if another process does, CLN_OUTPUT names it. */
 #ifndef CL_NASCENT_H
 #define CL_NASCENT_H
 
@@ -20,15 +20,15 @@ extern "C" {
 
 #define CLN_VERSION "0.1.0"
 
-/* What the shared library exports. */
+/* Marks the shared library's exports. */
 #define CLN_API __attribute__((visibility("default")))
 
-/* CLN_VERSION of the library that is linked. */
+/* CLN_VERSION of the linked library. */
 CLN_API const char *cln_version(void);
 
 /* ---- errors ---- */
 
-/* X(name, exit code of the command line, phrase). Codes and order never change; new ones come
+/* X(name, exit code of the command line, phrase). Codes and order never change; new rows go
  * last. */
 #define CLN_STATUS_LIST(X)                                 \
     X(OK, 0, "ok")                                         \
@@ -57,9 +57,9 @@ typedef enum cln_status {
 CLN_API int cln_status_exit_code(cln_status st);
 CLN_API const char *cln_status_phrase(cln_status st);
 
-/* This thread's standing error: its sentence ("" if none), its status, and forgetting it. The first
- * failure wins until it is forgotten: call cln_clear_error when one has been dealt with. The text
- * lives until the next failure or cln_clear_error of this thread. */
+/* This thread's error: sentence ("" if none), status, and clearing. The first failure stays until
+ * it is cleared: call cln_clear_error once you have dealt with it. The text lives until this
+ * thread's next failure or cln_clear_error. */
 CLN_API const char *cln_error_text(void);
 CLN_API cln_status cln_error_status(void);
 CLN_API void cln_clear_error(void);
@@ -69,40 +69,40 @@ CLN_API void cln_clear_error(void);
 typedef enum cln_log_level {
     CLN_LOG_ERROR,
     CLN_LOG_WARN, /* changes a result; the line begins with "warning: " */
-    CLN_LOG_INFO, /* what a training says of itself */
+    CLN_LOG_INFO, /* a training's normal lines */
     CLN_LOG_DEBUG
 } cln_log_level;
 
-/* One finished line, without newline; called on the thread that works. */
+/* Gets a line without newline, on the working thread. */
 typedef void cln_log_sink(cln_log_level level, const char *line, void *user);
 
-/* Lines up to level `most` go to sink; NULL = nowhere, as before the first call. For the whole
- * process: call it while no other function of this header runs. */
+/* Sends lines up to level `most` to sink; NULL = nowhere, the default. Applies to the process: call
+ * it while no other function of this header runs. */
 CLN_API void cln_log_to(cln_log_level most, cln_log_sink *sink, void *user);
 
 /* ---- settings ---- */
 
-/* Every hyperparameter and run option, set and read by name and text, so that a new one changes
- * nothing here. Names are the options of `cl-nascent train --help` without dashes ("rays",
+/* Every hyperparameter and run option, set and read by name and text, so that a new one does not
+ * change this header. Names are the options of `cl-nascent train --help` without dashes ("rays",
  * "view-width"), earlier names included; switches take "yes" and "no". One thread at a time. */
 typedef struct cln_settings cln_settings;
 
 /* preset: "fast", "paper", "nerf", "kilonerf"; NULL = "fast". CLN_USAGE for another. */
 CLN_API cln_status cln_settings_create(const char *preset, cln_settings **out);
-/* Those of an existing run, to resume it with. */
+/* An existing run's settings, to resume it with. */
 CLN_API cln_status cln_settings_of_run(const char *run, cln_settings **out);
 CLN_API void cln_settings_free(cln_settings *settings); /* accepts NULL */
 
-/* CLN_USAGE names what is wrong and what is legal; the settings are then as before. Times may have
- * a unit ("90s", "10m"), sizes, too ("512M"); of a run's settings, steps, epochs and time-limit
- * take "+N". */
+/* Sets a value. Times may have a unit ("90s", "10m"), and sizes ("512M"); in a run's settings,
+ * steps, epochs and time-limit take "+N". CLN_USAGE names the mistake and the legal values, and
+ * leaves the settings as they are. */
 CLN_API cln_status cln_settings_set(cln_settings *settings, const char *name, const char *value);
-/* The value as text that set takes back exactly; bytes: of the buffer, CLN_SETTING_BYTES always
- * do. */
+/* Gets a value as text that set reads back exactly; bytes: of the buffer, CLN_SETTING_BYTES always
+ * suffice. */
 enum { CLN_SETTING_BYTES = 128 };
 CLN_API cln_status cln_settings_get(const cln_settings *settings, const char *name, char *value,
                                     size_t bytes);
-/* Whether all values go together; cln_train and cln_tune_search check that, too. CLN_USAGE. */
+/* Checks that all values go together, as cln_train and cln_tune_search also do. CLN_USAGE. */
 CLN_API cln_status cln_settings_check(const cln_settings *settings);
 
 typedef struct cln_setting_info {
@@ -114,27 +114,26 @@ typedef struct cln_setting_info {
     double min, max;   /* int, real */
 } cln_setting_info;
 
-/* All settings: *info of number `index`, 0 ...; false behind the last one. The texts live
- * forever. */
+/* Describes setting number `index`, from 0; false after the last one. The texts live forever. */
 CLN_API bool cln_setting_describe(int index, cln_setting_info *info);
 
 /* ---- devices ---- */
 
-/* Where the work runs. spec: NULL or "auto" (a GPU if there is one, else a CPU), "gpu", "cpu", a
- * row number of cln_devices_list, or part of a device, vendor or platform name; what is asked for
- * and not there is CLN_NO_DEVICE, never a silent substitute. */
+/* The device to work on. spec: NULL or "auto" (a GPU if there is one, else an accelerator, else a
+ * CPU), "gpu", "cpu", a row number of cln_devices_list, or part of a device, vendor or platform
+ * name. CLN_NO_DEVICE if none matches; there is no silent substitute. */
 typedef struct cln_device_desc {
     const char *spec;
     const char
         *kernel_dir; /* read kernels from here instead of the embedded ones; NULL = embedded */
-    /* Kernel parameters, the first that there is of: tune ("VW=8,TS=6,...", over those of the
-     * device's class), a row of tune_file that fits device and network, such a row of the program's
-     * own, those of the class. NULL = none. */
+    /* Source of kernel parameters, the first one of: tune ("VW=8,TS=6,...", on top of the device
+     * class's defaults), a row of tune_file that fits device and network, such a row that came with
+     * the program, the class's defaults. NULL = none. */
     const char *tune;
-    const char *tune_file; /* rows of the user, docs/formats.md "Tuning rows" */
-    /* No buffer larger than this ("256M"), as if the device allowed no more: batches are cut to it,
-     * arrays of a row per leaf split into up to four buffers; CLN_MEMORY beyond. NULL = the
-     * device's own. */
+    const char *tune_file; /* the user's rows, docs/formats.md "Tuning rows" */
+    /* The largest buffer ("256M"), as if the device allowed no more: batches are cut to it, arrays
+     * of a row per leaf split into up to four buffers, CLN_MEMORY beyond. NULL = the device's
+     * own. */
     const char *max_alloc;
 } cln_device_desc;
 
@@ -143,15 +142,15 @@ typedef struct cln_device_info {
     char type[16];                /* "cpu", "gpu", "accelerator" */
     double global_mem, max_alloc; /* bytes */
     int compute_units;
-    char verdict[256]; /* "ok" or what is wrong; empty if not tested */
-    /* The kernel parameters for the fast preset's networks, and where they come from; empty if the
-     * device cannot be used, or was not asked. */
+    char verdict[256]; /* "ok" or the defect; empty if not tested */
+    /* The fast preset's networks, their kernel parameters and the source of these; empty if the
+     * device cannot be opened, or was not. */
     char network[32], tune[256], tune_from[512];
 } cln_device_info;
 
-/* All OpenCL devices. desc: tune_file, and where kernels are; its spec is not looked at. NULL: only
- * what the loader tells of them. test: run the quick self-test on each. No device at all is
- * CLN_NO_DEVICE with what to install. The caller frees *out. */
+/* Lists all OpenCL devices. desc: its tune_file and kernel_dir count, its spec does not; NULL: list
+ * without opening devices. test: run the quick self-test on each. CLN_NO_DEVICE without any, with
+ * what to install. The caller frees *out. */
 CLN_API cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_device_info **out,
                                     int *count);
 
@@ -161,7 +160,7 @@ CLN_API cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_
 typedef struct cln_train_progress {
     int64_t step, steps; /* steps 0: the budget is time */
     double fraction;     /* of the budget, 0..1 */
-    double seconds, eta; /* training seconds so far, and to go */
+    double seconds, eta; /* training seconds so far, and left */
     double rays_per_s, samples_per_ray;
     double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
     int leaves;
@@ -170,7 +169,7 @@ typedef struct cln_train_progress {
 
 typedef struct cln_callbacks {
     void (*train)(const cln_train_progress *progress,
-                  void *user); /* about every step; may be NULL */
+                  void *user); /* after every step; may be NULL */
     void (*work)(const char *what, int done, int total, void *user); /* eval, render; may be NULL */
     /* Polled every step / ray batch: 0 = go on, SIGINT or SIGTERM = write a checkpoint and return
      * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on. May be NULL. */
@@ -183,28 +182,28 @@ typedef struct cln_train_desc {
     const char *run;
     bool resume;
     bool skip_selftest;
-    /* With resume: what the run should now have (cln_settings_of_run and changes); what shapes its
-     * networks cannot change. */
+    /* With resume: the run's new settings (cln_settings_of_run with changes); those that a
+     * checkpoint fixes cannot change. */
     const cln_settings *settings;
     cln_device_desc device;
     const char *command; /* command line, for run.json; may be NULL */
-    /* The integer program of each structure decision goes to this file, in LP format, over the one
-     * before; NULL = nowhere. */
+    /* File for each structure decision's integer program, in LP format, which overwrites the one
+     * before; NULL = none. */
     const char *dump_program;
     cln_callbacks callbacks;
 } cln_train_desc;
 
 typedef struct cln_train_result {
     int64_t step;
-    double seconds; /* training seconds, evaluation not counted */
+    double seconds; /* training seconds, without evaluation */
     double psnr_train, psnr_test;
     int leaves;
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
     uint64_t digest;               /* model_digest */
 } cln_train_result;
 
-/* Trains until a budget is used up. Leaves RUN/ as docs/formats.md says. *result is filled as far
- * as it went, also when interrupted. */
+/* Trains until a budget is used up; docs/formats.md describes RUN/. *result is filled in as far as
+ * training went, also when interrupted. */
 CLN_API cln_status cln_train(const cln_train_desc *desc, cln_train_result *result);
 
 /* ---- measuring and rendering ---- */
@@ -232,7 +231,7 @@ typedef struct cln_eval_result {
 
 typedef struct cln_eval_desc {
     const char *run;
-    const char *scene; /* NULL = the one it was trained on */
+    const char *scene; /* NULL = the run's own */
     const char *split; /* "train", "val", "test" */
     int max_images;    /* evenly chosen; 0 = all */
     bool save_images;  /* renders, truths, errors and pictures of the tree under RUN/eval/ */
@@ -240,7 +239,7 @@ typedef struct cln_eval_desc {
     cln_callbacks callbacks;
 } cln_eval_desc;
 
-/* Per-image and mean PSNR and SSIM; writes RUN/eval/STEP-SPLIT.json and the report. */
+/* Measures per-image and mean PSNR and SSIM; writes RUN/eval/STEP-SPLIT.json and the report. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);
@@ -248,7 +247,7 @@ CLN_API void cln_eval_free(cln_eval_result *result);
 
 typedef struct cln_render_desc {
     const char *run, *out;
-    const char *scene; /* NULL = the one it was trained on */
+    const char *scene; /* NULL = the run's own */
     const char *split; /* the poses of a split, or NULL for an orbit */
     int orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis */
@@ -256,7 +255,7 @@ typedef struct cln_render_desc {
     int width, height;      /* orbit: image size; 0 = as the training images */
     double fov;             /* orbit: horizontal, degrees; 0 = as the training images */
     int max_images;         /* split: evenly chosen; 0 = all */
-    bool overwrite;         /* else frames whose files are there are skipped */
+    bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     cln_device_desc device;
     cln_callbacks callbacks;
@@ -267,29 +266,29 @@ typedef struct cln_render_result {
     double seconds;
 } cln_render_result;
 
-/* OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (to look at),
- * NAME.opacity.png; names as the dataset's, or orbit_0000. */
+/* Writes OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (for
+ * viewing), NAME.opacity.png; names are the dataset's, or orbit_0000. */
 CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
 
 /* ---- the field itself ---- */
 
-/* A trained run opened to be asked at points: its newest checkpoint on a device. Needs neither
- * scene nor run folder after it is open. One thread at a time; close frees it. */
+/* A trained run, opened for evaluation at points: its newest checkpoint on a device. Needs neither
+ * scene nor, once open, run folder. One thread at a time; close frees it. */
 typedef struct cln_field cln_field;
 
 CLN_API cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out);
 CLN_API void cln_field_close(cln_field *field); /* accepts NULL */
 
-/* The cube that holds the scene, in scene units; outside of it there is nothing. */
+/* The cube that holds the scene, in scene units; it is empty outside. */
 CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3]);
 
-/* Colour and density at n points, as pictures are made of them.
+/* Evaluates colour and density at n points, as in pictures.
  *   positions   [n][3] scene units
  *   directions  [n][3] from the eye to the point, of any length but 0; NULL without rgb
- *   rgb         [n][3] 0..1, sRGB as in the photos; NULL = not asked for
- *   sigma       [n]    per scene unit: light that goes a short way d keeps exp(-sigma d);
- *                      NULL = not asked for
- * Where no leaf is (outside the cube, or culled as empty) sigma and rgb are 0. CLN_USAGE for a
+ *   rgb         [n][3] 0..1, sRGB as in the photos; NULL = not wanted
+ *   sigma       [n]    per scene unit: over a short distance d, light keeps the share
+ *                      exp(-sigma d); NULL = not wanted
+ * Outside leaves (outside the cube, or culled as empty) sigma and rgb are 0. CLN_USAGE for a
  * direction of length 0 or a number that is not finite. */
 CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3],
                                 const float (*directions)[3], float (*rgb)[3], float *sigma);
@@ -301,22 +300,21 @@ typedef struct cln_export_desc {
     const char *what;   /* "octree": the active leaves as boxes, a PLY file */
     const char *file;   /* the file to write */
     const char *colour; /* octree: "level" or "error"; NULL = "level" */
-    bool overwrite;     /* else a file that is there is CLN_OUTPUT */
+    bool overwrite;     /* else an existing file is CLN_OUTPUT */
 } cln_export_desc;
 
-enum { CLN_LEVELS = 6 }; /* levels that a tree can have, 0 to 5 */
+enum { CLN_LEVELS = 6 }; /* a tree has levels 0 to 5 */
 
 typedef struct cln_export_result {
     int64_t step;
-    int leaves, levels[CLN_LEVELS]; /* active leaves, and how many of each level */
+    int leaves, levels[CLN_LEVELS]; /* active leaves, in all and by level */
 } cln_export_result;
 
-/* What the newest checkpoint holds, in the scene's coordinates, as a file for other programs
- * (docs/formats.md). Needs no device. CLN_USAGE for an unknown `what`. */
+/* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
+ * programs (docs/formats.md). Needs no device. CLN_USAGE for an unknown `what`. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
-/* JSON text (the caller frees it) about a scene or a run. settings: how train would read the
- * scene. */
+/* JSON text about a scene or a run; the caller frees it. settings: how to read the scene. */
 CLN_API cln_status cln_info_scene(const char *scene, const cln_settings *settings, char **json);
 CLN_API cln_status cln_info_run(const char *run, char **json);
 
@@ -338,29 +336,29 @@ typedef struct cln_tune_try {
 } cln_tune_try;
 
 typedef struct cln_tune_desc {
-    cln_device_desc device; /* tune: where the search begins; NULL = those of the device's class */
-    const cln_settings *settings; /* whose networks, sampling and batch */
+    cln_device_desc device; /* tune: start of the search; NULL = the device class's defaults */
+    const cln_settings *settings; /* their networks, sampling and batch count */
     double budget;                /* seconds */
     int max_tries;                /* most sets tried; 0 = as many as the budget allows */
-    const char *file;             /* the row goes here, over one for the same; NULL = nowhere */
+    const char *file;             /* gets the row, in place of one for the same; NULL = none */
     cln_callbacks callbacks;
 } cln_tune_desc;
 
 typedef struct cln_tune_result {
     cln_device_info device;
-    char network[32], tune[256]; /* what for, and the best set */
+    char network[32], tune[256]; /* the network and its best set */
     char row[1024];              /* the same as a line of a file of rows */
     double seconds;              /* of a step with it */
-    double gain;                 /* over the set the search began with: its seconds / these */
-    int rays, samples, leaves;   /* of the step that was timed */
-    bool complete;               /* the search ended by itself, not by the budget */
-    cln_tune_try *tries;         /* in order; the first that was taken is where it began */
+    double gain;                 /* the first set's seconds / these */
+    int rays, samples, leaves;   /* of the timed step */
+    bool complete;               /* the search ended before the budget */
+    cln_tune_try *tries;         /* in order; the first taken one is the start */
     int count;
 } cln_tune_result;
 
-/* Looks for the kernel parameters that make a training step fastest on a device. A set is timed
- * only after it has passed the self-test's checks with these very networks. CLN_CHECK if not even
- * the plain ones do. */
+/* Searches for the kernel parameters that make a training step fastest on a device. Times a set
+ * only after it has passed the self-test's checks with these networks. CLN_CHECK if even the plain
+ * set fails. */
 CLN_API cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result);
 CLN_API void cln_tune_free(cln_tune_result *result);
 
@@ -369,8 +367,8 @@ CLN_API void cln_tune_free(cln_tune_result *result);
 typedef void cln_check_sink(const char *name, bool passed, bool skipped, const char *detail,
                             void *user);
 
-/* Kernels against the float64 reference on one device, small shapes; CLN_CHECK if any fails. quick:
- * about a second. */
+/* Checks kernels against the float64 reference on a device, on small shapes; CLN_CHECK if any check
+ * fails. quick: about a second. */
 CLN_API cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink,
                                 void *user);
 

@@ -1,5 +1,5 @@
-/* The one header that host and kernels share: constants and structs of fixed-width members. The
- * host includes it as C, the kernels get it as the first lines of every program. No functions. */
+/* The only header that host and kernels share: constants, and structs of fixed-width members. The
+ * host includes it as C; every kernel program begins with it. No functions. */
 #ifndef CLN_DEVICE_ABI_H
 #define CLN_DEVICE_ABI_H
 
@@ -14,19 +14,17 @@ typedef uint32_t cln_u32;
 typedef float cln_f32;
 #endif
 
-/* The octree's deepest level, the root's being 0; all below that depends on it follows from it.
- * One more costs eight times the map, and at six the box of an empty cell no longer fits 32
- * bits. CLN_LEVELS of cl_nascent.h is one more. */
+/* The octree's deepest level; the root's is 0. One more costs eight times the map, and a box of
+ * empty cells no longer fits 32 bits. CLN_LEVELS of cl_nascent.h is one more. */
 #define CLN_MAX_LEVEL 5
 
-/* Most intervals of a ray with leaves down to level `depth`: one for every plane of cells that
- * it can cross. */
+/* Most intervals of a ray with leaves down to level `depth`: one for each plane of cells that it
+ * can cross. */
 #define CLN_MOST_INTERVALS(depth) (3 << (depth))
 
-/* Chords shorter than this, in units of the normalised cube, are left out (method.md 7). */
+/* Chords up to this length, in normalised units, are skipped (method.md 3). */
 #define CLN_MIN_CHORD 1e-5f
-/* sigma * delta is clamped here: exp(-80) is the last normal float's neighbourhood (method.md
- * 9). */
+/* Clamp of sigma * delta: exp(-80) is close to the smallest normal float (method.md 9). */
 #define CLN_MAX_OPTICAL_DEPTH 80.0f
 
 /* A view's camera in normalised space (scene/scene.h has the model and the units). */
@@ -39,56 +37,56 @@ typedef struct cln_device_camera {
     cln_i32 pad;
 } cln_device_camera;
 
-/* One ray asked for: which pixel of which view. The ray goes through its centre. */
+/* The pixel of a ray; the ray goes through its centre. */
 typedef struct cln_pixel {
     cln_u32 view, x, y, pad;
 } cln_pixel;
 
-/* The interval of a ray in an ACTIVE leaf. mass: by stage 1, its optical depth, or its alpha with
- * CLN_CDF_WEIGHT. count: CLN_INTERVAL_COUNT. */
+/* The interval of a ray in an ACTIVE leaf. mass: stage 1's optical depth, or with CLN_CDF_WEIGHT
+ * its alpha. count: CLN_INTERVAL_COUNT. */
 typedef struct cln_interval {
     cln_f32 t_in, t_out, mass;
     cln_i32 slot;
     cln_u32 count;
 } cln_interval;
 
-/* Its stage-2 samples and its leaf's level. */
+/* Number of its stage-2 samples, and its leaf's level. */
 #define CLN_INTERVAL_COUNT(samples, level) ((samples) | (cln_u32)(level) << 24)
 #define CLN_INTERVAL_SAMPLES(count)        ((count)&0xFFFFFFu)
 #define CLN_INTERVAL_LEVEL(count)          ((count) >> 24)
 
-/* A run of grouped samples that one work-group takes through one leaf's network. */
+/* A run of grouped samples that a work-group takes through a leaf's network. */
 typedef struct cln_slice {
     cln_i32 slot;
     cln_u32 start, count;
-    cln_u32 used; /* slices that are not empty, of the whole list */
+    cln_u32 used; /* number of slices in the list that are not empty */
 } cln_slice;
 
-/* What the network needs to know of a sample: where, in which leaf, on which ray. */
+/* A sample: its place on a ray, and its leaf. */
 typedef struct cln_sample {
     cln_f32 t, delta;
     cln_u32 ray;
     cln_i32 slot;
 } cln_sample;
 
-/* What a ray came to. */
+/* Results of a ray. */
 typedef struct cln_ray_result {
     cln_f32 r, g, b, depth;
     cln_f32 opacity, loss, square_error, pad;
 } cln_ray_result;
 
-/* Numbers of a ray's random values (base/rng.h): those of its samples go by the number of the
- * interval. */
-#define CLN_DRAW_ROULETTE 0x800000u /* on, by the interval's number */
+/* `number` of a ray's random values (base/rng.h): the interval's number for its samples, plus this
+ * for its roulette. */
+#define CLN_DRAW_ROULETTE 0x800000u
 
-/* Entries of the octree map. Of a leaf's cells: its slot and level. */
+/* Entries of the octree map. Cells of a leaf: its slot and level. */
 #define CLN_MAP_LEVEL_BITS        4
 #define CLN_MAP_LEAF(slot, level) (((slot) + 1) << CLN_MAP_LEVEL_BITS | (level))
 #define CLN_MAP_SLOT(entry)       (((entry) >> CLN_MAP_LEVEL_BITS) - 1)
 #define CLN_MAP_LEVEL(entry)      ((entry) & ((1 << CLN_MAP_LEVEL_BITS) - 1))
 
-/* Of empty cells: the sign bit, and a box of empty cells around, its lowest x, y, z and its
- * highest, of CLN_MAX_LEVEL bits each. */
+/* Empty cells: the sign bit, and a box of empty cells around them, its lowest and highest x, y, z
+ * of CLN_MAX_LEVEL bits each. */
 #define CLN_MAP_EMPTY 0x80000000u
 #define CLN_MAP_BOX(corner, high)                                          \
     ((cln_u32)((corner)[0] - (high)) << CLN_MAX_LEVEL * (3 * (high)) |     \
@@ -98,7 +96,7 @@ typedef struct cln_ray_result {
 #define CLN_MAP_LOW(entry, axis)  CLN_MAP_SIDE(entry, axis)
 #define CLN_MAP_HIGH(entry, axis) (CLN_MAP_SIDE(entry, 3 + (axis)) + 1)
 
-/* Samples of a slice that roulette.cl decides upon together. */
+/* Samples of a slice that roulette.cl decides on together. */
 #define CLN_ROULETTE_SEGMENT 256
 
 /* Rays of a work-item of the sampling kernels, with vectors of vw floats. */
