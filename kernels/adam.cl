@@ -1,10 +1,10 @@
 /* needs: leaves adam */
-/* Adam on the leaves that a batch touched, where the gradient comes from memory: a leaf's is the
- * sum of its slices' gradients, in slice order. Leaves with fewer than min_samples samples are left
- * alone, moments included. The step itself: adam.h. Leaves of one slice are updated by
- * mlp_backward.cl, if the host asks for that.
+/* Adam on the leaves that a batch touched, with gradients from memory: a leaf's is the sum of its
+ * slices' gradients, in slice order. Leaves with fewer than min_samples samples stay as they are,
+ * moments included. adam.h has the step itself. mlp_backward.cl updates leaves of one slice, if the
+ * host wants that.
  *
- *   PART    parameters that one work-group updates, of EACH leaves one after another
+ *   PART    parameters that a work-group updates, of EACH leaves one after another
  *   LS, VW  its work-items and lanes
  */
 #ifndef PART
@@ -12,7 +12,7 @@
 #define EACH 16
 #endif
 
-/* steps[leaf] += 1 for touched leaves; norms[leaf]: of the view layer's weights, before the
+/* For touched leaves: steps[leaf] += 1; norms[leaf] = norm of the view layer's weights before the
  * update. */
 __kernel void adam_count(const __global uint *restrict begin, const __global uint *restrict end,
                          __global int *restrict steps, LEAF_ARRAY(const float, params),
@@ -46,7 +46,7 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
      LEAF_ARRAY(moment_type, v),    /* [leaf][PARAMS] */
      LEAF_ARRAY(float, transposed), /* [leaf][WT_PARAMS], if there is one */
      uint leaves, uint parts,
-     uint min_samples, uint min_slices, /* leaves with fewer are left alone */
+     uint min_samples, uint min_slices, /* leaves with fewer stay as they are */
      uint half_slice, /* 0: slice s' gradient at place s; else at its start / half_slice */
      float lr)
 {
@@ -82,7 +82,7 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
     }
 }
 
-/* The transposed copy of freshly uploaded weights. */
+/* Makes the transposed copy of freshly uploaded weights. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 transpose(LEAF_ARRAY(const float, params), LEAF_ARRAY(float, transposed), uint parts)
 {

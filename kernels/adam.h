@@ -1,12 +1,12 @@
 /* needs: network fetch bfloat16 */
-/* One step of Adam on VW neighbouring weights (method.md 11; twin: host/reference/adam.c), and the
- * transposed copy of the weights that input gradients read. Used by adam.cl, and by mlp_backward.cl
- * where a leaf's whole gradient is at hand. Bias correction counts the updates of the leaf itself,
- * as leaves are born during training.
+/* A step of Adam on VW neighbouring weights (method.md 11; twin: host/reference/adam.c), and the
+ * transposed copy of the weights that input gradients read. For adam.cl, and for mlp_backward.cl
+ * where it has a leaf's whole gradient. Bias correction counts the leaf's own updates, as leaves
+ * appear during training.
  *
  *   BETA1 BETA2 EPSILON   Adam's;  DECAY1 DECAY2: -log of the betas
  *   VIEW_L2 0 | 1, VIEW_L2_WEIGHT   regulariser: the norm of the view layer's weights
- *   MOMENTS 0 | 1   both moments are float, or bfloat16, where Adam is bound by memory
+ *   MOMENTS 0 | 1   both moments are float | bfloat16 (Adam is bound by memory)
  */
 #ifndef BETA1
 #define BETA1 0.9f
@@ -19,14 +19,14 @@
 #define MOMENTS 1
 #endif
 
-/* What is the same for all weights of a leaf. */
+/* Common to all weights of a leaf. */
 typedef struct adam_leaf {
     float rate, second; /* learning rate over the first moment's correction; 1 over the second's */
     float pull;         /* of the view layer's norm, per weight */
     uint key;           /* of the random numbers that round moments */
 } adam_leaf;
 
-/* steps: updates of the leaf, with this one; norm: of the view layer's weights. */
+/* steps: updates of the leaf, this one included; norm: of the view layer's weights. */
 HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm, uint slot)
 {
     const float t = (float)steps;
@@ -43,9 +43,9 @@ HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm, uint slot)
     return a;
 }
 
-/* Moments in memory. chance: 16 random bits. Rounding to the nearest bfloat16 would let a second
- * moment stand still where a step changes it by less than half a unit in its 8 bits; rounding by
- * chance is right on average. */
+/* Moments in memory. chance: 16 random bits. With rounding to the nearest bfloat16, a second moment
+ * would never change by steps below half a unit in its 8 bits; stochastic rounding is right on
+ * average. */
 #if MOMENTS
 #define moment_type ushort
 
@@ -73,14 +73,13 @@ HELPER void moment_store(vf value, vu chance, __global moment_type *p)
 }
 #endif
 
-/* Moments and weights are fetched so many bytes ahead: a processor fetches ahead by itself, but
- * only up to the end of a page of four kilobytes. Behind a row's end stands the next leaf's, or
- * nothing. */
+/* Bytes by which moments and weights are fetched ahead: hardware prefetching stops at the end of a
+ * 4 KiB page. Beyond a row's end is the next leaf's row, or nothing. */
 #define MOMENTS_AHEAD 2048
 #define WEIGHTS_AHEAD 1024
 
 /* Updates weights p .. p + VW - 1 of a leaf, given their gradient g and the leaf's rows; returns
- * the new weights. They follow from the moments as these are before rounding. */
+ * the new weights, computed from the moments before rounding. */
 HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,
                     __global moment_type *v)
 {
@@ -104,8 +103,8 @@ HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global 
     return w;
 }
 
-/* Where row-major weights [rows WIDTH][columns] at `offset` hold parameter p: also store them
- * transposed. p and its VW - 1 successors stand in one row. */
+/* If parameter p is in the row-major weights [WIDTH][columns] at `offset`, also stores it
+ * transposed. p and its VW - 1 successors are in one row. */
 HELPER void store_transposed(vf value, uint p, uint offset, uint columns, __global float *wt)
 {
     const uint q = p - offset;

@@ -1,4 +1,4 @@
-/* bfloat16: the upper half of a float32, kept as ushort. */
+/* bfloat16: the upper half of a float32, stored as ushort. */
 
 HELPER float bfloat16_value(ushort bits)
 {
@@ -10,7 +10,7 @@ HELPER vf bfloat16_values(vh bits)
     return V_AS_FLOAT(V_TO_UINT(bits) << 16);
 }
 
-/* The nearest one, ties to even; a NaN stays one. */
+/* Rounds to nearest, ties to even; a NaN stays NaN. */
 HELPER ushort bfloat16_nearest(float value)
 {
     const uint bits = as_uint(value);
@@ -18,7 +18,7 @@ HELPER ushort bfloat16_nearest(float value)
     return (ushort)(isnan(value) ? 0x7FC0u : (bits + 0x7FFFu + (bits >> 16 & 1u)) >> 16);
 }
 
-/* Rounded up or down by chance, so that the mean is right. chance: 16 random bits. */
+/* Stochastic rounding, right on average. chance: 16 random bits. */
 HELPER vh bfloat16_by_chance(vf value, vu chance)
 {
     return V_TO_USHORT((V_AS_UINT(value) + chance) >> 16);

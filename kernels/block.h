@@ -1,17 +1,16 @@
 /* needs: network fetch space encoding_frequency */
-/* A block: up to NB samples of one leaf, which go through its network together, layer by layer,
- * while they are in the work-group's local memory. Rows past the count hold garbage that never
- * leaves its own row. */
+/* A block: up to NB samples of one leaf, which go through its network together, layer by layer, in
+ * the work-group's local memory. Rows past the count hold garbage that affects no other row. */
 
 typedef struct block {
-    int count, tiles, rows; /* samples; tiles of TS that hold them; rows, whole tiles and vectors */
+    int count, tiles, rows; /* samples; tiles of TS; rows: whole tiles, rounded up to vectors */
     bool first, last;       /* of its slice */
     const __local uint *ids; /* [NB] -> sample */
     uint step_key;           /* of the slopes */
     int lid;
 } block;
 
-/* The block behind `done` of `total` samples. */
+/* The block after `done` of `total` samples. */
 HELPER block block_at(uint done, uint total, const __local uint *ids, uint step_key)
 {
     const int count = (int)min((uint)NB, total - done), tiles = (count + TS - 1) / TS;
@@ -34,12 +33,12 @@ typedef struct sample_source {
     const __global float4 *ray_o, *ray_d;   /* [ray] */
 } sample_source;
 
-/* Local positions to at, [3][NB], and directions to along, [3][NB], of the samples whose numbers
- * this work-item has put into ids. */
+/* Loads local positions at [3][NB] and directions along [3][NB] of the samples that this work-item
+ * put into ids. */
 HELPER void load_samples(block b, sample_source from, float4 box, __local float *at,
                          __local float *along)
 {
-    /* one kind of load at a time, so that many are under way together */
+    /* one kind of load at a time, so that many overlap */
     for (int s = b.lid; s < b.rows; s += LS) {
         const cln_sample sample = from.samples[b.ids[s]];
 

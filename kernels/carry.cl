@@ -1,9 +1,9 @@
 /* needs: leaves */
-/* Rows of leaves carried over a change of the tree, from the arrays of the old leaves to those of
- * the new ones (host/pipeline/carry.c; the host's twin is cln_model_apply). A group takes a leaf.
+/* Carries rows of leaves over a change of the tree, from arrays of the old leaves to those of the
+ * new ones (host/pipeline/carry.c; the host's twin is cln_model_apply). A group takes a leaf.
  *
- *   places[leaf] = (old leaf, octant): octant -1 the same leaf; k >= 0 child k of the old one;
- *                  -2 - k the parent, of which the old one was child k
+ *   places[leaf] = (old leaf, octant): octant -1: the same leaf; k >= 0: child k of the old one;
+ *                  -2 - k: the parent of the old one, its child k
  *
  * SG  work-items of a group
  */
@@ -26,8 +26,8 @@ carry_rows(LEAF_ARRAY(const uint4, from), LEAF_ARRAY(uint4, to), /* [leaf][row] 
         new[i] = place.y == -1 ? old[i] : (uint4)(0u);
 }
 
-/* Cell of the old leaf's grid that is nearest to cell `at` of the new one's, along one axis. upper:
- * the half of the parent in which the child lies. */
+/* Cell of the old leaf's grid nearest to cell `at` of the new one's, along an axis. upper: the
+ * child's half of the parent. */
 HELPER uint nearest(uint at, uint n1, int octant, uint upper)
 {
     if (octant == -1)
@@ -37,7 +37,7 @@ HELPER uint nearest(uint at, uint n1, int octant, uint upper)
     return (uint)clamp((int)(2u * at + 1u) - (int)(upper * n1), 0, (int)n1 - 1);
 }
 
-/* Densities of stage 1: those of the nearest cells. */
+/* Stage 1's densities: those of the nearest cells. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
 carry_densities(LEAF_ARRAY(const ushort, from), /* [leaf][n1 z][n1 y][n1 x] */
                 LEAF_ARRAY(ushort, to),

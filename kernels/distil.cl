@@ -1,10 +1,10 @@
-/* The gradient of a merge's distillation (method.md 11; twin: in the tests): a new leaf learns what
- * the old ones were, at points, without rays.
+/* The gradient of a merge's distillation (method.md 11; twin: host/reference/points.c): a new leaf
+ * learns the old ones' values at points, without rays.
  *
  *   loss = mean (alpha - alpha*)^2 + alpha* |c - c*|^2 / 3,   alpha = 1 - exp(-sigma delta)
  *
- * with delta = a thirty-second of the leaf's diagonal, kept in the sample. Each sample has a ray of
- * its own (t = 0), which also numbers its target. */
+ * with delta = a thirty-second of the leaf's diagonal, the sample's. Each sample has a ray of its
+ * own (t = 0), which is also the index of its target. */
 
 __kernel void distil_gradient(const __global cln_sample *restrict samples, /* [sample] */
                               const __global float4 *restrict out,     /* [sample] r g b sigma */

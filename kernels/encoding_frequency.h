@@ -1,19 +1,17 @@
 /* needs: network space */
-/* The frequency encoding (method.md 1): what the networks read instead of a position, or a
- * direction. It is the one encoding there is; host/model/encoding.h says what another one consists
- * of, and where it goes.
+/* The frequency encoding (method.md 1): the networks' input in place of a position or a direction.
+ * It is the only encoding; host/model/encoding.h says what another one consists of.
  *
  *   encode_position()   local positions -> inputs of the trunk's first layer, and of layer SKIP
  *   encode_direction()  directions -> inputs of the view layer, beside the trunk's outputs
  *
- * An encoding stands row by row, [rows][NB], so that lanes run over samples where it is made; a
- * layer reads it with the operand by_row() (layer.h). It has no parameters and nobody asks for the
- * gradient of a position, so there is no backward pass of it: mlp_backward.cl says where one would
- * begin.
+ * An encoding is stored by row, [rows][NB], so that lanes run over samples when it is computed; a
+ * layer reads it with the operand by_row() (layer.h). It has no parameters, and nothing needs
+ * gradients of positions, so it has no backward pass: mlp_backward.cl says where one would begin.
  *
  * BANDS, VIEW_BANDS     of positions and of directions
  * ENC_PAD, DIR_PAD      rows, 3 + 6 bands, up to a multiple of 4
- * BANDS_BY_LEVEL 0 | 1  leaves of higher levels do without the highest bands
+ * BANDS_BY_LEVEL 0 | 1  1: leaves of deeper levels lack the highest bands
  */
 
 /* sin and cos of |x| <= 1, to 2e-7: Taylor to x^11 and x^12. */
@@ -42,8 +40,8 @@ HELPER vf cos_unit(vf x)
 
 /* x [3][NB] of the first `rows` samples -> out [pad][NB]: rows 0 .. 2 are x, row 3 + 6k + a is the
  * sine and row 6 + 6k + a the cosine of 2^k x_a, the rest is zero. A band doubles the angle of the
- * one before; every sixth starts afresh, so that rounding does not grow past 2^5 ulp. level: of the
- * leaf. */
+ * band before; every sixth is computed anew, so that rounding errors stay below 2^5 ulp. level: of
+ * the leaf. */
 HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad,
                    int rows, int lid)
 {

@@ -1,11 +1,10 @@
-/* Fetching ahead: asks for cache lines of global memory before they are read or written.
+/* Fetching ahead: requests cache lines of global memory before they are read or written.
  *
- * One idiom: work goes on in equal turns, and each turn begins by fetching its share of what is
- * needed next. Fetches are best one by one between other work: of many at once the last ones are
- * waited for. By the compiler's builtin, as PoCL's prefetch() does nothing; elsewhere nothing is
- * fetched. */
+ * One idiom: work proceeds in equal turns, and each turn first fetches its share of the data needed
+ * next. Fetches belong one by one between other work: a burst of them stalls. They use the
+ * compiler's builtin, as PoCL's prefetch() does nothing; without the builtin they do nothing. */
 
-/* FETCHES: whether anything is fetched at all. */
+/* FETCHES: whether FETCH does anything. */
 #if defined(__x86_64__) || defined(__aarch64__)
 #define FETCHES        1
 #define FETCH(p)       __builtin_prefetch((const __private void *)(uintptr_t)(p), 0, 3)
@@ -19,16 +18,15 @@
 #define CACHE_LINE 64 /* bytes */
 #define LINE_OF(p) ((int)(CACHE_LINE / sizeof *(p))) /* elements of a line */
 
-/* What is needed next: `rows` rows of `width` bytes; row r stands at p + r * stride, or, where rows
- * have places, at p + places[r] * stride. */
+/* Data needed next: `rows` rows of `width` bytes; row r is at p + r * stride, or with places at
+ * p + places[r] * stride. */
 typedef struct ahead {
     const __global char *p;
     const __local int *places; /* or 0 */
-    int rows, stride, width, each; /* each: rows fetched in a turn */
+    int rows, stride, width, each; /* each: rows fetched per turn */
 } ahead;
 
-/* Rows of `columns` elements, `stride` elements apart, and n elements side by side. AHEAD_NOTHING:
- * no rows. */
+/* Rows of `columns` elements, `stride` elements apart; n adjacent elements; no rows. */
 #define AHEAD_ROWS(p, rows, stride, columns)                                                       \
     ((ahead){(const __global char *)(p), 0, rows, (stride) * (int)sizeof *(p),                     \
              (columns) * (int)sizeof *(p), rows})
@@ -36,7 +34,7 @@ typedef struct ahead {
     AHEAD_ROWS(p, ((n) + LINE_OF(p) - 1) / LINE_OF(p), LINE_OF(p), LINE_OF(p))
 #define AHEAD_NOTHING ((ahead){0, 0, 0, 0, 0, 0})
 
-/* The same, in so many turns. */
+/* The same, spread over so many turns. */
 HELPER ahead in_turns(ahead a, int turns)
 {
     if (a.rows > 0)
@@ -44,7 +42,7 @@ HELPER ahead in_turns(ahead a, int turns)
     return a;
 }
 
-/* Rows first .. first + n - 1, to be read, or to be written. */
+/* Fetches rows first .. first + n - 1, to be read or to be written. */
 HELPER void fetch_rows(ahead a, int first, int n, bool write)
 {
 #if FETCHES
@@ -60,7 +58,7 @@ HELPER void fetch_rows(ahead a, int first, int n, bool write)
 #endif
 }
 
-/* One turn's share. */
+/* Fetches a turn's share. */
 HELPER void fetch_turn(ahead a, int turn)
 {
     if (a.rows > 0)
@@ -72,8 +70,8 @@ HELPER void fetch_all(ahead a)
     fetch_rows(a, 0, a.rows, false);
 }
 
-/* Of an array worked on from front to back: where a line begins with element i, the line `bytes`
- * further on. */
+/* For an array worked on from front to back: if a line begins with element i, fetches the line
+ * `bytes` further on. */
 #define FETCH_STREAM(p, i, bytes)                                                             \
     do {                                                                                      \
         if ((int)(i) % LINE_OF(p) == 0)                                                       \

@@ -1,13 +1,12 @@
 /* Groups samples by leaf, so that a work-group reads one leaf's weights (method.md 8). After a
- * stable sort by slot every leaf has one run of samples. A run is cut into slices: as few as there
- * can be of at most `slice` samples, all about as long, and, but for a leaf's last one, of whole
- * blocks of `block` samples (NB of the networks). `slice` is an even number of blocks, so that none
- * of several is shorter than half of it.
+ * stable sort by slot, each leaf has one run of samples. A run is cut into as few slices as
+ * possible of at most `slice` samples, of about equal length, and all but the leaf's last are whole
+ * blocks of `block` samples (NB of the networks). `slice` is an even number of blocks, so that with
+ * several slices none but the last is shorter than half of it.
  *
  *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices
  *
- * The host does not know how many slices there are, only the most there can be: the rest are empty
- * ones. */
+ * The host knows only a bound on the number of slices: the rest of the list are empty ones. */
 
 __kernel void group_keys(const __global cln_sample *restrict samples, __global uint *restrict keys,
                          __global uint *restrict values, uint n)
@@ -20,8 +19,7 @@ __kernel void group_keys(const __global cln_sample *restrict samples, __global u
     values[i] = i;
 }
 
-/* begin[slot], end[slot] of the sorted keys; slots without samples keep the zeros put there
- * before. */
+/* begin[slot], end[slot] of the sorted keys; slots without samples keep their zeros. */
 __kernel void group_bounds(const __global uint *restrict keys, __global uint *restrict begin,
                            __global uint *restrict end, uint n)
 {
@@ -62,7 +60,7 @@ __kernel void group_slices(const __global uint *restrict begin, const __global u
     const uint first = starts[leaf], count = starts[leaf + 1u] - first;
     const uint blocks = (end[leaf] - begin[leaf] + block - 1u) / block;
 
-    /* the longer ones last, as the last one is cut short */
+    /* longer ones last, as the last one is cut short */
     for (uint s = 0, at = begin[leaf]; s < count; s++) {
         const uint whole = (blocks / count + (s >= count - blocks % count)) * block;
         const cln_slice out = {(int)leaf, at, min(whole, end[leaf] - at), starts[leaves]};

@@ -1,9 +1,9 @@
-/* One source for CPU and GPU: vectors of VW floats. A CPU takes VW = its SIMD width, a GPU VW = 1
- * and many work-items instead. Only what the kernels use; no control flow on vector comparisons
- * (scalar comparisons give 1, vector ones -1; select() on the sign is the same in both).
+/* One source for CPU and GPU: vectors of VW floats. A CPU has VW = its SIMD width, a GPU VW = 1 and
+ * many work-items. No control flow on vector comparisons: scalar ones give 1, vector ones -1, while
+ * select() works on the sign of both.
  *
  *   VW      1 | 2 | 4 | 8 | 16   floats per vector
- *   NATIVE  0 | 1                EXP, LOG, SIN, COS: the library's, or the device's (of unspecified
+ *   NATIVE  0 | 1                EXP, LOG, SIN, COS: the library's | the device's (of unspecified
  *                                precision)
  */
 #ifndef CLN_LANES_H
@@ -13,8 +13,8 @@
 #define VW 8
 #endif
 
-/* Every function that is not a kernel. Always inlined: PoCL 3.1 passes the arguments of a call that
- * spill to the stack wrongly (seen: a 13-argument helper read other memory and returned NaN). */
+/* Every function that is not a kernel. Always inlined: PoCL 3.1 passes arguments that spill to the
+ * stack wrongly (seen: a 13-argument helper read other memory and returned NaN). */
 #define HELPER static __attribute__((always_inline))
 
 #define CLN_PASTE_(a, b) a##b
@@ -48,8 +48,9 @@ typedef CLN_PASTE(ushort, VW) vh;
 #define V_TO_USHORT CLN_PASTE(convert_ushort, VW)
 #endif
 
-/* VSTORE of floats, or of 16 bits each (VSTORE_H), to an address space, in one instruction. PoCL's
- * vstore stores four elements at a time, and LLVM does not join the parts of 16. */
+/* VSTORE of floats (VSTORE_IN) or of 16-bit elements (VSTORE_H) to an address space, in one
+ * instruction. PoCL's vstore stores four elements at a time, and LLVM does not join the parts of
+ * 16. */
 #if VW > 1 && (defined(__x86_64__) || defined(__aarch64__))
 typedef vf vf_anywhere __attribute__((aligned(4), may_alias));
 typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
@@ -60,8 +61,8 @@ typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
 #define VSTORE_H(space, v, p)  VSTORE(v, p)
 #endif
 
-/* Interleaves the lanes of a and b: of their first halves (LO), of their second halves (HI). One
- * instruction, where PoCL's shuffle2, .even and .odd are several. */
+/* Interleaves the lanes of a's and b's first halves (LO) or second halves (HI), in one instruction;
+ * PoCL's shuffle2, .even and .odd take several. */
 #if defined(__x86_64__) || defined(__aarch64__)
 #define V_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
@@ -81,7 +82,7 @@ typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
 #define V_ZIP_HI(a, b) V_SHUFFLE(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31)
 #endif
 
-/* Lane numbers 0 .. VW-1, and the sum over lanes in a fixed order. */
+/* V_IOTA: lane numbers 0 .. VW-1; V_SUM: the sum over lanes in a fixed order. */
 #if VW == 1
 #define V_IOTA   0u
 #define V_SUM(v) (v)
@@ -141,8 +142,8 @@ HELPER float v_sum16(float16 v)
 #define COS(x) cos(x)
 #endif
 
-/* 1 - exp(-x) for x >= 0 to 1e-6 relative, for floats and vectors alike (T is the type): a series
- * where the difference would cancel. The library's expm1 is several times slower on PoCL. */
+/* 1 - exp(-x) for x >= 0 to 1e-6 relative, for floats and vectors (T: type): a series where the
+ * difference would cancel. The library's expm1 is several times slower on PoCL. */
 #define ONE_MINUS_EXP(T, x)                                                                        \
     select((T)(1.0f) - EXP(-(x)),                                                                  \
            (x) * MAD((x), MAD((x), MAD((x), MAD((x), (T)(8.3333333e-3f), (T)(-4.1666667e-2f)),     \
@@ -151,8 +152,8 @@ HELPER float v_sum16(float16 v)
                      (T)(1.0f)),                                                                   \
            (x) < (T)(0.15f))
 
-/* fma where it is one instruction, else a multiply and an add. PoCL 3.1 does not define the
- * standard's FP_FAST_FMAF. */
+/* fma if it is one instruction, else a multiply and an add. PoCL 3.1 lacks the standard's
+ * FP_FAST_FMAF. */
 #if defined(FP_FAST_FMAF) || defined(__FMA__)
 #define MAD(a, b, c) fma(a, b, c)
 #else

@@ -1,26 +1,26 @@
 /* needs: block leaves */
-/* The operations of one layer on one block, forward and backward (method.md 1, 11).
+/* The operations of a layer on a block, forward and backward (method.md 1, 11).
  *
  *   layer_forward          x[s][n] = b[n] + sum_k in[s][k] w[k][n],   out = act(x)
  *   layer_weight_gradient  dw[k][n] (+)= sum_s in[s][k] d[s][n],      db[n] (+)= sum_s d[s][n]
  *   layer_input_gradient   din[s][k] = act'(x[s][k]) (sum_n d[s][n] wt[n][k] + the density head's)
  *
- * with s over samples, d the gradient of x and wt the transposed weights. All three are one
- * micro-kernel, TILE_MAD: T x NV vectors of sums in registers, lanes over the contiguous index, one
- * vector load of B and T broadcasts of A per step. Heads have one or three outputs, which lanes
- * cannot share: head_forward, head_weight_gradient, head_bias_gradient and head_input_gradient.
+ * with s over samples, d the gradient of x and wt the transposed weights. All three use one
+ * micro-kernel, TILE_MAD: T x NV vectors of sums in registers, lanes over the contiguous index, NV
+ * vector loads of B and T broadcasts of A per step. Heads have one or three outputs, too few for
+ * lanes: head_forward, head_weight_gradient, head_bias_gradient and head_input_gradient.
  *
- * Every work-item of a group calls these functions; only trunk_forward has barriers in it. */
+ * Every work-item of a group calls these functions; only trunk_forward has barriers. */
 
 #define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
 
-/* An operand in local memory: element (s, k) stands at p[s * s_step + k * k_step]. */
+/* An operand in local memory: element (s, k) is p[s * s_step + k * k_step]. */
 typedef struct operand {
     const __local float *p;
     int rows, s_step, k_step; /* k < rows */
 } operand;
 
-/* [NB][width], as layers leave their outputs, and [rows][NB], as encodings are. */
+/* [NB][width], like layers' outputs; [rows][NB], like encodings. */
 HELPER operand by_sample(const __local float *p, int width)
 {
     const operand o = {p, width, width, 1};
@@ -36,7 +36,7 @@ HELPER operand by_row(const __local float *p, int rows)
 }
 
 /* sums[i][j] += sum over r < R of a[i * a_i + r * a_r] * B[r * b_r + vector j], i < T. A macro, as
- * B is in local or in global memory. */
+ * B may be in local or global memory. */
 #define TILE_MAD(T, sums, a, a_i, a_r, B, b_r, R)                                             \
     for (int r_ = 0; r_ < (R); r_++) {                                                        \
         vf b_[NV];                                                                            \
@@ -53,15 +53,15 @@ HELPER operand by_row(const __local float *p, int rows)
 
 /* ---- forward ---- */
 
-/* A layer's number (of its slopes, and of its place among the kept pre-activations), outputs, and
- * weights with the bias in the row behind them. */
+/* A layer: its number (for slopes and kept pre-activations), outputs, and weights, which the row of
+ * biases follows. */
 typedef struct layer {
     int number, outputs;
     const __global float *w;
 } layer;
 
-/* What a layer's first tile reads of `rows` rows of weights; and n weights of heads. All rows are
- * of one width, so that the compiler need not keep it. */
+/* What a layer's first tile reads of `rows` rows of weights; n weights of heads. All rows have one
+ * width, so that the compiler need not keep it. */
 HELPER ahead weights_ahead(const __global float *w, int rows, int columns)
 {
     return AHEAD_ROWS(w, rows, columns, NV * VW);
@@ -72,10 +72,10 @@ HELPER ahead heads_ahead(const __global float *w, int n)
     return weights_ahead(w, (n + NV * VW - 1) / (NV * VW), NV * VW);
 }
 
-/* One layer: in, and behind it `more` (an encoding, or nothing) -> activations to out
- * [NB][outputs]; in training pre-activations to acts, [sample][ACTS]. Meanwhile comes into the
- * cache: the place of what is kept a layer further on, and, in a slice's first block, the weights
- * of the next tile; with the last tile `next`. */
+/* A layer: inputs `in`, then `more` (an encoding, or nothing) -> activations to out [NB][outputs];
+ * in training also pre-activations to acts [sample][ACTS]. Meanwhile it fetches the places that the
+ * next layer's pre-activations go to; in a slice's first block the weights of the next tile; with
+ * the last tile `next`. */
 HELPER void layer_forward(block b, layer l, operand in, operand more, __local float *out,
                           __global kept_type *acts, ahead next)
 {
@@ -120,8 +120,8 @@ HELPER void layer_forward(block b, layer l, operand in, operand more, __local fl
     }
 }
 
-/* Rows of a head: raw[r][s] = bias[r] + sum_k in[s][k] w[r][k], r < rows <= 3. Four samples
- * together, so that the weights' loads are shared and the sums' latencies overlap. */
+/* A head: raw[r][s] = bias[r] + sum_k in[s][k] w[r][k], r < rows <= 3. Four samples together share
+ * the loads of weights, and the latencies of their sums overlap. */
 HELPER void head_forward(block b, operand in, const __global float *w, const __global float *bias,
                          int rows, __local float *raw)
 {
@@ -147,8 +147,8 @@ HELPER void head_forward(block b, operand in, const __global float *w, const __g
     }
 }
 
-/* The trunk, layer by layer, between two buffers; returns the one that holds the last layer's
- * output. next: what is read after it. It ends with a barrier. */
+/* The trunk, layer by layer, between two buffers; returns the one with the last layer's output.
+ * next: what is read after it. Ends with a barrier. */
 HELPER const __local float *trunk_forward(block b, const __global float *w,
                                           const __local float *enc, __local float *h0,
                                           __local float *h1, __global kept_type *acts, ahead next)
@@ -173,7 +173,7 @@ HELPER const __local float *trunk_forward(block b, const __global float *w,
 
 /* ---- backward ---- */
 
-/* Where the gradient and the transposed weights of a leaf are. */
+/* Memory of a leaf's gradient and transposed weights. */
 #if LEAF
 #define LEAF_SPACE  __local
 #define LEAF_SYNC() GROUP_SYNC()
@@ -182,8 +182,8 @@ HELPER const __local float *trunk_forward(block b, const __global float *w,
 #define LEAF_SYNC() barrier(CLK_GLOBAL_MEM_FENCE)
 #endif
 
-/* Pre-activations that the forward pass kept: of sample s of the block from x + places[s] on, layer
- * by layer. */
+/* Pre-activations kept by the forward pass: those of the block's sample s begin at x + places[s],
+ * layer by layer. */
 typedef struct kept_block {
     const __global kept_type *x;
     const __local int *places;
@@ -194,7 +194,7 @@ HELPER const __global kept_type *kept_row(kept_block kept, int s, int layer)
     return kept.x + kept.places[s] + layer * WIDTH;
 }
 
-/* `width` pre-activations of each of n samples, of a layer and those behind it. */
+/* `width` pre-activations of each of n samples, from a layer on. */
 HELPER ahead kept_ahead(kept_block kept, int layer, int n, int width)
 {
     const ahead a = {(const __global char *)(kept.x + layer * WIDTH), kept.places, n,
@@ -203,7 +203,7 @@ HELPER ahead kept_ahead(kept_block kept, int layer, int n, int width)
     return a;
 }
 
-/* act'(x) at neuron n of one sample's layer. */
+/* act'(x) from neuron n on of a sample's layer. */
 HELPER vf kept_gradient(const __global kept_type *row, uint key, int n)
 {
     return activate_gradient(KEPT_LOAD(row + n), negative_slope(key, n));
@@ -222,9 +222,9 @@ HELPER void restore(block b, kept_block kept, int layer, int width, __local floa
     }
 }
 
-/* Gradients d [NB][outputs] of a layer's pre-activations. A slice's first block overwrites dw
- * [in.rows][outputs] and db [outputs], which may be absent (0), the others add to them. Meanwhile
- * `acts` and `weights`, which are read next, come into the cache. */
+/* d [NB][outputs]: gradients of a layer's pre-activations. A slice's first block overwrites dw
+ * [in.rows][outputs] and db [outputs] (or 0: none), the others add to them. Meanwhile it fetches
+ * `acts` and `weights`, which are read next. */
 HELPER void layer_weight_gradient(block b, operand in, const __local float *d, int outputs,
                                   LEAF_SPACE float *dw, LEAF_SPACE float *db, ahead acts,
                                   ahead weights)
@@ -252,7 +252,7 @@ HELPER void layer_weight_gradient(block b, operand in, const __local float *d, i
                 UNROLL (j, NV)
                     VSTORE_IN(LEAF_SPACE, sum[i][j], to + i * outputs + j * STEP_N);
         }
-        if (db) { /* four sums at a time: one would wait for its own additions */
+        if (db) { /* four sums at a time hide the latency of additions */
             vf part[4][NV];
             int s = 0;
 
@@ -274,8 +274,8 @@ HELPER void layer_weight_gradient(block b, operand in, const __local float *d, i
 }
 
 /* From gradients d [NB][outputs] of a layer's pre-activations to those of the trunk's layer
- * `below`, out [NB][WIDTH]. Where that is the trunk's last layer, the density head reads it, too:
- * dhead and its weights `sigma`, else 0. */
+ * `below`, out [NB][WIDTH]. sigma: the density head's weights if `below` is the trunk's last layer,
+ * which that head also reads, with gradients dhead; else 0. */
 HELPER void layer_input_gradient(block b, kept_block kept, int below, const __local float *d,
                                  int outputs, const LEAF_SPACE float *wt,
                                  const __local float4 *dhead, const __global float *sigma,
@@ -309,8 +309,8 @@ HELPER void layer_input_gradient(block b, kept_block kept, int below, const __lo
     }
 }
 
-/* A head's rows: dw[r][n] (+)= sum_s dhead[s][k + r] in[s][n], r < rows <= 3; of its four gradients
- * a sample has those of the colour first. */
+/* A head's rows: dw[r][n] (+)= sum_s dhead[s][k + r] in[s][n], r < rows <= 3. dhead: three
+ * gradients of the colour, then the density's. */
 HELPER void head_weight_gradient(block b, operand in, const __local float4 *dhead, int k, int rows,
                                  LEAF_SPACE float *dw)
 {
@@ -342,7 +342,7 @@ HELPER void head_weight_gradient(block b, operand in, const __local float4 *dhea
     }
 }
 
-/* The same of its biases, with their padding up to 16, which is zero. */
+/* The same for its biases, zero-padded to 16. */
 HELPER void head_bias_gradient(block b, const __local float4 *dhead, int k, int rows,
                                LEAF_SPACE float *db)
 {
@@ -358,8 +358,8 @@ HELPER void head_bias_gradient(block b, const __local float4 *dhead, int k, int 
 }
 
 /* out[s][n] = act'(x[s][n]) sum_k dhead[s][k] w[k][n] of the layer that the colour head reads, k
- * over its three rows; without view layer that is the trunk's last one, and sigma the density
- * head's weights, else 0. */
+ * over its three rows. sigma: the density head's weights without view layer, when both heads read
+ * the trunk's last layer; else 0. */
 HELPER void head_input_gradient(block b, kept_block kept, int layer, int width,
                                 const __local float4 *dhead, const __global float *w,
                                 const __global float *sigma, __local float *out)

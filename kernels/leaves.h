@@ -1,15 +1,15 @@
-/* Arrays with a row per leaf, and gradients, with a row per slice. Where one would exceed the
- * device's largest allocation, it is in PARTS buffers. Row r lies in part r / each, at r % each.
- * OpenCL allows at least a quarter of the memory in one buffer, so that four parts reach all of it.
+/* Arrays with a row per leaf, and gradients, with a row per slice. If one would exceed the device's
+ * largest allocation, they are in PARTS buffers: row r is in part r / each, at r % each. OpenCL
+ * allows at least a quarter of the memory in one buffer, so four parts reach all of it.
  *
  *   LEAF_ARRAY(type, name)          a kernel's or helper's parameter, PARTS pointers
  *   LEAF_PASS(name)                 the same as arguments of a helper
- *   LEAF_ROW(name, leaf, row)       where a leaf's row begins; row: elements of one
- *   SLICE_ROW(name, slice, row)     where a slice's gradient begins
- *   LEAF_ELEMENT(name, index, row)  element `index` of the array as a whole
+ *   LEAF_ROW(name, leaf, row)       pointer to a leaf's row; row: elements of a row
+ *   SLICE_ROW(name, slice, row)     pointer to a slice's gradient
+ *   LEAF_ELEMENT(name, index, row)  element `index` of the whole array
  *
  * PARTS        1 | 4
- * PART_LEAVES, PART_SLICES  rows that a part holds, if there are four
+ * PART_LEAVES, PART_SLICES  rows of a part, if there are four
  */
 #ifndef PARTS
 #define PARTS 1

@@ -1,18 +1,18 @@
 /* needs: layer adam */
-/* The backward pass of the leaf networks: gradients of the heads' raw outputs (roulette.cl) to
- * gradients of the weights, and where it can be to new weights (method.md 1, 8, 11). A work-group
- * takes the samples of a slice that roulette.cl chose, NB at a time, from the heads down through
- * the layers (layer.h); its gradient is the sum over them.
+/* The backward pass of the leaf networks: from gradients of the heads' raw outputs (roulette.cl) to
+ * gradients of the weights, and for leaves of one slice to new weights (method.md 1, 8, 11). A
+ * work-group takes the samples of a slice that roulette.cl chose, NB at a time, from the heads down
+ * through the layers (layer.h); the slice's gradient is the sum over them.
  *
- * Most leaves have one slice: its gradient is the leaf's, and the work-group that has it takes
- * Adam's step with it at once (adam.h). Gradients of slices that share a leaf go to buffers, and
- * adam.cl adds them in order, without atomics.
+ * Most leaves have one slice: its gradient is the leaf's, and its work-group takes Adam's step at
+ * once (adam.h). Gradients of slices that share a leaf go to buffers, and adam.cl adds them in
+ * order, without atomics.
  *
  * TRAIN is 1. Rules: mlp_forward.cl. */
 
 #if LEAF
-/* wt[n][k] = w[k][n] of one layer, k < WIDTH: VW x VW at a time. A perfect shuffle of the rows,
- * log2(VW) times over, is the transpose. */
+/* wt[n][k] = w[k][n] of a layer, k < WIDTH: VW x VW at a time. log2(VW) perfect shuffles of the
+ * rows make the transpose. */
 HELPER void transpose_layer(const __global float *w, int columns, __local float *wt, int lid)
 {
     const int across = columns / VW;
@@ -43,9 +43,10 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
 #endif
 
 /* update 0: the gradient of every slice goes to grads [slice][PARAMS]. update 1: leaves with fewer
- * than min_samples samples are left alone; of the others, those of one slice are updated, and the
- * rest leave their gradients: LEAF 0 as above, LEAF 1 at grads [slice start / half_slice][PARAMS],
- * as starts of slices that share a leaf are at least half_slice apart (group.cl). */
+ * than min_samples samples stay as they are; of the others, leaves of one slice are updated, and
+ * the rest write their gradients: LEAF 0 as above, LEAF 1 to grads [slice start /
+ * half_slice][PARAMS], as starts of slices that share a leaf are at least half_slice apart
+ * (group.cl). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
              LEAF_ARRAY(float, transposed),               /* [leaf][WT_PARAMS], LEAF 0 */
@@ -101,7 +102,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     __global float *grad = SLICE_ROW(grads, group, PARAMS);
 #endif
 
-    /* the next group's slice is most often this processor's next, too */
+    /* the next group's slice is mostly this processor's next one */
     const uint group_after = min(group + 1u, n_slices - 1u);
     const cln_slice after = slices[group_after];
     const int count_after = (int)min((uint)NB, chosen_counts[group_after]);
@@ -145,7 +146,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         /* heads and view layer; d0: gradient of the trunk's last pre-activations */
         head_bias_gradient(b, dhead, 0, 3, grad + COLOUR_B);
         head_bias_gradient(b, dhead, 3, 1, grad + SIGMA_B);
-        GROUP_SYNC(); /* for PoCL 3.1 alone, which loses the biases' stores without it */
+        GROUP_SYNC(); /* only for PoCL 3.1, which loses the stores of biases without it */
         head_weight_gradient(b, by_sample(h, WIDTH), dhead, 3, 1, grad + SIGMA_W);
 #if VIEW > 0
         head_weight_gradient(b, by_sample(v, VIEW), dhead, 0, 3, grad + COLOUR_W);
@@ -162,7 +163,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         head_input_gradient(b, kept, DEPTH - 1, WIDTH, dhead, w + COLOUR_W, w + SIGMA_W, d0);
 #endif
 
-        /* the trunk, from its last layer to the second one; d: gradient of layer i, below: of layer
+        /* the trunk, from its last layer to its second; d: gradient of layer i, below: of layer
          * i - 1 */
         for (int i = DEPTH - 1; i > 0; i--) {
             __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0;
@@ -183,7 +184,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         }
         GROUP_SYNC();
 
-        /* The first layer. An encoding with parameters would take its gradient from here, and from
+        /* The first layer. The gradient of an encoding with parameters would begin here and at
          * layer SKIP: the layer's d times its weights, [ENC_PAD][NB]. */
         layer_weight_gradient(b, by_row(enc, ENC_PAD), (DEPTH - 1) & 1 ? d1 : d0, WIDTH,
                               grad + TRUNK_W(0), grad + TRUNK_B(0),
@@ -193,7 +194,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     }
     LEAF_SYNC();
 
-    /* the leaf's whole gradient is here: Adam's step */
+    /* this is the leaf's whole gradient: take Adam's step */
     if (update && slice.count == whole) {
         const adam_leaf a = adam_leaf_of(lr, steps[slice.slot], norms[slice.slot], slice.slot);
         __global float *w_row = LEAF_ROW(params, slice.slot, PARAMS);

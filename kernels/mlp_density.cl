@@ -1,12 +1,11 @@
 /* needs: layer bfloat16 */
-/* Stage 1: densities of the leaf networks on the jittered grid of each leaf (method.md 4). A
- * work-group takes a run of cells of one leaf, NB at a time, through the trunk and the density head
- * (layer.h).
+/* Stage 1: densities of the leaf networks on each leaf's jittered grid (method.md 4). A work-group
+ * takes a run of a leaf's cells, NB at a time, through the trunk and the density head (layer.h).
  *
  *   density[leaf][cell] = sigma at local position -1 + 2 (i + xi) / n1 along each axis,
  *   cell = (z n1 + y) n1 + x; xi = 0.5 without jitter
  *
- * TRAIN is 0: the mean slope, and nothing is kept. */
+ * TRAIN is 0: the mean slope, no kept activations. */
 
 /* Group g takes cells [g % per_leaf * cells, ...) of leaf first + g / per_leaf. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void

@@ -1,7 +1,7 @@
 /* needs: layer */
 /* The forward pass of the leaf networks: samples to colours and densities (method.md 1, 8). A
- * work-group takes a slice: a run of samples that lie in one leaf, NB at a time, all layers
- * (layer.h) while they are in cache.
+ * work-group takes a slice, a run of samples in one leaf, NB at a time through all layers (layer.h)
+ * while they are in cache.
  *
  *        samples of a leaf, grouped      work-group's local memory, NB samples
  *        |--- slice ---|--- slice -|     enc [ENC_PAD][NB]   h0, h1 [NB][WIDTH]
@@ -13,10 +13,10 @@
  *
  * Built twice: TRAIN 0 for evaluation, TRAIN 1 for training.
  *
- * Rules, here and in mlp_backward.cl: what has a barrier in it is called by all work-items; loop
- * bounds around a barrier depend on the slice alone. */
+ * Rules, here and in mlp_backward.cl: all work-items call functions with barriers; loop bounds
+ * around a barrier depend on the slice only. */
 
-/* What the next slice of this processor, most often that of the next group, will read first. */
+/* Fetches what this processor's next slice, mostly the next group's, reads first. */
 HELPER void fetch_samples(const __global cln_sample *samples, const __global uint *order, int count,
                           int lid)
 {

@@ -1,7 +1,7 @@
 /* needs: rng */
-/* The leaf networks' constants and what is done to one number: layout of the parameters,
- * activation, density. Used by the layers (layer.h), by adam.h and by roulette.cl. Layout:
- * host/model/network.h; float64 twin: host/reference/network.c.
+/* The leaf networks' constants and scalar functions: layout of the parameters, activation, density.
+ * For the layers (layer.h), adam.h and roulette.cl. Layout: host/model/network.h; float64 twin:
+ * host/reference/network.c.
  *
  * From the host (pipeline/programs.c); the defaults below let the file compile alone.
  *   VW NV LS TS NB   lanes.h; vectors per tile; work-items; samples per tile; samples of a block
@@ -11,11 +11,10 @@
  *   SIGMA_W SIGMA_B VIEW_W VIEW_B COLOUR_W COLOUR_B PARAMS   offsets, floats
  *   DENSITY 0 softplus | 1 relu | 2 exp;  KAPPA BIAS: sigma = KAPPA f(s + BIAS)
  *   SLOPE_LOWER SLOPE_UPPER, RRELU 0 element | 1 neuron | 2 mean;  BANDS_BY_LEVEL 0 | 1
- *   NOISE_ON 0 | 1, NOISE   density noise in training: left out or not; its standard deviation
- *   TRAIN 0 | 1  evaluation: the mean slope; training: random slopes, noise, kept activations
- *   HALF 0 | 1   pre-activations are kept for the backward pass as 32 or as 16 bits
- *   LEAF 0 | 1   a leaf's gradient and transposed weights are in global memory, or in the local
- *                memory of a work-group
+ *   NOISE_ON 0 | 1, NOISE   density noise in training: off | on; its standard deviation
+ *   TRAIN 0 | 1  evaluation: the mean slope | training: random slopes, noise, kept activations
+ *   HALF 0 | 1   pre-activations kept for the backward pass have 32 | 16 bits
+ *   LEAF 0 | 1   a leaf's gradient and transposed weights are in global | local memory
  */
 #ifndef WIDTH
 #define NV 1
@@ -56,7 +55,7 @@
 #define TRAIN 1
 #endif
 
-/* Offsets of the trunk's layers. Formulas, as PoCL 3.1 cannot compile a table of pointers into
+/* Offsets of the trunk's layers, as formulas: PoCL 3.1 cannot compile a table of pointers into
  * local memory. */
 #define BEFORE_SKIP(i) (SKIP < 0 || (i) <= SKIP)
 #define TRUNK_W(i)                                                                            \
@@ -65,17 +64,17 @@
 #define TRUNK_B(i) (TRUNK_W((i) + 1) - WIDTH)
 #define VIEW_ROWS  (WIDTH + DIR_PAD)
 
-/* A transposed copy of the trunk's layers from the second on, and of the view layer, first WIDTH
- * rows each. */
+/* The transposed copy: first WIDTH rows of the trunk's layers from the second on, and of the view
+ * layer. */
 #define WT_TRUNK(i) (((i) - 1) * WIDTH * WIDTH)
 #define WT_VIEW ((DEPTH - 1) * WIDTH * WIDTH)
 #define WT_PARAMS ((DEPTH - 1) * WIDTH * WIDTH + VIEW * WIDTH)
 
-#define STEP_N (LS * VW)      /* distance of a work-item's vectors */
+#define STEP_N (LS * VW)      /* distance between a work-item's vectors */
 #define TILE_N (LS * VW * NV) /* neurons of one tile, over the group */
 #define TILE_K 4              /* rows of a weight gradient's tile; every K is a multiple of it */
 
-/* Pre-activations kept of each grouped sample: of the trunk's layers, then of the view layer (layer
+/* Pre-activations kept per grouped sample: of the trunk's layers, then of the view layer (layer
  * DEPTH). */
 #define ACTS (DEPTH * WIDTH + VIEW)
 
@@ -86,8 +85,7 @@
 #error "TS and VW must divide NB"
 #endif
 
-/* Kept pre-activations in memory: OpenCL 1.2 loads and stores halves without any half
- * arithmetic. */
+/* Kept pre-activations in memory: OpenCL 1.2 can load and store halves without half arithmetic. */
 #if HALF
 #define kept_type half
 #if VW == 1
@@ -109,9 +107,9 @@
 #define GROUP_SYNC()
 #endif
 
-/* ---- activation: RReLU, whose slope below zero is random in training ---- */
+/* ---- activation: RReLU, with a random slope below zero in training ---- */
 
-/* Key of one layer's slopes: of this sample (element) or of all samples of the step (neuron). */
+/* Key of a layer's slopes: of this sample (element) or of all samples of the step (neuron). */
 HELPER uint slope_key(uint step_key, uint sample, uint layer)
 {
 #if RRELU == 0
@@ -121,7 +119,7 @@ HELPER uint slope_key(uint step_key, uint sample, uint layer)
 #endif
 }
 
-/* Of neurons `neuron` .. neuron + VW - 1. */
+/* Slopes of neurons `neuron` .. neuron + VW - 1. */
 HELPER vf negative_slope(uint key, int neuron)
 {
 #if RRELU == 2 || !TRAIN
@@ -132,7 +130,7 @@ HELPER vf negative_slope(uint key, int neuron)
 #endif
 }
 
-/* The larger of the two, as no slope is above 1: one instruction less than asking for x > 0. */
+/* The larger of x and slope * x, as no slope exceeds 1: one instruction fewer than a test of x. */
 HELPER vf activate(vf x, vf slope)
 {
     const vf below = x * slope;
@@ -147,13 +145,12 @@ HELPER vf activate_gradient(vf x, vf slope)
 
 /* ---- density ---- */
 
-/* sigma of the density head's raw output. A NaN stays visible: fmax and fmin would hide it, select
- * does not. */
+/* sigma of the density head's raw output. select() keeps a NaN, fmax and fmin would hide it. */
 HELPER vf density_value(vf z)
 {
     z += BIAS;
 #if DENSITY == 0
-    const vf e = EXP(-fabs(z)); /* log(1 + e), as a series where the sum would round e away */
+    const vf e = EXP(-fabs(z)); /* log(1 + e): a series where the sum would round e away */
     const vf series =
         e * MAD(e, MAD(e, MAD(e, MAD(e, (vf)(0.2f), (vf)(-0.25f)), (vf)(0.33333333f)), (vf)(-0.5f)),
                 (vf)(1.0f));
@@ -166,7 +163,7 @@ HELPER vf density_value(vf z)
 #endif
 }
 
-/* d sigma / d raw, from sigma itself. */
+/* d sigma / d raw, computed from sigma. */
 HELPER vf density_gradient(vf sigma)
 {
 #if DENSITY == 0
@@ -182,9 +179,9 @@ HELPER vf density_gradient(vf sigma)
 
 /* ---- slices ---- */
 
-/* The slice of a work-group. Empty slices stand at the end of the list (group.cl) and are taken
- * first: a driver that deals out groups in ever smaller portions would be left with nothing to
- * balance. */
+/* The slice of a work-group. Empty slices are at the end of the list (group.cl) and are taken
+ * first: at the end they would leave nothing to balance for a driver that deals out groups in ever
+ * smaller portions. */
 HELPER uint slice_of(const __global cln_slice *slices, uint group, uint n_slices)
 {
     const uint used = slices[0].used;

@@ -1,11 +1,11 @@
-/* The two ceilings, for benches alone, so that a kernel's rate has its limit beside it: what the
- * arithmetic units can do with vectors of VW floats, and what memory can move.
+/* The two ceilings beside which benches show a kernel's rate: arithmetic with vectors of VW floats,
+ * and memory bandwidth. Not part of training.
  *
  * Rules that keep the figures honest:
- *   CHAINS independent accumulators hide the latency of an FMA; the result depends on all of them
- *   and is stored; the factor is not a constant, or the loop would fold
- *   the copy goes through more memory than any cache holds (the host sees to it), neighbouring
- *   work-items touch neighbouring vectors, and a lone one goes straight on
+ *   CHAINS independent accumulators hide the latency of an FMA; the stored result depends on all of
+ *   them; the factor is no constant, or the compiler would fold the loop
+ *   the copy goes through more memory than any cache holds (the host ensures it); neighbouring
+ *   work-items touch neighbouring vectors, a single one moves straight on
  */
 #define CHAINS 12
 

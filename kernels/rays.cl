@@ -1,6 +1,6 @@
 /* needs: space */
 /* Pixels to rays: origin and unit direction in normalised space, through the pixel's centre
- * (camera.h has the model). Nothing is undistorted beforehand: the lens is inverted per ray. */
+ * (camera.h has the model). The lens is inverted per ray; images are not undistorted beforehand. */
 
 __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [view] */
                         const __global cln_pixel *restrict pixels,         /* [ray] */

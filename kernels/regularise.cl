@@ -1,7 +1,7 @@
 /* needs: rng */
-/* Regularisers that look at points of the volume instead of rays (method.md 10): extra samples
- * behind those of the rays, in the same networks and gradients. An extra ray carries the position
- * (t = 0) and a direction; both samples of an edge pair share one.
+/* Regularisers of points of the volume (method.md 10): extra samples after those of the rays, in
+ * the same networks and gradients. An extra ray carries the position (t = 0) and a direction; both
+ * samples of an edge pair share one.
  *
  *   sparsity  lambda mean(1 - exp(-0.05 sigma)) at random points of random leaves
  *   edge      lambda mean U |f_a - f_b|, f = alpha (r, g, b, 1), alpha over one stage-1 spacing, at
@@ -41,7 +41,7 @@ __kernel void regularise_points(const __global float4 *restrict boxes,
     float3 p = box.xyz + u.xyz * box.w;
     int other = (int)leaf;
 
-    /* onto one of the six faces; without neighbour the pair is the leaf with itself */
+    /* onto one of the six faces; without a neighbour the leaf is paired with itself */
     if (i >= points) {
         const int face = min((int)(v.z * 6.0f), 5), axis = face >> 1;
         const float side = (float)(face & 1), out = 1e-3f * box.w * (2.0f * side - 1.0f);

@@ -1,11 +1,11 @@
-/* Counter-based random numbers on the device: Philox4x32-10, the twin of host/base/rng.c (same
- * words, same bits), and a cheap vector hash for the per-element slopes of RReLU, where Philox
- * would cost more than the layer. */
+/* Counter-based random numbers on the device: Philox4x32-10, the twin of host/base/rng.c (the same
+ * bits), and a cheap vector hash, for the slopes of RReLU and wherever Philox would cost more than
+ * the work it is for. */
 #define STREAM_GRID    3u
 #define STREAM_SAMPLES 4u
 #define STREAM_POINTS  6u
 
-/* Products of 64 bits, as PoCL builds mul_hi from four 16-bit products. Words are scalars, as every
+/* Takes 64-bit products, as PoCL builds mul_hi from four 16-bit products. Words are scalars: every
  * round would have to extract them from a vector. */
 HELPER uint4 philox4x32(uint4 c, uint2 k)
 {
@@ -45,14 +45,14 @@ HELPER vu hash_lanes(vu x)
     return x;
 }
 
-/* Uniforms in [0, 1), one a lane. */
+/* Uniforms in [0, 1), one per lane. */
 HELPER vf uniform_lanes(uint key, uint index)
 {
     return V_TO_FLOAT(hash_lanes((index + V_IOTA) * 0x9E3779B9u ^ key) >> 8) * 0x1p-24f;
 }
 
-/* Cheap uniforms, one a lane: one key by Philox, mixed with (index, number, draw) by the hash. The
- * twin of cln_uniform_hash(). */
+/* Cheap uniforms, one per lane: a key by Philox, hashed with (index, number, draw). The twin of
+ * cln_uniform_hash(). */
 HELPER uint stream_key(uint2 seed, uint stream, uint step)
 {
     return philox4x32((uint4)(0u, stream << 24, step, 0u), seed).x;

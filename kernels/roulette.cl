@@ -1,15 +1,14 @@
 /* needs: network fetch */
-/* Russian roulette before the backward pass: which samples of a slice take part, and the gradients
- * of their heads. Most gradients of a leaf are far below their mean (samples in empty space, or
- * behind what is opaque). Of those a few take part, with a chance in proportion to the gradient,
- * and count for more, so that the expectation stays. Between composite.cl and mlp_backward.cl.
- * Twin: host/reference/roulette.c. */
+/* Russian roulette before the backward pass: chooses the samples of a slice that take part, and
+ * computes the gradients of their heads. Most gradients of a leaf are far below their mean (samples
+ * in empty space or behind opaque ones). Of these a few take part, with probabilities in proportion
+ * to their gradients, and count for more, so that the expectation stays. Runs between composite.cl
+ * and mlp_backward.cl. Twin: host/reference/roulette.c. */
 
 #define SEGMENT CLN_ROULETTE_SEGMENT
-#define AHEAD   16 /* samples that are fetched before they are looked at */
+#define AHEAD   16 /* samples by which fetches run ahead */
 
-/* The size of a gradient with respect to the heads' raw outputs: a sum, as squares would over- or
- * underflow. */
+/* The size of a gradient of the heads' raw outputs: a sum, as squares could over- or underflow. */
 HELPER float size_of(float4 g)
 {
     const float4 a = fabs(g);
@@ -17,11 +16,11 @@ HELPER float size_of(float4 g)
     return (a.x + a.y) + (a.z + a.w);
 }
 
-/* One work-group a slice. heads and chosen (ascending, counted from the slice's start): of the
- * samples that take part, chosen_counts[slice] of them from the slice's start on. A sample whose
- * gradient is less than `cutoff` times the mean of its segment takes part with the chance of their
- * ratio; cutoff 0: all do. At least one does, but none of an empty slice, nor of a leaf with fewer
- * than min_samples samples (mlp_backward also reads the next slice's count). */
+/* A work-group per slice. From the slice's start on, heads and chosen hold the chosen_counts[slice]
+ * samples that take part (chosen: ascending, counted from the slice's start). A sample with a
+ * gradient below `cutoff` times its segment's mean takes part with the ratio of the two as
+ * probability; with cutoff 0 all do. At least one takes part, but none of an empty slice or of a
+ * leaf with fewer than min_samples samples (mlp_backward also reads the next slice's count). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 roulette(const __global cln_slice *restrict slices, /* [slice] */
          const __global uint *restrict order,       /* [grouped sample] -> sample */
@@ -85,10 +84,10 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         for (uint l = 0; l < LS; l++)
             least += sums[l];
         least *= cutoff / (float)count;
-        /* all of them also where the mean is no number, which is then seen */
+        /* all of them also if the mean is not finite, so that the defect shows */
         const vi every = (vi)(cutoff == 0.0f || !(least < MAXFLOAT) ? -1 : 0);
 
-        /* sizes become the factors of samples that take part, and 0 of the others */
+        /* sizes become factors: 0 for samples that do not take part */
         for (uint s = from; s < upto; s += VW) {
             const vf size = VLOAD(sizes + s);
             uint ids[VW];
@@ -110,7 +109,7 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         for (uint s = from; s < upto; s++) {
             const bool is_chosen = sizes[s] > 0.0f;
 
-            /* a sample that is not chosen is overwritten by the next: faster than a branch */
+            /* the next sample overwrites one that is not chosen: faster than a branch */
             if (LS == 1 || is_chosen) {
                 heads[slice.start + used] = raw[s] * sizes[s];
                 chosen[slice.start + used] = first + s;

@@ -1,12 +1,12 @@
 /* needs: rng walk stage1 */
 /* Rays through the tree, and stage 2's samples (method.md 3, 5, 7, 9; twins: host/reference/rays.c,
- * sampling.c). An interval is the stretch of a ray inside one leaf. Lanes run over what is alike:
- * rays while they walk (walk.h), then their intervals (stage1.h). A work-item has many rays, so
- * that its lanes are full: half of an object's rays meet no leaf at all.
+ * sampling.c). An interval is the part of a ray inside one leaf. Lanes run over rays while they
+ * walk (walk.h), then over their intervals (stage1.h). A work-item has many rays, so that its lanes
+ * are full: half of an object's rays meet no leaf.
  *
  *   intervals_fill    of each interval: ends, stage-1 optical depth, number of samples; none behind
- *                     opaque leaves; at most MAX_INTERVALS(depth) a ray, as many as a line can meet
- *                     cells of the map                                       -> scan of samples
+ *                     opaque leaves; at most MAX_INTERVALS(depth) a ray, the most cells of the map
+ *                     that a line can meet                                   -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
  *   ALLOCATE 0 chord | 1 weight;  CDF 0 sigma | 1 weight
@@ -16,7 +16,7 @@
 #define CDF      1
 #endif
 
-/* The library's, whatever NATIVE says: the number of samples depends on it. */
+/* The library's even with NATIVE: the number of samples depends on it. */
 #undef EXP
 #define EXP(x) exp(x)
 
@@ -25,19 +25,17 @@
 
 /* ---- intervals ---- */
 
-/* Groups of VW rays of a work-item: intervals of many rays, so that few lanes stay empty. */
+/* Groups of VW rays of a work-item: intervals of many rays leave few lanes empty. */
 #define GROUPS (CLN_RAYS_EACH(VW) / VW)
 #define RAYS   (GROUPS * VW)
 
-/* Nodes that a ray walks before densities are read. More would be walked in vain behind what is
- * opaque. */
+/* Nodes that a ray walks before densities are read. More would be wasted behind opaque leaves. */
 #define AHEAD (VW == 1 ? 4 : 8)
 
-/* Number of samples of an interval that is nearly empty: one or none, by chance. */
+/* Marks a nearly empty interval, which gets one sample or none, by chance. */
 #define ROULETTE (-1)
 
-/* The intervals that a work-item's rays have just walked through: those of ray l from l * AHEAD
- * on. */
+/* The intervals that a work-item's rays have just walked through; ray l's begin at l * AHEAD. */
 typedef struct walked {
     float t_in[RAYS * AHEAD], t_out[RAYS * AHEAD];
     int entry[RAYS * AHEAD];
@@ -71,8 +69,7 @@ HELPER void walk_ahead(walk *w, const __global int *map, int depth, walked *p, u
         p->found[l + i] = at[i] - (l + i) * AHEAD;
 }
 
-/* Numbers of samples of intervals of optical depths `own`, with depths `before` in front of
- * them. */
+/* Numbers of samples of intervals with optical depths `own`, behind depths `before`. */
 HELPER vi sample_numbers(vf own, vf before, const bundle *b, vi level, uint per_leaf, uint per_ray,
                          float empty_weight)
 {
@@ -98,18 +95,17 @@ HELPER vi sample_numbers(vf own, vf before, const bundle *b, vi level, uint per_
 /* VW intervals, one a lane. */
 typedef struct turn {
     lanes of;
-    uint whose[VW]; /* which of the work-item's rays; RAYS: none */
+    uint whose[VW]; /* index among the work-item's rays; RAYS: none */
     bundle points;
 } turn;
 
-/* Where each lane is among the intervals: from `at` up to `upto`, of ray `whose`; and which ray
- * comes next. */
+/* Each lane's remaining intervals: from `at` up to `upto`, of ray `whose`; next: the next ray. */
 typedef struct places {
     uint at[VW], upto[VW], whose[VW], next;
 } places;
 
-/* The next interval of every lane: a lane goes along one ray, then takes the next ray. False if
- * there is none. */
+/* Takes every lane's next interval: a lane finishes a ray, then takes the next ray. False if none
+ * is left. */
 HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, float max_depth,
                       uint begin, uint count)
 {
@@ -147,8 +143,8 @@ HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, fl
 }
 
 /* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1. They walk side by side; then lanes
- * go over their intervals. What the next intervals read is fetched before these are decided upon,
- * in vain if a ray turns out to end. */
+ * go over their intervals. Data of the next intervals are fetched before these are decided on, in
+ * vain if a ray turns out to end. */
 __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                              const __global float4 *restrict ray_d,
                              const __global int *restrict map,
@@ -163,7 +159,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
     const uint count = begin < end ? min((uint)RAYS, end - begin) : 0u;
     const uint key = stream_key(seed, STREAM_SAMPLES, step);
     float taus[RAYS];
-    uint met[RAYS], kept[RAYS], samples[RAYS]; /* of each ray: intervals met, kept; samples */
+    uint met[RAYS], kept[RAYS], samples[RAYS]; /* per ray: intervals met, kept; samples */
     walk walks[GROUPS];
     walked p;
     turn turns[2];
@@ -251,18 +247,18 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
 
 #define NO_BORDER 2.0f /* above the distribution function */
 
-/* Bins first .. first + bins - 1, a lane's own. Border j and edge j: the distribution function and
- * t where bin j begins; rise: length of chord per unit of the function. */
+/* Bins first .. first + bins - 1, of each lane. border[j], edge[j]: distribution function and t at
+ * the start of bin j; rise: length of chord per unit of the function. */
 typedef struct window {
     vi first;
-    bool moved; /* from bin 0 */
+    bool moved; /* away from bin 0 */
     int bins;   /* of the lane with the most */
     vf border[POINTS + 1], edge[POINTS + 1], rise[POINTS];
-    vf begin[2], end[2]; /* function and optical depth where the first one begins and all end */
+    vf begin[2], end[2]; /* function and optical depth at the window's start and end */
 } window;
 
-/* The distribution function of an interval: a share that follows the densities, and one that is
- * even. */
+/* The distribution function of an interval: factors of the part that follows the densities, and of
+ * the even part. */
 typedef struct blend {
     vf steered, even;
 } blend;
@@ -288,7 +284,7 @@ HELPER void window_fill(window *w, const bundle *b, blend mix, STAGE1_ARGUMENTS)
         f = MAD(steer, mix.steered, (right - b->t_in) * mix.even);
         w->rise[j] = (right - left) / fmax(f - below, (vf)(1e-30f));
         j++;
-        /* the last bin takes all that is left */
+        /* the last bin takes the rest */
         w->border[j] = select((vf)(NO_BORDER), f, w->first + j < b->count);
         w->edge[j] = left = right;
     } while (j < POINTS && V_ANY(w->first + j < b->count));
@@ -297,7 +293,7 @@ HELPER void window_fill(window *w, const bundle *b, blend mix, STAGE1_ARGUMENTS)
     w->end[1] = sum;
 }
 
-/* On to the bins behind, for the lanes that `move`; the others work out the same ones again. */
+/* Moves lanes that `move` on to their next bins; the others compute the same ones again. */
 HELPER void window_move(window *w, vi move)
 {
     w->moved = true;
@@ -307,21 +303,21 @@ HELPER void window_move(window *w, vi move)
     w->begin[1] = select(w->begin[1], w->end[1], move);
 }
 
-/* VW intervals; of each the number of samples, the first one, and its own number along the ray. */
+/* VW intervals, each with its number of samples, its first sample and its number along the ray. */
 typedef struct batch {
     lanes of;
     float mass[VW];
     int number[VW];
-    uint start[VW], interval[VW], filled, most; /* lanes that hold one; samples of one */
+    uint start[VW], interval[VW], filled, most; /* filled lanes; most samples of an interval */
     bundle points;
 } batch;
 
-/* The interval that comes next, and its first sample. */
+/* The next interval and its first sample. */
 typedef struct cursor {
     uint ray, interval, sample;
 } cursor;
 
-/* The next VW intervals of rays up to `end`. Lanes without one hold the first one once more. */
+/* Takes the next VW intervals of rays up to `end`. Lanes without one repeat the first. */
 HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *intervals,
                        const __global uint *used, uint end, uint rays)
 {
@@ -361,8 +357,8 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
     }
 }
 
-/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, but none that would reach past
- * `most` samples; lanes over their intervals. */
+/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, but for rays whose samples would
+ * exceed `most` in all; lanes over their intervals. */
 __kernel void
 samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              const __global float4 *restrict ray_d,
@@ -404,7 +400,7 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
         }
         const vf length = b->t_out - b->t_in;
         const vi number = VLOAD(now->number);
-        /* total mass, with a little everywhere so that no bin is unreachable */
+        /* total mass, with a little everywhere, so that every bin can be reached */
 #if CDF == 1
         const vf little = EMPTY_BIN / length, mass = VLOAD(now->mass) + EMPTY_BIN;
 #else
@@ -423,7 +419,7 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
 
         vf last = b->t_in, left = b->t_in, delta = (vf)(0.0f);
 
-        /* a sample is written when the next one is known, half way to which it ends */
+        /* a sample ends half way to the next one, so it is written once that is known */
         for (uint k = 0; k <= now->most; k++) {
             const vf random = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
             const vf u = ((float)k + (jitter ? random : (vf)(0.5f))) / V_TO_FLOAT(number);
@@ -455,7 +451,7 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                 VSTORE(last, ts);
                 VSTORE(delta, deltas);
 #pragma unroll
-                for (uint l = 0; l < VW; l++) { /* of those without more, the last one again */
+                for (uint l = 0; l < VW; l++) { /* finished lanes write their last one again */
                     const cln_sample sample = {ts[l], deltas[l], now->of.ray[l], now->of.slot[l]};
 
                     samples[now->start[l] + min(k, (uint)now->number[l]) - 1u] = sample;

@@ -1,25 +1,26 @@
-/* Prefix sums and a stable radix sort, the two primitives under grouping and splatting (method.md
- * 6, 8). A work-group takes one chunk of consecutive elements in turn. Sums are of integers and a
- * stable sort has one result: how chunks are cut, and how many groups run at once, changes no bit.
+/* Prefix sums and a stable radix sort, the primitives of grouping and splatting (method.md 6, 8). A
+ * work-group takes a chunk of consecutive elements. Sums are of integers and a stable sort has one
+ * result, so neither the chunks nor the number of concurrent groups change a bit.
  *
  *   scan:  out[i] = sum of in[0 .. i-1], out[n] = the total          (in may be out; n + 1 outputs)
  *   sort:  radix, from the lowest digit up; values go with their keys, equal keys keep their order
  *
  *   a digit: bits of the key in one or two pieces, (key >> shift & mask) | (key >> shift2 & mask2);
- *   bits that are the same in all keys are in none (sort.c)
- *   counts of a pass, digit-major: counts[digit][chunk]; its scan is where each chunk's digit goes
+ *   no digit has bits that are equal in all keys (sort.c)
+ *   counts of a pass, digit-major: counts[digit][chunk]; their scan gives the places of each
+ *   chunk's digits
  *
- *   SG = 1 (CPUs): many elements go through a line of LINE elements per digit, written when it is
- *   full, past the caches: single writes would read every line first, and again after its eviction.
- *   If that takes several passes, the first is by the highest digit, and its buckets are then
- *   sorted in cache.
+ *   SG = 1 (CPUs): for many elements, each digit has a line of LINE elements, which is written past
+ *   the caches when it is full: single writes would read every line first, and again after its
+ *   eviction. If that takes several passes, the first is by the highest digit, and the buckets are
+ *   then sorted in cache.
  *   SG > 1 (GPUs): a tile of SG * ITEMS elements is sorted in local memory, RANK_BITS of the digit
- *   at a time, and then written: neighbours go to neighbouring places.
+ *   at a time, and then written, so that neighbours go to neighbouring places.
  *
  * KEY_BITS  32 | 64        width of the sort's keys
  * SG        power of two   work-items of a group
  * DB        1 .. 12        most bits of a digit
- * LINE_BITS                the same where lines are written
+ * LINE_BITS                the same if lines are written
  */
 #ifndef KEY_BITS
 #define KEY_BITS 32
@@ -41,19 +42,19 @@ typedef uint8 key_vector;
 #endif
 
 #define DIGITS    (1u << DB)
-#define ITEMS     8u /* elements a work-item holds at a time */
+#define ITEMS     8u /* elements that a work-item holds at a time */
 #define TILE      (SG * ITEMS)
 #define RANK_BITS 4u
 #define RANKS     (1u << RANK_BITS)
-#define LINE      16u /* elements of a digit written at a time: of values 64 bytes */
+#define LINE      16u /* elements of a digit written at a time: 64 bytes of values */
 #define LINES     (1u << (DB < LINE_BITS ? DB : LINE_BITS))
 
-/* Whole lines bypass the caches, where that is known to work: CPUs, compiled by clang. */
+/* Whole lines bypass the caches where that is known to work: on CPUs, compiled by clang. */
 #if defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
 #if __has_builtin(__builtin_nontemporal_store)
 #define STREAMS           1
 #define STREAM(value, to) __builtin_nontemporal_store(value, to)
-#define STREAM_END()      __sync_synchronize() /* such stores are ordered by nothing else */
+#define STREAM_END()      __sync_synchronize() /* nothing else orders such stores */
 #endif
 #endif
 #ifndef STREAMS
@@ -69,7 +70,7 @@ typedef uint8 key_vector;
 #define SYNC()
 #endif
 
-/* Sum of `value` over the work-items before this one; *total over all. scratch[2 * SG]. */
+/* Sum of `value` over the work-items before this one; *total: over all. scratch [2 * SG]. */
 HELPER uint group_scan(uint value, uint lid, __local uint *scratch, uint *total)
 {
 #if SG > 1
@@ -86,7 +87,7 @@ HELPER uint group_scan(uint value, uint lid, __local uint *scratch, uint *total)
     }
     *total = scratch[from + SG - 1u];
     value = scratch[from + lid] - value;
-    SYNC(); /* scratch may be written again */
+    SYNC(); /* before scratch is written again */
     return value;
 #else
     *total = value;
@@ -141,7 +142,7 @@ GROUP __kernel void scan_write(const __global uint *in,   /* [n], may be out */
 }
 
 #if KEY_BITS == 64
-/* masks[chunk]: the bits in which keys of the chunk differ from the first key of all. */
+/* masks[chunk]: bits in which keys of the chunk differ from keys[0]. */
 GROUP __kernel void sort_varying(const __global key_type *restrict keys, /* [n] */
                                  __global ulong *restrict masks, uint n, uint chunk)
 {
@@ -200,14 +201,14 @@ GROUP __kernel void sort_count(const __global key_type *restrict keys, /* [n] */
 
 #if SG == 1
 
-/* A digit's elements before they are written: place j of the output is kept in slot j % LINE. */
+/* A digit's elements before they are written: output place j is in slot j % LINE. */
 typedef struct __attribute__((aligned(64))) digit_line {
     key_type keys[LINE];
     uint values[LINE];
-    uint first, at; /* the chunk's places of this digit: its first one, the next one */
+    uint first, at; /* the chunk's first and next place of this digit */
 } digit_line;
 
-/* Places from .. to - 1, one by one: the ends of what a chunk has of a digit. */
+/* Writes places from .. to - 1 one by one: the ends of a chunk's part of a digit. */
 HELPER void write_places(const __local digit_line *line, __global key_type *keys,
                          __global uint *values, uint from, uint to)
 {
@@ -217,7 +218,7 @@ HELPER void write_places(const __local digit_line *line, __global key_type *keys
     }
 }
 
-/* The whole line, to places from `from`, a multiple of LINE. */
+/* Writes the whole line, to places from `from` on, a multiple of LINE. */
 HELPER void write_line(const __local digit_line *line, __global key_type *keys,
                        __global uint *values, uint from)
 {
@@ -263,7 +264,7 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
 
             if (from >= line->first)
                 write_line(line, keys_out, values_out, from);
-            else /* the chunk before has the line's other places */
+            else /* the line's other places belong to the chunk before */
                 write_places(line, keys_out, values_out, line->first, to + 1u);
         }
     }
@@ -274,7 +275,7 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
 }
 
 #if KEY_BITS == 64
-/* After a pass by the keys' highest digit: group b sorts bucket b from the lowest digit up, in
+/* After a pass by the keys' highest digit, group b sorts bucket b from the lowest digit up, in
  * cache. A digit is key >> shifts[pass] & mask. The result is in `keys` after an even number of
  * passes, else in `spare_keys`. The loop over elements is written for few registers. */
 GROUP __kernel void sort_buckets(__global key_type *keys, __global uint *values,
@@ -340,7 +341,7 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
             tile_values[i] = values[tile + i];
         }
         SYNC();
-        /* Stable counting sorts of the tile, from the digit's low end. */
+        /* Stable counting sorts of the tile, from the digit's lowest bits up. */
         for (uint shift_in = 0; (1u << shift_in) < digits; shift_in += RANK_BITS) {
             const uint own = lid * ITEMS;
             key_type held_keys[ITEMS];
@@ -348,9 +349,9 @@ GROUP __kernel void sort_scatter(SCATTER_ARGUMENTS)
 
             for (uint r = 0; r < RANKS; r++)
                 ranks[r * SG + lid] = 0;
-            /* Past the count the last element is taken again, uncounted. When both loops ran over
-             * the elements that there are, from 0 to 7, PoCL 3.1 for AVX-512 let all work-items
-             * skip the second loop when the last one did. */
+            /* Past the count it takes the last element again, uncounted: with both loops over the
+             * existing 0 to 7 elements, PoCL 3.1 for AVX-512 let all work-items skip the second
+             * loop when the last one did. */
 #pragma unroll
             for (uint j = 0; j < ITEMS; j++) {
                 const uint i = min(own + j, count - 1u);

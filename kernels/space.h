@@ -1,32 +1,32 @@
 /* needs: camera */
-/* The spaces that kernels work in, and the ways between them. Twin: host/scene/space.h.
+/* The spaces of kernels and the maps between them. Twin: host/scene/space.h.
  *
- *   scene   where cameras stand; pixels see it through camera.h
- *   cube    [-1, 1]^3, which the octree divides; rays walk in it, and t is measured along them
- *   leaf    [-1, 1]^3 of one leaf's box, which its network reads
+ *   scene   space of the cameras; pixels see it through camera.h
+ *   cube    [-1, 1]^3, which the octree divides; rays walk in it, and t is measured in it
+ *   leaf    [-1, 1]^3 of a leaf's box, its network's input
  *
- * The host moves and scales the scene into the cube once, cameras and all: a ray of the scene is
- * straight in the cube, and t is a length but for one factor, which the host takes back. A map that
- * bends space (forward-facing scenes, an unbounded contraction) joins here: pixel_ray() then turns
+ * The host moves and scales the scene into the cube once, cameras included: a ray of the scene is
+ * straight in the cube, and t is a length but for a factor, which the host undoes. A map that bends
+ * space (forward-facing scenes, an unbounded contraction) would join here: pixel_ray() would turn
  * the scene's ray into the cube's, point_pixel() the cube's point into the scene's, and ray_depth()
  * the cube's t into a depth. */
 
 /* ---- scene and cube ---- */
 
-/* The ray through pixel position (u, v): origin, 0; unit direction, and what ray_depth() needs. */
+/* The ray through pixel position (u, v): origin, 0; unit direction, factor for ray_depth(). */
 HELPER void pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
 {
     *o = (float4)(camera_origin(c), 0.0f);
     *d = camera_direction(c, u, v);
 }
 
-/* The pixel position at which a point of the cube is seen; false if it is not. */
+/* The pixel position of a point of the cube; false if the camera does not see it. */
 HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
 {
     return camera_project(c, point, pixel);
 }
 
-/* Depth along the camera's axis, for the t of a ray of direction d. */
+/* Depth along the camera's axis at t of a ray with direction d. */
 HELPER float ray_depth(float t, float4 d)
 {
     return t * d.w;

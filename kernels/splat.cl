@@ -1,13 +1,13 @@
 /* needs: space leaves bfloat16 */
 /* Stage 1 by projection (method.md 4, 5, 6; paper section 4): every cached sample of every leaf
- * goes to the nearest (coarse) pixel of one view; sorted by the 64-bit key list << 32 | bits of t,
- * the samples of a list stand front to back. t >= 0, so its IEEE bits order like the floats: the
- * paper's key r * z_max + z_s, without z_max and without rounding.
+ * goes to the nearest (coarse) pixel of a view; sorted by the 64-bit key list << 32 | bits of t,
+ * the samples of a list are in order front to back. t >= 0, so its IEEE bits order like the floats:
+ * the paper's key r * z_max + z_s, without z_max and rounding.
  *
  *   list = grid.first + y / k * grid.row + x / k, one grid of coarse pixels per leaf level, k such
  *   that a list meets enough samples; t = distance along the list's own ray
  *
- *   splat_count, splat_emit   one work-item projects a run of samples; scan between them
+ *   splat_count, splat_emit   a work-item projects a run of samples; a scan between them
  *   (scan.cl's radix sort)
  *   splat_bounds, splat_read  entries -> list_start, list_t, list_sigma (sampling.cl reads them)
  *   splat_pad                 the paper's padded groups: every list at list * longest
@@ -23,8 +23,8 @@
     uint first_view, uint n_views, uint total, uint n1, uint run, uint runs, uint row_begin,       \
         uint row_end, float min_alpha
 
-/* Key of one sample, or false if it is dropped: too faint, behind the camera, off the image, or in
- * a coarse pixel outside the band of rows (bands are cut at multiples of every k). */
+/* Key of a sample; false if it is dropped: too faint, behind the camera, off the image, or in a
+ * coarse pixel outside the band of rows (bands are cut at multiples of every k). */
 HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint row_end,
                       float min_alpha, uint index, ulong *key)
 {

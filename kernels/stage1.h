@@ -1,22 +1,22 @@
 /* needs: leaves fetch bfloat16 */
-/* Stage 1 along rays (method.md 4, 5): the points of VW intervals at a time, one interval a lane,
- * through bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). The points
- * of an interval ascend in t and have densities; a point's bin reaches half way to its neighbours,
- * the last one's to the interval's end. Used by sampling.cl. Two ways give the points:
+/* Stage 1 along rays (method.md 4, 5): the points of VW intervals at a time, one interval per lane,
+ * by bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). An interval's
+ * points ascend in t and have densities; a point's bin reaches half way to its neighbours, the
+ * first and last to the interval's ends. For sampling.cl. Two methods give the points:
  *
- *   STAGE1 1 (gather)  n1-spaced points of the interval, at the nearest cell's cached density
+ *   STAGE1 1 (gather)  points of the interval, spaced like the cells, with the nearest cell's
+ *                      cached density
  *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel
  *                      of the leaf's level (splat.cl)
  *
- *   PADDED 0 | 1: lists at list * longest
+ *   PADDED 0 | 1: 1: lists are at list * longest
  */
 #ifndef STAGE1
 #define STAGE1 1
 #define PADDED 0
 #endif
 
-/* Points of an interval that are worked out at once: all of them with 12^3 cells; more come in
- * turns. */
+/* Points of an interval that are computed at once: all of them with 12^3 cells; more take turns. */
 #define POINTS 24
 #define KEPT   (VW > 1 ? POINTS : 0)
 
@@ -27,14 +27,14 @@ typedef struct bundle {
     vf step, at[3], along[3]; /* cell coordinates at t_in, and per unit of t */
     const __global ushort *cells[VW];
 #if KEPT > 0
-    int kept[KEPT * VW]; /* which cells the first points read */
+    int kept[KEPT * VW]; /* cells of the first points */
 #endif
 #else
     uint first[VW]; /* entries of the lists */
 #endif
 } bundle;
 
-/* The intervals of a bundle. Lanes without one hold a copy of another, or an empty one. */
+/* The intervals of a bundle. Lanes without one have a copy of another, or an empty one. */
 typedef struct lanes {
     float t_in[VW], t_out[VW];
     uint ray[VW];
@@ -99,7 +99,7 @@ HELPER vi bundle_cells(const bundle *b, vi j, uint n1)
     return (z * (int)n1 + y) * (int)n1 + x;
 }
 
-/* Fetches what the first points will read. */
+/* Fetches the cells of the first points. */
 HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
 {
     (void)boxes;
@@ -113,7 +113,7 @@ HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
 #endif
 }
 
-/* Densities of points first + j, zero beyond the last one; `first` differs between lanes. */
+/* Densities of points first + j, zero after the last one; `first` differs between lanes. */
 HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept)
 {
     ushort bits[VW];
@@ -160,7 +160,7 @@ HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool ke
 /* Mean densities of the intervals' points. */
 HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
 {
-    return depth / (b->t_out - b->t_in); /* points are equally far apart */
+    return depth / (b->t_out - b->t_in); /* points are equidistant */
 }
 #else
 #define STAGE1_ARGUMENTS                                                                \

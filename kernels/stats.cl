@@ -1,7 +1,7 @@
 /* needs: space leaves bfloat16 */
-/* What the structure decisions need (method.md 12.3): from the cached stage-1 densities, per leaf
- * the mean over samples that some training view sees, and the peak; from a training step, sums over
- * its samples of what composite.cl measured (float64 twins: tests/pipeline/test_measure.c).
+/* Measures for structure decisions (method.md 12.3): per leaf, mean and peak of the cached
+ * densities that a training view sees, and sums of composite.cl's measures over a step's samples
+ * (float64 twins: tests/pipeline/test_measure.c).
  *
  * MEASURES 0 | 1 | 3   numbers per sample (composite.cl)
  * LS, SG               work-items per leaf of leaf_measure and of stats_leaf, SG a power of two
@@ -12,7 +12,7 @@
 #define SG 4
 #endif
 
-#define SUMS 3 /* pairs kept per leaf, whatever is measured */
+#define SUMS 3 /* pairs kept per leaf, for any MEASURES */
 
 /* seen[leaf][cell] = 1 if the cell's centre projects into a view. */
 __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
@@ -34,8 +34,8 @@ __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
     LEAF_ELEMENT(seen, i, cells) = found;
 }
 
-/* stats[leaf] = (mean of seen, peak); 0 for a leaf that nobody sees. One group per leaf, its
- * partial sums are added in a tree. */
+/* stats[leaf] = (mean, peak) of seen cells; 0 for a leaf without any. A group per leaf adds its
+ * partial sums as a tree. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
 stats_leaf(LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
            LEAF_ARRAY(const uchar, seen),     /* [leaf][cells] */
@@ -76,8 +76,8 @@ stats_leaf(LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
 
 #if MEASURES > 0
 /* sums[leaf][q] += sum of measures[sample][q] over the leaf's samples among the first `composited`,
- * met[leaf] += their number. One group per leaf, partial sums added in order; {sum, compensation}
- * (Kahan), since a sum grows over thousands of steps. */
+ * met[leaf] += their number. A group per leaf adds its partial sums in order; {sum, compensation}
+ * (Kahan), as a sum grows over thousands of steps. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 leaf_measure(const __global uint *restrict begin, const __global uint *restrict end, /* [leaf] */
              const __global uint *restrict order,       /* [grouped sample] -> sample */

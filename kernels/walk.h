@@ -1,19 +1,19 @@
 /* The walk of rays through the octree (method.md 3; twin: host/reference/rays.c), VW rays side by
- * side, over the dense map of leaves and empty boxes (host/model/octree.h: cln_octree_map). Used by
- * sampling.cl; decides nothing about what happens in the leaves.
+ * side, over the dense map of leaves and empty boxes (cln_octree_map, host/model/octree.h). For
+ * sampling.cl, which decides what happens in the leaves.
  */
 #define NEVER 1e30f
 
 typedef struct walk {
     vf o[3], d[3], inverse[3];
-    vf never[3];   /* NEVER along an axis whose planes are never crossed, else 0 */
-    vi ascends[3]; /* all bits set along an axis that the ray ascends, else none */
+    vf never[3];   /* NEVER for an axis whose planes the ray never crosses, else 0 */
+    vi ascends[3]; /* all bits set for an axis along which the ray ascends, else none */
     vi cell[3];    /* of the map */
-    vf t;          /* where the ray is */
-    vi more;       /* whether it walks on, as vector comparisons say it */
+    vf t;          /* the ray's position */
+    vi more;       /* it walks on: a mask like a vector comparison's */
 } walk;
 
-/* Truncation is enough: it differs from floor below 0 only, and that is clamped. */
+/* Truncation suffices: it differs from floor only below 0, which is clamped. */
 HELPER vi cell_of(vf o, vf d, vf t, float half_n, vi low, vi high)
 {
     return clamp(V_TO_INT((MAD(d, t, o) + 1.0f) * half_n), low, high);
@@ -64,10 +64,10 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
         w->cell[a] = cell_of(w->o[a], w->d[a], t0, 0.5f * (float)(1 << depth), none, last);
 }
 
-/* Moves every ray to where it leaves the leaf or empty box that it is in. Returns the map entries
- * of these boxes, 0 for rays that have stopped; a ray stops where it leaves the cube. Progress is
- * by integers: the crossed axis steps over the box's face, the others stay within its extent and
- * never go back, so no rounding can trap the walk. */
+/* Moves every ray to the exit of its current leaf or empty box. Returns the map entries of these
+ * boxes, 0 for rays that have stopped; a ray stops when it leaves the cube. Progress is in
+ * integers: the crossed axis steps over the box's face, the others stay within its extent and never
+ * go back, so rounding cannot trap the walk. */
 HELPER vi walk_next(walk *w, const __global int *map, int depth)
 {
     const int n = 1 << depth;
@@ -77,7 +77,7 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
     vf exits[3], t = (vf)(NEVER);
     int at[VW], found[VW];
 
-    /* rays that have stopped may stand outside the map */
+    /* rays that have stopped may be outside the map */
     VSTORE(((((w->cell[2] << depth) + w->cell[1]) << depth) + w->cell[0]) & (n * n * n - 1), at);
 #pragma unroll
     for (int l = 0; l < VW; l++)
@@ -100,7 +100,7 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
 #pragma unroll
     for (int a = 0; a < 3; a++) {
         const vi over = plane[a] + ~w->ascends[a];
-        /* never back, or a ray along an edge would step between two boxes for ever */
+        /* never back: a ray along an edge could step between two boxes forever */
         const vi from = select(low[a], w->cell[a], w->ascends[a]);
         const vi to = select(w->cell[a], high[a] - 1, w->ascends[a]);
         const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, from, to);
