@@ -27,14 +27,30 @@ typedef float cln_f32;
 /* Clamp of sigma * delta: exp(-80) is close to the smallest normal float (method.md 9). */
 #define CLN_MAX_OPTICAL_DEPTH 80.0f
 
+/* Lens models (scene/lens.h), as COLMAP calls them. */
+typedef enum cln_lens {
+    CLN_LENS_OPENCV,
+    CLN_LENS_FULL_OPENCV,
+    CLN_LENS_OPENCV_FISHEYE,
+    CLN_LENS_THIN_PRISM_FISHEYE,
+    CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
+    CLN_LENS_FOV,
+    CLN_LENS_DIVISION,
+    CLN_LENS_EUCM,
+    CLN_LENS_EQUIRECTANGULAR,
+    CLN_LENSES
+} cln_lens;
+
+#define CLN_LENS_PARAMS 12 /* the most that a model has */
+
 /* A view's camera in normalised space (scene/scene.h has the model and the units). */
 typedef struct cln_device_camera {
     cln_f32 c2w[12]; /* 3x4 row-major, origin normalised */
     cln_f32 fx, fy, cx, cy;
-    cln_f32 k1, k2, p1, p2;
     cln_i32 width, height;
-    cln_i32 lens; /* scene/lens.h */
-    cln_i32 pad;
+    cln_i32 lens;               /* cln_lens; what follows is the lens model's */
+    cln_f32 limit;              /* cln_lens_limit */
+    cln_f32 k[CLN_LENS_PARAMS]; /* its parameters */
 } cln_device_camera;
 
 /* The pixel of a ray; the ray goes through its centre. */
@@ -107,7 +123,7 @@ _Static_assert(6 * CLN_MAX_LEVEL < 32, "the box of an empty cell fits beside the
 _Static_assert(CLN_MAX_LEVEL < 1 << CLN_MAP_LEVEL_BITS, "a level fits a leaf's entry");
 _Static_assert(3 * CLN_MAX_LEVEL + 1 + CLN_MAP_LEVEL_BITS < 32, "slot + 1 fits beside the level");
 _Static_assert(CLN_MAX_LEVEL < 1 << 8, "a level fits above an interval's samples");
-_Static_assert(sizeof(cln_device_camera) == 96, "layout shared with kernels");
+_Static_assert(sizeof(cln_device_camera) == 128, "layout shared with kernels");
 _Static_assert(sizeof(cln_pixel) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_interval) == 20, "layout shared with kernels");
 _Static_assert(sizeof(cln_slice) == 16, "layout shared with kernels");

@@ -13,11 +13,11 @@
 HELPER bool lens_distort(cln_device_camera c, float2 p, float2 *out)
 {
     const float a = p.x, b = p.y, r2 = a * a + b * b;
-    const float radial = 1.0f + r2 * (c.k1 + c.k2 * r2);
+    const float radial = 1.0f + r2 * (c.k[0] + c.k[1] * r2);
 
-    *out = (float2)(a * radial + 2.0f * c.p1 * a * b + c.p2 * (r2 + 2.0f * a * a),
-                    b * radial + c.p1 * (r2 + 2.0f * b * b) + 2.0f * c.p2 * a * b);
-    return 1.0f + r2 * (3.0f * c.k1 + 5.0f * c.k2 * r2) > 0.0f;
+    *out = (float2)(a * radial + 2.0f * c.k[2] * a * b + c.k[3] * (r2 + 2.0f * a * a),
+                    b * radial + c.k[2] * (r2 + 2.0f * b * b) + 2.0f * c.k[3] * a * b);
+    return 1.0f + r2 * (3.0f * c.k[0] + 5.0f * c.k[1] * r2) > 0.0f;
 }
 
 /* The point that is distorted to `target`. Newton's method from the target; it ends where the model
@@ -28,13 +28,13 @@ HELPER float2 lens_undistort(cln_device_camera c, float2 target)
 
     for (int i = 0; i < 10; i++) {
         const float a = p.x, b = p.y, r2 = a * a + b * b;
-        const float radial = 1.0f + r2 * (c.k1 + c.k2 * r2), slope = c.k1 + 2.0f * c.k2 * r2;
-        const float2 f = (float2)(a * radial + 2.0f * c.p1 * a * b + c.p2 * (r2 + 2.0f * a * a),
-                                  b * radial + c.p1 * (r2 + 2.0f * b * b) + 2.0f * c.p2 * a * b) -
+        const float radial = 1.0f + r2 * (c.k[0] + c.k[1] * r2), slope = c.k[0] + 2.0f * c.k[1] * r2;
+        const float2 f = (float2)(a * radial + 2.0f * c.k[2] * a * b + c.k[3] * (r2 + 2.0f * a * a),
+                                  b * radial + c.k[2] * (r2 + 2.0f * b * b) + 2.0f * c.k[3] * a * b) -
                          target;
-        const float fa = radial + 2.0f * a * a * slope + 2.0f * c.p1 * b + 6.0f * c.p2 * a;
-        const float fb = 2.0f * a * b * slope + 2.0f * c.p1 * a + 2.0f * c.p2 * b;
-        const float gb = radial + 2.0f * b * b * slope + 6.0f * c.p1 * b + 2.0f * c.p2 * a;
+        const float fa = radial + 2.0f * a * a * slope + 2.0f * c.k[2] * b + 6.0f * c.k[3] * a;
+        const float fb = 2.0f * a * b * slope + 2.0f * c.k[2] * a + 2.0f * c.k[3] * b;
+        const float gb = radial + 2.0f * b * b * slope + 6.0f * c.k[2] * b + 2.0f * c.k[3] * a;
         const float det = fa * gb - fb * fb;
 
         if (fabs(det) < 1e-6f)

@@ -113,13 +113,12 @@ static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
                              .cx = (float)c->cx,
                              .cy = (float)c->cy,
                              .lens = (cln_i32)c->lens,
-                             .k1 = (float)c->k1,
-                             .k2 = (float)c->k2,
-                             .p1 = (float)c->p1,
-                             .p2 = (float)c->p2,
+                             .limit = (float)cln_lens_limit(c->lens, c->distortion),
                              .width = c->width,
                              .height = c->height};
 
+    for (int i = 0; i < CLN_LENS_PARAMS; i++)
+        out.k[i] = (float)c->distortion[i];
     cln_space_pose_to_cube(space, c->c2w, out.c2w);
     return out;
 }

@@ -25,7 +25,7 @@ bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[
 
     memcpy(p, pinhole, sizeof p);
     if (cln_camera_is_distorted(camera) &&
-        !cln_lens_models[camera->lens].undistort(camera->distortion, place, p)) {
+        !cln_lens_undistort(camera->lens, camera->distortion, place, p)) {
         found = false;
         memcpy(p, pinhole, sizeof p);
     }
@@ -48,7 +48,7 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
             local[axis] += m[4 * i + axis] * (point[i] - m[4 * i + 3]);
     *u = *v = 0;
     *z = local[2];
-    if (!cln_lens_models[camera->lens].distort(camera->distortion, local, place))
+    if (!cln_lens_distort(camera->lens, camera->distortion, local, place))
         return false;
     *u = camera->fx * place[0] + camera->cx;
     *v = camera->fy * place[1] + camera->cy;
@@ -150,6 +150,11 @@ cln_status cln_camera_check(cln_camera *camera, const char *frame)
         return cln_fail(
             CLN_INPUT, "%s: absurd image size %d x %d; the limits are 1 to %d a side and %d in all",
             frame, camera->width, camera->height, CLN_IMAGE_MAX_SIDE, CLN_IMAGE_MAX_PIXELS);
+    if (camera->lens != CLN_LENS_OPENCV)
+        return cln_fail(CLN_INPUT,
+                        "%s: the device does not trace cameras of the lens model %s; undistort the "
+                        "images to OPENCV's",
+                        frame, lens->name);
     for (int i = 0; i < 4 + lens->count; i++) {
         const double value = i < 4 ? pixels[i] : camera->distortion[i - 4];
         /* Focal length: 1e-3 to 1e5 image sides. Distortion: far more than lenses have. */

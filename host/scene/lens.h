@@ -1,44 +1,80 @@
 /* Lens models: the way from a direction to its place in the image, and back. The device's twin is
- * kernels/lens.h.
+ * kernels/lens.h. docs/method.md section 2.1 has the formulas, with their sources.
  *
  *   direction (x, y, z) in camera axes     distort ->  <- undistort     place (a', b')
  *
- * The camera turns a place into a pixel position: u = fx a' + cx, v = fy b' + cy. Models:
- *   OPENCV   parameters k1 k2 p1 p2; all 0: a pinhole. With a = x/z, b = y/z, r2 = a^2 + b^2,
- *              a' = a (1 + k1 r2 + k2 r2^2) + 2 p1 a b + p2 (r2 + 2 a^2)
- *              b' = b (1 + k1 r2 + k2 r2^2) + p1 (r2 + 2 b^2) + 2 p2 a b
- * To add one: its name in cln_lens, its row and two functions in lens.c, its branch in
+ * The camera turns a place into a pixel position: u = fx a' + cx, v = fy b' + cy. Directions are
+ * never divided by z here but by models of perspective, so that a lens may see more than a
+ * half-space.
+ *
+ * A model has a domain: the directions around the axis up to its fold, where places stop moving
+ * outwards. Beyond it two directions would share a place; they have none.
+ *
+ * To add one: its name in cln_lens (include/device_abi.h), its row in lens.c, its branch in
  * kernels/lens.h, its row in tests/scene/test_camera.c. Readers find it by its name. */
 #ifndef CLN_LENS_H
 #define CLN_LENS_H
 
 #include <stdbool.h>
-
-typedef enum { CLN_LENS_OPENCV, CLN_LENSES } cln_lens;
-
-enum { CLN_LENS_PARAMS = 4 }; /* the most that a model has */
+#include "device_abi.h"
+#include "scene/lens_plane.h"
 
 typedef struct cln_lens_model {
-    const char *name;                    /* as datasets call it */
-    const char *covers[8];               /* special cases of it that datasets name, up to NULL */
+    const char *name;                    /* as COLMAP calls it */
     const char *params[CLN_LENS_PARAMS]; /* their names, as in transforms JSON */
     int count;                           /* number of parameters */
     bool pinhole_at_zero;                /* no distortion means: all parameters are 0 */
 
-    /* False if the direction has no place, being behind the lens. It may have any length. */
-    bool (*distort)(const double *params, const double direction[3], double place[2]);
+    /* Either: it bends a plane so (lens_plane.h). */
+    void (*plane)(const double *params, cln_lens_plane *out);
 
-    /* The inverse: a direction, of any length, whose place is this one to 1e-12. That is checked:
-     * false if there is none (beyond the model's fold), or if none was found. */
+    /* Or it has closed forms of both ways, as cln_lens_distort and cln_lens_undistort say. */
+    bool (*distort)(const double *params, const double direction[3], double place[2]);
     bool (*undistort)(const double *params, const double place[2], double direction[3]);
+
+    /* NULL, or what parameters must be: a phrase if these are not, NULL if they are. */
+    const char *(*refuse)(const double *params);
 } cln_lens_model;
 
 extern const cln_lens_model cln_lens_models[CLN_LENSES];
 
-/* The model of that name, or the one that covers it; CLN_LENSES if there is none. */
+/* The model of that name, or the one that covers it: COLMAP's names, and what nerfstudio calls
+ * PERSPECTIVE and FISHEYE624; CLN_LENSES if there is none. */
 cln_lens cln_lens_find(const char *name);
 
 /* Is it a pinhole with these parameters: no distortion. */
 bool cln_lens_is_pinhole(cln_lens lens, const double *params);
+
+/* The place of a direction, which may have any length. False outside the model's domain. */
+bool cln_lens_distort(cln_lens lens, const double *params, const double direction[3],
+                      double place[2]);
+
+/* The inverse: a direction, of any length, whose place is this one to 1e-12. That is checked: false
+ * if there is none (beyond the model's fold), or if none was found. */
+bool cln_lens_undistort(cln_lens lens, const double *params, const double place[2],
+                        double direction[3]);
+
+/* Radius of the plane up to which a model's radial part grows (lens_plane.h); INFINITY if there is
+ * no end, and for models with closed forms, which know theirs. */
+double cln_lens_limit(cln_lens lens, const double *params);
+
+/* ---- COLMAP's camera models ---- */
+
+/* How the parameter list of a COLMAP camera is to be read: `focals` focal lengths (f, or fx fy), cx,
+ * cy, then the first parameters of the lens model, in its order. No focal length: the list is w, h,
+ * and the image spans the sphere. Place in the table: COLMAP's id of the model. */
+typedef struct cln_colmap_model {
+    const char *name;
+    cln_lens lens;
+    int focals, count; /* count: the whole list's */
+} cln_colmap_model;
+
+enum { CLN_COLMAP_MODELS = 18, CLN_COLMAP_PARAMS = 4 + CLN_LENS_PARAMS };
+extern const cln_colmap_model cln_colmap_models[CLN_COLMAP_MODELS];
+
+/* Splits such a list, values[model->count], into fx, fy, cx, cy and the lens model's parameters, of
+ * which those that the list lacks are 0. */
+void cln_colmap_split(const cln_colmap_model *model, const double *values, double pixels[4],
+                      double params[CLN_LENS_PARAMS]);
 
 #endif

@@ -17,6 +17,7 @@ int test_group_field(void);
 int test_group_help(void);
 int test_group_image(void);
 int test_group_integer_program(void);
+int test_group_lens(void);
 int test_group_measure(void);
 int test_group_metrics_image(void);
 int test_group_mlp(void);
