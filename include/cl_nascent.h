@@ -99,7 +99,7 @@ CLN_API void cln_settings_free(cln_settings *settings); /* accepts NULL */
 CLN_API cln_status cln_settings_set(cln_settings *settings, const char *name, const char *value);
 /* Gets a value as text that set reads back exactly; bytes: of the buffer, CLN_SETTING_BYTES always
  * suffice. */
-enum { CLN_SETTING_BYTES = 128 };
+enum { CLN_SETTING_BYTES = 256 };
 CLN_API cln_status cln_settings_get(const cln_settings *settings, const char *name, char *value,
                                     size_t bytes);
 /* Checks that all values go together, as cln_train and cln_tune_search also do. CLN_USAGE. */

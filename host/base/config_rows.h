@@ -8,7 +8,7 @@
  *   REAL(field, option, paper, fast, min, max, help)
  *   BOOL(field, option, paper, fast, help)                 --option / --no-option
  *   ENUM(field, option, paper, fast, "a|b|c", help)        stored as the index of the word
- *   TEXT(field, option, paper, fast, help)                 at most 127 characters
+ *   TEXT(field, option, paper, fast, help)                 at most 255 characters
  * A row may have after its help:
  *   .flags = CLN_ROW_...      special treatment (below)
  *   .alias = "old-name"       an earlier name: still an option, and a key of older runs
@@ -52,6 +52,12 @@ enum { CLN_WEIGHT_MASK, CLN_WEIGHT_VISIBILITY };
 enum { CLN_LOSS_L2, CLN_LOSS_HUBER };
 enum { CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP };
 enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
+enum { /* the order in which they are looked for (scene/readers.c) */
+       CLN_FORMAT_AUTO,
+       CLN_FORMAT_TRANSFORMS,
+       CLN_FORMAT_COLMAP,
+       CLN_FORMATS
+};
 
 /* The leaf networks: compile-time constants of the kernels (method.md sections 1, 2). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
@@ -231,6 +237,9 @@ enum { CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16 };
     INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")        \
     REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints",               \
          .flags = CLN_ROW_SECONDS)                                                                \
+    ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO, "auto|transforms|colmap",            \
+         "what the scene is read as; auto: the first of the others that is there",                \
+         .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                  \
     INT(downscale, "downscale", 0, 0, 0, 64,                                                      \
         "divide the image size by N with an area filter (0 or auto: longest side <= 1600)",       \
         .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                    \

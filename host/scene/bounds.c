@@ -2,6 +2,8 @@
  * the first that applies, and bounds_rule says which it was.
  *   given_box       --bbox: the smallest cube around that box, with the same centre
  *   of_dataset      what the reader found in the files
+ *   of_points       points on surfaces are known: the cube around them and around what the images
+ *                   show there (bounds_points.c)
  *   looked_at       the cameras look at something together: centre = the point nearest to all
  *                   optical axes; half = out to every camera, and to the rim of what each camera
  *                   sees of the plane through the centre. So the cube holds what is looked at, and
@@ -156,6 +158,28 @@ static cln_status of_dataset(const evidence *e, cln_space *space, char **because
     return cln_strdup(because, e->result->bounds_rule);
 }
 
+static cln_status of_points(const evidence *e, cln_space *space, char **because)
+{
+    cln_status st = CLN_OK;
+    double low[3], high[3];
+    bool found = false;
+
+    CLN_TRY(cln_scene_box_of_points(e->scene, e->result, low, high, &found));
+    if (!found)
+        goto done;
+    space->half = 0;
+    for (int a = 0; a < 3; a++) {
+        space->centre[a] = 0.5 * (low[a] + high[a]);
+        space->half = fmax(space->half, 0.5 * (high[a] - low[a]));
+    }
+    CLN_TRY(cln_asprintf(because,
+                         "around the %d sparse points and what the images show there, without "
+                         "outliers; --bbox sets a tighter one",
+                         e->result->point_count));
+done:
+    return st;
+}
+
 /* Does not apply if the axes are parallel, or if a quarter of the cameras have the point behind
  * them. */
 static cln_status looked_at(const evidence *e, cln_space *space, char **because)
@@ -201,8 +225,8 @@ static cln_status before_cameras(const evidence *e, cln_space *space, char **bec
 }
 
 /* In this order; the last one always applies. */
-static cln_status (*const rules[])(const evidence *, cln_space *,
-                                   char **) = {given_box, of_dataset, looked_at, before_cameras};
+static cln_status (*const rules[])(const evidence *, cln_space *, char **) = {
+    given_box, of_dataset, of_points, looked_at, before_cameras};
 
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
                                  const char *bbox)

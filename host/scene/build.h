@@ -40,6 +40,11 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
                                  const char *bbox);
 
+/* bounds_points.c: the box of the reader's points and of what the training images show there;
+ * *found = false if there are too few of them. */
+cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_result *result,
+                                   double low[3], double high[3], bool *found);
+
 /* bounds.c: CLN_INPUT if no training camera has a ray through the cube. */
 cln_status cln_scene_check_seen(const cln_scene *scene);
 

@@ -12,20 +12,13 @@
 #include "base/memory.h"
 #include "scene/build.h"
 
-#define WITH_POSES   "for example with nerfstudio's ns-process-data, which writes transforms.json"
-#define NOT_YET      "this format is not read yet: convert it to transforms.json"
-#define COLMAP       "a COLMAP reconstruction", NOT_YET ", " COLMAP_TOOLS
-#define COLMAP_TOOLS "for example with nerfstudio's ns-process-data or instant-ngp's colmap2nerf.py"
+#define WITH_POSES "for example with COLMAP, whose sparse models are read"
+#define NOT_YET    "this format is not read yet: convert it to transforms.json"
 
 /* Datasets that no reader reads, by a file that they have. A reader's row replaces its marker. */
 static const struct {
     const char *file, *what, *advice;
 } markers[] = {
-    {"sparse/0/cameras.bin", COLMAP},
-    {"sparse/0/cameras.txt", COLMAP},
-    {"sparse/cameras.bin", COLMAP},
-    {"sparse/cameras.txt", COLMAP},
-    {"cameras.bin", COLMAP},
     {"poses_bounds.npy", "an LLFF scene", NOT_YET},
     {"cameras_sphere.npz", "a NeuS scene", NOT_YET},
     {"bbox.txt", "an NSVF scene", NOT_YET},

@@ -9,8 +9,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "scene/build.h"
-
-enum { MAX_VIEWS = 100000 };
+#include "scene/dataset.h"
 
 cln_status cln_scene_folder(const char *path, char **out)
 {
@@ -66,22 +65,27 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
 {
     cln_status st = CLN_OK;
     const cln_reader *reader = NULL;
+    char *others = NULL;
 
     CLN_TRY(cln_config_background(desc->config, scene->background));
-    CLN_TRY(cln_reader_pick(desc->path, &reader));
+    CLN_TRY(cln_reader_pick(desc->path, desc->config->format, &reader, &others));
     CLN_TRY(cln_scene_folder(desc->path, &scene->folder));
-    CLN_TRY(reader->read(desc->path, result));
+    st = reader->read(desc->path, result);
+    if (st != CLN_OK && others)
+        cln_note("reading it with %s; it can be read with --format %s, too", reader->name, others);
+    CLN_TRY(st);
     if (result->view_count < 1)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: zero frames in this scene; nothing to read", desc->path));
-    if (result->view_count > MAX_VIEWS)
+    if (result->view_count > CLN_MAX_VIEWS)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: %d frames, more than the %d that are accepted", desc->path,
-                         result->view_count, MAX_VIEWS));
+                         result->view_count, CLN_MAX_VIEWS));
     scene->views = result->views;
     scene->view_count = result->view_count;
     result->views = NULL;
     result->view_count = 0;
     scene->dialect = result->dialect;
-    CLN_TRY(cln_strdup(&scene->because, result->because));
+    CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
+                         others ? "; also there, not read: --format " : "", others ? others : ""));
     CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config->holdout));
     digest_cameras(scene);
     CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
@@ -90,6 +94,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_check_memory(scene, desc->pixels, desc->config->host_mem));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));
 done:
+    free(others);
     return st;
 }
 
@@ -106,6 +111,7 @@ cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out)
     scene = NULL;
 done:
     free_views(result.views, result.view_count);
+    free(result.points);
     free(result.bounds_rule);
     free(result.because);
     cln_scene_free(scene);

@@ -3,17 +3,25 @@
  * downscales and loads them, and finds the cube and the digest, the same for every format.
  *
  * To add a format: write reader_x.c with one `const cln_reader cln_reader_x`, declare it below, add
- * it to readers.c, and take its marker out of found.c.
+ * it to readers.c, and its name to the setting `format` (base/config_rows.h). dataset.h has what
+ * readers share.
  *
  * What a dataset says of one image is in cln_view (scene.h): name, file, split, and a camera with
  * its own pose, intrinsics and lens. What it says of the whole is in cln_reader_result; zero means
- * that it says nothing. Something new (a mask, a near distance, a unit) becomes a member of the one
- * or the other. Poses keep the dataset's frame and units, which users see everywhere; a reader
- * turns only the camera's axes, to OpenCV's. */
+ * that it says nothing. Something new (a mask, a unit) becomes a member of the one or the other.
+ * Poses keep the dataset's frame and units, which users see everywhere; a reader turns only the
+ * camera's axes, to OpenCV's. */
 #ifndef CLN_READER_H
 #define CLN_READER_H
 
 #include "scene/scene.h"
+
+/* A point that structure from motion found on a surface. */
+typedef struct cln_point {
+    double xyz[3]; /* scene units */
+    uint8_t rgb[3];
+    int views; /* images that it was found in; 0 = not told */
+} cln_point;
 
 typedef struct cln_reader_result {
     int view_count;
@@ -22,6 +30,8 @@ typedef struct cln_reader_result {
     bool has_bounds;   /* the dataset says where the scene is: `space`, and why, a phrase */
     cln_space space;
     char *bounds_rule;
+    int point_count;
+    cln_point *points;
     const char *dialect; /* what cln_scene.dialect is to say */
     char *because;       /* why it was read as that, a phrase */
 } cln_reader_result;
@@ -39,9 +49,12 @@ typedef struct cln_reader {
 } cln_reader;
 
 extern const cln_reader cln_reader_transforms; /* reader_transforms.c */
+extern const cln_reader cln_reader_colmap;     /* reader_colmap.c */
 
-/* readers.c: the first reader that detects its format at `path`. CLN_INPUT if there is none: the
- * sentence says what lies there instead, what each reader wants and misses, and what to do. */
-cln_status cln_reader_pick(const char *path, const cln_reader **out);
+/* readers.c: the reader of the setting `format`, or the first that detects its format at `path`. A
+ * phrase in *others names the formats that are there besides, for --format; NULL if there are none,
+ * and the caller frees it. CLN_INPUT if there is no such format: the sentence says what lies there
+ * instead, what each reader wants and misses, and what to do. */
+cln_status cln_reader_pick(const char *path, int format, const cln_reader **out, char **others);
 
 #endif

@@ -18,24 +18,14 @@
 #include "base/memory.h"
 #include "io/json.h"
 #include "scene/build.h"
+#include "scene/dataset.h"
 #include "scene/transforms.h"
-
-enum { MAX_FRAMES = 100000 };
 
 static bool ends_with(const char *text, const char *tail)
 {
     const size_t length = strlen(text), wanted = strlen(tail);
 
     return length >= wanted && !strcmp(text + length - wanted, tail);
-}
-
-static bool folder_has(const char *folder, const char *name)
-{
-    char *path = NULL;
-    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_file(path);
-
-    free(path);
-    return has;
 }
 
 /* Appends the frames of one document to the result, as `split`. */
@@ -53,8 +43,9 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
     if (!json_is_array(frames))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: frames must be an array", file));
     count = json_array_size(frames);
-    if (count > (size_t)(MAX_FRAMES - result->view_count))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d frames; leave some out", file, MAX_FRAMES));
+    if (count > (size_t)(CLN_MAX_VIEWS - result->view_count))
+        CLN_TRY(
+            cln_fail(CLN_INPUT, "%s: more than %d frames; leave some out", file, CLN_MAX_VIEWS));
     CLN_TRY(cln_alloc(&views, (size_t)result->view_count + count, sizeof *views, "views"));
     if (result->view_count)
         memcpy(views, result->views, (size_t)result->view_count * sizeof *views);
@@ -99,7 +90,7 @@ static cln_status take_listed(const char *file, const char *key, const json_t *l
 
         if (!json_is_string(entry))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: %s[%zu] must be a string", file, key, i));
-        CLN_TRY(cln_transforms_name(json_string_value(entry), &name));
+        CLN_TRY(cln_dataset_name(file, json_string_value(entry), &name));
         position = json_object_get(index, name);
         if (!position)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: %s names '%s', which no frame has", file, key,
@@ -140,9 +131,9 @@ static cln_status apply_lists(const char *file, const json_t *root, cln_reader_r
     }
     result->views = NULL;
     result->view_count = 0;
-    if (listed > MAX_FRAMES)
-        CLN_TRY(
-            cln_fail(CLN_INPUT, "%s: more than %d names in the lists of splits", file, MAX_FRAMES));
+    if (listed > CLN_MAX_VIEWS)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d names in the lists of splits", file,
+                         CLN_MAX_VIEWS));
     CLN_TRY(cln_alloc(&result->views, listed, sizeof *result->views, "views"));
     for (int i = 0; i < frame_count; i++)
         json_object_set_new(index, frames[i].name, json_integer(i));
@@ -270,7 +261,7 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
                          strrchr(file, '/') ? strrchr(file, '/') + 1 : file,
                          result->has_bounds ? "has aabb_scale, scale, offset or aabb"
                                             : "has frames and no aabb_scale",
-                         folder_has(folder, "transforms_train.json")
+                         cln_dataset_has(folder, "transforms_train.json")
                              ? "; transforms_train.json beside it is not read"
                              : ""));
 done:
@@ -290,10 +281,12 @@ static bool detect(const char *path, const char **missing)
         *missing = "the file is not .json";
         return cln_is_file(path) && ends_with(path, ".json");
     }
-    *missing = folder_has(path, "transforms_val.json") || folder_has(path, "transforms_test.json")
+    *missing = cln_dataset_has(path, "transforms_val.json") ||
+                       cln_dataset_has(path, "transforms_test.json")
                    ? "transforms_train.json is missing beside the others"
                    : "the folder has neither";
-    return folder_has(path, "transforms.json") || folder_has(path, "transforms_train.json");
+    return cln_dataset_has(path, "transforms.json") ||
+           cln_dataset_has(path, "transforms_train.json");
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)
@@ -304,7 +297,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_scene_folder(path, &folder));
     if (!cln_is_dir(path) && !is_split_file(path)) {
         CLN_TRY(read_single(folder, path, result));
-    } else if (cln_is_dir(path) && folder_has(folder, "transforms.json")) {
+    } else if (cln_is_dir(path) && cln_dataset_has(folder, "transforms.json")) {
         CLN_TRY(cln_path_join(&file, folder, "transforms.json"));
         CLN_TRY(read_single(folder, file, result));
     } else {

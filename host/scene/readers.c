@@ -4,36 +4,39 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
 #include "scene/found.h"
 
-/* Tried in this order. */
-static const cln_reader *const readers[] = {
-    &cln_reader_transforms,
+/* By the words of --format, which are tried in this order. */
+static const cln_reader *const readers[CLN_FORMATS] = {
+    [CLN_FORMAT_TRANSFORMS] = &cln_reader_transforms,
+    [CLN_FORMAT_COLMAP] = &cln_reader_colmap,
 };
-
-enum { READERS = sizeof readers / sizeof *readers };
 
 static bool is_scene(const char *path)
 {
     const char *missing = NULL;
 
-    for (int i = 0; i < READERS; i++)
+    for (int i = CLN_FORMAT_AUTO + 1; i < CLN_FORMATS; i++)
         if (readers[i]->detect(path, &missing))
             return true;
     return false;
 }
 
-/* "NAME wants ...: what is missing", for every reader. The caller frees *out. */
-static cln_status list_readers(const char *path, char **out)
+/* "NAME wants ...: what is missing", for every reader, or the one of `format`. The caller frees
+ * *out. */
+static cln_status list_readers(const char *path, int format, char **out)
 {
     cln_status st = CLN_OK;
     char *list = NULL, *longer = NULL;
 
-    for (int i = 0; i < READERS; i++) {
+    for (int i = CLN_FORMAT_AUTO + 1; i < CLN_FORMATS; i++) {
         const char *missing = "";
 
+        if (format != CLN_FORMAT_AUTO && format != i)
+            continue;
         readers[i]->detect(path, &missing);
         CLN_TRY(cln_asprintf(&longer, "%s%s%s wants %s: %s", list ? list : "", list ? "; " : "",
                              readers[i]->name, readers[i]->wants, missing));
@@ -48,16 +51,43 @@ done:
     return st;
 }
 
-cln_status cln_reader_pick(const char *path, const cln_reader **out)
+/* The words of the formats behind `format` that are there, too; NULL if none is. */
+static cln_status list_others(const char *path, int format, char **out)
+{
+    cln_status st = CLN_OK;
+    const cln_config_row *row = cln_config_find("format");
+    cln_config config = {0};
+    char *longer = NULL;
+
+    *out = NULL;
+    for (int i = format + 1; i < CLN_FORMATS; i++) {
+        char word[CLN_TEXT_BYTES];
+        const char *missing = NULL;
+
+        if (!readers[i]->detect(path, &missing))
+            continue;
+        config.format = i;
+        cln_config_text(&config, row, word);
+        CLN_TRY(cln_asprintf(&longer, "%s%s%s", *out ? *out : "", *out ? " or " : "", word));
+        free(*out);
+        *out = longer;
+        longer = NULL;
+    }
+done:
+    return st;
+}
+
+cln_status cln_reader_pick(const char *path, int format, const cln_reader **out, char **others)
 {
     cln_status st = CLN_OK;
     char *what = NULL, *advice = NULL, *list = NULL;
     const char *missing = NULL;
 
-    for (int i = 0; i < READERS; i++)
-        if (readers[i]->detect(path, &missing)) {
+    *others = NULL;
+    for (int i = CLN_FORMAT_AUTO + 1; i < CLN_FORMATS; i++)
+        if ((format == CLN_FORMAT_AUTO || format == i) && readers[i]->detect(path, &missing)) {
             *out = readers[i];
-            return CLN_OK;
+            return format == CLN_FORMAT_AUTO ? list_others(path, i, others) : CLN_OK;
         }
     errno = 0;
     if (!cln_is_dir(path) && !cln_is_file(path))
@@ -65,8 +95,9 @@ cln_status cln_reader_pick(const char *path, const cln_reader **out)
                          "%s: %s; give the folder of a scene, or its transforms JSON file", path,
                          errno ? strerror(errno) : "neither a folder nor a file"));
     CLN_TRY(cln_found_at(path, is_scene, &what, &advice));
-    CLN_TRY(list_readers(path, &list));
-    CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene: %s; %s; %s", path, what, list, advice));
+    CLN_TRY(list_readers(path, format, &list));
+    CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene%s: %s; %s; %s", path,
+                     format == CLN_FORMAT_AUTO ? "" : " of this --format", what, list, advice));
 done:
     free(what);
     free(advice);

@@ -10,10 +10,6 @@
 cln_status cln_transforms_number(const char *where, const json_t *object, const char *key,
                                  double *out, bool *found);
 
-/* "./train//r_0" -> "train/r_0". Components "." and ".." go, so that a name never leads out of a
- * folder that results are written to. The caller frees *out. */
-cln_status cln_transforms_name(const char *file_path, char **out);
-
 /* Fills name, path and camera of a zeroed view from frames[index] of the document. Image files are
  * looked for from `folder`. On failure the view may be partly filled. */
 cln_status cln_transforms_frame(const char *folder, const char *file, const json_t *root, int index,

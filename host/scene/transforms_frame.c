@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "io/image.h"
+#include "scene/dataset.h"
 
 /* Names tried behind a file_path, in this order. */
 static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
@@ -88,34 +89,6 @@ done:
     return st;
 }
 
-/* "OPENCV (k1 k2 p1 p2)", for every model there is. The caller frees *out. */
-static cln_status list_models(char **out)
-{
-    cln_status st = CLN_OK;
-    char *list = NULL, *longer = NULL;
-
-    CLN_TRY(cln_strdup(&list, ""));
-    for (int lens = 0; lens < CLN_LENSES; lens++) {
-        const cln_lens_model *model = &cln_lens_models[lens];
-
-        for (int i = -1; i < model->count; i++) { /* -1: the name */
-            const char *comma = i < 0 && lens > 0 ? ", " : i > 0 ? " " : "";
-
-            CLN_TRY(cln_asprintf(&longer, "%s%s%s%s%s", list, comma, i == 0 ? " (" : "",
-                                 i < 0 ? model->name : model->params[i],
-                                 i >= 0 && i == model->count - 1 ? ")" : ""));
-            free(list);
-            list = longer;
-            longer = NULL;
-        }
-    }
-    *out = list;
-    list = NULL;
-done:
-    free(list);
-    return st;
-}
-
 /* The lens model, OPENCV if none is named, and its parameters; refuses what they leave out. */
 static cln_status read_lens(const source *src, cln_camera *camera)
 {
@@ -125,7 +98,7 @@ static cln_status read_lens(const source *src, cln_camera *camera)
     const cln_lens_model *model = NULL;
     char *known = NULL;
 
-    CLN_TRY(list_models(&known));
+    CLN_TRY(cln_dataset_lenses(&known));
     camera->lens = CLN_LENS_OPENCV;
     if (named && !json_is_null(named)) {
         if (!json_is_string(named))
@@ -233,30 +206,6 @@ static cln_status read_pose(const source *src, double c2w[12])
     return CLN_OK;
 }
 
-cln_status cln_transforms_name(const char *file_path, char **out)
-{
-    cln_status st = CLN_OK;
-    char *name = NULL;
-    size_t used = 0;
-
-    CLN_TRY(cln_alloc(&name, strlen(file_path) + 1, 1, "name"));
-    for (const char *p = file_path; *p;) {
-        const size_t length = strcspn(p, "/\\");
-
-        if (length && strncmp(p, "..", length) != 0) { /* "." is a prefix of ".." */
-            if (used)
-                name[used++] = '/';
-            memcpy(name + used, p, length);
-            used += length;
-        }
-        p += length;
-        p += *p != 0;
-    }
-    *out = name;
-done:
-    return st;
-}
-
 static cln_status find_image(const source *src, const char *file_path, char **out)
 {
     cln_status st = CLN_OK;
@@ -304,9 +253,7 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
         CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d has no file_path (a string)", file, index));
     CLN_TRY(
         cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index, json_string_value(file_path)));
-    CLN_TRY(cln_transforms_name(json_string_value(file_path), &view->name));
-    if (!view->name[0])
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: file_path names no file", src.where));
+    CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), &view->name));
     CLN_TRY(read_pose(&src, view->camera.c2w));
     CLN_TRY(find_image(&src, json_string_value(file_path), &view->path));
     CLN_TRY(read_intrinsics(&src, view->path, &view->camera));

@@ -339,7 +339,7 @@ static void test_words_and_flags(void **state)
 
     memset(text, 'x', sizeof text);
     text[CLN_TEXT_BYTES] = 0;
-    assert_refused("bbox", text, "--bbox|xxx|127");
+    assert_refused("bbox", text, "--bbox|xxx|255");
     text[CLN_TEXT_BYTES - 1] = 0;
     assert_int_equal(cln_config_set(&config, row_of("bbox"), text), CLN_OK);
     assert_string_equal(config.bbox, text);

@@ -71,7 +71,7 @@ static void help_names_every_option_with_its_defaults(void **state)
 static void help_shows_ranges_words_and_presets(void **state)
 {
     char *text = printed(cln_help_print, cln_command_find("train"), true);
-    char wanted[512], fast[CLN_TEXT_BYTES], paper[CLN_TEXT_BYTES];
+    char wanted[1024], fast[CLN_TEXT_BYTES], paper[CLN_TEXT_BYTES];
     cln_config in_fast, in_paper;
     const cln_config_row *row = cln_config_find("n1");
 

@@ -80,7 +80,7 @@ static const broken documents[] = {
     {"no file_path", DOC("{\"transform_matrix\":" POSE_FRONT "}"), {"frame 0", "file_path"}},
     {"file_path a number", DOC("{\"file_path\":3}"), {"frame 0", "file_path"}},
     {"file_path empty", DOC(FRAME("", POSE_FRONT)), {"frame 0", "file_path"}},
-    {"file_path a folder", DOC(FRAME("../..", POSE_FRONT)), {"frame 0", "names no file"}},
+    {"file_path a folder", DOC(FRAME("../..", POSE_FRONT)), {"frame 0", "names no image file"}},
     {"the same twice",
      DOC(FRAME("a.png", POSE_FRONT) "," FRAME("./a.png", POSE_FRONT)),
      {"'a.png'", "twice"}},

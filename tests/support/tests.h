@@ -6,6 +6,7 @@
 
 int test_group_adam(void);
 int test_group_base(void);
+int test_group_broken_formats(void);
 int test_group_camera(void);
 int test_group_carry(void);
 int test_group_checkpoint(void);
@@ -14,6 +15,7 @@ int test_group_config(void);
 int test_group_coverage(void);
 int test_group_export(void);
 int test_group_field(void);
+int test_group_formats(void);
 int test_group_help(void);
 int test_group_image(void);
 int test_group_integer_program(void);

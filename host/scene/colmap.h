@@ -1,0 +1,45 @@
+/* A COLMAP sparse model as its files have it (colmap_model.c), for reader_colmap.c alone. */
+#ifndef CLN_SCENE_COLMAP_H
+#define CLN_SCENE_COLMAP_H
+
+#include "scene/reader.h"
+
+enum { CLN_COLMAP_PARAMS = 16 }; /* the most that a camera model has */
+
+/* COLMAP's camera models: `focals` focal lengths (0: an image of the whole sphere), the principal
+ * point, and the parameters of the lens, in the order of the lens model (lens.h). */
+typedef struct cln_colmap_kind {
+    const char *name;
+    int id, focals, extras;
+} cln_colmap_kind;
+
+typedef struct cln_colmap_camera {
+    uint32_t id;
+    const cln_colmap_kind *kind;
+    int width, height;
+    double params[CLN_COLMAP_PARAMS];
+} cln_colmap_camera;
+
+typedef struct cln_colmap_image {
+    char *name;
+    double pose[7]; /* world to camera: quaternion w x y z, translation */
+    uint32_t camera;
+} cln_colmap_image;
+
+typedef struct cln_colmap {
+    char *camera_file, *image_file; /* for sentences */
+    int camera_count, image_count, point_count;
+    cln_colmap_camera *cameras;
+    cln_colmap_image *images;
+    cln_point *points;
+} cln_colmap;
+
+/* Has the folder a model: cameras and images, both .bin or both .txt? *missing as in cln_reader. */
+bool cln_colmap_is_model(const char *folder, const char **missing);
+
+/* Reads the model's .bin files or, without them, its .txt files; points are optional. CLN_INPUT
+ * names the file and what is wrong; *out may then be partly filled. */
+cln_status cln_colmap_read(const char *folder, cln_colmap *out);
+void cln_colmap_free(cln_colmap *model);
+
+#endif

@@ -1,0 +1,365 @@
+/* The files of a COLMAP sparse model, binary or text:
+ *   cameras   id, camera model, width, height, parameters
+ *   images    id, quaternion w x y z and translation of world-to-camera, id of the camera, name,
+ *             and where its points are in it, which is skipped
+ *   points3D  id, x y z, colour, error, and the images that have it, of which the number is kept
+ * Newer models have rigs and frames besides; images still have every pose. Not the database. */
+#include "scene/colmap.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "io/cursor.h"
+#include "scene/dataset.h"
+
+static const size_t MAX_BYTES = (size_t)1 << 34;
+enum { MAX_POINTS = 100000000, MAX_SIDE = 1000000 };
+
+static const cln_colmap_kind kinds[] = {
+    {"SIMPLE_PINHOLE", 0, 1, 0},
+    {"PINHOLE", 1, 2, 0},
+    {"SIMPLE_RADIAL", 2, 1, 1},
+    {"RADIAL", 3, 1, 2},
+    {"OPENCV", 4, 2, 4},
+    {"OPENCV_FISHEYE", 5, 2, 4},
+    {"FULL_OPENCV", 6, 2, 8},
+    {"FOV", 7, 2, 1},
+    {"SIMPLE_RADIAL_FISHEYE", 8, 1, 1},
+    {"RADIAL_FISHEYE", 9, 1, 2},
+    {"THIN_PRISM_FISHEYE", 10, 2, 8},
+    {"RAD_TAN_THIN_PRISM_FISHEYE", 11, 2, 12},
+    {"SIMPLE_DIVISION", 12, 1, 1},
+    {"DIVISION", 13, 2, 1},
+    {"SIMPLE_FISHEYE", 14, 1, 0},
+    {"FISHEYE", 15, 2, 0},
+    {"EUCM", 16, 2, 2},
+    {"EQUIRECTANGULAR", 17, 0, 0},
+};
+enum { KINDS = sizeof kinds / sizeof *kinds };
+
+/* Numbers behind width and height; a sphere has its width and height there again. */
+static int param_count(const cln_colmap_kind *kind)
+{
+    return kind->focals + 2 + kind->extras;
+}
+
+static cln_status set_size(const char *path, double width, double height, cln_colmap_camera *camera)
+{
+    if (!(width >= 1 && width <= MAX_SIDE && height >= 1 && height <= MAX_SIDE))
+        return cln_fail(CLN_INPUT, "%s: camera %u: absurd image size %g x %g", path, camera->id,
+                        width, height);
+    camera->width = (int)width;
+    camera->height = (int)height;
+    return CLN_OK;
+}
+
+static cln_status too_many(const char *path, size_t count, const char *what, int most)
+{
+    return cln_fail(CLN_INPUT, "%s: %zu %s, more than the %d that are read", path, count, what,
+                    most);
+}
+
+/* ---- binary ---- */
+
+static cln_status read_camera(cln_cursor *c, cln_colmap_camera *camera)
+{
+    cln_status st = CLN_OK;
+    int32_t id = 0;
+    uint64_t size[2] = {0};
+
+    CLN_TRY(cln_cursor_take(c, "a camera", &camera->id, sizeof camera->id));
+    CLN_TRY(cln_cursor_take(c, "a camera", &id, sizeof id));
+    CLN_TRY(cln_cursor_take(c, "a camera", size, sizeof size));
+    for (int i = 0; i < KINDS; i++)
+        if (kinds[i].id == id)
+            camera->kind = &kinds[i];
+    if (!camera->kind)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: camera %u has the unknown camera model %d, of 0 to %d; convert it to "
+                         "one of these with COLMAP",
+                         c->path, camera->id, id, KINDS - 1));
+    CLN_TRY(set_size(c->path, (double)size[0], (double)size[1], camera));
+    CLN_TRY(cln_cursor_take(c, "a camera", camera->params,
+                            (size_t)param_count(camera->kind) * sizeof *camera->params));
+done:
+    return st;
+}
+
+static cln_status read_cameras(cln_cursor *c, cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+    size_t count = 0;
+
+    CLN_TRY(cln_cursor_count(c, "cameras", 24, &count));
+    if (count > CLN_MAX_VIEWS)
+        CLN_TRY(too_many(c->path, count, "cameras", CLN_MAX_VIEWS));
+    CLN_TRY(cln_alloc(&out->cameras, count, sizeof *out->cameras, "cameras"));
+    for (; out->camera_count < (int)count; out->camera_count++)
+        CLN_TRY(read_camera(c, &out->cameras[out->camera_count]));
+done:
+    return st;
+}
+
+static cln_status read_image(cln_cursor *c, cln_colmap_image *image)
+{
+    cln_status st = CLN_OK;
+    uint32_t id = 0;
+    const char *name = NULL;
+    size_t points = 0;
+
+    CLN_TRY(cln_cursor_take(c, "an image", &id, sizeof id));
+    CLN_TRY(cln_cursor_take(c, "an image", image->pose, sizeof image->pose));
+    CLN_TRY(cln_cursor_take(c, "an image", &image->camera, sizeof image->camera));
+    CLN_TRY(cln_cursor_text(c, "the name of an image", &name));
+    CLN_TRY(cln_dataset_name(c->path, name, &image->name));
+    CLN_TRY(cln_cursor_count(c, "points of an image", 24, &points));
+    c->at += 24 * points;
+done:
+    return st;
+}
+
+static cln_status read_images(cln_cursor *c, cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+    size_t count = 0;
+
+    CLN_TRY(cln_cursor_count(c, "images", 73, &count));
+    if (count > CLN_MAX_VIEWS)
+        CLN_TRY(too_many(c->path, count, "images", CLN_MAX_VIEWS));
+    CLN_TRY(cln_alloc(&out->images, count, sizeof *out->images, "images"));
+    while (out->image_count < (int)count)
+        CLN_TRY(read_image(c, &out->images[out->image_count++]));
+done:
+    return st;
+}
+
+static cln_status read_points(cln_cursor *c, cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+    size_t count = 0, track = 0;
+    uint64_t id = 0;
+    double error = 0;
+
+    CLN_TRY(cln_cursor_count(c, "points", 51, &count));
+    if (count > MAX_POINTS)
+        CLN_TRY(too_many(c->path, count, "points", MAX_POINTS));
+    CLN_TRY(cln_alloc(&out->points, count, sizeof *out->points, "points"));
+    for (; out->point_count < (int)count; out->point_count++) {
+        cln_point *point = &out->points[out->point_count];
+
+        CLN_TRY(cln_cursor_take(c, "a point", &id, sizeof id));
+        CLN_TRY(cln_cursor_take(c, "a point", point->xyz, sizeof point->xyz));
+        for (int i = 0; i < 3; i++)
+            if (!isfinite(point->xyz[i]))
+                CLN_TRY(cln_fail(CLN_INPUT,
+                                 "%s: the position of point %llu is not finite; export the model "
+                                 "again",
+                                 c->path, (unsigned long long)id));
+        CLN_TRY(cln_cursor_take(c, "a point", point->rgb, sizeof point->rgb));
+        CLN_TRY(cln_cursor_take(c, "a point", &error, sizeof error));
+        CLN_TRY(cln_cursor_count(c, "images of a point", 8, &track));
+        c->at += 8 * track;
+        point->views = track < CLN_MAX_VIEWS ? (int)track : CLN_MAX_VIEWS;
+    }
+done:
+    return st;
+}
+
+/* ---- text ---- */
+
+/* The next line with data, "#" begins a comment; NULL behind the last. */
+static char *data_line(cln_cursor *c)
+{
+    for (char *line = NULL; (line = cln_cursor_line(c));)
+        if (line[strspn(line, " \t")] && line[strspn(line, " \t")] != '#')
+            return line;
+    return NULL;
+}
+
+static cln_status bad_line(const cln_cursor *c, const char *form)
+{
+    return cln_fail(CLN_INPUT, "%s: line %d is not: %s", c->path, c->line, form);
+}
+
+/* Room for one more of what there are `count`; *array grows at powers of two. */
+static cln_status grow(void *array_pointer, int count, size_t size, const char *what)
+{
+    void **array = array_pointer;
+    void *more = NULL;
+    cln_status st = CLN_OK;
+
+    if (count & (count - 1))
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, size, what));
+    if (count)
+        memcpy(more, *array, (size_t)count * size);
+    free(*array);
+    *array = more;
+done:
+    return st;
+}
+
+static bool parse_camera(char *line, cln_colmap_camera *camera, double size[2])
+{
+    double id = 0;
+    char *word = NULL;
+
+    if (!cln_field_whole(&line, UINT32_MAX, &id) || !cln_field_word(&line, &word))
+        return false;
+    camera->id = (uint32_t)id;
+    for (int i = 0; i < KINDS; i++)
+        if (!strcmp(kinds[i].name, word))
+            camera->kind = &kinds[i];
+    if (!camera->kind || !cln_field_number(&line, &size[0]) || !cln_field_number(&line, &size[1]))
+        return false;
+    for (int i = 0; i < param_count(camera->kind); i++)
+        if (!cln_field_number(&line, &camera->params[i]))
+            return false;
+    return !cln_field_word(&line, &word);
+}
+
+static cln_status parse_cameras(cln_cursor *c, cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+
+    for (char *line = NULL; (line = data_line(c));) {
+        double size[2] = {0};
+
+        if (out->camera_count >= CLN_MAX_VIEWS)
+            CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "cameras", CLN_MAX_VIEWS));
+        CLN_TRY(grow(&out->cameras, out->camera_count, sizeof *out->cameras, "cameras"));
+        if (!parse_camera(line, &out->cameras[out->camera_count], size))
+            CLN_TRY(bad_line(c, "id, one of COLMAP's camera models, width, height and the model's "
+                                "parameters"));
+        CLN_TRY(set_size(c->path, size[0], size[1], &out->cameras[out->camera_count]));
+        out->camera_count++;
+    }
+done:
+    return st;
+}
+
+static cln_status parse_images(cln_cursor *c, cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+
+    for (char *line = NULL; (line = data_line(c));) {
+        cln_colmap_image *image = NULL;
+        double id = 0, camera = 0;
+        bool good = cln_field_whole(&line, UINT32_MAX, &id);
+
+        if (out->image_count >= CLN_MAX_VIEWS)
+            CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "images", CLN_MAX_VIEWS));
+        CLN_TRY(grow(&out->images, out->image_count, sizeof *out->images, "images"));
+        image = &out->images[out->image_count];
+        for (int i = 0; i < 7 && good; i++)
+            good = cln_field_number(&line, &image->pose[i]);
+        good = good && cln_field_whole(&line, UINT32_MAX, &camera);
+        line += strspn(line, " \t");
+        if (!good || !*line) /* the rest is the name, which may have blanks */
+            CLN_TRY(bad_line(c, "id, quaternion, translation, id of the camera and name of an "
+                                "image"));
+        image->camera = (uint32_t)camera;
+        CLN_TRY(cln_dataset_name(c->path, line, &image->name));
+        out->image_count++;
+        cln_cursor_line(c); /* its points, which may be none */
+    }
+done:
+    return st;
+}
+
+static cln_status parse_points(cln_cursor *c, cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+
+    for (char *line = NULL; (line = data_line(c));) {
+        cln_point *point = NULL;
+        double value = 0;
+        char *word = NULL;
+        int words = 0;
+        bool good = cln_field_number(&line, &value);
+
+        if (out->point_count >= MAX_POINTS)
+            CLN_TRY(too_many(c->path, (size_t)MAX_POINTS + 1, "points", MAX_POINTS));
+        CLN_TRY(grow(&out->points, out->point_count, sizeof *out->points, "points"));
+        point = &out->points[out->point_count];
+        for (int i = 0; i < 3 && good; i++)
+            good = cln_field_number(&line, &point->xyz[i]);
+        for (int i = 0; i < 3 && good; i++) {
+            good = cln_field_whole(&line, 255, &value);
+            if (good)
+                point->rgb[i] = (uint8_t)value;
+        }
+        if (!good || !cln_field_number(&line, &value))
+            CLN_TRY(bad_line(c, "id, position, colour, error and images of a point"));
+        while (words < 2 * CLN_MAX_VIEWS && cln_field_word(&line, &word))
+            words++;
+        point->views = words / 2; /* of an image its id and where the point is in it */
+        out->point_count++;
+    }
+done:
+    return st;
+}
+
+/* ---- both ---- */
+
+bool cln_colmap_is_model(const char *folder, const char **missing)
+{
+    const bool cameras[2] = {cln_dataset_has(folder, "cameras.bin"),
+                             cln_dataset_has(folder, "cameras.txt")};
+    const bool images[2] = {cln_dataset_has(folder, "images.bin"),
+                            cln_dataset_has(folder, "images.txt")};
+
+    if ((cameras[0] && images[0]) || (cameras[1] && images[1]))
+        return true;
+    if (cameras[0] || cameras[1])
+        *missing = "there are cameras, but no images beside them";
+    else if (images[0] || images[1])
+        *missing = "there are images, but no cameras beside them";
+    return false;
+}
+
+static cln_status read_file(const char *path, cln_status (*read)(cln_cursor *, cln_colmap *),
+                            cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+    cln_cursor cursor = {.path = path};
+
+    CLN_TRY(cln_read_file(path, MAX_BYTES, &cursor.data, &cursor.size));
+    CLN_TRY(read(&cursor, out));
+done:
+    free(cursor.data);
+    return st;
+}
+
+cln_status cln_colmap_read(const char *folder, cln_colmap *out)
+{
+    cln_status st = CLN_OK;
+    const bool binary =
+        cln_dataset_has(folder, "cameras.bin") && cln_dataset_has(folder, "images.bin");
+    char *points = NULL;
+
+    CLN_TRY(cln_path_join(&out->camera_file, folder, binary ? "cameras.bin" : "cameras.txt"));
+    CLN_TRY(cln_path_join(&out->image_file, folder, binary ? "images.bin" : "images.txt"));
+    CLN_TRY(cln_path_join(&points, folder, binary ? "points3D.bin" : "points3D.txt"));
+    CLN_TRY(read_file(out->camera_file, binary ? read_cameras : parse_cameras, out));
+    CLN_TRY(read_file(out->image_file, binary ? read_images : parse_images, out));
+    if (cln_is_file(points))
+        CLN_TRY(read_file(points, binary ? read_points : parse_points, out));
+done:
+    free(points);
+    return st;
+}
+
+void cln_colmap_free(cln_colmap *model)
+{
+    for (int i = 0; i < model->image_count; i++)
+        free(model->images[i].name);
+    free(model->images);
+    free(model->cameras);
+    free(model->points);
+    free(model->camera_file);
+    free(model->image_file);
+    *model = (cln_colmap){0};
+}

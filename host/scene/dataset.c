@@ -1,0 +1,319 @@
+/* What readers share. See dataset.h. */
+#include "scene/dataset.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+
+enum { MAX_DEPTH = 4, MAX_NAMES = 10 * CLN_MAX_VIEWS };
+
+static const char *const image_folders[] = {"images", "images_2", "images_4", "images_8"};
+enum { IMAGE_FOLDERS = sizeof image_folders / sizeof *image_folders };
+
+bool cln_dataset_has(const char *folder, const char *file)
+{
+    char *path = NULL;
+    const bool has = cln_path_join(&path, folder, file) == CLN_OK && cln_is_file(path);
+
+    free(path);
+    return has;
+}
+
+bool cln_dataset_has_folder(const char *folder, const char *name)
+{
+    char *path = NULL;
+    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_dir(path);
+
+    free(path);
+    return has;
+}
+
+cln_status cln_dataset_name(const char *where, const char *file_path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL;
+    size_t used = 0;
+
+    CLN_TRY(cln_alloc(&name, strlen(file_path) + 1, 1, "name"));
+    for (const char *p = file_path; *p;) {
+        const size_t length = strcspn(p, "/\\");
+
+        if (length && strncmp(p, "..", length) != 0) { /* "." is a prefix of ".." */
+            if (used)
+                name[used++] = '/';
+            memcpy(name + used, p, length);
+            used += length;
+        }
+        p += length;
+        p += *p != 0;
+    }
+    if (!used)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: '%s' names no image file", where, file_path));
+    if (!cln_utf8_valid(name)) {
+        cln_utf8_repair(name);
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: the image name '%s' is not UTF-8, as JSON must be; rename the image",
+                         where, name));
+    }
+    *out = name;
+    name = NULL;
+done:
+    free(name);
+    return st;
+}
+
+/* ---- image files ---- */
+
+static bool is_image(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+
+    return dot &&
+           (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"));
+}
+
+static cln_status keep_name(cln_names *names, const char *within, const char *name)
+{
+    cln_status st = CLN_OK;
+    const int count = names->count;
+
+    if (count >= MAX_NAMES)
+        return cln_fail(CLN_INPUT, "%s: more than %d files; give the folder of one scene", within,
+                        MAX_NAMES);
+    if ((count & (count - 1)) == 0) { /* full at powers of two */
+        char **more = NULL;
+
+        CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, sizeof *more, "names"));
+        if (count)
+            memcpy(more, names->name, (size_t)count * sizeof *more);
+        free(names->name);
+        names->name = more;
+    }
+    CLN_TRY(cln_path_join(&names->name[count], within, name));
+    names->count++;
+done:
+    return st;
+}
+
+/* Images or folders of `folder`, which is `within` below the first one. */
+static cln_status list(const char *folder, const char *within, int depth, bool folders,
+                       cln_names *out)
+{
+    cln_status st = CLN_OK;
+    DIR *dir = opendir(folder);
+    char *path = NULL, *name = NULL;
+
+    if (!dir)
+        return cln_fail(CLN_INPUT, "%s: %s", folder, strerror(errno));
+    for (struct dirent *entry = NULL; (entry = readdir(dir));) {
+        if (entry->d_name[0] == '.')
+            continue;
+        free(path);
+        free(name);
+        path = name = NULL;
+        CLN_TRY(cln_path_join(&path, folder, entry->d_name));
+        CLN_TRY(cln_path_join(&name, within, entry->d_name));
+        if (cln_is_dir(path)) {
+            if (folders)
+                CLN_TRY(keep_name(out, within, entry->d_name));
+            else if (depth < MAX_DEPTH)
+                CLN_TRY(list(path, name, depth + 1, false, out));
+        } else if (!folders && is_image(name)) {
+            CLN_TRY(keep_name(out, within, entry->d_name));
+        }
+    }
+done:
+    closedir(dir);
+    free(path);
+    free(name);
+    return st;
+}
+
+static int by_bytes(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+static cln_status list_sorted(const char *folder, bool folders, cln_names *out)
+{
+    const cln_status st = list(folder, "", 0, folders, out);
+
+    if (out->count)
+        qsort(out->name, (size_t)out->count, sizeof *out->name, by_bytes);
+    return st;
+}
+
+cln_status cln_dataset_images(const char *folder, cln_names *out)
+{
+    return list_sorted(folder, false, out);
+}
+
+void cln_dataset_free_names(cln_names *names)
+{
+    for (int i = 0; i < names->count; i++)
+        free(names->name[i]);
+    free(names->name);
+    *names = (cln_names){0};
+}
+
+cln_status cln_dataset_image_folder(const char *base, char **out)
+{
+    *out = NULL;
+    for (int i = 0; i < IMAGE_FOLDERS; i++)
+        if (cln_dataset_has_folder(base, image_folders[i]))
+            return cln_path_join(out, base, image_folders[i]);
+    return CLN_OK;
+}
+
+static bool has_a_view(const char *folder, const cln_reader_result *result)
+{
+    for (int i = 0; i < result->view_count; i++)
+        if (cln_dataset_has(folder, result->views[i].name))
+            return true;
+    return false;
+}
+
+/* The first folder of `base` that has an image of a view; NULL if none has. */
+static cln_status folder_of_views(const char *base, const cln_reader_result *result, char **out)
+{
+    cln_status st = CLN_OK;
+    cln_names others = {0};
+
+    for (int i = 0; i <= IMAGE_FOLDERS; i++) {
+        free(*out);
+        *out = NULL;
+        CLN_TRY(i < IMAGE_FOLDERS ? cln_path_join(out, base, image_folders[i])
+                                  : cln_strdup(out, base));
+        if (has_a_view(*out, result))
+            goto done;
+    }
+    CLN_TRY(list_sorted(base, true, &others));
+    for (int i = 0; i < others.count; i++) {
+        free(*out);
+        *out = NULL;
+        CLN_TRY(cln_path_join(out, base, others.name[i]));
+        if (has_a_view(*out, result))
+            goto done;
+    }
+    free(*out);
+    *out = NULL;
+done:
+    cln_dataset_free_names(&others);
+    return st;
+}
+
+cln_status cln_dataset_find_images(const char *where, const char *const *bases, int base_count,
+                                   cln_reader_result *result, char **folder)
+{
+    cln_status st = CLN_OK;
+    const char *missing = NULL;
+    int missed = 0;
+    cln_names there = {0};
+
+    if (!result->view_count)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: no image has a pose", where));
+    for (int i = 0; i < base_count && !*folder; i++)
+        CLN_TRY(folder_of_views(bases[i], result, folder));
+    if (!*folder)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: none of its %d images is there: '%s' was looked for in %s and the "
+                         "folders in it; put them into its folder images",
+                         where, result->view_count, result->views[0].name, bases[base_count - 1]));
+    for (int i = 0; i < result->view_count; i++) {
+        cln_view *view = &result->views[i];
+
+        CLN_TRY(cln_path_join(&view->path, *folder, view->name));
+        if (cln_is_file(view->path))
+            continue;
+        if (!missed++)
+            missing = view->name;
+    }
+    if (missed)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: %d of its %d images are not in %s, the first is '%s'; restore them, "
+                         "or take them out of the reconstruction",
+                         where, missed, result->view_count, *folder, missing));
+    for (int i = 0; i < base_count; i++)
+        if (!strcmp(*folder, bases[i]))
+            goto done; /* what else lies there are no images of this reconstruction */
+    CLN_TRY(cln_dataset_images(*folder, &there));
+    if (there.count > result->view_count)
+        cln_warn("%s: %d of %d images have no pose and are left out", *folder,
+                 there.count - result->view_count, there.count);
+done:
+    cln_dataset_free_names(&there);
+    return st;
+}
+
+/* ---- cameras ---- */
+
+cln_status cln_dataset_lenses(char **out)
+{
+    cln_status st = CLN_OK;
+    char *list = NULL, *longer = NULL;
+
+    CLN_TRY(cln_strdup(&list, ""));
+    for (int lens = 0; lens < CLN_LENSES; lens++) {
+        const cln_lens_model *model = &cln_lens_models[lens];
+
+        for (int i = -1; i < model->count; i++) { /* -1: the name */
+            const char *comma = i < 0 && lens > 0 ? ", " : i > 0 ? " " : "";
+
+            CLN_TRY(cln_asprintf(&longer, "%s%s%s%s%s", list, comma, i == 0 ? " (" : "",
+                                 i < 0 ? model->name : model->params[i],
+                                 i >= 0 && i == model->count - 1 ? ")" : ""));
+            free(list);
+            list = longer;
+            longer = NULL;
+        }
+    }
+    *out = list;
+    list = NULL;
+done:
+    free(list);
+    return st;
+}
+
+cln_status cln_dataset_lens(const char *where, const char *model, int count, const double *values,
+                            cln_camera *camera)
+{
+    cln_status st = CLN_OK;
+    const cln_lens lens = cln_lens_find(model);
+    bool fits = lens != CLN_LENSES;
+    char *known = NULL;
+
+    camera->lens = lens;
+    for (int i = 0; i < count && fits; i++) {
+        if (i < cln_lens_models[lens].count)
+            camera->distortion[i] = values[i];
+        else
+            fits = values[i] == 0;
+    }
+    if (fits)
+        return CLN_OK;
+    CLN_TRY(cln_dataset_lenses(&known));
+    CLN_TRY(cln_fail(CLN_INPUT,
+                     "%s: cameras of the model %s are not read, only %s; undistort the images to "
+                     "such a camera",
+                     where, model, known));
+done:
+    free(known);
+    return st;
+}
+
+void cln_dataset_pose(const double rotation[9], const double translation[3], double c2w[12])
+{
+    for (int i = 0; i < 3; i++) {
+        c2w[4 * i + 3] = 0;
+        for (int j = 0; j < 3; j++) {
+            c2w[4 * i + j] = rotation[3 * j + i];
+            c2w[4 * i + 3] -= rotation[3 * j + i] * translation[j];
+        }
+    }
+}

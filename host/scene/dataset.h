@@ -1,0 +1,52 @@
+/* What readers share: names, image files and folders, lens models by the names that datasets use,
+ * and poses given the other way round. Private to this room. `where` begins the sentences of
+ * errors: the file, and what in it. */
+#ifndef CLN_SCENE_DATASET_H
+#define CLN_SCENE_DATASET_H
+
+#include "scene/reader.h"
+
+enum { CLN_MAX_VIEWS = 100000 };
+
+bool cln_dataset_has(const char *folder, const char *file);
+bool cln_dataset_has_folder(const char *folder, const char *name);
+
+/* "./train//r_0" -> "train/r_0". Components "." and ".." go, so that a name never leads out of a
+ * folder that results are written to. CLN_INPUT if nothing is left or if it is not UTF-8, as JSON
+ * must be. The caller frees *out. */
+cln_status cln_dataset_name(const char *where, const char *file_path, char **out);
+
+/* The PNG and JPEG files in a folder and the folders in it, relative to it, ordered byte by byte.
+ * The caller frees them with cln_dataset_free_names, also after a failure. */
+typedef struct cln_names {
+    int count;
+    char **name; /* [count] */
+} cln_names;
+cln_status cln_dataset_images(const char *folder, cln_names *out);
+void cln_dataset_free_names(cln_names *names);
+
+/* The folder of images of `base` where a dataset fixes their order but not their folder: `images`,
+ * else the first of images_2, images_4 and images_8, which have smaller copies. *out is NULL if
+ * there is none of them; the caller frees it. */
+cln_status cln_dataset_image_folder(const char *base, char **out);
+
+/* Fills the paths of the views, which have names: from the first folder that has any of them, below
+ * one of `bases` (nearest first): images, images_2, images_4, images_8, the base itself, any other
+ * folder in it. CLN_INPUT if an image is missing. Tells in the log how many images of the folder
+ * are no view. *folder is it; the caller frees it. */
+cln_status cln_dataset_find_images(const char *where, const char *const *bases, int base_count,
+                                   cln_reader_result *result, char **folder);
+
+/* "OPENCV (k1 k2 p1 p2), ...": every lens model there is. The caller frees *out. */
+cln_status cln_dataset_lenses(char **out);
+
+/* Sets lens and distortion: values[count] in the order of the model's parameters. CLN_INPUT if
+ * there is no such model, or one that has fewer parameters and these are not 0. */
+cln_status cln_dataset_lens(const char *where, const char *model, int count, const double *values,
+                            cln_camera *camera);
+
+/* World-to-camera x' = R x + t (R row-major) -> camera-to-world. R is taken as it is: checks follow
+ * for every format. */
+void cln_dataset_pose(const double rotation[9], const double translation[3], double c2w[12]);
+
+#endif

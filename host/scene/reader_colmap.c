@@ -1,0 +1,232 @@
+/* Reader of COLMAP's sparse models (colmap_model.c has the files): in the folder given, or in its
+ * sparse, sparse/0 or colmap/sparse/0. Images lie in `images` beside it or above it, smaller copies
+ * in images_2, _4, _8 (dataset.h); cameras follow the images' size. Poses are world-to-camera with
+ * our axes; the centre of the top-left pixel is (0.5, 0.5) there, too. Points say where the cube
+ * is. Several cameras are one case with one. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "scene/colmap.h"
+#include "scene/dataset.h"
+
+/* Where a model lies in a scene, in this order, and how far below the scene. */
+static const struct {
+    const char *folder;
+    int depth;
+} places[] = {{"", 0}, {"sparse", 1}, {"sparse/0", 2}, {"colmap/sparse/0", 3}};
+enum { PLACES = sizeof places / sizeof *places, BASES = 4 };
+
+static cln_status place_folder(const char *path, int place, char **out)
+{
+    return places[place].depth ? cln_path_join(out, path, places[place].folder)
+                               : cln_strdup(out, path);
+}
+
+/* Index of the place; PLACES if there is no model. */
+static int find_place(const char *path, const char **missing)
+{
+    *missing = "the folder has none";
+    for (int i = 0; i < PLACES; i++) {
+        char *folder = NULL;
+        const bool found =
+            place_folder(path, i, &folder) == CLN_OK && cln_colmap_is_model(folder, missing);
+
+        free(folder);
+        if (found)
+            return i;
+    }
+    return PLACES;
+}
+
+/* The folder that `path` is in, by its text where that tells. The caller frees *out. */
+static cln_status parent(const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t length = strlen(path);
+    const char *last = NULL;
+
+    while (length > 1 && path[length - 1] == '/')
+        length--;
+    CLN_TRY(cln_asprintf(out, "%.*s", (int)length, path));
+    last = strrchr(*out, '/');
+    last = last ? last + 1 : *out;
+    if (!strcmp(last, ".") || !strcmp(last, "..") || last == *out) {
+        free(*out);
+        *out = NULL;
+        CLN_TRY(cln_asprintf(out, "%.*s/..", (int)length, path));
+    } else {
+        (*out)[last - *out - (last - *out > 1)] = 0; /* "/x" is in "/" */
+    }
+done:
+    return st;
+}
+
+/* ---- cameras ---- */
+
+static int by_id(const void *a, const void *b)
+{
+    const cln_colmap_camera *x = a, *y = b;
+
+    return x->id < y->id ? -1 : x->id > y->id;
+}
+
+static cln_status sort_cameras(cln_colmap *model)
+{
+    if (model->camera_count)
+        qsort(model->cameras, (size_t)model->camera_count, sizeof *model->cameras, by_id);
+    for (int i = 1; i < model->camera_count; i++)
+        if (model->cameras[i].id == model->cameras[i - 1].id)
+            return cln_fail(CLN_INPUT, "%s: camera %u is there twice", model->camera_file,
+                            model->cameras[i].id);
+    return CLN_OK;
+}
+
+static const cln_colmap_camera *find_camera(const cln_colmap *model, uint32_t id)
+{
+    const cln_colmap_camera key = {.id = id};
+
+    return model->camera_count ? bsearch(&key, model->cameras, (size_t)model->camera_count,
+                                         sizeof *model->cameras, by_id)
+                               : NULL;
+}
+
+static cln_status set_camera(const char *where, const cln_colmap_camera *from, cln_camera *to)
+{
+    static const double pi = 3.14159265358979323846;
+    const double *p = from->params;
+    const int focals = from->kind->focals;
+
+    to->width = from->width;
+    to->height = from->height;
+    to->fx = p[0];
+    to->fy = p[focals - 1 > 0];
+    to->cx = p[focals];
+    to->cy = p[focals + 1];
+    if (!focals) { /* a radian of longitude and of latitude; its parameters are its size */
+        to->fx = 0.5 * from->width / pi;
+        to->fy = from->height / pi;
+        to->cx = 0.5 * from->width;
+        to->cy = 0.5 * from->height;
+    }
+    return cln_dataset_lens(where, from->kind->name, from->kind->extras, p + focals + 2, to);
+}
+
+static cln_status set_pose(const char *where, const double pose[7], double c2w[12])
+{
+    double q[4], rotation[9], length = 0;
+
+    for (int i = 0; i < 4; i++)
+        length += pose[i] * pose[i];
+    length = sqrt(length);
+    if (!(fabs(length - 1) <= 0.01)) /* texts are rounded; also false for NaN */
+        return cln_fail(CLN_INPUT, "%s: its quaternion has the length %g instead of 1", where,
+                        length);
+    for (int i = 0; i < 4; i++)
+        q[i] = pose[i] / length;
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+
+        rotation[3 * i + i] = 1 - 2 * (q[j + 1] * q[j + 1] + q[k + 1] * q[k + 1]);
+        rotation[3 * i + j] = 2 * (q[i + 1] * q[j + 1] - q[0] * q[k + 1]);
+        rotation[3 * i + k] = 2 * (q[i + 1] * q[k + 1] + q[0] * q[j + 1]);
+    }
+    cln_dataset_pose(rotation, pose + 4, c2w);
+    return CLN_OK;
+}
+
+static cln_status make_views(cln_colmap *model, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    char *where = NULL;
+
+    CLN_TRY(cln_alloc(&result->views, (size_t)model->image_count, sizeof *result->views, "views"));
+    for (int i = 0; i < model->image_count; i++) {
+        cln_colmap_image *image = &model->images[i];
+        cln_view *view = &result->views[result->view_count++];
+        const cln_colmap_camera *camera = find_camera(model, image->camera);
+
+        view->name = image->name;
+        image->name = NULL;
+        free(where);
+        CLN_TRY(cln_asprintf(&where, "%s: image '%s'", model->image_file, view->name));
+        if (!camera)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: its camera %u is not in %s", where, image->camera,
+                             model->camera_file));
+        CLN_TRY(set_camera(where, camera, &view->camera));
+        CLN_TRY(set_pose(where, image->pose, view->camera.c2w));
+    }
+done:
+    free(where);
+    return st;
+}
+
+/* ---- the reader ---- */
+
+static bool detect(const char *path, const char **missing)
+{
+    if (cln_is_dir(path))
+        return find_place(path, missing) < PLACES;
+    *missing = "it is no folder";
+    return false;
+}
+
+/* Images are looked for beside the model and in the folders above it: up to the scene's, where that
+ * is known. */
+static cln_status find_images(const char *model, int depth, const char *where,
+                              cln_reader_result *result, char **images)
+{
+    cln_status st = CLN_OK;
+    char *bases[BASES] = {0};
+    const int count = depth ? depth + 1 : BASES;
+
+    CLN_TRY(cln_strdup(&bases[0], model));
+    for (int i = 1; i < count; i++)
+        CLN_TRY(parent(bases[i - 1], &bases[i]));
+    CLN_TRY(cln_dataset_find_images(where, (const char *const *)bases, count, result, images));
+done:
+    for (int i = 0; i < BASES; i++)
+        free(bases[i]);
+    return st;
+}
+
+static cln_status read_scene(const char *path, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_colmap model = {0};
+    const char *missing = NULL;
+    const int place = find_place(path, &missing);
+    char *folder = NULL, *images = NULL;
+
+    CLN_TRY(place_folder(path, place, &folder));
+    CLN_TRY(cln_colmap_read(folder, &model));
+    CLN_TRY(sort_cameras(&model));
+    CLN_TRY(make_views(&model, result));
+    CLN_TRY(find_images(folder, places[place].depth, model.image_file, result, &images));
+    result->points = model.points;
+    result->point_count = model.point_count;
+    model.points = NULL;
+    result->dialect = "COLMAP";
+    CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s", folder,
+                         images));
+    if (places[place].depth > 1 && (cln_dataset_has_folder(path, "sparse/1") ||
+                                    cln_dataset_has_folder(path, "colmap/sparse/1")))
+        cln_warn("%s: there are other models beside it, which are not read; give the folder of one "
+                 "of them, if it has more images",
+                 folder);
+done:
+    free(folder);
+    free(images);
+    cln_colmap_free(&model);
+    return st;
+}
+
+const cln_reader cln_reader_colmap = {
+    .name = "the COLMAP reader",
+    .wants = "a folder with cameras and images, .bin or .txt, or with such a model in sparse, "
+             "sparse/0 or colmap/sparse/0",
+    .detect = detect,
+    .read = read_scene,
+};

@@ -1,0 +1,247 @@
+/* Datasets that must not load: every reader against its own files cut at every length, damaged at
+ * random, and wrong in what they say. Each gives CLN_INPUT, a sentence that names the file, a NULL
+ * scene and no leak (run under sanitizers). The transforms reader's are in test_scene_input.c. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "format_fixture.h"
+#include "tests.h"
+
+static const cln_config *plain(void)
+{
+    static cln_config config;
+
+    config = default_config();
+    config.holdout = 0;
+    config.downscale = 1;
+    return &config;
+}
+
+static void assert_refused(const char *scene_path, const char *const words[3], const char *what)
+{
+    cln_scene *scene = NULL;
+    const cln_status st = try_load(scene_path, plain(), &scene);
+
+    if (st != CLN_INPUT)
+        fail_msg("%s: status %d instead of CLN_INPUT (%s)", what, (int)st, cln_error_text());
+    assert_null(scene);
+    for (int i = 0; i < 3 && words[i]; i++)
+        if (!strstr(cln_error_text(), words[i]))
+            fail_msg("%s: '%s' lacks '%s'", what, cln_error_text(), words[i]);
+    cln_clear_error();
+}
+
+/* The file cut at every length, in steps of `step`: refused, and the sentence names it. */
+static void cut_everywhere(const char *scene, const char *file, size_t step)
+{
+    size_t bytes = 0;
+    char *data = scratch_get(file, &bytes);
+
+    for (size_t cut = 0; cut < bytes; cut += step) {
+        char what[64];
+
+        snprintf(what, sizeof what, "cut at %zu", cut);
+        scratch_put(file, data, cut);
+        assert_refused(scene, (const char *const[3]){file}, what);
+    }
+    scratch_put(file, data, bytes);
+    free(data);
+    cln_scene_free(load(scene, plain()));
+}
+
+/* One byte changed, in all places and to several values: refused with a sentence, or read. */
+static void damage_everywhere(const char *scene_path, const char *file, size_t step)
+{
+    static const unsigned char values[] = {0, 0xFF, 0x7F, ' ', '9', 'e', '-', '\n', '#', '"'};
+    size_t bytes = 0;
+    char *data = scratch_get(file, &bytes);
+
+    for (size_t at = 0; at < bytes; at += step) {
+        const char before = data[at];
+        cln_scene *scene = NULL;
+
+        data[at] = (char)values[at / step % sizeof values];
+        scratch_put(file, data, bytes);
+        if (try_load(scene_path, plain(), &scene) != CLN_OK) {
+            assert_null(scene);
+            assert_true(cln_error_text()[0]);
+        }
+        cln_scene_free(scene);
+        cln_clear_error();
+        data[at] = before;
+    }
+    scratch_put(file, data, bytes);
+    free(data);
+}
+
+/* Overwrites bytes of a file; returns what was there before in `before`. */
+static void patch(const char *file, long at, const void *bytes, size_t count, void *before)
+{
+    FILE *f = fopen(file, "r+b");
+
+    assert_non_null(f);
+    assert_int_equal(fseek(f, at, SEEK_SET), 0);
+    assert_int_equal(fread(before, 1, count, f), count);
+    assert_int_equal(fseek(f, at, SEEK_SET), 0);
+    assert_int_equal(fwrite(bytes, 1, count, f), count);
+    assert_int_equal(fclose(f), 0);
+}
+
+/* ---- COLMAP ---- */
+
+static const cln_point few_points[2] = {{{1, 2, 3}, {4, 5, 6}, 2}, {{2, 2, 3}, {4, 5, 6}, 3}};
+
+/* A good model of two points in "sparse/0". */
+static void put_colmap(const char *folder, bool binary)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_colmap(scratch_path(folder, "sparse/0"), binary, cameras, NULL, few_points, 2);
+    cln_scene_free(load(folder, plain()));
+}
+
+static void test_colmap_binary(void **state)
+{
+    static const char *const files[] = {"cameras.bin", "images.bin", "points3D.bin"};
+    const char *folder = *state, *model = scratch_path(folder, "sparse/0");
+
+    put_colmap(folder, true);
+    for (int i = 0; i < 3; i++) {
+        cut_everywhere(folder, scratch_path(model, files[i]), 1);
+        damage_everywhere(folder, scratch_path(model, files[i]), 3);
+    }
+}
+
+static void test_colmap_text(void **state)
+{
+    static const char *const files[] = {"cameras.txt", "images.txt", "points3D.txt"};
+    const char *folder = *state, *model = scratch_path(folder, "sparse/0");
+
+    put_colmap(folder, false);
+    for (int i = 0; i < 3; i++)
+        damage_everywhere(folder, scratch_path(model, files[i]), 3);
+}
+
+/* Fields of the binary files, by where they lie: cameras.bin has the count, then cameras of 56
+ * bytes, the first with id 22; images.bin images of 4 + 56 + 4 + 12 + 8 + 24 bytes. */
+static void test_colmap_fields(void **state)
+{
+    static const double nan_value = NAN, huge = 1e300, zero = 0, two = 2;
+    static const uint64_t many = UINT64_MAX, lots = 1000000, none = 0, absurd = (uint64_t)1 << 40;
+    static const uint32_t id = 19, model = 99, minus = UINT32_MAX;
+    static const struct {
+        const char *file;
+        long at;
+        const void *value;
+        size_t bytes;
+        const char *words[3];
+    } cases[] = {
+        {"cameras.bin", 0, &many, 8, {"cameras.bin", "18446744073709551615 cameras", "cut off"}},
+        {"cameras.bin", 0, &lots, 8, {"cameras.bin", "1000000 cameras"}},
+        {"cameras.bin", 0, &none, 8, {"images.bin", "'view_00.png'", "camera 7 is not in"}},
+        {"cameras.bin", 8, &id, 4, {"cameras.bin", "camera 19 is there twice"}},
+        {"cameras.bin", 12, &model, 4, {"cameras.bin", "camera 22", "camera model 99"}},
+        {"cameras.bin", 12, &minus, 4, {"cameras.bin", "camera 22", "camera model -1"}},
+        {"cameras.bin", 16, &absurd, 8, {"cameras.bin", "camera 22", "absurd image size"}},
+        {"cameras.bin", 24, &none, 8, {"cameras.bin", "camera 22", "absurd image size 16 x 0"}},
+        {"cameras.bin", 32, &nan_value, 8, {"'view_05.png'", "absurd fl_x"}},
+        {"cameras.bin", 40, &zero, 8, {"'view_05.png'", "absurd fl_y = 0"}},
+        {"cameras.bin", 48, &huge, 8, {"'view_05.png'", "absurd cx"}},
+        {"images.bin", 0, &many, 8, {"images.bin", "18446744073709551615 images"}},
+        {"images.bin", 0, &none, 8, {"images.bin", "no image has a pose"}},
+        {"images.bin", 12, &nan_value, 8, {"images.bin", "'view_00.png'", "quaternion"}},
+        {"images.bin", 12, &two, 8, {"images.bin", "'view_00.png'", "quaternion"}},
+        {"images.bin", 44, &nan_value, 8, {"'view_00.png'", "not finite"}},
+        {"images.bin", 44, &huge, 8, {"'view_00.png'", "beyond"}},
+        {"images.bin", 68, &model, 4, {"images.bin", "'view_00.png'", "camera 99 is not in"}},
+        {"images.bin", 72, "\xFF", 1, {"images.bin", "not UTF-8"}},
+        {"images.bin", 72, "", 1, {"images.bin", "names no image"}},
+        {"images.bin", 72, "X", 1, {"images.bin", "1 of its 6 images are not in", "'Xiew_00.png'"}},
+        {"images.bin", 84, &many, 8, {"images.bin", "18446744073709551615 points of an image"}},
+        {"points3D.bin", 0, &many, 8, {"points3D.bin", "18446744073709551615 points"}},
+        {"points3D.bin", 16, &nan_value, 8, {"points3D.bin", "point 1 is not finite"}},
+        {"points3D.bin", 51, &many, 8, {"points3D.bin", "images of a point"}},
+    };
+    const char *folder = *state, *model_folder = scratch_path(folder, "sparse/0");
+
+    put_colmap(folder, true);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *file = scratch_path(model_folder, cases[i].file);
+        char before[8], ignored[8], what[64];
+
+        snprintf(what, sizeof what, "case %zu, %s", i, cases[i].file);
+        patch(file, cases[i].at, cases[i].value, cases[i].bytes, before);
+        assert_refused(folder, cases[i].words, what);
+        patch(file, cases[i].at, before, cases[i].bytes, ignored);
+    }
+    cln_scene_free(load(folder, plain()));
+}
+
+static void test_colmap_lines(void **state)
+{
+    static const struct {
+        const char *file, *text, *words[3];
+    } cases[] = {
+        {"cameras.txt", "", {"images.txt", "camera 7 is not in"}},
+        {"cameras.txt", "\x89PNG\r\n\x1a\n", {"cameras.txt: line 1", "camera models"}},
+        {"cameras.txt", "# c\n7 PINHOLE 16 12 20 20 8\n", {"cameras.txt: line 2"}},
+        {"cameras.txt", "7 PINHOLE 16 12 20 20 8 6 1\n", {"cameras.txt: line 1"}},
+        {"cameras.txt", "7 PINHALE 16 12 20 20 8 6\n", {"cameras.txt: line 1"}},
+        {"cameras.txt", "7 PINHOLE 16 12 20 nan 8 6\n", {"cameras.txt: line 1"}},
+        {"cameras.txt", "-7 PINHOLE 16 12 20 20 8 6\n", {"cameras.txt: line 1"}},
+        {"cameras.txt", "7 PINHOLE 1e9 12 20 20 8 6\n", {"cameras.txt: camera 7", "1e+09 x 12"}},
+        {"images.txt", "", {"images.txt", "no image has a pose"}},
+        {"images.txt", "1 1 0 0 0 0 0 4 7\n\n", {"images.txt: line 1", "name of an image"}},
+        {"images.txt", "1 1 0 0 0 inf 0 4 7 a.png\n", {"images.txt: line 1"}},
+        {"images.txt", "1 1 0 0 0 0 0 4 7.5 a.png\n", {"images.txt: line 1"}},
+        {"images.txt", "1 1 0 0 0 0 0 4 7 ../..\n", {"images.txt", "names no image"}},
+        {"images.txt", "1 1 0 0 0 0 0 4 7 a b.png\n", {"images.txt", "'a b.png' was looked for"}},
+        {"images.txt", "1 0 0 0 0 0 0 4 7 view_00.png\n", {"images.txt", "length 0"}},
+        {"points3D.txt", "1 2 3\n", {"points3D.txt: line 1"}},
+        {"points3D.txt", "1 2 3 4 256 0 0 .5 1 2\n", {"points3D.txt: line 1"}},
+        {"points3D.txt", "1 2 3 1e999 0 0 0 .5 1 2\n", {"points3D.txt: line 1"}},
+    };
+    const char *folder = *state, *model = scratch_path(folder, "sparse/0");
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        put_colmap(folder, false);
+        put_text(model, cases[i].file, cases[i].text);
+        assert_refused(folder, cases[i].words, cases[i].text);
+    }
+}
+
+/* Images: all gone, one gone, of another shape, broken. */
+static void test_colmap_images(void **state)
+{
+    const char *folder = *state;
+
+    put_colmap(folder, true);
+    assert_int_equal(remove(scratch_path(folder, "images/view_03.png")), 0);
+    assert_refused(folder, (const char *const[3]){"images.bin: 1 of its 6 images", "'view_03.png'"},
+                   "one image gone");
+    put_image(folder, "images/view_03.png", 16, 5, 3, 0);
+    assert_refused(folder, (const char *const[3]){"view_03.png", "16 x 5", "16 x 12"}, "shape");
+    put_text(folder, "images/view_03.png", "not an image");
+    assert_refused(folder, (const char *const[3]){"view_03.png", "not a PNG"}, "no image");
+    assert_int_equal(rename(scratch_path(folder, "images"), scratch_path(folder, ".images")), 0);
+    assert_refused(folder,
+                   (const char *const[3]){"images.bin: none of its 6 images is there", folder},
+                   "all images gone");
+}
+
+int test_group_broken_formats(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_colmap_binary, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_text, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_fields, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_lines, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_images, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("broken_formats", tests, NULL, NULL);
+}

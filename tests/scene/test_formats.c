@@ -1,0 +1,320 @@
+/* Readers of datasets. One scene of known cameras, written in every format (format_fixture.h), must
+ * give the same rays. Then what each format has of its own: places of files, cubes, masks. What
+ * must not load is in test_broken_formats.c. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "format_fixture.h"
+#include "tests.h"
+
+/* Every view's rays, at the corners and inside, against those of the camera with its number. */
+static void assert_same_rays(const cln_scene *scene, const cln_camera cameras[FORMAT_VIEWS],
+                             double size, double bound)
+{
+    assert_int_equal(scene->view_count, FORMAT_VIEWS);
+    for (int i = 0; i < FORMAT_VIEWS; i++) {
+        const cln_view *view = &scene->views[i];
+        const char *digits = strstr(view->name, "view_");
+        const cln_camera *exact = &cameras[atoi(digits ? digits + 5 : "0")];
+
+        assert_non_null(digits);
+        for (int p = 0; p < 25; p++) {
+            const double u = (p % 5) * 0.25 * exact->width, v = (p / 5) * 0.25 * exact->height;
+            double o[3], d[3], origin[3], direction[3];
+
+            assert_true(cln_camera_ray(exact, u, v, o, d));
+            assert_true(cln_camera_ray(&view->camera, u * size, v * size, origin, direction));
+            for (int k = 0; k < 3; k++)
+                if (!(fabs(o[k] - origin[k]) <= bound && fabs(d[k] - direction[k]) <= bound))
+                    fail_msg("%s %s at %g, %g: origin %g %g, direction %g %g", scene->dialect,
+                             view->name, u, v, o[k], origin[k], d[k], direction[k]);
+        }
+    }
+}
+
+/* The same with a focal length of its own for each axis, another principal point, and a lens. */
+static void bend(cln_camera cameras[FORMAT_VIEWS])
+{
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        cln_camera *c = &cameras[v];
+
+        c->fy = 21 + v;
+        c->cx = 7.25;
+        c->cy = 6.5 + 0.125 * v;
+        c->k1 = -0.05;
+        c->k2 = 0.01 * v;
+        c->p1 = 0.002;
+        c->p2 = -0.003;
+    }
+}
+
+static const cln_config *plain(void)
+{
+    static cln_config config;
+
+    config = default_config();
+    config.holdout = 0;
+    config.downscale = 1;
+    return &config;
+}
+
+static void test_colmap(void **state)
+{
+    static const struct {
+        const char *model, *given; /* folders in the scratch folder */
+        bool binary;
+    } places[] = {
+        {"a", "a", true},
+        {"b/sparse", "b", true},
+        {"c/sparse/0", "c", false},
+        {"d/colmap/sparse/0", "d", true},
+        {"e/sparse/0", "e/sparse/0", false},
+        {"f/sparse/0", "f/sparse/0/", true},
+    };
+    cln_camera cameras[FORMAT_VIEWS];
+    char folder[32];
+
+    for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
+        cln_scene *scene = NULL;
+
+        format_cameras(cameras);
+        if (i % 2)
+            bend(cameras);
+        snprintf(folder, sizeof folder, "%.1s/images", places[i].model);
+        format_images(scratch_path(*state, folder), 1);
+        format_colmap(scratch_path(*state, places[i].model), places[i].binary, cameras, NULL, NULL,
+                      0);
+        scene = load(scratch_path(*state, places[i].given), plain());
+        assert_string_equal(scene->dialect, "COLMAP");
+        assert_non_null(strstr(scene->because, places[i].model));
+        assert_same_rays(scene, cameras, 1, 1e-9);
+        for (int v = 0; v < FORMAT_VIEWS; v++)
+            assert_int_equal(scene->views[v].pixels[0], 20 * v); /* each its own file */
+        cln_scene_free(scene);
+    }
+}
+
+/* The model's cameras are of 16 x 12 pixels; the images that are there are of other sizes. */
+static void test_colmap_images(void **state)
+{
+    static const struct {
+        const char *scene, *folders[3]; /* with images */
+        int sizes[3], size;             /* of their images, and which is read */
+    } cases[] = {
+        {"a", {"images_2", "images"}, {1, 2}, 2},
+        {"b", {"images_8", "images_4"}, {1, 2}, 2},
+        {"c", {"photos of 2019"}, {3}, 3},
+        {"d", {"."}, {1}, 1},
+    };
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *folder = scratch_path(*state, cases[i].scene);
+        cln_scene *scene = NULL;
+
+        for (int k = 0; cases[i].folders[k]; k++)
+            format_images(scratch_path(folder, cases[i].folders[k]), cases[i].sizes[k]);
+        format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
+        scene = load(folder, plain());
+        assert_int_equal(scene->views[0].file_width, cases[i].size * FORMAT_WIDTH);
+        assert_same_rays(scene, cameras, cases[i].size, 1e-9);
+        cln_scene_free(scene);
+    }
+}
+
+/* Images that have no pose are counted in the log. */
+static void test_colmap_without_pose(void **state)
+{
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    int warnings = 0;
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_colmap(scratch_path(folder, "sparse"), true, cameras, NULL, NULL, 0);
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 0);
+    put_image(folder, "images/more.png", 16, 12, 3, 0);
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 1);
+}
+
+/* Every camera model, with the numbers where they belong, or refused by its name while lens.h has
+ * none of it. */
+static void test_colmap_models(void **state)
+{
+    static const format_model models[] = {
+        {0, "SIMPLE_PINHOLE", 3, {20, 8, 6}},
+        {1, "PINHOLE", 4, {20, 21, 8, 6}},
+        {2, "SIMPLE_RADIAL", 4, {20, 8, 6, .01}},
+        {3, "RADIAL", 5, {20, 8, 6, .01, .02}},
+        {4, "OPENCV", 8, {20, 21, 8, 6, .01, .02, .03, .04}},
+        {5, "OPENCV_FISHEYE", 8, {20, 21, 8, 6, .01, .02, .03, .04}},
+        {6, "FULL_OPENCV", 12, {20, 21, 8, 6, .01, .02, .03, .04, .05, .06, .07, .08}},
+        {7, "FOV", 5, {20, 21, 8, 6, .9}},
+        {8, "SIMPLE_RADIAL_FISHEYE", 4, {20, 8, 6, .01}},
+        {9, "RADIAL_FISHEYE", 5, {20, 8, 6, .01, .02}},
+        {10, "THIN_PRISM_FISHEYE", 12, {20, 21, 8, 6, .01, .02, .03, .04, .05, .06, .07, .08}},
+        {11,
+         "RAD_TAN_THIN_PRISM_FISHEYE",
+         16,
+         {20, 21, 8, 6, .01, .02, .03, .04, .05, .06, .001, .002, .003, .004, .005, .006}},
+        {12, "SIMPLE_DIVISION", 4, {20, 8, 6, .01}},
+        {13, "DIVISION", 5, {20, 21, 8, 6, .01}},
+        {14, "SIMPLE_FISHEYE", 3, {20, 8, 6}},
+        {15, "FISHEYE", 4, {20, 21, 8, 6}},
+        {16, "EUCM", 6, {20, 21, 8, 6, .5, 1.1}},
+        {17, "EQUIRECTANGULAR", 2, {16, 12}},
+    };
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    for (size_t i = 0; i < 2 * sizeof models / sizeof *models; i++) {
+        const format_model *m = &models[i / 2];
+        const bool two = m->count >= 4 && m->params[1] == 21, sphere = m->id == 17;
+        const int lens_params = sphere ? 0 : m->count - 3 - two;
+        const cln_lens lens = cln_lens_find(m->name);
+        const char *sub = i % 2 ? "text" : "binary";
+        cln_scene *scene = NULL;
+
+        format_colmap(scratch_path(folder, sub), i % 2 == 0, cameras, m, NULL, 0);
+        if (try_load(scratch_path(folder, sub), plain(), &scene) != CLN_OK) {
+            if (!strstr(cln_error_text(), m->name) || lens != CLN_LENSES)
+                fail_msg("%s: %s", m->name, cln_error_text());
+            assert_null(scene);
+            cln_clear_error();
+            continue;
+        }
+        for (int v = 0; v < scene->view_count; v++) {
+            const cln_camera *c = &scene->views[v].camera;
+
+            assert_int_equal(c->lens, lens);
+            if (sphere)
+                continue;
+            assert_float_equal(c->fx, 20, 0);
+            assert_float_equal(c->fy, two ? 21 : 20, 0);
+            assert_float_equal(c->cx, 8, 0);
+            assert_float_equal(c->cy, 6, 0);
+            for (int k = 0; k < lens_params; k++)
+                assert_float_equal(c->distortion[k], m->params[m->count - lens_params + k], 0);
+        }
+        cln_scene_free(scene);
+    }
+}
+
+/* ---- the cube from points ---- */
+
+/* A box of 4 x 2 x 1 around (1, 2, 3) on a grid, then `outliers` far away, in `views` images
+ * each. */
+static int make_points(cln_point points[1100], int outliers, int views)
+{
+    int count = 0;
+
+    for (int i = 0; i < 1000; i++, count++) {
+        const int x = i % 10, y = i / 10 % 10, z = i / 100;
+
+        points[count] =
+            (cln_point){{x / 9.0 * 4 - 1, y / 9.0 * 2 + 1, z / 9.0 + 2.5}, {1, 2, 3}, 4};
+    }
+    for (int i = 0; i < outliers; i++, count++)
+        points[count] = (cln_point){{1e6 * (i + 1), -1e5, 1e4 * i}, {0, 0, 0}, views};
+    return count;
+}
+
+static void test_cube_of_points(void **state)
+{
+    static const struct {
+        int outliers, views;
+    } cases[] = {{0, 0}, {8, 5}, {100, 2}};
+    cln_point points[1100];
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_config config = *plain();
+
+    format_cameras(cameras);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *folder = scratch_path(*state, i == 0 ? "a" : i == 1 ? "b" : "c");
+        const int count = make_points(points, cases[i].outliers, cases[i].views);
+        const double centre[3] = {1, 2, 3}, half[3] = {2.4, 1.2, 0.6}; /* with a tenth of margin */
+        cln_scene *scene = NULL;
+
+        format_images(scratch_path(folder, "images"), 1);
+        format_colmap(scratch_path(folder, "sparse/0"), i != 1, cameras, NULL, points, count);
+        scene = load(folder, &config);
+        assert_non_null(strstr(scene->bounds_rule, "sparse points"));
+        for (int k = 0; k < 3; k++) {
+            if (fabs(scene->space.centre[k] - centre[k]) > 0.5)
+                fail_msg("case %zu: centre %g along %d", i, scene->space.centre[k], k);
+            for (int sign = -1; sign <= 1; sign += 2)
+                assert_true(fabs(centre[k] + sign * half[k] - scene->space.centre[k]) <=
+                            scene->space.half + 1e-9);
+        }
+        assert_in_range((long)(1000 * scene->space.half), 2400, 3200); /* 2.4, and the images' */
+        cln_scene_free(scene);
+    }
+    /* Three points tell nothing: the cameras do, as without points. */
+    format_colmap(scratch_path(*state, "a/sparse/0"), true, cameras, NULL, points, 3);
+    cln_scene *scene = load(scratch_path(*state, "a"), &config);
+    assert_non_null(strstr(scene->bounds_rule, "optical axes"));
+    cln_scene_free(scene);
+}
+
+/* ---- --format ---- */
+
+static void test_format(void **state)
+{
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_config config = *plain();
+    cln_scene *scene = NULL;
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
+    put_text(
+        folder, "transforms.json",
+        "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" FRAME("images/view_00.png", POSE_FRONT) "]}");
+    scene = load(folder, &config); /* the first in order, and the other is told of */
+    assert_string_equal(scene->dialect, "instant-ngp");
+    assert_non_null(strstr(scene->because, "--format colmap"));
+    cln_scene_free(scene);
+    config.format = CLN_FORMAT_COLMAP;
+    scene = load(folder, &config);
+    assert_string_equal(scene->dialect, "COLMAP");
+    assert_null(strstr(scene->because, "--format"));
+    cln_scene_free(scene);
+    /* Not there: told for that format alone. */
+    assert_int_equal(remove(scratch_path(folder, "sparse/0/images.bin")), 0);
+    assert_int_equal(try_load(folder, &config, &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "not a scene of this --format"));
+    assert_non_null(strstr(cln_error_text(), "cameras, but no images"));
+    assert_null(strstr(cln_error_text(), "transforms reader"));
+    cln_clear_error();
+    /* The first one is broken: the other is named. */
+    format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
+    put_text(folder, "transforms.json", "{");
+    config.format = CLN_FORMAT_AUTO;
+    assert_int_equal(try_load(folder, &config, &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "transforms.json: line 1"));
+    assert_non_null(strstr(cln_error_text(), "--format colmap"));
+    cln_clear_error();
+}
+
+int test_group_formats(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_colmap, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_images, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_without_pose, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_models, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_cube_of_points, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("formats", tests, NULL, NULL);
+}

@@ -1,0 +1,235 @@
+/* One scene in every format: known cameras, written as datasets have them, each by its format's own
+ * definition and not by the readers' code. Images are view_00.png ... in a folder, 16 x 12 pixels
+ * (of `size` 1), or that times `size`. */
+#ifndef CLN_TESTS_FORMAT_FIXTURE_H
+#define CLN_TESTS_FORMAT_FIXTURE_H
+
+#include <math.h>
+#include "scene/reader.h"
+#include "scene_fixture.h"
+
+enum { FORMAT_VIEWS = 6, FORMAT_WIDTH = 16, FORMAT_HEIGHT = 12 };
+
+/* Cameras in a ring at the distance 4 that look near (1, 2, 3), rolled, at heights that differ. The
+ * intrinsics are the plainest: one focal length, the principal point in the middle. */
+static inline void format_cameras(cln_camera cameras[FORMAT_VIEWS])
+{
+    memset(cameras, 0, FORMAT_VIEWS * sizeof *cameras);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        cln_camera *c = &cameras[v];
+        const double angle = 0.9 * v, roll = 0.2 * v - 0.5;
+        const double place[3] = {1 + 4 * cos(angle), 2 + 4 * sin(angle), 3 + 0.3 * v - 1};
+        double z[3] = {1.1 - place[0], 2 - 0.05 * v - place[1], 3 - place[2]};
+        double length = sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2]), flat = 0;
+        double right[3], down[3];
+
+        for (int i = 0; i < 3; i++)
+            z[i] /= length;
+        flat = hypot(z[0], z[1]);
+        right[0] = z[1] / flat; /* z x up */
+        right[1] = -z[0] / flat;
+        right[2] = 0;
+        for (int i = 0; i < 3; i++) /* z x right */
+            down[i] = z[(i + 1) % 3] * right[(i + 2) % 3] - z[(i + 2) % 3] * right[(i + 1) % 3];
+        for (int i = 0; i < 3; i++) {
+            c->c2w[4 * i] = cos(roll) * right[i] + sin(roll) * down[i];
+            c->c2w[4 * i + 1] = -sin(roll) * right[i] + cos(roll) * down[i];
+            c->c2w[4 * i + 2] = z[i];
+            c->c2w[4 * i + 3] = place[i];
+        }
+        c->width = FORMAT_WIDTH;
+        c->height = FORMAT_HEIGHT;
+        c->fx = c->fy = 20;
+        c->cx = 8;
+        c->cy = 6;
+    }
+}
+
+/* World to camera: x' = rotation x + translation. */
+static inline void format_w2c(const cln_camera *camera, double rotation[9], double translation[3])
+{
+    const double *m = camera->c2w;
+
+    for (int i = 0; i < 3; i++) {
+        translation[i] = 0;
+        for (int j = 0; j < 3; j++) {
+            rotation[3 * i + j] = m[4 * j + i];
+            translation[i] -= m[4 * j + i] * m[4 * j + 3];
+        }
+    }
+}
+
+static inline void format_images(const char *folder, int size)
+{
+    char *path = NULL;
+
+    assert_int_equal(cln_make_dirs(folder), CLN_OK);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3 * 16];
+        char name[32];
+
+        assert_in_range(size, 1, 4);
+        memset(pixels, 20 * v, sizeof pixels);
+        snprintf(name, sizeof name, "view_%02d.png", v);
+        assert_int_equal(cln_path_join(&path, folder, name), CLN_OK);
+        assert_int_equal(
+            cln_image_write_png(path, size * FORMAT_WIDTH, size * FORMAT_HEIGHT, 3, pixels),
+            CLN_OK);
+        free(path);
+    }
+}
+
+static inline FILE *format_open(const char *folder, const char *name)
+{
+    char *path = NULL;
+    FILE *f = NULL;
+
+    assert_int_equal(cln_make_dirs(folder), CLN_OK);
+    assert_int_equal(cln_path_join(&path, folder, name), CLN_OK);
+    f = fopen(path, "wb");
+    assert_non_null(f);
+    free(path);
+    return f;
+}
+
+/* ---- COLMAP ---- */
+
+static inline void put_u32(FILE *f, uint32_t value)
+{
+    fwrite(&value, sizeof value, 1, f);
+}
+
+static inline void put_u64(FILE *f, uint64_t value)
+{
+    fwrite(&value, sizeof value, 1, f);
+}
+
+static inline void put_reals(FILE *f, int count, const double *values)
+{
+    fwrite(values, sizeof *values, (size_t)count, f);
+}
+
+/* Quaternion w x y z of a rotation, by its largest component; q and -q are the same. */
+static inline void format_quaternion(const double r[9], double q[4])
+{
+    const double squares[4] = {1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8],
+                               1 - r[0] + r[4] - r[8], 1 - r[0] - r[4] + r[8]};
+    const double products[4][4] = {
+        {squares[0], r[7] - r[5], r[2] - r[6], r[3] - r[1]},
+        {r[7] - r[5], squares[1], r[3] + r[1], r[2] + r[6]},
+        {r[2] - r[6], r[3] + r[1], squares[2], r[7] + r[5]},
+        {r[3] - r[1], r[2] + r[6], r[7] + r[5], squares[3]},
+    };
+    int k = 0;
+
+    for (int i = 1; i < 4; i++)
+        k = squares[i] > squares[k] ? i : k;
+    for (int i = 0; i < 4; i++)
+        q[i] = products[k][i] / (2 * sqrt(squares[k]));
+}
+
+/* A camera model in a COLMAP file: its parameters behind those of the camera given. */
+typedef struct format_model {
+    int id;
+    const char *name;
+    int count;
+    double params[16];
+} format_model;
+
+/* PINHOLE or OPENCV, by what the camera needs. */
+static inline format_model format_model_of(const cln_camera *c)
+{
+    const format_model plain = {1, "PINHOLE", 4, {c->fx, c->fy, c->cx, c->cy}};
+    const format_model bent = {
+        4, "OPENCV", 8, {c->fx, c->fy, c->cx, c->cy, c->k1, c->k2, c->p1, c->p2}};
+
+    return cln_camera_is_distorted(c) ? bent : plain;
+}
+
+/* Each view has a camera of its own, the ids are 7 + 3 v, in descending order. Each image has one
+ * point in it; points are given. */
+static inline void format_colmap(const char *folder, bool binary, const cln_camera *cameras,
+                                 const format_model *model, const cln_point *points, int count)
+{
+    FILE *f = format_open(folder, binary ? "cameras.bin" : "cameras.txt");
+
+    if (binary)
+        put_u64(f, FORMAT_VIEWS);
+    else
+        fprintf(f, "# Camera list\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
+    for (int v = FORMAT_VIEWS - 1; v >= 0; v--) {
+        const format_model own = model ? *model : format_model_of(&cameras[v]);
+
+        if (binary) {
+            put_u32(f, (uint32_t)(7 + 3 * v));
+            put_u32(f, (uint32_t)own.id);
+            put_u64(f, (uint64_t)cameras[v].width);
+            put_u64(f, (uint64_t)cameras[v].height);
+            put_reals(f, own.count, own.params);
+            continue;
+        }
+        fprintf(f, "%d %s %d %d", 7 + 3 * v, own.name, cameras[v].width, cameras[v].height);
+        for (int i = 0; i < own.count; i++)
+            fprintf(f, " %.17g", own.params[i]);
+        fprintf(f, "\n");
+    }
+    fclose(f);
+    f = format_open(folder, binary ? "images.bin" : "images.txt");
+    if (binary)
+        put_u64(f, FORMAT_VIEWS);
+    else
+        fprintf(f, "# Image list with two lines of data per image:\n# Number of images: 6\n");
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        double rotation[9], pose[7];
+        char name[32];
+
+        snprintf(name, sizeof name, "view_%02d.png", v);
+        format_w2c(&cameras[v], rotation, pose + 4);
+        format_quaternion(rotation, pose);
+        if (binary) {
+            put_u32(f, (uint32_t)v + 1);
+            put_reals(f, 7, pose);
+            put_u32(f, (uint32_t)(7 + 3 * v));
+            fwrite(name, strlen(name) + 1, 1, f);
+            put_u64(f, 1);
+            put_reals(f, 2, (double[2]){5.5, 3.25});
+            put_u64(f, UINT64_MAX);
+            continue;
+        }
+        fprintf(f, "%d", v + 1);
+        for (int i = 0; i < 7; i++)
+            fprintf(f, " %.17g", pose[i]);
+        fprintf(f, " %d %s\n%s\n", 7 + 3 * v, name, v % 2 ? "" : "5.5 3.25 -1");
+    }
+    fclose(f);
+    f = format_open(folder, binary ? "points3D.bin" : "points3D.txt");
+    if (binary)
+        put_u64(f, (uint64_t)count);
+    for (int i = 0; i < count; i++) {
+        const cln_point *p = &points[i];
+
+        if (binary) {
+            put_u64(f, (uint64_t)i + 1);
+            put_reals(f, 3, p->xyz);
+            fwrite(p->rgb, 3, 1, f);
+            put_reals(f, 1, (double[1]){0.5});
+            put_u64(f, (uint64_t)p->views);
+        } else {
+            fprintf(f, "%d %.17g %.17g %.17g %d %d %d 0.5", i + 1, p->xyz[0], p->xyz[1], p->xyz[2],
+                    p->rgb[0], p->rgb[1], p->rgb[2]);
+        }
+        for (int k = 0; k < p->views; k++) {
+            if (binary) {
+                put_u32(f, (uint32_t)k + 1);
+                put_u32(f, 0);
+            } else {
+                fprintf(f, " %d 0", k + 1);
+            }
+        }
+        if (!binary)
+            fprintf(f, "\n");
+    }
+    fclose(f);
+}
+
+#endif
