@@ -1,7 +1,7 @@
-/* NumPy .npy files of float32. The format (numpy.lib.format, version 1.0):
+/* NumPy .npy files. The format (numpy.lib.format, version 1.0):
  *   "\x93NUMPY" 1 0 | u16 header length | header: a Python dict as text, padded with spaces to a
- *   multiple of 64 and ended by a newline | data, C order
- * Reads only that; not .npz, other types, or Fortran order. */
+ *   multiple of 64 and ended by a newline | data
+ * Not .npz, which npz.c has, nor records, strings, complex numbers or big-endian ones. */
 #include "io/npy.h"
 
 #include <stdlib.h>
@@ -108,45 +108,114 @@ static bool parse_shape(const char *text, int *dims, int shape[MAX_DIMS])
     }
 }
 
+/* What a header says; `data` is behind it, of `bytes` bytes. */
+typedef struct array {
+    const char *type, *order; /* in `header` */
+    char header[HEADER_MAX + 1];
+    int *dims, *shape;
+    size_t count;
+    const char *data;
+    size_t bytes;
+} array;
+
+static cln_status read_header(const char *path, const char *file, size_t bytes, array *a)
+{
+    const char *extent = NULL;
+    size_t length = 0;
+
+    if (bytes < PREFIX_BYTES || memcmp(file, magic, sizeof magic) != 0)
+        return cln_fail(CLN_INPUT, "%s: not a .npy file of version 1.0", path);
+    length = (size_t)(uint8_t)file[8] | (size_t)(uint8_t)file[9] << 8;
+    if (length > HEADER_MAX || length > bytes - PREFIX_BYTES)
+        return cln_fail(CLN_INPUT, "%s: .npy header of %zu bytes is cut or too long", path, length);
+    memcpy(a->header, file + PREFIX_BYTES, length);
+    a->header[length] = 0;
+    a->type = value_of(a->header, "'descr'");
+    a->order = value_of(a->header, "'fortran_order'");
+    extent = value_of(a->header, "'shape'");
+    if (!a->type || !a->order || !extent)
+        return cln_fail(CLN_INPUT, "%s: .npy header lacks descr, fortran_order or shape", path);
+    if (!parse_shape(extent, a->dims, a->shape) || !element_count(*a->dims, a->shape, &a->count))
+        return cln_fail(CLN_INPUT, "%s: .npy shape is not up to %d sizes within 2^31 bytes", path,
+                        MAX_DIMS);
+    a->data = file + PREFIX_BYTES + length;
+    a->bytes = bytes - PREFIX_BYTES - length;
+    return CLN_OK;
+}
+
+static cln_status check_bytes(const char *path, const array *a, size_t element)
+{
+    if (a->bytes == a->count * element)
+        return CLN_OK;
+    return cln_fail(CLN_INPUT, "%s: %zu bytes of data where the shape needs %zu; the file is %s",
+                    path, a->bytes, a->count * element,
+                    a->bytes < a->count * element ? "truncated" : "too long");
+}
+
 cln_status cln_npy_read_f32(const char *path, int *dims, int shape[4], float **data)
 {
     cln_status st = CLN_OK;
     char *file = NULL;
-    char header[HEADER_MAX + 1];
-    const char *descr = NULL, *order = NULL, *extent = NULL;
-    size_t bytes = 0, length = 0, count = 0;
+    size_t bytes = 0;
+    array a = {.dims = dims, .shape = shape};
 
     *data = NULL;
     CLN_TRY(cln_read_file(path, MAX_BYTES + PREFIX_BYTES + HEADER_MAX, &file, &bytes));
-    if (bytes < PREFIX_BYTES || memcmp(file, magic, sizeof magic) != 0)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a .npy file of version 1.0", path));
-    length = (size_t)(uint8_t)file[8] | (size_t)(uint8_t)file[9] << 8;
-    if (length > HEADER_MAX || length > bytes - PREFIX_BYTES)
-        CLN_TRY(
-            cln_fail(CLN_INPUT, "%s: .npy header of %zu bytes is cut or too long", path, length));
-    memcpy(header, file + PREFIX_BYTES, length);
-    header[length] = 0;
-    descr = value_of(header, "'descr'");
-    order = value_of(header, "'fortran_order'");
-    extent = value_of(header, "'shape'");
-    if (!descr || !order || !extent)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: .npy header lacks descr, fortran_order or shape", path));
-    if (strncmp(descr, "'<f4'", 5) != 0 || strncmp(order, "False", 5) != 0)
+    CLN_TRY(read_header(path, file, bytes, &a));
+    if (strncmp(a.type, "'<f4'", 5) != 0 || strncmp(a.order, "False", 5) != 0)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: only little-endian float32 in C order is read; save the array with "
                          "numpy.ascontiguousarray(a, '<f4')",
                          path));
-    if (!parse_shape(extent, dims, shape) || !element_count(*dims, shape, &count))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: .npy shape is not up to %d sizes within 2^31 bytes", path,
-                         MAX_DIMS));
-    if (bytes - PREFIX_BYTES - length != count * sizeof(float))
-        CLN_TRY(cln_fail(
-            CLN_INPUT, "%s: %zu bytes of data where the shape needs %zu; the file is %s", path,
-            bytes - PREFIX_BYTES - length, count * sizeof(float),
-            bytes - PREFIX_BYTES - length < count * sizeof(float) ? "truncated" : "too long"));
-    CLN_TRY(cln_alloc(data, count, sizeof(float), path));
-    memcpy(*data, file + PREFIX_BYTES + length, count * sizeof(float));
+    CLN_TRY(check_bytes(path, &a, sizeof(float)));
+    CLN_TRY(cln_alloc(data, a.count, sizeof(float), path));
+    memcpy(*data, a.data, a.bytes);
 done:
     free(file);
+    return st;
+}
+
+static double element_at(const array *a, bool is_double, size_t index)
+{
+    double wide = 0;
+    float narrow = 0;
+
+    if (is_double)
+        memcpy(&wide, a->data + index * sizeof wide, sizeof wide);
+    else
+        memcpy(&narrow, a->data + index * sizeof narrow, sizeof narrow);
+    return is_double ? wide : (double)narrow;
+}
+
+cln_status cln_npy_decode(const char *path, const char *file, size_t bytes, int *dims, int shape[4],
+                          double **data)
+{
+    cln_status st = CLN_OK;
+    array a = {.dims = dims, .shape = shape};
+    bool is_double = false, fortran = false;
+
+    *data = NULL;
+    CLN_TRY(read_header(path, file, bytes, &a));
+    is_double = !strncmp(a.type, "'<f8'", 5);
+    fortran = !strncmp(a.order, "True", 4);
+    if (!is_double && strncmp(a.type, "'<f4'", 5) != 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: only little-endian float32 and float64 are read; save the array with "
+                         "a.astype('<f8')",
+                         path));
+    CLN_TRY(check_bytes(path, &a, is_double ? sizeof(double) : sizeof(float)));
+    CLN_TRY(cln_alloc(data, a.count, sizeof **data, path));
+    for (size_t i = 0; i < a.count; i++) {
+        size_t from = 0, rest = i, stride = a.count;
+
+        /* i counts in C order, its last index fastest; in Fortran order the first is. */
+        for (int k = *dims - 1; fortran && k >= 0; k--) {
+            stride /= (size_t)shape[k];
+            from += rest % (size_t)shape[k] * stride;
+            rest /= (size_t)shape[k];
+        }
+        (*data)[i] = element_at(&a, is_double, fortran ? from : i);
+    }
+done:
     return st;
 }

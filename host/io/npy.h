@@ -1,7 +1,9 @@
-/* NumPy .npy files of float32, little-endian, in C order. */
+/* NumPy .npy files: float32, little-endian, in C order, is what this program writes; float64 and
+ * Fortran order come from others. */
 #ifndef CLN_NPY_H
 #define CLN_NPY_H
 
+#include <stddef.h>
 #include "base/status.h"
 
 /* Writes shape[dims] float32, atomically. */
@@ -10,5 +12,10 @@ cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const
 /* Reads files as the writer makes them (version 1.0, '<f4', C order, up to 4 dimensions, at most
  * 2^31 bytes). The caller frees *data. CLN_INPUT names path and defect. */
 cln_status cln_npy_read_f32(const char *path, int *dims, int shape[4], float **data);
+
+/* The same of float32 or float64, in either order, from the bytes of a file, as double in C order;
+ * path is for sentences. Values may be anything, NaN, too. The caller frees *data. */
+cln_status cln_npy_decode(const char *path, const char *file, size_t bytes, int *dims, int shape[4],
+                          double **data);
 
 #endif

@@ -4,6 +4,8 @@
  *   of_dataset      what the reader found in the files
  *   of_points       points on surfaces are known: the cube around them and around what the images
  *                   show there (bounds_points.c)
+ *   of_depths       each image tells how near and how far its scene is: the cube around what their
+ *                   corners show there
  *   looked_at       the cameras look at something together: centre = the point nearest to all
  *                   optical axes; half = out to every camera, and to the rim of what each camera
  *                   sees of the plane through the centre. So the cube holds what is looked at, and
@@ -120,6 +122,16 @@ static bool nearest_point(const axes *mean, double point[3])
     return true;
 }
 
+/* The smallest cube around a box, with the same centre. */
+static void enclose(const double low[3], const double high[3], cln_space *space)
+{
+    space->half = 0;
+    for (int a = 0; a < 3; a++) {
+        space->centre[a] = 0.5 * (low[a] + high[a]);
+        space->half = fmax(space->half, 0.5 * (high[a] - low[a]));
+    }
+}
+
 /* ---- the rules: each leaves *because NULL if it does not apply ---- */
 
 typedef struct evidence {
@@ -137,14 +149,11 @@ static cln_status given_box(const evidence *e, cln_space *space, char **because)
     if (!e->bbox[0])
         return CLN_OK;
     CLN_TRY(cln_parse_reals(e->bbox, 6, box));
-    space->half = 0;
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 3; i++)
         if (!(box[i] < box[i + 3]))
             CLN_TRY(cln_fail(CLN_USAGE, "--bbox %s: the minimum %g is not below the maximum %g",
                              e->bbox, box[i], box[i + 3]));
-        space->centre[i] = 0.5 * (box[i] + box[i + 3]);
-        space->half = fmax(space->half, 0.5 * (box[i + 3] - box[i]));
-    }
+    enclose(box, box + 3, space);
     CLN_TRY(cln_asprintf(because, "the cube around --bbox %s", e->bbox));
 done:
     return st;
@@ -167,17 +176,43 @@ static cln_status of_points(const evidence *e, cln_space *space, char **because)
     CLN_TRY(cln_scene_box_of_points(e->scene, e->result, low, high, &found));
     if (!found)
         goto done;
-    space->half = 0;
-    for (int a = 0; a < 3; a++) {
-        space->centre[a] = 0.5 * (low[a] + high[a]);
-        space->half = fmax(space->half, 0.5 * (high[a] - low[a]));
-    }
+    enclose(low, high, space);
     CLN_TRY(cln_asprintf(because,
                          "around the %d sparse points and what the images show there, without "
                          "outliers; --bbox sets a tighter one",
                          e->result->point_count));
 done:
     return st;
+}
+
+/* Does not apply if a training view does not tell its depths. */
+static cln_status of_depths(const evidence *e, cln_space *space, char **because)
+{
+    const int count = cln_scene_split_count(e->scene, CLN_SPLIT_TRAIN);
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+
+    for (int v = 0; v < count; v++)
+        if (!(e->scene->views[v].far > 0))
+            return CLN_OK;
+    for (int corner = 0; corner < 8 * count; corner++) {
+        const cln_view *view = &e->scene->views[corner / 8];
+        const cln_camera *camera = &view->camera;
+        const double depth = corner & 4 ? view->far : view->near;
+        double o[3], d[3], along = 0;
+
+        if (!cln_camera_ray(camera, corner & 1 ? camera->width : 0, corner & 2 ? camera->height : 0,
+                            o, d))
+            continue;
+        for (int a = 0; a < 3; a++)
+            along += d[a] * camera->c2w[4 * a + 2];
+        for (int a = 0; a < 3 && along > 0; a++) {
+            low[a] = fmin(low[a], o[a] + d[a] * depth / along);
+            high[a] = fmax(high[a], o[a] + d[a] * depth / along);
+        }
+    }
+    enclose(low, high, space);
+    return cln_strdup(because, "around what the images show between the dataset's near and far "
+                               "depths; --bbox sets a tighter one");
 }
 
 /* Does not apply if the axes are parallel, or if a quarter of the cameras have the point behind
@@ -226,7 +261,7 @@ static cln_status before_cameras(const evidence *e, cln_space *space, char **bec
 
 /* In this order; the last one always applies. */
 static cln_status (*const rules[])(const evidence *, cln_space *, char **) = {
-    given_box, of_dataset, of_points, looked_at, before_cameras};
+    given_box, of_dataset, of_points, of_depths, looked_at, before_cameras};
 
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
                                  const char *bbox)

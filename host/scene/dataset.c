@@ -162,6 +162,25 @@ void cln_dataset_free_names(cln_names *names)
     *names = (cln_names){0};
 }
 
+cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,
+                             cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+
+    if (images->count > CLN_MAX_VIEWS)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d images, more than the %d that are read", folder,
+                         images->count, CLN_MAX_VIEWS));
+    CLN_TRY(cln_alloc(&result->views, (size_t)images->count, sizeof *result->views, "views"));
+    while (result->view_count < images->count) {
+        cln_view *view = &result->views[result->view_count];
+
+        CLN_TRY(cln_dataset_name(where, images->name[result->view_count++], &view->name));
+        CLN_TRY(cln_path_join(&view->path, folder, images->name[result->view_count - 1]));
+    }
+done:
+    return st;
+}
+
 cln_status cln_dataset_image_folder(const char *base, char **out)
 {
     *out = NULL;

@@ -25,6 +25,10 @@ typedef struct cln_names {
 cln_status cln_dataset_images(const char *folder, cln_names *out);
 void cln_dataset_free_names(cln_names *names);
 
+/* A view for each of these images of a folder, with name (below the folder) and path. */
+cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,
+                             cln_reader_result *result);
+
 /* The folder of images of `base` where a dataset fixes their order but not their folder: `images`,
  * else the first of images_2, images_4 and images_8, which have smaller copies. *out is NULL if
  * there is none of them; the caller frees it. */

@@ -19,8 +19,6 @@
 static const struct {
     const char *file, *what, *advice;
 } markers[] = {
-    {"poses_bounds.npy", "an LLFF scene", NOT_YET},
-    {"cameras_sphere.npz", "a NeuS scene", NOT_YET},
     {"bbox.txt", "an NSVF scene", NOT_YET},
     {"reconstruction.json", "an OpenSfM reconstruction", NOT_YET},
 };

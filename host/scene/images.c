@@ -47,6 +47,21 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
     return CLN_OK;
 }
 
+/* An image whose alpha is in another file has four channels. */
+static cln_status check_alpha(cln_view *view)
+{
+    cln_status st = CLN_OK;
+    int width = 0, height = 0, channels = 0;
+
+    CLN_TRY(cln_image_info(view->alpha_path, &width, &height, &channels));
+    if (width != view->file_width || height != view->file_height)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: the mask has %d x %d pixels, its image %d x %d",
+                         view->alpha_path, width, height, view->file_width, view->file_height));
+    view->channels = 4;
+done:
+    return st;
+}
+
 cln_status cln_scene_size_views(cln_scene *scene, int downscale)
 {
     cln_status st = CLN_OK;
@@ -58,6 +73,8 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
         cln_view *view = &scene->views[i];
 
         CLN_TRY(cln_image_info(view->path, &view->file_width, &view->file_height, &view->channels));
+        if (view->alpha_path)
+            CLN_TRY(check_alpha(view));
         CLN_TRY(fit_camera(view, view->file_width, view->file_height, &warned));
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
@@ -131,30 +148,81 @@ typedef struct job {
     char *sentence;
 } job;
 
+/* Reads and decodes one file; its bytes go into *digest. */
+static cln_status decode(const char *path, bool wanted, uint64_t *digest, int *width, int *height,
+                         int *channels, uint8_t **pixels)
+{
+    cln_status st = CLN_OK;
+    char *data = NULL;
+    size_t bytes = 0;
+
+    CLN_TRY(cln_read_file(path, FILE_MAX_BYTES, &data, &bytes));
+    *digest = cln_digest(*digest, data, bytes);
+    if (wanted)
+        CLN_TRY(cln_image_decode(path, data, bytes, width, height, channels, pixels));
+done:
+    free(data);
+    return st;
+}
+
+static cln_status changed(const char *path)
+{
+    return cln_fail(CLN_INPUT, "%s: the file changed while it was read; try again", path);
+}
+
+/* Gives decoded pixels the alpha of the view's other file: of its first channel. *pixels is
+ * replaced by one of 4 channels. */
+static cln_status add_alpha(const cln_view *view, bool wanted, uint64_t *digest, int *channels,
+                            uint8_t **pixels)
+{
+    cln_status st = CLN_OK;
+    const size_t count = (size_t)view->file_width * (size_t)view->file_height;
+    uint8_t *alpha = NULL, *both = NULL;
+    int width = 0, height = 0, alpha_channels = 0;
+
+    CLN_TRY(decode(view->alpha_path, wanted, digest, &width, &height, &alpha_channels, &alpha));
+    if (!wanted)
+        goto done;
+    if (width != view->file_width || height != view->file_height)
+        CLN_TRY(changed(view->alpha_path));
+    CLN_TRY(cln_alloc(&both, count, 4, view->path));
+    for (size_t i = 0; i < count; i++) {
+        memcpy(both + 4 * i, *pixels + (size_t)*channels * i, 3);
+        both[4 * i + 3] = alpha[(size_t)alpha_channels * i];
+    }
+    free(*pixels);
+    *pixels = both;
+    *channels = 4;
+done:
+    free(alpha);
+    return st;
+}
+
 static cln_status read_view(job *work, int index)
 {
     cln_status st = CLN_OK;
     cln_view *view = &work->scene->views[index];
-    char *data = NULL;
+    const bool wanted = work->wanted[view->split];
+    uint64_t *digest = &work->digests[index];
     uint8_t *pixels = NULL;
-    size_t bytes = 0;
     int width = 0, height = 0, channels = 0;
 
-    CLN_TRY(cln_read_file(view->path, FILE_MAX_BYTES, &data, &bytes));
-    work->digests[index] = cln_digest(CLN_DIGEST_START, data, bytes);
-    if (!work->wanted[view->split])
+    *digest = CLN_DIGEST_START;
+    CLN_TRY(decode(view->path, wanted, digest, &width, &height, &channels, &pixels));
+    if (wanted && (width != view->file_width || height != view->file_height))
+        CLN_TRY(changed(view->path));
+    if (view->alpha_path)
+        CLN_TRY(add_alpha(view, wanted, digest, &channels, &pixels));
+    if (!wanted)
         goto done;
-    CLN_TRY(cln_image_decode(view->path, data, bytes, &width, &height, &channels, &pixels));
-    if (width != view->file_width || height != view->file_height || channels != view->channels)
-        CLN_TRY(
-            cln_fail(CLN_INPUT, "%s: the file changed while it was read; try again", view->path));
+    if (channels != view->channels)
+        CLN_TRY(changed(view->path));
     CLN_TRY(cln_image_downscale(work->scene->downscale, &width, &height, channels, &pixels));
     CLN_ASSERT(width == view->camera.width && height == view->camera.height);
     view->pixels = work->scene->pixels + work->places[index];
     memcpy(view->pixels, pixels, (size_t)width * (size_t)height * (size_t)channels);
 done:
     free(pixels);
-    free(data);
     return st;
 }
 

@@ -33,6 +33,7 @@ static void free_views(cln_view *views, int count)
     for (int i = 0; i < count; i++) {
         free(views[i].name);
         free(views[i].path);
+        free(views[i].alpha_path);
     }
     free(views);
 }

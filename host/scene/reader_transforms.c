@@ -68,6 +68,7 @@ static void free_view(cln_view *view)
 {
     free(view->name);
     free(view->path);
+    free(view->alpha_path);
     memset(view, 0, sizeof *view);
 }
 

@@ -13,6 +13,8 @@
 static const cln_reader *const readers[CLN_FORMATS] = {
     [CLN_FORMAT_TRANSFORMS] = &cln_reader_transforms,
     [CLN_FORMAT_COLMAP] = &cln_reader_colmap,
+    [CLN_FORMAT_LLFF] = &cln_reader_llff,
+    [CLN_FORMAT_NEUS] = &cln_reader_neus,
 };
 
 static bool is_scene(const char *path)

@@ -46,10 +46,12 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
                         double *z);
 
 typedef struct cln_view {
-    char *name; /* as the dataset names it: path relative to the scene folder */
-    char *path; /* file */
+    char *name;       /* as the dataset names it: path relative to the scene folder */
+    char *path;       /* file */
+    char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     cln_split split;
     cln_camera camera;           /* at the size of `pixels` */
+    double near, far;            /* depths that the scene lies between; both 0 = not told */
     int file_width, file_height; /* size before --downscale */
     int channels;                /* 3, or 4 with straight alpha */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not loaded */

@@ -233,6 +233,119 @@ static void test_colmap_images(void **state)
                    "all images gone");
 }
 
+/* ---- LLFF, NeuS ---- */
+
+static void put_llff(const char *folder)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_llff(folder, cameras, 1, false);
+    cln_scene_free(load(folder, plain()));
+}
+
+/* Behind a header of 10 + 61 bytes, the rows of 17 doubles. */
+static void test_llff(void **state)
+{
+    static const double nan_value = NAN, zero = 0, huge = 1e300, seven = 7;
+    enum { HEADER = 10 + 61 };
+    static const struct {
+        int number; /* in the first row */
+        const double *value;
+        const char *words[3];
+    } cases[] = {
+        {0, &nan_value, {"row 1 (of 'view_00.png')", "number 1 is not finite"}},
+        {4, &zero, {"row 1", "image size 16 x 0"}},
+        {9, &huge, {"row 1", "absurd image size"}},
+        {14, &zero, {"'view_00.png'", "fl_x = 0"}},
+        {1, &seven, {"'view_00.png'", "not rigid"}},
+        {15, &seven, {"row 1", "depths go from 7 to 6"}},
+    };
+    const char *folder = *state, *file = scratch_path(folder, "poses_bounds.npy");
+
+    put_llff(folder);
+    cut_everywhere(folder, file, 1);
+    damage_everywhere(folder, file, 1);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char before[8], ignored[8], what[32];
+
+        snprintf(what, sizeof what, "case %zu", i);
+        patch(file, HEADER + 8 * cases[i].number, cases[i].value, 8, before);
+        assert_refused(folder, cases[i].words, what);
+        patch(file, HEADER + 8 * cases[i].number, before, 8, ignored);
+    }
+    put_image(folder, "images/z.png", 16, 12, 3, 0);
+    assert_refused(folder,
+                   (const char *const[3]){"poses_bounds.npy: poses of 6 images", "images has 7"},
+                   "an image more");
+    assert_int_equal(rename(scratch_path(folder, "images"), scratch_path(folder, "photos")), 0);
+    assert_refused(folder, (const char *const[3]){"poses_bounds.npy", "no folder images"},
+                   "no images");
+}
+
+static void test_neus(void **state)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+    const char *folder = *state, *file = scratch_path(folder, "cameras_sphere.npz");
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "image"), 1);
+    for (int deflate = 0; deflate < 2; deflate++) {
+        format_neus(folder, cameras, deflate);
+        cut_everywhere(folder, file, 7);
+        damage_everywhere(folder, file, 5);
+    }
+    format_neus(folder, cameras, true);
+    put_image(folder, "image/z.png", 16, 12, 3, 0);
+    assert_refused(folder,
+                   (const char *const[3]){"cameras_sphere.npz: world_mat_6", "no such array"},
+                   "an image more");
+    assert_int_equal(remove(scratch_path(folder, "image/z.png")), 0);
+    put_folder(folder, "mask");
+    assert_refused(folder, (const char *const[3]){"mask: 0 masks for 6 images"}, "no masks");
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        char name[32];
+
+        snprintf(name, sizeof name, "mask/%d.png", v);
+        put_image(folder, name, 16, v < 5 ? 12 : 11, 3, 0);
+    }
+    assert_refused(folder, (const char *const[3]){"5.png", "16 x 11", "16 x 12"}, "mask's size");
+    put_text(folder, "mask/5.png", "");
+    assert_refused(folder, (const char *const[3]){"mask/5.png", "empty"}, "mask");
+    assert_int_equal(rename(scratch_path(folder, "image"), scratch_path(folder, "photos")), 0);
+    assert_refused(folder, (const char *const[3]){"cameras_sphere.npz", "no folder image"},
+                   "no images");
+}
+
+/* Matrices that are no camera. */
+static void test_neus_matrices(void **state)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+    const char *folder = *state;
+
+    for (int i = 0; i < 3; i++) {
+        static const char *const words[3][3] = {
+            {"camera 2 (of 'view_02.png')", "rows depend on each other"},
+            {"world_mat_2", "not finite"},
+            {"camera 2 (of 'view_02.png')", "skew"},
+        };
+        cln_camera *c = &cameras[2];
+
+        format_cameras(cameras);
+        format_images(scratch_path(folder, "image"), 1);
+        if (i == 0)
+            c->c2w[0] = c->c2w[4] = c->c2w[8] = 0;
+        if (i == 1)
+            c->c2w[3] = NAN;
+        if (i == 2) /* x axis towards y */
+            for (int a = 0; a < 3; a++)
+                c->c2w[4 * a] += 0.2 * c->c2w[4 * a + 1];
+        format_neus(folder, cameras, false);
+        assert_refused(folder, words[i], words[i][1]);
+    }
+}
+
 int test_group_broken_formats(void)
 {
     const struct CMUnitTest tests[] = {
@@ -241,6 +354,9 @@ int test_group_broken_formats(void)
         cmocka_unit_test_setup_teardown(test_colmap_fields, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_lines, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_images, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_llff, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_neus, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_neus_matrices, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("broken_formats", tests, NULL, NULL);

@@ -264,6 +264,122 @@ static void test_cube_of_points(void **state)
     cln_scene_free(scene);
 }
 
+/* ---- LLFF, NeuS ---- */
+
+static void test_llff(void **state)
+{
+    static const struct {
+        const char *scene, *folders[3];
+        int sizes[3], camera_size, size; /* of the cameras, and of the images that are read */
+    } cases[] = {
+        {"a", {"images", "images_4"}, {1, 2}, 1, 1},
+        {"b", {"images_8", "images_4"}, {1, 2}, 4, 2},
+    };
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *folder = scratch_path(*state, cases[i].scene);
+        double far_corner[3], o[3], d[3];
+        cln_scene *scene = NULL;
+
+        for (int k = 0; cases[i].folders[k]; k++)
+            format_images(scratch_path(folder, cases[i].folders[k]), cases[i].sizes[k]);
+        format_llff(folder, cameras, cases[i].camera_size, i == 1);
+        scene = load(folder, plain());
+        assert_string_equal(scene->dialect, "LLFF");
+        assert_same_rays(scene, cameras, cases[i].size, 1e-9);
+        assert_float_equal(scene->views[3].near, 2, 0);
+        assert_float_equal(scene->views[3].far, 9, 0);
+        /* The cube holds what a corner shows at the far depth, 9 of view 3. */
+        assert_non_null(strstr(scene->bounds_rule, "near and far"));
+        assert_true(cln_camera_ray(&cameras[3], 0, 0, o, d));
+        for (int a = 0; a < 3; a++) /* the corner is at (-8, -6) / 20 from the axis */
+            far_corner[a] = o[a] + d[a] * 9 * sqrt(1 + 0.16 + 0.09);
+        assert_true(cln_space_holds(&scene->space, far_corner));
+        assert_in_range((long)scene->space.half, 6, 12);
+        cln_scene_free(scene);
+    }
+}
+
+static void test_neus(void **state)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        cameras[v].fy = 21 + v;
+        cameras[v].cx = 7.25;
+    }
+    for (int deflate = 0; deflate < 2; deflate++) {
+        const char *folder = scratch_path(*state, deflate ? "deflated" : "stored");
+        cln_scene *scene = NULL;
+
+        format_images(scratch_path(folder, "image"), 1);
+        format_neus(folder, cameras, deflate);
+        scene = load(folder, plain());
+        assert_string_equal(scene->dialect, "NeuS");
+        assert_same_rays(scene, cameras, 1, 1e-9);
+        assert_float_equal(scene->space.centre[0], 1, 0);
+        assert_float_equal(scene->space.centre[1], 2, 0);
+        assert_float_equal(scene->space.centre[2], 3, 0);
+        assert_float_equal(scene->space.half, 2, 0);
+        assert_false(scene->has_alpha);
+        cln_scene_free(scene);
+    }
+}
+
+/* Masks: brightness becomes alpha, of 8 and of 16 pixels averaged; they belong to the digest. */
+static void test_neus_masks(void **state)
+{
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_config config = *plain();
+    uint8_t mask[FORMAT_WIDTH * FORMAT_HEIGHT];
+    uint64_t digest = 0;
+    cln_scene *scene = NULL;
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "image"), 1);
+    format_neus(folder, cameras, false);
+    put_folder(folder, "mask");
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        char name[32];
+
+        for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+            mask[i] = (uint8_t)(i % FORMAT_WIDTH < 8 ? 0 : 250 + v);
+        snprintf(name, sizeof name, "mask/%03d.png", v);
+        assert_int_equal(
+            cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT, 1, mask),
+            CLN_OK);
+    }
+    scene = load(folder, &config);
+    assert_true(scene->has_alpha);
+    digest = scene->digest;
+    for (int v = 0; v < FORMAT_VIEWS; v++)
+        for (int x = 0; x < FORMAT_WIDTH; x++) {
+            const uint8_t *p = scene->views[v].pixels + 4 * (5 * FORMAT_WIDTH + x);
+
+            assert_int_equal(scene->views[v].channels, 4);
+            assert_int_equal(p[0], 20 * v);
+            assert_int_equal(p[3], x < 8 ? 0 : 250 + v);
+        }
+    cln_scene_free(scene);
+    config.downscale = 4;
+    scene = load(folder, &config);
+    assert_int_equal(scene->views[2].pixels[4 * 2 + 3], 252);
+    assert_int_equal(scene->views[2].pixels[4 * 1 + 3], 0);
+    cln_scene_free(scene);
+    mask[0] = 1;
+    assert_int_equal(cln_image_write_png(scratch_path(folder, "mask/005.png"), FORMAT_WIDTH,
+                                         FORMAT_HEIGHT, 1, mask),
+                     CLN_OK);
+    config.downscale = 1;
+    scene = load(folder, &config);
+    assert_true(scene->digest != digest);
+    cln_scene_free(scene);
+}
+
 /* ---- --format ---- */
 
 static void test_format(void **state)
@@ -313,6 +429,9 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_colmap_without_pose, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_models, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_cube_of_points, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_llff, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_neus, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),
     };
 

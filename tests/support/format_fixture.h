@@ -5,6 +5,7 @@
 #define CLN_TESTS_FORMAT_FIXTURE_H
 
 #include <math.h>
+#include <zlib.h>
 #include "scene/reader.h"
 #include "scene_fixture.h"
 
@@ -230,6 +231,177 @@ static inline void format_colmap(const char *folder, bool binary, const cln_came
             fprintf(f, "\n");
     }
     fclose(f);
+}
+
+/* ---- LLFF and NeuS: arrays ---- */
+
+/* The bytes of a .npy file of rows x columns numbers, float64 or float32; `fortran`: stored column
+ * by column. The caller frees them. */
+static inline char *format_npy(int rows, int columns, const double *values, bool single,
+                               bool fortran, size_t *bytes)
+{
+    char *data = NULL, header[128];
+    FILE *f = open_memstream(&data, bytes);
+    int length = 0;
+
+    assert_non_null(f);
+    length = snprintf(header, sizeof header,
+                      "{'descr': '%s', 'fortran_order': %s, 'shape': (%d, %d), }\n",
+                      single ? "<f4" : "<f8", fortran ? "True" : "False", rows, columns);
+    fwrite("\x93NUMPY\x01\0", 8, 1, f);
+    fputc(length, f);
+    fputc(0, f);
+    fwrite(header, (size_t)length, 1, f);
+    for (int i = 0; i < rows * columns; i++) {
+        const double value = values[fortran ? i % rows * columns + i / rows : i];
+        const float narrow = (float)value;
+
+        fwrite(single ? (const void *)&narrow : &value, single ? 4 : 8, 1, f);
+    }
+    fclose(f);
+    return data;
+}
+
+/* poses_bounds.npy; cameras of `size` times the images' sides; depths from 2 to 6 + v. */
+static inline void format_llff(const char *folder, const cln_camera *cameras, int size,
+                               bool fortran)
+{
+    double rows[FORMAT_VIEWS * 17];
+    size_t bytes = 0;
+    char *data = NULL;
+    FILE *f = NULL;
+
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        const cln_camera *c = &cameras[v];
+        const double intrinsics[3] = {size * c->height, size * c->width, size * c->fx};
+
+        for (int i = 0; i < 3; i++) { /* down, right, backwards, position */
+            rows[17 * v + 5 * i] = c->c2w[4 * i + 1];
+            rows[17 * v + 5 * i + 1] = c->c2w[4 * i];
+            rows[17 * v + 5 * i + 2] = -c->c2w[4 * i + 2];
+            rows[17 * v + 5 * i + 3] = c->c2w[4 * i + 3];
+            rows[17 * v + 5 * i + 4] = intrinsics[i];
+        }
+        rows[17 * v + 15] = 2;
+        rows[17 * v + 16] = 6 + v;
+    }
+    data = format_npy(FORMAT_VIEWS, 17, rows, false, fortran, &bytes);
+    f = format_open(folder, "poses_bounds.npy");
+    fwrite(data, bytes, 1, f);
+    fclose(f);
+    free(data);
+}
+
+static inline void put_u16(FILE *f, unsigned value)
+{
+    fputc((int)(value & 255), f);
+    fputc((int)(value >> 8), f);
+}
+
+/* A zip archive being written: its directory is kept until the end. */
+typedef struct format_zip {
+    FILE *file, *directory;
+    char *entries;
+    size_t entry_bytes;
+    unsigned count;
+    bool deflate;
+} format_zip;
+
+static inline void format_zip_add(format_zip *z, const char *name, const char *data, size_t bytes)
+{
+    const uint32_t place = (uint32_t)ftell(z->file);
+    const uint32_t sum = (uint32_t)crc32(0, (const Bytef *)data, (uInt)bytes);
+    Bytef packed[4096];
+    z_stream s = {.next_in = (Bytef *)(uintptr_t)data, .avail_in = (uInt)bytes};
+    size_t packed_bytes = bytes;
+
+    if (z->deflate) {
+        s.next_out = packed;
+        s.avail_out = sizeof packed;
+        assert_int_equal(deflateInit2(&s, 9, Z_DEFLATED, -MAX_WBITS, 8, Z_DEFAULT_STRATEGY), Z_OK);
+        assert_int_equal(deflate(&s, Z_FINISH), Z_STREAM_END);
+        packed_bytes = s.total_out;
+        deflateEnd(&s);
+    }
+    for (int local = 1; local >= 0; local--) {
+        FILE *f = local ? z->file : z->directory;
+
+        fwrite(local ? "PK\3\4" : "PK\1\2", 4, 1, f);
+        if (!local)
+            put_u16(f, 20);
+        put_u16(f, 20);
+        put_u16(f, 0);
+        put_u16(f, z->deflate ? 8 : 0);
+        put_u32(f, 0);
+        put_u32(f, sum);
+        put_u32(f, (uint32_t)packed_bytes);
+        put_u32(f, (uint32_t)bytes);
+        put_u16(f, (unsigned)strlen(name));
+        put_u16(f, local ? 4 : 0); /* an extra field that only the local header has */
+        if (!local) {
+            put_u16(f, 0);
+            put_u32(f, 0);
+            put_u32(f, 0);
+            put_u32(f, place);
+        }
+        fwrite(name, strlen(name), 1, f);
+        if (local)
+            put_u32(f, 0x00001234);
+    }
+    fwrite(z->deflate ? (const char *)packed : data, packed_bytes, 1, z->file);
+    z->count++;
+}
+
+static inline void format_zip_end(format_zip *z)
+{
+    const uint32_t place = (uint32_t)ftell(z->file);
+
+    fclose(z->directory);
+    fwrite(z->entries, z->entry_bytes, 1, z->file);
+    fwrite("PK\5\6", 4, 1, z->file);
+    put_u32(z->file, 0);
+    put_u16(z->file, z->count);
+    put_u16(z->file, z->count);
+    put_u32(z->file, (uint32_t)z->entry_bytes);
+    put_u32(z->file, place);
+    put_u16(z->file, 0);
+    fclose(z->file);
+    free(z->entries);
+}
+
+/* cameras_sphere.npz: P = s K [R|t] with a factor s that differs, and a ball of radius 2 around
+ * (1, 2, 3). */
+static inline void format_neus(const char *folder, const cln_camera *cameras, bool deflate)
+{
+    static const double scale_mat[16] = {2, 0, 0, 1, 0, 2, 0, 2, 0, 0, 2, 3, 0, 0, 0, 1};
+    format_zip z = {.file = format_open(folder, "cameras_sphere.npz"), .deflate = deflate};
+
+    z.directory = open_memstream(&z.entries, &z.entry_bytes);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        const cln_camera *c = &cameras[v];
+        const double s = v % 2 ? -3.5 : 0.25;
+        const double k[9] = {c->fx, 0, c->cx - 0.5, 0, c->fy, c->cy - 0.5, 0, 0, 1};
+        double r[9], t[3], p[16] = {[15] = 1};
+        char name[32], *data = NULL;
+        size_t bytes = 0;
+
+        format_w2c(c, r, t);
+        for (int i = 0; i < 3; i++)
+            for (int a = 0; a < 3; a++) {
+                for (int b = 0; b < 3; b++)
+                    p[4 * i + b] += s * k[3 * i + a] * r[3 * a + b];
+                p[4 * i + 3] += s * k[3 * i + a] * t[a];
+            }
+        data = format_npy(4, 4, p, false, v == 1, &bytes);
+        snprintf(name, sizeof name, "world_mat_%d.npy", v);
+        format_zip_add(&z, name, data, bytes);
+        free(data);
+        data = format_npy(4, 4, scale_mat, true, false, &bytes);
+        snprintf(name, sizeof name, "scale_mat_%d.npy", v);
+        format_zip_add(&z, name, data, bytes);
+        free(data);
+    }
+    format_zip_end(&z);
 }
 
 #endif

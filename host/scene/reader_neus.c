@@ -1,0 +1,190 @@
+/* Reader of NeuS's scenes (DTU and others): cameras_sphere.npz with world_mat_I and scale_mat_I for
+ * the I-th file of the folder image, by name, and in the folder mask, if it is there, what of it is
+ * the object: white becomes alpha 1, black 0.
+ *   world_mat  P = K [R|t], the world's points to pixels, 4x4 (or 3x4); the centre of the top-left
+ *              pixel is (0, 0) there
+ *   scale_mat  the unit ball, which holds the object, to the world: the cube is around that ball
+ * P is taken apart: its left 3x3 is upper triangular times rotation, from the last row up. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "io/npz.h"
+#include "scene/dataset.h"
+
+static const char *const file_name = "cameras_sphere.npz";
+static const double SKEW_LIMIT = 1e-3; /* of the focal length */
+
+/* A 4x4 or 3x4 matrix of the archive, its first three rows. */
+static cln_status read_matrix(const char *where, cln_npz *npz, const char *name, int index,
+                              double out[12])
+{
+    cln_status st = CLN_OK;
+    char *key = NULL;
+    double *data = NULL;
+    int dims = 0, shape[4];
+
+    CLN_TRY(cln_asprintf(&key, "%s_%d", name, index));
+    CLN_TRY(cln_npz_read(npz, key, &dims, shape, &data));
+    if (dims != 2 || (shape[0] != 3 && shape[0] != 4) || shape[1] != 4)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s is not a matrix of 4 x 4 numbers", where, key));
+    for (int i = 0; i < 12; i++)
+        if (!isfinite(data[i]))
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s has a number that is not finite", where, key));
+    memcpy(out, data, 12 * sizeof *out);
+done:
+    free(key);
+    free(data);
+    return st;
+}
+
+static double dot3(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* The length of v, which becomes a unit vector; 0 if it has none. */
+static double make_unit(double v[3])
+{
+    const double length = sqrt(dot3(v, v));
+
+    for (int i = 0; i < 3 && length > 0; i++)
+        v[i] /= length;
+    return length;
+}
+
+/* P = s K [R|t]: rows of R from the last one up, each without its part along those below it. P's
+ * sign is free; the determinant of R tells it. */
+static cln_status take_apart(const char *where, const double p[12], cln_camera *camera)
+{
+    double r[9], k[9] = {0}, translation[3], sign = 1;
+
+    for (int i = 2; i >= 0; i--) {
+        memcpy(r + 3 * i, p + 4 * i, 3 * sizeof *r);
+        for (int j = i + 1; j < 3; j++) {
+            k[3 * i + j] = dot3(r + 3 * i, r + 3 * j);
+            for (int a = 0; a < 3; a++)
+                r[3 * i + a] -= k[3 * i + j] * r[3 * j + a];
+        }
+        k[3 * i + i] = make_unit(r + 3 * i);
+        if (!(k[3 * i + i] > 0))
+            return cln_fail(CLN_INPUT, "%s: it is no projection: its rows depend on each other",
+                            where);
+    }
+    if (r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
+            r[2] * (r[3] * r[7] - r[4] * r[6]) <
+        0)
+        sign = -1;
+    for (int i = 2; i >= 0; i--) { /* K t = P's last column, from below */
+        translation[i] = sign * p[4 * i + 3];
+        for (int j = i + 1; j < 3; j++)
+            translation[i] -= k[3 * i + j] * translation[j];
+        translation[i] /= k[3 * i + i];
+    }
+    for (int i = 0; i < 9; i++)
+        r[i] *= sign;
+    if (fabs(k[1]) > SKEW_LIMIT * k[0])
+        return cln_fail(CLN_INPUT,
+                        "%s: its pixels are skew, %g of the focal length; cameras with skew are "
+                        "not read",
+                        where, k[1] / k[0]);
+    camera->fx = k[0] / k[8];
+    camera->fy = k[4] / k[8];
+    camera->cx = k[2] / k[8] + 0.5; /* our pixel centres */
+    camera->cy = k[5] / k[8] + 0.5;
+    cln_dataset_pose(r, translation, camera->c2w);
+    return CLN_OK;
+}
+
+/* The cube around the image of the unit ball: its extent along an axis is the norm of a row. */
+static cln_status set_cube(const char *where, cln_npz *npz, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    double m[12];
+
+    CLN_TRY(read_matrix(where, npz, "scale_mat", 0, m));
+    result->has_bounds = true;
+    result->space.half = 0;
+    for (int i = 0; i < 3; i++) {
+        result->space.centre[i] = m[4 * i + 3];
+        result->space.half = fmax(result->space.half, sqrt(dot3(m + 4 * i, m + 4 * i)));
+    }
+    CLN_TRY(cln_strdup(&result->bounds_rule, "around the unit ball of scale_mat"));
+done:
+    return st;
+}
+
+/* The files of the folder mask become the alpha of the images, in their order. */
+static cln_status set_masks(const char *path, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_names masks = {0};
+    char *folder = NULL;
+
+    CLN_TRY(cln_path_join(&folder, path, "mask"));
+    if (!cln_is_dir(folder))
+        goto done;
+    CLN_TRY(cln_dataset_images(folder, &masks));
+    if (masks.count != result->view_count)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: %d masks for %d images; both must be of the same images, or move the "
+                         "folder away",
+                         folder, masks.count, result->view_count));
+    for (int i = 0; i < masks.count; i++)
+        CLN_TRY(cln_path_join(&result->views[i].alpha_path, folder, masks.name[i]));
+done:
+    cln_dataset_free_names(&masks);
+    free(folder);
+    return st;
+}
+
+static bool detect(const char *path, const char **missing)
+{
+    *missing = "it is not there";
+    return cln_is_dir(path) && cln_dataset_has(path, file_name);
+}
+
+static cln_status read_scene(const char *path, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    char *file = NULL, *folder = NULL, *where = NULL;
+    cln_names images = {0};
+    cln_npz *npz = NULL;
+
+    CLN_TRY(cln_path_join(&file, path, file_name));
+    CLN_TRY(cln_npz_open(file, &npz));
+    CLN_TRY(cln_path_join(&folder, path, "image"));
+    if (!cln_is_dir(folder))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no folder image beside it", file));
+    CLN_TRY(cln_dataset_images(folder, &images));
+    CLN_TRY(cln_dataset_views(file, folder, &images, result));
+    for (int i = 0; i < images.count; i++) {
+        double p[12];
+
+        free(where);
+        CLN_TRY(cln_asprintf(&where, "%s: camera %d (of '%s')", file, i, images.name[i]));
+        CLN_TRY(read_matrix(where, npz, "world_mat", i, p));
+        CLN_TRY(take_apart(where, p, &result->views[i].camera));
+    }
+    CLN_TRY(set_cube(file, npz, result));
+    CLN_TRY(set_masks(path, result));
+    result->dialect = "NeuS";
+    CLN_TRY(
+        cln_asprintf(&result->because, "it has %s%s", file_name,
+                     images.count && result->views[0].alpha_path ? "; mask becomes alpha" : ""));
+done:
+    cln_npz_close(npz);
+    cln_dataset_free_names(&images);
+    free(file);
+    free(folder);
+    free(where);
+    return st;
+}
+
+const cln_reader cln_reader_neus = {
+    .name = "the NeuS reader",
+    .wants = "a folder with cameras_sphere.npz",
+    .detect = detect,
+    .read = read_scene,
+};
