@@ -4,18 +4,9 @@
 
 #include "scene/reader.h"
 
-enum { CLN_COLMAP_PARAMS = 16 }; /* the most that a camera model has */
-
-/* COLMAP's camera models: `focals` focal lengths (0: an image of the whole sphere), the principal
- * point, and the parameters of the lens, in the order of the lens model (lens.h). */
-typedef struct cln_colmap_kind {
-    const char *name;
-    int id, focals, extras;
-} cln_colmap_kind;
-
 typedef struct cln_colmap_camera {
     uint32_t id;
-    const cln_colmap_kind *kind;
+    const cln_colmap_model *model; /* of the table in lens.h */
     int width, height;
     double params[CLN_COLMAP_PARAMS];
 } cln_colmap_camera;

@@ -17,34 +17,6 @@
 static const size_t MAX_BYTES = (size_t)1 << 34;
 enum { MAX_POINTS = 100000000, MAX_SIDE = 1000000 };
 
-static const cln_colmap_kind kinds[] = {
-    {"SIMPLE_PINHOLE", 0, 1, 0},
-    {"PINHOLE", 1, 2, 0},
-    {"SIMPLE_RADIAL", 2, 1, 1},
-    {"RADIAL", 3, 1, 2},
-    {"OPENCV", 4, 2, 4},
-    {"OPENCV_FISHEYE", 5, 2, 4},
-    {"FULL_OPENCV", 6, 2, 8},
-    {"FOV", 7, 2, 1},
-    {"SIMPLE_RADIAL_FISHEYE", 8, 1, 1},
-    {"RADIAL_FISHEYE", 9, 1, 2},
-    {"THIN_PRISM_FISHEYE", 10, 2, 8},
-    {"RAD_TAN_THIN_PRISM_FISHEYE", 11, 2, 12},
-    {"SIMPLE_DIVISION", 12, 1, 1},
-    {"DIVISION", 13, 2, 1},
-    {"SIMPLE_FISHEYE", 14, 1, 0},
-    {"FISHEYE", 15, 2, 0},
-    {"EUCM", 16, 2, 2},
-    {"EQUIRECTANGULAR", 17, 0, 0},
-};
-enum { KINDS = sizeof kinds / sizeof *kinds };
-
-/* Numbers behind width and height; a sphere has its width and height there again. */
-static int param_count(const cln_colmap_kind *kind)
-{
-    return kind->focals + 2 + kind->extras;
-}
-
 static cln_status set_size(const char *path, double width, double height, cln_colmap_camera *camera)
 {
     if (!(width >= 1 && width <= MAX_SIDE && height >= 1 && height <= MAX_SIDE))
@@ -72,17 +44,15 @@ static cln_status read_camera(cln_cursor *c, cln_colmap_camera *camera)
     CLN_TRY(cln_cursor_take(c, "a camera", &camera->id, sizeof camera->id));
     CLN_TRY(cln_cursor_take(c, "a camera", &id, sizeof id));
     CLN_TRY(cln_cursor_take(c, "a camera", size, sizeof size));
-    for (int i = 0; i < KINDS; i++)
-        if (kinds[i].id == id)
-            camera->kind = &kinds[i];
-    if (!camera->kind)
+    if (id < 0 || id >= CLN_COLMAP_MODELS)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: camera %u has the unknown camera model %d, of 0 to %d; convert it to "
                          "one of these with COLMAP",
-                         c->path, camera->id, id, KINDS - 1));
+                         c->path, camera->id, id, CLN_COLMAP_MODELS - 1));
+    camera->model = &cln_colmap_models[id];
     CLN_TRY(set_size(c->path, (double)size[0], (double)size[1], camera));
     CLN_TRY(cln_cursor_take(c, "a camera", camera->params,
-                            (size_t)param_count(camera->kind) * sizeof *camera->params));
+                            (size_t)camera->model->count * sizeof *camera->params));
 done:
     return st;
 }
@@ -209,12 +179,12 @@ static bool parse_camera(char *line, cln_colmap_camera *camera, double size[2])
     if (!cln_field_whole(&line, UINT32_MAX, &id) || !cln_field_word(&line, &word))
         return false;
     camera->id = (uint32_t)id;
-    for (int i = 0; i < KINDS; i++)
-        if (!strcmp(kinds[i].name, word))
-            camera->kind = &kinds[i];
-    if (!camera->kind || !cln_field_number(&line, &size[0]) || !cln_field_number(&line, &size[1]))
+    for (int i = 0; i < CLN_COLMAP_MODELS; i++)
+        if (!strcmp(cln_colmap_models[i].name, word))
+            camera->model = &cln_colmap_models[i];
+    if (!camera->model || !cln_field_number(&line, &size[0]) || !cln_field_number(&line, &size[1]))
         return false;
-    for (int i = 0; i < param_count(camera->kind); i++)
+    for (int i = 0; i < camera->model->count; i++)
         if (!cln_field_number(&line, &camera->params[i]))
             return false;
     return !cln_field_word(&line, &word);

@@ -93,25 +93,18 @@ static const cln_colmap_camera *find_camera(const cln_colmap *model, uint32_t id
                                : NULL;
 }
 
-static cln_status set_camera(const char *where, const cln_colmap_camera *from, cln_camera *to)
+static void set_camera(const cln_colmap_camera *from, cln_camera *to)
 {
-    static const double pi = 3.14159265358979323846;
-    const double *p = from->params;
-    const int focals = from->kind->focals;
+    double pixels[4];
 
+    cln_colmap_split(from->model, from->params, pixels, to->distortion);
+    to->lens = from->model->lens;
     to->width = from->width;
     to->height = from->height;
-    to->fx = p[0];
-    to->fy = p[focals - 1 > 0];
-    to->cx = p[focals];
-    to->cy = p[focals + 1];
-    if (!focals) { /* a radian of longitude and of latitude; its parameters are its size */
-        to->fx = 0.5 * from->width / pi;
-        to->fy = from->height / pi;
-        to->cx = 0.5 * from->width;
-        to->cy = 0.5 * from->height;
-    }
-    return cln_dataset_lens(where, from->kind->name, from->kind->extras, p + focals + 2, to);
+    to->fx = pixels[0];
+    to->fy = pixels[1];
+    to->cx = pixels[2];
+    to->cy = pixels[3];
 }
 
 static cln_status set_pose(const char *where, const double pose[7], double c2w[12])
@@ -155,7 +148,7 @@ static cln_status make_views(cln_colmap *model, cln_reader_result *result)
         if (!camera)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: its camera %u is not in %s", where, image->camera,
                              model->camera_file));
-        CLN_TRY(set_camera(where, camera, &view->camera));
+        set_camera(camera, &view->camera);
         CLN_TRY(set_pose(where, image->pose, view->camera.c2w));
     }
 done:
