@@ -160,7 +160,9 @@ CLN_API cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_
 typedef struct cln_train_progress {
     int64_t step, steps; /* steps 0: the budget is time */
     double fraction;     /* of the budget, 0..1 */
-    double seconds, eta; /* training seconds so far, and left */
+    double seconds;      /* of training so far */
+    double eta;          /* seconds to go, evaluations included; NaN at first */
+    int unmeasured; /* evaluations to come that eta lacks: how long one takes is not known yet */
     double rays_per_s, samples_per_ray;
     double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
     int leaves;
@@ -195,8 +197,10 @@ typedef struct cln_train_desc {
 
 typedef struct cln_train_result {
     int64_t step;
-    double seconds; /* training seconds, without evaluation */
+    double seconds;      /* training seconds, without evaluation */
+    double wall_seconds; /* of the call */
     double psnr_train, psnr_test;
+    int eval_views, test_views; /* how many views psnr_test is over, of how many there are */
     int leaves;
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
     uint64_t digest;               /* model_digest */
@@ -333,6 +337,10 @@ typedef struct cln_tune_try {
     cln_tune_verdict verdict;
     char reason[512];        /* why it was refused */
     double seconds, against; /* of a step, and of the best set before it at the same time; NaN */
+    /* What decided: the two were timed by turns, in so many pairs; the middle of the pairs' ratios
+     * of times (below 1 is faster; NaN), and in how many of them it was not faster. */
+    double ratio;
+    int pairs, slower;
 } cln_tune_try;
 
 typedef struct cln_tune_desc {

@@ -260,8 +260,12 @@ done:
 cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
 {
     cln_status st = CLN_OK;
-    cln_trainer t = {
-        .desc = desc, .lock = -1, .began = cln_now(), .psnr_train = NAN, .psnr_test = NAN};
+    cln_trainer t = {.desc = desc,
+                     .lock = -1,
+                     .began = cln_now(),
+                     .psnr_train = NAN,
+                     .psnr_test = NAN,
+                     .eval_seconds = NAN};
     const char *state = "failed";
 
     memset(result, 0, sizeof *result);
@@ -272,8 +276,11 @@ done:
         (void)cln_device_finish(t.device);
     result->step = t.model.step;
     result->seconds = t.model.train_seconds;
+    result->wall_seconds = cln_now() - t.began;
     result->psnr_train = t.psnr_train;
     result->psnr_test = t.psnr_test;
+    result->eval_views = t.eval_count;
+    result->test_views = t.scene ? cln_scene_split_count(t.scene, CLN_SPLIT_TEST) : 0;
     result->leaves = t.model.tree.leaf_count;
     result->device_peak = t.device ? (double)t.device->peak : 0;
     result->host_peak = cln_peak_rss();

@@ -1,8 +1,10 @@
 /* Edit distance by dynamic programming over prefixes (optimal string alignment: Levenshtein's with
- * swaps), and UTF-8. See text.h. */
+ * swaps), UTF-8, and words for a shell. See text.h. */
 #include "base/text.h"
 
+#include <ctype.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 
 int cln_edit_distance(const char *a, const char *b)
@@ -65,4 +67,32 @@ void cln_utf8_repair(char *text)
             *text = '?';
         text += bytes ? bytes : 1;
     }
+}
+
+const char *cln_shell_quote(const char *text, char *out, size_t bytes)
+{
+    bool plain = *text != 0;
+    size_t used = 0;
+
+    for (const char *c = text; *c && plain;
+         c++) /* characters beyond ASCII mean nothing to a shell */
+        plain = (unsigned char)*c >= 0x80 || isalnum((unsigned char)*c) || strchr("_./:=,+@%-", *c);
+    if (4 * strlen(text) + 3 > bytes) {
+        snprintf(out, bytes, "...");
+        return out;
+    }
+    if (!plain)
+        out[used++] = '\'';
+    for (; *text; text++) {
+        if (*text == '\'') {
+            memcpy(out + used, "'\\''", 4);
+            used += 4;
+        } else {
+            out[used++] = *text;
+        }
+    }
+    if (!plain)
+        out[used++] = '\'';
+    out[used] = 0;
+    return out;
 }

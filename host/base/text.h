@@ -1,8 +1,9 @@
-/* Similarity of two names, for "did you mean", and UTF-8. */
+/* Similarity of two names, for "did you mean", UTF-8, and words for a shell. */
 #ifndef CLN_TEXT_H
 #define CLN_TEXT_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 /* Number of edits (insert, delete, replace, swap of neighbours) between two names, of which the
  * first 63 characters count. */
@@ -14,6 +15,11 @@ int cln_utf8_bytes(const char *at);
 
 /* Returns whether the whole text is UTF-8. */
 bool cln_utf8_valid(const char *text);
+
+/* The text as one word of a shell's command line, in single quotes where it needs them. Returns
+ * out, which is "..." where the word has no room; 4 * strlen(text) + 3 bytes are always enough. */
+enum { CLN_QUOTED_BYTES = 4096 };
+const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 
 /* Replaces each byte outside UTF-8 characters by '?'. */
 void cln_utf8_repair(char *text);

@@ -27,7 +27,7 @@
 #include "io/run_folder.h"
 
 enum { PAIRS = 9, FEWEST_PAIRS = 3, AGAINST = 2 };
-static const double GAIN = 0.98;     /* taken below this ratio of times */
+static const double GAIN = 0.98;     /* taken below this ratio of times; tell() says it, too */
 static const double HOPELESS = 1.15; /* no more pairs above this one */
 static const double PART_SECONDS =
     0.03; /* shortest part of a pair: steps are repeated to fill it */
@@ -139,7 +139,8 @@ static cln_status add_try(tuner *t, const cln_tune *tune, cln_tune_try **out)
     }
     t->tried[r->count] = *tune;
     *out = &r->tries[r->count++];
-    **out = (cln_tune_try){.seconds = NAN, .against = NAN, .verdict = CLN_SET_UNDECIDED};
+    **out =
+        (cln_tune_try){.seconds = NAN, .against = NAN, .ratio = NAN, .verdict = CLN_SET_UNDECIDED};
     cln_tune_text(tune, (*out)->tune);
 done:
     return st;
@@ -151,9 +152,16 @@ static void tell(const cln_tune_try *try)
         cln_warn("%s: refused, and not timed: %s", try->tune, try->reason);
     else if (try->verdict == CLN_SET_UNDECIDED)
         cln_info("%s: right, but the budget is used up", try->tune);
+    else if (try->pairs == 0)
+        cln_info("%s: %.4g ms a step; the search begins here", try->tune, 1e3 * try->seconds);
     else
-        cln_info("%s: %.4g ms a step, %.4g before: %s", try->tune, 1e3 * try->seconds,
-                 1e3 * try->against, try->verdict == CLN_SET_TAKEN ? "taken" : "not taken");
+        cln_info(
+            "%s: %.4g ms a step, the best so far %.4g; by turns %.2f times as long (the middle "
+            "of %d pairs), not faster in %d of them: %s",
+            try->tune, 1e3 * try->seconds, 1e3 * try->against, try->ratio, try->pairs, try->slower,
+            try->verdict == CLN_SET_TAKEN ? "taken"
+            : try->ratio >= GAIN          ? "not taken, as it must be 2 % faster"
+                                          : "not taken, as too many pairs are against it");
 }
 
 /* ---- right or wrong ---- */
@@ -229,6 +237,9 @@ static cln_status race(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
     }
     if (pairs < FEWEST_PAIRS || (pairs <= 2 * AGAINST && median(ratio, pairs) < GAIN))
         goto done; /* too few to tell */
+    try->ratio = median(ratio, pairs);
+    try->pairs = pairs;
+    try->slower = slower;
     try->seconds = median(seconds, pairs);
     try->against = median(best, pairs);
     try->verdict =

@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"
 
@@ -15,25 +16,41 @@ static const char *state_of(cln_status st)
 static cln_status print_result(const cln_options *options, const char *run, cln_status trained,
                                const cln_train_result *r)
 {
-    char digest[32], step[32], duration[32], train[32], test[32], leaves[32], device[32], host[32];
+    char digest[32], step[32], training[32], wall[32], train[32], test[32], leaves[32], device[32];
+    char host[32], quoted[CLN_QUOTED_BYTES];
 
     cln_format_digest(r->digest, digest);
     if (options->json)
-        return cln_print_json(json_pack(
-            "{s:s s:s s:s s:I s:o s:o s:o s:i s:f s:f s:s}", "schema", "cl-nascent.train/1", "run",
-            run, "state", state_of(trained), "step", (json_int_t)r->step, "seconds",
-            cln_json_real(r->seconds), "psnr_train", cln_json_real(r->psnr_train), "psnr_test",
-            cln_json_real(r->psnr_test), "leaves", r->leaves, "device_peak", r->device_peak,
-            "host_peak", r->host_peak, "model_digest", digest));
+        return cln_print_json(
+            json_pack("{s:s s:s s:s s:I s:o s:o s:o s:o s:i s:i s:i s:f s:f s:s}", "schema",
+                      "cl-nascent.train/1", "run", run, "state", state_of(trained), "step",
+                      (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "wall_seconds",
+                      cln_json_real(r->wall_seconds), "psnr_train", cln_json_real(r->psnr_train),
+                      "psnr_test", cln_json_real(r->psnr_test), "eval_views", r->eval_views,
+                      "test_views", r->test_views, "leaves", r->leaves, "device_peak",
+                      r->device_peak, "host_peak", r->host_peak, "model_digest", digest));
     cln_format_count((double)r->step, step);
-    cln_format_duration(r->seconds, duration);
+    cln_format_duration(r->seconds, training);
+    cln_format_duration(r->wall_seconds, wall);
     cln_format_real(r->psnr_train, 2, train);
     cln_format_real(r->psnr_test, 2, test);
     cln_format_count(r->leaves, leaves);
     printf("run           %s (%s)\n", run, state_of(trained));
-    printf("steps         %s in %s\n", step, duration);
-    printf("PSNR          %s train%s%s%s\n", train, isfinite(r->psnr_test) ? ", " : "",
-           isfinite(r->psnr_test) ? test : "", isfinite(r->psnr_test) ? " test" : "");
+    printf("steps         %s\n", step);
+    if (options->resume)
+        printf("time          %s of training since the run began; %s from this start to the end\n",
+               training, wall);
+    else
+        printf("time          %s of training; %s in all, with start, evaluation and checkpoints\n",
+               training, wall);
+    printf("PSNR          %s train", train);
+    if (isfinite(r->psnr_test) && r->eval_views < r->test_views)
+        printf(", %s test (over %d of %d test views; of all: `cl-nascent eval %s`)", test,
+               r->eval_views, r->test_views, cln_shell_quote(run, quoted, sizeof quoted));
+    else if (isfinite(r->psnr_test))
+        printf(", %s test (over %s%d test view%s)", test, r->test_views > 1 ? "all " : "",
+               r->test_views, r->test_views > 1 ? "s" : "");
+    putchar('\n');
     printf("leaves        %s\n", leaves);
     cln_format_bytes(r->device_peak, device);
     cln_format_bytes(r->host_peak, host);

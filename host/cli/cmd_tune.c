@@ -13,9 +13,10 @@ static const char *const verdicts[] = {[CLN_SET_REFUSED] = "refused",
 
 static json_t *try_json(const cln_tune_try *try)
 {
-    return json_pack("{s:s s:s s:s* s:o s:o}", "tune", try->tune, "verdict", verdicts[try->verdict],
-                     "reason", *try->reason ? try->reason : NULL, "seconds",
-                     cln_json_real(try->seconds), "against", cln_json_real(try->against));
+    return json_pack("{s:s s:s s:s* s:o s:o s:o s:i s:i}", "tune", try->tune, "verdict",
+                     verdicts[try->verdict], "reason", *try->reason ? try->reason : NULL, "seconds",
+                     cln_json_real(try->seconds), "against", cln_json_real(try->against), "ratio",
+                     cln_json_real(try->ratio), "pairs", try->pairs, "slower", try->slower);
 }
 
 static cln_status print_json(const cln_tune_result *r, const char *file)

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/log.h"
+#include "device/device.h"
 
 static const int stop_signals[] = {SIGINT, SIGTERM};
 
@@ -74,32 +75,30 @@ static int poll_signals(void *user)
 
 void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
 {
-    char step[32], steps[32], elapsed[32], left[32], rays[32], train[32], test[32], leaves[32];
-    char params[32], memory[32], loss[32];
-    size_t used = 0;
+    char step[32], steps[32], trained[32], left[32], rays[32], train[32], leaves[32];
+    char params[32], memory[32], loss[32], test[48] = "", evals[48] = "";
 
     cln_format_count((double)progress->step, step);
     cln_format_count((double)progress->steps, steps);
-    cln_format_duration(progress->seconds, elapsed);
+    cln_format_duration(progress->seconds, trained);
     cln_format_duration(progress->eta, left);
     cln_format_short(progress->rays_per_s, rays);
     cln_format_real(progress->loss, 4, loss);
     cln_format_real(progress->psnr_train, 1, train);
-    cln_format_real(progress->psnr_test, 1, test);
+    if (isfinite(progress->psnr_test))
+        snprintf(test, sizeof test, ", %.1f test", progress->psnr_test);
+    if (progress->unmeasured > 0)
+        snprintf(evals, sizeof evals, " + evaluation%s", progress->unmeasured > 1 ? "s" : "");
     cln_format_count(progress->leaves, leaves);
     cln_format_short(progress->params, params);
     cln_format_bytes(progress->device_bytes, memory);
-    used = (size_t)snprintf(out, bytes, "train %s%s%s %.0f%% | %s elapsed, %s left | %s rays/s | ",
-                            step, progress->steps > 0 ? "/" : "", progress->steps > 0 ? steps : "",
-                            floor(100 * progress->fraction), elapsed, left, rays);
-    if (used < bytes)
-        used += (size_t)snprintf(out + used, bytes - used, "loss %.4f | PSNR %s train",
-                                 progress->loss, train);
-    if (used < bytes && isfinite(progress->psnr_test))
-        used += (size_t)snprintf(out + used, bytes - used, " %s test", test);
-    if (used < bytes)
-        snprintf(out + used, bytes - used, " | %s leaves %s params | %s dev", leaves, params,
-                 memory);
+    /* what matters first: a narrow terminal shows the fields that it has room for */
+    snprintf(out, bytes,
+             "train %.0f%% | PSNR %s train%s | %s trained, %s left%s | step %s%s%s | %s rays/s | "
+             "loss %s | %s leaves %s params | %s dev",
+             floor(100 * progress->fraction), train, test, trained, left, evals, step,
+             progress->steps > 0 ? "/" : "", progress->steps > 0 ? steps : "", rays, loss, leaves,
+             params, memory);
 }
 
 static void show_train(const cln_train_progress *progress, void *user)
@@ -115,11 +114,25 @@ static void show_work(const char *what, int done, int total, void *user)
 {
     cln_console *console = user;
     double fraction = total > 0 ? (double)done / total : 0;
-    char line[512], count[32], of[32];
+    const double now = cln_now();
+    char line[512], count[32], of[32], left[48] = "";
 
+    if (!console->work || strcmp(console->work, what) != 0 || done < console->work_done) {
+        console->work = what;
+        console->work_began = now;
+        console->work_first = done;
+    }
+    console->work_done = done;
+    if (done > console->work_first && done < total) {
+        const int counted = done - console->work_first;
+
+        snprintf(left, sizeof left, " | ");
+        cln_format_duration((now - console->work_began) / counted * (total - done), left + 3);
+        strcat(left, " left");
+    }
     cln_format_count(done, count);
     cln_format_count(total, of);
-    snprintf(line, sizeof line, "%s %s/%s %.0f%%", what, count, of, floor(100 * fraction));
+    snprintf(line, sizeof line, "%s %s/%s %.0f%%%s", what, count, of, floor(100 * fraction), left);
     cln_progress_show(console->progress, fraction, line);
 }
 

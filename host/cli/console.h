@@ -14,6 +14,11 @@ typedef struct cln_console {
     cln_callbacks callbacks; /* for the library; valid until close */
     cln_progress *progress;
     bool announced; /* the log says that a signal came */
+    /* The work that is under way, for the time that is left: its name, how much of it was done when
+     * it was first seen and when that was (monotonic seconds), and how much is done. */
+    const char *work;
+    int work_first, work_done;
+    double work_began;
 } cln_console;
 
 cln_status cln_console_open(const cln_options *options, cln_console *console);

@@ -460,22 +460,11 @@ static cln_status quote_line(int argc, char **argv, char **out)
     CLN_TRY(cln_alloc(out, bytes, 1, "command line"));
     to = *out;
     for (int i = 0; i < argc; i++) {
-        bool plain = *argv[i] && !strpbrk(argv[i], " \t\n'\"\\$`*?[]{}()<>|&;#~!");
-
         if (i > 0)
             *to++ = ' ';
-        if (!plain)
-            *to++ = '\'';
-        for (const char *from = argv[i]; *from; from++) {
-            if (*from == '\'')
-                to = stpcpy(to, "'\\''");
-            else
-                *to++ = *from;
-        }
-        if (!plain)
-            *to++ = '\'';
+        cln_shell_quote(argv[i], to, bytes - (size_t)(to - *out));
+        to += strlen(to);
     }
-    *to = 0;
 done:
     return st;
 }

@@ -209,6 +209,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     CLN_TRY(cln_device_ids(&ids, &count));
     CLN_TRY(pick(desc->spec, ids, count, &index));
     CLN_TRY(cln_alloc(&device, 1, sizeof *device, "device"));
+    device->booked = CLN_STAGES;
     device->id = ids[index];
     cln_device_describe(device->id, &device->info);
     CLN_TRY(check_usable(device));

@@ -32,6 +32,8 @@
     X(ADAM, "adam")                  \
     X(REFRESH, "stage 1 refresh")    \
     X(STRUCTURE, "structure")        \
+    X(PROBE, "probes")               \
+    X(EVALUATION, "evaluation")      \
     X(OTHER, "other")
 
 typedef enum cln_stage {
@@ -63,6 +65,7 @@ typedef struct cln_device {
     bool spoil;   /* tests: new buffers start as NaN, to expose reads of unwritten elements */
     size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
+    cln_stage booked; /* where it all goes (cln_queue_book); CLN_STAGES: each to its own stage */
     /* queue.c's: launches whose time is not yet known; since cln_device_open, launches whose time
      * is, and waits of the host. */
     cln_pending *pending;

@@ -35,6 +35,11 @@ void cln_queue_waited(cln_device *device)
     settle(device, device->pending_count);
 }
 
+void cln_queue_book(cln_device *device, cln_stage stage)
+{
+    device->booked = stage;
+}
+
 cln_status cln_device_finish(cln_device *device)
 {
     cln_status st = CLN_OK;
@@ -113,7 +118,8 @@ cln_status cln_launch(cln_device *device, cl_kernel kernel, cln_stage stage, siz
         device->pending = bigger;
         device->pending_capacity = capacity;
     }
-    device->pending[device->pending_count++] = (cln_pending){event, stage};
+    device->pending[device->pending_count++] =
+        (cln_pending){event, device->booked < CLN_STAGES ? device->booked : stage};
     event = NULL;
 done:
     if (event)

@@ -433,6 +433,50 @@ done:
     return st;
 }
 
+typedef struct growing {
+    uint8_t *data;
+    size_t bytes, room;
+    bool failed;
+} growing;
+
+static void grow(void *context, void *data, int length)
+{
+    growing *to = context;
+    const size_t needed = to->bytes + (size_t)length;
+
+    if (needed > to->room) {
+        uint8_t *larger = realloc(to->data, 2 * needed);
+
+        to->failed = to->failed || !larger;
+        if (!larger)
+            return;
+        to->data = larger;
+        to->room = 2 * needed;
+    }
+    memcpy(to->data + to->bytes, data, (size_t)length);
+    to->bytes = needed;
+}
+
+cln_status cln_image_encode_jpeg(int width, int height, int channels, const uint8_t *pixels,
+                                 int quality, uint8_t **out, size_t *bytes)
+{
+    growing to = {0};
+
+    *out = NULL;
+    *bytes = 0;
+    CLN_ASSERT(channels == 1 || channels == 3);
+    if (width < 1 || height < 1 || width > CLN_IMAGE_MAX_SIDE || height > CLN_IMAGE_MAX_SIDE)
+        return cln_fail(CLN_OUTPUT, "cannot make a JPEG of %d x %d pixels; the limit is %d a side",
+                        width, height, CLN_IMAGE_MAX_SIDE);
+    if (!stbi_write_jpg_to_func(grow, &to, width, height, channels, pixels, quality) || to.failed) {
+        free(to.data);
+        return cln_fail(CLN_MEMORY, "no memory to encode a JPEG of %d x %d pixels", width, height);
+    }
+    *out = to.data;
+    *bytes = to.bytes;
+    return CLN_OK;
+}
+
 uint8_t cln_to_u8(float value)
 {
     if (!(value > 0)) /* NaN too */

@@ -1,5 +1,5 @@
 /* Image files: reads PNG and JPEG through stb_image after checks of its own, writes PNG through
- * stb_image_write, atomically. */
+ * stb_image_write, atomically, and JPEG to memory. */
 #ifndef CLN_IMAGE_H
 #define CLN_IMAGE_H
 
@@ -33,6 +33,11 @@ cln_status cln_image_write_png(const char *path, int width, int height, int chan
 /* The same, to memory; the caller frees *out. */
 cln_status cln_image_encode_png(int width, int height, int channels, const uint8_t *pixels,
                                 uint8_t **out, size_t *bytes);
+
+/* JPEG of [height][width][3 or 1] u8 in memory, quality 1..100; the caller frees *out. CLN_OUTPUT,
+ * CLN_MEMORY. */
+cln_status cln_image_encode_jpeg(int width, int height, int channels, const uint8_t *pixels,
+                                 int quality, uint8_t **out, size_t *bytes);
 
 /* 0..1 float -> u8, clamped, rounded to nearest; NaN becomes 0. */
 uint8_t cln_to_u8(float value);

@@ -47,10 +47,25 @@ static int terminal_columns(void)
     return 79;
 }
 
+/* How much of a text has room: whole fields, which " | " separates, as half a number is another one;
+ * of the first field as much as there is room for. */
+static int shown_bytes(const char *text, int columns)
+{
+    int fits = 0;
+
+    if ((int)strlen(text) <= columns)
+        return (int)strlen(text);
+    for (const char *end = strstr(text, " | "); end; end = strstr(end + 1, " | "))
+        if (end - text <= columns)
+            fits = (int)(end - text);
+    return fits ? fits : columns;
+}
+
 static void write_out(cln_progress *progress)
 {
     if (progress->mode == MODE_BAR)
-        fprintf(stderr, "\r%.*s\033[K", terminal_columns(), progress->text);
+        fprintf(stderr, "\r%.*s\033[K", shown_bytes(progress->text, terminal_columns()),
+                progress->text);
     else
         fprintf(stderr, "%s\n", progress->text);
     fflush(stderr);

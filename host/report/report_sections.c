@@ -7,7 +7,7 @@
 #include "io/image.h"
 #include "report/html.h"
 
-enum { PICTURE_WIDTH = 400 };
+enum { PICTURE_WIDTH = 400, JPEG_QUALITY = 85 };
 
 #define ROW(id, title, function, when) {id, title, function, when},
 const cln_report_section cln_report_sections[] = {CLN_REPORT_SECTIONS(ROW)};
@@ -28,13 +28,41 @@ void cln_report_number(FILE *to, double value, int decimals)
         fputs("&ndash;", to);
 }
 
+/* PNG, or JPEG where that is smaller, as it is of photos: a page is mailed and opened on phones. The
+ * files in eval/ are whole. *type: "png" or "jpeg". */
+static cln_status encode(int width, int height, int channels, const uint8_t *pixels,
+                         const char **type, uint8_t **out, size_t *bytes)
+{
+    cln_status st = CLN_OK;
+    uint8_t *png = NULL;
+    size_t png_bytes = 0;
+
+    *type = "png";
+    CLN_TRY(cln_image_encode_png(width, height, channels, pixels, &png, &png_bytes));
+    if (channels == 1 || channels == 3) {
+        CLN_TRY(cln_image_encode_jpeg(width, height, channels, pixels, JPEG_QUALITY, out, bytes));
+        if (*bytes < png_bytes) {
+            *type = "jpeg";
+            goto done;
+        }
+    }
+    free(*out);
+    *out = png;
+    *bytes = png_bytes;
+    png = NULL;
+done:
+    free(png);
+    return st;
+}
+
 cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what)
 {
     cln_status st = CLN_OK;
     cln_status before = cln_error_status();
-    uint8_t *pixels = NULL, *png = NULL;
+    uint8_t *pixels = NULL, *file = NULL;
+    const char *type = NULL;
     size_t bytes = 0;
-    int width = 0, height = 0, channels = 0;
+    int width = 0, height = 0, channels = 0, smaller = 0;
 
     if (!cln_is_file(path) || cln_image_load(path, &width, &height, &channels, &pixels) != CLN_OK) {
         if (before == CLN_OK)
@@ -42,17 +70,18 @@ cln_status cln_report_picture(FILE *to, const char *path, const char *view, cons
         fprintf(to, "<span class=none>no %s picture</span>", what);
         goto done;
     }
-    if (width >= 2 * PICTURE_WIDTH && height >= 2)
-        CLN_TRY(cln_image_downscale(width / PICTURE_WIDTH < height ? width / PICTURE_WIDTH : height,
-                                    &width, &height, channels, &pixels));
-    CLN_TRY(cln_image_encode_png(width, height, channels, pixels, &png, &bytes));
+    smaller = (width + PICTURE_WIDTH / 2) / PICTURE_WIDTH;
+    if (smaller >= 2 && height >= 2)
+        CLN_TRY(cln_image_downscale(smaller < height ? smaller : height, &width, &height, channels,
+                                    &pixels));
+    CLN_TRY(encode(width, height, channels, pixels, &type, &file, &bytes));
     fprintf(to, "<img width=%d height=%d alt=\"%s of ", width, height, what);
     cln_html_text(to, view);
-    fputs("\" src=\"data:image/png;base64,", to);
-    cln_base64_write(to, png, bytes);
+    fprintf(to, "\" src=\"data:image/%s;base64,", type);
+    cln_base64_write(to, file, bytes);
     fputs("\">", to);
 done:
     free(pixels);
-    free(png);
+    free(file);
     return st;
 }

@@ -1,9 +1,11 @@
-/* The report's section "Time per stage": a bar and a table of each stage's time by OpenCL events,
- * and of the rest of the wall clock's. */
+/* The report's section "Time per stage": a bar and a table of each stage's time by OpenCL events, and
+ * the rest of the training time. What is no training (evaluations, probes) is told below it. */
 #include "report/report_sections.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
+#include "device/device.h"
 #include "io/progress.h"
 #include "report/html.h"
 
@@ -54,45 +56,79 @@ static double wall_seconds(const cln_report_rows *r)
     return sum + last;
 }
 
+/* Not a stage of a training step: work of other kinds, booked apart. */
+static bool is_apart(const char *name)
+{
+    return strcmp(name, cln_stage_names[CLN_STAGE_PROBE]) == 0 ||
+           strcmp(name, cln_stage_names[CLN_STAGE_EVALUATION]) == 0;
+}
+
+static void put_apart(FILE *to, const cln_report_rows *r, double training)
+{
+    const double wall = wall_seconds(r);
+    char time[32], all[32];
+    const char *comma = "";
+
+    fputs("<p class=soft>Between stages: the host's own work, waiting for the device.", to);
+    for (int i = 0; i < r->stage_count; i++) {
+        if (!is_apart(r->stages[i].name))
+            continue;
+        cln_format_duration(r->stages[i].seconds, time);
+        fputs(*comma ? comma : " Not in the table: ", to);
+        cln_html_text(to, r->stages[i].name);
+        fprintf(to, " %s", time);
+        comma = ", ";
+    }
+    fputs(*comma ? "." : "", to);
+    cln_format_duration(training, time);
+    cln_format_duration(wall, all);
+    fprintf(to, " Training took %s", time);
+    if (wall > training)
+        fprintf(to, "; %s by the clock, with start, evaluations and checkpoints", all);
+    fputs(".</p>\n", to);
+}
+
 cln_status cln_report_stages(FILE *to, const cln_report_data *data)
 {
     const cln_report_rows *r = &data->rows;
     double order[CLN_REPORT_STAGES][2]; /* seconds, index */
-    double sum = 0, total = 0, steps = 0;
+    double sum = 0, training = 0, total = 0, steps = 0;
+    int count = 0;
 
     for (int i = 0; i < r->stage_count; i++) {
-        order[i][0] = r->stages[i].seconds;
-        order[i][1] = i;
+        if (is_apart(r->stages[i].name))
+            continue;
+        order[count][0] = r->stages[i].seconds;
+        order[count++][1] = i;
         sum += r->stages[i].seconds;
     }
     if (!(sum > 0)) {
         fputs("<p class=soft>No stage was timed.</p>\n", to);
         return CLN_OK;
     }
-    qsort(order, (size_t)r->stage_count, sizeof order[0], by_time);
-    total = fmax(sum, wall_seconds(r));
+    qsort(order, (size_t)count, sizeof order[0], by_time);
+    for (int i = 0; i < r->count; i++)
+        training = fmax(training, r->seconds[i]);
+    total = fmax(sum, training);
     if (r->count > 0 && r->step[r->count - 1] > 0)
         steps = r->step[r->count - 1];
     fputs("<div class=stack>", to);
-    for (int i = 0; i < r->stage_count; i++) {
+    for (int i = 0; i < count; i++) {
         fprintf(to, "<i style='width:%.3f%%;background:%s' title='", 100 * order[i][0] / total,
                 stage_colour(i));
         cln_html_text(to, r->stages[(int)order[i][1]].name);
         fputs("'></i>", to);
     }
-    fprintf(to, "<i style='flex:1;background:%s' title='elsewhere'></i></div>\n", rest_colour);
+    fprintf(to, "<i style='flex:1;background:%s' title='between stages'></i></div>\n", rest_colour);
     fputs("<table class=wide><tr><th>stage<th class=n>time<th class=n>share<th class=n>ms per "
           "step<th>\n",
           to);
-    for (int i = 0; i < r->stage_count; i++)
+    for (int i = 0; i < count; i++)
         put_stage(to, r->stages[(int)order[i][1]].name, stage_colour(i), order[i][0], total,
                   steps > 0 ? steps : NAN);
     if (total - sum > 0.001 * total)
-        put_stage(to, "elsewhere", rest_colour, total - sum, total, steps > 0 ? steps : NAN);
+        put_stage(to, "between stages", rest_colour, total - sum, total, steps > 0 ? steps : NAN);
     fputs("</table>\n", to);
-    if (total - sum > 0.001 * total)
-        fputs("<p class=soft>Elsewhere: loading, evaluation, checkpoints, waiting for the "
-              "device.</p>\n",
-              to);
+    put_apart(to, r, training);
     return CLN_OK;
 }

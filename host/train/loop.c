@@ -13,11 +13,15 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
+#include "device/queue.h"
 #include "io/progress.h"
 #include "render/quality.h"
 #include "train/maintain.h"
 #include "train/record.h"
 #include "train/step.h"
+
+static const double TARGET_SECONDS = 15; /* between evaluations that look for --target-psnr */
 
 /* ---- budgets ---- */
 
@@ -41,6 +45,28 @@ static int64_t steps_of_epochs(const cln_trainer *t)
     const double pixels = (double)t->batch.first[t->batch.train_views];
 
     return (int64_t)fmax(1, ceil(c->epochs * pixels / 10 / c->rays));
+}
+
+/* A run that is resumed has nothing left to do: with which option it would. */
+static void say_used_up(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+    const bool timed = c->time_limit > 0 && t->model.train_seconds >= c->time_limit;
+    char budget[64], more[64], run[CLN_QUOTED_BYTES];
+
+    if (timed)
+        snprintf(budget, sizeof budget, "%.0f s", c->time_limit);
+    else
+        snprintf(budget, sizeof budget, "%lld steps", (long long)t->steps);
+    if (timed)
+        snprintf(more, sizeof more, "--time-limit +%.0fs", c->time_limit);
+    else if (c->steps > 0)
+        snprintf(more, sizeof more, "--steps +%d", c->steps);
+    else
+        snprintf(more, sizeof more, "--epochs +%d", c->epochs);
+    cln_info("nothing is left to train: the budget of %s is used up; to go on: `cl-nascent train "
+             "--resume %s %s`",
+             budget, cln_shell_quote(t->desc->run, run, sizeof run), more);
 }
 
 /* ---- evaluation, checkpoints ---- */
@@ -73,11 +99,13 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
 {
     cln_status st = CLN_OK, rendered = CLN_OK;
     cln_eval_result result = {0};
+    const double began = cln_now();
     const cln_callbacks callbacks = {.work = show_work, .interrupted = poll_signal, .user = t};
 
     *done = false;
     if (t->eval_count == 0)
         return CLN_OK;
+    cln_queue_book(t->device, CLN_STAGE_EVALUATION);
     rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
                                    folder, &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
@@ -88,6 +116,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         goto done;
     *done = true;
     t->psnr_test = result.psnr;
+    t->eval_seconds = cln_now() - began;
     if (folder) {
         CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, false));
         result.digest = cln_model_digest(&t->model);
@@ -96,6 +125,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         CLN_TRY(cln_record_eval(t->desc->run, &result));
     }
 done:
+    cln_queue_book(t->device, CLN_STAGES);
     cln_eval_free(&result);
     return st;
 }
@@ -124,6 +154,14 @@ done:
     return st;
 }
 
+/* Whether --target-psnr has to see for itself, as nothing else asks for evaluations. */
+static bool watches_target(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+
+    return c->target_psnr > 0 && c->eval_every == 0 && t->point_count == 0;
+}
+
 /* Returns whether an evaluation is due: at points in seconds or steps, every N steps, or, for a
  * target PSNR, every 15 s. */
 static bool evaluation_due(cln_trainer *t)
@@ -135,34 +173,75 @@ static bool evaluation_due(cln_trainer *t)
     for (int i = 0; i < t->point_count; i++)
         due |= t->point_steps[i] > 0 ? t->model.step == t->point_steps[i]
                                      : before < t->point_seconds[i] && now >= t->point_seconds[i];
-    if (c->target_psnr > 0 && c->eval_every == 0 && t->point_count == 0)
-        due |= floor(before / 15) < floor(now / 15);
+    if (watches_target(t))
+        due |= floor(before / TARGET_SECONDS) < floor(now / TARGET_SECONDS);
     t->looked_seconds = now;
     return due;
 }
 
-static void report_progress(const cln_trainer *t, double fraction)
+/* Evaluations that are still to come, the last one included, if the budget goes on as so far. */
+static int evaluations_left(const cln_trainer *t, double fraction)
+{
+    const cln_config *c = &t->model.config;
+    const double step = (double)t->model.step, seconds = t->model.train_seconds;
+    const double end_step = step / fraction, end_seconds = seconds / fraction;
+    double count = 1;
+
+    if (t->eval_count == 0)
+        return 0;
+    for (int i = 0; i < t->point_count; i++)
+        count += t->point_steps[i] > 0
+                     ? t->point_steps[i] > step && t->point_steps[i] <= end_step
+                     : t->point_seconds[i] > seconds && t->point_seconds[i] <= end_seconds;
+    if (c->eval_every > 0)
+        count += floor(end_step / c->eval_every) - floor(step / c->eval_every);
+    if (watches_target(t))
+        count += floor(end_seconds / TARGET_SECONDS) - floor(seconds / TARGET_SECONDS);
+    return (int)fmin(count, 1e6);
+}
+
+/* Keeps the rates and means of the rays since the last row: a step's come back one step later, so
+ * just behind a row there are none. */
+static void keep_window(cln_trainer *t)
+{
+    const double spent = t->model.train_seconds - t->window.began_seconds;
+
+    if (t->window.steps == 0 || t->window.rays == 0 || !(spent > 0))
+        return;
+    t->shown.rays_per_s = (double)t->window.rays / spent;
+    t->shown.samples_per_ray = (double)t->window.samples / (double)t->window.rays;
+    t->shown.loss = t->window.loss / t->window.steps;
+    t->shown.psnr_train = -10 * log10(fmax(t->window.square / t->window.steps, 1e-10));
+}
+
+static void report_progress(cln_trainer *t, double fraction)
 {
     const cln_callbacks *callbacks = &t->desc->callbacks;
-    const double spent = t->model.train_seconds - t->window.began_seconds;
-    cln_train_progress progress = {
-        .step = t->model.step,
-        .steps = t->steps,
-        .fraction = fraction,
-        .seconds = t->model.train_seconds,
-        .eta = fraction > 0.001 ? (t->model.train_seconds) * (1 - fraction) / fraction : NAN,
-        .rays_per_s = spent > 0 ? (double)t->window.rays / spent : 0,
-        .samples_per_ray = t->window.rays ? (double)t->window.samples / (double)t->window.rays : 0,
-        .loss = t->window.steps ? t->window.loss / t->window.steps : NAN,
-        .psnr_train =
-            t->window.steps ? -10 * log10(fmax(t->window.square / t->window.steps, 1e-10)) : NAN,
-        .psnr_test = t->psnr_test,
-        .leaves = t->pipeline.leaves,
-        .params = (double)t->pipeline.leaves * t->pipeline.net.learned,
-        .device_bytes = (double)t->device->allocated};
+    cln_train_progress *p = &t->shown;
 
-    if (callbacks->train)
-        callbacks->train(&progress, callbacks->user);
+    keep_window(t);
+    if (!callbacks->train || !(p->rays_per_s > 0))
+        return;
+    p->step = t->model.step;
+    p->steps = t->steps;
+    p->fraction = fraction;
+    p->seconds = t->model.train_seconds;
+    p->eta = NAN;
+    p->unmeasured = 0;
+    if (fraction > 0.001) {
+        const int left = evaluations_left(t, fraction);
+
+        p->eta = p->seconds * (1 - fraction) / fraction;
+        if (isfinite(t->eval_seconds))
+            p->eta += left * t->eval_seconds;
+        else
+            p->unmeasured = left;
+    }
+    p->psnr_test = t->psnr_test;
+    p->leaves = t->pipeline.leaves;
+    p->params = (double)t->pipeline.leaves * t->pipeline.net.learned;
+    p->device_bytes = (double)t->device->allocated;
+    callbacks->train(p, callbacks->user);
 }
 
 /* Writes a row of metrics.jsonl and begins a new interval. */
@@ -171,6 +250,7 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
     cln_status st = CLN_OK;
     char peak[32], limit[32];
 
+    keep_window(t);
     t->psnr_train = -10 * log10(fmax(t->window.square / t->window.steps, 1e-10));
     CLN_TRY(cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated));
     if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
@@ -189,10 +269,12 @@ done:
 
 static cln_status stopped(const cln_trainer *t, const char *when)
 {
+    char run[CLN_QUOTED_BYTES];
+
     return cln_fail(
         t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
         "stopped by a signal %s at step %lld; go on with `cl-nascent train --resume %s`", when,
-        (long long)t->model.step, t->desc->run);
+        (long long)t->model.step, cln_shell_quote(t->desc->run, run, sizeof run));
 }
 
 /* Waits for the newest step to end, which counts as training time. */
@@ -236,6 +318,8 @@ cln_status cln_loop_run(cln_trainer *t)
 
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = steps_of_epochs(t);
+    if (t->desc->resume && fraction_used(t) >= 1)
+        say_used_up(t);
     CLN_TRY(warm_up(t));
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;

@@ -9,6 +9,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "device/queue.h"
 #include "train/distil.h"
 #include "train/step.h"
 #include "model/integer_program.h"
@@ -242,6 +243,7 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
     batch.sampling.pictures = false; /* training's densities, as the next step reads them */
     batch.sampling.max_samples = t->plan.max_samples;
     CLN_TRY(cln_step_catch_up(t));
+    cln_queue_book(t->device, CLN_STAGE_PROBE);
     t->drawn = false;
     cln_batch_draw(&t->batch, t->scene, c, &draw);
     CLN_TRY(cln_render_rays(p, &batch, t->results, &used));
@@ -254,6 +256,7 @@ cln_status cln_maintain_probe(cln_trainer *t, double *psnr)
     }
     *psnr = -10 * log10(fmax(square / (3.0 * used), 1e-10));
 done:
+    cln_queue_book(t->device, CLN_STAGES);
     return st;
 }
 

@@ -102,6 +102,16 @@ static const char *text_of(const json_t *object, const char *key, const char *ot
     return text ? text : otherwise;
 }
 
+/* What the run came to so far, should nothing be left to train. */
+static void take_result(cln_trainer *t, const json_t *result)
+{
+    const json_t *train = json_object_get(result, "psnr_train");
+    const json_t *test = json_object_get(result, "psnr_test");
+
+    t->psnr_train = json_is_number(train) ? json_number_value(train) : NAN;
+    t->psnr_test = json_is_number(test) ? json_number_value(test) : NAN;
+}
+
 /* A resumed run keeps its preset, its scene's path and its first start's time from run.json. */
 cln_status cln_record_start(cln_trainer *t)
 {
@@ -112,6 +122,7 @@ cln_status cln_record_start(cln_trainer *t)
 
     if (t->desc->resume)
         CLN_TRY(cln_run_read(t->desc->run, &before));
+    take_result(t, json_object_get(before, "result"));
     if (!path)
         path = text_of(json_object_get(before, "dataset"), "path", t->scene->folder);
     if (!preset)
@@ -159,14 +170,15 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_model_digest(&t->model));
     json_object_set_new(t->run, "state", json_string(state));
     json_object_set_new(t->run, "ended", json_string(now));
-    json_object_set_new(t->run, "result",
-                        json_pack("{s:I, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:s}", "step",
-                                  (json_int_t)t->model.step, "seconds", t->model.train_seconds,
-                                  "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
-                                  cln_json_real(t->psnr_test), "leaves", t->model.tree.leaf_count,
-                                  "params", (double)t->model.tree.leaf_count * t->model.net.learned,
-                                  "device_peak", (double)t->device->peak, "host_peak",
-                                  cln_peak_rss(), "model_digest", digest));
+    json_object_set_new(
+        t->run, "result",
+        json_pack("{s:I, s:f, s:f, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
+                  (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
+                  cln_now() - t->began, "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
+                  cln_json_real(t->psnr_test), "eval_views", t->eval_count, "leaves",
+                  t->model.tree.leaf_count, "params",
+                  (double)t->model.tree.leaf_count * t->model.net.learned, "device_peak",
+                  (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
     CLN_TRY(cln_plan_json(&t->host_plan, &plan));

@@ -551,9 +551,32 @@ static void test_utf8(void **state)
     assert_string_equal(name, "Xeon? \xc3\xbc ??");
 }
 
+static void test_shell_quote(void **state)
+{
+    static const struct {
+        const char *text, *word;
+    } cases[] = {
+        {"runs/lego-1.2,a=b+c@d:e%", "runs/lego-1.2,a=b+c@d:e%"},
+        {"", "''"},
+        {"a b", "'a b'"},
+        {"it's", "'it'\\''s'"},
+        {"~", "'~'"},
+        {"a\nb\\c\"$`*", "'a\nb\\c\"$`*'"},
+        {"\xc3\xbc", "\xc3\xbc"},
+    };
+    char word[128];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        assert_string_equal(cln_shell_quote(cases[i].text, word, sizeof word), cases[i].word);
+    assert_string_equal(cln_shell_quote("a b", word, 14), "..."); /* 15 are surely enough */
+    assert_string_equal(cln_shell_quote("a b", word, 15), "'a b'");
+}
+
 int test_group_base(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_shell_quote),
         cmocka_unit_test(test_philox_known_answers),
         cmocka_unit_test(test_uniform),
         cmocka_unit_test(test_uniform_hash),

@@ -151,16 +151,18 @@ static void train_line_reads_as_the_manual_says(void **state)
     (void)state;
     cln_train_line(&p, text, sizeof text);
     assert_string_equal(text,
-                        "train 12,400/30,000 41% | 08:12 elapsed, 11:47 left | 182 k rays/s | "
-                        "loss 0.0031 | PSNR 27.9 train 26.4 test | 1,184 leaves 3.1 M params | "
-                        "612 MiB dev");
+                        "train 41% | PSNR 27.9 train, 26.4 test | 08:12 trained, 11:47 left | "
+                        "step 12,400/30,000 | 182 k rays/s | loss 0.0031 | 1,184 leaves 3.1 M "
+                        "params | 612 MiB dev");
     p.steps = 0;
     p.psnr_test = NAN;
     p.eta = INFINITY;
+    p.unmeasured = 1;
     cln_train_line(&p, text, sizeof text);
     assert_string_equal(text,
-                        "train 12,400 41% | 08:12 elapsed, --:-- left | 182 k rays/s | "
-                        "loss 0.0031 | PSNR 27.9 train | 1,184 leaves 3.1 M params | 612 MiB dev");
+                        "train 41% | PSNR 27.9 train | 08:12 trained, --:-- left + evaluation | "
+                        "step 12,400 | 182 k rays/s | loss 0.0031 | 1,184 leaves 3.1 M params | "
+                        "612 MiB dev");
     cln_train_line(&p, text, 20); /* cut, not overrun */
     assert_int_equal(strlen(text), 19);
 }

@@ -121,6 +121,32 @@ static void test_png_transparent_colour(void **state)
     free(pixels);
 }
 
+/* A smooth picture comes back nearly as it was, in few bytes. */
+static void test_jpeg_of_a_gradient(void **state)
+{
+    enum { SIDE = 64 };
+    uint8_t pixels[SIDE * SIDE * 3], *jpeg = NULL, *back = NULL;
+    size_t bytes = 0;
+    int w = 0, h = 0, c = 0;
+
+    (void)state;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        pixels[3 * i] = (uint8_t)(3 * (i % SIDE));
+        pixels[3 * i + 1] = (uint8_t)(3 * (i / SIDE));
+        pixels[3 * i + 2] = 90;
+    }
+    assert_int_equal(cln_image_encode_jpeg(SIDE, SIDE, 3, pixels, 90, &jpeg, &bytes), CLN_OK);
+    assert_in_range(bytes, 100, sizeof pixels / 4);
+    assert_int_equal(cln_image_decode("memory", jpeg, bytes, &w, &h, &c, &back), CLN_OK);
+    assert_true(w == SIDE && h == SIDE && c == 3);
+    for (size_t i = 0; i < sizeof pixels; i++)
+        assert_in_range(back[i] + 8 - pixels[i], 0, 16);
+    free(back);
+    free(jpeg);
+    assert_int_equal(cln_image_encode_jpeg(0, 4, 3, pixels, 90, &jpeg, &bytes), CLN_OUTPUT);
+    cln_clear_error();
+}
+
 static void test_png_damage(void **state)
 {
     const char *path = scratch_path(*state, "damaged.png");
@@ -519,6 +545,7 @@ int test_group_image(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_png_round_trip, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_png_transparent_colour, scratch_make, scratch_remove),
+        cmocka_unit_test(test_jpeg_of_a_gradient),
         cmocka_unit_test_setup_teardown(test_png_damage, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_absurd_sizes, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_inflating_png, scratch_make, scratch_remove),

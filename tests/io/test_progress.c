@@ -94,6 +94,27 @@ static void progress_as_a_bar_redraws_its_line(void **state)
     free(text);
 }
 
+static void show_fields(void)
+{
+    cln_progress *progress = NULL;
+
+    assert_int_equal(cln_progress_open("bar", &progress), CLN_OK);
+    cln_progress_show(progress, 0,
+                      "train 41% | PSNR 27.9 train, 26.4 test | 08:12 trained, 11:47 left | "
+                      "step 12,400/30,000 | loss 0.0031");
+    cln_progress_close(progress);
+}
+
+/* 79 columns off a terminal, which would cut "step 12,4". */
+static void progress_as_a_bar_shows_whole_fields(void **state)
+{
+    char *text = stderr_of(*state, show_fields);
+
+    assert_string_equal(text, "\rtrain 41% | PSNR 27.9 train, 26.4 test | 08:12 trained, 11:47 "
+                              "left\033[K\n");
+    free(text);
+}
+
 static void progress_can_be_off(void **state)
 {
     cln_progress *progress = NULL;
@@ -155,6 +176,7 @@ int test_group_progress(void)
     const struct CMUnitTest tests[] = {
         ON_DISK(progress_off_a_terminal_is_plain_lines),
         ON_DISK(progress_as_a_bar_redraws_its_line),
+        ON_DISK(progress_as_a_bar_shows_whole_fields),
         ON_DISK(progress_can_be_off),
         cmocka_unit_test(formats_are_for_people),
     };

@@ -75,7 +75,7 @@ static void put_metrics(const char *run, int rows)
             f,
             "{\"step\":%d,\"seconds\":%g,\"wall_seconds\":%g,\"psnr_train\":%g,\"psnr_test\":%s,"
             "\"rays_per_s\":1000,\"samples_per_ray\":9,\"leaves\":%d,\"params\":5000,"
-            "\"stages\":{\"forward\":0.3,\"backward\":0.5}}\n",
+            "\"stages\":{\"forward\":0.3,\"backward\":0.5,\"evaluation\":0.4}}\n",
             i * 25, (double)i, i * 1.1, 10 + 20.0 * i / rows, test, i < rows / 2 ? 64 : 512);
     }
     assert_int_equal(fclose(f), 0);
@@ -271,7 +271,9 @@ static void page_shows_what_the_run_left(void **state)
     assert_has(page, "4711 <span class=soft>(42)</span>"); /* differs from the preset */
     assert_int_equal(count_of(page, "<tr class=set>"), 1);
     assert_has(page, "backward");
-    assert_has(page, "50.0"); /* of 110 wall seconds: 100 x 0.5 */
+    assert_has(page, "50.0"); /* of 100 seconds of training: 100 x 0.5 */
+    assert_has(page, "20.0"); /* and what is left of them, between the stages */
+    assert_has(page, "Not in the table: evaluation 00:40. Training took 01:40; 01:50 by the clock");
     assert_has(page, "90 train, 0 val, 10 test");
     assert_has(page, "<td class=soft>together<td class=n>4.0 MiB"); /* without the limit */
     assert_has(page, "<td class=soft>limit<td class=n>8.0 MiB");
