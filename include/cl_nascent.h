@@ -302,7 +302,7 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 typedef struct cln_export_desc {
     const char *run;
     const char *what;   /* "octree": the active leaves as boxes, a PLY file */
-    const char *file;   /* the file to write */
+    const char *file;   /* the file to write; octree: NAME.ply, or a NAME without any ending */
     const char *colour; /* octree: "level" or "error"; NULL = "level" */
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
 } cln_export_desc;

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
 #include "api/export.h"
@@ -16,11 +17,17 @@
 #include "io/run_folder.h"
 #include "model/model.h"
 
-/* Nothing that is there is replaced unasked, and nothing but a plain file ever. */
-static cln_status check_target(const cln_export_desc *desc)
+/* Nothing that is there is replaced unasked, and nothing but a plain file ever; and no file is called
+ * what it is not. form: "FILE.ply". */
+static cln_status check_target(const cln_export_desc *desc, const char *form)
 {
+    const char *slash = strrchr(desc->file, '/');
+    const char *ending = strrchr(slash ? slash : desc->file, '.'), *wanted = strchr(form, '.');
     struct stat info;
 
+    if (ending && strcasecmp(ending, wanted) != 0)
+        return cln_fail(CLN_USAGE, "%s: --%s writes %s files; end the name with %s", desc->file,
+                        desc->what, wanted, wanted);
     if (lstat(desc->file, &info) != 0)
         return CLN_OK; /* if it cannot be made, writing will say why */
     if (!S_ISREG(info.st_mode))
@@ -87,10 +94,10 @@ done:
 /* ---- the list ---- */
 
 static const struct {
-    const char *what;
+    const char *what, *form;
     cln_status (*write)(const cln_export_desc *desc, const cln_model *model);
 } exports[] = {
-#define X(what, form, help) {#what, write_##what},
+#define X(what, form, help) {#what, form, write_##what},
     CLN_EXPORT_LIST(X)
 #undef X
 };
@@ -125,7 +132,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
         CLN_TRY(cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour));
     /* tells a folder that is no run from one without checkpoint */
     CLN_TRY(cln_run_read(desc->run, &run));
-    CLN_TRY(check_target(desc));
+    CLN_TRY(check_target(desc, exports[wanted].form));
     CLN_TRY(cln_checkpoint_read(desc->run, false, &model));
     CLN_TRY(exports[wanted].write(desc, &model));
     result->step = model.step;

@@ -4,8 +4,10 @@
 #define CLN_EXPORT_H
 
 /* X(what, form, help): what = the name in cln_export_desc.what and of the option that takes the
- * file, form = how help names the file. */
+ * file, form = how help names the file, with the ending that a name must have if it has any. */
 #define CLN_EXPORT_LIST(X) \
-    X(octree, "FILE", "write the active leaves to this PLY file, as boxes with level and error")
+    X(octree, "FILE.ply",  \
+      "write the active leaves to this PLY file, as boxes with level and error; - is standard "  \
+      "output")
 
 #endif

@@ -188,14 +188,27 @@ void cln_format_digest(uint64_t digest, char out[32])
     snprintf(out, 32, "%016llx", (unsigned long long)digest);
 }
 
+static cln_status fail_stdout(int reason)
+{
+    if (reason == EPIPE) {
+        signal(SIGPIPE, SIG_DFL);
+        raise(SIGPIPE);
+    }
+    return cln_fail(CLN_OUTPUT, "standard output: %s", reason ? strerror(reason) : "write error");
+}
+
 cln_status cln_flush_stdout(void)
 {
     errno = 0;
     if (fflush(stdout) == 0 && !ferror(stdout))
         return CLN_OK;
-    if (errno == EPIPE) {
-        signal(SIGPIPE, SIG_DFL);
-        raise(SIGPIPE);
-    }
-    return cln_fail(CLN_OUTPUT, "standard output: %s", errno ? strerror(errno) : "write error");
+    return fail_stdout(errno);
+}
+
+cln_status cln_write_stdout(const void *data, size_t bytes)
+{
+    errno = 0;
+    if (fwrite(data, 1, bytes, stdout) == bytes)
+        return cln_flush_stdout();
+    return fail_stdout(errno);
 }
