@@ -256,7 +256,7 @@ typedef struct cln_render_desc {
     int orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis */
     double orbit_radius;    /* in units of the mean training camera distance */
-    int width, height;      /* orbit: image size; 0 = as the training images */
+    int width, height;      /* image size; 0 = as the photos, or by the other one */
     double fov;             /* orbit: horizontal, degrees; 0 = as the training images */
     int max_images;         /* split: evenly chosen; 0 = all */
     bool overwrite;         /* else frames with existing files are skipped */

@@ -17,8 +17,8 @@
 #include "io/run_folder.h"
 #include "model/model.h"
 
-/* Nothing that is there is replaced unasked, and nothing but a plain file ever; and no file is called
- * what it is not. form: "FILE.ply". */
+/* Nothing that is there is replaced unasked, and nothing but a plain file ever; and no file is
+ * called what it is not. form: "FILE.ply". */
 static cln_status check_target(const cln_export_desc *desc, const char *form)
 {
     const char *slash = strrchr(desc->file, '/');

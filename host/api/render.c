@@ -62,7 +62,8 @@ static cln_status frames_of_split(job *j)
     CLN_TRY(cln_quality_choose(scene, split, j->desc->max_images, &views, &j->count));
     CLN_TRY(cln_alloc(&j->frames, (size_t)j->count, sizeof *j->frames, "frames"));
     for (int i = 0; i < j->count; i++) {
-        j->frames[i].camera = scene->views[views[i]].camera;
+        CLN_TRY(cln_orbit_resize(&scene->views[views[i]].camera, j->desc->width, j->desc->height,
+                                 &j->frames[i].camera));
         CLN_TRY(cln_view_file_name(scene->views[views[i]].name, &j->frames[i].name));
     }
 done:
@@ -125,6 +126,8 @@ static json_t *describe(const job *j)
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
                       "poses", d->split ? d->split : "orbit");
+    if (about && d->split && (d->width > 0 || d->height > 0))
+        json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
     if (about && !d->split)
         json_object_set_new(about, "orbit",
                             json_pack("{s:i, s:f, s:f, s:i, s:i, s:f}", "frames", j->count,

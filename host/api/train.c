@@ -23,15 +23,22 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
 {
     cln_status st = CLN_OK;
     cln_settings *settings = NULL;
+    json_t *document = NULL;
+    const json_t *result = NULL;
 
     *out = NULL;
     CLN_TRY(cln_settings_create(NULL, &settings));
     CLN_TRY(cln_run_config(run, &settings->config, NULL));
+    CLN_TRY(cln_run_read(run, &document));
+    result = json_object_get(document, "result");
+    settings->steps = json_number_value(json_object_get(result, "step"));
+    settings->seconds = json_number_value(json_object_get(result, "seconds"));
     settings->base = settings->config;
     settings->preset[0] = 0;
     *out = settings;
     settings = NULL;
 done:
+    json_decref(document);
     cln_settings_free(settings);
     return st;
 }

@@ -190,7 +190,7 @@ static cln_status fail_value(cln_status st, const cln_config_row *row, const cha
     cln_number_write(row->min, min);
     cln_number_write(row->max, max);
     if (row->flags & CLN_ROW_SECONDS)
-        form = " seconds (or 90s, 10m, 2h)";
+        form = " seconds (or 90s, 10m, 2h, 1:30)";
     else if (row->flags & CLN_ROW_BYTES)
         form = " bytes (or 512M, 4G)";
     switch (row->type) {
@@ -345,7 +345,8 @@ cln_status cln_parse_seconds(const char *text, double *seconds)
     double value = 0;
 
     if (!cln_seconds_read(text, &value, NULL))
-        return cln_fail(CLN_USAGE, "'%s' is not a time of 0 or more: give seconds, or 90s, 10m, 2h",
+        return cln_fail(CLN_USAGE,
+                        "'%s' is not a time of 0 or more: give seconds, or 90s, 10m, 2h, 1:30",
                         text);
     *seconds = value;
     return CLN_OK;

@@ -33,7 +33,7 @@ enum {
     CLN_ROW_SCENE = 8,   /* an option of `info SCENE`, too: how a scene is read */
     CLN_ROW_LATER = 16,  /* runs older than this row have its paper value */
     CLN_ROW_BUDGET = 32, /* +N extends a resumed run */
-    CLN_ROW_SECONDS = 64, /* REAL: also 90s, 10m, 2h */
+    CLN_ROW_SECONDS = 64, /* REAL: also 90s, 10m, 2h, 1:30 */
     CLN_ROW_BYTES = 128,  /* REAL: also 512M, 4G */
     CLN_ROW_AUTO = 256,   /* INT: "auto" is 0 */
     CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE
@@ -224,7 +224,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
     INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                       \
     INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)", .flags = CLN_ROW_BUDGET) \
     REAL(time_limit, "time-limit", 0, 0, 0, 1e9,                                                  \
-         "budget: training seconds, or 90s 10m 2h (0 = none)",                                    \
+         "budget: training seconds, or 90s 10m 2h 1:30 (0 = none)",                               \
          .flags = CLN_ROW_SECONDS | CLN_ROW_BUDGET)                                               \
     REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                                \
          "budget: stop when test PSNR reaches this (0 = none)")                                   \

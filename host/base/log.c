@@ -3,10 +3,12 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 
 static cln_log_level max_level = CLN_LOG_INFO;
 static cln_log_sink *sink_fn;
 static void *sink_user;
+static bool colour;
 
 void cln_log_set_level(cln_log_level level)
 {
@@ -25,11 +27,20 @@ void cln_log_to(cln_log_level most, cln_log_sink *sink, void *user)
     cln_log_set_sink(sink, user);
 }
 
+void cln_log_use_colour(bool on)
+{
+    colour = on;
+}
+
 void cln_log_stderr(cln_log_level level, const char *line, void *user)
 {
-    (void)level;
+    static const char word[] = "warning:";
+
     (void)user;
-    fprintf(stderr, "%s\n", line);
+    if (colour && level == CLN_LOG_WARN && strncmp(line, word, sizeof word - 1) == 0)
+        fprintf(stderr, "\033[1;33m%s\033[0m%s\n", word, line + sizeof word - 1);
+    else
+        fprintf(stderr, "%s\n", line);
 }
 
 void cln_log(cln_log_level level, const char *fmt, ...)

@@ -12,8 +12,9 @@
 void cln_log_set_level(cln_log_level level);
 void cln_log_set_sink(cln_log_sink *sink, void *user);
 
-/* The sink of programs: a line on stderr. */
+/* The sink of programs: a line on stderr; with colours, the word "warning" stands out. */
 cln_log_sink cln_log_stderr;
+void cln_log_use_colour(bool on);
 
 void cln_log(cln_log_level level, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 #define cln_warn(...)  cln_log(CLN_LOG_WARN, __VA_ARGS__)

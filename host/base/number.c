@@ -70,10 +70,35 @@ static bool read_with_unit(const char *text, const char *letters, const double *
     return *value >= 0 && isfinite(*value);
 }
 
+/* "1:30" (minutes, seconds) or "1:02:03"; behind the first number two digits below 60 each. */
+static bool read_clock(const char *text, double *seconds)
+{
+    size_t digits = strspn(text, "0123456789");
+    double sum = 0;
+    int parts = 1;
+
+    if (digits == 0 || digits > 9)
+        return false;
+    sum = strtol(text, NULL, 10);
+    for (text += digits; *text; text += 3, parts++) {
+        if (parts == 3 || *text != ':' || strspn(text + 1, "0123456789") != 2 || text[1] > '5')
+            return false;
+        sum = 60 * sum + 10 * (text[1] - '0') + (text[2] - '0');
+    }
+    if (parts > 1)
+        *seconds = sum;
+    return parts > 1;
+}
+
 bool cln_seconds_read(const char *text, double *seconds, bool *has_unit)
 {
     static const double factors[] = {1, 60, 3600};
 
+    if (read_clock(text, seconds)) {
+        if (has_unit)
+            *has_unit = true;
+        return true;
+    }
     return read_with_unit(text, "smh", factors, seconds, has_unit);
 }
 

@@ -41,7 +41,19 @@ static cln_status find_row(const char *name, const cln_config_row **row)
                     cln_config_nearest(name));
 }
 
-/* "+N" of a budget: the run's own plus N. Given twice, the last counts, as with any setting. */
+/* Another budget that the run has used up would end it at once: it goes. */
+static void lift_used_up(cln_settings *settings)
+{
+    cln_config *c = &settings->config;
+
+    if (c->steps > 0 && settings->steps >= c->steps)
+        c->steps = 0;
+    if (c->time_limit > 0 && settings->seconds >= c->time_limit)
+        c->time_limit = 0;
+}
+
+/* "+N" of a budget: the run's own plus N; without such a budget, N more from where the run ended.
+ * Given twice, the last counts, as with any setting. */
 static cln_status extend(cln_settings *settings, const cln_config_row *row, const char *more)
 {
     cln_status st = CLN_OK;
@@ -56,10 +68,15 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
     cln_config_text(&added, row, before);
     CLN_TRY(cln_config_set(&added, row, more));
     cln_config_text(&added, row, after);
-    if (!cln_reals_read(before, 1, &a) || !cln_reals_read(after, 1, &b) || a == 0)
-        return cln_fail(CLN_USAGE,
-                        "--%s +%s: the run has no such budget to extend; give --%s N for the whole",
-                        row->option, more, row->option);
+    if (!cln_reals_read(before, 1, &a) || !cln_reals_read(after, 1, &b) || a == 0) {
+        a = row->type == CLN_ROW_INT ? settings->steps : settings->seconds;
+        if (!(a > 0))
+            return cln_fail(CLN_USAGE,
+                            "--%s +%s: the run has no such budget to extend, and has not ended; "
+                            "give --%s N for the whole",
+                            row->option, more, row->option);
+        lift_used_up(settings);
+    }
     snprintf(after, sizeof after, row->type == CLN_ROW_INT ? "%.0f" : "%.17g", a + b);
     CLN_TRY(cln_config_set(&settings->config, row, after));
 done:

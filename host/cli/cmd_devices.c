@@ -18,23 +18,23 @@ static json_t *device_json(int index, const cln_device_info *d)
         *d->tune_from ? d->tune_from : NULL, "tune_network", *d->network ? d->network : NULL);
 }
 
-static void print_device(int index, const cln_device_info *d)
+void cln_print_device(FILE *to, int index, const cln_device_info *d)
 {
     char global[32], largest[32];
 
     cln_format_bytes(d->global_mem, global);
     cln_format_bytes(d->max_alloc, largest);
-    printf("%2d  %s\n", index, d->name);
-    printf("    type       %s, %d compute units\n", d->type, d->compute_units);
-    printf("    memory     %s, largest allocation %s\n", global, largest);
-    printf("    platform   %s (%s)\n", d->platform, d->vendor);
-    printf("    version    %s\n", d->version);
-    printf("    driver     %s\n", d->driver);
+    fprintf(to, "%2d  %s\n", index, d->name);
+    fprintf(to, "    type       %s, %d compute units\n", d->type, d->compute_units);
+    fprintf(to, "    memory     %s, largest allocation %s\n", global, largest);
+    fprintf(to, "    platform   %s (%s)\n", d->platform, d->vendor);
+    fprintf(to, "    version    %s\n", d->version);
+    fprintf(to, "    driver     %s\n", d->driver);
     if (*d->tune)
-        printf("    kernels    %s\n               from %s, for networks of %s\n", d->tune,
-               d->tune_from, d->network);
+        fprintf(to, "    kernels    %s\n               from %s, for networks of %s\n", d->tune,
+                d->tune_from, d->network);
     if (*d->verdict)
-        printf("    self-test  %s\n", d->verdict);
+        fprintf(to, "    self-test  %s\n", d->verdict);
 }
 
 cln_status cln_cmd_devices(const cln_options *options)
@@ -53,7 +53,7 @@ cln_status cln_cmd_devices(const cln_options *options)
             json_pack("{s:s s:o}", "schema", "cl-nascent.devices/1", "devices", list)));
     } else {
         for (int i = 0; i < count; i++)
-            print_device(i, &devices[i]);
+            cln_print_device(stdout, i, &devices[i]);
     }
 done:
     free(devices);

@@ -83,10 +83,10 @@ cln_status cln_cmd_export(const cln_options *options)
     cln_status st = CLN_OK;
     cln_export_result result = {0};
     cln_export_desc desc = {.run = options->operand,
-                                  .what = options->export_what,
-                                  .file = options->export_file,
-                                  .colour = options->colour,
-                                  .overwrite = options->overwrite};
+                            .what = options->export_what,
+                            .file = options->export_file,
+                            .colour = options->colour,
+                            .overwrite = options->overwrite};
 
     if (strcmp(options->export_file, "-") == 0) {
         CLN_TRY(export_to_stdout(options, &desc, &result));

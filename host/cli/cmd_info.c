@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "cli/console.h"
 
@@ -112,7 +113,9 @@ cln_status cln_cmd_info(const cln_options *options)
     CLN_TRY(cln_path_join(&manifest, options->operand, "run.json"));
     if (cln_is_file(manifest))
         CLN_TRY(cln_info_run(options->operand, &text));
-    else
+    else if (options->conf_said)
+        cln_info("settings %s", options->conf_said);
+    if (!text)
         CLN_TRY(cln_info_scene(options->operand, options->settings, &text));
     document = json_loads(text, 0, NULL);
     if (!json_is_object(document))

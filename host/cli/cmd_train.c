@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include "base/log.h"
 #include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"
@@ -76,6 +77,8 @@ cln_status cln_cmd_train(const cln_options *options)
                            .device = options->device,
                            .command = options->line};
 
+    if (options->conf_said)
+        cln_info("settings %s", options->conf_said);
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     trained = cln_train(&desc, &result);

@@ -3,6 +3,7 @@
 #ifndef CLN_COMMANDS_H
 #define CLN_COMMANDS_H
 
+#include <stdio.h>
 #include "base/status.h"
 
 struct cln_options;
@@ -15,5 +16,9 @@ cln_status cln_cmd_export(const struct cln_options *options);
 cln_status cln_cmd_devices(const struct cln_options *options);
 cln_status cln_cmd_selftest(const struct cln_options *options);
 cln_status cln_cmd_tune(const struct cln_options *options);
+cln_status cln_cmd_bugreport(const struct cln_options *options);
+
+/* A device as `devices` shows it. */
+void cln_print_device(FILE *to, int index, const cln_device_info *device);
 
 #endif

@@ -168,9 +168,10 @@ static void put_program(FILE *to)
         fprintf(to, "  %-10s%s\n", cln_commands[i].name, cln_commands[i].purpose);
     fprintf(to, "  %-10s%s\n", "help",
             "This, or the options of a command: `cl-nascent help train`");
+    fprintf(to, "  %-10s%s\n", "version", "The program's version; with -v also of what it uses");
     fprintf(to, "\n"
                 "  -h, --help            this help; after a command, its options\n"
-                "  -V, --version         version; with -v also of what the program stands on\n"
+                "  -V, --version         version; with -v also of what the program uses\n"
                 "\n"
                 "For example:\n"
                 "  cl-nascent devices\n"
@@ -178,9 +179,9 @@ static void put_program(FILE *to)
                 "  cl-nascent eval run/\n"
                 "  cl-nascent render run/ --orbit 60\n"
                 "\n"
-                "Sizes are given as 512M or 4G, times as 90s, 10m or 2h. Results go to standard\n"
-                "output, log and progress to standard error. Which OpenCL devices there are is up\n"
-                "to the system's loader and drivers (OCL_ICD_VENDORS, POCL_DEVICES,\n"
+                "Sizes are given as 512M or 4G, times as 90s, 10m, 2h or 1:30. Results go to\n"
+                "standard output, log and progress to standard error. Which OpenCL devices there\n"
+                "are is up to the system's loader and drivers (OCL_ICD_VENDORS, POCL_DEVICES,\n"
                 "CUDA_VISIBLE_DEVICES and the like are theirs).\n"
                 "The manual, with exit codes and files: man cl-nascent\n");
 }

@@ -9,12 +9,15 @@
 #include "cli/option_table.h"
 #include "cli/parse.h"
 
-static void print_error(cln_status st, const cln_command *command)
+static void print_error(cln_status st, const cln_options *options)
 {
+    const cln_command *command = options->command;
+    const bool colour = cln_options_colour(options);
     const char *text = cln_error_text();
 
     fflush(stdout);
-    fprintf(stderr, "cl-nascent: %s\n", *text ? text : cln_status_phrase(st));
+    fprintf(stderr, "%scl-nascent:%s %s\n", colour ? "\033[1;31m" : "", colour ? "\033[0m" : "",
+            *text ? text : cln_status_phrase(st));
     if (st == CLN_USAGE)
         fprintf(stderr, "try `cl-nascent %s%s--help`\n", command ? command->name : "",
                 command ? " " : "");
@@ -29,6 +32,7 @@ int main(int argc, char **argv)
     cln_log_to(CLN_LOG_INFO, cln_log_stderr, NULL);
     signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other trouble */
     CLN_TRY(cln_options_parse(argc, argv, &options));
+    cln_log_use_colour(cln_options_colour(&options));
     cln_log_to(options.quiet         ? CLN_LOG_WARN
                : options.verbose > 0 ? CLN_LOG_DEBUG
                                      : CLN_LOG_INFO,
@@ -41,12 +45,12 @@ int main(int argc, char **argv)
         CLN_TRY(options.command->run(&options));
 done:
     if (st != CLN_OK)
-        print_error(st, options.command);
+        print_error(st, &options);
     cln_clear_error();
     flushed = cln_flush_stdout();
     if (st == CLN_OK && flushed != CLN_OK) {
         st = flushed;
-        print_error(st, options.command);
+        print_error(st, &options);
     }
     cln_options_free(&options);
     return cln_status_exit_code(st);

@@ -52,12 +52,17 @@ const cln_command cln_commands[] = {
      "after they have passed against the float64 reference; the best becomes a row in your own "
      "file, which the other commands read.",
      cln_cmd_tune},
+    {"bugreport", CLN_BUGREPORT, "RUN", false, "bugreport [RUN] [OPTIONS]",
+     "What to send with a report of something that went wrong",
+     "A text on standard output: versions, devices with a quick self-test, and of RUN its settings "
+     "and where it stands. Nothing is sent anywhere.",
+     cln_cmd_bugreport},
 };
 /* clang-format on */
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
 #define ON_DEVICE (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_SELFTEST | CLN_TUNE)
-#define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES)
+#define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES | CLN_BUGREPORT)
 #define AT(field) offsetof(cln_options, field)
 
 /* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env,
@@ -82,9 +87,12 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
 /* clang-format off */
 const cln_arg cln_args[] = {
-    TEXT(CLN_TRAIN | CLN_RENDER | CLN_TUNE, "output", output, "PATH",
-         "folder to write; train: the new run; render: by default RUN/render/SPLIT or /orbit; "
-         "tune: the file to put the row in, by default that of --tune-file", .letter = 'o'),
+    TEXT(CLN_TRAIN, "output", output, "RUN",
+         "folder of the new run; made if it is not there", .letter = 'o'),
+    TEXT(CLN_RENDER, "output", output, "DIR",
+         "folder for the pictures", .letter = 'o', .shown = "RUN/render/SPLIT or RUN/render/orbit"),
+    TEXT(CLN_TUNE, "output", output, "FILE",
+         "file to put the row in", .letter = 'o', .shown = "that of --tune-file"),
     WORD(CLN_TRAIN | CLN_TUNE, "preset", preset, CLN_PRESETS,
          "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
          "inside the same program: one network, a uniform grid of small ones", .standard = "fast"),
@@ -99,7 +107,7 @@ const cln_arg cln_args[] = {
     TEXT(ON_DEVICE, "tune", device.tune, "LIST",
          "kernel parameters over those of the device's class: VW=8,TS=6,...; tune: where the "
          "search begins"),
-    TEXT(ON_DEVICE | CLN_DEVICES, "tune-file", device.tune_file, "FILE",
+    TEXT(ON_DEVICE | CLN_DEVICES | CLN_BUGREPORT, "tune-file", device.tune_file, "FILE",
          "your rows of kernel parameters, which go before the program's own",
          .shown = "cl-nascent/tune.txt in $XDG_CONFIG_HOME or ~/.config",
          .env = "CL_NASCENT_TUNE_FILE"),
@@ -131,9 +139,9 @@ const cln_arg cln_args[] = {
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit: distance, in mean training camera distances", .standard = "1"),
     INT(CLN_RENDER, "width", image_width, "PX", 0, 32768,
-         "orbit: image width (0 = as the training images)", .standard = "0"),
+         "image width; 0 = as the photos, or by --height", .standard = "0"),
     INT(CLN_RENDER, "height", image_height, "PX", 0, 32768,
-         "orbit: image height (0 = as the training images)", .standard = "0"),
+         "image height; 0 = as the photos, or by --width", .standard = "0"),
     REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
          "orbit: horizontal field of view (0 = as the training images)", .standard = "0"),
     FLAG(CLN_RENDER | CLN_EXPORT, "overwrite", overwrite,
@@ -148,17 +156,25 @@ const cln_arg cln_args[] = {
          "what the boxes' colours show: the level, or the error on a logarithmic scale",
          .standard = "level"),
 
-    FLAG(CLN_DEVICES, "test", test,
+    FLAG(CLN_DEVICES | CLN_BUGREPORT, "test", test,
          "run the quick self-test on each device", .standard = "yes", .negatable = true),
     REAL(CLN_TUNE, "budget", budget, "SECONDS", 1, 1e6,
-         "time to search in; what is best by then is taken", .standard = "60"),
+         "time to search in (also 90s, 10m, 1:30); what is best by then is taken",
+         .standard = "60", .seconds = true),
     FLAG(CLN_SELFTEST, "quick", quick,
          "only the checks that take about a second"),
 
-    FLAG(EVERY, "json", json,
+    FLAG(CLN_TRAIN | CLN_INFO, "conf", conf,
+         "take settings from cl-nascent.conf beside the scene, if it is there",
+         .standard = "yes", .negatable = true),
+
+    FLAG(EVERY & ~CLN_BUGREPORT, "json", json,
          "results as one JSON document on standard output"),
     WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE, "progress", progress, "auto|bar|line|none",
          "a live line on a terminal, plain lines now and then, or neither", .standard = "auto"),
+    WORD(EVERY, "color", color, "auto|always|never",
+         "colour of errors and warnings; auto: on a terminal, unless NO_COLOR is set",
+         .standard = "auto"),
     FLAG(EVERY, "quiet", quiet,
          "no log but warnings, no progress", .letter = 'q'),
     COUNT(EVERY, "verbose", verbose,
@@ -245,6 +261,22 @@ static void consider(const char *name, const char *candidate, int *distance, con
     }
 }
 
+/* The first option that begins with this name, as abbreviations do; NULL if none does. */
+static const char *longer_option(const cln_command *command, const char *name)
+{
+    const size_t length = strlen(name);
+
+    for (int i = 0; i < cln_arg_count && length > 2; i++)
+        if (cln_command_takes_arg(command, &cln_args[i]) &&
+            strncmp(cln_args[i].name, name, length) == 0)
+            return cln_args[i].name;
+    for (int i = 0; i < cln_config_row_count && length > 2; i++)
+        if (cln_command_takes_row(command, &cln_config_rows[i]) &&
+            strncmp(cln_config_rows[i].option, name, length) == 0)
+            return cln_config_rows[i].option;
+    return NULL;
+}
+
 /* A name that is in no table of this command: whose it is, or which one it resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length)
 {
@@ -267,7 +299,7 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
                 snprintf(owners + used, sizeof owners - used, "%s%s", used ? ", " : "",
                          cln_commands[i].name);
         }
-        return cln_fail(CLN_USAGE, "--%s is not an option of %s, but of %s", wanted, command->name,
+        return cln_fail(CLN_USAGE, "--%s is not an option of %s, only of %s", wanted, command->name,
                         owners);
     }
     name = wanted;
@@ -275,6 +307,8 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
         name += 3;
         no = "no-";
     }
+    best = *no ? NULL : longer_option(command, name);
+    distance = best ? 0 : distance;
     for (int i = 0; i < cln_arg_count; i++) {
         if (cln_command_takes_arg(command, &cln_args[i]) && (!*no || cln_args[i].negatable))
             consider(name, cln_args[i].name, &distance, &best);
@@ -298,5 +332,5 @@ cln_status cln_fail_command(const char *name)
         consider(name, cln_commands[i].name, &distance, &best);
     if (best)
         return cln_fail(CLN_USAGE, "unknown command '%s'; did you mean '%s'?", name, best);
-    return cln_fail(CLN_USAGE, "unknown command '%s'", name);
+    return cln_fail(CLN_USAGE, "unknown command '%s'; `cl-nascent help` lists them", name);
 }

@@ -17,7 +17,8 @@ enum {
     CLN_INFO = 16,
     CLN_SELFTEST = 32,
     CLN_EXPORT = 64,
-    CLN_TUNE = 128
+    CLN_TUNE = 128,
+    CLN_BUGREPORT = 256
 };
 
 typedef struct cln_command {
@@ -50,6 +51,7 @@ typedef struct cln_arg {
     const char *words;
     double min, max;
     bool negatable;
+    bool seconds;         /* REAL: also 90s, 10m, 2h, 1:30 */
     bool exports;         /* names what to export, too */
     const char *env;      /* environment variable that gives it when the command line does not */
     const char *standard; /* the default, as it would be given; NULL = nothing (0, NULL, false) */

@@ -14,10 +14,12 @@ typedef struct cln_options {
     char *line;          /* the whole command line, quoted for a shell */
     char *tune_path;     /* the user's rows, there or not; NULL without a home */
 
-    const char *output, *resume, *scene, *preset, *split, *progress;
+    const char *output, *resume, *scene, *preset, *split, *progress, *color;
     const char *dump_program, *colour;
     const char *export_what, *export_file; /* "octree" */
     cln_device_desc device;
+    bool conf;       /* cl-nascent.conf beside the scene is read */
+    char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
     bool json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
     int verbose, max_images;
     int orbit_frames; /* 0 = no orbit */

@@ -3,7 +3,7 @@
  * are fetched and the rest is applied in the order given; so an option's place on the line never
  * matters.
  *
- *   precedence   command line > environment > preset (or the resumed run)
+ *   precedence   command line > environment > cl-nascent.conf > preset (or the resumed run)
  *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   -- */
 #include "cli/parse.h"
 
@@ -12,10 +12,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
+#include "cli/conf.h"
 #include "cli/option_table.h"
 
 /* A row of the table to be set, in the order of the line. */
@@ -43,8 +45,9 @@ static void *field_of(cln_options *options, const cln_arg *arg)
 
 static cln_status fail_range(const cln_arg *arg, const char *text)
 {
-    return cln_fail(CLN_USAGE, "--%s: '%s' is not a %snumber from %.10g to %.10g", arg->name, text,
-                    arg->kind == CLN_ARG_REAL ? "" : "whole ", arg->min, arg->max);
+    return cln_fail(CLN_USAGE, "--%s: '%s' is not a %snumber from %.10g to %.10g%s", arg->name,
+                    text, arg->kind == CLN_ARG_REAL ? "" : "whole ", arg->min, arg->max,
+                    arg->seconds ? " seconds (or 90s, 10m, 2h, 1:30)" : "");
 }
 
 static bool is_word_of(const char *words, const char *text)
@@ -62,7 +65,10 @@ static bool is_word_of(const char *words, const char *text)
 
 static cln_status number_in_range(const cln_arg *arg, const char *text, double *value)
 {
-    if (!cln_reals_read(text, 1, value) || !(*value >= arg->min && *value <= arg->max) ||
+    const bool read =
+        arg->seconds ? cln_seconds_read(text, value, NULL) : cln_reals_read(text, 1, value);
+
+    if (!read || !(*value >= arg->min && *value <= arg->max) ||
         (arg->kind != CLN_ARG_REAL && *value != floor(*value)))
         return fail_range(arg, text);
     return CLN_OK;
@@ -221,6 +227,17 @@ done:
     return st;
 }
 
+/* "-steps" is a long option with one dash too few. */
+static cln_status fail_letters(const cln_command *command, const char *argument, char letter)
+{
+    const size_t length = strcspn(argument + 1, "=");
+
+    if (cln_arg_find(command, argument + 1, length) || cln_row_find(command, argument + 1, length))
+        return cln_fail(CLN_USAGE, "%s: long options begin with two dashes: --%s", argument,
+                        argument + 1);
+    return cln_fail(CLN_USAGE, "unknown option -%c", letter);
+}
+
 /* "-q", "-qv", "-o DIR", "-oDIR". */
 static cln_status parse_letters(parser *p, const char *argument)
 {
@@ -231,7 +248,7 @@ static cln_status parse_letters(parser *p, const char *argument)
         bool valued = arg && arg->kind != CLN_ARG_FLAG && arg->kind != CLN_ARG_COUNT;
 
         if (!arg)
-            return cln_fail(CLN_USAGE, "unknown option -%c", *letter);
+            return fail_letters(p->out->command, argument, *letter);
         CLN_TRY(apply_arg(p, arg, valued && letter[1] ? letter + 1 : NULL));
         if (valued)
             break;
@@ -284,7 +301,7 @@ static cln_status parse_first(parser *p)
     const char *first = p->argc > 1 ? p->argv[1] : NULL;
 
     if (!first)
-        return cln_fail(CLN_USAGE, "a command is missing");
+        return cln_fail(CLN_USAGE, "no command is given, such as train or eval");
     p->at = 2;
     if (strcmp(first, "help") == 0) {
         out->help = true;
@@ -299,8 +316,9 @@ static cln_status parse_first(parser *p)
                             p->argv[p->at]);
         return CLN_OK;
     }
-    if (first[0] == '-') {
-        p->at = 1;
+    if (first[0] == '-' || strcmp(first, "version") == 0) {
+        out->version = first[0] != '-';
+        p->at = first[0] == '-' ? 1 : 2;
         for (; p->at < p->argc && p->argv[p->at][0] == '-'; p->at++) {
             const char *argument = p->argv[p->at];
             if (strcmp(argument, "--help") == 0 || strcmp(argument, "-h") == 0)
@@ -314,6 +332,10 @@ static cln_status parse_first(parser *p)
         }
         if (!out->help && !out->version)
             return cln_fail(CLN_USAGE, "%s: options come after the command", first);
+        if (out->help && p->at < p->argc) /* "--help train" */
+            out->command = cln_command_find(p->argv[p->at++]);
+        if (p->at < p->argc)
+            return cln_fail(CLN_USAGE, "unexpected argument '%s'", p->argv[p->at]);
         return CLN_OK;
     }
     out->command = cln_command_find(first);
@@ -345,15 +367,23 @@ static cln_status apply_settings(parser *p)
 {
     cln_status st = CLN_OK;
     cln_options *out = p->out;
+    bool *overridden = NULL; /* by row of the settings: the command line has it */
 
+    CLN_TRY(cln_alloc(&overridden, (size_t)cln_config_row_count, sizeof *overridden, "options"));
+    for (int i = 0; i < p->setting_count; i++)
+        overridden[p->settings[i].row - cln_config_rows] = true;
     if (out->resume)
         CLN_TRY(cln_settings_of_run(out->resume, &out->settings));
     else
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
+    if (out->conf && out->operand && !out->resume && out->command->bit != CLN_TUNE)
+        CLN_TRY(
+            cln_conf_read(out->operand, out->command, overridden, out->settings, &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
     CLN_TRY(cln_settings_check(out->settings));
 done:
+    free(overridden);
     return st;
 }
 
@@ -377,7 +407,7 @@ static cln_status check_train(const parser *p)
 
 static cln_status check_render(const parser *p)
 {
-    static const char *const of_orbit[] = {"elevation", "radius", "width", "height", "fov"};
+    static const char *const of_orbit[] = {"elevation", "radius", "fov"};
     const cln_options *out = p->out;
 
     if (out->orbit_frames && is_given(p, "split"))
@@ -497,11 +527,22 @@ done:
     return st;
 }
 
+bool cln_options_colour(const cln_options *options)
+{
+    const char *when = options->color ? options->color : "auto";
+    const char *none = getenv("NO_COLOR"), *term = getenv("TERM");
+
+    if (strcmp(when, "auto") != 0)
+        return strcmp(when, "always") == 0;
+    return isatty(STDERR_FILENO) && !(none && *none) && term && strcmp(term, "dumb") != 0;
+}
+
 void cln_options_free(cln_options *options)
 {
     free(options->line);
     free(options->tune_path);
+    free(options->conf_said);
     cln_settings_free(options->settings);
     options->settings = NULL;
-    options->line = options->tune_path = NULL;
+    options->line = options->tune_path = options->conf_said = NULL;
 }

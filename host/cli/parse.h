@@ -10,6 +10,9 @@
  * the option and what is legal; a name that does not exist brings the nearest one that does. Errors
  * of reading the run of --resume pass through. */
 cln_status cln_options_parse(int argc, char **argv, cln_options *out);
+/* Whether messages may be in colour: as --color says; auto is on a terminal that has colours,
+ * unless NO_COLOR is set. Also for options whose parsing failed. */
+bool cln_options_colour(const cln_options *options);
 void cln_options_free(cln_options *options);
 
 #endif

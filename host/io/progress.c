@@ -47,8 +47,8 @@ static int terminal_columns(void)
     return 79;
 }
 
-/* How much of a text has room: whole fields, which " | " separates, as half a number is another one;
- * of the first field as much as there is room for. */
+/* How much of a text has room: whole fields, which " | " separates, as half a number is another
+ * one; of the first field as much as there is room for. */
 static int shown_bytes(const char *text, int columns)
 {
     int fits = 0;
@@ -77,13 +77,11 @@ static void log_line(cln_log_level level, const char *line, void *user)
 {
     cln_progress *progress = user;
 
-    (void)level;
-    if (progress->mode == MODE_BAR && progress->shown) {
-        fprintf(stderr, "\r\033[K%s\n", line);
+    if (progress->mode == MODE_BAR && progress->shown)
+        fputs("\r\033[K", stderr);
+    cln_log_stderr(level, line, NULL);
+    if (progress->mode == MODE_BAR && progress->shown)
         write_out(progress);
-    } else {
-        fprintf(stderr, "%s\n", line);
-    }
 }
 
 cln_status cln_progress_open(const char *mode, cln_progress **out)

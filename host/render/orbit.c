@@ -84,29 +84,48 @@ static void find_frame(const cln_scene *scene, cln_orbit *out)
     cross(out->up, out->east, out->north);
 }
 
-static cln_status find_lens(const cln_camera *like, const cln_render_desc *desc, cln_camera *out)
+cln_status cln_orbit_resize(const cln_camera *like, int wanted_width, int wanted_height,
+                            cln_camera *out)
 {
     const double aspect = (double)like->height / like->width;
-    double width = desc->width, height = desc->height;
+    double width = wanted_width, height = wanted_height, scale = 1;
 
-    if (desc->width <= 0)
-        width = desc->height > 0 ? fmax(1, round(height / aspect)) : like->width;
-    if (desc->height <= 0)
-        height = desc->width > 0 ? fmax(1, round(width * aspect)) : like->height;
+    *out = *like;
+    if (wanted_width <= 0)
+        width = wanted_height > 0 ? fmax(1, round(height / aspect)) : like->width;
+    if (wanted_height <= 0)
+        height = wanted_width > 0 ? fmax(1, round(width * aspect)) : like->height;
     if (width > CLN_IMAGE_MAX_SIDE || height > CLN_IMAGE_MAX_SIDE ||
         width * height > CLN_IMAGE_MAX_PIXELS)
         return cln_fail(CLN_USAGE,
                         "a picture of %.0f x %.0f is too large: at most %d pixels a side and %d in "
                         "all; lower --width or --height",
                         width, height, CLN_IMAGE_MAX_SIDE, CLN_IMAGE_MAX_PIXELS);
+    scale = width / like->width;
     out->width = (int)width;
     out->height = (int)height;
-    out->fx =
-        desc->fov > 0 ? 0.5 * width / tan(desc->fov * PI / 360) : like->fx * width / like->width;
-    out->fy = out->fx * like->fy / like->fx;
-    out->cx = 0.5 * width;
-    out->cy = 0.5 * height;
+    out->fx = like->fx * scale;
+    out->fy = like->fy * scale;
+    out->cx = like->cx * scale;
+    out->cy = like->cy * scale + 0.5 * (height - like->height * scale);
     return CLN_OK;
+}
+
+/* Of the training view, without its lens and with its axis in the middle. */
+static cln_status find_lens(const cln_camera *like, const cln_render_desc *desc, cln_camera *out)
+{
+    cln_status st = CLN_OK;
+    cln_camera resized;
+
+    CLN_TRY(cln_orbit_resize(like, desc->width, desc->height, &resized));
+    out->width = resized.width;
+    out->height = resized.height;
+    out->fx = desc->fov > 0 ? 0.5 * resized.width / tan(desc->fov * PI / 360) : resized.fx;
+    out->fy = out->fx * like->fy / like->fx;
+    out->cx = 0.5 * resized.width;
+    out->cy = 0.5 * resized.height;
+done:
+    return st;
 }
 
 cln_status cln_orbit_make(const cln_scene *scene, const cln_render_desc *desc, cln_orbit *out)

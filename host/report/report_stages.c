@@ -1,5 +1,5 @@
-/* The report's section "Time per stage": a bar and a table of each stage's time by OpenCL events, and
- * the rest of the training time. What is no training (evaluations, probes) is told below it. */
+/* The report's section "Time per stage": a bar and a table of each stage's time by OpenCL events,
+ * and the rest of the training time. What is no training (evaluations, probes) is told below it. */
 #include "report/report_sections.h"
 
 #include <math.h>

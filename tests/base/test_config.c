@@ -374,6 +374,14 @@ static void test_units(void **state)
     assert_true(config.downscale == 0);
     assert_failed(cln_config_set(&config, row_of("rays"), "auto"), CLN_USAGE, "'auto'|--rays");
 
+    assert_int_equal(cln_config_set(&config, row_of("time-limit"), "1:30"), CLN_OK);
+    assert_true(config.time_limit == 90);
+    assert_int_equal(cln_config_set(&config, row_of("time-limit"), "1:02:03"), CLN_OK);
+    assert_true(config.time_limit == 3723);
+    assert_refused("time-limit", "1:60", "--time-limit|'1:60'|1:30");
+    assert_refused("time-limit", "1:5", "'1:5'");
+    assert_refused("time-limit", "1:00:00:00", "'1:00:00:00'");
+    assert_refused("time-limit", ":30", "':30'");
     assert_int_equal(cln_parse_seconds("2m", &value), CLN_OK);
     assert_true(value == 120);
     assert_int_equal(cln_parse_bytes("2K", &value), CLN_OK);

@@ -119,6 +119,13 @@ static void test_extend(void **state)
     assert_true(settings->config.time_limit == 180);
     settings->base.steps = 0;
     assert_set_refused(settings, "steps", "+5", "--steps +5|no such budget");
+    settings->steps = 320; /* without a budget of the kind: from where the run ended, and */
+    settings->seconds = 60;
+    settings->config.steps = 0;
+    settings->config.time_limit = 60; /* what is used up is no budget any more */
+    set(settings, "steps", "+5");
+    assert_int_equal(settings->config.steps, 325);
+    assert_true(settings->config.time_limit == 0);
     assert_set_refused(settings, "lr", "+x", "--lr|'+x'");
     cln_settings_free(settings);
 }

@@ -346,7 +346,8 @@ section_names() {
     check "each has pictures of its own" [ \
         "$(find "$r/eval/00000004-test" -name '*.truth.png' | wc -l)" = 2 ]
     check "named like it" [ -s "$r/eval/00000004-test/test_$view.0002.error.png" ]
-    check "the report has them all" [ "$(grep -oE 'data:image/(png|jpeg)' "$r/report.html" | wc -l)" -ge 6 ]
+    check "the report has them all" \
+        [ "$(grep -oE 'data:image/(png|jpeg)' "$r/report.html" | wc -l)" -ge 6 ]
     check "the report has the run's name, escaped" grep -qF \
         '<h1>run a [b] (c)+*&quot;q&#39; &lt;i&gt;&amp;amp; ü%41#?;<' "$r/report.html"
     check "and a view's" grep -qF \

@@ -1,0 +1,136 @@
+/* cl-nascent.conf, line by line into settings. See conf.h; values are read and refused by
+ * base/settings.h. */
+#include "cli/conf.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+
+#define NAME "cl-nascent.conf"
+
+enum { MOST_BYTES = 1 << 20, MESSAGE_BYTES = 1024 };
+
+static cln_status path_beside(const char *scene, char **out)
+{
+    cln_status st = CLN_OK;
+    const char *slash = strrchr(scene, '/');
+    char *folder = NULL;
+
+    if (cln_is_dir(scene))
+        return cln_path_join(out, scene, NAME);
+    CLN_TRY(cln_asprintf(&folder, "%.*s", slash ? (int)(slash - scene) + 1 : 0, scene));
+    CLN_TRY(cln_path_join(out, folder, NAME));
+done:
+    free(folder);
+    return st;
+}
+
+/* Without comment and blanks around it. */
+static char *trim(char *text)
+{
+    char *end = NULL;
+
+    text += strspn(text, " \t\r");
+    for (end = text; *end && !(*end == '#' && (end == text || strchr(" \t", end[-1]))); end++)
+        ;
+    while (end > text && strchr(" \t\r", end[-1]))
+        end--;
+    *end = 0;
+    return text;
+}
+
+/* "rays 2048", "rays = 2048", "--rays=2048", "skip", "no-skip", and "level-at = \"\"". */
+static const char *split(char *line, char **value)
+{
+    char *name = line + (strncmp(line, "--", 2) == 0 ? 2 : 0);
+    char *end = name + strcspn(name, " \t=");
+    size_t length = 0;
+
+    *value = end + strspn(end, " \t");
+    *value += **value == '=';
+    *value += strspn(*value, " \t");
+    *end = 0;
+    length = strlen(*value);
+    if (length >= 2 && (**value == '"' || **value == '\'') && (*value)[length - 1] == **value) {
+        (*value)[length - 1] = 0;
+        ++*value;
+    }
+    return name;
+}
+
+/* Adds "NAME VALUE" to what is said. */
+static cln_status say(char **said, const char *path, const char *name, const char *value)
+{
+    cln_status st = CLN_OK;
+    char *longer = NULL;
+
+    if (*said)
+        CLN_TRY(cln_asprintf(&longer, "%s, %s %s", *said, name, *value ? value : "\"\""));
+    else
+        CLN_TRY(cln_asprintf(&longer, "from %s: %s %s", path, name, *value ? value : "\"\""));
+    free(*said);
+    *said = longer;
+done:
+    return st;
+}
+
+static cln_status take_line(const cln_command *command, const bool *overridden, const char *path,
+                            char *line, cln_settings *settings, char **said)
+{
+    char *value = NULL;
+    const char *name = split(line, &value);
+    const cln_config_row *row = cln_config_find(name);
+    const bool bare = !*value && value[-1] != '"' && value[-1] != '\'';
+
+    if (!row && strncmp(name, "no-", 3) == 0 && bare) {
+        row = cln_config_find(name + 3);
+        value = "no";
+    } else if (row && row->type == CLN_ROW_BOOL && bare) {
+        value = "yes";
+    } else if (bare && row) {
+        return cln_fail(CLN_INPUT, "'%s' has no value; write: %s VALUE", name, name);
+    }
+    if (!row && cln_arg_find(cln_command_find("train"), name, strlen(name)))
+        return cln_fail(CLN_INPUT,
+                        "'%s' belongs on the command line; only settings of the training "
+                        "can be here",
+                        name);
+    if (row && (!cln_command_takes_row(command, row) || overridden[row - cln_config_rows]))
+        return CLN_OK;
+    if (cln_settings_set(settings, row ? row->option : name, value) != CLN_OK)
+        return CLN_INPUT;
+    return say(said, path, row->option, value);
+}
+
+cln_status cln_conf_read(const char *scene, const cln_command *command, const bool *overridden,
+                         cln_settings *settings, char **said)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *text = NULL, message[MESSAGE_BYTES];
+    size_t bytes = 0;
+    int number = 0;
+
+    *said = NULL;
+    CLN_TRY(path_beside(scene, &path));
+    if (!cln_is_file(path))
+        goto done;
+    CLN_TRY(cln_read_file(path, MOST_BYTES, &text, &bytes));
+    for (char *line = text, *next = NULL; line; line = next) {
+        next = strchr(line, '\n');
+        if (next)
+            *next++ = 0;
+        number++;
+        line = trim(line);
+        if (!*line || take_line(command, overridden, path, line, settings, said) == CLN_OK)
+            continue;
+        snprintf(message, sizeof message, "%s", cln_error_text());
+        cln_clear_error();
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d: %s", path, number, message));
+    }
+done:
+    free(path);
+    free(text);
+    return st;
+}

@@ -1,0 +1,178 @@
+#!/bin/bash
+# What a new user does in the first hour, and what they trip over: habits of other programs, odd
+# folders, odd terminals, second tries. On tiny scenes and short trainings; cli.sh has the rest.
+#   tests/cli/first_hour.sh [SECTION...]      sections: words scenes training results
+#   BUILD=build/sanitize                   the programs to test
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+BUILD=${BUILD:-build}
+here=$PWD
+cln=$here/$BUILD/cl-nascent
+make_scene=$here/$BUILD/make-scene
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln hour XXXXXX")
+trap 'rm -rf "$work"' EXIT
+
+# A network small enough for a second's training.
+small=(--skip-selftest --progress line --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
+    --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --cull-from 0.3 --cull-after 0 --max-leaves 60 --distil-steps 20)
+
+. tests/support/checks.sh
+
+# printed TEXT: TEXT is on the last stdout, literally
+printed() {
+    grep -qF -- "$1" "$work/out"
+}
+
+not_said() {
+    ! said "$1"
+}
+
+# A pseudo-terminal of COLUMNS columns, for programs that look at theirs: what it shows is in out.
+on_terminal() { # on_terminal COLUMNS COMMAND...
+    local columns=$1
+    shift
+    COMMAND=$(printf '%q ' "$@")
+    rc=0
+    script -qec "stty cols $columns; $COMMAND" /dev/null >"$work/out" 2>"$work/err" </dev/null ||
+        rc=$?
+}
+
+# ---- sections ----
+
+# Command lines as people type them.
+section_words() {
+    local c
+    expect "cl-nascent version" 0 "" "$cln" version
+    check "it is the version" grep -q '^cl-nascent [0-9]' "$work/out"
+    expect "version -v" 0 "" "$cln" version -v
+    check "names the libraries" printed jansson
+    expect "version with a word behind it" 2 "foo" "$cln" version foo
+    expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
+    expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
+    expect "a time as a clock shows it, wrong" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
+    for c in train render tune; do
+        expect "$c --help" 0 "" "$cln" $c --help
+        check "$c --help: -o has one meaning" eval \
+            '! sed -n "/--output/,/^  [^ ]/p" "$work/out" | grep -qE "train:|tune:|render:"'
+    done
+    expect "errors without colour off a terminal" 2 "" "$cln" trian
+    check "none there" not_said $'\033'
+    expect "--color always" 2 "" "$cln" train --color always
+    check "the program's name is in colour" said $'\033[1;31mcl-nascent:'
+    on_terminal 80 "$cln" train
+    check "on a terminal, too" grep -qF $'\033[1;31m' "$work/out"
+    on_terminal 80 env NO_COLOR=1 "$cln" train
+    check "not with NO_COLOR" eval '! grep -qF $'"'\\033'"' "$work/out"'
+    on_terminal 80 env TERM=dumb "$cln" train
+    check "nor with TERM=dumb" eval '! grep -qF $'"'\\033'"' "$work/out"'
+    expect "bugreport" 0 "sent" "$cln" bugreport
+    check "has the devices, tested" grep -qE "self-test +ok" "$work/out"
+    check "the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
+    expect "bugreport of no run" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" bugreport "$work/none"
+    check "says so in its place" printed "no run folder"
+    check "and that there is no device" printed pocl-opencl-icd
+}
+
+# What lies at a path, and settings beside a scene.
+section_scenes() {
+    local s=$work/scene conf=$work/scene/cl-nascent.conf
+    "$make_scene" "$s" --size 32 --train 6 --test 3 >/dev/null
+    printf '%s\n' '# settings of this scene' 'eval-images = 2' '  --rays=512  # few' no-skip \
+        'background "black"' >"$conf"
+    expect "info with cl-nascent.conf beside the scene" 0 "$conf ~background.black" "$cln" info "$s"
+    check "only what info takes" not_said rays
+    expect "--no-conf" 0 "" "$cln" info "$s" --no-conf
+    check "nothing was read" [ ! -s "$work/err" ]
+    echo 'rayz 3' >>"$conf"
+    expect "a name that is none, with file and line" 3 "cl-nascent.conf ~line.6 rayz rays" \
+        "$cln" info "$s"
+    echo 'rays many' >"$conf"
+    expect "a wrong value" 3 "~line.1 rays many" \
+        "$cln" train "$s/transforms_train.json" -o "$work/r"
+    echo 'output x' >"$conf"
+    expect "what is no setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
+    rm "$conf"
+}
+
+# A first training and what it prints.
+section_training() {
+    local s=$work/my\ scene r="$work/run's 1"
+    "$make_scene" "$s" --size 32 --train 6 --test 3 >/dev/null
+    printf '%s\n' 'eval-images 2' 'rays 128' >"$s/cl-nascent.conf"
+    expect "train" 0 "" "$cln" train "$s" -o "$r" "${small[@]}" --time-limit 2
+    check "the settings beside the scene are said, but for the line's" \
+        said "from $s/cl-nascent.conf: eval-images 2"
+    check "no figure is missing in the progress" not_said nan
+    check "nor is a speed 0" not_said " 0 rays/s"
+    check "training time and time by the clock" grep -qE \
+        '^time +[0-9:]+ of training; [0-9:]+ in all' "$work/out"
+    check "the test PSNR is of some views: how to have all, quoted" printed \
+        "(over 2 of 3 test views; of all: \`cl-nascent eval '$work/run'\''s 1'\`)"
+    check "run.json has what the conf file set" \
+        [ "$("$query" config.eval_images <"$r/run.json")" = 2 ]
+    expect "resumed, though its budget is used up" 0 "~used.up --time-limit" \
+        "$cln" train --resume "$r" "${small[@]:0:3}"
+    check "the command is quoted" said "--resume '$work/run'\''s 1' --time-limit +2s"
+    check "its figures stay" eval '! grep -qE "^PSNR +-" "$work/out"'
+    expect "--steps +N where there was no budget in steps" 0 "" \
+        "$cln" train --resume "$r" "${small[@]:0:3}" --steps +7 --json
+    check "7 more" [ "$(json step)" = "$("$query" config.steps <"$r/run.json")" ]
+    check "of time there is no budget any more" \
+        [ "$("$query" config.time_limit <"$r/run.json")" = 0 ]
+    check "the report has evaluations apart" grep -q \
+        'Not in the table: .*evaluation' "$r/report.html"
+    check "run.json has the time by the clock" \
+        number_above "$("$query" result.wall_seconds <"$r/run.json")" 0
+    expect "bugreport of the run" 0 "" env HOME="$work" "$cln" bugreport --no-test "$r"
+    check "what differs from the preset" grep -qE "^ +rays 256" "$work/out"
+    check "no home folder is named" eval '! printed "$work"'
+    on_terminal 80 "$cln" train --resume "$r" --skip-selftest --steps +40
+    check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
+        grep -aE "^train" | sed "s/\x1b\[K//" | grep -vqE "(train|test|left|evaluation|[0-9]|/s)$"'
+    check "PSNR and time are on it" grep -aqE 'PSNR [0-9.]+ train.*trained, .*left' "$work/out"
+}
+
+# Pictures and files of a run.
+section_results() {
+    local r="$work/run's 1"
+    [ -d "$r" ] || section_training
+    expect "export to a name of another format" 2 ".obj .ply" \
+        "$cln" export "$r" --octree "$work/x.obj"
+    check "nothing is written" [ ! -e "$work/x.obj" ]
+    expect "export to standard output" 0 "leaves" "$cln" export "$r" --octree -
+    check "is the file" [ "$(head -c 3 "$work/out")" = ply -a ! -e ./- ]
+    cp "$work/out" "$work/piped"
+    expect "export to a file" 0 "" "$cln" export "$r" --octree "$work/x.PLY"
+    check "has the same bytes" cmp "$work/piped" "$work/x.PLY"
+    expect "standard output for two things" 2 "--json" "$cln" export "$r" --octree - --json
+    expect "standard output that is full" 7 "" bash -c 'exec "$@" >/dev/full' full "$cln" export \
+        "$r" --octree -
+    on_terminal 80 "$cln" export "$r" --octree -
+    check "standard output that is a terminal" grep -q "is a terminal" "$work/out"
+    expect "render of a split, smaller" 0 "" "$cln" render "$r" --width 16 --max-images 1 -q
+    check "of that size" [ "$(od -An -tu1 -j18 -N6 "$r/render/test/test_r_000.png" |
+        tr -s ' ')" = " 16 0 0 0 16" -o \
+        "$(od -An -tu1 -j16 -N8 "$r/render/test/test_r_000.png" | tr -s ' ')" = \
+        " 0 0 0 16 0 0 0 16" ]
+}
+
+for program in "$cln" "$make_scene" "$query"; do
+    if [ ! -x "$program" ]; then
+        echo "first_hour.sh: $program is not there; make it first" >&2
+        exit 1
+    fi
+done
+sections=("$@")
+[ $# = 0 ] && sections=(words scenes training results)
+for s in "${sections[@]}"; do
+    if [ "$(type -t "section_$s")" != function ]; then
+        echo "first_hour.sh: no section $s" >&2
+        exit 2
+    fi
+    started=$SECONDS
+    "section_$s"
+    echo "-- $s: $((SECONDS - started)) s"
+done
+count
