@@ -1,5 +1,4 @@
-/* Shapes and materials by what they look like: two end points and a radius instead of frames
- * (scenes.h). No scene of its own. */
+/* Shapes and materials by appearance: two end points and a radius instead of frames (scenes.h). */
 #include "scenes.h"
 
 int add_material(builder *b, texture_kind pattern, uint32_t first, uint32_t second, double size)

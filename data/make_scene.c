@@ -1,7 +1,7 @@
 /* build/make-scene: renders a small scene with exactly known geometry, colour and depth, in a
- * format that the dataset readers read. This file has the options, the cameras and the writing of
- * files; scene_object.c and scene_room.c have the shapes, trace.c and shade.c the ray tracer. The
- * same options give the same bytes on every run, for any number of threads. */
+ * format of the dataset readers. This file has options, cameras and the writing of files;
+ * scene_object.c and scene_room.c have the shapes, trace.c and shade.c the ray tracer. The same
+ * options give the same bytes on every run, for any number of threads. */
 #include <errno.h>
 #include <dirent.h>
 #include <getopt.h>
@@ -80,7 +80,7 @@ static void look(cln_camera *camera, vec from, vec forward)
 }
 
 /* Object: evenly over the sphere, from a little below the horizon to nearly overhead, by the golden
- * angle. Room: anywhere in its middle, looking all round. Each split has a sequence of its own. */
+ * angle. Room: anywhere in its middle, looking all around. Each split has its own sequence. */
 static void place_camera(const settings *set, int split, int i, cln_camera *camera)
 {
     const double golden = pi * (3 - sqrt(5));
@@ -203,7 +203,7 @@ static cln_status write_single(const job *j)
     return st;
 }
 
-/* generator.json says how the folder was made, and that it is ours to write to again. */
+/* generator.json records the options, and marks the folder as one that may be overwritten. */
 static cln_status write_marker(const settings *set)
 {
     json_t *document = json_pack(
@@ -277,14 +277,14 @@ static cln_status render_all(job *j)
 
     while (started < wanted && !pthread_create(&threads[started], NULL, render_views, j))
         started++;
-    if (!started) /* no thread could be started: this one does the work */
+    if (!started) /* no thread starts: this one does the work */
         render_views(j);
     for (int i = 0; i < started; i++)
         pthread_join(threads[i], NULL);
     return j->st == CLN_OK ? CLN_OK : cln_fail(j->st, "%s", j->error);
 }
 
-/* A folder is written to only if it is empty or a generated scene. */
+/* Checks that the folder is missing, empty or a generated scene. */
 static cln_status check_folder(const char *folder)
 {
     cln_status st = CLN_OK;
@@ -437,7 +437,7 @@ static cln_status parse(int argc, char **argv, settings *set)
         case 'r':
             CLN_TRY(parse_int("seed", optarg, 0, 2147483647, &set->seed));
             break;
-        default: /* getopt has said what is wrong */
+        default: /* getopt has printed the error */
             return cln_fail(CLN_USAGE, "try make-scene --help");
         }
     if (optind + 1 != argc)

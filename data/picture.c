@@ -1,5 +1,5 @@
-/* Camera rays through the sub-pixels, and their average; see picture.h. Encoded values are
- * averaged, since a radiance field composites those, and errors are measured in them. */
+/* Camera rays through the sub-pixels, and their average; see picture.h. It averages encoded values,
+ * since radiance fields composite these and errors are measured in them. */
 #include "picture.h"
 #include "io/image.h"
 

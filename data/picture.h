@@ -6,9 +6,9 @@
 #include "scene/scene.h"
 #include "scenes.h"
 
-/* 3 x 3 samples a pixel. rgba: [height][width][4], straight alpha by coverage, black where nothing
- * is. depth: [height][width], distance along the ray through the pixel's centre to the first
- * surface, scene units, 0 where there is none; NULL = not wanted. */
+/* Renders with 3 x 3 samples a pixel. rgba: [height][width][4], straight alpha by coverage, black
+ * without a surface. depth: [height][width], distance along the ray through the pixel's centre to
+ * the first surface, scene units, 0 without one; NULL = not wanted. */
 void picture_render(const world *w, const cln_camera *camera, uint8_t *rgba, float *depth);
 
 /* In place: [pixels][4] -> [pixels][3] over white. */

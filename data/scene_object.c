@@ -1,7 +1,7 @@
 /* The demo object: a toy steam engine on a round checkered base (scenes.h). It is hard to
- * reconstruct from every side: textures of several scales, spokes, rails and wires down to one or
- * two pixels, a thin signal arm, holes to look through, a glossy boiler. The rails run along x, the
- * engine faces +x; here the ground is at z = 0, and everything is moved down at the end. */
+ * reconstruct from every side: textures of several scales, spokes, rails and wires of one or two
+ * pixels, a thin signal arm, see-through holes, a glossy boiler. The rails run along x, the engine
+ * faces +x. In this file the ground is at z = 0; `shift` moves everything down. */
 #include "scenes.h"
 
 static const double pi = 3.14159265358979323846;

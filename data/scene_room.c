@@ -1,6 +1,6 @@
-/* A furnished room inside the cube, seen from within: rays start in the middle of the octree, and
- * every ray ends on something (scenes.h). The middle is free for the cameras (|x|, |y| < 0.6); the
- * furniture stands along the walls. */
+/* A furnished room inside the cube, seen from within (scenes.h): rays start in the middle of the
+ * octree, and every ray hits a surface. The middle is free for the cameras (|x|, |y| < 0.6); the
+ * furniture is along the walls. */
 #include "scenes.h"
 
 static void walls(builder *b)

@@ -4,7 +4,8 @@
 
 #include "shade.h"
 
-/* A scene being built: calls after a failure do nothing, and `st` holds the first failure. */
+/* A scene under construction: calls after a failure do nothing, and `st` holds the first
+ * failure. */
 typedef struct builder {
     world *world;
     vec shift; /* added to every position */

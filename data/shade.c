@@ -55,8 +55,8 @@ static double modulo(double a, double b)
     return a - b * floor(a / b);
 }
 
-/* Position on the surface as two lengths: on a box's face by the face's axes, on round shapes by
- * angle and height. */
+/* Position on the surface as two lengths: along the axes of a box's face, by angle and height on
+ * round shapes. */
 static void unroll(const hit *h, double *a, double *b)
 {
     vec p = h->local, n = h->local_normal;
@@ -121,7 +121,7 @@ vec shade(const world *w, const hit *h, vec origin, vec direction, int sample)
     disc_point(sample, &x, &y);
     light = w->light_near ? sub(w->light, p) : w->light;
     if (w->light_near) {
-        /* The lamp's own shape is at the light's middle: stop short of it. */
+        /* The lamp's own shape is around the light's position: stop short of it. */
         reach = sqrt(dot(light, light)) - 1.3 * w->light_size;
         frame_of(unit(light), &u, &v);
     } else {

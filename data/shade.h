@@ -1,7 +1,7 @@
-/* Colour of what a ray meets: procedural textures, one light with soft shadows, sky light with
- * ambient occlusion, a Phong highlight. Colours are linear inside, and sRGB-encoded on return. The
- * points on the light and the directions to the sky are fixed for each sub-sample of a pixel, not
- * random, so a surface has the same colour in every view. */
+/* Colour of a hit: procedural textures, one light with soft shadows, sky light with ambient
+ * occlusion, a Phong highlight. Colours are linear inside, and sRGB-encoded on return. Each
+ * sub-sample of a pixel has fixed points on the light and directions to the sky, so a surface has
+ * the same colour in every view. */
 #ifndef DATA_SHADE_H
 #define DATA_SHADE_H
 
@@ -38,7 +38,7 @@ typedef struct world {
     bool light_near;               /* light is a position inside the scene */
     double light_size;             /* radius of its disc: at distance 1, or of the lamp itself */
     vec light_colour, sky, ground; /* linear */
-    double sky_reach;              /* how far ambient occlusion looks */
+    double sky_reach;              /* reach of ambient occlusion */
     float noise[NOISE_SIDE * NOISE_SIDE * NOISE_SIDE];
 } world;
 

@@ -1,7 +1,7 @@
-/* Rays against spheres, boxes, frusta, capsules and tori by their equations (trace.h), and a
- * bounding-volume tree, at most two shapes in a leaf, to find the nearest. The torus's quartics are
- * solved by bracketing between the roots of their derivatives: slower than Ferrari's formula, and
- * never wrong by cancellation. */
+/* Intersects rays with spheres, boxes, frusta, capsules and tori by their equations (trace.h), and
+ * finds the nearest by a bounding-volume tree with at most two shapes per leaf. Roots of the
+ * torus's quartics are bracketed between the roots of their derivatives: slower than Ferrari's
+ * formula, but without cancellation. */
 #include "trace.h"
 #include <stdlib.h>
 #include "base/memory.h"
@@ -159,8 +159,8 @@ static double polynomial(const double *c, int degree, double t)
     return y;
 }
 
-/* The root in [a, b], where the sign changes: Newton's method, with bisection where a step would
- * leave the bracket. */
+/* The root in [a, b], where the sign changes: Newton's method, with bisection if a step would leave
+ * the bracket. */
 static double bracketed_root(const double *c, int degree, double a, double b, bool rising)
 {
     double t = 0.5 * (a + b);
@@ -185,8 +185,8 @@ static double bracketed_root(const double *c, int degree, double a, double b, bo
     return t;
 }
 
-/* Roots of c[0] + c[1] t + ... in [low, high], ascending: between two neighbouring roots of the
- * derivative there is at most one. */
+/* Roots of c[0] + c[1] t + ... in [low, high], ascending: at most one lies between neighbouring
+ * roots of the derivative. */
 static int polynomial_roots(const double *c, int degree, double low, double high, double *roots)
 {
     double slope[4], turns[6];
@@ -214,13 +214,13 @@ static bool hit_torus(const shape *s, vec o, vec d, double t_min, double *t_max,
     double t[2], roots[4], big = s->a * s->a, small = s->b * s->b, outer = s->a + s->b;
 
     /* Solve around the point nearest to the middle, inside the bounding sphere, where the quartic's
-     * coefficients are of one size. */
+     * coefficients have similar sizes. */
     double shift = -dot(o, d);
     o = along(o, shift, d);
     if (!quadratic(1, 0, dot(o, o) - outer * outer * 1.0001, t))
         return false;
-    /* Clip to the slab that holds the torus; a piece that stays in the hole hits nothing, as the
-     * distance from the axis is convex along a line. */
+    /* Clip to the slab that holds the torus. The distance from the axis is convex along a line, so
+     * a piece with both ends in the hole hits nothing. */
     if (fabs(d.z) > 1e-12) {
         double half = 1.0001 * s->b / fabs(d.z), middle = -o.z / d.z;
         t[0] = greater(t[0], middle - half);
@@ -319,7 +319,7 @@ static double area_of(const shapes *scene, int first, int count)
     return d.x * d.y + d.y * d.z + d.z * d.x;
 }
 
-/* Insertion sort: few shapes, and a fixed order among equals. */
+/* Insertion sort: for few shapes, with a fixed order of equals. */
 static void sort(shapes *scene, int first, int count, int axis)
 {
     for (int i = first + 1; i < first + count; i++) {
@@ -331,7 +331,7 @@ static void sort(shapes *scene, int first, int count, int axis)
     }
 }
 
-/* Splits where area x shapes of the two halves is least (the surface-area heuristic). */
+/* Splits where the sum of area x shapes over the two halves is least (surface-area heuristic). */
 static void build(shapes *scene, int node, int first, int count, int *node_count)
 {
     tree_node *n = &scene->nodes[node];
@@ -406,7 +406,7 @@ void shapes_free(shapes *scene)
     scene->count = scene->capacity = 0;
 }
 
-/* Distance at which the ray enters the box, or infinity. */
+/* Distance to the ray's entry into the box, or infinity. */
 static inline double entry(const tree_node *n, vec o, vec inverse, double t_min, double t_max)
 {
     double x0 = (n->low.x - o.x) * inverse.x, x1 = (n->high.x - o.x) * inverse.x;
@@ -417,7 +417,7 @@ static inline double entry(const tree_node *n, vec o, vec inverse, double t_min,
     return near <= far ? near : INFINITY;
 }
 
-/* The nearest shape, or with any = true the first one found. */
+/* Finds the nearest shape, or with `any` the first one it comes across. */
 static const shape *walk(const shapes *scene, vec origin, vec direction, double t_min, bool any,
                          double *t_max, vec *local_normal)
 {

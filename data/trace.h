@@ -1,5 +1,5 @@
-/* Analytic ray tracing of closed-form shapes, in double: which shape a ray meets first, where, with
- * which normal. No colours (shade.h), no cameras, no files. */
+/* Analytic ray tracing of closed-form shapes, in double: the first shape that a ray hits, the place
+ * and the normal. shade.h has the colours. */
 #ifndef DATA_TRACE_H
 #define DATA_TRACE_H
 
@@ -7,7 +7,7 @@
 #include "base/status.h"
 #include "vec.h"
 
-/* Each in a local frame (u, v, w) around `centre`. */
+/* Shapes in a local frame (u, v, w) around `centre`. */
 typedef enum {
     SHAPE_SPHERE,  /* radius a */
     SHAPE_BOX,     /* half sides a, b, c */
@@ -49,15 +49,15 @@ typedef struct hit {
 /* Appends a copy of *s (frame vectors unit and orthogonal). */
 cln_status shapes_add(shapes *scene, const shape *s);
 
-/* Bounding boxes and tree; call once after the last shapes_add. */
+/* Makes bounding boxes and tree; call once after the last shapes_add. */
 cln_status shapes_finish(shapes *scene);
 void shapes_free(shapes *scene);
 
-/* The nearest hit with t in (t_min, t_max); false if there is none. */
+/* Finds the nearest hit with t in (t_min, t_max); false without any. */
 bool shapes_hit(const shapes *scene, vec origin, vec direction, double t_min, double t_max,
                 hit *out);
 
-/* Whether anything lies in (t_min, t_max). */
+/* Returns whether anything lies in (t_min, t_max). */
 bool shapes_blocked(const shapes *scene, vec origin, vec direction, double t_min, double t_max);
 
 #endif

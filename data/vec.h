@@ -1,5 +1,5 @@
-/* Three doubles and what a ray tracer does with them. For the scene generator in this folder only;
- * the library proper passes double[3]. */
+/* Vectors of three doubles, for the scene generator in this folder only; the library itself passes
+ * double[3]. */
 #ifndef DATA_VEC_H
 #define DATA_VEC_H
 
@@ -60,7 +60,7 @@ static inline vec unit(vec a)
     return scale(a, 1 / sqrt(dot(a, a)));
 }
 
-/* Two unit vectors that make a right-handed frame with the unit vector w: u x v = w. */
+/* Makes two unit vectors that form a right-handed frame with the unit vector w: u x v = w. */
 static inline void frame_of(vec w, vec *u, vec *v)
 {
     vec helper = fabs(w.z) < 0.9 ? vec3(0, 0, 1) : vec3(1, 0, 0);

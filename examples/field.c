@@ -1,5 +1,5 @@
-/* Asks a trained scene at points: a slice through the middle of its box as text, denser is darker,
- * and the colour of the densest point of it seen from above.
+/* Evaluates a trained scene at points: prints a slice through the middle of its box as text, denser
+ * is darker, and the colour of the slice's densest point seen from above.
  *   cc field.c $(pkg-config --cflags --libs cl-nascent) -lm -o field
  *   ./field RUN */
 #include <cl_nascent.h>
@@ -29,12 +29,12 @@ static cln_status show(cln_field *field)
         at[i][1] = max[1] - v * (max[1] - min[1]);
         at[i][2] = 0.5 * (min[2] + max[2]);
     }
-    /* The density is the same in every direction, so none are given. */
+    /* Density does not depend on the direction, so it needs none. */
     st = cln_field_at(field, POINTS, (const double(*)[3])at, NULL, NULL, sigma);
     if (st != CLN_OK)
         return st;
     for (int i = 0; i < POINTS; i++) {
-        /* what a column of this point's width keeps of the light */
+        /* opacity of a column of this point's width */
         const double opacity = 1 - exp(-sigma[i] * (max[0] - min[0]) / COLUMNS);
 
         putchar(shades[(int)(9.999 * opacity)]);

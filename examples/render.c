@@ -1,7 +1,7 @@
 /* Renders an orbit around a trained scene: colour, depth and opacity as files.
  *   cc render.c $(pkg-config --cflags --libs cl-nascent) -o render
  *   ./render RUN FOLDER [FRAMES]
- * Frames that are there already are skipped, so a call that was ended can be made again. */
+ * Existing frames are skipped, so an interrupted call can be repeated. */
 #include <cl_nascent.h>
 
 #include <stdio.h>
@@ -16,7 +16,7 @@ static void progress(const char *what, int done, int total, void *user)
 int main(int argc, char **argv)
 {
     cln_render_desc desc = {.orbit_elevation = 25, /* degrees above the horizon */
-                            .width = 64,           /* as high as the photos are for that */
+                            .width = 64,           /* the height follows the photos' shape */
                             .callbacks = {.work = progress}};
     cln_render_result result;
     cln_status st = CLN_OK;

@@ -1,7 +1,7 @@
 /* Trains a scene and measures it on its held-out views.
  *   cc train.c $(pkg-config --cflags --libs cl-nascent) -o train
  *   ./train SCENE RUN [NAME=VALUE...]          settings, such as steps=2000 or width=64
- * Ctrl-C ends it with a checkpoint; the same call then goes on with the run. */
+ * Ctrl-C ends it with a checkpoint; the same call then resumes the run. */
 #include <cl_nascent.h>
 
 #include <signal.h>
@@ -9,14 +9,14 @@
 #include <string.h>
 #include <sys/stat.h>
 
-static volatile sig_atomic_t stop; /* the signal that came */
+static volatile sig_atomic_t stop; /* the received signal, or 0 */
 
 static void on_signal(int number)
 {
     stop = number;
 }
 
-/* Asked before every step: 0, or the signal that ends the training. */
+/* Called at every step: returns 0, or the signal that ends the training. */
 static int interrupted(void *user)
 {
     (void)user;
