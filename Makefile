@@ -1,13 +1,13 @@
 # cl-nascent: plain GNU make. Only build/ is written.
 #   make                    build/cl-nascent, and the library: libcl-nascent.a and .so
-#   make demo               install what is missing, generate, train two minutes, evaluate, render
-#   make test               install what is missing, run the whole suite
+#   make demo               install missing packages, generate, train two minutes, evaluate, render
+#   make test               install missing packages, run the whole suite
 #   make test-devices       the cases of docs/devices.md on every OpenCL device found
-#   make grind              the kernels under Oclgrind: races and bad accesses fail
+#   make grind              the kernels under Oclgrind, for races and bad accesses
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
-#   make bench-peers        build/bench-peers: leaf networks beside the libraries that are installed
-#   make bench              install what is missing, time every kernel (docs/benches.md)
+#   make bench-peers        build/bench-peers: leaf networks beside installed libraries
+#   make bench              install missing packages, time every kernel (docs/benches.md)
 #   make bench-sort         the sort beside other sorts (needs g++)
 #   make install            program and library: PREFIX=/usr/local DESTDIR= LIBDIR=
 #   make deps | clean       install what the build needs; remove build/
@@ -35,12 +35,12 @@ LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
 LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
 CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
-# json_query.c and device_cases.c are programs of their own, for cli.sh and devices.sh
+# json_query.c and device_cases.c are separate programs, for cli.sh and devices.sh
 TEST_OWN := tests/support/json_query.c tests/device/device_cases.c
 TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/scenes/table.c bench/common/plot.c
-# bench-peers: the leaf networks beside libraries for small products, as far as they are installed
+# bench-peers: the leaf networks beside installed libraries for small products
 PEER_MAIN := bench/peers/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
 GROWTH_SRC := bench/growth/growth.c bench/common/plot.c
@@ -71,11 +71,11 @@ $B/libcl-nascent.a: $(LIB_OBJ)
 	@rm -f $@
 	$(call SAY,AR $@)ar rcs $@ $^
 
-# Only what cl_nascent.h marks CLN_API is visible in it.
+# It exports only what cl_nascent.h marks CLN_API.
 $B/$(SONAME): $(LIB_OBJ)
 	$(call SAY,LINK $@)$(CC) -shared -Wl,-soname,$(SONAME) -Wl,-z,defs $^ $(LDLIBS_ALL) -o $@
 
-# Static linking needs what the library stands on, too (pkg-config --static).
+# Static linking also needs the library's dependencies (pkg-config --static).
 $B/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	@mkdir -p $(@D)
 	@{ echo 'prefix=$(PREFIX)'; \
@@ -117,7 +117,7 @@ $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
 $B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
-# A peer is a file in bench/peers, a header that shows that it is there, and what to link.
+# A peer is a file in bench/peers, a header to detect it by, and libraries to link.
 PEERS := xsmm onednn openblas clblast
 PEER_HEADER_xsmm := libxsmm.h
 PEER_HEADER_onednn := oneapi/dnnl/dnnl.h
@@ -139,8 +139,8 @@ bench-peers: $B/libcl-nascent.a
 	@$(MAKE) --no-print-directory $B/bench-peers \
 	    FOUND="$(strip $(foreach p,$(PEERS),$(call found_peer,$p)))"
 
-# One command, as these need flags of their own: this processor's instructions, OpenMP, vectorised
-# activations (which trapping mathematics would forbid), each its library.
+# One command, as these need special flags: this processor's instructions, OpenMP, vectorised
+# activations (which trapping mathematics would forbid), each one's library.
 $B/bench-peers: $(PEER_MAIN) $(wildcard bench/peers/*) $B/libcl-nascent.a FORCE
 	@echo "  peers: $(or $(FOUND),none)$(not_installed)"
 	$(call SAY,LINK $@)$(CC) $(CFLAGS_ALL) -O3 -march=native -fno-trapping-math -fopenmp \
@@ -153,8 +153,8 @@ $B/obj/%.o: %.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -MMD -MP -c $< -o $@
 
-# Each kernel file, and file of tuning rows, becomes one C string literal per line, so that pedantic
-# limit on literal length does not matter and build logs can name file and line.
+# Each line of a kernel file or file of tuning rows becomes a C string literal, so that the limit on
+# literal length does not matter and build logs can name file and line.
 $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	@mkdir -p $(@D)
 	@{ echo '/* Generated from kernels/, include/device_abi.h and data/tune/ by make. */'; \
@@ -180,7 +180,8 @@ $B/obj/kernels_embed.o: $B/kernels_embed.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
-# The table of test groups, from the test files: a new file needs only its prototype in tests.h.
+# The table of test groups is made from the test files; a new file needs only its prototype in
+# tests.h.
 GROUP := s/^int test_group_\([a-z0-9_]*\)(void)$$
 $B/test_groups.c: FORCE
 	@mkdir -p $(@D)
@@ -236,7 +237,7 @@ bench-programs:
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
 	    build/bench-kernels build/bench-table build/bench-growth
 
-# Quoted, so that DESTDIR and PREFIX may have spaces.
+# Quoted, as DESTDIR and PREFIX may have spaces.
 install: all
 	install -d "$(DESTDIR)$(PREFIX)/bin" "$(DESTDIR)$(PREFIX)/include" \
 	    "$(DESTDIR)$(LIBDIR)/pkgconfig" \
