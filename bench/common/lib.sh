@@ -1,17 +1,17 @@
 # shellcheck shell=sh disable=SC2034
-# What the scene benches share; sourced by them, no script of its own. POSIX sh.
+# Shell functions of the scene benches, which source it. POSIX sh.
 #
 #   bench_open NAME SCENE OUT LIMIT     programs, folder, points in time; then
 #   bench_train RUN LABEL PRESET OPTIONS...
-#                                       one run in OUT/RUN, and a row of that label in the table;
-#                                       $trained is then "no" if it does not fit the device
+#                                       one run in OUT/RUN, and its row in the table; sets
+#                                       $trained to "no" if it does not fit the device
 #   bench_value RUN PATH                a number of its run.json
 #   bench_table TITLE                   the table on standard output and as OUT/NAME.md, .csv and
-#                                       .svg; the next table begins empty
+#                                       .svg; starts a new table
 #
-# A bench that was stopped goes on where it was when the same command is given again: finished runs
-# are kept, interrupted ones resumed. A run that was made with other options ends the bench, with
-# nothing touched. What a run prints is in OUT/RUN.log.
+# The same command continues a stopped bench: it keeps finished runs and resumes interrupted ones. A
+# run made with other options ends the bench, which then changes nothing. OUT/RUN.log has a run's
+# output.
 #
 # Environment:
 #   CL_NASCENT_DEVICE   where to run, as for cl-nascent -d
@@ -58,7 +58,7 @@ bench_open() {
     : >"$rows"
 }
 
-# none: nothing there or nothing to go on from; else done, or anything else = to be resumed
+# none: no run, or none to resume; done; anything else: to be resumed
 bench_state() {
     if [ ! -e "$1/run.json" ]; then
         echo none
@@ -71,7 +71,7 @@ bench_state() {
     fi
 }
 
-# Trains or resumes; 0 = trained, 5 = does not fit the device. All else ends the bench.
+# Trains or resumes; 0 = trained, 5 = does not fit the device. Any other status ends the bench.
 bench_run() {
     run=$1 preset=$2
     shift 2
@@ -105,7 +105,7 @@ bench_train() {
     set -- --time-limit "$limit" --eval-at "$points" --eval-images "$views" "$@"
     run=$out/$name
     given=$(printf '%s\n' "$scene" "$preset" "$@")
-    # a folder without our list of its options is not ours to remove
+    # only a folder with our list of options is ours to remove
     if [ -e "$run" ] && [ ! -e "$run.options" ]; then
         bench_fail "$run is no run of a bench; choose another OUT"
     fi
@@ -145,11 +145,11 @@ bench_table() {
     : >"$rows"
 }
 
-# ---- settings that several benches share ----
+# ---- settings of several benches ----
 
 # A leaf network of the paper's kind: WIDTH and DEPTH, view layer of VIEW_WIDTH (256), 10 and 4
-# frequencies. The fast preset's rate suits its 32 neurons; here it falls with the width, unless LR
-# gives it.
+# frequencies. The fast preset's learning rate suits its 32 neurons; here it falls with the width,
+# unless LR sets it.
 bench_network() {
     awk -v w="$1" -v d="$2" -v v="${VIEW_WIDTH:-256}" -v lr="${LR:-0}" 'BEGIN {
         if (lr + 0 == 0) lr = 0.128 / w
@@ -159,8 +159,8 @@ bench_network() {
 
 growth=${GROWTH:-3:0.08 4:0.25 5:0.4}
 
-# A tree that grows to a level, whole levels at a time, as the fast preset's would: from level 2, or
-# at once where that is the level. GROWTH: LEVEL:FRACTION of the budget.
+# A tree that grows to a level, whole levels at a time, like the fast preset's: from level 2, or
+# from the level itself if it is lower. GROWTH: LEVEL:FRACTION of the budget.
 bench_growth() {
     start=2 at=
     if [ "$1" -lt 2 ]; then
@@ -174,7 +174,7 @@ bench_growth() {
     echo "--start-level $start --level-at=$at"
 }
 
-# The fraction of the budget at which whole level $1 comes.
+# The fraction of the budget at which the tree reaches whole level $1.
 bench_growth_at() {
     for point in $growth; do
         if [ "${point%%:*}" = "$1" ]; then

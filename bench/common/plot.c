@@ -18,13 +18,13 @@ static const char *const colours[] = {"#2f6da8", "#c2501c", "#4d8a5f", "#8a63a6"
 static const char *const dashes[] = {"", " stroke-dasharray='6 3'", " stroke-dasharray='2 3'"};
 enum { COLOURS = sizeof colours / sizeof colours[0], DASHES = sizeof dashes / sizeof dashes[0] };
 
-/* What people divide a logarithmic time axis into, seconds. */
+/* Ticks of a logarithmic time axis at familiar durations, seconds. */
 static const double ticks[] = {1e-6, 1e-5, 1e-4,  2e-4,  5e-4,  1e-3,   2e-3,  5e-3,
                                0.01, 0.02, 0.05,  0.1,   0.2,   0.5,    1,     2,
                                5,    10,   30,    60,    120,   300,    600,   1800,
                                3600, 7200, 18000, 36000, 86400, 172800, 432000};
 
-/* And what plain numbers are: 1, 2 and 5 times a power of ten. */
+/* Ticks of plain numbers: 1, 2 and 5 times a power of ten. */
 enum { DECADES = 12 };
 
 typedef struct frame {
@@ -144,7 +144,7 @@ static void put_axes(FILE *to, const frame *f, const char *x_title)
         if (log(x) < f->x0 - 1e-9 || log(x) > f->x1 + 1e-9)
             continue;
         fprintf(to, "<path stroke='#8b949b' d='M%.1f %dv5'/>\n", place_x(f, x), bottom);
-        if (place_x(f, x) < last + 42) /* no room for its label */
+        if (place_x(f, x) < last + 42) /* the label does not fit */
             continue;
         last = place_x(f, x);
         fprintf(to, "<text x='%.1f' y='%d' text-anchor='middle'>", last, bottom + 19);

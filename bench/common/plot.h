@@ -1,6 +1,6 @@
-/* Lines in an SVG file of its own, with a legend beside the plot: decibels over seconds on a
- * logarithmic axis, or a quantity over the work that it grows with. The report's charts, which have
- * a style sheet and axes from 0, are host/report/svg.h. */
+/* A stand-alone SVG file of lines with a legend beside the plot: decibels over seconds on a
+ * logarithmic axis, or a quantity over the work that it grows with. host/report/svg.h draws the
+ * report's charts, which have a style sheet and axes from 0. */
 #ifndef BENCH_PLOT_H
 #define BENCH_PLOT_H
 
@@ -14,14 +14,14 @@ typedef struct plot_line {
 } plot_line;
 
 typedef struct plot_text {
-    const char *title, *x_label, *legend; /* legend: what the numbers in it are */
+    const char *title, *x_label, *legend; /* legend: heading of its numbers */
 } plot_text;
 
-/* Without a finite point the plot has its axes alone. The caller sets the locale to "C". */
+/* A plot without a finite point shows only its axes. The caller sets the locale to "C". */
 void plot_write(FILE *to, const plot_text *text, const plot_line *lines, int count);
 
-/* The same for other quantities, both axes logarithmic: `seconds` has x, `psnr` y; end_psnr is
- * written in the legend alone. */
+/* The same for other quantities, both axes logarithmic: `seconds` holds x, `psnr` y; end_psnr
+ * appears only in the legend. */
 void plot_write_scaling(FILE *to, const plot_text *text, const plot_line *lines, int count);
 
 #endif

@@ -1,13 +1,14 @@
-/* build/bench-growth: how cost grows, for bench/growth/growth.sh. Reads run folders alone.
+/* build/bench-growth: how cost grows, for bench/growth/growth.sh. Reads only run folders.
  *
  *   bench-growth BASE SERIES=RUN...
  *
- * SERIES is what differs between its runs: leaves, samples (of a step) or pixels (of an image); its
- * runs come in ascending order. Prints three things in Markdown: a row a run with the milliseconds
- * of a step and of each stage, the time and memory of a unit of work; the powers of the work with
- * which these grow, over the series and from its last run but one (1 as fast as the work, 0 not at
- * all); and which powers are above 1. Leaves BASE.csv and BASE-SERIES.svg. The second half of a
- * run's steps counts, when the batch has its size. Exit status as cl-nascent's. */
+ * SERIES names the quantity that differs between its runs: leaves, samples (per step) or pixels
+ * (per image); its runs come in ascending order. Prints three things in Markdown: one row per run
+ * with the milliseconds of a step and of each stage, and the time and memory per unit of work; the
+ * power of the work with which each grows, over the whole series and from its last run but one (1:
+ * as fast as the work, 0: not at all); and the powers above 1. Writes BASE.csv and BASE-SERIES.svg.
+ * Only the second half of a run's steps counts: by then the batch has its final size. Exit status
+ * as cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -31,9 +32,9 @@ static const char *const series_units[SERIES] = {"leaves", "samples a step", "pi
 typedef struct run {
     int series;
     const char *path;
-    double leaves, samples, pixels, steps; /* samples: of a step; steps: measured */
-    double step;                           /* seconds of one */
-    double stages[CLN_STAGES];             /* of these, the device's */
+    double leaves, samples, pixels, steps; /* samples: per step; steps: measured */
+    double step;                           /* seconds per step */
+    double stages[CLN_STAGES];             /* of these, in each stage */
     double device, host;                   /* peak bytes */
 } run;
 
@@ -44,7 +45,7 @@ static double work_of(const run *r)
 
 /* ---- from a run folder ---- */
 
-/* Adds a row to what is measured, if it is of the second half: steps after `from`. */
+/* Adds a row to the measurement if it belongs to the second half: steps after `from`. */
 static void add_row(const json_t *row, double from, double *last_step, double *last_seconds, run *r)
 {
     const double step = cln_json_number(row, "step"), seconds = cln_json_number(row, "seconds");
@@ -127,7 +128,7 @@ done:
 
 /* ---- the table ---- */
 
-/* Stages that take a hundredth of a step in any run. */
+/* Does the stage take a hundredth of a step in any run? */
 static bool matters(const run *runs, int count, int stage)
 {
     for (int i = 0; i < count; i++)
@@ -178,8 +179,7 @@ static double power(const run *a, const run *b, double from, double to)
     return log(to / from) / log(work_of(b) / work_of(a));
 }
 
-/* First and last run of a series, and the last but one; false if it has no two of different work.
- */
+/* First, last and last but one run of a series; false unless two of its runs differ in work. */
 static bool ends_of(const run *runs, int count, int series, const run **first, const run **near,
                     const run **last)
 {
@@ -196,7 +196,7 @@ static bool ends_of(const run *runs, int count, int series, const run **first, c
 
 /* ---- the powers ---- */
 
-/* What grows: the stages, and what a step takes as a whole. */
+/* Quantities that grow: the stages, then a whole step and its memory. */
 enum { STEP = CLN_STAGES, MEMORY, HOST_MEMORY, QUANTITIES };
 
 static const char *name_of(int quantity)
@@ -249,7 +249,7 @@ static void put_row_of_powers(const run *a, const run *b, const char *which, con
     printf(" |\n");
 }
 
-/* "faster than the work: samples 1.04", of one row; nothing if there is none. Returns how many. */
+/* Prints the powers above 1 of one row ("faster than the work: samples 1.04"). Returns how many. */
 static int put_faster(const run *a, const run *b, const char *which, const int *columns, int used)
 {
     int found = 0;

@@ -1,7 +1,7 @@
 #!/bin/sh
 # How cost grows: time of a step by stage, and memory, against leaves, samples of a step and image
 # size. Each series changes one of them and keeps the others: whole levels of the tree, no culling,
-# no growth, no adaptation, on scenes that it generates. Nothing else should run on the machine.
+# no growth, no adaptation, on generated scenes. Nothing else should run on the machine.
 #
 #   bench/growth/growth.sh OUT [TRAIN OPTIONS]
 #   small, two cores:
@@ -12,14 +12,14 @@
 #
 #   STEPS=...    steps of a run; the second half is measured (200)
 #   LEVELS=...   series leaves: 8 to the power of each (1 2 3 4)
-#   SAMPLES=...  series samples: aimed at in a step (4096 16384 65536 262144)
+#   SAMPLES=...  series samples: target of a step (4096 16384 65536 262144)
 #   SIZES=...    series pixels: width and height of the images (50 100 200 400 800)
 #   SERIES="leaves samples pixels"
 #   CL_NASCENT_DEVICE, CLN, QUERY: as in bench/common/lib.sh; GROWTH_TABLE, MAKE_SCENE: the other
 #                two programs
-# The other two of a run are level 3, 65,536 samples and 200 x 200 pixels. Finished runs are kept.
-# TRAIN OPTIONS go to every run (a larger network, --stage1 splat, whose cost does depend on the
-# pixels).
+# Quantities outside the series stay at level 3, 65,536 samples and 200 x 200 pixels. Finished runs
+# are kept. TRAIN OPTIONS go to every run (a larger network; --stage1 splat, whose cost depends on
+# the pixels).
 set -eu
 [ $# -ge 1 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh

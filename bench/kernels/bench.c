@@ -15,7 +15,7 @@ enum { REPEATS = 5, LONG_REPEATS = 3, ROWS = 1024 };
 
 /* ---- ceilings ---- */
 
-/* Beyond the caches, there and back. */
+/* Bytes of a copy that exceeds the caches, read and written. */
 static size_t copy_bytes(const bench *b)
 {
     return (size_t)(b->usual.ls == 1 ? 64 : 256) << 20;
@@ -52,7 +52,7 @@ done:
     return st;
 }
 
-/* One launch of each probe, for the best rates of a row. */
+/* Launches each probe once and keeps the best rates. */
 static cln_status probe_ceilings(bench *b, double *fma, double *copy)
 {
     cln_status st = CLN_OK;
@@ -119,14 +119,14 @@ cln_status bench_small_config(cln_config *out)
 {
     cln_status st = CLN_OK;
 
-    memset(out, 0, sizeof *out); /* padding, too: settings are compared as bytes */
+    memset(out, 0, sizeof *out); /* also clears padding: settings are compared as bytes */
     CLN_TRY(cln_config_preset("fast", out));
     out->width = out->view_width = 16;
     out->depth = out->bands = 2;
     out->view_bands = 1;
     out->level_at[0] = 0;
     out->min_leaf_samples = 1;
-    out->roulette = 0; /* networks are timed with all samples */
+    out->roulette = 0; /* networks are timed on all samples */
 done:
     return st;
 }
@@ -152,7 +152,7 @@ cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, c
     cln_pipeline_free(&b->pipeline);
     b->config = *config;
     b->tune = b->device->tune = wanted;
-    b->device->tune_exact = true; /* these, whatever rows there are */
+    b->device->tune_exact = true; /* exactly these, ignoring tuned rows */
     b->distortion = distortion;
     st = cln_pipeline_create(b->device, config, distortion, false, &b->pipeline);
     b->device->tune = kept;
@@ -201,7 +201,7 @@ done:
     return st;
 }
 
-/* Times of `row`, with the probes in turn. */
+/* Fills the times of `row`, probing the ceilings before each series. */
 static cln_status measure(bench *b, bench_body *body, bench_body *before, void *context,
                           cln_stage stage, bench_row *row)
 {

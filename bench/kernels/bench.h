@@ -1,13 +1,13 @@
-/* What the parts of build/bench-kernels share. A family is a kind of work at several shapes. Its
- * run function prepares one shape; for every part that is wanted it runs the stage that training
- * calls, compares the output with float64 (discrete results for equality), times the stage, and
- * adds a row.
+/* Shared declarations of build/bench-kernels. A family is a kind of work at several shapes. Its
+ * run function prepares one shape; for every wanted part it runs the stage that training calls,
+ * compares the output with float64 (discrete results for equality), times the stage, and adds a
+ * row.
  *
- *   bench_kernels.c                options, the list of families, which kernels they cover
+ *   bench_kernels.c                options, the list of families, coverage of kernels
  *   bench.c                        ceilings, timing, comparison
  *   bench_work.c                   FLOP and bytes of every part, and how they are counted
  *   bench_output.c, bench_page.c   rows as table, JSON, CSV; as page and Markdown
- *   the others                     the families */
+ *   other files                    the families */
 #ifndef BENCH_H
 #define BENCH_H
 
@@ -18,7 +18,7 @@ typedef struct bench_time {
     double min, median, max; /* seconds of one call */
 } bench_time;
 
-/* The least work: every multiply and add that the method needs, every input read once, every output
+/* Least work: every multiply and add that the method needs, every input read once, every output
  * written once (bench_work.c). */
 typedef struct bench_work {
     double flop, bytes;
@@ -26,9 +26,9 @@ typedef struct bench_work {
 
 typedef struct bench_errors {
     size_t compared;
-    double nmse, worst; /* discrete results: the share of wrong ones */
+    double nmse, worst; /* discrete results: the share of wrong values */
     bool exact;         /* discrete: compared for equality */
-    bool failed;        /* beyond the bounds of the comparison, or not equal */
+    bool failed;        /* error beyond the bounds, or not equal */
 } bench_errors;
 
 enum { BENCH_NAME = 96 };
@@ -43,7 +43,7 @@ typedef struct bench_row {
     char tune[256];
 } bench_row;
 
-/* A part: the kernel that it is named after, and all that it launches, separated by blanks. */
+/* A part: the kernel that names it, and all kernels that it launches, separated by blanks. */
 typedef struct bench_part {
     const char *kernel, *kernels;
 } bench_part;
@@ -61,22 +61,22 @@ enum { BENCH_PARTS = 8 }; /* most parts of a family */
 
 typedef struct bench {
     cln_device *device;
-    double budget; /* seconds of timing a row */
-    /* probes of the ceilings: with the device's usual vectors, whatever --tune says */
+    double budget; /* seconds of timing per row */
+    /* probes of the ceilings: always with the device's usual vector width, ignoring --tune */
     cln_tune usual;
     cln_program peak;
     cl_kernel peak_fma, peak_copy;
     cln_buffer in, out;
-    /* the shape that runs */
+    /* current shape */
     const bench_family *family;
     char shape[64];
     bool wanted[BENCH_PARTS];
-    /* one pipeline at a time, kept while its settings stay */
+    /* one pipeline at a time, reused until the settings change */
     cln_config config;
     cln_tune tune;
     bool distortion;
     cln_pipeline pipeline;
-    /* what came out */
+    /* results */
     bench_row *rows;
     int row_count;
     void (*report)(const struct bench *b, const bench_row *row);
@@ -91,31 +91,32 @@ cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, c
                           cln_pipeline **out);
 cln_status bench_small_config(cln_config *out);
 
-/* The same with what measures (one number a sample) and distils. */
+/* The same with the kernels that measure (one number per sample) and distil. */
 cln_status bench_measuring(bench *b, cln_config *config, cln_pipeline **p);
 
-/* Adds a comparison to *errors; bounds as in the self-test. bench_equal: `wrong` of n are. */
+/* Adds a comparison to *errors; bounds as in the self-test. bench_equal: `wrong` of n values
+ * differ. */
 void bench_compare(bench_errors *errors, const float *got, const double *want, size_t n,
                    double nmse, double worst);
 void bench_equal(bench_errors *errors, size_t wrong, size_t n);
 
-/* KERNEL/SHAPE of a part, with - for blanks. */
+/* KERNEL/SHAPE of a part, blanks replaced by -. */
 void bench_name(const bench_family *family, int part, const char *shape, char out[BENCH_NAME]);
 
 /* Measures a part and adds its row: warm-up, one probe, then five series of calls that fill the
- * budget (three single calls if one takes longer). Both ceilings are probed before each series, as
- * the load of the machine may change; the row has the best of five. `before` (or NULL) is called
- * before every call and not timed. The time is that of `stage` by events, or the wall clock's if
+ * budget (three single calls if one exceeds it). Both ceilings are probed before each series,
+ * because the load of the machine may change; the row keeps the best of five. `before` (or NULL)
+ * runs untimed before every call. The time is that of `stage` by events, or the wall clock's if
  * stage is CLN_STAGES. */
 typedef cln_status bench_body(void *context);
 cln_status bench_add(bench *b, int part, bench_body *body, bench_body *before, void *context,
                      cln_stage stage, bench_work work, const bench_errors *errors);
 
-/* The seconds that the binding ceiling allows, over those that the row took; and that ceiling's
+/* Seconds that the binding ceiling allows over seconds that the row took; *bound: that ceiling's
  * name. */
 double bench_share(const bench_row *row, const char **bound);
 
-/* ---- work (bench_work.c); samples n, leaves with samples, slices ---- */
+/* ---- work (bench_work.c) of n samples, leaves with samples, slices ---- */
 
 bench_work bench_work_density(const cln_network *net, double cells, double leaves);
 bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool training, double n,

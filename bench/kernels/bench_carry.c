@@ -1,6 +1,6 @@
-/* A change of the tree on the device: rows of all leaves from their old slots to their new ones.
- * The change that is timed keeps every leaf, so that it can be made again and again, and nothing is
- * folded on the host; what arrives must be what was there, bit for bit. */
+/* A change of the tree on the device: rows of all leaves move from their old slots to their new
+ * ones. The timed change keeps every leaf: it can be repeated, and the host folds nothing. The rows
+ * must arrive bit for bit. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -113,7 +113,7 @@ static void widen(const batch *t, int r, wide_ray *w)
         w->target[k] = t->targets[r][k];
 }
 
-/* Every rays / count-th ray: its picture, or its gradients and measures. */
+/* Compares every (rays / count)-th ray: its picture, or its gradients and measures. */
 static cln_status check_batch(const batch *t, bool train, bench_errors *errors)
 {
     enum { GRADIENTS = PER_RAY * 4 };

@@ -19,7 +19,7 @@ static const bench_family *const families[] = {
 };
 enum { FAMILIES = sizeof families / sizeof families[0], ONLY = 32 };
 
-/* Kernels that have to be in some family's list. */
+/* Kernels that some family's list must contain. */
 static const char *const all_kernels[] = {
 #define X(member, kernel, program, when) #member,
     CLN_KERNEL_LIST(X)
@@ -136,7 +136,7 @@ static bool any_kernel_begins(const char *kernels, const char *with)
     return false;
 }
 
-/* Does `name` of a part of a family match one of the prefixes? */
+/* Does the name of this part match one of the prefixes? */
 static bool is_wanted(const arguments *a, const bench_family *family, const bench_part *part,
                       const char *name)
 {
@@ -147,7 +147,7 @@ static bool is_wanted(const arguments *a, const bench_family *family, const benc
     return a->only_count == 0;
 }
 
-/* The parts of a shape that are wanted, to b->wanted; their number. */
+/* Marks the wanted parts of a shape in b->wanted; returns their number. */
 static int want(bench *b, const arguments *a, const bench_family *family, int shape)
 {
     int count = 0;

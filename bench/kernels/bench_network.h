@@ -1,4 +1,4 @@
-/* A leaf network with samples in all of its leaves, and what of it is compared with float64. */
+/* A leaf network with samples in all leaves, and its comparisons with float64. */
 #ifndef BENCH_NETWORK_H
 #define BENCH_NETWORK_H
 
@@ -6,7 +6,7 @@
 
 enum { DENSITY, EVAL, TRAINING, FORWARD, ROULETTE, BACKWARD, ADAM, UPDATE, NETWORK_PARTS };
 
-/* Of the roulette's own row; the backward pass is timed with all samples. */
+/* Cutoff of the roulette's own row; the backward pass is timed on all samples. */
 #define ROULETTE_CUTOFF 1.0
 
 typedef struct network_run {
@@ -20,8 +20,8 @@ typedef struct network_run {
     int part;
 } network_run;
 
-/* No gradient comes in at the samples of compared leaves that have a pre-activation next to zero:
- * on the other side float32 would be right, too. */
+/* Zeroes the incoming gradient of samples of compared leaves that have a pre-activation close to
+ * zero: there float32 may land on the other side of the kink without being wrong. */
 void network_drop_kinks(network_run *r);
 
 /* Runs r->part once and compares. */

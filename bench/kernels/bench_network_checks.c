@@ -1,5 +1,5 @@
-/* The comparison of leaf networks with float64: up to 512 samples of a forward pass, all gradients
- * of one to four leaves, one leaf of Adam and of the transposed weights. See bench_network.h. */
+/* Compares leaf networks with float64: up to 512 samples of a forward pass, all gradients of one to
+ * four leaves, one leaf of Adam and of the transposed weights. See bench_network.h. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 #include "base/rng.h"
 #include "bench_network.h"
 
-/* Native functions have no bound that holds on all devices; half activations are bounded as in
+/* Native functions have no bound that all devices keep; half activations have the bounds of
  * tests/pipeline/test_mlp.c. */
 static void bounds_of(const network_run *r, bool gradient, double bounds[2])
 {
@@ -68,7 +68,7 @@ done:
     return st;
 }
 
-/* Centres of some cells; bfloat16 keeps 8 bits. */
+/* Compares centres of some cells; bfloat16 keeps 8 bits. */
 static cln_status check_densities(const network_run *r, bench_errors *errors)
 {
     enum { MOST = 512 };
@@ -124,7 +124,7 @@ done:
     return st;
 }
 
-/* How many leaves' gradients are compared, as the time of float64 allows, and the k-th of them. */
+/* Number of leaves whose gradients are compared, limited by the time of float64; and the k-th. */
 static int compared_leaves(const network_run *r)
 {
     const int per_leaf = (int)r->n / r->p->leaves;
@@ -201,8 +201,8 @@ done:
     return st;
 }
 
-/* The first update of one leaf, in one pass or two. The step is compared, as its error would vanish
- * beside the size of the weights. */
+/* The first update of one leaf, in one pass or two. Compares the step rather than the weights,
+ * whose size would hide its error. */
 static cln_status check_adam(const network_run *r, bench_errors *errors)
 {
     cln_status st = CLN_OK;
@@ -246,7 +246,7 @@ done:
     return st;
 }
 
-/* The gradients of the heads that went, of the first segment of every slice. */
+/* Head gradients of the dropped samples, in the first segment of every slice. */
 static cln_status check_roulette(const network_run *r, bench_errors *errors)
 {
     enum { SEGMENT = CLN_ROULETTE_SEGMENT };

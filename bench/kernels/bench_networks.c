@@ -1,9 +1,8 @@
 /* Leaf networks: densities, forward, backward, both together, Adam; the same with other arithmetic;
  * the upload that transposes the weights. bench_network_checks.c compares.
  *
- * Samples have exact local coordinates, as the encoding multiplies a position's rounding by
- * 2^bands, which is no error of the network. Slopes of RReLU are drawn as set, from a very narrow
- * range. */
+ * Samples have exact local coordinates: the encoding multiplies a position's rounding by 2^bands,
+ * which would count as an error of the network. RReLU draws its slopes from a very narrow range. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,10 +15,10 @@
 typedef struct network_shape {
     int width, depth, view, bands, view_bands, leaves,
         samples;                         /* view 0: none; samples of a leaf */
-    const char *preset, *variant, *tune; /* of arithmetic alone */
+    const char *preset, *variant, *tune; /* only for arithmetic */
 } network_shape;
 
-/* Widths without V have no view layer. One band leaves little but layers of 64 x 64. */
+/* Widths without V have no view layer. With one band nearly all work is layers of 64 x 64. */
 static const network_shape shapes[] = {
     {16, 2, 16, 4, 1, 1, 1, 0, 0, 0},       {16, 2, 16, 4, 1, 512, 128, 0, 0, 0},
     {32, 3, 32, 6, 2, 64, 1, 0, 0, 0},      {32, 3, 32, 6, 2, 4096, 16, 0, 0, 0},
@@ -65,9 +64,9 @@ static const bench_part parts[] = {
 static const bench_part upload_parts[] = {{"transpose", "transpose"}};
 
 static const double SLOPE = -0.2;
-enum { CELLS = 131072 }; /* at most about so many are refreshed */
+enum { CELLS = 131072 }; /* about the most that are refreshed */
 
-/* ---- a model with so many leaves, and samples in all of them ---- */
+/* ---- a model with a given number of leaves, samples in all of them ---- */
 
 static cln_status config_of(const network_shape *s, cln_config *config)
 {
@@ -80,7 +79,7 @@ static cln_status config_of(const network_shape *s, cln_config *config)
     config->n1 = 12;
     config->min_leaf_samples = 1;
     config->roulette = 0;                     /* all samples are timed */
-    config->rrelu_lower = SLOPE * (1 + 1e-6); /* the least that a compiler does not see through */
+    config->rrelu_lower = SLOPE * (1 + 1e-6); /* just wide enough that no compiler folds it */
     config->rrelu_upper = SLOPE;
     if (s->preset)
         goto done;
@@ -115,7 +114,7 @@ done:
     return st;
 }
 
-/* Leaves' weights are one random sequence, turned by the leaf's number. */
+/* All leaves share one random sequence of weights, rotated by the leaf's number. */
 static cln_status make_model(const cln_config *config, int leaves, cln_model *model)
 {
     cln_status st = CLN_OK;
@@ -203,7 +202,7 @@ done:
 
 static void finish(bench *b, network_run *r)
 {
-    cln_pipeline_free(&b->pipeline); /* its buffers are of this shape's size */
+    cln_pipeline_free(&b->pipeline); /* its buffers have this shape's size */
     cln_model_free(&r->model);
     free(r->samples);
     free(r->ray_o);

@@ -127,7 +127,7 @@ done:
 
 /* ---- Markdown ---- */
 
-/* The strict row of the same kernel and preset, which comes before. */
+/* The strict row of the same kernel and preset; it precedes row i. */
 static const bench_row *strict_of(const bench *b, int i)
 {
     const size_t same = strcspn(b->rows[i].shape, " ");

@@ -1,5 +1,6 @@
 /* Sums of measures over leaves, the distillation's gradient, the regularisers' points and
- * gradients. All leaves, up to 2,000 points and all of the regularisers' are compared. */
+ * gradients. Compared: all leaves, up to 2,000 points of the distillation, all points of the
+ * regularisers. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -199,7 +200,7 @@ static cln_status gradient_body(void *context)
     return cln_stage_regularise_gradient(g->p, &sampling, g->n);
 }
 
-/* Points of the sparsity: the random numbers' places in their leaves. */
+/* Sparsity points must lie in their leaves where the random numbers put them. */
 static cln_status check_points(const regularise *g, int points, bench_errors *errors)
 {
     cln_status st = CLN_OK;

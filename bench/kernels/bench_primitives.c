@@ -1,4 +1,4 @@
-/* Scan, sort and grouping by leaf: discrete results, equal to those of plain loops. */
+/* Scan, sort and grouping by leaf: discrete results, compared with those of plain loops. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +26,7 @@ static cln_status pipeline_of(bench *b, cln_pipeline **p)
     cln_config config;
 
     CLN_TRY(bench_small_config(&config));
-    config.stage1 = CLN_STAGE1_SPLAT; /* the 64-bit sort is built for splatting only */
+    config.stage1 = CLN_STAGE1_SPLAT; /* only splatting builds the 64-bit sort */
     config.n1 = 2;
     CLN_TRY(bench_pipeline(b, &config, false, NULL, p));
 done:
@@ -96,7 +96,7 @@ typedef struct sort_shape {
     int bits;
 } sort_shape;
 
-/* 12 bits are the slots of 4,096 leaves; 48 the lists of some views and a float. */
+/* 12 bits: the slots of 4,096 leaves; 48 bits: the lists of some views and a float. */
 static const sort_shape sorts[] = {{1, 12}, {64, 12}, {4096, 12}, {1000000, 12}, {1000000, 32}};
 static const sort_shape sorts64[] = {{1, 48}, {64, 48}, {4096, 48}, {1000000, 48}, {16000000, 48}};
 
@@ -109,7 +109,7 @@ typedef struct sort {
     cln_buffer keys[2], values[2];
 } sort;
 
-/* A sort of sorted keys would be another one. */
+/* Restores the unsorted keys: sorting sorted ones takes a different time. */
 static cln_status sort_before(void *context)
 {
     cln_status st = CLN_OK;
@@ -243,7 +243,7 @@ static cln_status group_body(void *context)
     return cln_stage_group(g->p, g->n, &g->slices);
 }
 
-/* Order by slot, then number; slices cover every leaf's run in order. */
+/* Samples must be in order of slot, then number; slices must cover every leaf's run in order. */
 static cln_status check_group(group *g, const cln_sample *samples, bench_errors *errors)
 {
     cln_status st = CLN_OK;

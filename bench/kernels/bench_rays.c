@@ -1,6 +1,6 @@
 /* Rays, leaf intervals and samples (stage 1 by gather), cells that views see, and statistics of
- * leaves. 400 rays are compared: leaves and numbers of samples must be equal, positions near
- * float64's. Rays on which float32 may decide otherwise are left out. */
+ * leaves. Compares 400 rays: leaves and numbers of samples must be equal, positions close to
+ * float64's. Skips rays on which rounding may change a decision of float32. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -141,7 +141,7 @@ static cln_status sample_body(void *context)
 
 enum { COMPARED = 400 };
 
-/* The k-th of the rays that are compared. */
+/* The k-th compared ray. */
 static int ray_of(const run *r, int k)
 {
     const int count = r->scene.rays < COMPARED ? r->scene.rays : COMPARED;
@@ -180,7 +180,7 @@ static void check_rays(const run *r, float (*o)[4], float (*d)[4], bench_errors 
     bench_compare(errors, got, want, (size_t)count * 6, 1e-12, 1e-5);
 }
 
-/* Leaves and numbers of samples to *counts, where the samples are to *places. */
+/* Compares leaves and numbers of samples into *counts, positions of samples into *places. */
 static cln_status check_samples(const run *r, float (*o)[4], float (*d)[4], bench_errors *counts,
                                 bench_errors *places)
 {
@@ -277,7 +277,7 @@ static cln_status run_rays(bench *b, int shape)
         goto done;
     CLN_TRY(sample_body(&r));
     CLN_TRY(count_intervals(&r));
-    cells = fmin(cells, r.intervals * config.n1); /* a short way through a leaf meets n1 of them */
+    cells = fmin(cells, r.intervals * config.n1); /* an interval visits at most n1 cells */
     CLN_TRY(check_samples(&r, o, d, &counts, &places));
     if (b->wanted[INTERVALS_PART])
         CLN_TRY(bench_add(b, INTERVALS_PART, sample_body, NULL, &r, CLN_STAGE_INTERVALS,

@@ -1,4 +1,4 @@
-/* A scene for the benches of rays: a full tree with random densities, seen by cameras around it. */
+/* Scene of the ray benches: a full tree with random densities, seen by cameras around it. */
 #ifndef BENCH_SCENE_H
 #define BENCH_SCENE_H
 
@@ -16,7 +16,7 @@ typedef struct bench_scene {
     float *boxes;
 } bench_scene;
 
-/* Everything uploaded, and a batch of `rays` pixels in order of view and row, their rays made. */
+/* Uploads everything and makes the rays of a batch of `rays` pixels, in order of view and row. */
 cln_status bench_scene_start(bench *b, const cln_config *config, bool distortion, int rays,
                              bench_scene *s);
 void bench_scene_free(bench_scene *s);

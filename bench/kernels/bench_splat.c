@@ -1,6 +1,6 @@
-/* Stage 1 by splatting: projection, and its lists. Some cells, projected in float64, must be on
- * their list at their distance, and lists must be in order. Cells that rounding may put on the next
- * list are left out. */
+/* Stage 1 by splatting: projection and lists. Some cells are projected in float64: each must be on
+ * its list at its distance, and lists must be sorted. Cells that rounding may move to the next list
+ * are skipped. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -44,7 +44,7 @@ done:
     return st;
 }
 
-/* What the device made of the batch, all views in one group. */
+/* The device's lists of the batch, all views in one group. */
 typedef struct lists {
     uint32_t (*grids)[4], *start; /* [view][6], [lists + 1] */
     float *t, *sigma;             /* [entry] */

@@ -1,15 +1,16 @@
 /* Least work of each stage, for the benches' rates.
  *
- *   FLOP   What the method needs: a multiply-add is 2; exp, sqrt and divide are 1 each. Networks: 2
- * per weight (and bias) and sample forward; backward as much again for the inputs' gradients,
- *          without those of the encodings, and as much again for the weights'. Encodings,
- * activations, padding and repeated work do not count. Choosing and moving (scan, sort, rays, tree
- * walk, projection) is 0 FLOP. bytes  What must move: every input read once, every output written
- * once, whatever passes, caches and write-allocation make of it. A share of the copy ceiling above
- * 1 means that the data stayed in caches.
+ *   FLOP   The method's arithmetic: a multiply-add is 2; exp, sqrt and divide are 1 each. Networks:
+ *          2 per weight (and bias) and sample forward; backward the same for the inputs' gradients
+ *          (without the encodings') and the same for the weights'. Encodings, activations, padding
+ *          and repeated work do not count. Choosing and moving (scan, sort, rays, tree walk,
+ *          projection) is 0 FLOP.
+ *   bytes  The least traffic: every input read once, every output written once, regardless of
+ *          passes, caches and write-allocation. A share of the copy ceiling above 1 means that the
+ *          data stayed in caches.
  *
- * Bytes of structs are include/device_abi.h's: sample 16, interval 20, ray 32 (two float4), pixel
- * 16, result 32. */
+ * Struct sizes are include/device_abi.h's: sample 16, interval 20, ray 32 (two float4), pixel 16,
+ * result 32. */
 #include "bench.h"
 
 enum { SAMPLE = 16, INTERVAL = 20, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
@@ -54,7 +55,7 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
                                  slices * ((double)sizeof(cln_slice) + WORD * (double)net->params)};
 }
 
-/* 13 a weight: two moments 7, the step 6; and the slices' sum. */
+/* 13 per weight (two moments 7, the step 6) plus the slices' sum. */
 bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,
                            double leaves, double slices)
 {
@@ -66,14 +67,14 @@ bench_work bench_work_adam(const cln_config *config, const cln_network *net, con
                                  WORD * (slices * net->params + leaves * transposed)};
 }
 
-/* Number, colour, density and gradient of every sample in; gradient of the heads and row out, of
- * about half. */
+/* In: number, colour, density and gradient of every sample. Out: head gradient and row of about
+ * half of them. */
 bench_work bench_work_roulette(double n)
 {
     return (bench_work){.flop = 40 * n, .bytes = WORD * n * (1 + 4 + 4 + 0.5 * (4 + 1))};
 }
 
-/* Both, without the way of the gradients of leaves of one slice through memory. */
+/* Backward and Adam; gradients of one-slice leaves do not pass through memory. */
 bench_work bench_work_update(const cln_config *config, const cln_network *net, const cln_tune *tune,
                              double n, double leaves, double slices)
 {
@@ -108,7 +109,7 @@ bench_work bench_work_scan(double n)
     return (bench_work){.bytes = WORD * (2 * n + 1)};
 }
 
-/* As if one pass were enough. */
+/* Counts a single pass. */
 bench_work bench_work_sort(double n, bool wide)
 {
     return (bench_work){.bytes = 2 * n * (WORD + (wide ? 8 : 4))};
@@ -125,7 +126,7 @@ bench_work bench_work_rays(double rays)
     return (bench_work){.bytes = rays * (PIXEL + RAY)};
 }
 
-/* cells: of stage 1, 2 bytes each; no more than there are, and n1 a interval. */
+/* cells: of stage 1, 2 bytes each; at most all of them and at most n1 per interval. */
 bench_work bench_work_intervals(double rays, double intervals, double cells)
 {
     return (bench_work){.bytes = rays * (RAY + 3 * WORD) + intervals * INTERVAL + 2 * cells};
@@ -143,7 +144,7 @@ bench_work bench_work_project(double cells, double views, double entries)
     return (bench_work){.bytes = views * 2 * cells + entries * (8 + WORD)};
 }
 
-/* Keys and values in; lists' depths, densities, starts and lengths out; padded: those once more. */
+/* In: keys and values. Out: the lists' depths, densities, starts and lengths; padded: again. */
 bench_work bench_work_lists(double entries, double cells, double lists, double padded)
 {
     return (bench_work){.bytes = entries * (8 + WORD + 2 * WORD) + 2 * cells + lists * 2 * WORD +
@@ -157,7 +158,7 @@ bench_work bench_work_composite(double rays, double n)
                         .bytes = n * (SAMPLE + COLOUR) + rays * (WORD + RAY / 2 + RESULT)};
 }
 
-/* And back: weight 1, gain 5, colours 4, density 6, rest 2, scale 4; a measure 5. */
+/* Backward, per sample: weight 1, gain 5, colours 4, density 6, rest 2, scale 4; per measure 5. */
 bench_work bench_work_composite_train(double rays, double n, double measures)
 {
     return (bench_work){.flop = (17 + 22 + 5 * measures) * n,

@@ -17,7 +17,7 @@ int peer_block(const peer_data *data, int most)
     return block;
 }
 
-/* Room of one thread: `blocks` blocks of samples. */
+/* Scratch memory of one thread: `blocks` blocks of samples. */
 static float *scratch(const peer_products *p, size_t blocks)
 {
     return aligned_alloc(64, blocks * (size_t)p->block * W * sizeof(float));
@@ -103,8 +103,8 @@ cln_status peer_cpu_forward(const peer_data *data, const peer_products *p)
     return failed ? cln_fail(CLN_MEMORY, "peers: out of host memory") : CLN_OK;
 }
 
-/* A block's pre-activations and activations of layer i are at z + i * size and h + i * h_step; with
- * h_step 0 all layers share one place. */
+/* A block's pre-activations and activations of layer i start at z + i * size and h + i * h_step;
+ * with h_step 0 all layers share one place. */
 typedef struct layers {
     float *z, *h;
     size_t size, h_step;
@@ -122,7 +122,7 @@ static void train_forward(const peer_data *data, const peer_products *p, int lea
     }
 }
 
-/* d, next: gradients of a block's outputs, and room for as many; overwritten. */
+/* d: gradients of a block's outputs; next: room for as many. Overwrites both. */
 static void train_back(const peer_data *data, const peer_products *p, int leaf, const float *x,
                        layers from, float *d, float *next)
 {
@@ -135,7 +135,7 @@ static void train_back(const peer_data *data, const peer_products *p, int leaf, 
         if (i > 0 && from.h_step == 0)
             restore(p->block, z - from.size, below);
         p->accumulate(p->own, i ? below : x, d, data->dw + layer * PEER_CELLS);
-        if (i == 0) /* nobody asks for the input's gradient */
+        if (i == 0) /* the input's gradient is not needed */
             break;
         p->multiply(p->own, d, data->wt + layer * PEER_CELLS, next);
         d = next;
@@ -143,7 +143,7 @@ static void train_back(const peer_data *data, const peer_products *p, int leaf, 
     }
 }
 
-/* One pass over a leaf's samples: forward, back, or both; room: what train_room has. */
+/* One pass over a leaf's samples: forward, back, or both; room: as train_room gives it. */
 enum { FORWARD = 1, BACK = 2 };
 
 static size_t train_room(bool kept)

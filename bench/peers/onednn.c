@@ -1,5 +1,5 @@
-/* oneDNN: matmul primitives for one thread each, with bias and activation inside them where the
- * sums are not needed; threads over leaves. See peer.h. */
+/* oneDNN: single-threaded matmul primitives, fused with bias and activation where the sums are not
+ * needed; threads over leaves. See peer.h. */
 #include <oneapi/dnnl/dnnl.h>
 #include <omp.h>
 #include <stdlib.h>
@@ -26,7 +26,7 @@ typedef struct onednn {
     thread threads[MAX_THREADS];
 } onednn;
 
-/* A matrix whose rows and columns are this many floats apart. */
+/* row, column: strides in floats. */
 static dnnl_status_t matrix(dnnl_memory_desc_t *out, int rows, int columns, int row, int column)
 {
     const dnnl_dims_t dims = {rows, columns}, strides = {row, column};
@@ -34,7 +34,7 @@ static dnnl_status_t matrix(dnnl_memory_desc_t *out, int rows, int columns, int 
     return dnnl_memory_desc_init_by_strides(out, 2, dims, dnnl_f32, strides);
 }
 
-/* [rows][inner] x [inner][64]; bias and activation, or added to what is there. */
+/* [rows][inner] x [inner][64]; layer: with bias and activation, else added to the output. */
 static dnnl_status_t make(dnnl_engine_t engine, int rows, int inner, bool transposed, bool layer,
                           bool add, product *p)
 {
@@ -153,7 +153,7 @@ static cln_status prepare(const peer_data *data, cln_device *device, void **own)
     o->data = data;
     o->products = (peer_products){o, block, multiply, accumulate, layer};
     failed = dnnl_engine_create(&o->engine, dnnl_cpu, 0) != dnnl_success;
-    /* a primitive keeps to the threads that it was made for: one, inside a parallel region */
+    /* a primitive keeps its creation's thread count: one, inside a parallel region */
 #pragma omp parallel num_threads(data->threads) reduction(|| : failed)
     {
         thread *t = own_thread(o);

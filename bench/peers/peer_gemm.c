@@ -1,21 +1,21 @@
-/* build/bench-peers: the leaf networks beside libraries for small matrix products, in one process,
- * by turns, on the same cores: eight layers of 64 x 64 with bias and activation, every leaf with
- * weights of its own. Prints a table in Markdown.
+/* build/bench-peers: compares the leaf networks with libraries for small matrix products, in turn,
+ * in one process, on the same cores: eight layers of 64 x 64 with bias and activation, every leaf
+ * with its own weights. Prints a table in Markdown.
  *
- *   bench-peers [DEVICE [ROUNDS [LEAVESxSAMPLES...]]]        "" or - leaves one out
+ *   bench-peers [DEVICE [ROUNDS [LEAVESxSAMPLES...]]]        "" or - = default
  *
- * Forward, and training: forward, gradients of the inputs (not the first layer's) and of the
- * weights, in a scene's order and, by the peers, block by block (peers/peer.h). Rates count 2 FLOP
- * per weight and sample of each product. Each round takes the FMA ceiling, then every contestant;
- * rates and shares are medians over rounds, a share being of the ceiling of its round.
+ * Times forward, and training: forward, gradients of the inputs (not the first layer's) and of the
+ * weights, in a scene's order and, for the peers, also block by block (peers/peer.h). Rates count 2
+ * FLOP per weight and sample of each product. Each round measures the FMA ceiling, then every
+ * contestant; rates and shares are medians over rounds; a share refers to its round's ceiling.
  *
  * Rows of the leaf networks: W64-D8 without view layer, through the library's stages. "layers" is
- * what six of its layers add to a network of two: no encoding, heads or grouping, which the peers
- * do not have, but the transposes and the biases' gradients, which they are spared. "with the rest"
- * is the whole time, and the FLOP of every learned number.
+ * the time that six of its layers add to a network of two: without encoding, heads and grouping,
+ * which the peers lack, but with the transposes and the biases' gradients, which they skip. "with
+ * the rest" is the whole time, and the FLOP of every learned number.
  *
- * Results are checked first, on some samples and two leaves' gradients, against loops in double. A
- * peer that is wrong, or was not found at build time, has no row. */
+ * First, loops in double check the results of some samples and the gradients of two leaves. A peer
+ * that fails, or was not found at build time, has no row. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -55,9 +55,9 @@ typedef struct shape {
 
 static const shape standard[] = {{64, 3072}, {64, 1536}, {256, 384}, {1024, 96}, {2048, 48}};
 
-/* ---- what the peers compute on ---- */
+/* ---- the peers' data ---- */
 
-/* As the device's buffers lie. */
+/* Aligned like the device's buffers. */
 static float *large(size_t n)
 {
     float *out = cln_huge_pages(n * sizeof *out);
@@ -200,7 +200,7 @@ static void gradients_of(const peer_data *d, int leaf, double (*dw)[PEER_CELLS])
     }
 }
 
-/* *worst: the larger of what it was and of what is found. */
+/* Raises *worst to the largest error found. */
 static cln_status check_train(const peer_data *d, double *worst)
 {
     cln_status st = CLN_OK;
@@ -245,8 +245,8 @@ done:
     return st;
 }
 
-/* A tree with exactly this many leaves: the last whole level that has fewer, partly split; what is
- * too many is left out. */
+/* A tree with exactly this many leaves: the last whole level that has fewer, partly split; culls
+ * the surplus. */
 static cln_status make_tree(int leaves, cln_octree *tree)
 {
     cln_status st = CLN_OK;
@@ -284,7 +284,7 @@ static cln_status make_ours(cln_device *device, shape s, int depth, ours *o)
     config.bands = 10; /* 63 inputs: the first layer is as large as the others */
     config.view_dependence = config.skip = config.adaptive = false;
     config.n1 = 2;
-    config.roulette = 0; /* every sample goes back */
+    config.roulette = 0; /* every sample takes part in the backward pass */
     CLN_TRY(make_tree(s.leaves, &tree));
     CLN_TRY(cln_model_create_on(&config, &tree, &o->model));
     CLN_TRY(cln_pipeline_create(device, &config, false, false, &o->p));
@@ -305,7 +305,7 @@ static void free_ours(ours *o)
     free(o->origins);
 }
 
-/* Some samples against the float64 twin; the gradients are the tests' business. */
+/* Compares some samples with the float64 twin; the tests check the gradients. */
 static cln_status check_ours(ours *o, double *worst)
 {
     cln_status st = CLN_OK;
@@ -343,17 +343,17 @@ done:
     return st;
 }
 
-/* ---- by turns ---- */
+/* ---- in turn ---- */
 
 typedef enum way { FORWARD, TRAIN, BLOCKS, WAYS } way; /* BLOCKS: training block by block */
 
-/* One that takes part: a peer, or a network of ours. error: NaN = by tests */
+/* A peer, or a network of ours. error: NaN = checked by the tests */
 typedef struct contestant {
     const peer *peer; /* NULL = ours */
     void *own;
     bool takes[WAYS];
     double error[WAYS];
-    double seconds[WAYS][MAX_ROUNDS]; /* NaN = does not take part */
+    double seconds[WAYS][MAX_ROUNDS]; /* NaN = not timed */
 } contestant;
 
 typedef struct turn {
@@ -405,7 +405,7 @@ static double median(const double *values, int n)
     return n % 2 ? sorted[n / 2] : 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]);
 }
 
-/* " | GFLOP/s | share"; less: seconds to take off, NULL = none */
+/* " | GFLOP/s | share"; less: seconds to subtract, NULL = none */
 static void put_rate(double flop, const double *seconds, const double *less, const double *peak,
                      int rounds)
 {
@@ -431,7 +431,7 @@ static void put_error(const contestant *c, way w)
         printf(" | tests");
 }
 
-/* flop: of FORWARD and of training. */
+/* flop: of forward and of training. */
 static void put_row(shape s, const char *name, const contestant *c, const contestant *less,
                     const double flop[2], const double *peak, int rounds)
 {
@@ -464,8 +464,7 @@ done:
     return st;
 }
 
-/* Float32 over eight layers and 1,536 samples errs by some 1e-6; a wrong layer by its whole size.
- */
+/* Float32 over eight layers and 1,536 samples errs by about 1e-6, a wrong layer by about 1. */
 static const double bound = 1e-4;
 
 static cln_status open_ours(cln_device *device, shape s, int depth, ours *o, contestant *out)

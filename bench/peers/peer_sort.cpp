@@ -1,16 +1,16 @@
-/* The stable radix sort of (64-bit key, 32-bit value) pairs beside what else sorts them on this
+/* Compares the stable radix sort of (64-bit key, 32-bit value) pairs with other sorts on this
  * machine's cores: all on the same data, in one process, in turn, round after round. Not part of
- * the build or the tests; C++ because the peers are. Results are compared: keys with
- * std::stable_sort's, and the values, too, of what is stable; of the others every value must still
- * be with its key.
+ * the build or the tests; C++ because the peers are. Checks the results: keys must equal
+ * std::stable_sort's, and so must the values of stable sorts; after other sorts every value must
+ * still be with its key.
  *
- *   build/bench-sort [DEVICE [LOG2 [ROUNDS [TUNE [KERNEL_DIR]]]]]     "" or - leaves one out
+ *   build/bench-sort [DEVICE [LOG2 [ROUNDS [TUNE [KERNEL_DIR]]]]]     "" or - = default
  *
  * LOG2: sizes 2^16, 2^20, ... up to 2^LOG2 pairs (24); 0 = only the small sorts of a training step.
- * Two kinds of keys: 64 random bits, and what the program sorts, ray << 32 | bits of a float in [2,
- * 6] for 160,000 rays. Pairs of the peers are structs of 16 bytes, ours are two arrays. "device":
- * from and to device buffers; "with transfers": from and to host memory. Every method's scratch
- * memory has been touched before. Times are the least of all rounds. */
+ * Two kinds of keys: 64 random bits, and the program's keys, ray << 32 | bits of a float in [2, 6]
+ * for 160,000 rays. The peers' pairs are structs of 16 bytes, ours two arrays. "device": from and
+ * to device buffers; "with transfers": from and to host memory. Every method's scratch memory is
+ * touched beforehand. Times are minima over all rounds. */
 #include <parallel/algorithm>
 
 #include <algorithm>
@@ -58,7 +58,7 @@ int by_key(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* A plain LSD radix sort, 8 bits a pass, a thread per core, as one writes it first. */
+/* A plain LSD radix sort, 8 bits a pass, one thread per core, unoptimised. */
 void plain_radix(std::vector<pair> &data, std::vector<pair> &spare)
 {
     const size_t threads = std::max(1u, std::thread::hardware_concurrency()), n = data.size();
@@ -98,7 +98,7 @@ void plain_radix(std::vector<pair> &data, std::vector<pair> &spare)
     }
 }
 
-/* Ours, through the stage that the program calls. */
+/* Our sort, through the stage that the program calls. */
 class device_sort
 {
   public:
@@ -108,7 +108,7 @@ class device_sort
 
         device = opened;
         must(cln_config_preset("fast", &config));
-        config.stage1 = CLN_STAGE1_SPLAT; /* the 64-bit sort is built for splatting only */
+        config.stage1 = CLN_STAGE1_SPLAT; /* only splatting builds the 64-bit sort */
         must(cln_pipeline_create(device, &config, false, false, &pipeline));
     }
     ~device_sort()
@@ -205,7 +205,7 @@ void compare(device_sort &ours, size_t n, bool rays, int rounds)
     std::vector<pair> want = data, work(n), spare(n);
     std::vector<uint64_t> keys(n), got_keys(n);
     std::vector<uint32_t> values(n), got_values(n);
-    const int bits = rays ? 32 + 18 : 64; /* of 160,000 rays, as splat.c says it */
+    const int bits = rays ? 32 + 18 : 64; /* bits that splat.c sorts for 160,000 rays */
     const auto host = [](void (*sort)(std::vector<pair> &)) {
         return [sort](std::vector<pair> &v) { return clocked([&] { sort(v); }); };
     };

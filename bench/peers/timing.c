@@ -1,4 +1,4 @@
-/* Timing for the bench beside peers. See timing.h. */
+/* See timing.h. */
 #include "peers/timing.h"
 
 #include <stdio.h>
@@ -105,7 +105,7 @@ cln_status bench_fill_leaves(cln_pipeline *p, const cln_model *model, int leaves
     CLN_TRY(cln_alloc(&d, n, sizeof *d, "rays"));
     CLN_TRY(cln_alloc(&samples, n, sizeof *samples, "samples"));
     for (size_t i = 0; i < n; i++) {
-        const int leaf = (int)(i * 7919 % (size_t)leaves); /* a prime: every leaf, in mixed order */
+        const int leaf = (int)(i * 7919 % (size_t)leaves); /* a prime: all leaves, mixed order */
         float u[4];
 
         cln_uniform4(1, CLN_STREAM_SCENE, 0, (uint32_t)i, 0, u);

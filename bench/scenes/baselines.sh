@@ -1,8 +1,8 @@
 #!/bin/sh
-# The adaptive tree against what it should beat, for the same time on one scene. Two tables:
+# The adaptive tree against its baselines, for the same time on one scene. Two tables:
 #   methods   the presets nerf (one network), kilonerf (a uniform grid, from scratch) and fast
-#   levels    whole levels 3, 4, 5, without their empty leaves, each beside an adaptive tree of at
-#             most as many leaves as that one ended with, adapted from a level coarser
+#   levels    whole levels 3, 4, 5, without their empty leaves, each with an adaptive tree of at
+#             most as many leaves as it ended with, adapted from the next coarser level
 # Nothing else should run on the machine.
 #
 #   bench/scenes/baselines.sh SCENE OUT LIMIT [TRAIN OPTIONS]
@@ -13,9 +13,9 @@
 #
 #   PARTS="methods levels"
 #   LEVELS=...   of the second table (3 4 5)
-#   GROWTH=...   when whole levels come (bench/common/lib.sh)
-# More: bench/common/lib.sh. VIEWS decides how long it takes beyond the training: a picture by the
-# nerf preset is slow on a CPU. TRAIN OPTIONS go to every run.
+#   GROWTH=...   times of whole levels (bench/common/lib.sh)
+# More: bench/common/lib.sh. VIEWS determines the time beyond training: the nerf preset renders
+# slowly on a CPU. TRAIN OPTIONS go to every run.
 set -eu
 [ $# -ge 3 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh

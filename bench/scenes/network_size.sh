@@ -1,7 +1,7 @@
 #!/bin/sh
-# The size of the leaf networks on a fixed tree (the paper's Table 3): every size is trained from
-# its initial weights for the same time on the tree that an adaptive run ended with. Nothing else
-# should run on the machine.
+# The size of the leaf networks on a fixed tree (the paper's Table 3): trains every size from its
+# initial weights for the same time on the final tree of an adaptive run. Nothing else should run on
+# the machine.
 #
 #   bench/scenes/network_size.sh SCENE OUT LIMIT [TRAIN OPTIONS]
 #   small, two cores:
@@ -9,10 +9,10 @@
 #   large, a GPU:
 #     bench/scenes/network_size.sh ../lego build/bench-size 1h --max-leaves 2700
 #
-#   TREE=RUN     take this run's tree; else an adaptive run of the fast preset is trained first
+#   TREE=RUN     use this run's tree; by default an adaptive run of the fast preset comes first
 #   SIZES=...    WIDTHxDEPTH each (64x4 64x8 128x4 128x8 256x4 256x8)
 #   VIEW_WIDTH   neurons of the view layer (256)
-#   LR           learning rate of every size (0.128 / width); the last is a twentieth of it
+#   LR           learning rate of every size (0.128 / width); the final rate is a twentieth of it
 # More: bench/common/lib.sh. TRAIN OPTIONS go to every run, the first one included.
 set -eu
 [ $# -ge 3 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }

@@ -1,15 +1,15 @@
 #!/bin/sh
 # Error against run time on one scene: trains with test PSNR at the given points, then evaluates
 # every test view. Two tables in Markdown: the points and the end, and the time of a step by stage,
-# by OpenCL events, once the tree was left alone (--structure-until). Nothing else should run on the
-# machine.
+# by OpenCL events, after the last change of the tree (--structure-until). Nothing else should run
+# on the machine.
 #
 #   bench/scenes/scene.sh SCENE RUN LIMIT POINTS [TRAIN OPTIONS]
 #   bench/scenes/scene.sh ../lego build/lego-10m 10m 1m,2m,5m
 #
 # Seconds are training seconds: growth, refresh and culling count, evaluation and building kernels
-# do not. PSNR at the points is over the evenly chosen test views of --eval-images (8), in the last
-# row over all.
+# do not. PSNR is over the evenly chosen test views of --eval-images (8) at the points, over all
+# test views in the last row.
 # CLN, QUERY: the programs (build/cl-nascent, build/json-query).
 set -eu
 [ $# -ge 4 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
@@ -28,7 +28,7 @@ from=$("$query" config.structure_until <"$run/run.json")
 
 echo "| training seconds | steps | leaves | PSNR train | PSNR test | SSIM test |"
 echo "|---|---|---|---|---|---|"
-# step and seconds stand side by side in a row, the others in this order
+# step and seconds are adjacent in a row, the others follow in this order
 n='([0-9.]+)'
 grep '"psnr_test"' "$metrics" | sed -E \
     -e 's/.*"step":'$n',"seconds":'$n'.*"psnr_train":'$n'.*"leaves":'$n'.*"psnr_test":'$n'.*/'\
@@ -46,7 +46,7 @@ awk -v psnr="$(value mean.psnr "$run/scene.json")" -v ssim="$(value mean.ssim "$
     printf "%.2f s a picture; at most %.0f MB on the device, %.0f MB in the process.\n\n",
         each, device / 1e6, host / 1e6 }'
 
-# rows of metrics.jsonl: stages since the row before, in seconds
+# rows of metrics.jsonl: stages since the previous row, in seconds
 end=$(tail -n 1 "$metrics" | sed -E 's/.*"seconds":([0-9.]+).*/\1/')
 grep '"stages"' "$metrics" | awk -v after="$(echo "$from $end" | awk '{ print $1 * $2 }')" '
     function field(name) {

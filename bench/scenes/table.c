@@ -1,15 +1,20 @@
-/* build/bench-table: runs side by side, for docs/results.md and the scene benches. Reads run
- * folders alone.
+/* build/bench-table: runs side by side, for docs/results.md and the scene benches. Reads only run
+ * folders.
  *
  *   bench-table [-t TITLE] BASE LABEL=RUN...
  *
- * Prints a table in Markdown, a row a run, and leaves BASE.csv (the same in full precision) and
- * BASE.svg (PSNR over training seconds, a line a run). Columns: leaves, parameters, steps     at
- * the end of the run s/epoch       training seconds per epoch, a tenth of all training pixels in
- * rays, over the run s/view        seconds to render a test view PSNR, SSIM    of the newest
- * evaluation of test views PSNR at T     of the first evaluation while training at or after each
- * time of any run's --eval-at; a dash if there is none within 20 % of it Seconds are training
- * seconds. Exit status as cl-nascent's. */
+ * Prints a table in Markdown, one row per run, and writes BASE.csv (the same in full precision) and
+ * BASE.svg (PSNR over training seconds, one line per run). Columns:
+ *
+ *   leaves, parameters, steps   at the end of the run
+ *   s/epoch                     training seconds per epoch (a tenth of all training pixels in rays)
+ *                               over the run
+ *   s/view                      seconds to render a test view
+ *   PSNR, SSIM                  of the newest evaluation of test views
+ *   PSNR at T                   of the first evaluation while training at or after each time of any
+ *                               run's --eval-at; a dash without an evaluation within 20 % of it
+ *
+ * Seconds are training seconds. Exit status as cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,8 +55,8 @@ typedef struct bench {
 
 /* ---- from a run folder ---- */
 
-/* A tenth of the training pixels, which train calls an epoch. Sizes are listed over all splits:
- * where views differ in size, their mean is taken. */
+/* Rays of an epoch: a tenth of the training pixels. run.json lists sizes over all splits: views of
+ * different sizes count with their mean. */
 static double rays_of_epoch(const json_t *document)
 {
     const json_t *dataset = json_object_get(document, "dataset"), *row = NULL;
@@ -69,7 +74,7 @@ static double rays_of_epoch(const json_t *document)
     return 0.1 * train * pixels / views;
 }
 
-/* Seconds a ray, from the rates of the rows: each is of the time since the row before. */
+/* Seconds per ray, from the rates of the rows: each covers the time since the previous row. */
 static double seconds_per_ray(const cln_report_rows *rows)
 {
     double rays = 0, before = 0;
@@ -134,7 +139,7 @@ static cln_status read_run(const char *argument, run *r)
     snprintf(r->label, sizeof r->label, "%.*s", (int)(equals - argument), argument);
     r->path = equals + 1;
     CLN_TRY(
-        cln_run_read(r->path, &document)); /* refuses what is no run; the reader below does not */
+        cln_run_read(r->path, &document)); /* unlike the reader below, refuses what is not a run */
     CLN_TRY(cln_report_data_read(r->path, &r->data));
     config = json_object_get(document, "config");
     result = json_object_get(document, "result");
@@ -180,7 +185,7 @@ static void add_point(bench *b, double seconds)
     b->point_count++;
 }
 
-/* Every time that some run was told to be tested at. */
+/* All times of the runs' --eval-at. */
 static cln_status find_points(bench *b)
 {
     cln_status st = CLN_OK;
@@ -204,7 +209,7 @@ done:
     return st;
 }
 
-/* A test follows the step that passes the point, which in a slow run may be long after it. */
+/* A test follows the step that passes the point; in a slow run this may be much later. */
 static double psnr_at(const run *r, double point)
 {
     for (int i = 0; i < r->test_count; i++) {

@@ -11,12 +11,12 @@
 #
 #   NETWORK=64x8 WIDTHxDEPTH of the leaf networks (the paper's W64-D8), or "fast": the fast preset's
 #   LEVELS=...   0 1 2 3 4 all
-#   GROWTH=...   when whole levels come (bench/common/lib.sh)
+#   GROWTH=...   times of whole levels (bench/common/lib.sh)
 # More: bench/common/lib.sh. TRAIN OPTIONS go to every run.
 #
-# A leaf of a coarse tree is long: levels 0, 1 and 2 get more samples in a leaf and on a ray and a
-# finer stage 1 than the fast preset's leaves, for which 8, 16 and 12 cells along an axis were
-# chosen. Level 0 is not culled: it is one leaf.
+# Rays cross a coarse tree's leaves on long paths: levels 0, 1 and 2 get more samples per leaf and
+# ray and a finer stage 1 than the fast preset's 8, 16 and 12 cells along an axis, chosen for small
+# leaves. Level 0 is one leaf and is not culled.
 set -eu
 [ $# -ge 3 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh
