@@ -1,7 +1,7 @@
-/* What others see of an octree: the PLY file of cln_export (host/api/export.c, io/ply.h) and the
- * pictures of the tree (render/tree_picture.h), on a small tree made here: level 1 without its
- * first leaf, its second one split. Oracle: boxes, slots and colours written down here; of faces,
- * that they close a box and look outwards. */
+/* Views of an octree: the PLY file of cln_export (host/api/export.c, io/ply.h) and the pictures of
+ * the tree (render/tree_picture.h), on a small tree: level 1 without its first leaf, its second
+ * leaf split. Oracle: literal boxes, slots and colours; faces must close a box and point
+ * outwards. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -40,8 +40,8 @@ static void assert_fails(cln_status got, cln_status want, const char *word)
 
 /* ---- the tree ---- */
 
-/* Slots 0..7: the children, at level 2, of the root's child 1; 8..13: the root's children 2..7. No
- * error is known. The cube is (1, 2, 3) +- 4. */
+/* Slots 0..7: the level-2 children of the root's child 1; 8..13: the root's children 2..7. Errors
+ * are unknown. The cube is (1, 2, 3) +- 4. */
 static void make_tree(cln_model *model)
 {
     const uint8_t first[8] = {1};
@@ -71,7 +71,7 @@ static void make_tree(cln_model *model)
     model->step = 321;
 }
 
-/* A run folder with this model in its checkpoint; without one if it is NULL. */
+/* A run folder with a checkpoint of this model; without a checkpoint if it is NULL. */
 static const char *make_run(const char *folder, const cln_model *model)
 {
     const char *run = scratch_path(folder, "run");
@@ -95,7 +95,7 @@ typedef struct vertex {
 typedef struct mesh {
     char *text; /* the file */
     size_t bytes;
-    const char *data; /* behind its header */
+    const char *data; /* after its header */
     int vertices, faces;
 } mesh;
 
@@ -205,7 +205,7 @@ static void boxes_are_the_active_leaves(void **state)
     cln_model_free(&model);
 }
 
-/* Six faces a box: each in one of its planes, no two in the same, the normal outwards. */
+/* Six faces per box, one in each of its planes, normals outwards. */
 static void faces_look_outwards(void **state)
 {
     const char *file = scratch_path(*state, "tree.ply");
@@ -244,7 +244,7 @@ static void faces_look_outwards(void **state)
         }
         assert_int_equal(sides, 1);
         assert_true(normal[0] * out[0] + normal[1] * out[1] + normal[2] * out[2] > 0);
-        for (int g = s * 6; g < f; g++) { /* two faces of a box have an edge in common at most */
+        for (int g = s * 6; g < f; g++) { /* two faces of a box share at most an edge */
             int32_t other[4];
             int shared = 0;
 
@@ -269,7 +269,7 @@ static void errors_are_coloured_on_a_log_scale(void **state)
 
     make_tree(&model);
     model.error[0] = 1e-3f;
-    model.error[1] = 3.1622777e-5f; /* half of three decades down */
+    model.error[1] = 3.1622777e-5f; /* half-way down three decades */
     model.error[2] = 1e-9f;         /* below the scale */
     model.error[3] = 0;
     desc = export_desc(make_run(*state, &model), file);
@@ -292,7 +292,7 @@ static void errors_are_coloured_on_a_log_scale(void **state)
     cln_model_free(&model);
 }
 
-/* Grey, and said. */
+/* Unknown errors are drawn grey and reported. */
 static void unknown_errors_are_grey(void **state)
 {
     const char *file = scratch_path(*state, "tree.ply");
@@ -382,8 +382,8 @@ static void what_cannot_be_exported_is_said(void **state)
 
 enum { SIDE = 4 };
 
-/* From (0, 0, -3) of the cube along z; what is seen is the plane z = -0.75, x and y at
- * -0.5625, -0.1875, 0.1875, 0.5625. */
+/* Looks from (0, 0, -3) of the cube along z; sees the plane z = -0.75, x and y at -0.5625, -0.1875,
+ * 0.1875, 0.5625. */
 static void make_picture(cln_camera *camera, cln_picture *picture)
 {
     memset(camera, 0, sizeof *camera);
@@ -406,7 +406,7 @@ static void make_picture(cln_camera *camera, cln_picture *picture)
         for (int c = 0; c < 3; c++)
             picture->rgb[3 * i + c] = 0.2f;
     }
-    picture->depth[12] = 0; /* nothing there */
+    picture->depth[12] = 0; /* empty */
     picture->depth[13] = 9; /* beyond the cube */
     picture->opacity[15] = 0.4f;
 }
@@ -458,7 +458,7 @@ static void drawings_show_leaves_and_borders(void **state)
     cln_picture_free(&picture);
 }
 
-/* By level always; by error only where one is known. */
+/* The picture by level is always saved, that by error only if an error is known. */
 static void pictures_and_their_description_are_saved(void **state)
 {
     const char *folder = *state;

@@ -1,7 +1,6 @@
 /* The field at points (cl_nascent.h: cln_field_*; host/pipeline/field.h): colours and densities of
  * a trained run against the float64 networks of reference/, in scene units, with leaves of two
- * levels, culled octants and points outside the cube; batches that do not divide; what is
- * refused. */
+ * levels, culled octants and points outside the cube; odd batch sizes; refused arguments. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -21,7 +20,7 @@ typedef struct points {
     float rgb[POINTS][3], sigma[POINTS];
 } points;
 
-/* The run "whole" with one octant culled and another split; its model, too. */
+/* The run "whole" with one octant culled and another split; *model: its model. */
 static const char *make_run(cln_model *model)
 {
     const char *run = fixture_path("odd");
@@ -60,7 +59,7 @@ static void make_points(const cln_model *model, points *p)
     }
 }
 
-/* r, g, b and sigma per scene unit; false outside of the leaves. */
+/* r, g, b and sigma per scene unit; false outside the leaves. */
 static bool reference_at(const cln_model *model, const double at[3], const float towards[3],
                          double out[4])
 {
@@ -128,15 +127,15 @@ static void test_field_is_the_networks(void **state)
     }
     assert_in_range(empty, POINTS / 4, POINTS / 2 + POINTS / 8); /* 1 - (5/6)^3 * 7/8 = 0.49 */
     assert_true(dense > 0.1);                                    /* it has learned something */
-    /* float32's rounding, of a position and through the layers; the self-test's bound is 1e-3 of
-     * the rms */
+    /* rounding of float32 in the position and the layers; the self-test's bound is 1e-3 of the
+     * rms */
     if (!(worst[0] < 1e-4 && worst[1] < 1e-3))
         fail_msg("colour off by %g, density by %g of it", worst[0], worst[1]);
     cln_field_close(field);
     cln_model_free(&model);
 }
 
-/* Any number of points, and parts of what can be asked, give the same bits. */
+/* Any number of points, and any subset of the outputs, give the same bits. */
 static void test_parts_are_the_whole(void **state)
 {
     static points p, q;
@@ -187,7 +186,7 @@ static void *ask(void *user)
     return NULL;
 }
 
-/* Two threads, each with a field of its own, and with an error that the other does not see. */
+/* Two threads, each with its own field and its own error record. */
 static void test_two_threads(void **state)
 {
     static points p;

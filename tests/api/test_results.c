@@ -1,6 +1,5 @@
-/* What a run is looked at with: eval (equal to train's own figures, image by image), render (files,
- * what is there already, stopping, folders of others), orbits, info, the self-test and the device
- * list. */
+/* Functions that read a run: eval (equal to train's own figures, image by image), render (files,
+ * existing files, stopping, foreign folders), orbits, info, the self-test and the device list. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -27,7 +26,7 @@ static cln_status evaluate(const char *run, const char *split, fixture_stop *sto
     return cln_eval(&desc, result);
 }
 
-/* The document without what is measured by the clock. */
+/* Removes measured times from the document. */
 static void drop_seconds(json_t *document)
 {
     json_t *images = fixture_at(document, "images");
@@ -128,7 +127,7 @@ static void test_render_skips(void **state)
     for (int i = 0; i < 5; i++)
         before[i] = digest_of(fixture_path(files[i]));
     assert_rendered(&desc, 0, TEST_VIEWS);
-    for (int i = 0; i < 4; i++) { /* whichever file is missing, the frame is made again */
+    for (int i = 0; i < 4; i++) { /* a missing file of any kind makes the frame again */
         assert_int_equal(remove(fixture_path(files[i])), 0);
         assert_rendered(&desc, 1, TEST_VIEWS - 1);
     }
@@ -139,8 +138,8 @@ static void test_render_skips(void **state)
     assert_int_equal(digest_of(fixture_path(files[0])), before[0]);
 }
 
-/* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in
- * nothing. */
+/* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in empty
+ * space. */
 static void test_render_files(void **state)
 {
     fixture_stop none = {0};
@@ -199,7 +198,7 @@ static void test_render_stops_and_goes_on(void **state)
 
 static int warnings;
 
-/* Frames of other settings are refused, with a sentence; folders of others stay as they are. */
+/* Refuses frames of other settings with a sentence; leaves foreign folders as they are. */
 static void test_render_folders(void **state)
 {
     fixture_stop none = {0};
@@ -232,8 +231,8 @@ static double dot(const double *c2w, int a, int b)
     return c2w[a] * c2w[b] + c2w[4 + a] * c2w[4 + b] + c2w[8 + a] * c2w[8 + b];
 }
 
-/* Each camera has a right-handed rotation, stands at its distance and elevation, and has the target
- * in the middle of its picture, upright. */
+/* Each camera has a right-handed rotation, is at its distance and elevation, and shows the target
+ * upright in the middle of its picture. */
 static void check_orbit(const cln_scene *scene, const cln_render_desc *desc, double elevation)
 {
     cln_orbit orbit;
@@ -278,7 +277,7 @@ static void test_orbit_cameras(void **state)
     assert_ok(cln_orbit_make(scene, &desc, &orbit));
     assert_int_equal(orbit.lens.width, SIDE);
     assert_true(fabs(orbit.lens.fx - scene->views[0].camera.fx) < 1e-9);
-    desc.width = 3 * SIDE; /* the shape is kept, and the field of view */
+    desc.width = 3 * SIDE; /* keeps the aspect ratio and the field of view */
     assert_ok(cln_orbit_make(scene, &desc, &orbit));
     assert_int_equal(orbit.lens.height, 3 * SIDE);
     assert_true(fabs(orbit.lens.fx - 3 * scene->views[0].camera.fx) < 1e-9);
@@ -381,7 +380,7 @@ static void test_selftest_passes(void **state)
     free(devices);
 }
 
-/* A kernel that builds and computes something else is noticed, and named. */
+/* The self-test detects and names a kernel that builds but computes something else. */
 static void check_wrong_kernel(const char *file, const char *from, const char *to, const char *name)
 {
     cln_device_desc device = fixture_device();

@@ -1,6 +1,6 @@
 /* The rest of base/: random numbers against Random123's published known answers, the error record,
  * checked allocation, files (whole reads, atomic writes that keep the old file, folders, digests)
- * and the log. Oracle: published or hand-written values. */
+ * and the log. Oracle: published or literal values. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -51,8 +51,8 @@ static void test_philox_known_answers(void **state)
     }
 }
 
-/* In [0,1), a pure function of its arguments, every argument counts, and flat: 65,536 numbers in 16
- * bins of 4,096; chi-square with 15 degrees of freedom passes 44.3 by chance once in 10,000. */
+/* In [0,1), a pure function of all its arguments, and flat: 65,536 numbers in 16 bins of 4,096;
+ * chi-square with 15 degrees of freedom exceeds 44.3 by chance once in 10,000. */
 static void test_uniform(void **state)
 {
     enum { N = 16384, BINS = 16 };
@@ -89,9 +89,8 @@ static void test_uniform(void **state)
     assert_memory_not_equal(a, b, sizeof a);
 }
 
-/* The numbers by hash: uniform, and those next to each other in any of their five arguments have
- * nothing to do with each other (a correlation of 100,000 pairs stays within five standard
- * deviations). */
+/* Numbers by hash are uniform, and neighbours in any of the five arguments are uncorrelated (the
+ * correlation of 100,000 pairs stays within five standard deviations). */
 static void test_uniform_hash(void **state)
 {
     enum { N = 100000 };
@@ -170,7 +169,7 @@ static void test_first_failure_wins(void **state)
     cln_clear_error();
 }
 
-/* A sentence longer than the record is cut, never written past it. */
+/* A sentence longer than the record is truncated. */
 static void test_long_sentence(void **state)
 {
     char *text = malloc(20000);
@@ -252,7 +251,7 @@ static void test_try(void **state)
 
 /* ---- memory ---- */
 
-/* NULL is right where there are no such pages. */
+/* NULL is correct on systems without such pages. */
 static void test_huge_pages(void **state)
 {
     const size_t page = 2 << 20;
@@ -335,7 +334,7 @@ static void assert_content(const char *path, const char *content)
 
     assert_int_equal(cln_read_file(path, 1 << 20, &text, &bytes), CLN_OK);
     assert_int_equal(bytes, strlen(content));
-    assert_string_equal(text, content); /* also: one zero byte behind */
+    assert_string_equal(text, content); /* also tests the zero byte after it */
     free(text);
 }
 
@@ -374,7 +373,7 @@ static void test_read_write(void **state)
     free(missing);
 }
 
-/* Abandoned, or failing, an atomic write leaves the old file and no other. */
+/* An abandoned or failed atomic write leaves only the old file. */
 static void test_atomic(void **state)
 {
     char *path = in_folder(*state, "model.bin"), *nowhere = in_folder(*state, "no/such/file");
@@ -402,7 +401,7 @@ static void test_atomic(void **state)
     free(nowhere);
 }
 
-/* A full disk, as /dev/full plays it: the temp file's stream is sent there, so that the flush
+/* /dev/full simulates a full disk: the temp file's stream is redirected there, so the flush
  * fails. */
 static void test_disk_full(void **state)
 {
@@ -459,7 +458,7 @@ static void test_folders(void **state)
     free(under_file);
 }
 
-/* Every bit and the length count; the same data gives the same digest wherever it lies. */
+/* The digest depends on every bit and the length, not on the data's address. */
 static void test_digest(void **state)
 {
     unsigned char data[48] = {0}, shifted[49] = {0};
@@ -511,7 +510,7 @@ static void test_log(void **state)
     assert_string_equal(text, "1:warning: disk at 90 %\n2:hello\n3:seen\n");
 }
 
-/* The borders of RFC 3629: shortest forms only, no surrogates, nothing beyond U+10FFFF. */
+/* The limits of RFC 3629: shortest forms only, no surrogates, nothing beyond U+10FFFF. */
 static void test_utf8(void **state)
 {
     static const struct {

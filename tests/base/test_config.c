@@ -1,6 +1,6 @@
 /* The option table (base/config.h, base/number.h): presets, every row to text and back and to JSON
  * and back, ranges, refused texts with their sentences, units, locale, suggestions, and the small
- * languages of level-at, eval-at, background and bbox. Oracle: values written down here. */
+ * languages of level-at, eval-at, background and bbox. Oracle: literal values. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -33,7 +33,7 @@ static const cln_config_row *row_of(const char *option)
     return row;
 }
 
-/* Value of one row as bytes, so that no text stands between two values compared. */
+/* Compares the values of one row as bytes, without conversion to text. */
 static void assert_same_row(const cln_config *a, const cln_config *b, const cln_config_row *row)
 {
     size_t size = row->type == CLN_ROW_REAL   ? sizeof(double)
@@ -51,7 +51,7 @@ static void assert_same(const cln_config *a, const cln_config *b)
         assert_same_row(a, b, &cln_config_rows[i]);
 }
 
-/* The call failed with st and its sentence has all the words ("a|b|c"); forgets the error. */
+/* The call failed with st and its sentence has all the words ("a|b|c"); clears the error. */
 static void assert_failed(cln_status got, cln_status st, const char *words)
 {
     char copy[512], *save = NULL;
@@ -107,7 +107,7 @@ static bool is_among(const char *words, const char *word)
     return false;
 }
 
-/* The baselines: their shape, and that they are the fast preset in every row not named here. */
+/* The baselines: their shape; all other rows are the fast preset's. */
 static void test_baselines(void **state)
 {
     static const struct {
@@ -163,7 +163,7 @@ static void test_baselines(void **state)
 static const char *const preset_names[] = {"paper", "fast", "nerf", "kilonerf"};
 enum { PRESETS = sizeof preset_names / sizeof preset_names[0] };
 
-/* The table itself: names unique, help there, presets inside the ranges. */
+/* The table itself: unique names, help texts, presets inside the ranges. */
 static void test_rows(void **state)
 {
     cln_config all[PRESETS];
@@ -203,7 +203,7 @@ static void test_rows(void **state)
     assert_null(cln_config_find(""));
 }
 
-/* Text of every row of one preset, set into another one, gives the first. */
+/* Setting the text of every row of one preset in another one gives the first. */
 static void test_round_trip(void **state)
 {
     (void)state;
@@ -258,7 +258,7 @@ static void test_round_trip_extremes(void **state)
     }
 }
 
-/* One below and one above every range is refused, and the sentence has option, text and range. */
+/* Values just below and above every range are refused; the sentence names option, text, range. */
 static void test_ranges(void **state)
 {
     (void)state;
@@ -399,8 +399,7 @@ static void test_units(void **state)
     assert_true(three[0] == 1 && three[1] == -2.5 && three[2] == 300);
 }
 
-/* Makes de_DE with localedef into a fresh folder, for machines that have its source but not
- * itself. */
+/* Compiles de_DE with localedef into a fresh folder, for machines that only have its source. */
 static const char *make_comma_locale(char folder[64])
 {
     char command[256];
@@ -424,7 +423,7 @@ static void remove_folder(const char *folder)
     assert_int_equal(system(command), 0);
 }
 
-/* With a decimal comma in force, texts and JSON are the same as without. */
+/* A locale with a decimal comma changes neither texts nor JSON. */
 static void test_locale(void **state)
 {
     static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "nl_NL.UTF-8"};
@@ -495,7 +494,7 @@ static json_t *to_json(const cln_config *config)
     return object;
 }
 
-/* Through an object and through printed text, which is what run.json holds. */
+/* Through an object and through printed text, as in run.json. */
 static void test_json(void **state)
 {
     (void)state;
@@ -522,7 +521,7 @@ static void test_json(void **state)
     }
 }
 
-/* Puts a value in place of one of a good object; reading must fail and leave the target alone. */
+/* Replaces one value of a good object; reading must fail and leave the target unchanged. */
 static void assert_json_refused(const char *field, json_t *value, const char *words)
 {
     cln_config config = preset("paper"), before = config;
@@ -559,7 +558,7 @@ static void test_json_refused(void **state)
     json_decref(array);
 }
 
-/* Settings of a run from before a row existed are read with what was done then. */
+/* A row that is missing in an older run's settings gets the value of the behaviour at that time. */
 static void test_json_of_before(void **state)
 {
     cln_config from = preset("fast"), to = preset("fast");
@@ -583,8 +582,7 @@ static void test_json_of_before(void **state)
     json_decref(object);
 }
 
-/* A row that was renamed: its earlier name is still an option, and a key of the runs from
- * before. */
+/* The former name of a renamed row is still an option, and a key in older runs. */
 static void test_alias(void **state)
 {
     static const char *const names[][2] = {{"min_transmittance", "t_min"},
@@ -617,7 +615,7 @@ static void test_alias(void **state)
     assert_refused("t-min", "2", "--min-transmittance|'2'|0 to 0.5");
 }
 
-/* A value that differs is found if its row has the flag, for every row and type. */
+/* Finds a different value in every row that has the flag, of every type. */
 static void test_differs(void **state)
 {
     static const unsigned flags[] = {0, CLN_ROW_FIXED, CLN_ROW_SHAPE,
@@ -669,7 +667,7 @@ static void test_level_at(void **state)
     for (int i = 0; i < 6; i++)
         assert_true(f[i] == 2);
     assert_int_equal(levels("1:0,2:0,5:1", 0, f),
-                     CLN_OK); /* a level may be skipped, or be at once */
+                     CLN_OK); /* levels may be skipped or start at once */
     assert_true(f[1] == 0 && f[2] == 0 && f[3] == 2 && f[5] == 1);
     f[0] = 9;
     assert_failed(levels("3:0.3,4:0.2", 2, f), CLN_USAGE, "--level-at|4:0.2|before");
@@ -749,7 +747,7 @@ static void test_background(void **state)
     assert_true(rgb[0] == 0.25f);
 }
 
-/* Each rule between rows, broken alone. */
+/* Breaks each rule between rows separately. */
 static void test_check(void **state)
 {
     static const struct {
@@ -788,7 +786,7 @@ static void test_check(void **state)
             assert_failed(cln_config_check(&config), CLN_USAGE,
                           "--max-level: 3|level 4|--level-at '3:0.1,4:0.2'|--no-adaptive");
     }
-    /* What the adaptive rows say counts only where the tree adapts. */
+    /* The adaptive rows matter only if the tree adapts. */
     for (int kept = 0; kept < 3; kept++) {
         cln_config config = preset("fast");
 

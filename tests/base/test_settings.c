@@ -1,6 +1,6 @@
 /* Settings by name and text behind the opaque type (cl_nascent.h, base/settings.h): every setting
- * through set and get, what is refused, extending a budget, and which given settings are said to
- * have no effect. Oracle: the rows of config.h, and sentences written down here. */
+ * through set and get, refused values, extending a budget, and warnings of settings without effect.
+ * Oracle: the rows of config.h, and literal sentences. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -44,7 +44,7 @@ static void assert_set_refused(cln_settings *settings, const char *name, const c
     cln_clear_error();
 }
 
-/* Every setting of one preset, as text, into another; described as the rows say. */
+/* Sets every setting of one preset, as text, in another; descriptions must match the rows. */
 static void test_every_setting(void **state)
 {
     cln_settings *from = create("paper"), *to = create(NULL);
@@ -102,7 +102,7 @@ static void test_refused(void **state)
     cln_settings_free(settings);
 }
 
-/* "+N" counts from what the run had, however often it is said. */
+/* "+N" counts from the run's own budget, however often it is given. */
 static void test_extend(void **state)
 {
     cln_settings *settings = create("fast");
@@ -167,7 +167,7 @@ static void test_idle(void **state)
 {
     static const struct {
         const char *given, *idle, *way_out;
-        const char *busy; /* the same with what makes it matter */
+        const char *busy; /* the same with the setting that makes it matter */
     } cases[] = {
         {"skip=yes", "--skip", "--depth 6", "skip=yes depth=6"},
         {"skip=yes depth=5", "--skip", "--depth 6", "skip=yes depth=8"},
@@ -214,7 +214,7 @@ static void test_idle(void **state)
     assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
-    /* what a preset has is not said, though the paper's has a final rate and goes down by steps */
+    /* no warning of a preset's own settings, though the paper's has both a final rate and steps */
     assert_string_equal(warnings("paper", "rays=100", false, false), "");
     assert_string_equal(warnings("nerf", "rays=100", true, false), "");
     assert_string_equal(warnings("kilonerf", "rays=100", true, false), "");

@@ -1,6 +1,6 @@
-/* The tuner (cln_tune_search): it ends, leaves a row that fits, and never times or takes a set
- * whose kernels compute something else. Oracle: kernels that are made wrong on purpose, for some
- * sets or for all. No speed is asserted. */
+/* The tuner (cln_tune_search): it ends, writes a row that matches, and never times or chooses a set
+ * whose kernels compute wrong results. Oracle: kernels made wrong on purpose, for some sets or for
+ * all. Asserts no speed. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -14,7 +14,7 @@
 #include "run_fixture.h"
 #include "tests.h"
 
-/* For the end of lanes.h: sums of products that are a little off. */
+/* Appended to lanes.h: makes sums of products slightly wrong. */
 #define WRONG "#undef MAD\n#define MAD(a, b, c) (1.001f * fma((a), (b), (c)))\n"
 
 static cln_tune_desc tuner_desc(const char *kernel_dir, const char *tune)
@@ -30,8 +30,8 @@ static cln_tune_desc tuner_desc(const char *kernel_dir, const char *tune)
     return desc;
 }
 
-/* Sets with tiles of other than 4 samples are made wrong: none of them may be timed, let alone
- * taken. */
+/* All sets but those with tiles of 4 samples are made wrong: none of these may be timed or
+ * chosen. */
 static void test_wrong_sets_are_refused(void **state)
 {
     const char *wrong =
@@ -59,15 +59,15 @@ static void test_wrong_sets_are_refused(void **state)
     assert_non_null(strstr(r.tune, "TS=4,"));
     assert_string_equal(r.network, "W16-D2-V16");
     assert_true(r.seconds > 0);
-    assert_ok(cln_tune_rows_read(file, &rows)); /* the row is one that fits device and network */
+    assert_ok(cln_tune_rows_read(file, &rows)); /* the row matches device and network */
     assert_non_null(cln_tune_rows_find(rows, r.device.name, r.device.driver, r.network));
     assert_string_equal(rows->row[0].list, r.tune);
     cln_tune_rows_free(rows);
     cln_tune_free(&r);
 }
 
-/* Where the set it should begin with is wrong, it begins with the plain one; a budget too small for
- * anything else still ends with a set that is right. */
+/* If its first set is wrong, the tuner starts from the plain one; even the smallest budget ends
+ * with a correct set. */
 static void test_wrong_start(void **state)
 {
     const char *wrong = fixture_kernels_with("wrong", "#if VW > 1\n" WRONG "#endif");

@@ -1,6 +1,6 @@
-/* The scene generator's geometry, since every picture and depth it makes is taken as truth: hits of
- * each shape against its implicit equation marched in small steps (written here, apart from data/),
- * the tree against one shape at a time, and a rendered sphere against its closed form. */
+/* The scene generator's geometry, as its pictures and depths serve as ground truth: hits of each
+ * shape against its implicit equation marched in small steps (independent of data/), the tree
+ * against one shape at a time, and a rendered sphere against its closed form. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -87,8 +87,8 @@ static void build_scene(shapes *scene, const shape *list, int count)
     assert_int_equal(shapes_finish(scene), CLN_OK);
 }
 
-/* One ray: the hit is on the surface, it is the first one, and the normal is the equation's
- * gradient. Returns whether there was one. */
+/* The ray's hit is on the surface and the first one; the normal is the equation's gradient. Returns
+ * whether the ray hits. */
 static bool check_ray(const shape *s, const shapes *scene, vec o, vec d)
 {
     hit h;
@@ -109,7 +109,7 @@ static bool check_ray(const shape *s, const shapes *scene, vec o, vec d)
     vec gradient = vec3(implicit(s, add(p, vec3(e, 0, 0))) - implicit(s, add(p, vec3(-e, 0, 0))),
                         implicit(s, add(p, vec3(0, e, 0))) - implicit(s, add(p, vec3(0, -e, 0))),
                         implicit(s, add(p, vec3(0, 0, e))) - implicit(s, add(p, vec3(0, 0, -e))));
-    /* edges, where the gradient jumps, are within e of few hits: none of these seeds */
+    /* the gradient jumps at edges; no hit of these seeds is within e of one */
     assert_true(fabs(dot(unit(gradient), h.normal)) > 0.999);
     return true;
 }
@@ -205,7 +205,7 @@ static void free_world(world *w)
     free(w);
 }
 
-/* A sphere straight ahead: the depth of every pixel, and the area that alpha covers. */
+/* A sphere straight ahead: depth of every pixel, and area covered by alpha. */
 static void test_sphere_picture(void **state)
 {
     (void)state;

@@ -1,14 +1,16 @@
 /* build/device-cases: the table of cases on one device. Every check of the self-test against
- * float64 is a row, and every output of it a second one, compared with what another device gave. -d
- * SPEC         the device, as `cl-nascent -d` -k FOLDER       kernels from there, as --kernel-dir
+ * float64 is a row, and so is each of its outputs, compared with another device's.
+ *
+ *   -d SPEC         the device, as `cl-nascent -d`
+ *   -k FOLDER       kernel folder, as --kernel-dir
  *   -t TUNE         as --tune
  *   -s SHAPES       quick, all (default) or tiny (for simulators)
- *   -r FILE         leave the outputs there
- *   -a FILE         compare with those outputs: whole numbers exactly, floats by the bounds that
- * the check holds them to Rows: "passed|failed|skipped  CASE  DETAIL"; the last line is "N passed,
- * N failed, N skipped". Exit code 1 if any failed. Buffers start as NaN: a kernel that reads what
- * nothing wrote fails its row. Knows nothing of other devices than its own: tests/device/devices.sh
- * runs it on each. */
+ *   -r FILE         write the outputs to it
+ *   -a FILE         compare with these outputs: whole numbers exactly, floats by the check's bounds
+ *
+ * Rows: "passed|failed|skipped  CASE  DETAIL"; the last line is "N passed, N failed, N skipped".
+ * Exit code 1 if any failed. Buffers start as NaN: a kernel that reads unwritten memory fails its
+ * row. tests/device/devices.sh runs it on every device. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,7 +44,7 @@ static void row(const char *name, bool passed, bool skipped, const char *detail,
     fflush(stdout);
 }
 
-/* The next outputs of the other device, whose order is the same. */
+/* Reads the next outputs of the other device, which are in the same order. */
 static bool read_other(FILE *f, const cln_output *o, uint32_t **values, char why[256])
 {
     record r = {.n = 0};
@@ -187,7 +189,7 @@ int main(int argc, char **argv)
         device->spoil = true;
         st = cln_selftest_device(device, &plan);
     }
-    /* what failed is a row already, unless no verdict was possible */
+    /* a failed check has its row already, unless it gave no verdict */
     if (st != CLN_OK && t.failed == 0)
         row("device", false, false, cln_error_text(), &t);
     else if (st != CLN_OK && st != CLN_CHECK)

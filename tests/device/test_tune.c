@@ -1,6 +1,6 @@
-/* Kernel parameters: lists and rows as text (device/tune.h), which source wins, what falls back
- * to plain ones, what a run keeps when it is resumed. The tuner: test_tuner.c. Oracles: texts
- * written down here, and digests of runs. */
+/* Kernel parameters: lists and rows as text (device/tune.h), precedence of sources, fallback to
+ * plain ones, parameters kept by a resumed run. The tuner: test_tuner.c. Oracles: literal texts,
+ * and digests of runs. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -31,7 +31,7 @@ static void test_lists(void **state)
     assert_ok(cln_tune_parse("VW=16,SL=960", &tune));
     assert_int_equal(tune.vw, 16);
     assert_int_equal(tune.sl, 960);
-    assert_int_equal(tune.nv, 1); /* what is not named stays */
+    assert_int_equal(tune.nv, 1); /* parameters not named stay */
     assert_ok(cln_tune_parse("", &tune));
     cln_tune_text(&tune, text);
     assert_memory_equal(text, "VW=16,NV=1,", 11);
@@ -99,7 +99,7 @@ static void test_rows(void **state)
     cln_tune_rows_free(rows);
 }
 
-/* The sentence names file, line and what is wrong. */
+/* The sentence names file, line and error. */
 static void test_bad_rows(void **state)
 {
     static const struct {
@@ -163,7 +163,7 @@ static void test_put(void **state)
     assert_ok(cln_tune_row_put(path, "* | * | * | VW=2  # by hand"));
     tune.vw = 8;
     cln_tune_row_text(&info, "W16-D2-V16", &tune, "newer", line);
-    assert_ok(cln_tune_row_put(path, line)); /* in place of the first, behind the one by hand */
+    assert_ok(cln_tune_row_put(path, line)); /* replaces the first, after the manual row */
     text = scratch_get(path, &bytes);
     assert_null(strstr(text, "older"));
     assert_non_null(strstr(text, "# by hand\n"));
@@ -196,7 +196,7 @@ static int chosen_vw(const cln_device *device, const char *network, const char *
     return tune.vw;
 }
 
-/* --tune, then the user's rows, then the program's, then the class; one source gives all. */
+/* Precedence: --tune, the user's rows, the program's rows, the class; the first gives all. */
 static void test_precedence(void **state)
 {
     cln_device device = {.info = {.name = "a", .driver = "1", .type = "cpu"}};
@@ -224,8 +224,8 @@ static void test_precedence(void **state)
     cln_tune_rows_free(device.rows[1]);
 }
 
-/* A set that no program can be made with gives way to the plain one, which is said; but not in
- * tests. */
+/* A set whose programs do not build is replaced by the plain one, with a warning; not if exactly
+ * this set is asked for, as in tests. */
 static void test_plain_comes_last(void **state)
 {
     cln_device_desc desc = fixture_device();
@@ -256,7 +256,7 @@ static void put_kernel(const char *file, const char *text)
     scratch_put(fixture_path(file), text, strlen(text));
 }
 
-/* A kernel file's first line names headers, and theirs come before them, each once. */
+/* A kernel file's first line names headers; each header's own come before it, each once. */
 static void test_needs(void **state)
 {
     cln_device_desc desc = fixture_device();
@@ -315,8 +315,7 @@ static void assert_recorded(const char *run, const char *key, const char *begin)
     json_decref(document);
 }
 
-/* Slices of other lengths are summed in another order: other last bits, so it shows whose row
- * was used. */
+/* Slices of other lengths are summed in another order: the last bits show whose row was used. */
 static void test_a_run_keeps_its_parameters(void **state)
 {
     const char *first = fixture_path("first.txt"), *second = fixture_path("second.txt");
@@ -329,7 +328,7 @@ static void test_a_run_keeps_its_parameters(void **state)
     scratch_put(second, rows[1], strlen(rows[1]));
     assert_ok(train("one", false, NULL, first, NULL));
     assert_ok(train("two", false, NULL, second, NULL));
-    assert_true(fixture_digest("one") != fixture_digest("two")); /* or this test shows nothing */
+    assert_true(fixture_digest("one") != fixture_digest("two")); /* else this test is void */
     assert_recorded("one", "tune", "SL=8,");
     assert_recorded("one", "tune_from", "first.txt, line 1");
 
