@@ -1,7 +1,7 @@
 /* Images and arrays on disk: PNG and JPEG through io/image.c, the area filter, and .npy.
- * Oracles: numbers worked out by hand, and the bytes of the formats' definitions. Damaged files:
- * every truncation and every flipped byte of small images must be an error with the path in it,
- * never pixels. */
+ * Oracles: numbers calculated by hand, and the bytes of the formats' definitions. Damaged files:
+ * every truncation and every flipped byte of a small image must give an error that names the path,
+ * and no pixels. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -18,7 +18,7 @@
 #include "stb_image_write.h"
 #include "tests.h"
 
-/* A picture without symmetry, so that exchanged axes or channels show. */
+/* An asymmetric picture, which exposes exchanged axes or channels. */
 static uint8_t *make_pixels(int width, int height, int channels)
 {
     uint8_t *pixels = malloc((size_t)(width * height * channels));
@@ -168,7 +168,7 @@ static void test_png_damage(void **state)
     free(png);
 }
 
-/* Headers that promise too much are refused before anything is decoded or allocated. */
+/* Headers with absurd sizes are refused before decoding or allocating. */
 static void test_absurd_sizes(void **state)
 {
     static const struct {
@@ -278,7 +278,7 @@ static void test_jpeg_load(void **state)
     free(jpeg);
 }
 
-/* Every truncation, also behind a thumbnail whose own end-of-image marker must not count. */
+/* Every truncation, also after a thumbnail, whose end-of-image marker must not count. */
 static void test_jpeg_truncation(void **state)
 {
     const char *path = scratch_path(*state, "cut.jpg");
@@ -314,8 +314,8 @@ static void test_jpeg_truncation(void **state)
     free(both);
 }
 
-/* A JPEG has no checksum: damage may go unseen, but must not harm the program (sanitizers show it),
- * and a picture keeps the size of its header. */
+/* A JPEG has no checksum: damage may remain undetected, but must not harm the program (sanitizers
+ * check), and the picture keeps its header's size. */
 static void test_jpeg_damage(void **state)
 {
     const char *path = scratch_path(*state, "damaged.jpg");
@@ -345,8 +345,8 @@ static void test_jpeg_damage(void **state)
     free(jpeg);
 }
 
-/* Tables with more symbols than there can be, or than the segment holds: stb_image 2.27 would write
- * out of bounds. */
+/* Tables with more symbols than possible, or than the segment holds: stb_image 2.27 would write out
+ * of bounds. */
 static void test_jpeg_tables(void **state)
 {
     const char *path = scratch_path(*state, "tables.jpg");
@@ -404,12 +404,12 @@ static void check_downscale(int n, int w, int h, int channels, const uint8_t *in
 
 static void test_downscale(void **state)
 {
-    /* 3 x 3 by 2: the last row and column go; (0+2+3+4)/4 = 2.25, (1+1+2+2)/4 = 1.5 rounds up,
+    /* 3 x 3 by 2 drops the last row and column; (0+2+3+4)/4 = 2.25, (1+1+2+2)/4 = 1.5 rounds up,
      * (255*3+254)/4 = 254.75. */
     static const uint8_t rgb[27] = {0,   1, 255, 2, 1, 255, 9, 9, 9, 3, 2, 255, 4, 2,
                                     254, 9, 9,   9, 9, 9,   9, 9, 9, 9, 9, 9,   9};
-    /* Premultiplied: red opaque and green at 1/3 of it, the colour of alpha 0 counts for nothing:
-     * alpha (255+85+0+0)/4 = 85, red 200*255/340 = 150, green 100*85/340 = 25. */
+    /* Premultiplied: opaque red, green at alpha 1/3, the colour at alpha 0 has no weight: alpha
+     * (255+85+0+0)/4 = 85, red 200*255/340 = 150, green 100*85/340 = 25. */
     static const uint8_t rgba[16] = {200, 0, 0, 255, 0, 100, 0, 85, 255, 255, 255, 0, 9, 9, 9, 0};
     static const uint8_t clear[16] = {50, 60, 70, 0, 50, 60, 70, 0, 50, 60, 70, 0, 50, 60, 70, 0};
     /* Two blocks side by side: the order of blocks. */

@@ -1,5 +1,5 @@
-/* The progress line as a bar, as plain lines and off, and figures as people read them. Oracle:
- * texts written down here. */
+/* The progress line as a bar, as plain lines and off, and human-readable figures. Oracle: literal
+ * texts. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -24,7 +24,7 @@ static int count_of(const char *text, const char *what)
     return count;
 }
 
-/* What `show` writes to stderr; the caller frees it. */
+/* The output of `show` on stderr; the caller frees it. */
 static char *stderr_of(const char *folder, void (*show)(void))
 {
     const char *path = scratch_path(folder, "stderr");
@@ -78,7 +78,7 @@ static void progress_off_a_terminal_is_plain_lines(void **state)
 {
     char *text = stderr_of(*state, show_auto);
 
-    /* The first at once, then none within ten seconds, the last at the end. */
+    /* The first line at once, none within ten seconds, the last at the end. */
     assert_string_equal(text, "step 0\na log line\nstep 100\nafter\n");
     free(text);
 }

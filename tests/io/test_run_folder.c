@@ -1,7 +1,7 @@
-/* The run folder, and names of a view's files. Proved: only a new, empty or own folder is written
- * to, a foreign one stays as it was; run.json comes back with every bit of its numbers and is never
- * half written; rows of metrics are cut on resume, so that an interrupted run leaves the rows of
- * one that was not. Oracle: hand-made folders and files. Reading JSON is tested in scene_input. */
+/* The run folder, and names of a view's files. Tested: only a new, empty or own folder is written,
+ * a foreign one stays unchanged; run.json keeps every bit of its numbers and is never half written;
+ * resuming truncates the metrics, so an interrupted run ends with the rows of an uninterrupted one.
+ * Oracle: hand-made folders and files. Reading JSON is tested in scene_input. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -76,7 +76,7 @@ static void test_refuses_foreign(void **state)
             assert_string_equal(data, foreign[i].text);
             free(data);
             unlink(path);
-            assert_int_equal(rmdir(run), 0); /* nothing else was left in it */
+            assert_int_equal(rmdir(run), 0); /* it has no other file */
             assert_int_equal(mkdir(run, 0777), 0);
         }
     scratch_put(scratch_path(*state, "file"), "x", 1);
@@ -113,7 +113,7 @@ static void test_run_json(void **state)
     json_decref(back);
 }
 
-/* A full disk leaves the document that was there; so does a folder in the file's place. */
+/* A full disk, or a folder in the file's place, leaves the old document. */
 static void test_atomic(void **state)
 {
     const char *run = *state, *blocked = scratch_path(run, "eval/00000001-test.json");
@@ -149,7 +149,8 @@ static void add_rows(cln_metrics *metrics, int first, int last)
     }
 }
 
-/* Interrupted at step 160 with a checkpoint of step 100, resumed: the same bytes as without. */
+/* Interrupted at step 160 with a checkpoint of step 100, then resumed: the same bytes as without
+ * the interruption. */
 static void test_metrics_resume(void **state)
 {
     const char *whole = scratch_path(*state, "whole"), *parts = scratch_path(*state, "parts");
@@ -191,8 +192,8 @@ static void test_metrics_resume(void **state)
     free(b);
 }
 
-/* A cut removes lines that are no rows, and events of the step itself, which happen again; a file
- * without any is not written. */
+/* Truncation removes lines that are not rows, and events of the step itself, which happen again; it
+ * does not write a file without such lines. */
 static void test_metrics_cut(void **state)
 {
     const char *run = *state, *path = scratch_path(run, "metrics.jsonl");
@@ -218,7 +219,7 @@ static void test_metrics_cut(void **state)
     cln_metrics_close(NULL);
 }
 
-/* The disk fills up in the middle of a row: the row is taken back whole. */
+/* The disk fills up in the middle of a row: the whole row is removed again. */
 static void test_metrics_full_disk(void **state)
 {
     const char *run = *state, *path = scratch_path(run, "metrics.jsonl");
@@ -238,7 +239,7 @@ static void test_metrics_full_disk(void **state)
     data = scratch_get(path, &after);
     assert_int_equal(after, before);
     free(data);
-    assert_int_equal(cln_metrics_add(metrics, row), CLN_OK); /* room again */
+    assert_int_equal(cln_metrics_add(metrics, row), CLN_OK); /* has space again */
     data = scratch_get(path, &after);
     assert_int_equal(after, before + strlen("{\"step\":75,\"filler\":\"\"}\n") + 199);
     free(data);

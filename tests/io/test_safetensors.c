@@ -1,8 +1,7 @@
-/* safetensors files. Proved: what is written is byte for byte the documented format, reads back
- * bit for bit (every dtype, empty tensors, scalars), and every damage is refused: truncation,
- * flipped bits, lying lengths, offsets, shapes and dtypes; a failed write leaves the old file.
- * Oracles: a file put together by hand, and the format's own rules. The address sanitizer shows
- * reads out of bounds. */
+/* safetensors files. Tested: written files have the documented format byte for byte and read back
+ * bit for bit (every dtype, empty tensors, scalars); every damage is refused: truncation, flipped
+ * bits, wrong lengths, offsets, shapes and dtypes; a failed write leaves the old file. Oracles: a
+ * hand-made file, and the format's own rules. The address sanitizer detects reads out of bounds. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -77,7 +76,7 @@ static uint64_t digest_of_one(const char *name, const char *dtype, int64_t side,
     return cln_digest(digest, data, bytes);
 }
 
-/* The documented bytes, for one tensor. */
+/* The documented bytes of a file with one tensor. */
 static void test_bytes(void **state)
 {
     const char *path = scratch_path(*state, "a.safetensors");
@@ -103,8 +102,7 @@ static void test_bytes(void **state)
     free(data);
 }
 
-/* A file from the text of its header and its data; %s stands for the digest of a tensor x of bytes.
- */
+/* Writes a file with this header and data; %s stands for the digest of a tensor x of bytes. */
 static void put_file(const char *path, const char *header, const void *data, size_t bytes)
 {
     char text[1024], hex[17], file[2048];
@@ -124,8 +122,7 @@ static void put_file(const char *path, const char *header, const void *data, siz
 
 #define META "\"__metadata__\":{\"digest\":\"%s\",\"format\":\"pt\"}"
 
-/* As other programs may write it: other order of keys, more metadata, no padding, unaligned data.
- */
+/* Files of other programs: other order of keys, more metadata, no padding, unaligned data. */
 static void test_reads_others(void **state)
 {
     const char *path = scratch_path(*state, "b.safetensors");
@@ -140,7 +137,7 @@ static void test_reads_others(void **state)
     cln_safetensors_free(file);
 }
 
-/* Four bytes of data under headers that lie about them. */
+/* Four bytes of data after headers that contradict them. */
 static void test_refuses_headers(void **state)
 {
 #define X(fields) "{" META ",\"x\":{" fields "}}"
@@ -212,7 +209,7 @@ static void must_refuse(const char *path, const char *data, size_t bytes, size_t
     cln_clear_error();
 }
 
-/* Cut anywhere, lengthened, or with any one bit flipped. */
+/* Truncated anywhere, extended, or any one bit flipped. */
 static void test_refuses_damage(void **state)
 {
     const char *path = scratch_path(*state, "d.safetensors");
@@ -258,7 +255,7 @@ static int count_entries(const char *folder)
     return count - 2;
 }
 
-/* The disk is full in the middle of the data: the old file stays, nothing else is left. */
+/* The disk fills up in the middle of the data: only the old file remains. */
 static void test_full_disk(void **state)
 {
     const char *path = scratch_path(*state, "e.safetensors");

@@ -1,7 +1,7 @@
-/* Checkpoints. Proved: one comes back bit for bit, with or without training state, also of a
- * tree with nothing in it; whatever is damaged (cut, flipped, of another shape, type or tree,
- * missing) is refused and the checkpoint before it is used with a warning; a write that fails or
- * is killed leaves the old ones. Oracle: the model that was written, compared byte for byte. */
+/* Checkpoints. Tested: they read back bit for bit, with or without training state, also with an
+ * empty tree; a damaged one (truncated, bits flipped, of another shape, type or tree, missing) is
+ * refused and the previous one used with a warning; a failed or killed write leaves the old ones.
+ * Oracle: the written model, compared byte for byte. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -83,7 +83,7 @@ static void test_round_trip(void **state)
     cln_model_free(&back);
     assert_int_equal(cln_checkpoint_read(*state, false, &back), CLN_OK);
     same_model(&model, &back, false);
-    assert_int_equal(cln_checkpoint_write(*state, &back), CLN_OK); /* weights only, over it */
+    assert_int_equal(cln_checkpoint_write(*state, &back), CLN_OK); /* now weights only */
     cln_model_free(&back);
     assert_int_equal(cln_checkpoint_read(*state, false, &back), CLN_OK);
     same_model(&model, &back, false);
@@ -93,7 +93,7 @@ static void test_round_trip(void **state)
     cln_model_free(&model);
 }
 
-/* Nothing left: tensors of no leaves. */
+/* A tree without leaves: empty tensors. */
 static void test_empty_tree(void **state)
 {
     uint8_t marks[14];
@@ -174,15 +174,14 @@ static void expect_step(const char *run, int64_t step, int warnings, const char 
         counted != warnings)
         fail_msg("%s: status %d, step %" PRId64 ", %d warnings, '%s'", what, (int)st, back.step,
                  counted, cln_error_text());
-    assert_int_equal(cln_error_status(), st); /* a fallback leaves no record behind */
+    assert_int_equal(cln_error_status(), st); /* a fallback leaves no error record */
     if (step < 0)
         assert_non_null(strstr(cln_error_text(), run));
     cln_clear_error();
     cln_model_free(&back);
 }
 
-/* Damage to the .json is refused, or (the last digit of a real, the last newline) changes no
- * value. */
+/* Damage to the .json is refused, or (last digit of a real, last newline) changes no value. */
 static void expect_harmless(const char *run, const cln_model *newer, const char *what)
 {
     cln_model back;
@@ -198,7 +197,7 @@ static void expect_harmless(const char *run, const cln_model *newer, const char 
     cln_model_free(&back);
 }
 
-/* Every damage to one file of the newer of two checkpoints: the older is used. */
+/* Any damage to one file of the newer of two checkpoints selects the older one. */
 static void damage_everywhere(const char *run, const char *name, size_t stride)
 {
     const char *path = scratch_path(scratch_path(run, "checkpoint"), name);
@@ -228,15 +227,15 @@ static void damage_everywhere(const char *run, const char *name, size_t stride)
     scratch_put(path, data, bytes);
     expect_step(run, 2, 0, "whole again");
     unlink(path);
-    /* A checkpoint without its .json was never finished: silence; without its tensors it is
-     * broken. */
+    /* A checkpoint without its .json was never finished: no warning; one without its tensors is
+     * damaged. */
     expect_step(run, 1, json ? 0 : 1, "missing file");
     scratch_put(path, data, bytes);
     free(data);
     cln_model_free(&newer);
 }
 
-/* One digit changed by hand in each number of the .json. */
+/* One digit changed in each number of the .json. */
 static void test_edited_by_hand(void **state)
 {
     static const char *const edits[][2] = {{"\"step\": 2", "\"step\": 3"},
@@ -265,7 +264,7 @@ static void test_edited_by_hand(void **state)
     free(text);
 }
 
-/* Two whole halves of different checkpoints are no checkpoint. */
+/* Intact halves of two different checkpoints are refused. */
 static void test_mixed_halves(void **state)
 {
     const char *run = *state;
@@ -302,13 +301,13 @@ static void test_all_damaged(void **state)
     scratch_put(scratch_path(run, "checkpoint/00000001.json"), "{}", 2);
     scratch_put(scratch_path(run, "checkpoint/00000002.json"), "{", 1);
     expect_step(run, -1, 1, "both damaged");
-    /* The next whole one takes the damaged newer one's place. */
+    /* The next complete checkpoint replaces the damaged newer one. */
     write_step(run, 1);
     expect_step(run, 1, 0, "written again");
     assert_false(exists(run, "00000002.json"));
 }
 
-/* Puts other tensors into checkpoint 2, with every digest right: only the sizes give it away. */
+/* Puts other tensors into checkpoint 2 with correct digests: only the sizes reveal it. */
 static void forge(const char *run, int count, const cln_tensor *tensors)
 {
     const char *path = scratch_path(run, "checkpoint/00000002.json");
@@ -426,7 +425,7 @@ static void test_full_disk(void **state)
     assert_int_equal(cln_checkpoint_write(run, &model), CLN_OK);
     expect_step(run, 3, 0, "room again");
 
-    /* A folder in the way of the .json: the tensors are there, the checkpoint is not. */
+    /* A folder in the .json's place: the tensors exist, the checkpoint does not. */
     model.step = 4;
     assert_int_equal(mkdir(scratch_path(run, "checkpoint/00000004.json"), 0777), 0);
     assert_int_equal(cln_checkpoint_write(run, &model), CLN_OUTPUT);
@@ -442,8 +441,8 @@ static void test_full_disk(void **state)
     cln_model_free(&model);
 }
 
-/* A child writes checkpoints without pause and is killed: what is there is whole, with the contents
- * of its own step, and the next write clears up what was left half done. */
+/* Kills a child that writes checkpoints without pause: existing checkpoints are complete, with the
+ * contents of their step, and the next write removes unfinished files. */
 static void test_killed(void **state)
 {
     const char *run = *state;
@@ -483,7 +482,7 @@ static void test_killed(void **state)
     }
 }
 
-/* Leftovers of ours go, anything else in the folder stays. */
+/* Removes our own leftovers and nothing else from the folder. */
 static void test_clears_leftovers(void **state)
 {
     static const char *const ours[] = {"00000009.safetensors", "00000001.safetensors",

@@ -1,9 +1,9 @@
-/* The integer program of the structure optimisation (method.md 12.2, 12.3). Proved: the optimum is
- * found, every answer keeps the rules, equal ones are told apart always in the same way, a budget
- * that cannot be met is said and nearly met, and the LP text is the same program.
- * Oracles: hand-made cases, the costs worked out in comments; every assignment of n, s and g to
- * the leaves of small trees; a MIP solver (glpsol) on random trees, from the LP text; for big trees
- * the bracket of Lagrange's relaxation. Costs and rules are written here anew from the header. */
+/* The integer program of the structure optimisation (method.md 12.2, 12.3). Tested: it finds the
+ * optimum, every answer obeys the rules, ties are broken consistently, an infeasible budget is
+ * reported and approached, and the LP text is the same program.
+ * Oracles: hand-made cases, costs calculated in comments; every assignment of n, s and g to the
+ * leaves of small trees; a MIP solver (glpsol) on the LP text of random trees; for big trees the
+ * bracket of Lagrange's relaxation. Costs and rules are reimplemented here from the header. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -19,7 +19,7 @@
 
 enum { SEED = 20240611, BRUTE_PROGRAMS = 80, SOLVER_PROGRAMS = 300, ALL_WAYS = 257 };
 
-/* desc points into the rest: a problem stays where it is. */
+/* desc points into the other members: do not copy. */
 typedef struct problem {
     cln_octree tree;
     cln_leaf_measure *measures; /* [slot] */
@@ -42,7 +42,7 @@ static double uniform(problem *p)
     return draw(p) / 4294967296.0;
 }
 
-/* A full tree; the draws of problem `number` are its own. */
+/* A full tree; each problem `number` has its own random draws. */
 static void start(problem *p, int level, int number)
 {
     memset(p, 0, sizeof *p);
@@ -56,7 +56,7 @@ static void end(problem *p)
     cln_octree_free(&p->tree);
 }
 
-/* Splits, or culls, the marked leaves; frees the marks. */
+/* Splits or culls the marked leaves; frees the marks. */
 static void apply(problem *p, uint8_t *marks, bool cull)
 {
     cln_octree_change change;
@@ -69,7 +69,7 @@ static void apply(problem *p, uint8_t *marks, bool cull)
     free(marks);
 }
 
-/* Splits, or culls, `count` leaves drawn from all. */
+/* Splits or culls `count` random leaves. */
 static void reshape(problem *p, int count, bool cull)
 {
     int leaves = p->tree.leaf_count;
@@ -85,7 +85,7 @@ static void reshape(problem *p, int count, bool cull)
     apply(p, marks, cull);
 }
 
-/* Splits, or culls, one leaf. */
+/* Splits or culls one leaf. */
 static void reshape_slot(problem *p, int slot, bool cull)
 {
     uint8_t *marks = calloc((size_t)p->tree.leaf_count, 1);
@@ -110,7 +110,7 @@ static void measure(problem *p, int max_leaves)
                                          .merge_factor = 1.1};
 }
 
-/* Costs of 1e-4 to 1e5, some zero, some known from before, some equal. */
+/* Costs of 1e-4 to 1e5, some zero, some saved, some equal. */
 static void measure_random(problem *p, int max_leaves)
 {
     measure(p, max_leaves);
@@ -131,7 +131,7 @@ static void measure_random(problem *p, int max_leaves)
 
 /* ---- the header's definitions, leaf by leaf ---- */
 
-/* ACTIVE siblings of a leaf, itself too, by rising slot. */
+/* ACTIVE siblings of a leaf, including itself, in order of slot. */
 static int siblings(const problem *p, int slot, int out[8], bool *any_inner)
 {
     const cln_octree *tree = &p->tree;
@@ -193,7 +193,7 @@ static double merge_cost(const problem *p, int slot)
     return p->desc.merge_factor / m * errors * density;
 }
 
-/* How few leaves there can be, the least cost with that few, and how many leaves there can be. */
+/* Fewest possible leaves; *cost: the least cost with them; *most: most possible leaves. */
 static int fewest_leaves(const problem *p, double *cost, int *most)
 {
     int fewest = 0;
@@ -219,7 +219,7 @@ static int fewest_leaves(const problem *p, double *cost, int *most)
 
 /* ---- answers ---- */
 
-/* Everything that must hold for any answer, the best or not. */
+/* Invariants of any answer, optimal or not. */
 static void check_answer(const problem *p, const cln_integer_program_result *r)
 {
     int splits = 0, merges = 0, keeps = 0, leaves = 0, fewest = 0, most = 0;
@@ -318,12 +318,12 @@ static void test_split(void **state)
     p.desc.max_level = 1;
     assert_solution(&p, "nnnnnnnn", 17);
     p.desc.max_level = 2;
-    p.desc.split_factor = 1; /* nothing to gain: fewer leaves are better */
+    p.desc.split_factor = 1; /* a split gains nothing: fewer leaves are better */
     assert_solution(&p, "nnnnnnnn", 17);
     end(&p);
 }
 
-/* What the children cost before they were merged decides, not the factor. */
+/* The children's cost before their merge decides, not the factor. */
 static void test_saved(void **state)
 {
     problem p;
@@ -344,7 +344,7 @@ static void test_saved(void **state)
 }
 
 /* Slots 0..7 are the children of the first octant, 8..14 its seven siblings, which cannot merge
- * beside an inner node. Merging the eight costs 0.8 and makes room for one split. */
+ * because the octant is an inner node. Merging the eight costs 0.8 and allows one split. */
 static void test_merge(void **state)
 {
     problem p;
@@ -355,9 +355,9 @@ static void test_merge(void **state)
     measure(&p, 15);
     p.measures[8].error = 100;
     assert_solution(&p, "ggggggggsnnnnnn", 8.8 + 75 + 6);
-    p.measures[3].density = 2; /* 1.1 x sum of e x largest d = 17.6, 8.6 more than to keep */
+    p.measures[3].density = 2; /* 1.1 x sum of e x largest d = 17.6, 8.6 more than keeping */
     assert_solution(&p, "ggggggggsnnnnnn", 17.6 + 75 + 6);
-    p.measures[3].density = 4; /* 35.2, 24.2 more than to keep; the split gains 25 */
+    p.measures[3].density = 4; /* 35.2, 24.2 more than keeping; the split gains 25 */
     assert_solution(&p, "ggggggggsnnnnnn", 35.2 + 75 + 6);
     p.measures[3].density = 4.2; /* 36.96, 25.76 more */
     assert_solution(&p, "nnnnnnnnnnnnnnn", 11.2 + 106);
@@ -368,7 +368,7 @@ static void test_merge(void **state)
     end(&p);
 }
 
-/* Culled siblings cost nothing and do not hinder; the two that are left share the merge's cost. */
+/* Culled siblings cost nothing and do not prevent a merge; the other two share its cost. */
 static void test_merge_with_culled(void **state)
 {
     problem p;
@@ -408,7 +408,7 @@ static void test_root(void **state)
     start(&p, 0, 0);
     measure(&p, 7);
     assert_solution(&p, "n", 1);
-    p.desc.merge_factor = 0; /* there is nothing to merge into */
+    p.desc.merge_factor = 0; /* the root has no parent to merge into */
     assert_solution(&p, "n", 1);
     p.desc.max_leaves = 8;
     assert_solution(&p, "s", 0.75);
@@ -428,7 +428,7 @@ static void test_root(void **state)
     end(&p);
 }
 
-/* Among equals: fewer leaves, lower slots, and the same marks again. */
+/* Ties: fewer leaves win, then lower slots; the marks are reproducible. */
 static void test_ties(void **state)
 {
     problem p;
@@ -501,7 +501,7 @@ typedef struct way {
     double cost;
 } way;
 
-/* All assignments of n, s and g to a group that its rows allow. */
+/* All assignments of n, s and g that a group's rows allow. */
 static int list_ways(const problem *p, const int *group, int m, way ways[ALL_WAYS])
 {
     int codes = 1, count = 0;
@@ -537,7 +537,7 @@ static int list_ways(const problem *p, const int *group, int m, way ways[ALL_WAY
     return count;
 }
 
-/* The least cost by trying everything, for at most three groups; infinite if nothing fits. */
+/* The least cost over all assignments, for at most three groups; infinite if none fits. */
 static double brute_force(const problem *p)
 {
     static way ways[3][ALL_WAYS];
@@ -570,7 +570,7 @@ static double brute_force(const problem *p)
     return least;
 }
 
-/* From too few leaves for any choice to more than any choice needs. */
+/* From an infeasible budget to one that never binds. */
 static int random_budget(problem *p)
 {
     double least = 0;
@@ -681,7 +681,7 @@ static void test_lp_text(void **state)
     end(&p);
 }
 
-/* Runs glpsol: 'o' and the optimum; 'f' and the best it found in time; else there is none. */
+/* Runs glpsol: 'o' and the optimum; 'f' and the best found in time; else no solution. */
 static char run_solver(const char *lp, const char *solution, const char *log, double *objective)
 {
     char *command = NULL, *text = NULL, *line = NULL, status = 0;
@@ -765,9 +765,9 @@ static void test_against_solver(void **state)
 
 /* ---- big trees ---- */
 
-/* Lagrange's relaxation: a leaf has a price, the budget is no row. Returns the least cost with the
- * price paid, a lower bound of the optimum for any price >= 0, and what that choice costs and has
- * of leaves: an upper bound if they fit. */
+/* Lagrange's relaxation: each leaf has a price instead of a budget row. Returns the least cost with
+ * the price, a lower bound of the optimum for any price >= 0; *cost and *leaves of that choice: an
+ * upper bound if the leaves fit. */
 static double relaxed(const problem *p, double price, double *cost, int *leaves)
 {
     double total = 0;
@@ -807,7 +807,7 @@ static void test_big_trees(void **state)
     } sizes[] = {
         {3, 320, 52, 2700, 2700}, /* the paper's scale */
         {4, 0, 0, 4096, 10000},   /* long lists of ways */
-        {4, 0, 0, 4096, 262144},  /* no budget to speak of */
+        {4, 0, 0, 4096, 262144},  /* the budget never binds */
         {5, 0, 0, 32768, 20000},  /* the most groups, merges only */
     };
 
@@ -846,7 +846,7 @@ static void test_big_trees(void **state)
         if (!(r.objective >= below - 1e-9 * below && r.objective <= above + 1e-9 * above))
             fail_msg("%d leaves, at most %d: objective %.17g, not in %.17g .. %.17g",
                      p.tree.leaf_count, p.desc.max_leaves, r.objective, below, above);
-        assert_true(above - below <= 0.02 * below); /* a bracket that says something */
+        assert_true(above - below <= 0.02 * below); /* the bracket is tight */
         cln_integer_program_result_free(&r);
         end(&p);
     }

@@ -1,6 +1,6 @@
-/* The model on the host. Proved: what a new one holds, how a change of structure carries every
- * buffer (copies, folds, zeroes, nearest cells), and what its digest does and does not depend
- * on. Oracles: hand-made index tables, and the model before the change compared byte for byte. */
+/* The model on the host. Tested: contents of a new model, how a change of structure carries every
+ * buffer (copies, folds, zeroes, nearest cells), and what the digest depends on. Oracles: hand-made
+ * index tables, and the model before the change compared byte for byte. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -52,8 +52,8 @@ static void test_create(void **state)
     cln_model_free(&model);
 }
 
-/* Slot 1 of 14 is split again: kept leaves carry all, children start Adam anew and take the nearest
- * cells of their octant of the parent's grid. */
+/* Slot 1 of 14 is split again: other leaves keep everything; children restart Adam and take the
+ * nearest cells of their octant of the parent's grid. */
 static void check_apply(int64_t step)
 {
     /* n1 = 3: child cells 0, 1, 2 of the lower half have centres at 1/12, 3/12, 5/12 of the
@@ -121,7 +121,7 @@ static void test_digest(void **state)
     make_model(1, &a);
     make_model(1, &b);
     assert_true(cln_model_digest(&a) == cln_model_digest(&b));
-    b.tree.strikes[b.tree.leaf[3]]++; /* no part of what the model shows */
+    b.tree.strikes[b.tree.leaf[3]]++; /* does not affect pictures */
     b.step++;
     assert_true(cln_model_digest(&a) == cln_model_digest(&b));
     ((uint32_t *)(void *)b.params)[b.net.params + 5] ^= 1; /* the last bit of one weight */

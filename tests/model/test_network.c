@@ -1,8 +1,8 @@
-/* Layout, initial weights and folding of the leaf network. Proved: blocks neither overlap nor
- * leave a hole and start at multiples of 16 for every shape; parameter counts of method.md
- * section 1; weights stay in their bounds and spread as a uniform does, padding is zero; the
- * density starts at the depth asked for; a folded child computes what its parent did, also four
- * times over. Oracles: counts and constants by hand, and host/reference/ for the network itself. */
+/* Layout, initial weights and folding of the leaf network. Tested: blocks of every shape start at
+ * multiples of 16 without overlaps or gaps; parameter counts of method.md section 1; weights are
+ * uniform within their bounds, padding is zero; the initial density gives the requested depth; a
+ * folded child computes the same as its parent, also after four folds. Oracles: counts and
+ * constants calculated by hand, and host/reference/ for the network itself. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -40,7 +40,7 @@ static cln_config shape(int width, int depth, int view_width, int bands, int vie
 
 /* ---- layout ---- */
 
-/* Marks floats [offset, offset + count) as used once. */
+/* Marks floats [offset, offset + count) as used; they must be unused. */
 static void claim(uint8_t *used, int params, int offset, int count)
 {
     assert_int_equal(offset % 16, 0);
@@ -163,8 +163,8 @@ static void test_layout_refuses(void **state)
 
 /* ---- initial weights ---- */
 
-/* rows x columns of weights: inside +-bound, variance that of a uniform, mean 0 (both within 5
- * standard errors), and rows from `rows` to `padded` zero. */
+/* rows x columns of weights: inside +-bound, variance of a uniform, mean 0 (both within 5 standard
+ * errors); rows from `rows` to `padded` are zero. */
 static void check_uniform(const float *w, int rows, int padded, int columns, double bound)
 {
     double sum = 0, squares = 0, largest = 0;
@@ -194,7 +194,7 @@ static void check_init(const cln_config *c, double gain)
     p = malloc((size_t)net.params * sizeof *p);
     assert_non_null(p);
     for (int i = 0; i < net.params; i++)
-        p[i] = NAN; /* whatever is not written shows */
+        p[i] = NAN; /* exposes unwritten floats */
     cln_network_init(&net, c, p);
     for (int i = 0; i < net.params; i++)
         assert_true(isfinite(p[i]));
@@ -240,7 +240,7 @@ static void test_init_is_a_function_of_the_seed(void **state)
     cln_network_init(&net, &c, a);
     cln_network_init(&net, &c, b);
     assert_memory_equal(a, b, (size_t)net.params * sizeof *a);
-    for (int i = 0; i < 32 * 32; i++) /* layers do not share their numbers */
+    for (int i = 0; i < 32 * 32; i++) /* layers do not share random numbers */
         equal += a[net.trunk_w[1] + i] == a[net.trunk_w[2] + i];
     assert_true(equal < 5);
     c.seed++;
@@ -253,7 +253,7 @@ static void test_init_is_a_function_of_the_seed(void **state)
     free(b);
 }
 
-/* With s = 0, density times the cube's side of 2 is the depth asked for. */
+/* With s = 0, density times the cube's side of 2 is the requested depth. */
 static void test_density_bias(void **state)
 {
     static const double depths[] = {1e-4, 0.5, 1, 10}, kappas[] = {1e-3, 1, 10, 1e4};
@@ -339,8 +339,8 @@ static double fold_error(const cln_config *c, int level, const int *octants, int
     return worst;
 }
 
-/* Bounds about five times the worst measured; the error of few bands is that of the fit
- * (fold.c). */
+/* Bounds: about five times the worst measured; with few bands the error is the fit's
+ * (encoding.c). */
 static const struct fold_case {
     const char *name;
     int width, depth, bands, times;
@@ -381,7 +381,8 @@ static void test_fold(void **state)
     }
 }
 
-/* Only encoding rows and biases of layer 0 and the skip layer change; the top band ends up zero. */
+/* Folding changes only encoding rows and biases of layer 0 and the skip layer; the top band becomes
+ * zero. */
 static void test_fold_touches(void **state)
 {
     cln_config c = shape(64, 8, 64, 10, 4, true);
@@ -414,8 +415,8 @@ static void test_fold_touches(void **state)
     free(b);
 }
 
-/* Unfolding: the parent computes in the child's octant what the child does, once its top band is
- * zero. */
+/* Unfolding: in the child's octant the parent computes the same as the child with its top band
+ * zeroed. */
 static void check_unfold(const cln_config *c, int octant)
 {
     enum { GRID = 5 };

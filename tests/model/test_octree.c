@@ -1,8 +1,7 @@
-/* The octree. Proved: counts and Morton order of full trees, half-open membership, what a split
- * or cull says about slots, collapse of culled groups, the kernels' map against point lookup,
- * packing, and that no damaged table of nodes gets in. Oracles: geometry worked out here from
- * level and position by brute force, and hand-made cases. Decisions about the tree are
- * test_structure.c's. */
+/* The octree. Tested: counts and Morton order of full trees, half-open membership, slot changes of
+ * splits, culls and merges, collapse of culled groups, the kernels' map against point lookup,
+ * packing, refusal of damaged node tables. Oracles: brute-force geometry from level and position,
+ * and hand-made cases. test_structure.c tests decisions about the tree. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -39,7 +38,7 @@ static uint32_t morton(const cln_octree *tree, int node)
     return key;
 }
 
-/* Slot of the leaf whose box [min, max) holds the point, by trying all of them. */
+/* Slot of the leaf whose box [min, max) holds the point, by trying all leaves. */
 static int brute_find(const cln_octree *tree, const double point[3])
 {
     for (int s = 0; s < tree->leaf_count; s++) {
@@ -55,9 +54,9 @@ static int brute_find(const cln_octree *tree, const double point[3])
     return -1;
 }
 
-/* Everything that must hold for any tree. */
-/* The box of an empty cell: it holds the cell and no leaf's, and would hold one if it were larger
- * on any side. */
+/* Invariants of any tree. */
+/* The box of an empty cell holds the cell and no leaf's cell; enlarged on any side it would hold
+ * one. */
 static void check_empty_box(const int32_t *map, int n, const int cell[3], uint32_t entry)
 {
     int low[3], high[3];
@@ -204,7 +203,7 @@ static void test_split_stops_at_deepest(void **state)
 
     (void)state;
     assert_int_equal(cln_octree_create(0, &tree), CLN_OK);
-    for (int level = 0; level < CLN_MAX_LEVEL; level++) { /* always the last corner only */
+    for (int level = 0; level < CLN_MAX_LEVEL; level++) { /* only the last corner, on every level */
         uint8_t marks[64] = {0};
         marks[tree.leaf_count - 1] = 1;
         assert_int_equal(cln_octree_split(&tree, marks, &change), CLN_OK);
@@ -216,7 +215,7 @@ static void test_split_stops_at_deepest(void **state)
     assert_int_equal(cln_octree_split(&tree, NULL, &change), CLN_OK);
     for (int s = 0; s < tree.leaf_count; s++)
         if (tree.level[tree.leaf[s]] == CLN_MAX_LEVEL && change.octant[s] < 0)
-            assert_true(change.from[s] >= 36 - 8); /* the eight deepest were the last and stayed */
+            assert_true(change.from[s] >= 36 - 8); /* the eight deepest were last and stay last */
     assert_int_equal(tree.leaf_count, 8 + 28 * 8);
     cln_octree_change_free(&change);
     cln_octree_free(&tree);
@@ -264,8 +263,8 @@ static void test_cull_collapses(void **state)
     cln_octree_free(&tree);
 }
 
-/* A merged leaf beside leaves as deep as its children were: those, still in the table, hide nothing
- * of it. */
+/* A merged leaf next to leaves as deep as its former children, which stay in the table but must not
+ * hide it. */
 static void test_merge_one_of_two(void **state)
 {
     const uint8_t split[8] = {0, 0, 1, 0, 0, 1};
@@ -288,7 +287,7 @@ static void test_merge_one_of_two(void **state)
     cln_octree_free(&tree);
 }
 
-/* Merging: groups become their parent, which comes from the heaviest sibling; slots stay in
+/* Merging: a group becomes its parent, which takes over the heaviest sibling; slots stay in
  * order. */
 static void test_merge(void **state)
 {
@@ -315,7 +314,7 @@ static void test_merge(void **state)
     assert_int_equal(tree.leaf_count, 8);
     assert_int_equal(change.count, 8);
     for (int s = 0; s < 8; s++) {
-        /* of slots 2..8 the heaviest is 7: weight 8; it was child 6, after the culled third one */
+        /* slot 7 is the heaviest of 2..8 (weight 8): child 6, after the culled third one */
         assert_int_equal(change.from[s], s < 2 ? s : s == 2 ? 7 : s + 6);
         assert_int_equal(change.octant[s], s == 2 ? CLN_MERGED - 6 : CLN_COPIED);
         assert_int_equal(tree.level[tree.leaf[s]], 1);
@@ -360,7 +359,7 @@ static void same_tree(const cln_octree *a, const cln_octree *b)
         assert_memory_equal(a->leaf, b->leaf, (size_t)a->leaf_count * sizeof *a->leaf);
 }
 
-/* A random history of splits and culls: every change is checked against the boxes before it. */
+/* A random history of splits and culls; checks every change against the previous boxes. */
 static void random_tree(uint32_t *counter, cln_octree *tree)
 {
     assert_int_equal(cln_octree_create(1, tree), CLN_OK);
@@ -468,7 +467,7 @@ static void test_unpack_refuses(void **state)
     cln_octree_free(&tree);
 }
 
-/* Any damage is refused, or leaves a tree for which everything still holds. */
+/* Damage is refused or leaves a valid tree. */
 static void test_unpack_fuzz(void **state)
 {
     static const int32_t extremes[] = {0, 1, 2, 8, 9, -1, INT32_MAX, INT32_MIN, 255, 65535};

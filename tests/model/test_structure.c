@@ -1,7 +1,6 @@
-/* Decisions about the tree (method.md 12.3). Proved: a thin rod is kept by the guard on the
- * peak, two strikes in a row are needed, never every leaf goes, densities that are no numbers
- * cull nothing, and levels grow when the plan says. Oracle: hand-made cases, the thresholds
- * worked out in comments. */
+/* Decisions about the tree (method.md 12.3). Tested: the guard on the peak keeps a thin rod,
+ * culling needs two strikes in a row, never culls every leaf, ignores densities that are NaN, and
+ * levels grow according to plan. Oracle: hand-made cases, thresholds calculated in comments. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -50,7 +49,7 @@ static void test_cull_two_strikes(void **state)
     assert_int_equal(check_once(&c), 0);
     for (int s = 0; s < 8; s++)
         assert_int_equal(c.cull[s], 0);
-    c.mean[1] = 0.02f; /* one look of substance starts the count anew */
+    c.mean[1] = 0.02f; /* one check with substance resets the count */
     assert_int_equal(check_once(&c), 3);
     c.mean[1] = 0.001f;
     assert_int_equal(c.cull[1], 0);
@@ -62,7 +61,7 @@ static void test_cull_two_strikes(void **state)
     cln_octree_free(&c.tree);
 }
 
-/* What is marked without a new look: the same, and never all. */
+/* Marks without a new check: the same, and never all. */
 static void test_marked(void **state)
 {
     uint8_t marks[8];
@@ -139,7 +138,7 @@ static void test_cull_never_all(void **state)
     cln_octree_free(&c.tree);
 }
 
-/* A density that is not a number says nothing about emptiness. */
+/* A NaN density does not mean empty. */
 static void test_cull_keeps_nan(void **state)
 {
     culling c;
