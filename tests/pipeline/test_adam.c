@@ -1,6 +1,6 @@
-/* adam.cl against the float64 reference, with moments of 32 and of 16 bits: two updates in a row
+/* adam.cl against the float64 reference, with moments of 32 and of 16 bits: two successive updates
  * of leaves with no, too few, just enough and many samples, over one and many slices; untouched
- * leaves keep every bit, the transposed copy is the weights' own, and a launch repeated from the
+ * leaves keep every bit, the transposed copy matches the weights, and a launch repeated from the
  * same state gives the same bytes. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -45,7 +45,7 @@ static cln_config config_of(const adam_case *c, int moments)
     return config;
 }
 
-/* Samples of each leaf, and with them its slices: as cln_stage_group leaves them. */
+/* Samples of each leaf and its slices, as from cln_stage_group. */
 static uint32_t make_slices(const cln_pipeline *p, uint32_t begin[LEAVES], uint32_t end[LEAVES],
                             uint32_t starts[LEAVES + 1])
 {
@@ -64,7 +64,7 @@ static uint32_t make_slices(const cln_pipeline *p, uint32_t begin[LEAVES], uint3
     return slices;
 }
 
-/* Moments as they are kept: float, or bfloat16. */
+/* Stored moments, float or bfloat16, as double. */
 static double *widen_moments(const cln_config *config, const void *moments, size_t n)
 {
     double *wide = test_alloc(n, sizeof *wide);
@@ -127,8 +127,8 @@ static void update(const adam_case *c, const cln_network *net, const uint32_t *b
     }
 }
 
-/* Moments of 16 bits: each is one of its two neighbours, and of those nearer to the lower one as
- * many go up as chance says (none would, if they were rounded to the nearest one). */
+/* Moments of 16 bits: each is one of the value's two neighbours; of values nearer to the lower
+ * neighbour, the expected number is rounded up (round-to-nearest would give none). */
 static void check_rounded(const char *name, const double *got, const double *want, size_t n)
 {
     double expected = 0, up = 0, variance = 0;
@@ -143,7 +143,7 @@ static void check_rounded(const char *name, const double *got, const double *wan
         part = (fabs(want[i]) - low) / unit;
         if (fabs(got[i] - want[i]) > unit * (1 + 1e-3))
             fail_msg("%s %zu: %.9g, not next to %.9g", name, i, got[i], want[i]);
-        if (part < 1e-3 || part > 0.5) /* what a device rounds in float may be the unit itself */
+        if (part < 1e-3 || part > 0.5) /* the device's float rounding may reach the unit */
             continue;
         expected += part;
         up += fabs(got[i]) > low + unit / 2;
@@ -154,7 +154,7 @@ static void check_rounded(const char *name, const double *got, const double *wan
         fail_msg("%s: %.0f went up, not %.0f +- %.0f", name, up, expected, sqrt(variance));
 }
 
-/* What the device has after an update against the reference; untouched leaves bit for bit. */
+/* Compares the device's state after an update with the reference; untouched leaves bit for bit. */
 static void check_state(const adam_case *c, cln_pipeline *p, const cln_model *before,
                         const uint32_t *begin, const uint32_t *end, wide_model *want)
 {
@@ -182,7 +182,7 @@ static void check_state(const adam_case *c, cln_pipeline *p, const cln_model *be
     compare(c->name, got.params, want->params, LEAVES * n, (bounds){1e-12, 1e-5});
     m = widen_moments(&p->config, got.adam_m, LEAVES * n);
     v = widen_moments(&p->config, got.adam_v, LEAVES * n);
-    if (rounded) { /* the next update goes on from what was kept */
+    if (rounded) { /* the next update starts from the stored moments */
         check_rounded("first moment", m, want->m, LEAVES * n);
         check_rounded("second moment", v, want->v, LEAVES * n);
         memcpy(want->m, m, LEAVES * n * sizeof *m);
@@ -249,7 +249,7 @@ static void check_case(const adam_case *c, int moments)
         set_moment(&config, model.adam_v, i, test_uniform(3, (int)i, 0, 1e-5));
     }
     for (int s = 0; s < LEAVES; s++)
-        model.adam_steps[s] = s * s * s;    /* 0: its first update, to 343 */
+        model.adam_steps[s] = s * s * s;    /* 0 (its first update) to 343 */
     for (size_t i = 0; i < slices * n; i++) /* sizes from 1e-8 to 1 */
         grads[i] =
             (float)(test_uniform(4, (int)i, -1, 1) * pow(10, test_uniform(5, (int)i, -8, 0)));

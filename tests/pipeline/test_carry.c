@@ -1,7 +1,6 @@
-/* Changes of the tree on the device. Proved: after any history of merges, splits and culls, a
- * model that was carried there has the bits of one that cln_model_apply carried on the host, in
- * one buffer and in parts, with both kinds of moments; and what a change asks of memory is given
- * back. Oracle: model/model.c. */
+/* Changes of the tree on the device. Tested: after any history of merges, splits and culls, the
+ * device's model equals bit for bit the host's (cln_model_apply), in one buffer and in parts, with
+ * both kinds of moments; a change frees the memory it allocates. Oracle: model/model.c. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -14,7 +13,7 @@
 
 enum { ROUNDS = 7 };
 
-/* The same change of both models; the one on the device follows only. */
+/* The same change in both models; `other` only follows: the device holds its weights. */
 static void change_both(cln_model *host, cln_model *other, const uint8_t *marks, int kind,
                         cln_octree_change *change)
 {
@@ -72,7 +71,7 @@ static void assert_same(const cln_model *a, const cln_model *b)
     same_bytes(a->saved, b->saved, leaves * sizeof(float));
 }
 
-/* Transposed weights, what upload makes of them, are those of the carried ones. */
+/* Transposed weights after the carry equal those that an upload makes. */
 static void assert_transposed(cln_pipeline *p, const cln_model *host)
 {
     const size_t bytes =
@@ -91,7 +90,7 @@ static void assert_transposed(cln_pipeline *p, const cln_model *host)
     free(uploaded);
 }
 
-/* room: leaves that a part holds; 0 = all in one buffer. Returns whether it came to parts. */
+/* room: leaves per part; 0 = all in one buffer. Returns whether the arrays were split. */
 static bool check_history(const tune_set *set, int64_t step, int room)
 {
     cln_device *device = test_device(set);
@@ -116,7 +115,7 @@ static bool check_history(const tune_set *set, int64_t step, int room)
         uint8_t *marks = test_alloc(8 * 512, 1);
 
         assert_true(host.tree.leaf_count < 300);
-        if (round == 2) { /* a growth: all leaves */
+        if (round == 2) { /* growth: split all leaves */
             memset(marks, 1, (size_t)host.tree.leaf_count);
             change_both(&host, &other, marks, 1, &change);
         } else if (round % 3 == 1) {
@@ -168,7 +167,7 @@ static void test_into_parts(void **state)
     assert_true(check_history(&tune_sets[4], 7, 60));
 }
 
-/* A change that needs more than there is: the sentence, and a pipeline that can be freed. */
+/* A change beyond the available memory fails with a sentence, and the pipeline can be freed. */
 static void test_no_memory(void **state)
 {
     cln_device *device = test_device(&tune_sets[0]);

@@ -1,7 +1,7 @@
-/* What the structure optimisation measures and how merged leaves learn: each sample's share of
- * its ray's error and its transmittance-weighted density (composite.cl), their sums over leaves
- * and steps (stats.cl) and the gradient of the distillation (distil.cl), each against float64
- * worked out here. */
+/* Measures of the structure optimisation, and the distillation of merged leaves: each sample's
+ * share of its ray's error and its transmittance-weighted density (composite.cl), their sums over
+ * leaves and steps (stats.cl) and the gradient of the distillation (distil.cl), each against
+ * float64 code of this file. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -106,7 +106,7 @@ static void check_shares(const tune_set *set, const batch *b, int weight)
         compare(q == 0 ? "error shares" : "weighted densities", narrow, wide, b->samples,
                 (bounds){1e-11, 1e-4});
     }
-    /* shares add up: sum over samples = sum over rays with samples of the square error */
+    /* the shares sum to the square error of all rays with samples */
     for (uint32_t i = 0; i < b->samples; i++)
         sum += got[i * numbers];
     for (int r = 0; r < RAYS; r++)
@@ -131,8 +131,7 @@ static void test_shares(void **state)
     test_report("shares of the error");
 }
 
-/* Sums over leaves of no, one and many samples, over many steps; samples of regularisers do not
- * count. */
+/* Sums over leaves of no, one and many samples, over many steps; excludes regularisers' samples. */
 static void check_sums(const tune_set *set)
 {
     enum { LEAVES = 8, N = 700, COMPOSITED = 650, STEPS = 300 };
@@ -172,7 +171,7 @@ static void check_sums(const tune_set *set)
         got[i] = sums[2 * i];
     for (int i = 0; i < LEAVES; i++)
         assert_int_equal(met[i], want_met[i]);
-    /* compensated: after 300 steps as good as one addition */
+    /* compensated: as accurate after 300 steps as after one */
     compare("sums of leaves", got, want[0], LEAVES * 3, (bounds){1e-12, 3e-6});
     free(samples);
     free(numbers);

@@ -1,9 +1,9 @@
 /* mlp_density.cl, mlp_forward.cl and mlp_backward.cl against the float64 reference: densities,
- * forward and backward pass on many network shapes and parameter sets, with leaves of no, one
- * and many samples, random numbers in the padding of the weights (no input may reach it), the
- * slopes of RReLU redrawn here from their published hash, and the same bytes from the same
- * launch. Samples lie at exact local coordinates where bands are many: float32's rounding of a
- * position is multiplied by 2^bands, which is no error of the network. */
+ * forward and backward pass of many network shapes and parameter sets, with leaves of no, one and
+ * many samples, random numbers in the padding of the weights (which must not matter), RReLU slopes
+ * recalculated here from their documented hash, and the same bytes from the same launch. With many
+ * bands samples lie at exact local coordinates: the encoding multiplies float32's rounding of a
+ * position by 2^bands, which would count as an error of the network. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -73,7 +73,7 @@ static cln_config config_of(const mlp_case *c)
     return config;
 }
 
-/* ---- a model whose leaves differ, and samples in them ---- */
+/* ---- a model with different leaves, and samples ---- */
 
 typedef struct mlp_data {
     cln_model model; /* 22 leaves at levels 1, 2 and 3 */
@@ -93,7 +93,7 @@ static void split_first(cln_model *model)
     cln_octree_change_free(&change);
 }
 
-/* Samples of leaf s: 0, 1, around a register tile, a block, a slice, and more. */
+/* Number of samples of leaf s: 0, 1, around a register tile, a block, a slice, and more. */
 static uint32_t samples_of(int s, const cln_tune *tune)
 {
     const int counts[] = {0,
@@ -151,7 +151,7 @@ static void make_data(const mlp_case *c, const cln_config *config, const cln_tun
     d->ray_d = test_alloc(d->n, sizeof *d->ray_d);
     d->dout = test_alloc(d->n, sizeof *d->dout);
     assert_ok(cln_octree_boxes(&d->model.tree, &boxes));
-    for (uint32_t round = 0; at < d->n; round++) { /* leaves in turn, so that grouping has work */
+    for (uint32_t round = 0; at < d->n; round++) { /* leaves in turn: needs grouping */
         for (int s = 0; s < 22; s++) {
             if (round < samples_of(s, tune)) {
                 d->samples[at].slot = s;
@@ -241,8 +241,8 @@ static sample_input input_of(const mlp_data *d, uint32_t i, const float box[4])
     return in;
 }
 
-/* Outputs and, in training, the summed gradients of every leaf, of samples as often as `factors`
- * say (NULL: once). */
+/* Outputs and, in training, the summed gradients of every leaf, each sample weighted by `factors`
+ * (NULL: 1). */
 static void run_reference(const mlp_case *c, const cln_config *config, const mlp_data *d,
                           bool training, uint32_t step_key, const double *factors, double (*out)[4],
                           double *grads)
@@ -289,11 +289,10 @@ static void upload(cln_pipeline *p, const mlp_data *d, uint32_t *slices)
     assert_ok(cln_stage_slices(p, slices));
 }
 
-/* Bounds: about ten times the worst measured over all cases and sets. */
+/* Bounds: about ten times the worst error over all cases and sets. */
 static const bounds forward_bounds = {1e-11, 2e-5}, gradient_bounds = {1e-11, 2e-4};
-/* Pre-activations of 11 bits are off by up to 2^-12, and so are the activations of which weight
- * gradients are sums of products (measured: 9e-8 and 6.5e-3). The outputs do not know: the same
- * bounds. */
+/* Pre-activations of 11 bits err by up to 2^-12, and so do the activations in the weight gradients'
+ * products (measured: 9e-8 and 6.5e-3). Outputs are not affected: they keep their bounds. */
 static const bounds half_bounds = {1e-6, 5e-2};
 
 static void compare_outputs(const mlp_case *c, float (*got)[4], double (*want)[4], uint32_t n)
@@ -363,8 +362,8 @@ static void compare_gradients(const mlp_case *c, const cln_network *net, int lea
     free(sums);
 }
 
-/* What every sample counted for in the newest backward pass: its chosen head over the one it
- * would have had. */
+/* Weight of every sample in the newest backward pass: its chosen head gradient over its original
+ * one. */
 static double *factors_of(cln_pipeline *p, const mlp_data *d, const cln_slice *slices,
                           uint32_t slice_count, uint32_t step_key)
 {
@@ -397,7 +396,7 @@ static double *factors_of(cln_pipeline *p, const mlp_data *d, const cln_slice *s
     return factors;
 }
 
-/* Some samples alone go back: theirs is the gradient. */
+/* A backward pass of a subset of samples: the gradient is the subset's. */
 static void check_some(const mlp_case *c, cln_pipeline *p, const mlp_data *d,
                        const cln_slice *slices, uint32_t slice_count, uint32_t step_key)
 {
@@ -511,8 +510,8 @@ static void test_no_samples(void **state)
     cln_model_free(&model);
 }
 
-/* Cached densities: the cell's centre, or a point drawn in it; a bfloat16 next to the right one
- * is let pass only where float32 rounding may have decided. */
+/* Cached densities: at the cell's centre, or at a random point in it; accepts a neighbouring
+ * bfloat16 only where float32's rounding may have decided. */
 static void check_densities(const mlp_case *c, int n1, bool jitter)
 {
     cln_config config = config_of(c);
@@ -554,8 +553,8 @@ static void check_densities(const mlp_case *c, int n1, bool jitter)
     free_data(&d);
 }
 
-/* The field at points, asked in turns of 37 at most: inside leaves the reference's network, in a
- * culled leaf and outside the cube zero. */
+/* The field at points, in batches of at most 37: equals the reference's network inside leaves, zero
+ * in a culled leaf and outside the cube. */
 static void test_points(void **state)
 {
     enum { POINTS = 100 };
@@ -679,8 +678,8 @@ static void free_trained(trained *t)
     free(t->steps);
 }
 
-/* The same bytes as backward and then Adam (their own tests: against float64), for leaves with
- * too few samples, of one slice and of several. Where Adam is wrong in both, test_adam.c fails. */
+/* The same bytes as backward and then Adam, for leaves with too few samples, of one slice and of
+ * several. Other tests compare these two with float64 (Adam: test_adam.c). */
 static void check_update(const tune_set *set, int leaf, int moments, const mlp_case *like)
 {
     mlp_case c = *like;
@@ -731,8 +730,8 @@ static void test_updates_at_once(void **state)
 
 /* ---- arrays in parts ---- */
 
-/* All that the networks' kernels write: two steps with gradients in memory and two without,
- * outputs, densities, statistics of them. */
+/* All results of the networks' kernels: two steps with gradients in memory and two without,
+ * outputs, densities and their statistics. */
 static void run_all(cln_pipeline *p, const mlp_data *d, trained *apart, trained *at_once,
                     float **out, uint16_t **density, float **stats)
 {
@@ -778,7 +777,7 @@ static void check_split(const tune_set *set)
     cln_pipeline *p = NULL;
     size_t most = 0, n = 0;
 
-    config.n1 = 20; /* densities take more than weights; a pipeline of its own */
+    config.n1 = 20; /* densities larger than weights; a separate pipeline */
     config.min_leaf_samples = 2;
     p = test_pipeline(set, &config, false, false);
     make_data(&cases[0], &config, &p->tune, &d);
@@ -809,7 +808,7 @@ static void check_split(const tune_set *set)
     assert_memory_equal(out[1], out[0], d.n * 4 * sizeof **out);
     assert_memory_equal(density[1], density[0], 22 * 8000 * sizeof **density);
     assert_memory_equal(stats[1], stats[0], 22 * 2 * sizeof **stats);
-    for (int s = 0; s < 22; s++) /* there is something in every part */
+    for (int s = 0; s < 22; s++) /* no part is empty */
         assert_true(stats[0][2 * s + 1] > 0);
     for (int split = 0; split < 2; split++) {
         free_trained(&apart[split]);

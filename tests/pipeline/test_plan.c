@@ -1,8 +1,7 @@
-/* The memory plans (pipeline/plan.h). As arithmetic, on devices that do not exist: rows add up,
- * what can be cut stays below the largest allocation, what cannot is refused by name. As a
- * promise, on the device at hand: no run allocates more than its plan or its limit, growth stops
- * where the limit is, and batches cut by a small largest allocation train and render as batches
- * of that size do, to the last bit. */
+/* The memory plans (pipeline/plan.h). Arithmetic, on fake devices: rows add up, divisible buffers
+ * stay below the largest allocation, others are refused by name. Runs, on the actual device: none
+ * allocates more than its plan or its limit, growth stops at the limit, and batches cut by a small
+ * largest allocation train and render bit for bit like batches of that size. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -16,7 +15,7 @@
 
 static const double MIB = 1 << 20;
 
-/* Four views of 100 x 50, RGBA, with pixels; a pipeline without buffers on a device without a
+/* Four RGBA views of 100 x 50 with pixels; a pipeline without buffers on a device without a
  * driver. */
 typedef struct fake {
     cln_device device;
@@ -96,8 +95,8 @@ static void test_adds_up(void **state)
     }
 }
 
-/* Largest allocations from plenty to hardly any: rows that grow with the batch fit, until the
- * smallest batch is reached; then the check names the row that does not. */
+/* Decreasing largest allocations: rows that grow with the batch fit down to the smallest batch;
+ * then the check names the row that does not fit. */
 static void test_cut_below_the_largest(void **state)
 {
     const cln_config config = preset("fast");
@@ -123,7 +122,7 @@ static void test_cut_below_the_largest(void **state)
     f.desc.leaves = 1;
     cln_plan_device(&f.desc, &plan);
     assert_ok(cln_plan_check(&f.device, &plan));
-    make_fake(&f, &config, 0.2 * MIB, "gpu"); /* one ray's samples may be 768 */
+    make_fake(&f, &config, 0.2 * MIB, "gpu"); /* one ray may have 768 samples */
     f.desc.leaves = 1;
     cln_plan_device(&f.desc, &plan);
     assert_int_equal(plan.max_samples, 768);
@@ -139,7 +138,8 @@ static int row_parts(const cln_plan *plan, const char *purpose)
     return 0;
 }
 
-/* What has a row per leaf is split into as few parts as do, never refused below four whole ones. */
+/* Arrays with a row per leaf are split into as few parts as possible, and never refused below four
+ * full parts. */
 static void test_parts(void **state)
 {
     const cln_config config = preset("fast");
@@ -172,7 +172,7 @@ static void test_parts(void **state)
                         (parts == 3));
             assert_true(fabs(row_bytes(&plan, "stage-1 densities", false) - 8 * leaves -
                              3 * leaves * cells) < 1);
-            if (leaves > 4 * 60 - !leaf) { /* two slices in one leaf make 241 gradients */
+            if (leaves > 4 * 60 - !leaf) { /* a leaf with two slices makes 241 gradients */
                 assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "in each of 4 parts");
                 continue;
             }
@@ -182,8 +182,8 @@ static void test_parts(void **state)
     }
 }
 
-/* Weight gradients are of slices: a leaf's samples, 480 at a time. Counted here one leaf at a
- * time. */
+/* Weight gradients have a row per slice of up to 480 samples of a leaf, counted here leaf by
+ * leaf. */
 static void test_slices_fit(void **state)
 {
     const cln_config config = preset("fast");
@@ -202,13 +202,13 @@ static void test_slices_fit(void **state)
             params = 4.0 * f.pipeline.net.params;
             cln_plan_device(&f.desc, &plan);
             left = plan.max_samples;
-            for (int i = 0; i < leaves[k]; i++) { /* the same everywhere */
+            for (int i = 0; i < leaves[k]; i++) { /* equal numbers */
                 const size_t n = left / (size_t)(leaves[k] - i);
 
                 even += ceil((double)n / 480);
                 left -= n;
             }
-            left = plan.max_samples; /* one each, and the rest in the first */
+            left = plan.max_samples; /* one each, the rest in the first */
             spread = fmin(leaves[k] - 1, (double)left);
             spread += ceil(((double)left - spread) / 480);
             assert_true(even * params <= row_bytes(&plan, "weight gradients", true));
@@ -297,8 +297,8 @@ static double planned(const char *run, const char *path)
     return value;
 }
 
-/* Ways to train that use other buffers. The tree does not shrink, so the last plan is the
- * largest; 4 MiB a buffer keep what is planned for rays near what is used. */
+/* Training variants that use different buffers. The tree does not shrink, so the last plan is the
+ * largest; a limit of 4 MiB per buffer keeps the plan for rays close to its use. */
 static void test_peak_is_planned(void **state)
 {
     static const struct {
@@ -337,8 +337,7 @@ static void test_peak_is_planned(void **state)
     }
 }
 
-/* Level 2 needs more than the limit, which has just room for level 1: a warning, and a run that
- * ends well. */
+/* The limit only allows level 1, level 2 exceeds it: the run warns and ends successfully. */
 static void test_growth_stops_at_the_limit(void **state)
 {
     cln_config config = fixture_config();
@@ -346,7 +345,7 @@ static void test_growth_stops_at_the_limit(void **state)
     double small = 0, large = 0;
 
     NEED_DEVICE();
-    config.width = config.view_width = 32; /* weights weigh more */
+    config.width = config.view_width = 32; /* larger weights */
     assert_ok(train_on("small", &config, NULL, &result));
     small = planned("small", "plan.total");
     snprintf(config.level_at, sizeof config.level_at, "2:0.5");
@@ -368,8 +367,8 @@ static void test_growth_stops_at_the_limit(void **state)
     assert_non_null(strstr(warnings, "--host-mem"));
 }
 
-/* A largest allocation of 256 KiB cuts the batch; another run with that batch as its setting is
- * the same to the last bit, training and pictures. */
+/* A largest allocation of 256 KiB cuts the batch; a run with this batch as its setting gives the
+ * same bits, in training and pictures. */
 static void test_cut_batches(void **state)
 {
     cln_config config = fixture_config();
@@ -395,7 +394,7 @@ static void test_cut_batches(void **state)
     assert_int_equal(set.digest, cut.digest);
     assert_true(set.psnr_test == cut.psnr_test);
     assert_true(cut.device_peak < plain.device_peak);
-    /* one leaf's weights fit, two of eight leaves in each of four parts do not */
+    /* one leaf's weights fit; two leaves' in each of four parts do not */
     config.width = config.view_width = 64;
     assert_fails(train_on("never", &config, "64K", &cut), CLN_MEMORY,
                  "network weights: 81.8 KiB in each of 4 parts");
@@ -403,9 +402,8 @@ static void test_cut_batches(void **state)
     assert_fails(train_on("never", &config, "64X", &cut), CLN_USAGE, "--max-alloc");
 }
 
-/* A largest allocation that has room for the batch, but not for the arrays of 512 leaves: these
- * are split, at the start or when the tree grows, and what is learnt is the same to the last
- * bit. */
+/* A largest allocation that fits the batch but not the arrays of 512 leaves: these are split, at
+ * the start or when the tree grows, and training gives the same bits. */
 static void test_split_arrays(void **state)
 {
     static const char *const stage1[] = {"gather", "splat"};
@@ -437,7 +435,7 @@ static void test_split_arrays(void **state)
     }
 }
 
-/* Refused before an image is read, with a --downscale that will do. */
+/* Refused before reading any image; the sentence suggests a sufficient --downscale. */
 static void test_images_that_do_not_fit(void **state)
 {
     cln_config config = fixture_config();
@@ -449,7 +447,7 @@ static void test_images_that_do_not_fit(void **state)
     (void)state;
     snprintf(path, sizeof path, "%s/scene", fixture_folder);
     desc.path = path;
-    config.host_mem = 12000; /* 8 images of 2,304 bytes, and two being read */
+    config.host_mem = 12000; /* 8 images of 2,304 bytes, plus two being read */
     assert_int_equal(cln_scene_load(&desc, &scene), CLN_MEMORY);
     assert_non_null(strstr(cln_error_text(), "--host-mem"));
     advice = strstr(cln_error_text(), "use --downscale ");
@@ -459,7 +457,7 @@ static void test_images_that_do_not_fit(void **state)
     cln_clear_error();
     assert_ok(cln_scene_load(&desc, &scene));
     cln_scene_free(scene);
-    memset(desc.pixels, 0, sizeof desc.pixels); /* cameras alone */
+    memset(desc.pixels, 0, sizeof desc.pixels); /* cameras only */
     config.downscale = 1;
     config.host_mem = 1;
     assert_ok(cln_scene_load(&desc, &scene));

@@ -1,6 +1,6 @@
 /* rays.cl against the double camera of host/scene/camera.c: origin, unit direction and axis
  * scale of rays through pixels of pinhole and distorted cameras, in scenes of 1e-4 and 1e6
- * units. Which leaves a ray meets is in test_sampling.c. */
+ * units. test_sampling.c tests which leaves a ray meets. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

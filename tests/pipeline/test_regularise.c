@@ -1,7 +1,6 @@
-/* regularise.cl: the extra samples lie where they should (points inside their leaf, pairs on a
- * face that both leaves share), and the gradients are central differences, in double, of the two
- * losses that method.md 10 states; densities from 0 to 1e4. Two parameter sets, one of them
- * GPU-shaped. */
+/* regularise.cl: extra samples have correct positions (points inside their leaf, pairs on a face
+ * that both leaves share); gradients equal central differences, in double, of the two losses of
+ * method.md 10; densities from 0 to 1e4. Two parameter sets, one of them a GPU's. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -15,7 +14,7 @@
 enum { POINTS = 4096, PAIRS = 2048, EXTRA = POINTS + 2 * PAIRS };
 static const double SPARSITY = 0.5, EDGE = 0.25;
 
-/* What one pair costs: U |f_a - f_b| summed over f = alpha (r, g, b, 1), by its share of the
+/* Loss of one pair: U |f_a - f_b| summed over f = alpha (r, g, b, 1), times its share of the
  * mean. */
 static double pair_loss(const double a[4], const double b[4], double spacing, double u)
 {
@@ -32,7 +31,7 @@ static double point_loss(double sigma)
     return SPARSITY * -expm1(-0.05 * sigma) / POINTS;
 }
 
-/* Central difference of a pair's loss by element c of one side. */
+/* Central difference of a pair's loss with respect to element c of one side. */
 static double difference(const double a[4], const double b[4], double spacing, double u, int c,
                          bool of_b)
 {

@@ -1,7 +1,7 @@
-/* Which samples go through the backward pass (kernels/roulette.cl) against float64, for
- * parameters of all kinds of devices: slices of few and many samples, gradients of very
- * different size, none, tiny and huge ones; that the expectation is the whole gradient; and what
- * has no number. The backward pass with them: test_mlp.c. */
+/* The choice of samples for the backward pass (kernels/roulette.cl) against float64, for parameters
+ * of all kinds of devices: slices of few and many samples; gradients of very different size, zero,
+ * tiny and huge; the expectation is the whole gradient; NaN. test_mlp.c tests the backward pass of
+ * chosen samples. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -18,7 +18,7 @@ enum {
     LEAST = 4
 }; /* the kernel's; leaves, one slice each; --min-leaf-samples */
 
-/* Samples of the leaves: too few, about a vector, about a segment, several. */
+/* Samples per leaf: too few, about a vector, about a segment, several. */
 static const int counts[LEAVES] = {LEAST - 1, LEAST, 7, 8, 9, SEGMENT, SEGMENT + 1, 700, 33};
 
 typedef struct batch {
@@ -34,7 +34,7 @@ typedef struct choice {
     cl_uint *chosen, *counts;
 } choice;
 
-/* scale: of all gradients. Of the last leaf none has any. */
+/* scale: factor of all gradients. Those of the last leaf are zero. */
 static void make_batch(float scale, batch *b)
 {
     uint32_t at = 0;
@@ -96,7 +96,7 @@ static void free_choice(choice *c)
     free(c->counts);
 }
 
-/* What float64 makes of the samples [first, first + n) of a leaf. */
+/* float64's choice among the samples [first, first + n) of a leaf. */
 static double expected(const cln_pipeline *p, const batch *b, int leaf, int first, int n,
                        double cutoff, uint32_t step_key, double (*heads)[4], double *factors)
 {
@@ -112,7 +112,7 @@ static void check(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_
     uint32_t all = 0, went = 0;
 
     run(p, b, cutoff, step_key, &c);
-    assert_int_equal(c.counts[0], 0); /* too few samples: none goes */
+    assert_int_equal(c.counts[0], 0); /* too few samples: chooses none */
     assert_int_equal(c.counts[LEAVES], 0);
     for (int l = 1; l < LEAVES; l++) {
         const cl_uint *chosen = c.chosen + b->begin[l];
@@ -123,7 +123,7 @@ static void check(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_
             const int n = counts[l] - first < SEGMENT ? counts[l] - first : SEGMENT;
             double heads[SEGMENT][4], factors[SEGMENT];
 
-            /* no draw is so near that float32 might decide otherwise */
+            /* no draw is so close that rounding in float32 could change the choice */
             assert_true(expected(p, b, l, first, n, cutoff, step_key, heads, factors) > 1e-6);
             for (int i = 0; i < n; i++) {
                 if (factors[i] == 0)
@@ -140,7 +140,7 @@ static void check(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_
                 used++;
             }
         }
-        if (used == 0) { /* one without gradient goes, so that there is a gradient: zero */
+        if (used == 0) { /* chooses one without gradient, so that a (zero) gradient exists */
             assert_int_equal(chosen[0], 0);
             for (int k = 0; k < 4; k++)
                 assert_true(c.heads[b->begin[l]][k] == 0);
@@ -153,7 +153,7 @@ static void check(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_
     free_choice(&c);
 }
 
-/* The more cutoff, the fewer; the same whatever the gradients' scale. */
+/* A higher cutoff chooses fewer; the gradients' scale does not matter. */
 static void test_choice(void **state)
 {
     static const float scales[] = {1, 1e-30f, 1e30f};
@@ -175,7 +175,7 @@ static void test_choice(void **state)
         }
 }
 
-/* Every density's own slope. */
+/* Densities with different slopes. */
 static void test_densities(void **state)
 {
     static const int densities[] = {CLN_DENSITY_RELU, CLN_DENSITY_EXP};
@@ -193,7 +193,7 @@ static void test_densities(void **state)
     }
 }
 
-/* Summed over many steps, what goes comes to as much as all of it; no two steps choose alike. */
+/* Over many steps the chosen gradients sum to the whole; no two steps choose alike. */
 static void test_expectation(void **state)
 {
     enum { KEYS = 400, LEAF = 7 };
@@ -236,7 +236,7 @@ static void test_expectation(void **state)
     free_batch(&b);
 }
 
-/* A gradient that is no number is not dropped, or a training that diverges would not be seen to. */
+/* NaN gradients are not dropped: they reveal a diverging training. */
 static void test_no_number(void **state)
 {
     static const float bad[] = {NAN, INFINITY};

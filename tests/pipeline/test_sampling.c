@@ -1,6 +1,6 @@
 /* sampling.cl with stage 1 by gather, against the float64 reference: leaves along a ray, counts,
- * positions, deltas; random rays, and rays along axes, faces, edges and corners, from inside a
- * leaf and past the cube; cutting a batch that is too large. */
+ * positions, deltas; random rays, and rays along axes, faces, edges and corners, from inside a leaf
+ * and past the cube; cutting a too large batch. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -93,7 +93,7 @@ static void random_rays(float (*o)[4], float (*d)[4])
     }
 }
 
-/* Rays on which the walk has no margin; their stage-1 cells are not compared. */
+/* Rays without a margin for rounding; their stage-1 cells are not compared. */
 static const double special[][6] = {
     {-3, 0.1, 0.2, 1, 0, 0},
     {0.1, 3, 0.2, 0, -1, 0},
@@ -168,8 +168,8 @@ static void test_random_rays(void **state)
     test_report("samples of random rays");
 }
 
-/* Every leaf that the reference finds on a special ray has samples, no other has: full trees of all
- * levels. On faces and edges float32 may choose the neighbour; there lengths must agree. */
+/* In full trees of all levels exactly the leaves that the reference finds on a special ray have
+ * samples. On faces and edges float32 may choose the neighbour; there lengths must agree. */
 static void check_special(int set, int level)
 {
     const sampling_case *c = &cases[0];
@@ -199,7 +199,7 @@ static void check_special(int set, int level)
         const double from[3] = {o[r][0], o[r][1], o[r][2]}, along[3] = {d[r][0], d[r][1], d[r][2]};
         ref_interval iv[REF_MOST_INTERVALS];
         const int n = ref_intervals(&model.tree, from, along, iv, REF_MOST_INTERVALS);
-        /* float32 knows a point 1e4 away to 1e-3 */
+        /* float32 resolves a point 1e4 away to 1e-3 */
         const double within = 1e-5 + 2e-7 * fabs(special[r][0]);
         double length = 0, filled = 0;
         int leaves = 0;
@@ -230,8 +230,8 @@ static void test_special_rays(void **state)
         check_special(level % TUNE_SETS, level);
 }
 
-/* Rays from one corner of cells to another through a tree full of holes: where every step may
- * round to either side of an edge, the walk comes to its end, with samples front to back. */
+/* Rays from corner to corner of cells through a tree full of holes: every step may round to either
+ * side of an edge; the walk must end, with samples front to back. */
 static void check_corners(int set)
 {
     enum { RAYS = 4096 };
@@ -295,7 +295,7 @@ static void test_corners(void **state)
         check_corners(set);
 }
 
-/* Slots on rays with exact numbers: axis-parallel ones in the interior and on faces, where the
+/* Slots on rays with exact coordinates: axis-parallel ones in the interior, and on faces, where
  * half-open boxes decide. */
 static void test_exact_slots(void **state)
 {
@@ -344,7 +344,7 @@ static void test_exact_slots(void **state)
     cln_model_free(&model);
 }
 
-/* A batch that does not fit is cut to the longest prefix of rays that does, at least one. */
+/* A batch that does not fit is cut to its longest prefix of rays that fits, at least one. */
 static void test_cut(void **state)
 {
     const sampling_case *c = &cases[1];
@@ -379,8 +379,8 @@ static void test_cut(void **state)
     run_stage(p, 0, &sampling, &some);
     assert_int_equal(some.n, 0);
     device_samples_free(&some);
-    /* the first ray alone has too many: it is made all the same, into a buffer that has room for
-     * it, too */
+    /* the first ray alone exceeds the limit: its samples are made nevertheless, in a large enough
+     * buffer */
     for (int r = 1; r < RANDOM_RAYS; r++)
         if (all.starts[r + 1] - all.starts[r] > 4) {
             memcpy(o[0], o[r], sizeof o[0]);
@@ -403,7 +403,7 @@ static void test_cut(void **state)
     free(d);
 }
 
-/* Densities in four parts: the same samples. */
+/* Densities in four parts give the same samples. */
 static void test_in_parts(void **state)
 {
     const sampling_case *c = &cases[0];
@@ -417,7 +417,7 @@ static void test_in_parts(void **state)
     bool in[CLN_PARTS] = {false};
 
     (void)state;
-    config.n1 = 7; /* a pipeline of its own */
+    config.n1 = 7; /* a separate pipeline */
     p = test_pipeline(&tune_sets[c->set], &config, false, false);
     make_sampling_model(&config, &model);
     random_rays(o, d);

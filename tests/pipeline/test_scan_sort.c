@@ -1,7 +1,7 @@
 /* scan.cl and group.cl through their stages: prefix sums, the stable radix sort, samples grouped
- * by leaf, against plain loops on the host. Results are integers and must be equal. Sizes run
- * round the chunk length of every parameter set, from 0 up, and over a million; keys have long
- * runs of equals, so that instability shows in the values. */
+ * by leaf, against plain loops on the host. Results are integers and must be equal. Sizes: 0,
+ * around the chunk length of every parameter set, over a million. Long runs of equal keys reveal
+ * instability in the values. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -23,12 +23,11 @@ static cln_pipeline *pipeline_of(int set)
 {
     cln_config config = small_config();
 
-    config.stage1 = CLN_STAGE1_SPLAT; /* the 64-bit sort is built for splatting only */
+    config.stage1 = CLN_STAGE1_SPLAT; /* only splatting builds the 64-bit sort */
     return test_pipeline(&tune_sets[set], &config, false, false);
 }
 
-/* 0, 1, around one chunk (of the least size, and as large as the widest digit makes it), and
- * many. */
+/* 0, 1, around one chunk (the smallest, and that of the widest digit), and many chunks. */
 enum { MOST_SIZES = 12 };
 static int sizes_of(const cln_pipeline *p, uint32_t sizes[MOST_SIZES])
 {
@@ -47,7 +46,7 @@ static void check_scan(cln_pipeline *p, uint32_t n, bool in_place)
 
     for (uint32_t i = 0; i < n; i++)
         values[i] =
-            random_bits((int)i) >> (i % 7 ? 20 : 8); /* sums wrap round 2^32, as uint does */
+            random_bits((int)i) >> (i % 7 ? 20 : 8); /* sums wrap at 2^32, like those of uint */
     if (in_place) {
         test_fill(p->device, &out, NULL, (n + 1) * sizeof *values);
         assert_ok(cln_buffer_write(p->device, &out, 0, values, n * sizeof *values));
@@ -118,7 +117,7 @@ static const char *const kinds[KINDS] = {"random",   "few",     "equal",    "sor
                                          "reversed", "one bit", "top bits", "extreme",
                                          "gaps",     "rays",    "islands",  "one low"};
 
-/* Key i of n, in 64 bits; the highest `bits` of it are sorted by. */
+/* Key i of n, 64 bits; the sort uses its highest `bits`. */
 static uint64_t key_of(kind k, uint32_t i, uint32_t n)
 {
     const uint64_t random = (uint64_t)random_bits(2 * (int)i) << 32 | random_bits(2 * (int)i + 1);
@@ -160,7 +159,7 @@ static uint64_t junk(uint32_t i)
     return (uint64_t)random_bits((int)i) * 0x9E3779B97F4A7C15ull;
 }
 
-/* Values are the places before sorting, so a stable sort is the sort by (key, value). */
+/* Values are the positions before sorting: a stable sort is the sort by (key, value). */
 static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, kind k)
 {
     const size_t size = wide ? sizeof(uint64_t) : sizeof(uint32_t);
@@ -172,7 +171,7 @@ static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, kind k)
     for (uint32_t i = 0; i < n; i++) {
         all[i].key = key_of(k, i, n) >> (64 - bits);
         all[i].value = in_values[i] = i;
-        if (wide) /* what is above the bits to sort by must not matter */
+        if (wide) /* bits above the sorted ones must not matter */
             memcpy(in_keys + i * size, &(uint64_t){all[i].key | (bits < 64 ? junk(i) << bits : 0)},
                    size);
         else
@@ -191,7 +190,7 @@ static void check_sort(cln_pipeline *p, uint32_t n, int bits, bool wide, kind k)
     for (uint32_t i = 0; i < n; i++) {
         uint64_t key = 0;
 
-        memcpy(&key, got_keys + i * size, size); /* little endian, as the device */
+        memcpy(&key, got_keys + i * size, size); /* little endian like the device */
         if (got_values[i] < n && memcmp(&key, in_keys + got_values[i] * size, size) != 0)
             fail_msg("sort of %u %s keys by %d bits: value %u has lost its key", n, kinds[k], bits,
                      got_values[i]);
@@ -230,13 +229,13 @@ static void test_sort(void **state)
         for (kind k = 0; k < KINDS; k++) {
             check_sort(p, 5003, 32, false, k);
             check_sort(p, 5003, 64, true, k);
-            check_sort(p, 40009, 64, true, k); /* enough to look which bits vary */
+            check_sort(p, 40009, 64, true, k); /* enough to look for varying bits */
         }
     }
 }
 
-/* A million and more: whole lines are written, buckets sorted; and where they cannot be, since
- * one would be too large. */
+/* A million and more keys: writes whole lines and sorts buckets; also where a bucket would be too
+ * large for that. */
 static void test_large_sort(void **state)
 {
     const uint32_t n = (1u << 20) + 77;
@@ -255,7 +254,7 @@ static void test_large_sort(void **state)
     }
 }
 
-/* Kernels that a sort of n keys by `bits` bits launches. */
+/* Number of kernels that a sort of n keys by `bits` bits launches. */
 static int launches_of(cln_pipeline *p, uint32_t n, int bits, kind k)
 {
     cln_buffer keys[2] = {{0}, {0}}, values[2] = {{0}, {0}};
@@ -285,8 +284,8 @@ static int launches_of(cln_pipeline *p, uint32_t n, int bits, kind k)
     return (int)(after - before);
 }
 
-/* As many passes as the bits need in which keys differ: none if they are all the same (the spare
- * buffers stay as they were), one for a few bits wherever they stand. */
+/* Only the bits in which keys differ need passes: none for equal keys (the spare buffers stay
+ * unchanged), one for a few bits at any positions. */
 static void test_passes(void **state)
 {
     enum { N = 40009, LOOK = 1, PASS = 3 }; /* looking at the bits; count, scan, scatter */
@@ -359,7 +358,7 @@ static void check_groups(cln_pipeline *p, const int *counts, int leaves)
             assert_true(j == 0 || order[at] > order[at - 1]);
         }
         for (uint32_t covered = first; covered < at; i++) {
-            /* of several slices, none is short (kernels/group.cl) */
+            /* with several slices none is short (kernels/group.cl) */
             assert_true(counts[s] <= p->tune.sl || slice[i].count >= (uint32_t)p->tune.sl / 2);
             assert_true(i < slices);
             assert_int_equal(slice[i].slot, s);

@@ -1,8 +1,8 @@
-/* splat.cl and stats.cl against brute force in double: which sample of which leaf falls on which
- * list of which view, in which order; the samples that come of it (sampling.cl with stage 1 by
- * splatting); padded lists, groups of views and bands of rows give the same bytes; splatting and
- * gathering see about the same optical depths. One camera stands inside a leaf, one looks along
- * an axis at symmetrical samples, which have equal depths. */
+/* splat.cl and stats.cl against brute force in double: list and order of each leaf's samples in
+ * each view; the resulting samples of rays (sampling.cl with stage 1 by splatting); padded lists,
+ * groups of views and bands of rows give the same bytes; splatting and gathering give about the
+ * same optical depths. One camera stands inside a leaf, one looks along an axis at symmetrical
+ * samples, which have equal depths. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -81,7 +81,7 @@ static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
     }
 }
 
-/* In order of view, then row, as splatting wants them. */
+/* In order of view, then row, as splatting requires. */
 static void make_pixels(const cln_camera cameras[VIEWS], cln_pixel pixels[RAYS])
 {
     for (int r = 0; r < RAYS; r++) {
@@ -181,9 +181,8 @@ static int by_list_then_t(const void *a, const void *b)
     return x->t < y->t ? -1 : x->t > y->t;
 }
 
-/* The entry of a cell's centre for a view: its list, depth and density. False if it is dropped.
- * Lists that it would be on if rounding moved it by a hair go to skip[]; *close tells that there
- * are any. */
+/* Entry of a cell's centre in a view: list, depth and density; false if dropped. Marks in skip[]
+ * the lists that rounding could move it to; *close: such lists exist. */
 static bool project_cell(const cln_config *config, const cln_model *model, const float *boxes,
                          const cln_camera *c, const splat_lists *l, int view, int index, entry *e,
                          uint8_t *skip, bool *close)
@@ -224,8 +223,8 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     return true;
 }
 
-/* Every list against brute force. Lists that a close sample may have joined or left are not
- * compared; their share is capped. */
+/* Compares every list with brute force, except lists that rounding may have changed; their share is
+ * limited. */
 static void compare_lists(const cln_config *config, const cln_model *model,
                           const cln_camera *cameras, const splat_lists *l)
 {
@@ -268,7 +267,7 @@ static void compare_lists(const cln_config *config, const cln_model *model,
                 fail_msg("list %d, entry %d is at %.9g, brute force %.9g", list, i, (double)l->t[k],
                          (double)entries[first + i].t);
         }
-        /* Densities in order where depths are apart. */
+        /* Compares densities in order where depths differ clearly. */
         for (int i = 1; i + 1 < count; i++) {
             if (entries[first + i].t - entries[first + i - 1].t > 1e-5f &&
                 entries[first + i + 1].t - entries[first + i].t > 1e-5f)
@@ -302,7 +301,7 @@ static const cln_sampling sampling = {.jitter = true,
                                       .step = 3,
                                       .max_samples = 1 << 22};
 
-/* Everything up to the samples, with room for `entries` projected samples at a time. */
+/* Runs everything up to the samples, with room for `entries` projected samples at a time. */
 static void run_splat(cln_pipeline *p, const cln_config *config, bool distorted, size_t entries,
                       splat_run *run)
 {
@@ -370,7 +369,7 @@ static void assert_same_samples(const device_samples *a, const device_samples *b
         fail_msg("%s: other samples (%u, %u)", what, a->n, b->n);
 }
 
-/* Padded lists, and any cut of the views and rows into groups, are the same lists. */
+/* Padding, and any partition of views and rows into groups, give the same lists. */
 static void test_same_bytes(void **state)
 {
     const cln_config config = config_of(8, CLN_LISTS_CSR), padded = config_of(8, CLN_LISTS_PADDED);
@@ -397,7 +396,7 @@ static void test_same_bytes(void **state)
     free_run(&all);
 }
 
-/* Too little room for even one band of rows is said, with the way out. */
+/* Memory too small for one band of rows: the sentence says so and gives a remedy. */
 static void test_no_room(void **state)
 {
     const cln_config config = config_of(8, CLN_LISTS_CSR);
@@ -415,8 +414,8 @@ static void test_no_room(void **state)
     free_run(&run);
 }
 
-/* The same scene seen by splatted lists and by walking the leaves: mean optical depth of the
- * intervals through leaves with a smooth density, where a sample fell into the chord at all. */
+/* The same scene by splatting and by gathering: mean optical depth of intervals through leaves with
+ * a smooth density, over chords with at least one sample. */
 static void test_splat_like_gather(void **state)
 {
     const cln_config config = config_of(16, CLN_LISTS_CSR);
@@ -454,7 +453,7 @@ static void test_splat_like_gather(void **state)
             bool close = false;
             int m = splat_points(&lists, r, o, d, &iv[i], t, sigma, &close);
 
-            if (m == 0) /* no sample fell on this list's part of the chord */
+            if (m == 0) /* the list has no sample in the chord */
                 continue;
             splat += ref_interval_depth(&iv[i], m, t, sigma);
             m = ref_gather(o, d, &iv[i], boxes + 4 * iv[i].slot, cache + iv[i].slot * cells, 16, t,
@@ -471,7 +470,7 @@ static void test_splat_like_gather(void **state)
     free(cache);
 }
 
-/* stats.cl: which cells some training view sees, and mean and peak of each leaf over them. */
+/* stats.cl: cells seen by a training view, and mean and peak of each leaf over them. */
 static void check_stats(const tune_set *set)
 {
     const cln_config config = config_of(8, CLN_LISTS_CSR);
@@ -488,7 +487,7 @@ static void check_stats(const tune_set *set)
     assert_ok(cln_octree_boxes(&run.model.tree, &boxes));
     test_fill(p->device, &p->seen, NULL, (size_t)(leaves * cells));
     test_fill(p->device, &p->leaf_stats, NULL, (size_t)leaves * 2 * sizeof *stats);
-    p->training_views = VIEWS - 1; /* the last one is not for training: it does not count */
+    p->training_views = VIEWS - 1; /* the last is not a training view and does not count */
     stats = test_alloc((size_t)leaves * 2, sizeof *stats);
     want = test_alloc((size_t)leaves * 2, sizeof *want);
     assert_ok(cln_stage_seen(p));
@@ -516,7 +515,7 @@ static void check_stats(const tune_set *set)
         assert_true(seen[i] <= 1);
         wrong += seen[i] != in_view && !close;
         unseen += !in_view;
-        if (seen[i]) { /* means and peaks follow from what the device saw */
+        if (seen[i]) { /* means and peaks over the device's seen cells */
             const double sigma = ref_from_bf16(run.model.density[i]);
 
             want[2 * (i / cells)] += sigma;
