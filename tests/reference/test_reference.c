@@ -1,7 +1,7 @@
 /* The float64 reference itself, first half: leaf network, compositing with its loss, Adam. Oracles:
  * central differences (step 1e-5), the closed form of method.md 9 in long double, hand-computed
- * numbers. Elements whose perturbation crosses a kink show as differences that do not settle when
- * the step is quartered; they are left out, counted and capped at 2 %. */
+ * numbers. If a perturbation crosses a kink, the difference does not converge when the step is
+ * quartered; such elements are skipped, counted and limited to 2 %. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -41,7 +41,7 @@ typedef struct network_case {
     bool slopes; /* one random slope per element; else `slope` */
     double slope;
     bool fade_bands;
-    int stride; /* of the parameters checked: 1 = all */
+    int stride; /* checks every stride-th parameter */
 } network_case;
 
 static const network_case network_cases[] = {
@@ -84,7 +84,7 @@ static void make_network(const network_case *c, ref_network *r)
         r->level_bands[k] = c->fade_bands ? fmin(fmax(6.5 - k, 0), 1) : 1;
 }
 
-/* sum_k g[k] out[k], the scalar whose gradient is checked. */
+/* sum_k g[k] out[k]: the scalar whose gradient is checked. */
 static double network_value(const ref_network *r, const float *params, const double *slopes,
                             double slope, const double g[4])
 {
@@ -97,7 +97,7 @@ static double network_value(const ref_network *r, const float *params, const dou
     return sum;
 }
 
-/* Central difference by parameter i with the step that float32 really takes. */
+/* Central difference with respect to parameter i, with the step as rounded to float32. */
 static double network_difference(const ref_network *r, float *params, int i, double step,
                                  const double *slopes, double slope, const double g[4])
 {
@@ -136,7 +136,7 @@ static void check_network_case(const network_case *c)
         square += grad[i] * grad[i];
         nonzero += grad[i] != 0;
     }
-    /* Padding has no gradient; what is learned has one, but for faded bands and dead relu. */
+    /* Padding has no gradient; learned numbers have one, except for faded bands and dead relu. */
     assert_true(nonzero <= r.net.learned);
     assert_true(nonzero > r.net.learned / 2);
     bound = 1e-6 * sqrt(square / r.net.params);
@@ -157,7 +157,7 @@ static void check_network_case(const network_case *c)
     }
     if (kinks > checked / 50)
         fail_msg("%s: %d of %d elements do not settle", c->name, kinks, checked);
-    /* A second sample adds to what is there. */
+    /* A second sample adds to the gradient. */
     square = grad[r.net.colour_b];
     ref_backward(&r, params, local, dir, c->slopes ? slopes : NULL, c->slope, g, grad);
     assert_near(grad[r.net.colour_b], 2 * square, 1e-12);
@@ -196,7 +196,7 @@ static void test_encoding(void **state)
     assert_true(out[2] == x[2] && out[3] == 0);
 }
 
-/* A network with six weights that are not zero, followed by hand: x -> 2x -> 3h -> heads. */
+/* A network with six nonzero weights, calculated by hand: x -> 2x -> 3h -> heads. */
 static void test_network_by_hand(void **state)
 {
     const network_case shape = {"hand", 16,   2,     16, 1, 0, true, false, CLN_DENSITY_SOFTPLUS,
@@ -234,7 +234,7 @@ static void test_network_by_hand(void **state)
     ref_forward(&r, params, local, dir, NULL, 0.1, out);
     assert_near(out[3], 10 * log(1 + exp(0.235 - 0.5)), 1e-12);
 
-    /* Slopes lie [layer][neuron], the view layer last. */
+    /* Slopes are [layer][neuron], the view layer last. */
     for (int i = 0; i < 48; i++)
         slopes[i] = 100 + i;
     slopes[0] = -0.3;  /* trunk layer 0, neuron 0: -1 -> 0.3, then 0.9 */
@@ -248,7 +248,7 @@ static void test_network_by_hand(void **state)
     assert_near(out[3], 10 * log(1 + exp(0.03 + 0.25 - 0.5)), 1e-12);
 }
 
-/* The skip layer reads the encoding behind its own input; without view dependence colour comes from
+/* The skip layer reads the encoding after its own input; without view dependence colour comes from
  * the trunk. */
 static void test_skip_by_hand(void **state)
 {
@@ -275,7 +275,7 @@ static void test_skip_by_hand(void **state)
     free(params);
 }
 
-/* Densities at extremes of s, through a network that is one bias. */
+/* Density at extreme s, through a network of one bias. */
 static double density_at(int kind, double bias, float s, double *gradient)
 {
     const network_case shape = {"bias", 16, 2, 16, 1, 0, false, false, kind, false, 0, false, 1};
@@ -377,7 +377,7 @@ static const ref_loss losses[] = {
     {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1, 0.2},
 };
 
-/* Bound: 1e-6 of the gradient's size, and what double rounding leaves of a loss of up to 50 at this
+/* Bound: 1e-6 of the gradient's size, plus the rounding of a loss of up to 50 in double at this
  * step (50 * 2^-53 / 1e-5 = 6e-10). */
 static void test_loss_gradients(void **state)
 {
@@ -500,7 +500,7 @@ static void test_huber_by_hand(void **state)
                 (0.05 * 0.05 / 2 + 0.1 * (0.3 - 0.05)) / 3, 1e-15);
 }
 
-/* Nothing behind an opaque sample counts, nothing overflows, and a ray of empty samples is
+/* Samples behind an opaque one do not count, nothing overflows, and a ray of empty samples is
  * background. */
 static void test_composite_extremes(void **state)
 {
@@ -538,7 +538,7 @@ static void test_adam(void **state)
     double m2 = 0.9 * 0.05 + 0.1 * -0.25, v2 = 0.99 * 0.0025 + 0.01 * 0.0625;
 
     (void)state;
-    /* The first step is lr * sign(g), whatever the size. */
+    /* The first step is lr * sign(g), regardless of the size. */
     ref_adam(2, p, g1, m, v, 1, 0.01, 0.9, 0.99, 0);
     assert_near(p[0], 0.99, 1e-14);
     assert_near(p[1], -0.99, 1e-14);

@@ -1,6 +1,6 @@
 /* The float64 reference itself, second half: rays through the tree, stage 1 and stage 2 sampling,
- * keys, bfloat16. Oracles: point membership by cln_octree_find, the piecewise-linear distribution
- * function written again here, hand-computed numbers. */
+ * keys, bfloat16. Oracles: point membership by cln_octree_find, a second implementation of the
+ * piecewise-linear distribution function, hand-computed numbers. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -32,7 +32,7 @@ static double uniform(uint64_t seed, int index, double low, double high)
 
 /* ---- rays ---- */
 
-/* Full tree at `level`; with `mixed` then a third of its leaves split and a third of all culled. */
+/* Full tree at `level`; `mixed`: then a third of its leaves split, and a third of all culled. */
 static void make_tree(int level, bool mixed, cln_octree *tree)
 {
     uint8_t mark[4096];
@@ -58,7 +58,7 @@ static void point_at(const double o[3], const double d[3], double t, double p[3]
         p[a] = o[a] + t * d[a];
 }
 
-/* Where the ray is inside the closed cube, t >= 0; false if never. */
+/* Part of the ray inside the closed cube, t >= 0; false if none. */
 static bool cube_chord(const double o[3], const double d[3], double *t_in, double *t_out)
 {
     *t_in = 0;
@@ -75,7 +75,7 @@ static bool cube_chord(const double o[3], const double d[3], double *t_in, doubl
     return *t_out > *t_in;
 }
 
-/* What must hold of one ray's intervals, without slab tests; returns their count. */
+/* Checks invariants of one ray's intervals, without slab tests; returns their count. */
 static int check_ray(const cln_octree *tree, bool whole, const double o[3], const double d[3])
 {
     ref_interval iv[MAX_INTERVALS];
@@ -99,7 +99,7 @@ static int check_ray(const cln_octree *tree, bool whole, const double o[3], cons
     }
     if (whole)
         assert_near(total, t_out - t_in, 1e-5 * (n + 1));
-    /* Points between intervals are in no ACTIVE leaf, but for chords too short to count. */
+    /* Points between intervals are in no ACTIVE leaf, except for chords too short to count. */
     for (int i = 0; i <= n; i++) {
         double a = i == 0 ? t_in : iv[i - 1].t_out, b = i == n ? t_out : iv[i].t_in;
 
@@ -144,10 +144,10 @@ static void test_random_rays(void **state)
             cln_octree_free(&tree);
         }
     }
-    assert_true(hits > 800); /* of 1,200: the checks above had something to look at */
+    assert_true(hits > 800); /* of 1,200: the checks above are not vacuous */
 }
 
-/* Rays on which a naive slab test divides by zero, sees a leaf twice or none at all. */
+/* Rays on which a naive slab test divides by zero, or finds a leaf twice or none at all. */
 static void test_awkward_rays(void **state)
 {
     const double r2 = sqrt(0.5), r3 = sqrt(1.0 / 3);
@@ -226,7 +226,7 @@ static void test_ray_by_hand(void **state)
     assert_true(iv[0].t_in == 0 && iv[0].t_out == 0.5 && iv[1].t_out == 1.5);
     cln_octree_free(&tree);
 
-    /* With too little room the nearest are kept and the count still tells all. */
+    /* With too little room the nearest are kept; the count still includes all. */
     make_tree(3, false, &tree);
     assert_int_equal(ref_intervals(&tree, o, d, iv, 3), 8);
     for (int i = 0; i < 3; i++)
@@ -280,7 +280,7 @@ static void test_bf16(void **state)
         {0x1.0101p0f, 0x3f81}, {3.3895314e38f, 0x7f7f}, {FLT_MAX, 0x7f80},     {0x1p-133f, 0x0001},
         {0x1p-134f, 0x0000},   {INFINITY, 0x7f80},      {3.14159265f, 0x4049},
     };
-    const uint32_t nan_bits = 0x7f800001; /* its payload is in the half that is dropped */
+    const uint32_t nan_bits = 0x7f800001; /* its payload is in the dropped half */
     float nan = 0;
 
     (void)state;
@@ -288,7 +288,7 @@ static void test_bf16(void **state)
         assert_int_equal(ref_to_bf16(known[i].value), known[i].bits);
     memcpy(&nan, &nan_bits, sizeof nan);
     assert_true(isnan(ref_from_bf16(ref_to_bf16(nan))));
-    /* Every finite bfloat16 comes back, and what lies between two goes to the nearer one. */
+    /* Every finite bfloat16 is preserved; values between two are rounded to the nearer one. */
     for (uint32_t b = 0; b < 0x7f7f; b++) {
         uint16_t bits = (uint16_t)b;
         float low = ref_from_bf16(bits), high = ref_from_bf16((uint16_t)(b + 1));
@@ -301,7 +301,7 @@ static void test_bf16(void **state)
     }
 }
 
-/* Keys order like (list, t), also at the ends of both. */
+/* Keys are ordered like (list, t), also at the extremes of both. */
 static void test_keys(void **state)
 {
     static const uint32_t lists[] = {0, 1, 2, 639999, 0x7fffffff, 0x80000000u, 0xffffffffu};
@@ -315,7 +315,7 @@ static void test_keys(void **state)
             uint64_t ka = ref_key(lists[a / TS], ts[a % TS]),
                      kb = ref_key(lists[b / TS], ts[b % TS]);
 
-            assert_int_equal(ka < kb, a < b); /* the tables ascend */
+            assert_int_equal(ka < kb, a < b); /* both tables are ascending */
             assert_int_equal(ka == kb, a == b);
         }
     }
@@ -350,7 +350,7 @@ static void test_sample_count(void **state)
     assert_int_equal(ref_sample_count(&weight, 0.1, 0.25, 0, 0, 0.9), 0);
 }
 
-/* All mass in the third of four cells: without a uniform share all samples go there, evenly. */
+/* All mass in the third of four cells: without a uniform share all samples lie there, evenly. */
 static void test_step_density(void **state)
 {
     const double t[4] = {2.25, 2.75, 3.25, 3.75}, sigma[4] = {0, 0, 10, 0};
@@ -379,7 +379,7 @@ static void test_step_density(void **state)
             inside += out[k] > 3 && out[k] < 3.5;
         assert_true(inside >= 162 && inside <= 163);
     }
-    /* Two equal thick cells: the density takes them alike, the weight sees e^-5 of the second. */
+    /* Two equal thick cells: density samples both alike, weight scales the second by e^-5. */
     {
         const double thick[4] = {0, 10, 10, 0};
         int second[2] = {0, 0};
@@ -396,7 +396,7 @@ static void test_step_density(void **state)
     }
 }
 
-/* The mixed distribution function at t, by method.md 7, from arrays of edges and masses. */
+/* The mixed distribution function of method.md 7 at t, from arrays of edges and masses. */
 static double distribution(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
                            const double *sigma, double at)
 {
@@ -429,8 +429,8 @@ static double distribution(const ref_sampling *s, double t_in, double t_out, int
     return total;
 }
 
-/* The distribution function at each position is the u that asked for it. Densities up to 1e6,
- * points outside the chord, equal points, none at all. */
+/* The distribution function at each position equals the u that it was drawn for. Densities up to
+ * 1e6, points outside the chord, equal points, no points. */
 static void test_positions(void **state)
 {
     (void)state;

@@ -1,4 +1,4 @@
-/* PSNR and SSIM of pictures. Oracles: numbers worked out by hand, and SSIM from a separate program
+/* PSNR and SSIM of pictures. Oracles: numbers calculated by hand, and SSIM of a separate program
  * with direct two-dimensional windows. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -11,11 +11,11 @@
 #include "render/metrics_image.h"
 #include "tests.h"
 
-/* What a separate program (direct 11 x 11 windows, centred moments, double) found for make_pair. */
+/* Results of a separate program (direct 11 x 11 windows, centred moments, double) for make_pair. */
 enum { W = 14, H = 13 };
 static const double MSE_OF_PAIR = 0.14807978479853479, SSIM_OF_PAIR = 0.12970402123047567;
 
-/* The pair of images that program was given. */
+/* The images of that program. */
 static void make_pair(float *a, float *b)
 {
     for (int y = 0; y < H; y++)

@@ -1,5 +1,6 @@
-/* Pictures as good as the model (docs/method.md 13): the few samples of a picture against hundreds
- * of evenly spread ones on the same rays of one trained model, whose sum is the integral itself. */
+/* Pictures as good as the model (docs/method.md 13): compares a picture's few samples with hundreds
+ * of evenly spread ones, whose sum is nearly the integral, on the same rays of one trained
+ * model. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

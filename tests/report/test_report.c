@@ -1,6 +1,6 @@
-/* The report. Proved: the page shows what a hand-made run folder holds, its HTML is well formed,
- * names with markup stay text, missing and damaged files still give a page; charts have round
- * ticks. Oracle: texts and numbers written down here; for base64, the vectors of RFC 4648. */
+/* The report. Tested: the page shows the contents of a hand-made run folder, its HTML is well
+ * formed, names with markup stay text, missing and damaged files still give a page; charts have
+ * round ticks. Oracle: literal texts and numbers; for base64, the vectors of RFC 4648. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -59,7 +59,7 @@ static void put_run(const char *run, const char *state, const char *left_out)
                   "images", 1048576, "limit", 8388608));
 }
 
-/* rows with PSNR rising from 10 to 30; test PSNR in every tenth. */
+/* Writes rows with PSNR rising from 10 to 30, and test PSNR in every tenth. */
 static void put_metrics(const char *run, int rows)
 {
     FILE *f = NULL;
@@ -165,8 +165,8 @@ static const char *read_tag(const char *at, char name[16])
     return at + 1;
 }
 
-/* Every '<' begins a tag and every '&' a reference; elements are closed in order; every link leads
- * to one id of the page. */
+/* Every '<' begins a tag and every '&' a reference; elements are closed in order; every link
+ * targets one id of the page. */
 static void assert_well_formed(const char *page)
 {
     static const char *const closed[] = {
@@ -216,7 +216,7 @@ static char *page_of(const char *run)
 
     if (cln_report_write(run) != CLN_OK)
         fail_msg("%s", cln_error_text());
-    assert_string_equal(cln_error_text(), ""); /* nothing that was skipped stays behind */
+    assert_string_equal(cln_error_text(), ""); /* skipped files leave no error */
     page = scratch_get(scratch_path(run, "report.html"), &bytes);
     assert_int_equal(strlen(page), bytes);
     assert_ptr_equal(strstr(page, "<!doctype html>"), page);
@@ -284,7 +284,7 @@ static void page_shows_what_the_run_left(void **state)
     free(page);
 }
 
-/* Each section of the table is on the page, with its link, exactly when it says so. */
+/* Each section of the table is on the page, with its link, exactly if its row says so. */
 static void sections_are_those_of_the_table(void **state)
 {
     const char *const runs[] = {"empty", "full"};
@@ -356,7 +356,7 @@ static void hostile_texts_stay_text(void **state)
     fputs("{\"step\":1,\"seconds\":1,\"psnr_train\":5,\"stages\":{\"<img src=x>'\":1}}\n", f);
     assert_int_equal(fclose(f), 0);
     put_eval(run, 25, "test", 20, json_pack("[o]", one_image(name, 20)));
-    /* '/' of the name becomes '_' and its extension goes */
+    /* '/' in the name becomes '_', its extension is removed */
     put_picture(run, "00000025-test", "<script>alert(1)<_script>\"'&\xc3\xbc %41#?.png");
     page = page_of(run);
     assert_has_not(page, "<script");
@@ -424,7 +424,7 @@ static void null_figures_are_dashes(void **state)
     free(page);
 }
 
-/* Events are no rows of training: they are marks in the curves and a table of their own. */
+/* Events are not rows of training: they become marks in the curves and a separate table. */
 static void decisions_are_marks_and_a_table(void **state)
 {
     const char *run = scratch_path(*state, "run");
@@ -435,7 +435,7 @@ static void decisions_are_marks_and_a_table(void **state)
     put_run(run, "done", "nothing");
     put_metrics(run, 20); /* from 64 leaves in the row of step 225 to 512 in that of step 250 */
     page = page_of(run);
-    assert_int_equal(count_of(page, "class='event'"), 3); /* a level more, it seems */
+    assert_int_equal(count_of(page, "class='event'"), 3); /* looks like one more level */
     assert_int_equal(count_of(page, "class='mark'"), 0);
     assert_has_not(page, "The octree");
     free(page);
@@ -464,7 +464,7 @@ static void decisions_are_marks_and_a_table(void **state)
                      "<td class=n>1.5<td>over budget\n");
     assert_int_equal(count_of(page, "class='mark'"), 5); /* one in each curve */
     assert_int_equal(count_of(page, "class='event'"), 0);
-    assert_has(page, "512</b><span>leaves"); /* of the rows of training */
+    assert_has(page, "512</b><span>leaves"); /* from the rows of training */
     free(page);
 }
 
@@ -515,7 +515,7 @@ static void the_tree_is_shown_with_its_legend(void **state)
     free(page);
 }
 
-/* Without a test split the newest of what there is; test before val before train. */
+/* The report shows the newest evaluation of the first available split: test, val, train. */
 static void shown_views_are_the_most_held_out(void **state)
 {
     const char *run = scratch_path(*state, "run");
@@ -554,7 +554,7 @@ static void many_views_are_sampled_by_rank(void **state)
     assert_has(page, "<b>v00.png</b>");
     assert_has(page, "<b>v08.png</b>");
     assert_has_not(page, "<b>v09.png</b>");
-    assert_has(page, "<td>v09.png<td class=n>29.00<td class=n>0.8750"); /* in the list of all */
+    assert_has(page, "<td>v09.png<td class=n>29.00<td class=n>0.8750"); /* in the full list */
     free(page);
 }
 
@@ -587,7 +587,7 @@ static void an_earlier_error_is_kept(void **state)
     put_text(run, "run.json", "{ broken");
     cln_log_set_sink(scratch_count_warnings, &warnings);
     cln_fail(CLN_DIVERGED, "what really happened");
-    assert_int_equal(cln_report_write(run), CLN_OK); /* as train does on its way out */
+    assert_int_equal(cln_report_write(run), CLN_OK); /* like train at its end */
     assert_string_equal(cln_error_text(), "what really happened");
 }
 
@@ -617,7 +617,7 @@ static void decimation_keeps_ends_and_extremes(void **state)
         greatest = fmax(greatest, to_y[i]);
     }
     assert_true(least == -9 && greatest == 9);
-    /* few points: all of them, without the NaN */
+    /* few points: keeps all but the NaN */
     assert_int_equal(cln_report_decimate(10, x, y, to_x, to_y), 9);
     assert_true(to_x[3] == 4);
     assert_int_equal(cln_report_decimate(0, x, y, to_x, to_y), 0);
@@ -675,7 +675,7 @@ static void html_text_is_escaped(void **state)
         {"a<b>&\"'", "a&lt;b&gt;&amp;&quot;&#39;"},
         {"\xc3\xbc \xe2\x82\xac\n\t", "\xc3\xbc \xe2\x82\xac\n\t"},
         {"\001\x7f", "&#xFFFD;&#xFFFD;"},
-        {"l\xfc \xe2\x82", "l&#xFFFD; &#xFFFD;&#xFFFD;"}, /* Latin-1, and a euro sign cut off */
+        {"l\xfc \xe2\x82", "l&#xFFFD; &#xFFFD;&#xFFFD;"}, /* Latin-1, and a truncated euro sign */
     };
 
     (void)state;

@@ -1,6 +1,6 @@
-/* What the kernels' tests share: a device, parameter sets that stand for kinds of devices (PoCL
- * runs the GPU's, too), buffers that start as NaN and end in a guard, and comparison with float64
- * by two bounds at once. Without a device a test is skipped, and counted as skipped.
+/* Support of the kernels' tests: a device, parameter sets that represent kinds of devices (PoCL
+ * also runs the GPU's), buffers that start as NaN and end in a guard, and comparison with float64
+ * by two bounds. Without a device tests are skipped and counted as skipped.
  *
  *   buffer   |<- what the stage may write ->|<- GUARD bytes ->|      all bytes 0xFF: as floats NaN
  *
@@ -35,14 +35,14 @@ static const tune_set tune_sets[] = {
 };
 enum { TUNE_SETS = sizeof tune_sets / sizeof tune_sets[0] };
 
-/* Other arithmetic, for the kernels that have it. */
+/* Other arithmetic, for kernels that support it. */
 static const tune_set native_set = {"native", "NATIVE=1"};
 static const tune_set half_sets[] = {
     {"half", "HALF=1"},
     {"half, gpu", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,CHUNK=64,HALF=1,LEAF=0"},
 };
 
-/* Fails the test with the standing error's sentence if st is not CLN_OK. */
+/* Fails the test with the current error's sentence if st is not CLN_OK. */
 static inline void assert_ok(cln_status st)
 {
     if (st != CLN_OK)
@@ -52,8 +52,8 @@ static inline void assert_ok(cln_status st)
 static cln_device *test_device_open;
 static cln_tune test_device_tune; /* its defaults */
 
-/* The device of this process, opened once, with the parameters of a set; skips the test without
- * one. */
+/* The device of this process, opened once, with the parameters of a set. Without a device it skips
+ * the test. */
 static inline cln_device *test_device(const tune_set *set)
 {
     if (!test_device_open) {
@@ -68,7 +68,7 @@ static inline cln_device *test_device(const tune_set *set)
         }
         assert_ok(st);
         test_device_tune = test_device_open->tune;
-        test_device_open->tune_exact = true; /* the sets below, and no other */
+        test_device_open->tune_exact = true; /* exactly the sets below */
     }
     test_device_open->tune = test_device_tune;
     assert_ok(cln_tune_parse(set->text, &test_device_open->tune));
@@ -125,7 +125,7 @@ static inline cln_config small_config(void)
 {
     cln_config config;
 
-    memset(&config, 0, sizeof config); /* padding, too: settings are compared as bytes */
+    memset(&config, 0, sizeof config); /* also clears padding: settings are compared as bytes */
     assert_ok(cln_config_preset("fast", &config));
     config.width = config.view_width = 16;
     config.depth = config.bands = 2;
@@ -154,7 +154,7 @@ static inline void *test_alloc(size_t count, size_t size)
 
 /* ---- buffers ---- */
 
-/* *buffer = `bytes` of the given data (NULL: 0xFF) and a guard behind. */
+/* *buffer = `bytes` of the given data (NULL: 0xFF), followed by a guard. */
 static inline void test_fill(cln_device *device, cln_buffer *buffer, const void *data, size_t bytes)
 {
     unsigned char *all = test_alloc(bytes + GUARD, 1);
@@ -168,7 +168,7 @@ static inline void test_fill(cln_device *device, cln_buffer *buffer, const void 
     free(all);
 }
 
-/* Reads `bytes` into fresh memory and checks that the guard behind them is as test_fill left it. */
+/* Reads `bytes` into new memory and checks that the guard after them is unchanged. */
 static inline void *test_read(cln_device *device, const cln_buffer *buffer, size_t bytes,
                               const char *what)
 {
@@ -230,7 +230,7 @@ static inline void compare(const char *what, const float *got, const double *wan
     test_share = fmax(test_share, fmax(error / square / b.nmse, worst / rms / b.worst));
 }
 
-/* Prints the share of its bounds that a test used, so that drift shows before a failure. */
+/* Prints the share of its bounds that a test used, which reveals drift before a failure. */
 static inline void test_report(const char *name)
 {
     print_message("%-24s at most %5.1f %% of a bound\n", name, 100 * test_share);

@@ -1,13 +1,13 @@
-/* build/tests: runs test groups, each in a process of its own, so that a crash, a sanitizer's
- * report or a hang is one failure and not the end of the run.
+/* build/tests: runs each test group in its own process, so that a crash, a sanitizer's report or a
+ * hang is one failure and does not end the run.
  *
  *   build/tests               all groups
  *   build/tests NAME...       some; NAME/PATTERN runs the tests of a group that match (* and ?)
  *   build/tests -l            lists the groups
- *   build/tests -v            shows the tests that pass, too
+ *   build/tests -v            also shows passed tests
  *
  * The last line is "N passed, N failed", and ", N skipped" if any were; exit code 1 if any failed.
- * cmocka's output is counted: a test that began and did not end well has failed. */
+ * It counts cmocka's output: a test that started and did not end well has failed. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -27,7 +27,7 @@
 #include "base/log.h"
 #include "tests.h"
 
-enum { GROUP_SECONDS = 900 }; /* a group that takes longer hangs */
+enum { GROUP_SECONDS = 900 }; /* longer means a hang */
 
 typedef struct counts {
     int passed, failed, skipped;
@@ -45,9 +45,9 @@ static bool starts(const char *line, const char *with)
     return !strncmp(line, with, strlen(with));
 }
 
-/* Ends a group's process without the driver's destructors, whose threads may still be at work, and
- * looks for leaks. PoCL's threads report that they are done before they release their last objects
- * (its clReleaseContext.c), so that only what is still there half a second later is a leak. */
+/* Checks for leaks and ends a group's process without the driver's destructors, whose threads may
+ * still run. PoCL's threads report their end before they release their last objects (its
+ * clReleaseContext.c), so only memory that is still allocated half a second later counts. */
 static _Noreturn void leave(int status)
 {
     fflush(NULL);
@@ -75,7 +75,7 @@ static void run_child(const test_group *group, const char *pattern, int out)
     leave(group->run() ? 1 : 0);
 }
 
-/* Copies the child's lines, without cmocka's chatter unless verbose, and counts its tests. */
+/* Copies the child's lines (cmocka's progress only if verbose) and counts its tests. */
 static counts read_child(int in, bool verbose)
 {
     counts c = {0, 0, 0};
@@ -89,7 +89,7 @@ static counts read_child(int in, bool verbose)
         bool chatter = starts(line, "[ RUN      ]") || starts(line, "[==========]") ||
                        starts(line, "[  PASSED  ]") || strstr(line, "[       OK ] ");
         over = over || (starts(line, "[==========]") && strstr(line, " run."));
-        if (!over) { /* the summary after it names failed and skipped tests again */
+        if (!over) { /* the summary repeats failed and skipped tests */
             begun += strstr(line, "[ RUN      ]") != NULL;
             teardown += strstr(line, "GROUP TEARDOWN") != NULL;
             c.passed += strstr(line, "[       OK ] ") != NULL;

@@ -1,5 +1,5 @@
-/* What tests of models share: a small model in the middle of training. Every byte is drawn from its
- * step: two models of one step are equal, two of different steps differ everywhere. */
+/* Support of tests of models: a small model in the middle of training. Its step determines every
+ * byte: models of the same step are equal, those of different steps differ everywhere. */
 #ifndef CLN_TESTS_MODEL_FIXTURE_H
 #define CLN_TESTS_MODEL_FIXTURE_H
 
@@ -19,7 +19,7 @@ static inline uint32_t draw(uint32_t *counter)
     return out[0];
 }
 
-/* Any bits but those of a NaN, whose payload may change in a copy. */
+/* Random bits except NaN, whose payload may change in a copy. */
 static inline void fill(float *out, size_t count, uint32_t *counter)
 {
     for (size_t i = 0; i < count; i++) {
@@ -34,7 +34,7 @@ static inline size_t moment_bytes(const cln_model *model)
     return (size_t)model->net.params * cln_moment_bytes(&model->config);
 }
 
-/* One leaf is culled, one split; moments have 32 bits after odd steps, 16 after even ones. */
+/* One leaf culled, one split; moments have 32 bits after odd steps, 16 after even ones. */
 static inline void make_model(int64_t step, cln_model *model)
 {
     cln_config config;

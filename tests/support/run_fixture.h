@@ -1,7 +1,6 @@
-/* What the tests of runs share: a scene of a coloured ball (6 views to train on, 2 to
- * test with, 24 x 24, RGBA, Blender's format), settings small enough for a training of a second, a
- * run to look at, and callbacks that ask to stop at a chosen moment. Skips where there is no OpenCL
- * device. */
+/* Support of the tests of runs: a scene of a coloured ball (6 training views, 2 test views, 24 x
+ * 24, RGBA, Blender's format), settings that train in a second, a finished run, and callbacks that
+ * request a stop at a chosen moment. Skips without an OpenCL device. */
 #ifndef CLN_TESTS_RUN_FIXTURE_H
 #define CLN_TESTS_RUN_FIXTURE_H
 
@@ -27,7 +26,7 @@ static inline void assert_ok(cln_status st)
         fail_msg("%s: %s", cln_status_phrase(st), cln_error_text());
 }
 
-/* The status, and a word of its sentence; the error is then forgotten. */
+/* Asserts the status and a word of its sentence; clears the error. */
 static inline void assert_fails(cln_status got, cln_status want, const char *word)
 {
     if (got != want || !strstr(cln_error_text(), word))
@@ -125,7 +124,7 @@ static inline void fixture_split(const char *folder, const char *split, int coun
 
 /* ---- settings and runs ---- */
 
-/* Every byte set, so that settings can be compared and copied. */
+/* Sets every byte, so that settings can be compared and copied. */
 static inline cln_config fixture_config(void)
 {
     cln_config config;
@@ -151,8 +150,7 @@ static inline cln_config fixture_config(void)
     return config;
 }
 
-/* What the callbacks of a test do: a signal when `step` steps are done, or once `pictures` calls of
- * work() came; after that none. */
+/* A test's callbacks: one signal after `step` steps or `pictures` calls of work(), then none. */
 typedef struct fixture_stop {
     int signal;
     int64_t step;
@@ -213,7 +211,7 @@ static inline cln_status fixture_train(const char *run, bool resume, const cln_c
     return cln_train(&desc, result);
 }
 
-/* A kernel folder whose lanes.h has these lines at its end; skips outside the source tree. */
+/* A kernel folder whose lanes.h ends with these lines; skips outside the source tree. */
 static inline const char *fixture_kernels_with(const char *name, const char *lines)
 {
     char file[128], *text = NULL, *more = NULL;
@@ -249,7 +247,7 @@ static inline json_t *fixture_parse(char *text)
     return document;
 }
 
-/* Text and number at "a.b" of a document. */
+/* Value at "a.b" of a document. */
 static inline json_t *fixture_at(json_t *document, const char *path)
 {
     char key[64];
@@ -279,8 +277,8 @@ static inline uint64_t fixture_digest(const char *run)
     return digest;
 }
 
-/* Group setup: folder, scene, and the run "whole" that others are compared with. Without a device
- * the scene is made all the same, and tests skip themselves. */
+/* Group setup: folder, scene, and the run "whole" for comparison. Without a device it still makes
+ * the scene, and tests skip themselves. */
 static cln_train_result fixture_whole;
 static bool fixture_has_device;
 

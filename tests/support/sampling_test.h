@@ -1,14 +1,14 @@
-/* The device's samples of stage 2 against float64 (reference/ray_samples.c), for both ways to stage
- * 1's points: gather (test_sampling.c) and splat (test_splat.c). Discrete results (leaves, counts)
- * must be equal. Rays on which float32 may decide otherwise are left out and counted; their share
- * is bounded. */
+/* The device's samples of stage 2 against float64 (reference/ray_samples.c), for both kinds of
+ * stage 1: gather (test_sampling.c) and splat (test_splat.c). Discrete results (leaves, counts)
+ * must be equal. Rays on which rounding may change a decision of float32 are skipped and counted;
+ * their share is limited. */
 #ifndef CLN_TESTS_SAMPLING_TEST_H
 #define CLN_TESTS_SAMPLING_TEST_H
 
 #include "device_test.h"
 #include "check/selftest_checks.h"
 
-/* The rays of a batch, and what their samples are drawn from. */
+/* The rays of a batch, and the parameters of their samples. */
 typedef struct ray_source {
     const cln_octree *tree;
     const cln_config *config;
@@ -17,8 +17,8 @@ typedef struct ray_source {
     void *user;
 } ray_source;
 
-/* Runs the stage twice, the second time into guarded buffers of NaN; both must give the same bytes.
- */
+/* Result of running the stage twice, the second time into guarded buffers of NaN; both must give
+ * the same bytes. */
 typedef struct device_samples {
     int rays;
     uint32_t n, *starts; /* [rays + 1] */
@@ -62,7 +62,7 @@ static inline void run_stage(cln_pipeline *p, int rays, const cln_sampling *s, d
     free(first);
 }
 
-/* Any samples are in order and in their leaf's chord, and their deltas fill it. */
+/* Samples must be in order and in their leaf's chord, and their deltas must fill it. */
 static inline void check_samples(const cln_octree *tree, const device_samples *d, float (*o)[4],
                                  float (*dir)[4])
 {
@@ -102,7 +102,7 @@ static inline void check_samples(const cln_octree *tree, const device_samples *d
     }
 }
 
-/* All samples against the reference; returns the share of rays that were left out. */
+/* Compares all samples with the reference; returns the share of skipped rays. */
 static inline double compare_samples(const char *name, const ray_source *from,
                                      const device_samples *d, float (*o)[4], float (*dir)[4],
                                      double most_left_out)

@@ -1,4 +1,4 @@
-/* What tests of scenes share: small images and JSON documents in a scratch folder, and loading with
+/* Support of tests of scenes: small images and JSON documents in a scratch folder, and loading with
  * the default settings. */
 #ifndef CLN_TESTS_SCENE_FIXTURE_H
 #define CLN_TESTS_SCENE_FIXTURE_H
@@ -9,8 +9,7 @@
 #include "scene/scene.h"
 #include "scratch.h"
 
-/* A camera at distance 4 in front of the origin that looks at it; OpenGL's axes, as in the files.
- */
+/* A camera at distance 4 that looks at the origin; OpenGL's axes, as in the files. */
 #define POSE_FRONT "[[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]"
 
 #define FRAME(file, pose) "{\"file_path\":\"" file "\",\"transform_matrix\":" pose "}"

@@ -1,5 +1,5 @@
-/* What tests of files share: a fresh folder per test (a cmocka fixture), whole files read and
- * written, and a log sink that counts warnings. */
+/* Support of tests of files: a fresh folder per test (a cmocka fixture), reading and writing whole
+ * files, and a log sink that counts warnings. */
 #ifndef CLN_TESTS_SCRATCH_H
 #define CLN_TESTS_SCRATCH_H
 
@@ -47,7 +47,7 @@ static inline int scratch_remove(void **state)
     return rc;
 }
 
-/* "folder/name", good until the test ends. */
+/* "folder/name", valid until the test ends. */
 static inline const char *scratch_path(const char *folder, const char *name)
 {
     char *path = NULL;
@@ -69,7 +69,7 @@ static inline void scratch_put(const char *path, const void *data, size_t bytes)
 
 static inline char *scratch_get(const char *path, size_t *bytes)
 {
-    static char *data; /* an automatic one makes gcc 12 warn of pointers into the text */
+    static char *data; /* not automatic: gcc 12 would warn of pointers into it */
 
     assert_int_equal(cln_read_file(path, (size_t)1 << 30, &data, bytes), CLN_OK);
     return data;
@@ -82,7 +82,7 @@ static inline void scratch_count_warnings(cln_log_level level, const char *line,
     *(int *)user += level == CLN_LOG_WARN;
 }
 
-/* A full disk: from here on no file grows beyond `bytes` (RLIM_INFINITY ends it). */
+/* Simulates a full disk: no file grows beyond `bytes` (RLIM_INFINITY ends it). */
 static inline void scratch_limit_files(rlim_t bytes)
 {
     struct rlimit limit = {bytes, RLIM_INFINITY};
