@@ -2,9 +2,8 @@
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
 # AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed
 # library, and the devices side by side. Each part ends with a line "N passed, N failed[, N
-# skipped]"; their sum is the last line here, and the exit status is non-zero if anything failed. A
-# part that breaks without saying so counts as one failure. What failed is named again before the
-# sum.
+# skipped]"; the last line here is their sum, and the exit status is non-zero if anything failed. A
+# part that breaks without this line counts as one failure. Failures are repeated before the sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
@@ -14,7 +13,7 @@ passed=0 failed=0 skipped=0 failures=""
 mkdir -p build
 log=build/test-part.log
 
-# lines that tell of a failure
+# lines that report a failure
 telling='FAILED|^failed|: failed|exit status|ended by|[1-9][0-9]* failed|^=='
 telling+='|SUMMARY: |leak of|^ +#[0-9]' # sanitizers
 
@@ -41,8 +40,8 @@ part() {
     echo "$name: $((SECONDS - started)) s"
 }
 
-# halves PROGRAM GROUP...: in two processes at once, as a driver compiles kernels with one thread.
-# The last line is the sum of theirs.
+# halves PROGRAM GROUP...: runs the groups in two simultaneous processes, because a driver compiles
+# kernels with one thread. The last line is their sum.
 halves() {
     local program=$1 status=0 other first second
     shift
@@ -70,8 +69,8 @@ unit() {
     halves build/tests $(build/tests -l)
 }
 
-# Unit tests under sanitizers, without the groups that build many kernels: they would take minutes
-# there and run the same host code.
+# Unit tests under sanitizers, without the groups that build many kernels: those would take minutes
+# and run the same host code.
 sanitized() {
     # shellcheck disable=SC2046
     halves build/sanitize/tests $(build/sanitize/tests -l | grep -v -x -E "mlp|tuner")

@@ -1,7 +1,6 @@
 #!/bin/sh
 # The demo behind `make demo`: generated scene -> two minutes of training -> held-out views -> a
-# short orbit, all under build/demo/. The run of an earlier demo is replaced; it is this script's
-# own.
+# short orbit, all under build/demo/. Replaces the run of an earlier demo.
 set -eu
 
 demo=build/demo

@@ -1,8 +1,7 @@
 #!/bin/sh
-# Installs the Debian packages that are missing for: build, test, lint, peers (any of them as
-# arguments). Names them before it installs; says and does nothing if all are there. "a|b" is
-# satisfied by either and installed as the first. Not a package manager for other systems: there it
-# names what is needed.
+# Installs missing Debian packages for: build, test, lint, peers (any of them as arguments). Names
+# them first; prints nothing if all are installed. "a|b": either will do, installs the first. On
+# other systems it only names the required packages.
 set -eu
 
 build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libstb-dev zlib1g-dev
@@ -60,7 +59,7 @@ if [ "$(id -u)" != 0 ]; then
     as_root=sudo
 fi
 export DEBIAN_FRONTEND=noninteractive
-# a package list that is old or empty is the usual reason for a first failure
+# a first failure is usually due to an old or empty package list
 # shellcheck disable=SC2086
 if ! $as_root apt-get install -y --no-install-recommends $missing; then
     $as_root apt-get update

@@ -1,15 +1,15 @@
 #!/bin/bash
-# make lint: what can be checked without running anything. Each check prints its findings and one
-# line; the last line is "N passed, N failed[, N skipped]". Run from the repository's root.
+# make lint: static checks. Each check prints its findings and one line; the last line is "N passed,
+# N failed[, N skipped]". Run from the repository's root.
 #   warnings    every C file compiles with gcc's warnings as errors
 #   kernels     every kernels/*.cl compiles with clang as OpenCL C 1.2, with no device involved
-#   rooms       host/ folders include only themselves and what stands below them (ORDER, DOWN)
-#   circles     no file of host/ includes, over others, itself (a.c and a.h count as one)
+#   rooms       host/ folders include only themselves and lower folders (ORDER, DOWN)
+#   circles     no file of host/ includes itself through others (a.c and a.h count as one)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
 #   options     every option of host/base/config_rows.h is in the man page
 #   method      every section of docs/method.md that a comment cites is a heading there
 #   format      clang-format has nothing to change
-#   length      no file over 1000 lines, no line over 100 columns but those that hold an address
+#   length      no file over 1000 lines, no line over 100 columns except lines with an address
 #   scripts     shellcheck, if it is installed
 set -u
 cd "$(dirname "$0")/.." || exit 1
@@ -60,16 +60,16 @@ warnings() {
     printf '%s\n' $c_files | xargs -P 2 -n 4 ${CC:-gcc} $flags -fsyntax-only
 }
 
-# The prelude's helpers need not all be used, and an argument list is the same for every build of a
-# kernel: those two warnings are off.
+# Two warnings are off: a kernel need not use all of the prelude's helpers, and its argument list is
+# the same for every build.
 kernel() {
     "$clang" -x cl -cl-std=CL1.2 -Xclang -finclude-default-header -fsyntax-only -Wall -Wextra \
         -Werror \
         -Wno-unused-function -Wno-unused-parameter "$@"
 }
 
-# Headers of a kernel file, in order: those that its first line names, "needs: leaves network",
-# behind theirs (host/device/program.c does the same).
+# Headers of a kernel file, in order: those that its first line names ("needs: leaves network"),
+# each after its own (as in host/device/program.c).
 needs() {
     local header
     for header in $(sed -n '1s|^/\* needs: \([a-z_0-9 ]*\).*|\1|p' "$1"); do
@@ -115,7 +115,7 @@ rooms() {
     done
 }
 
-# One line "from to" for each file and what it includes; tsort names the files of a circle.
+# One line "from to" for each include; tsort names the files of a circle.
 circles() {
     grep -H '^#include "[a-z_]*/' host/*/*.[ch] |
         sed 's/^host\/\([^.]*\)\.[ch]:#include "\([^.]*\)\.h".*/\1 \2/' |
@@ -142,8 +142,8 @@ options() {
         done
 }
 
-# "method.md 4, 5", "method.md sections 4 to 7", "method.md 9's rule": the numbers behind the name,
-# as far as the line goes.
+# "method.md 4, 5", "method.md sections 4 to 7", "method.md 9's rule": the numbers after the name,
+# up to the end of the line.
 method() {
     local file line words number headings
     headings=" $(sed -n 's/^##* \([0-9][0-9.]*\)[. ].*/\1/p' docs/method.md | sed 's/\.$//' |

@@ -1,12 +1,11 @@
 #!/bin/bash
-# The gate of a change that must not change results: trains short runs with a budget in steps, and
+# The gate for changes that must not change results: trains short runs with a budget in steps, and
 # prints for each the digest of its model and a checksum of its pictures. Not part of `make test`:
-# it compares two programs on one machine, as bits differ between devices. A change that only moves
-# code prints the same before and after:
+# it compares two programs on one machine, because bits differ between devices. A change that only
+# moves code prints the same before and after:
 #   tests/same_bits.sh PROGRAM >before; ...; tests/same_bits.sh PROGRAM | diff before -
 #   tests/same_bits.sh PROGRAM CASE...        only these cases
-# PROGRAM is a build/cl-nascent; its build/make-scene stands beside it. About five minutes on two
-# cores.
+# PROGRAM is a build/cl-nascent, with build/make-scene next to it. About five minutes on two cores.
 set -eu
 
 program=$(realpath "$1")
@@ -36,7 +35,7 @@ wanted() {
     return 1
 }
 
-# say NAME RUN: digest of the model, checksums of what eval and render make of it
+# say NAME RUN: digest of the model, checksums of its output from eval and render
 say() {
     local name=$1 run=$2 digest pictures
     digest=$("$program" info "$run" --json |
@@ -60,7 +59,7 @@ bits() {
     rm -rf "$work/run-$name"
 }
 
-# The same run as "fast", interrupted again and again: its line must be that of "fast".
+# The run "fast", interrupted repeatedly: its line must equal that of "fast".
 interrupted() {
     wanted interrupted || return 0
     local run=$work/run-interrupted status=0 tries=0

@@ -1,17 +1,17 @@
 #!/bin/bash
-# One table of cases on every OpenCL device found, against float64 and against each other: vendors'
-# compilers miscompile silently, and what runs on one device proves little about the next.
-# docs/devices.md has what came out. Where a case fails, the device and the case are named.
+# One table of cases on every OpenCL device, against float64 and against each other: vendors'
+# compilers miscompile silently, and success on one device proves little about the next.
+# docs/devices.md has the results. A failure names device and case.
 #   tests/device/devices.sh [-q] [SECTION...]      -q: the part that `make test` runs
 #   table    every check of the self-test against float64, its outputs against the first device that
 #            passed all: whole numbers equal, floats within the check's own bounds
 #   unit     the kernels' tests in build/tests on each device (not with -q)
 #   train    a scene trained and evaluated on each: PSNR within 0.1 dB of the first device's; the
 #            first device's run evaluated on each: within 0.01 dB
-#   broken   kernels broken on purpose are noticed and named; `train` refuses them unless forced
+#   broken   kernels broken on purpose are detected and named; `train` refuses them unless forced
 #   grind    the tiny shapes under Oclgrind, a simulator: no race, no bad access; all kernels ran
-# Devices are those that the loader knows (OCL_ICD_VENDORS), of PoCL both pthread and basic, of
-# Mesa's rusticl llvmpipe. ONLY=N tests row N of `cl-nascent devices` alone.
+# Devices: all that the loader finds (OCL_ICD_VENDORS), PoCL's pthread and basic, llvmpipe of Mesa's
+# rusticl. ONLY=N tests only row N of `cl-nascent devices`.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -27,7 +27,7 @@ reference="" reference_name=""
 
 # ---- helpers ----
 
-# add NAME: the counts of the last line on stdout become ours; without it, a failure
+# add NAME: adds the counts of stdout's last line to ours; a failure if there is none
 add() {
     local counts line p f s
     counts=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$work/out" | tail -1)
@@ -47,7 +47,7 @@ add() {
     [ "$f" = 0 ]
 }
 
-# Rows and names of the devices, in devices[] and names[]; best: the one for what one device shows.
+# Rows and names of the devices, in devices[] and names[]; best: the device of single-device checks.
 find_devices() {
     local i name units most=0
     devices=() names=() best=0
@@ -127,7 +127,7 @@ section_train() {
             continue
         fi
         check "device ${names[$i]}: PSNR within 0.1 dB" differ_by "$psnr" "$first" 0.1
-        # decisions near a threshold fall either way by rounding: a twentieth of the leaves
+        # rounding may change decisions close to a threshold: a twentieth of the leaves
         check "device ${names[$i]}: as many leaves" differ_by "$leaves" "$first_leaves" \
             $((first_leaves / 20))
         run "$cln" eval "$first_run" -d "${devices[$i]}" --json --quiet --progress none
@@ -161,11 +161,11 @@ section_broken() {
         "regularisers backward "
     noticed "one too few" group.cl 's/end\[keys\[i\]\] = i + 1u/end[keys[i]] = i/' \
         "networks backward "
-    # between layers: elsewhere indices would be read too early, and the device might crash
+    # only between layers: elsewhere indices would be read too early and could crash the device
     noticed "a missing barrier" layer.h \
         '/local float \*trunk_forward/,/return DEPTH/s/GROUP_SYNC();//' \
         "networks: (colour|density) "
-    # right by float64 (any random number is), but not what the others make of it
+    # correct by float64 (any random number is), but different from other devices
     noticed "other random numbers" sampling.cl \
         's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
         "samples: where, as the other"
@@ -181,15 +181,15 @@ section_broken() {
         --kernel-dir "$work/kernels" "${settings[@]}" --skip-selftest
 }
 
-# Oclgrind 21.10 simulates what clang 14 makes of the source. Its options here:
+# Oclgrind 21.10 simulates clang 14's code. Its options here:
 #   -Drestrict=       `restrict` of inlined helpers leaves calls of an intrinsic,
 #                     llvm.experimental.noalias.scope.decl, which it takes for an undefined function
-#   --max-errors      by default only the first thousand errors are logged, in no fixed order
+#   --max-errors      by default it logs only the first thousand errors, in no fixed order
 #   no --uninitialized
-#                     every write of the host makes its shadow of a global buffer anew, with that
-#                     write's size, so that the rest counts as unwritten; and `freeze` instructions
-#                     end a kernel. device-cases fills new buffers with NaN instead, so that reading
-#                     what nothing wrote fails a comparison.
+#                     every write of the host replaces its shadow of a global buffer by one of the
+#                     write's size, and the rest counts as unwritten; and `freeze` instructions end
+#                     a kernel. device-cases fills new buffers with NaN instead, so that reading
+#                     unwritten memory fails a comparison.
 simulate() {
     rm -f "$work/log"
     run timeout 900 oclgrind --log "$work/log" --max-errors 100000 --build-options -Drestrict= \
@@ -216,8 +216,8 @@ section_grind() {
     ran=$(sed -n "s/.*executed for kernel '\([a-z_0-9]*\)'.*/\1/p" "$work/out" | sort -u)
     head -n 40 "$work/log"
     check "no race, no bad access" [ ! -s "$work/log" ]
-    # peak_*: ceilings, for the benches; sort_varying, sort_buckets: from 32768 and a million pairs
-    # on, half a minute and many here
+    # peak_*: ceilings of the benches; sort_varying, sort_buckets: need 32768 and a million pairs,
+    # which take half a minute and many minutes here
     for kernel in $(cat kernels/*.cl | tr '\n' ' ' | sed 's/__attribute__((reqd[^)]*)))//g' |
         grep -oE '__kernel +void [a-z_0-9]+' | sed 's/.* //'); do
         case $kernel in

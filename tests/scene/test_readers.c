@@ -1,6 +1,6 @@
-/* Which reader takes a path, and what is told when none does: the sentence names what lies there,
- * what the reader misses and what to do. And scenes whose folder and images have names that shells,
- * patterns and JSON give a meaning to: they load, and `info` tells them letter by letter. */
+/* The choice of a reader for a path, and the sentence if none accepts it: it names the path's
+ * contents, what is missing and the remedy. Also scenes whose folder and images have names with a
+ * meaning to shells, patterns and JSON: they load, and `info` prints them unchanged. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -16,8 +16,8 @@
 
 typedef struct no_scene {
     const char *what;
-    const char *files[8]; /* that are put there: "/" at the end makes a folder */
-    const char *path;     /* that is given: "" = the folder itself */
+    const char *files[8]; /* to create: "/" at the end makes a folder */
+    const char *path;     /* to load: "" = the folder itself */
     const char *words[6];
 } no_scene;
 
@@ -113,7 +113,7 @@ static void test_not_a_scene(void **state)
     }
 }
 
-/* Nothing there, and a folder with a subfolder that may not be read. */
+/* A missing path, and a folder with an unreadable subfolder. */
 static void test_unreadable(void **state)
 {
     const char *folder = *state;
@@ -125,12 +125,12 @@ static void test_unreadable(void **state)
     put(folder, "shut/a.png");
     assert_int_equal(chmod(scratch_path(folder, "shut"), 0), 0);
     assert_int_equal(try_load(folder, NULL, &scene), CLN_INPUT);
-    assert_non_null(strstr(cln_error_text(), "not a scene: it holds ")); /* the superuser sees it */
+    assert_non_null(strstr(cln_error_text(), "not a scene: it holds ")); /* root can read it */
     cln_clear_error();
     assert_int_equal(chmod(scratch_path(folder, "shut"), 0700), 0);
 }
 
-/* Names that have a meaning to shells, regular expressions, printf, HTML, JSON or paths. */
+/* Names with a meaning to shells, regular expressions, printf, HTML, JSON or paths. */
 static const char *const odd_names[] = {
     "a (1) [2].png",
     "b + c * d?.png",
@@ -187,7 +187,7 @@ static void test_odd_names(void **state)
         const char *name = strchr(odd_names[i], '\\') ? "back/slash $x.png" : odd_names[i];
         bool there = false;
 
-        for (int v = 0; v < ODD; v++) /* each with its own pixels */
+        for (int v = 0; v < ODD; v++) /* each has its own pixels */
             there = there || (!strcmp(scene->views[v].name, name) &&
                               scene->views[v].pixels[0] == (uint8_t)(20 * i));
         if (!there)
@@ -214,7 +214,7 @@ static void test_odd_names(void **state)
     cln_clear_error();
 }
 
-/* A folder whose name is no UTF-8 cannot stand in JSON. */
+/* JSON cannot contain a folder's name that is not UTF-8. */
 static void test_name_not_utf8(void **state)
 {
     const char *folder = NULL;

@@ -1,7 +1,7 @@
 /* Scenes that load: both dialects of transforms JSON from files that the test writes, down to the
- * pixel that a known point falls on; splits, order, downscale, bounds, digest, description.
- * Oracles: numbers worked out by hand from the conventions in scene.h. Broken input is in
- * test_scene_input.c. */
+ * projected pixel of a known point; splits, order, downscale, bounds, digest, description. Oracles:
+ * numbers calculated by hand from the conventions in scene.h. test_scene_input.c tests broken
+ * input. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -119,18 +119,18 @@ static void test_instant_ngp(void **state)
     /* a = 0.5, b = 0.25 (v down, so y = -0.25 * 4): the distorted point of test_camera.c. */
     view = view_named(scene, "images/0001.png");
     assert_projects(view, 2, -1, 0, 9.5 + 30 * 0.51798828125, 6.25 + 40 * 0.258994140625);
-    /* Its own focal length counts for both axes; the principal point is shared. */
+    /* Its own focal length applies to both axes; the principal point is shared. */
     view = view_named(scene, "images/0002.png");
     assert_projects(view, 2, -1, 0, 9.5 + 50 * 0.5, 6.25 + 50 * 0.25);
     cln_scene_free(scene);
 
-    scene = load(scratch_path(folder, "transforms.json"), &config); /* by its file */
+    scene = load(scratch_path(folder, "transforms.json"), &config); /* by its file's path */
     assert_int_equal(scene->view_count, 2);
     assert_string_equal(scene->folder, folder);
     cln_scene_free(scene);
 }
 
-/* nerfstudio names splits by file; a frame may be in two, frames in none are left out. */
+/* nerfstudio lists each split's files; a frame may be in two splits, frames in none are dropped. */
 static void test_nerfstudio_lists(void **state)
 {
     const char *folder = *state;
@@ -152,7 +152,7 @@ static void test_nerfstudio_lists(void **state)
     cln_log_set_sink(scratch_count_warnings, &warnings);
     scene = load(folder, NULL);
     assert_string_equal(scene->dialect, "nerfstudio");
-    assert_int_equal(warnings, 1); /* 3.png is left out */
+    assert_int_equal(warnings, 1); /* 3.png is dropped */
     assert_int_equal(scene->view_count, 4);
     assert_string_equal(scene->views[0].name, "0.png");
     assert_string_equal(scene->views[1].name, "2.png");
@@ -163,7 +163,7 @@ static void test_nerfstudio_lists(void **state)
     cln_scene_free(scene);
 }
 
-/* A camera given for the full-size image is scaled to a smaller copy, with one warning. */
+/* The camera of a full-size image is scaled to a smaller copy, with one warning. */
 static void test_smaller_copies(void **state)
 {
     const char *folder = *state;
@@ -205,8 +205,8 @@ static void test_natural_compare(void **state)
         }
 }
 
-/* Every 8th by name byte by byte: r_0 r_1 r_10 r_11 .. r_16 r_2 .. r_9 has r_0, r_16 and r_9 at 0,
- * 8 and 16. The views then stand in natural order. */
+/* Every 8th in bytewise order of names: r_0 r_1 r_10 r_11 .. r_16 r_2 .. r_9 has r_0, r_16 and r_9
+ * at 0, 8 and 16. The views themselves are in natural order. */
 static void test_holdout(void **state)
 {
     const char *folder = *state;
@@ -271,7 +271,7 @@ static void test_downscale(void **state)
     cln_scene_free(scene);
 }
 
-/* Only the wanted splits hold pixels, and the digest does not depend on that. */
+/* Only the wanted splits have pixels; the digest does not depend on the choice. */
 static void test_wanted_splits(void **state)
 {
     const char *folder = *state;
@@ -322,7 +322,7 @@ static void test_bounds(void **state)
 {
     const char *folder = *state;
     const char *crossing = FRAME("0.png", POSE_FRONT) "," FRAME("1.png", POSE_SIDE);
-    /* Looks along -z from (0, 0, 4) and from (2, 0, 4). */
+    /* Cameras at (0, 0, 4) and (2, 0, 4) look along -z. */
     const char *parallel =
         FRAME("0.png", POSE_FRONT) "," FRAME("1.png", "[[1,0,0,2],[0,1,0,0],[0,0,1,4],[0,0,0,1]]");
     /* Back to back at x = +-1, looking outwards along +-x. */
@@ -341,12 +341,11 @@ static void test_bounds(void **state)
     /* Longest side 3, times 2. */
     check_bounds(folder, "", "\"aabb_scale\":2,\"aabb\":[[-1,0,0],[1,3,1]],", crossing,
                  (double[3]){0, 1.5, 0.5}, 3, "aabb");
-    /* --bbox is above all of them. */
+    /* --bbox overrides all of them. */
     check_bounds(folder, "-1,-1,0,1,3,1", "\"aabb_scale\":1,", crossing, (double[3]){0, 1, 0.5}, 2,
                  "--bbox");
     /* Axes cross in the origin; cameras are 4 away; at depth 4 the corner of 8 x 8 pixels at focal
-     * length 10 is 4 * hypot(0.4, 0.4) = 2.26 away, less than that. With focal length 1 it is 22.6.
-     */
+     * length 10 is 4 * hypot(0.4, 0.4) = 2.26 away, less than 4; at focal length 1, 22.6. */
     check_bounds(folder, "", "", crossing, (double[3]){0, 0, 0}, 4, "nearest to all optical axes");
     check_bounds(folder, "", "\"fl_y\":1,", crossing, (double[3]){0, 0, 0}, 4 * hypot(0.4, 4),
                  "nearest to all optical axes");
@@ -354,12 +353,11 @@ static void test_bounds(void **state)
     check_bounds(folder, "", "", parallel, (double[3]){1, 0, 0}, 4, "parallel");
     /* Outwards along one line: axes coincide, mean direction 0, spread 1. */
     check_bounds(folder, "", "", outwards, (double[3]){0, 0, 0}, 4, "outwards");
-    /* One camera: nothing to measure by. */
+    /* One camera gives no scale. */
     check_bounds(folder, "", "", FRAME("0.png", POSE_FRONT), (double[3]){0, 0, 3}, 1, "guess");
 }
 
-/* A cube that fills less than a grid step of the image, or that only a corner of an image sees, is
- * still seen. */
+/* Detects a cube that fills less than a grid step of the image or appears only in a corner. */
 static void test_small_cubes_are_seen(void **state)
 {
     const char *folder = *state;

@@ -1,6 +1,6 @@
-/* Scenes that must not load. Every case is a row: what transforms.json says, and what the sentence
- * must name; each gives CLN_INPUT, a NULL scene and no leak (run under sanitizers). Then broken
- * files, and the JSON reader's own lines, columns and relaxed dialect. */
+/* Scenes that must not load. Every case is a row: the text of transforms.json, and words of the
+ * sentence; each gives CLN_INPUT, a NULL scene and no leak (run under sanitizers). Then broken
+ * files, and the JSON reader's lines, columns and relaxed dialect. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -12,7 +12,7 @@
 #include "scene_fixture.h"
 #include "tests.h"
 
-/* Two good images, a.png and b.png; cut.png ends early; c.png has another size. */
+/* Two good images, a.png and b.png; cut.png is truncated; c.png has another size. */
 static void put_images(const char *folder)
 {
     char *data = NULL;
@@ -41,7 +41,7 @@ static void assert_refused(const char *path, const cln_config *config, const cha
     cln_clear_error();
 }
 
-/* A whole document around frames, and one around frame a.png with other keys in front. */
+/* A whole document around frames, and one around frame a.png, preceded by other keys. */
 #define DOC(frames)  "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" frames "]}"
 #define KEYS(keys)   "{" keys ",\"aabb_scale\":1,\"frames\":[" FRAME("a.png", POSE_FRONT) "]}"
 #define POSED(pose)  DOC(FRAME("a.png", pose))
@@ -168,12 +168,12 @@ static void test_documents(void **state)
         put_text(folder, "transforms.json", documents[i].json);
         assert_refused(folder, &config, documents[i].words, documents[i].what);
     }
-    /* The frame that the cases start from is good. */
+    /* The unmodified frame of the cases is good. */
     put_text(folder, "transforms.json", POSED(POSE_FRONT));
     cln_scene_free(load(folder, &config));
 }
 
-/* Every prefix of a good document is refused, and no random damage does harm. */
+/* Every prefix of a good document is refused; random damage does no harm. */
 static void test_cut_documents(void **state)
 {
     const char *folder = *state;
@@ -256,13 +256,13 @@ static void test_images(void **state)
     scratch_put(image, data, bytes);
     assert_refused(folder, NULL, (const char *const[3]){"r_0.png", "100000 x 100000"}, "huge");
     free(data);
-    /* A file of that name that cannot be one. */
+    /* A folder in the image's place. */
     assert_int_equal(remove(image), 0);
     put_folder(folder, "r_0.png");
     assert_refused(folder, NULL, (const char *const[3]){"frame 0"}, "folder as image");
 }
 
-/* Two threads read images: the sentence is always about the first broken one. */
+/* With two threads reading images the sentence is always about the first broken one. */
 static void test_first_failure_wins(void **state)
 {
     const char *folder = *state;

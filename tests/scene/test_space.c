@@ -1,6 +1,6 @@
-/* Scene space and cube, against numbers worked out by hand and against each other. Proved: points,
- * rays, poses, distances and boxes agree on one map; what is in the cube, and what meets it, is so
- * on either side of the map; boxes of neighbours share their faces to the bit. */
+/* Scene space and cube, against numbers calculated by hand and against each other. Tested: points,
+ * rays, poses, distances and boxes agree on one map; being in the cube, or meeting it, is the same
+ * on both sides of the map; boxes of neighbours share their faces to the bit. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -51,7 +51,7 @@ static void test_by_hand(void **state)
     assert_near(high[2], 4.5, 0);
 }
 
-/* A point at distance t along a ray is the same point on either side. */
+/* A point at distance t along a ray is the same point on both sides. */
 static void test_one_map(void **state)
 {
     int inside = 0, met = 0;
@@ -98,7 +98,7 @@ static void test_one_map(void **state)
     }
     assert_in_range(inside, 700, 1300);
     assert_in_range(met, inside + 1, 1900);
-    /* Beside a face, along it, away from it. */
+    /* Outside a face: parallel to it, away from it. */
     assert_false(cln_space_met_by(&space, (double[3]){15, -20, 0}, (double[3]){0, 0, 1}));
     assert_true(cln_space_met_by(&space, (double[3]){13, -20, -50}, (double[3]){0, 0, 1}));
     assert_false(cln_space_met_by(&space, (double[3]){13, -20, -50}, (double[3]){0, 0, -1}));

@@ -1,6 +1,6 @@
 #!/bin/bash
-# What cli.sh and devices.sh share: checks that count themselves, and the environment of a fresh
-# user. To be sourced from the repository's root with $work, a folder of the script's own.
+# Support of cli.sh and devices.sh: checks that count themselves, and the environment of a new user.
+# Source it from the repository's root with $work set to a folder of the script.
 # shellcheck disable=SC2154
 query=$PWD/build/json-query
 passed=0 failed=0 skipped=0
@@ -38,8 +38,8 @@ run() {
     rc=$?
 }
 
-# said WORD: WORD is on the last stderr, in capitals or not. It is literal, whatever characters it
-# has, unless it begins with ~, which makes the rest of it a pattern of grep -E.
+# said WORD: the last stderr contains WORD, ignoring case. WORD is literal unless it begins with ~,
+# which makes the rest a pattern of grep -E.
 said() {
     case $1 in
     "~"*) grep -qiE -- "${1#"~"}" "$work/err" ;;
@@ -47,8 +47,8 @@ said() {
     esac
 }
 
-# expect NAME CODE WORDS COMMAND...: the exit code, and each of WORDS on stderr, as `said` takes it.
-# Spaces separate WORDS; a text that has spaces itself is a check of its own: check NAME said TEXT.
+# expect NAME CODE WORDS COMMAND...: the exit code, and each of WORDS on stderr, as for `said`.
+# Spaces separate WORDS; a text with spaces needs a separate check: check NAME said TEXT.
 expect() {
     local name=$1 code=$2 words word
     read -ra words <<<"$3"
@@ -76,7 +76,7 @@ number_above() {
     awk -v a="$1" -v b="$2" 'BEGIN { exit !(a + 0 > b + 0) }'
 }
 
-# The last line of a script, and its exit status.
+# Prints the last line of a script; returns its exit status.
 count() {
     echo "$passed passed, $failed failed$([ $skipped = 0 ] || echo ", $skipped skipped")"
     [ $failed = 0 ]

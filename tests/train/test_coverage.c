@@ -1,5 +1,5 @@
-/* Which training pixels have a leaf before them (train/coverage.h), against rays through all of
- * them in float64, and what batches draw from that (train/batch.h). */
+/* Training pixels whose rays meet a leaf (train/coverage.h), against float64 rays through all
+ * pixels, and the batches drawn from them (train/batch.h). */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -19,7 +19,7 @@ static uint32_t random_below(uint32_t n)
     return cln_bounded(random_state, n);
 }
 
-/* A tree whose leaves are culled with the chance one - 1 / keep_one_of. */
+/* A tree whose leaves are culled with probability 1 - 1 / keep_one_of. */
 static cln_octree random_tree(int level, uint32_t keep_one_of)
 {
     cln_octree tree;
@@ -29,7 +29,7 @@ static cln_octree random_tree(int level, uint32_t keep_one_of)
     assert_int_equal(cln_octree_create(level, &tree), CLN_OK);
     marks = calloc((size_t)tree.leaf_count, 1);
     assert_non_null(marks);
-    for (int s = 1; s < tree.leaf_count; s++) /* one stays */
+    for (int s = 1; s < tree.leaf_count; s++) /* keeps one */
         marks[s] = random_below(keep_one_of) != 0;
     assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
     cln_octree_change_free(&change);
@@ -37,8 +37,8 @@ static cln_octree random_tree(int level, uint32_t keep_one_of)
     return tree;
 }
 
-/* Views on a sphere of this radius round the cube's middle, looking about there; the last one looks
- * away. */
+/* Views on a sphere of this radius around the cube's centre, looking roughly at it; the last one
+ * looks away. */
 static cln_scene *make_scene(const char *folder, int views, double radius, int width, int height,
                              int channels)
 {
@@ -109,7 +109,7 @@ static uint8_t *covered_pixels(const cln_coverage *c, const cln_scene *scene, in
     return out;
 }
 
-/* Every ray that meets a leaf goes through a covered pixel; share and error by counting pixels.
+/* Every ray that meets a leaf goes through a covered pixel; checks share and error by counting.
  * Returns covered pixels over pixels that meet a leaf. */
 static double check(const cln_scene *scene, const cln_octree *tree, double half)
 {
@@ -118,7 +118,7 @@ static double check(const cln_scene *scene, const cln_octree *tree, double half)
     double hits = 0, covered = 0, all = 0, error = 0;
 
     assert_int_equal(cln_coverage_create(scene, &c), CLN_OK);
-    for (int twice = 0; twice < 2; twice++) /* the second time errors of tiles are known */
+    for (int twice = 0; twice < 2; twice++) /* second time: errors of tiles are known */
         cln_coverage_update(&c, scene, tree, &space);
     for (int i = 0; i < c.views; i++) {
         const cln_view *view = &scene->views[i];
@@ -151,7 +151,7 @@ static double check(const cln_scene *scene, const cln_octree *tree, double half)
     return covered / fmax(hits, 1);
 }
 
-/* From outside, near by and from within the cube; sparse trees and full ones. */
+/* From far, near and within the cube; sparse trees and full ones. */
 static void test_no_leaf_is_missed(void **state)
 {
     static const double radii[] = {4, 2.2, 1.1, 0.4};
@@ -170,7 +170,7 @@ static void test_no_leaf_is_missed(void **state)
     }
 }
 
-/* Not many more pixels than meet a leaf: those of the tiles at its edge. */
+/* Covers few more pixels than meet a leaf: only the rest of the tiles at its edge. */
 static void test_tight(void **state)
 {
     cln_scene *scene = make_scene(*state, 3, 4, 240, 200, 3);
@@ -183,8 +183,8 @@ static void test_tight(void **state)
     cln_scene_free(scene);
 }
 
-/* A view through a distorting lens counts as a whole, and so does one inside a leaf. No leaf: no
- * tile. */
+/* A view through a distorting lens, or inside a leaf, is covered as a whole. Without a leaf no tile
+ * is covered. */
 static void test_whole_and_nothing(void **state)
 {
     cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
@@ -214,8 +214,8 @@ static void test_whole_and_nothing(void **state)
     cln_scene_free(scene);
 }
 
-/* A batch's pixels are covered ones, each as often as any other; the same again for the same step.
- * Views of several sizes, none a multiple of a tile. */
+/* A batch draws covered pixels uniformly, and the same ones for the same step. Views of several
+ * sizes, none a multiple of a tile. */
 static void test_draw(void **state)
 {
     enum { STEPS = 100 };
@@ -232,7 +232,7 @@ static void test_draw(void **state)
     cln_scene_free(scene);
     scene = load(*state, NULL);
     assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
-    assert_false(cln_batch_skips(&b, &config, 0)); /* of no tree yet */
+    assert_false(cln_batch_skips(&b, &config, 0)); /* no tree yet */
     cln_coverage_update(&b.coverage, scene, &tree, &cln_space_unit);
     assert_true(cln_batch_skips(&b, &config, 0));
     for (int i = 0; i < 4; i++)
@@ -267,7 +267,7 @@ static void test_draw(void **state)
         free(marks);
         free(counts[i]);
     }
-    /* chi squared of that many pixels: mean as many, standard deviation sqrt of twice */
+    /* chi squared of n pixels: mean n, standard deviation sqrt(2 n) */
     if (fabs(square - pixels) > 4 * sqrt(2 * pixels))
         fail_msg("chi squared %.0f of %.0f pixels", square, pixels);
     free(before);
@@ -276,8 +276,8 @@ static void test_draw(void **state)
     cln_scene_free(scene);
 }
 
-/* When all pixels count: no such option, splatting, the middle of the images first, or no leaf at
- * all. */
+/* All pixels count: without the option, when splatting, while training on image centres, or without
+ * leaves. */
 static void test_when_all_count(void **state)
 {
     cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);

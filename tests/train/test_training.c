@@ -1,6 +1,6 @@
-/* Training as a whole: that it learns; that seed and settings alone decide every bit, also over
- * interruptions; growth, culling and both ways of stage 1; and that what cannot work ends in its
- * status with nothing written. What a run is looked at with is in test_results.c. */
+/* Training as a whole: it learns; seed and settings determine every bit, also across interruptions;
+ * growth, culling and both kinds of stage 1; impossible requests fail with their status and write
+ * nothing. test_results.c tests functions that read a run. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -11,8 +11,8 @@
 #include "render/open_run.h"
 #include "tests.h"
 
-/* Column `key` of a run's metrics.jsonl, of the steps (event NULL) or of one kind of event; returns
- * the number of rows. */
+/* Column `key` of a run's metrics.jsonl, of steps (event NULL) or of one kind of event; returns the
+ * number of rows. */
 static int column(const char *run, const char *event, const char *key, double *out, int most)
 {
     char name[64], line[4096];
@@ -88,7 +88,8 @@ static void test_seed_decides(void **state)
     assert_int_not_equal(other.digest, fixture_whole.digest);
 }
 
-/* Stopped after a step, then gone on with: run.json keeps what the second process was not told. */
+/* Stopped after a step, then resumed: run.json keeps the settings not given to the second
+ * process. */
 static void test_interrupted(void **state)
 {
     const cln_config config = fixture_config();
@@ -117,7 +118,7 @@ static void test_interrupted(void **state)
     json_decref(after);
 }
 
-/* A rolling refresh is another training, and it, too, goes on as if it had not been stopped. */
+/* A rolling refresh changes the training; it, too, resumes as if it had not been stopped. */
 static void test_rolling_refresh(void **state)
 {
     cln_config config = fixture_config();
@@ -134,8 +135,8 @@ static void test_rolling_refresh(void **state)
     assert_int_equal(resumed.digest, whole.digest);
 }
 
-/* SIGTERM while test views are rendered: the training is whole, and neither evaluations nor their
- * end change it. */
+/* SIGTERM while test views are rendered: the training is complete; evaluations and their abortion
+ * do not change it. */
 static void test_interrupted_in_evaluation(void **state)
 {
     cln_config config = fixture_config();
@@ -146,7 +147,7 @@ static void test_interrupted_in_evaluation(void **state)
     config.eval_every = 11;
     assert_fails(fixture_train("looking", false, &config, &stop, &result), CLN_SIGTERM, "step 11");
     assert_int_equal(result.step, 11);
-    /* pictures after this: step 22, and at the end, where it is stopped again */
+    /* next pictures: at step 22, and at the end, where it is stopped again */
     stop = (fixture_stop){.signal = SIGINT, .pictures = TEST_VIEWS + 2};
     assert_fails(fixture_train("looking", true, &config, &stop, &result), CLN_SIGINT,
                  "last evaluation");
@@ -158,7 +159,7 @@ static void test_interrupted_in_evaluation(void **state)
     assert_every_step_once("looking", STEPS);
 }
 
-/* SIGUSR1: a checkpoint more, nothing else. */
+/* SIGUSR1 writes an extra checkpoint and changes nothing else. */
 static void test_checkpoint_on_the_way(void **state)
 {
     const cln_config config = fixture_config();
@@ -172,7 +173,7 @@ static void test_checkpoint_on_the_way(void **state)
     assert_true(cln_is_file(fixture_path("saved/checkpoint/00000030.json")));
 }
 
-/* Budgets may grow and batches shrink with a resume; the network may not change. */
+/* On resume budgets may grow and batches shrink; the network may not change. */
 static void test_resumed_with_other_settings(void **state)
 {
     cln_config config = fixture_config();
@@ -203,7 +204,7 @@ static double psnr_of(cln_open_run *v, const int *views, int count)
     return psnr;
 }
 
-/* method.md 11: the exact split by folding leaves the pictures as they are. */
+/* method.md 11: the exact split by folding does not change pictures. */
 static void test_split_keeps_pictures(void **state)
 {
     const bool pixels[CLN_SPLITS] = {true, false, true};
@@ -270,7 +271,7 @@ static void test_waits(void **state)
     assert_int_equal((int)least, EVERY + 1);
 }
 
-/* Leaves after that many steps. */
+/* Number of leaves after `step` steps. */
 static double leaves_at(const char *run, int step)
 {
     double leaves[STEPS];
@@ -279,8 +280,8 @@ static double leaves_at(const char *run, int step)
     return leaves[step - 1];
 }
 
-/* Culling that wants every leaf leaves one, and the training goes on with it and the pixels it is
- * before, also when resumed just before and after. */
+/* Culling that would remove every leaf keeps one; training continues with it and the pixels that
+ * see it, also when resumed just before and after. */
 static void test_culling(void **state)
 {
     static const int stops[] = {6, 7, 8, 9, 20};
@@ -314,7 +315,7 @@ static void test_culling(void **state)
         assert_ok(fixture_train(name, true, &config, NULL, &part));
         assert_int_equal(part.digest, all.digest);
     }
-    config.cull_after = 10; /* checks every fourth step */
+    config.cull_after = 10; /* a check every four steps */
     assert_ok(fixture_train("later", false, &config, NULL, &all));
     assert_int_equal((int)leaves_at("later", 11), 8);
     assert_int_equal((int)leaves_at("later", 13), 1);
@@ -331,8 +332,7 @@ static double last_error(const char *run)
     return sum;
 }
 
-/* The training PSNR is that of all training pixels, also where rays go through some of them
- * alone. */
+/* The training PSNR is over all training pixels, even if rays only go through some of them. */
 static void test_psnr_of_all_pixels(void **state)
 {
     cln_config config = fixture_config();
@@ -356,7 +356,7 @@ static void test_psnr_of_all_pixels(void **state)
         fail_msg("mean square error %.4g, by the covered pixels %.4g", all, covered);
 }
 
-/* Rows of the structure decisions of a run; the sum of their column `key`. */
+/* Number of structure decisions of a run; *sum: the sum of their column `key`. */
 static int decisions(const char *run, const char *key, double *sum)
 {
     double values[STEPS];
@@ -379,14 +379,14 @@ static cln_config adaptive_config(void)
     config.structure_every = 0.2;
     config.structure_until = 0.9;
     config.split_samples = 0;
-    config.merge_factor = 0.9; /* so that there is both, in a few steps */
+    config.merge_factor = 0.9; /* merges and splits in a few steps */
     config.distil_steps = 30;
     config.distil_samples = 32;
     return config;
 }
 
-/* The integer program at work: merges to meet the budget, then splits and merges inside it; the
- * same bits when interrupted on the way, before, between and after decisions. */
+/* The integer program in training: merges to meet the budget, then splits and merges within it; the
+ * same bits when interrupted before, between and after decisions. */
 static void test_adaptive(void **state)
 {
     static const int stops[] = {5, 6, 13, 25};
@@ -418,8 +418,7 @@ static void test_adaptive(void **state)
     }
 }
 
-/* An error that still falls makes the tree wait; densities weighted by visibility are another
- * measure. */
+/* A falling error delays decisions; densities weighted by visibility give another measure. */
 static void test_adaptive_waits(void **state)
 {
     cln_config config = adaptive_config();
@@ -440,7 +439,7 @@ static void test_adaptive_waits(void **state)
     assert_int_equal(again.digest, weighted.digest);
 }
 
-/* A budget that no choice meets is said, and merges bring the tree as near as they can. */
+/* An infeasible budget is reported, and merges bring the tree as close to it as possible. */
 static void test_adaptive_infeasible(void **state)
 {
     cln_config config = adaptive_config();
@@ -461,7 +460,7 @@ static void test_adaptive_infeasible(void **state)
     fclose(f);
 }
 
-/* The tree of another run, kept as it is. */
+/* The tree of another run is kept unchanged. */
 static void test_tree_from(void **state)
 {
     cln_config config = fixture_config();
@@ -477,7 +476,7 @@ static void test_tree_from(void **state)
     assert_int_not_equal(result.digest, base.digest);
 }
 
-/* Memory of culled leaves is given back. */
+/* Memory of culled leaves is freed. */
 static void test_memory_given_back(void **state)
 {
     cln_config config = fixture_config();
@@ -522,7 +521,7 @@ static void test_splat(void **state)
     assert_int_equal(padded.digest, csr.digest);
 }
 
-/* Room for some of a view's projected samples alone: bands of rows, and the same picture. */
+/* Memory for only a part of a view's projected samples: bands of rows give the same picture. */
 static void test_splat_in_bands(void **state)
 {
     const bool pixels[CLN_SPLITS] = {false};
@@ -540,7 +539,7 @@ static void test_splat_in_bands(void **state)
     assert_ok(cln_open_run_open(fixture_path("tall"), NULL, pixels, &v));
     tall = v.scene->views[0].camera;
     tall.width = 64;
-    tall.height = 192; /* three bands: they are multiples of the coarsest pixel, 64 rows */
+    tall.height = 192; /* three bands of 64 rows, the coarsest pixel */
     tall.fx = tall.fy = 8 * tall.fx;
     tall.cx = 32;
     tall.cy = 96;

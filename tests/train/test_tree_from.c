@@ -1,6 +1,6 @@
-/* --tree-from: a run on another run's tree has its leaves and keeps them whatever the rows about
- * growth, culling and adaptation say, learns, and goes on after an interruption as if there had
- * been none; what cannot be taken over is refused with nothing written. */
+/* --tree-from: a run on another run's tree keeps its leaves regardless of the rows about growth,
+ * culling and adaptation, learns, and resumes after an interruption as if there had been none; an
+ * unusable tree is refused, and nothing written. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 #include "run_fixture.h"
 #include "tests.h"
 
-/* Settings of a run on the tree of `run`, with all that would change a tree switched on. */
+/* Settings of a run on the tree of `run`; enables everything that changes a tree. */
 static cln_config config_on(const char *run)
 {
     cln_config config = fixture_config();
@@ -54,7 +54,7 @@ static void test_keeps_the_tree(void **state)
 
     NEED_DEVICE();
     config = config_on("whole");
-    config.width = config.view_width = 32; /* the tree alone is taken, the network is another */
+    config.width = config.view_width = 32; /* takes only the tree: the network differs */
     config.seed = 7;
     assert_ok(fixture_train("on-whole", false, &config, NULL, &result));
     assert_int_equal(result.leaves, 8);
@@ -65,7 +65,7 @@ static void test_keeps_the_tree(void **state)
     json_decref(run);
 }
 
-/* One culled down to a single leaf of level 1: no full tree at any level. */
+/* A tree culled down to a single leaf of level 1 is not a full tree at any level. */
 static void test_keeps_a_culled_tree(void **state)
 {
     cln_config config = fixture_config();
@@ -85,7 +85,7 @@ static void test_keeps_a_culled_tree(void **state)
     assert_levels("on-culled", "[0,1,0,0,0,0]");
 }
 
-/* On the tree it would have had anyway, with nothing else different: the same bits. */
+/* With the tree that it would have anyway, and equal settings: the same bits. */
 static void test_same_as_its_own(void **state)
 {
     cln_config config = fixture_config();
