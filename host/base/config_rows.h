@@ -58,6 +58,8 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMAT_COLMAP,
        CLN_FORMAT_LLFF,
        CLN_FORMAT_NEUS,
+       CLN_FORMAT_NSVF,
+       CLN_FORMAT_OPENSFM,
        CLN_FORMATS
 };
 
@@ -239,7 +241,8 @@ enum { /* the order in which they are looked for (scene/readers.c) */
     INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")        \
     REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints",               \
          .flags = CLN_ROW_SECONDS)                                                                \
-    ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO, "auto|transforms|colmap|llff|neus",  \
+    ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO,                                      \
+         "auto|transforms|colmap|llff|neus|nsvf|opensfm",                                         \
          "what the scene is read as; auto: the first of the others that is there",                \
          .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                  \
     INT(downscale, "downscale", 0, 0, 0, 64,                                                      \

@@ -299,33 +299,6 @@ done:
     return st;
 }
 
-cln_status cln_dataset_lens(const char *where, const char *model, int count, const double *values,
-                            cln_camera *camera)
-{
-    cln_status st = CLN_OK;
-    const cln_lens lens = cln_lens_find(model);
-    bool fits = lens != CLN_LENSES;
-    char *known = NULL;
-
-    camera->lens = lens;
-    for (int i = 0; i < count && fits; i++) {
-        if (i < cln_lens_models[lens].count)
-            camera->distortion[i] = values[i];
-        else
-            fits = values[i] == 0;
-    }
-    if (fits)
-        return CLN_OK;
-    CLN_TRY(cln_dataset_lenses(&known));
-    CLN_TRY(cln_fail(CLN_INPUT,
-                     "%s: cameras of the model %s are not read, only %s; undistort the images to "
-                     "such a camera",
-                     where, model, known));
-done:
-    free(known);
-    return st;
-}
-
 void cln_dataset_pose(const double rotation[9], const double translation[3], double c2w[12])
 {
     for (int i = 0; i < 3; i++) {

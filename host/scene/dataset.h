@@ -44,11 +44,6 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
 /* "OPENCV (k1 k2 p1 p2), ...": every lens model there is. The caller frees *out. */
 cln_status cln_dataset_lenses(char **out);
 
-/* Sets lens and distortion: values[count] in the order of the model's parameters. CLN_INPUT if
- * there is no such model, or one that has fewer parameters and these are not 0. */
-cln_status cln_dataset_lens(const char *where, const char *model, int count, const double *values,
-                            cln_camera *camera);
-
 /* World-to-camera x' = R x + t (R row-major) -> camera-to-world. R is taken as it is: checks follow
  * for every format. */
 void cln_dataset_pose(const double rotation[9], const double translation[3], double c2w[12]);

@@ -1,6 +1,5 @@
-/* What lies at a path. Datasets that are known but not read are recognised by one file each
- * (markers), everything else by the endings of names (kinds), in the folder and in the folders in
- * it. See found.h. */
+/* What lies at a path, by the endings of names, in the folder and in the folders in it. See
+ * found.h. */
 #include "scene/found.h"
 
 #include <ctype.h>
@@ -13,15 +12,6 @@
 #include "scene/build.h"
 
 #define WITH_POSES "for example with COLMAP, whose sparse models are read"
-#define NOT_YET    "this format is not read yet: convert it to transforms.json"
-
-/* Datasets that no reader reads, by a file that they have. A reader's row replaces its marker. */
-static const struct {
-    const char *file, *what, *advice;
-} markers[] = {
-    {"bbox.txt", "an NSVF scene", NOT_YET},
-    {"reconstruction.json", "an OpenSfM reconstruction", NOT_YET},
-};
 
 enum { JSON, IMAGE, VIDEO, ARCHIVE, FILE_OF_ANY, FOLDER, KINDS };
 
@@ -129,28 +119,14 @@ done:
     return st;
 }
 
-/* The first marker; of what else is there, its images; without a marker all kinds, and folders if
- * there is nothing else. *advice is the first one's. */
-static cln_status describe_folder(const char *path, const survey *found, char **what,
-                                  const char **advice)
+/* All kinds, and folders if there is nothing else. *advice is the first one's. */
+static cln_status describe_folder(const survey *found, char **what, const char **advice)
 {
     cln_status st = CLN_OK;
-    char *part = NULL, *file = NULL;
-    bool marked = false;
+    char *part = NULL;
 
-    for (size_t i = 0; i < sizeof markers / sizeof *markers && !marked; i++) {
-        free(file);
-        file = NULL;
-        CLN_TRY(cln_path_join(&file, path, markers[i].file));
-        marked = cln_is_file(file);
-        if (!marked)
-            continue;
-        *advice = markers[i].advice;
-        CLN_TRY(cln_asprintf(&part, "%s (%s)", markers[i].what, markers[i].file));
-        CLN_TRY(append(what, "it holds ", part));
-    }
     for (int kind = 0; kind < KINDS; kind++) {
-        if (!found->count[kind] || (marked && kind != IMAGE) || (kind == FOLDER && *what))
+        if (!found->count[kind] || (kind == FOLDER && *what))
             continue;
         if (!*advice)
             *advice = kinds[kind].advice;
@@ -166,7 +142,6 @@ static cln_status describe_folder(const char *path, const survey *found, char **
     if (!*advice)
         *advice = kinds[FOLDER].advice;
 done:
-    free(file);
     return st;
 }
 
@@ -186,7 +161,7 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
         goto done;
     }
     CLN_TRY(look(path, NULL, is_scene, &found));
-    CLN_TRY(describe_folder(path, &found, what, &known));
+    CLN_TRY(describe_folder(&found, what, &known));
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
                              found.scenes > 1 ? ", or another of its folders" : ""));

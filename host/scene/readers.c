@@ -15,6 +15,8 @@ static const cln_reader *const readers[CLN_FORMATS] = {
     [CLN_FORMAT_COLMAP] = &cln_reader_colmap,
     [CLN_FORMAT_LLFF] = &cln_reader_llff,
     [CLN_FORMAT_NEUS] = &cln_reader_neus,
+    [CLN_FORMAT_NSVF] = &cln_reader_nsvf,
+    [CLN_FORMAT_OPENSFM] = &cln_reader_opensfm,
 };
 
 static bool is_scene(const char *path)

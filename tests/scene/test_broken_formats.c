@@ -346,6 +346,100 @@ static void test_neus_matrices(void **state)
     }
 }
 
+/* ---- NSVF, OpenSfM ---- */
+
+static void test_nsvf(void **state)
+{
+    static const struct {
+        const char *file, *text, *words[3];
+    } cases[] = {
+        {"intrinsics.txt", "", {"intrinsics.txt", "neither a matrix"}},
+        {"intrinsics.txt", "20 8 6\n", {"intrinsics.txt", "neither a matrix"}},
+        {"intrinsics.txt", "f 8 6 0\n", {"intrinsics.txt: line 1", "'f 8 6 0'"}},
+        {"intrinsics.txt", "nan 8 6 0\n", {"intrinsics.txt: line 1"}},
+        {"intrinsics.txt", "0 8 6 0\n", {"view_00.png", "fl_x = 0"}},
+        {"intrinsics.txt", "1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17", {"intrinsics.txt: line 1"}},
+        {"pose/view_03.txt", "", {"pose/view_03.txt", "4x4", "it has 0"}},
+        {"pose/view_03.txt", "1 0 0 0\n0 1 0 0\n", {"pose/view_03.txt", "it has 8"}},
+        {"pose/view_03.txt", "1 0 0 inf\n", {"pose/view_03.txt: line 1"}},
+        {"pose/view_03.txt", "1 0 0 0 0 1 0 0 0 0 2 0", {"'view_03.png'", "not rigid"}},
+        {"bbox.txt", "-1 -1 -1 1 1\n", {"bbox.txt", "six numbers"}},
+        {"bbox.txt", "-1 -1 1 1 1 -1 0.1\n", {"bbox.txt", "six numbers"}},
+        {"rgb/view_03.png", "x", {"view_03.png", "not a PNG"}},
+    };
+    cln_camera cameras[FORMAT_VIEWS];
+    char folder_name[16];
+
+    format_cameras(cameras);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *folder = NULL;
+
+        snprintf(folder_name, sizeof folder_name, "%zu", i);
+        folder = scratch_path(*state, folder_name);
+        format_nsvf(folder, cameras, "", (int)i % 4);
+        put_text(folder, cases[i].file, cases[i].text);
+        assert_refused(folder, cases[i].words, cases[i].text);
+    }
+    assert_int_equal(rename(scratch_path(*state, "0/pose"), scratch_path(*state, "0/x")), 0);
+    put_folder(*state, "0/pose");
+    put_text(scratch_path(*state, "0"), "intrinsics.txt", "20 8 6 0\n");
+    assert_refused(scratch_path(*state, "0"), (const char *const[3]){"no file in rgb"}, "no poses");
+}
+
+static void test_opensfm(void **state)
+{
+    /* What is put in the place of a text of the good file. */
+    static const struct {
+        const char *from, *to, *words[3];
+    } cases[] = {
+        {"\"focal\": 1.25", "\"focal\": \"wide\"", {"'view_00.png'", "focal must be a number"}},
+        {"\"focal\": 1.25", "\"focal\": 0", {"'view_00.png'", "fl_x = 0"}},
+        {"perspective", "dual", {"'view_00.png'", "projection_type dual", "perspective, simple"}},
+        {"\"perspective\"", "7", {"'view_00.png'", "projection_type (no text)"}},
+        {"\"width\": 16", "\"width\": -16", {"'view_00.png'", "image size -16 x 12"}},
+        {"\"width\": 16", "\"width\": 40", {"view_00.png", "16 x 12", "40 x 12"}},
+        {"\"camera\": \"v2 cam 0\"", "\"camera\": \"x\"", {"'view_00.png'", "camera 'x'"}},
+        {"\"camera\": \"v2 cam 0\"", "\"camera\": 0", {"'view_00.png'", "not among"}},
+        {"\"rotation\"", "\"spin\"", {"'view_00.png'", "rotation must be three numbers"}},
+        {"\"translation\": [", "\"translation\": [1, ", {"'view_00.png'", "translation must"}},
+        {"\"translation\": [",
+         "\"translation\": [1e300, 0, 0], \"x\": [",
+         {"view_00", "beyond 1e+12"}},
+        {"view_00.png", "../..", {"reconstruction.json: shot '../..'", "names no image"}},
+        {"view_00.png", "gone.png", {"1 of its 6 images", "'gone.png'"}},
+        {"\"shots\": {\n", "\"shats\": {\n", {"reconstruction.json", "no image has a pose"}},
+        {"\"coordinates\"", "\"place\"", {"point '0'", "coordinates must be"}},
+        {"}}]", "}}", {"reconstruction.json: line"}},
+    };
+    const char *folder = *state, *file = scratch_path(folder, "reconstruction.json");
+    cln_camera cameras[FORMAT_VIEWS];
+    size_t bytes = 0;
+    char *good = NULL;
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_opensfm(folder, cameras, "perspective", few_points, 2);
+    good = scratch_get(file, &bytes);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *at = strstr(good, cases[i].from);
+        FILE *f = fopen(file, "wb");
+
+        assert_non_null(at);
+        fwrite(good, (size_t)(at - good), 1, f);
+        fprintf(f, "%s%s", cases[i].to, at + strlen(cases[i].from));
+        fclose(f);
+        assert_refused(folder, cases[i].words, cases[i].to);
+    }
+    scratch_put(file, good, bytes);
+    free(good);
+    cut_everywhere(folder, file, 101);
+    damage_everywhere(folder, file, 7);
+    put_text(folder, "reconstruction.json", "{}");
+    assert_refused(folder, (const char *const[3]){"not an array of reconstructions"}, "{}");
+    put_text(folder, "reconstruction.json", "[{\"shots\":{},\"cameras\":{}}]");
+    assert_refused(folder, (const char *const[3]){"no image has a pose"}, "no shots");
+}
+
 int test_group_broken_formats(void)
 {
     const struct CMUnitTest tests[] = {
@@ -357,6 +451,8 @@ int test_group_broken_formats(void)
         cmocka_unit_test_setup_teardown(test_llff, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_neus, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_neus_matrices, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("broken_formats", tests, NULL, NULL);

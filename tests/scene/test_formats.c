@@ -377,6 +377,88 @@ static void test_neus_masks(void **state)
     cln_scene_free(scene);
 }
 
+/* ---- NSVF, OpenSfM ---- */
+
+static void test_nsvf(void **state)
+{
+    static const struct {
+        const char *scene, *prefixes;
+        int splits[CLN_SPLITS];
+    } cases[] = {
+        {"a", "", {6, 0, 0}},
+        {"b", "001122", {2, 2, 2}},
+        {"c", "010010", {4, 0, 2}}, /* no 2_: 1_ is test */
+        {"d", "000000", {6, 0, 0}},
+    };
+    cln_camera cameras[FORMAT_VIEWS];
+
+    for (int i = 0; i < 4; i++) {
+        const char *folder = scratch_path(*state, cases[i].scene);
+        cln_scene *scene = NULL;
+        int warnings = 0;
+
+        format_cameras(cameras);
+        for (int v = 0; v < FORMAT_VIEWS && i; v++) { /* form 0 has one focal length */
+            cameras[v].fy = 22;
+            cameras[v].cx = 7.5;
+        }
+        format_nsvf(folder, cameras, cases[i].prefixes, i);
+        cln_log_set_sink(scratch_count_warnings, &warnings);
+        scene = load(folder, plain());
+        assert_string_equal(scene->dialect, "NSVF");
+        assert_same_rays(scene, cameras, 1, 1e-9);
+        for (int s = 0; s < CLN_SPLITS; s++)
+            assert_int_equal(cln_scene_split_count(scene, (cln_split)s), cases[i].splits[s]);
+        assert_float_equal(scene->space.centre[1], 2.25, 0);
+        assert_float_equal(scene->space.half, 2.25, 0);
+        cln_scene_free(scene);
+        assert_int_equal(warnings, 0);
+        put_image(folder, "rgb/0_more.png", 16, 12, 3, 0); /* has no pose */
+        scene = load(folder, plain());
+        assert_int_equal(scene->view_count, FORMAT_VIEWS);
+        assert_int_equal(warnings, 1);
+        cln_scene_free(scene);
+    }
+}
+
+static void test_opensfm(void **state)
+{
+    static const struct {
+        const char *scene, *place, *type, *dialect;
+    } cases[] = {
+        {"a", "a", "perspective", "it has reconstruction.json"},
+        {"b", "b", "brown", "it has reconstruction.json"},
+        {"c", "c/opensfm", "brown", "it has opensfm/reconstruction.json"}, /* as ODM has it */
+    };
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_point points[1100];
+    const int count = make_points(points, 8, 0);
+
+    for (int i = 0; i < 3; i++) {
+        const char *folder = scratch_path(*state, cases[i].scene);
+        cln_scene *scene = NULL;
+
+        format_cameras(cameras);
+        if (i)
+            bend(cameras);
+        else
+            for (int v = 0; v < FORMAT_VIEWS; v++)
+                cameras[v].k1 = -0.03;
+        format_images(scratch_path(folder, "images"), 1);
+        format_opensfm(scratch_path(*state, cases[i].place), cameras, cases[i].type, points,
+                       i ? count : 0);
+        scene = load(folder, plain());
+        assert_string_equal(scene->dialect, "OpenSfM");
+        assert_non_null(strstr(scene->because, cases[i].dialect));
+        assert_same_rays(scene, cameras, 1, 1e-7);
+        if (i) {
+            assert_non_null(strstr(scene->bounds_rule, "1008 sparse points"));
+            assert_in_range((long)(1000 * scene->space.half), 2400, 3200);
+        }
+        cln_scene_free(scene);
+    }
+}
+
 /* ---- --format ---- */
 
 static void test_format(void **state)
@@ -429,6 +511,8 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_llff, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_neus, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),
     };
 

@@ -404,4 +404,93 @@ static inline void format_neus(const char *folder, const cln_camera *cameras, bo
     format_zip_end(&z);
 }
 
+/* ---- NSVF, OpenSfM: text ---- */
+
+/* pose/NAME.txt for rgb/NAME.png, NAME with the prefix of its split: "012" sets it view by view, ""
+ * none. The intrinsics in one of four forms. */
+static inline void format_nsvf(const char *folder, const cln_camera *cameras, const char *prefixes,
+                               int form)
+{
+    const cln_camera *c = cameras;
+    FILE *f = format_open(folder, "intrinsics.txt");
+
+    if (form == 0)
+        fprintf(f, "%.17g %.17g %.17g 0.\n0. 0. 0.\n1.\n800 800\n", c->fx, c->cx, c->cy);
+    else if (form == 1)
+        fprintf(f, "%.17g 0 %.17g 0\n0 %.17g %.17g 0\n0 0 1 0\n0 0 0 1\n", c->fx, c->cx, c->fy,
+                c->cy);
+    else if (form == 2)
+        fprintf(f, "%.17g 0 %.17g\r\n0 %.17g %.17g\r\n0 0 1\r\n", c->fx, c->cx, c->fy, c->cy);
+    else
+        fprintf(f, "%.17g 0 %.17g 0 0 %.17g %.17g 0 0 0 1 0 0 0 0 1", c->fx, c->cx, c->fy, c->cy);
+    fclose(f);
+    format_images(scratch_path(folder, "rgb"), 1);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        char name[64], plain_name[64];
+        const double *m = cameras[v].c2w;
+
+        snprintf(plain_name, sizeof plain_name, "rgb/view_%02d.png", v);
+        snprintf(name, sizeof name, "rgb/%.1s%sview_%02d.png", prefixes + (*prefixes ? v : 0),
+                 *prefixes ? "_" : "", v);
+        assert_int_equal(rename(scratch_path(folder, plain_name), scratch_path(folder, name)), 0);
+        snprintf(name, sizeof name, "%.1s%sview_%02d.txt", prefixes + (*prefixes ? v : 0),
+                 *prefixes ? "_" : "", v);
+        f = format_open(scratch_path(folder, "pose"), name);
+        for (int i = 0; i < 12; i++)
+            fprintf(f, "%.17g%c", m[i], i % 4 < 3 ? ' ' : '\n');
+        fprintf(f, "0 0 0 1\n");
+        fclose(f);
+    }
+    f = format_open(folder, "bbox.txt");
+    fprintf(f, "-1 0 1 3 4.5 5 0.4\n");
+    fclose(f);
+}
+
+/* reconstruction.json: a small reconstruction, then the one of the cameras, each of its own; `type`
+ * is brown or perspective. */
+static inline void format_opensfm(const char *folder, const cln_camera *cameras, const char *type,
+                                  const cln_point *points, int count)
+{
+    FILE *f = format_open(folder, "reconstruction.json");
+
+    fprintf(f, "[{\"cameras\": {}, \"shots\": {}, \"points\": {}},\n{\"cameras\": {");
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        const cln_camera *c = &cameras[v];
+        const double longest = c->width > c->height ? c->width : c->height;
+
+        fprintf(f, "%s\n\"v2 cam %d\": {\"projection_type\": \"%s\", \"width\": %d, ", v ? "," : "",
+                v, type, c->width);
+        fprintf(f, "\"height\": %d, ", c->height);
+        if (strcmp(type, "brown") != 0) {
+            fprintf(f, "\"focal\": %.17g, \"k1\": %.17g, \"k2\": %.17g}", c->fx / longest, c->k1,
+                    c->k2);
+            continue;
+        }
+        fprintf(f, "\"focal_x\": %.17g, \"focal_y\": %.17g, ", c->fx / longest, c->fy / longest);
+        fprintf(f, "\"c_x\": %.17g, \"c_y\": %.17g, ", (c->cx - 0.5 * c->width) / longest,
+                (c->cy - 0.5 * c->height) / longest);
+        fprintf(f, "\"k1\": %.17g, \"k2\": %.17g, \"p1\": %.17g, \"p2\": %.17g, \"k3\": 0.0}",
+                c->k1, c->k2, c->p1, c->p2);
+    }
+    fprintf(f, "},\n\"shots\": {");
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        double r[9], q[4], t[3], axis[3], half = 0;
+
+        format_w2c(&cameras[v], r, t);
+        format_quaternion(r, q);
+        half = acos(q[0] > 1 ? 1 : q[0] < -1 ? -1 : q[0]);
+        for (int i = 0; i < 3; i++)
+            axis[i] = half > 0 ? q[i + 1] / sin(half) * 2 * half : 0;
+        fprintf(f, "%s\n\"view_%02d.png\": {\"camera\": \"v2 cam %d\", ", v ? "," : "", v, v);
+        fprintf(f, "\"rotation\": [%.17g, %.17g, %.17g], ", axis[0], axis[1], axis[2]);
+        fprintf(f, "\"translation\": [%.17g, %.17g, %.17g]}", t[0], t[1], t[2]);
+    }
+    fprintf(f, "},\n\"points\": {");
+    for (int i = 0; i < count; i++)
+        fprintf(f, "%s\"%d\": {\"coordinates\": [%.17g, %.17g, %.17g], \"color\": [1.0, 2, 3]}",
+                i ? ",\n" : "", i, points[i].xyz[0], points[i].xyz[1], points[i].xyz[2]);
+    fprintf(f, "}}]\n");
+    fclose(f);
+}
+
 #endif
