@@ -318,7 +318,9 @@ typedef struct cln_export_result {
  * programs (docs/formats.md). Needs no device. CLN_USAGE for an unknown `what`. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
-/* JSON text about a scene or a run; the caller frees it. settings: how to read the scene. */
+/* JSON text about a scene or a run; the caller frees it. settings: how to read the scene;
+ * "training" tells what a training with them would need: steps, and memory on the device that
+ * "auto" chooses, if there is one. */
 CLN_API cln_status cln_info_scene(const char *scene, const cln_settings *settings, char **json);
 CLN_API cln_status cln_info_run(const char *run, char **json);
 

@@ -156,46 +156,60 @@ done:
     return st;
 }
 
-static void say_plans(const cln_trainer *t)
+/* The strings of an array in one text, as far as it has room. */
+static const char *join(const json_t *strings, const char *between, char *out, size_t bytes)
 {
-    char text[1024], largest[32];
-
-    cln_plan_text(&t->plan, text, sizeof text);
-    cln_info("memory plan: %s", text);
-    cln_plan_text(&t->host_plan, text, sizeof text);
-    cln_info("host memory, estimated: %s", text);
-    if (t->plan.batch_samples == (size_t)t->model.config.batch_samples &&
-        t->plan.max_rays >= t->model.config.rays)
-        return;
-    cln_format_bytes((double)t->device->max_alloc, largest);
-    cln_info("batches are cut to %zu samples and %d rays: the device's largest buffer has %s",
-             t->plan.batch_samples, t->plan.max_rays, largest);
-}
-
-static void say_what_runs(cln_trainer *t)
-{
-    char text[1024];
-    json_t *list = NULL;
     size_t used = 0;
 
+    out[0] = 0;
+    for (size_t i = 0; i < json_array_size(strings) && used < bytes; i++)
+        used += (size_t)snprintf(out + used, bytes - used, "%s%s", i ? between : "",
+                                 json_string_value(json_array_get(strings, i)));
+    return out;
+}
+
+/* What every run says of itself, and with -v the details that most never need. */
+static void say_what_runs(cln_trainer *t)
+{
+    const cln_scene *scene = t->scene;
+    char text[1024], device[32], host[32], device_limit[32], host_limit[32];
+    json_t *list = NULL;
+    size_t left_out = 0;
+
     cln_info("scene: %s, read as %s because %s; %d train, %d test views (%s); cube: %s",
-             t->scene->folder, t->scene->dialect, t->scene->because,
-             cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN),
-             cln_scene_split_count(t->scene, CLN_SPLIT_TEST), t->scene->split_rule,
-             t->scene->bounds_rule);
+             scene->folder, scene->dialect, scene->because,
+             cln_scene_split_count(scene, CLN_SPLIT_TRAIN),
+             cln_scene_split_count(scene, CLN_SPLIT_TEST), scene->split_rule, scene->bounds_rule);
+    if (json_array_size(scene->ignored) > 0)
+        cln_info("scene: keys of its files that are not used: %s",
+                 join(scene->ignored, ", ", text, sizeof text));
     cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
              t->device->info.compute_units);
     cln_tune_text(&t->pipeline.tune, text);
-    cln_info("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
-    say_plans(t);
+    cln_debug("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
+    cln_plan_text(&t->plan, text, sizeof text);
+    cln_debug("memory plan: %s", text);
+    cln_plan_text(&t->host_plan, text, sizeof text);
+    cln_debug("host memory, estimated: %s", text);
     if (cln_record_left_out(t, &list) == CLN_OK) {
-        text[0] = 0;
-        for (size_t i = 0; i < json_array_size(list) && used < sizeof text; i++)
-            used += (size_t)snprintf(text + used, sizeof text - used, "%s%s", i ? "; " : "",
-                                     json_string_value(json_array_get(list, i)));
-        cln_info("left out: %s", used ? text : "nothing");
+        left_out = json_array_size(list);
+        cln_debug("left out: %s", left_out ? join(list, "; ", text, sizeof text) : "nothing");
     }
     json_decref(list);
+    cln_format_bytes(t->plan.total, device);
+    cln_format_bytes(t->plan.limit, device_limit);
+    cln_format_bytes(t->host_plan.total, host);
+    cln_format_bytes(t->host_plan.limit, host_limit);
+    cln_info(
+        "memory: device %s of %s, more as the tree grows; host about %s of %s; %zu parts of the "
+        "method are not needed and left out (details: -v)",
+        device, device_limit, host, host_limit, left_out);
+    if (t->plan.batch_samples < (size_t)t->model.config.batch_samples ||
+        t->plan.max_rays < t->model.config.rays) {
+        cln_format_bytes((double)t->device->max_alloc, text);
+        cln_info("batches are cut to %zu samples and %d rays: the device's largest buffer has %s",
+                 t->plan.batch_samples, t->plan.max_rays, text);
+    }
 }
 
 static cln_status prepare(cln_trainer *t)

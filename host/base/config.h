@@ -70,6 +70,13 @@ cln_status cln_config_check(const cln_config *config);
 /* The most rays a batch ever has: --rays, or 8 times that with --leaf-samples. */
 int cln_config_most_rays(const cln_config *config);
 
+/* The most leaves that the tree may have on its way: at the start, by growth, or --max-leaves. */
+int cln_config_most_leaves(const cln_config *config);
+
+/* Steps of --epochs over a scene with so many training pixels: an epoch draws a tenth of them
+ * (method.md 11). */
+int64_t cln_config_epoch_steps(const cln_config *config, double pixels);
+
 /* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */
 cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS]);
 

@@ -41,6 +41,23 @@ int cln_config_most_rays(const cln_config *config)
     return config->leaf_samples > 0 ? 8 * config->rays : config->rays;
 }
 
+int cln_config_most_leaves(const cln_config *config)
+{
+    double fraction[CLN_LEVELS];
+    int deepest = config->start_level, most = 0;
+
+    if (cln_config_levels(config, fraction) == CLN_OK)
+        for (int level = deepest + 1; level < CLN_LEVELS; level++)
+            deepest = fraction[level] <= 1 ? level : deepest;
+    most = 1 << (3 * deepest);
+    return config->adaptive && config->max_leaves > most ? config->max_leaves : most;
+}
+
+int64_t cln_config_epoch_steps(const cln_config *config, double pixels)
+{
+    return (int64_t)fmax(1, ceil(config->epochs * pixels / 10 / config->rays));
+}
+
 cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS])
 {
     const char *at = config->level_at;

@@ -39,6 +39,18 @@ static bool is_flat(const json_t *array)
     return true;
 }
 
+/* Bytes, as people read them, under keys that name memory. */
+static bool print_memory(const char *key, const json_t *value)
+{
+    char text[32];
+
+    if (!json_is_number(value) || !strstr(key, "_memory"))
+        return false;
+    cln_format_bytes(json_number_value(value), text);
+    printf("%s", text);
+    return true;
+}
+
 /* Scalars in one line: "800, 600" or "name lego/r_0.png, width 800". */
 static void print_inline(const json_t *value)
 {
@@ -98,7 +110,10 @@ static void print_object(const json_t *object, int indent)
             print_list(value, indent + 2);
         } else {
             printf("%*s%-*s  ", indent, "", width, key);
-            print_inline(value);
+            if (json_is_array(value) && json_array_size(value) == 0)
+                printf("none");
+            else if (!print_memory(key, value))
+                print_inline(value);
             putchar('\n');
         }
     }

@@ -73,6 +73,10 @@ struct cln_pipeline {
  * warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
                                bool alpha, cln_pipeline *out);
+/* The same without programs, for plans: device, settings, network and parameters alone. Nothing of
+ * it need be freed. */
+cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, bool distortion,
+                                bool alpha, cln_pipeline *out);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
 
 /* An array P as an argument of a kernel. */

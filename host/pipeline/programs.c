@@ -329,8 +329,8 @@ done:
     return st;
 }
 
-static cln_status create(cln_device *device, const cln_config *config, bool distortion, bool alpha,
-                         const cln_tune *tune, cln_pipeline *out)
+static cln_status outline(cln_device *device, const cln_config *config, bool distortion, bool alpha,
+                          const cln_tune *tune, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
 
@@ -345,6 +345,32 @@ static cln_status create(cln_device *device, const cln_config *config, bool dist
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);
     fit_sort(device, &out->tune, &out->line_bits);
+done:
+    return st;
+}
+
+cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, bool distortion,
+                                bool alpha, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+    cln_network net;
+    cln_tune tune;
+    char network[32], from[CLN_TUNE_FROM];
+
+    CLN_TRY(cln_network_layout(config, &net));
+    cln_network_text(&net, network);
+    cln_device_tune(device, network, &tune, from);
+    CLN_TRY(outline(device, config, distortion, alpha, &tune, out));
+done:
+    return st;
+}
+
+static cln_status create(cln_device *device, const cln_config *config, bool distortion, bool alpha,
+                         const cln_tune *tune, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(outline(device, config, distortion, alpha, tune, out));
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         st =
             cln_fail(CLN_MEMORY,

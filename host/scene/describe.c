@@ -43,6 +43,44 @@ static json_t *describe_sizes(const cln_scene *scene)
     return sizes;
 }
 
+static bool same_intrinsics(const cln_camera *a, const cln_camera *b)
+{
+    return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
+           a->cx == b->cx && a->cy == b->cy && a->lens == b->lens &&
+           memcmp(a->distortion, b->distortion, sizeof a->distortion) == 0;
+}
+
+/* Runs of views with the same intrinsics, in pixels of the images as they are trained on. Where
+ * every view has its own, this is as long as the list of views. */
+static json_t *describe_intrinsics(const cln_scene *scene)
+{
+    json_t *list = json_array();
+    const cln_camera *before = NULL; /* of the newest row */
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_camera *c = &scene->views[i].camera;
+        const cln_lens_model *lens = &cln_lens_models[c->lens];
+        json_t *last = json_array_get(list, json_array_size(list) - 1), *params = NULL;
+
+        if (before && same_intrinsics(before, c)) {
+            json_object_set_new(
+                last, "views",
+                json_integer(json_integer_value(json_object_get(last, "views")) + 1));
+            continue;
+        }
+        params = json_object();
+        for (int k = 0; k < lens->count; k++)
+            json_object_set_new(params, lens->params[k], cln_json_real(c->distortion[k]));
+        json_array_append_new(
+            list, json_pack("{s:i, s:i, s:i, s:o, s:o, s:o, s:o, s:s, s:o}", "views", 1, "width",
+                            c->width, "height", c->height, "fx", cln_json_real(c->fx), "fy",
+                            cln_json_real(c->fy), "cx", cln_json_real(c->cx), "cy",
+                            cln_json_real(c->cy), "lens", lens->name, "params", params));
+        before = c;
+    }
+    return list;
+}
+
 static json_t *describe_views(const cln_scene *scene)
 {
     json_t *views = json_array();
@@ -79,15 +117,16 @@ static cln_status describe(const cln_scene *scene, json_t **out)
             channels = scene->views[i].channels;
     }
     *out = json_pack(
-        "{s:s, s:s, s:s, s:i, s:o, s:s, s:o, s:i, s:b, s:b, s:i, s:o, s:o, s:s, s:o, s:s, "
-        "s:o, s:o}",
+        "{s:s, s:s, s:s, s:i, s:o, s:s, s:o, s:o, s:i, s:b, s:b, s:i, s:o, s:o, s:s, s:o, s:s, "
+        "s:o, s:o, s:o}",
         "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
-        scene->view_count, "splits", splits, "split_rule", scene->split_rule, "sizes",
-        describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha, "distortion",
-        scene->has_distortion, "downscale", scene->downscale, "centre", centre, "half",
-        cln_json_real(scene->space.half), "bounds_rule", scene->bounds_rule, "background",
-        background, "digest", digest, "camera_distance", cln_json_real(distance), "cameras",
-        describe_views(scene));
+        scene->view_count, "splits", splits, "split_rule", scene->split_rule, "ignored_keys",
+        scene->ignored ? json_incref(scene->ignored) : json_array(), "sizes", describe_sizes(scene),
+        "channels", channels, "alpha", scene->has_alpha, "distortion", scene->has_distortion,
+        "downscale", scene->downscale, "centre", centre, "half", cln_json_real(scene->space.half),
+        "bounds_rule", scene->bounds_rule, "background", background, "digest", digest,
+        "camera_distance", cln_json_real(distance), "intrinsics", describe_intrinsics(scene),
+        "cameras", describe_views(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;

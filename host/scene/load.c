@@ -85,6 +85,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     result->views = NULL;
     result->view_count = 0;
     scene->dialect = result->dialect;
+    scene->ignored = json_incref(result->ignored);
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
                          others ? "; also there, not read: --format " : "", others ? others : ""));
     CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config->holdout));
@@ -115,6 +116,7 @@ done:
     free(result.points);
     free(result.bounds_rule);
     free(result.because);
+    json_decref(result.ignored);
     cln_scene_free(scene);
     return st;
 }
@@ -127,6 +129,7 @@ void cln_scene_free(cln_scene *scene)
     free(scene->pixels);
     free(scene->folder);
     free(scene->because);
+    json_decref(scene->ignored);
     free(scene->split_rule);
     free(scene->bounds_rule);
     free(scene);

@@ -14,6 +14,7 @@
 #ifndef CLN_READER_H
 #define CLN_READER_H
 
+#include <jansson.h>
 #include "scene/scene.h"
 
 /* A point that structure from motion found on a surface. */
@@ -34,6 +35,7 @@ typedef struct cln_reader_result {
     cln_point *points;
     const char *dialect; /* what cln_scene.dialect is to say */
     char *because;       /* why it was read as that, a phrase */
+    json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
 } cln_reader_result;
 
 typedef struct cln_reader {

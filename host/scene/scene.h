@@ -61,6 +61,7 @@ typedef struct cln_scene {
     char *folder;
     const char *dialect; /* "blender", "nerfstudio", "instant-ngp" */
     char *because;       /* why it was read as that, a phrase */
+    json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
     char *split_rule;    /* how views were split, a phrase */
     int downscale;
     int view_count;
@@ -102,8 +103,9 @@ void cln_view_pixel(const cln_view *view, int x, int y, const float background[3
 void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, splits,
- * split_rule, sizes, channels, alpha, distortion, downscale, centre, half, bounds_rule, background,
- * digest (16 hex digits), camera_distance (mean, to the centre), cameras [{name, split, width,
+ * split_rule, ignored_keys, sizes, channels, alpha, distortion, downscale, centre, half,
+ * bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
+ * intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name, split, width,
  * height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);
 

@@ -10,6 +10,10 @@
 cln_status cln_transforms_number(const char *where, const json_t *object, const char *key,
                                  double *out, bool *found);
 
+/* Adds the names of the object's members that are not read to *list (an array of strings, made if
+ * it is NULL), each once. */
+cln_status cln_transforms_ignored(const json_t *object, json_t **list);
+
 /* Fills name, path and camera of a zeroed view from frames[index] of the document. Image files are
  * looked for from `folder`. On failure the view may be partly filled. */
 cln_status cln_transforms_frame(const char *folder, const char *file, const json_t *root, int index,

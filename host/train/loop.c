@@ -38,15 +38,6 @@ static double fraction_used(const cln_trainer *t)
     return fmin(fraction, 1);
 }
 
-/* An epoch draws a tenth of all training pixels (method.md 11). */
-static int64_t steps_of_epochs(const cln_trainer *t)
-{
-    const cln_config *c = &t->model.config;
-    const double pixels = (double)t->batch.first[t->batch.train_views];
-
-    return (int64_t)fmax(1, ceil(c->epochs * pixels / 10 / c->rays));
-}
-
 /* A run that is resumed has nothing left to do: with which option it would. */
 static void say_used_up(const cln_trainer *t)
 {
@@ -317,7 +308,7 @@ cln_status cln_loop_run(cln_trainer *t)
     bool evaluated = false;
 
     if (c->steps <= 0 && c->time_limit <= 0)
-        t->steps = steps_of_epochs(t);
+        t->steps = cln_config_epoch_steps(c, (double)t->batch.first[t->batch.train_views]);
     if (t->desc->resume && fraction_used(t) >= 1)
         say_used_up(t);
     CLN_TRY(warm_up(t));

@@ -411,10 +411,10 @@ static void say(const cln_trainer *t, const cln_decision *d)
     if (d->splits + d->merges > 0)
         snprintf(psnr, sizeof psnr, "; PSNR of a fixed batch %.2f -> %.2f%s dB", d->psnr_before,
                  d->psnr_pretrained, d->merges ? " (merged ones trained)" : "");
-    cln_info("step %lld: %d leaves -> %d: %d split, %d groups merged, %d kept; objective %.4g -> "
-             "%.4g%s; %.1f s",
-             (long long)t->model.step, d->leaves_before, d->leaves, d->splits, d->merges, d->keeps,
-             d->objective_before, d->objective, psnr, d->work_seconds);
+    cln_debug("step %lld: %d leaves -> %d: %d split, %d groups merged, %d kept; objective %.4g -> "
+              "%.4g%s; %.1f s",
+              (long long)t->model.step, d->leaves_before, d->leaves, d->splits, d->merges, d->keeps,
+              d->objective_before, d->objective, psnr, d->work_seconds);
     if (d->infeasible)
         cln_warn("no choice of splits and merges meets --max-leaves %d; only merges were made",
                  d->budget);

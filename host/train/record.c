@@ -2,7 +2,6 @@
 #include "train/record.h"
 
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,65 +13,71 @@
 #include "report/report.h"
 #include "scene/scene.h"
 
-static void say(json_t *list, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-static void say(json_t *list, const char *fmt, ...)
+static double tenths(double value)
 {
-    char text[512];
-    va_list args;
+    return round(10 * value) / 10;
+}
 
-    va_start(args, fmt);
-    vsnprintf(text, sizeof text, fmt, args);
-    va_end(args);
-    json_array_append_new(list, json_string(text));
+/* Share of the cube that is in no leaf. */
+static double empty_share(const cln_octree *tree)
+{
+    double empty = 1;
+
+    for (int s = 0; s < tree->leaf_count; s++)
+        empty -= 1.0 / (1 << (3 * tree->level[tree->leaf[s]]));
+    return empty;
 }
 
 cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
 {
     const cln_config *c = &t->model.config;
     const cln_pipeline *p = &t->pipeline;
-    const cln_octree *tree = &t->model.tree;
-    double empty = 1; /* share of the cube */
-    json_t *list = json_array();
+    const bool alpha = t->scene->has_alpha, gather = c->stage1 == CLN_STAGE1_GATHER;
+    const bool regularised = c->sparsity > 0 || c->edge > 0 || c->cauchy > 0 ||
+                             c->opacity_entropy > 0 || c->distortion_loss > 0 || c->view_l2 > 0;
+    const bool by_weight = c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0;
+    const double uncovered = 1 - t->batch.coverage.share, empty = empty_share(&t->model.tree);
+    const bool skips = uncovered > 0 && cln_batch_skips(&t->batch, c, INT64_MAX);
+    const struct {
+        bool left_out;
+        const char *what; /* with a %g for each number */
+        double first, second;
+    } rows[] = {
+#define ROW(condition, text, ...) {.left_out = condition, .what = text, __VA_ARGS__}
+        ROW(!p->distortion, "lens distortion (pinhole cameras)"),
+        ROW(!alpha, "alpha (images have none)"),
+        ROW(alpha && !p->ray_background, "background per ray (one background for all)"),
+        ROW(!c->view_dependence, "view layer (--no-view-dependence)"),
+        ROW(p->net.skip_layer < 0, "skip connection"),
+        ROW(c->rrelu_scope == CLN_RRELU_MEAN, "random slopes (mean slope instead)"),
+        ROW(gather, "projection and sort of stage-1 samples (read along the rays instead)"),
+        ROW(c->density_noise <= 0, "density noise"),
+        ROW(!regularised, "regularisers"),
+        ROW(c->min_transmittance > 0,
+            "leaves behind less than %g transmittance (from %g%% of the budget)",
+            .first = c->min_transmittance, .second = 100 * c->occlusion_from),
+        ROW(c->empty_share < 1 && by_weight,
+            "%g%% of the intervals in leaves that stage 1 finds empty",
+            .first = 100 * (1 - c->empty_share)),
+        ROW(skips, "%g%% of the training pixels (no leaf is before them)",
+            .first = tenths(100 * uncovered)),
+        ROW(!c->adaptive, "the structure optimisation (whole levels only)"),
+        ROW(c->adaptive && c->tree_from[0],
+            "the structure optimisation (the tree is that of --tree-from)"),
+        ROW(empty > 0, "%g%% of the cube (empty leaves)", .first = tenths(100 * empty)),
+#undef ROW
+    };
+    char text[256];
 
-    *out = list;
-    if (!list)
+    *out = json_array();
+    if (!*out)
         return cln_fail(CLN_MEMORY, "record: cannot make JSON");
-    if (!p->distortion)
-        say(list, "lens distortion (pinhole cameras)");
-    if (!t->scene->has_alpha)
-        say(list, "alpha (images have none)");
-    else if (!p->ray_background)
-        say(list, "background per ray (one background for all)");
-    if (!c->view_dependence)
-        say(list, "view layer (--no-view-dependence)");
-    if (p->net.skip_layer < 0)
-        say(list, "skip connection");
-    if (c->rrelu_scope == CLN_RRELU_MEAN)
-        say(list, "random slopes (mean slope instead)");
-    if (c->stage1 == CLN_STAGE1_GATHER)
-        say(list, "projection and sort of stage-1 samples (read along the rays instead)");
-    if (c->density_noise <= 0)
-        say(list, "density noise");
-    if (c->sparsity <= 0 && c->edge <= 0 && c->cauchy <= 0 && c->opacity_entropy <= 0 &&
-        c->distortion_loss <= 0 && c->view_l2 <= 0)
-        say(list, "regularisers");
-    if (c->min_transmittance > 0)
-        say(list, "leaves behind less than %g transmittance (from %g%% of the budget)",
-            c->min_transmittance, 100 * c->occlusion_from);
-    if (c->empty_share < 1 && c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0)
-        say(list, "%g%% of the intervals in leaves that stage 1 finds empty",
-            100 * (1 - c->empty_share));
-    if (t->batch.coverage.share < 1 && cln_batch_skips(&t->batch, c, INT64_MAX))
-        say(list, "%.1f%% of the training pixels (no leaf is before them)",
-            100 * (1 - t->batch.coverage.share));
-    if (!c->adaptive)
-        say(list, "the structure optimisation (whole levels only)");
-    else if (c->tree_from[0])
-        say(list, "the structure optimisation (the tree of %s)", c->tree_from);
-    for (int s = 0; s < tree->leaf_count; s++)
-        empty -= 1.0 / (1 << (3 * tree->level[tree->leaf[s]]));
-    if (empty > 0)
-        say(list, "%.1f%% of the cube (empty leaves)", 100 * empty);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        if (!rows[i].left_out)
+            continue;
+        snprintf(text, sizeof text, rows[i].what, rows[i].first, rows[i].second);
+        json_array_append_new(*out, json_string(text));
+    }
     return CLN_OK;
 }
 
@@ -131,7 +136,8 @@ cln_status cln_record_start(cln_trainer *t)
     CLN_TRY(cln_scene_describe(t->scene, &scene));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     CLN_TRY(cln_plan_json(&t->host_plan, &host_plan));
-    json_object_del(scene, "cameras"); /* the per-view list is long */
+    json_object_del(scene, "cameras"); /* lists of all views are long */
+    json_object_del(scene, "intrinsics");
     json_object_set_new(scene, "path", json_string(path));
     cln_utc_now(now);
     cln_tune_text(&t->pipeline.tune, tune);
