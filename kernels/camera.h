@@ -1,5 +1,5 @@
 /* needs: lens */
-/* A pinhole camera behind a lens (lens.h): pixel position to direction and back, twin of
+/* A camera behind a lens (lens.h): pixel position to direction and back, twin of
  * host/scene/camera.c (host/scene/scene.h has the model). Its frame is space.h's, which is what
  * kernels go through. */
 
@@ -8,20 +8,22 @@ HELPER float3 camera_origin(cln_device_camera c)
     return (float3)(c.c2w[3], c.c2w[7], c.c2w[11]);
 }
 
-/* Unit direction through pixel position (u, v); w: its z in the camera's frame. */
-HELPER float4 camera_direction(cln_device_camera c, float u, float v)
+/* Unit direction through pixel position (u, v); w: its z in the camera's frame. False if the lens
+ * has none there. */
+HELPER bool camera_direction(cln_device_camera c, float u, float v, float4 *direction)
 {
-    const float2 p = lens_undistort(c, (float2)((u - c.cx) / c.fx, (v - c.cy) / c.fy));
-    const float3 d = (float3)(c.c2w[0] * p.x + c.c2w[1] * p.y + c.c2w[2],
-                              c.c2w[4] * p.x + c.c2w[5] * p.y + c.c2w[6],
-                              c.c2w[8] * p.x + c.c2w[9] * p.y + c.c2w[10]);
-    const float scale = rsqrt(p.x * p.x + p.y * p.y + 1.0f);
+    float3 p;
+    const bool found = lens_undistort(c, (float2)((u - c.cx) / c.fx, (v - c.cy) / c.fy), &p);
+    const float3 d = (float3)(c.c2w[0] * p.x + c.c2w[1] * p.y + c.c2w[2] * p.z,
+                              c.c2w[4] * p.x + c.c2w[5] * p.y + c.c2w[6] * p.z,
+                              c.c2w[8] * p.x + c.c2w[9] * p.y + c.c2w[10] * p.z);
+    const float scale = rsqrt(p.x * p.x + p.y * p.y + p.z * p.z);
 
-    return (float4)(d * scale, scale);
+    *direction = (float4)(d * scale, p.z * scale);
+    return found;
 }
 
-/* Pixel position of a point; false if it is behind the camera, outside the image, or where the lens
- * has folded over. */
+/* Pixel position of a point; false if it is outside the lens model's domain or the image. */
 HELPER bool camera_project(cln_device_camera c, float3 point, float2 *pixel)
 {
     const float3 q = point - camera_origin(c);
@@ -29,7 +31,7 @@ HELPER bool camera_project(cln_device_camera c, float3 point, float2 *pixel)
     float2 p = (float2)(c.c2w[0] * q.x + c.c2w[4] * q.y + c.c2w[8] * q.z,
                         c.c2w[1] * q.x + c.c2w[5] * q.y + c.c2w[9] * q.z);
 
-    if (!(z > 1e-6f) || !lens_distort(c, p / z, &p))
+    if (!lens_distort(c, (float3)(p, z), &p))
         return false;
     *pixel = (float2)(MAD(c.fx, p.x, c.cx), MAD(c.fy, p.y, c.cy));
     return pixel->x >= 0.0f && pixel->y >= 0.0f && pixel->x < (float)c.width &&

@@ -16,7 +16,10 @@ __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [
     const cln_device_camera camera = cameras[pixel.view];
     float4 o, d;
 
-    pixel_ray(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f, &o, &d);
+    if (!pixel_ray(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f, &o, &d)) {
+        o = (float4)(3.0f, 3.0f, 3.0f, 0.0f); /* starts outside the cube and leaves it: sees nothing */
+        d = (float4)(1.0f, 0.0f, 0.0f, 1.0f);
+    }
     ray_o[r] = o;
     ray_d[r] = d;
 }

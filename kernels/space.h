@@ -13,11 +13,12 @@
 
 /* ---- scene and cube ---- */
 
-/* The ray through pixel position (u, v): origin, 0; unit direction, factor for ray_depth(). */
-HELPER void pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
+/* The ray through pixel position (u, v): origin, 0; unit direction, factor for ray_depth(). False
+ * if the lens has no direction there; the direction is then any. */
+HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
 {
     *o = (float4)(camera_origin(c), 0.0f);
-    *d = camera_direction(c, u, v);
+    return camera_direction(c, u, v, d);
 }
 
 /* The pixel position of a point of the cube; false if the camera does not see it. */

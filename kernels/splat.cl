@@ -23,7 +23,7 @@
     uint first_view, uint n_views, uint total, uint n1, uint run, uint runs, uint row_begin,       \
         uint row_end, float min_alpha
 
-/* Key of a sample; false if it is dropped: too faint, behind the camera, off the image, or in a
+/* Key of a sample; false if it is dropped: too faint, without a place in the image, or in a
  * coarse pixel outside the band of rows (bands are cut at multiples of every k). */
 HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint row_end,
                       float min_alpha, uint index, ulong *key)
@@ -46,7 +46,9 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
         return false;
     const float middle = 0.5f * (float)grid.y;
 
-    pixel_ray(camera, (float)(cx * grid.y) + middle, (float)(cy * grid.y) + middle, &o, &d);
+    /* the lens may end between a pixel and its list's middle */
+    if (!pixel_ray(camera, (float)(cx * grid.y) + middle, (float)(cy * grid.y) + middle, &o, &d))
+        d.xyz = normalize(point - o.xyz);
     const float t = fmax(dot(point - o.xyz, d.xyz), 0.0f);
 
     *key = (ulong)(grid.x + cy * grid.z + cx) << 32 | as_uint(t);

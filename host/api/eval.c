@@ -23,7 +23,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &opened));
     CLN_TRY(cln_open_run_split(opened.scene, name, &split));
     CLN_TRY(cln_quality_choose(opened.scene, split, desc->max_images, &views, &count));
-    CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->has_distortion));
+    CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
     if (desc->save_images)
         CLN_TRY(cln_record_folder(desc->run, opened.model.step, name, &folder));

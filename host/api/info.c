@@ -44,8 +44,7 @@ static json_t *describe_training(const cln_scene *scene, const cln_settings *set
         json_object_set_new(about, "steps", json_integer(cln_config_epoch_steps(c, pixels)));
     }
     if (cln_device_open(&(cln_device_desc){0}, &device) == CLN_OK &&
-        cln_pipeline_outline(device, c, scene->has_distortion, scene->has_alpha, &pipeline) ==
-            CLN_OK) {
+        cln_pipeline_outline(device, c, scene->lenses, scene->has_alpha, &pipeline) == CLN_OK) {
         const cln_plan_desc desc = {&pipeline, scene, cln_config_most_leaves(c), true,
                                     cln_coverage_bytes(scene)};
 

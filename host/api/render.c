@@ -278,14 +278,14 @@ static cln_status start(job *j)
     cln_status st = CLN_OK;
     cln_open_run *v = &j->opened;
     const cln_camera **cameras = NULL;
-    bool distortion = false;
+    unsigned lenses = 0;
 
     CLN_TRY(cln_alloc(&cameras, (size_t)j->count, sizeof *cameras, "cameras"));
     for (int i = 0; i < j->count; i++) {
         cameras[i] = &j->frames[i].camera;
-        distortion |= cln_camera_is_distorted(cameras[i]);
+        lenses |= cln_camera_lenses(cameras[i]);
     }
-    CLN_TRY(cln_open_run_start(v, &j->desc->device, distortion));
+    CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, &v->model.space));
     CLN_TRY(write_about(j));
     CLN_TRY(cln_render_prepare(&v->pipeline));

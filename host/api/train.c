@@ -127,7 +127,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         t->model.space = t->scene->space;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
-        t->model.has_distortion = t->scene->has_distortion;
+        t->model.has_distortion = t->scene->lenses != 0;
     }
 done:
     return st;
@@ -258,7 +258,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                &t->eval_count));
     cln_info("building kernels for %s", t->device->info.name);
-    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->has_distortion, t->scene->has_alpha,
+    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
                                 &t->pipeline));
     CLN_TRY(plan(t));
     say_what_runs(t);

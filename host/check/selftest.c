@@ -159,7 +159,8 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
         cln_check_report(c, s->name, false, true, "the device allows no work-groups of this size");
         goto done;
     }
-    st = cln_pipeline_create(device, &config, s->distortion, s->small, &pipeline);
+    st = cln_pipeline_create(device, &config, s->distortion ? 1u << CLN_LENS_OPENCV : 0, s->small,
+                             &pipeline);
     if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
         /* training would refuse this network, too */
         cln_check_report(c, s->name, false, true, cln_error_text());

@@ -417,7 +417,7 @@ cln_status cln_check_rays(cln_checks *c)
     CLN_TRY(cln_alloc(&backgrounds, RAYS, sizeof *backgrounds, "self-test"));
     CLN_TRY(cln_alloc(&ray_o, RAYS, sizeof *ray_o, "self-test"));
     CLN_TRY(cln_alloc(&ray_d, RAYS, sizeof *ray_d, "self-test"));
-    make_cameras(p->distortion, cameras);
+    make_cameras(p->lenses != 0, cameras);
     m->rays = rays;
     for (int r = 0; r < rays; r++) {
         const cln_u32 row = SIDE / STEP, pixel = (cln_u32)(r * (RAYS / rays));

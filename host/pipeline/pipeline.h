@@ -30,7 +30,7 @@ struct cln_pipeline {
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
-    bool distortion;     /* lens code is built in */
+    unsigned lenses;     /* whose code is built in (cln_camera_lenses) */
     bool alpha;          /* the images have alpha */
     bool ray_background; /* one background per ray (random_background with alpha) */
     /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; where one array would
@@ -67,15 +67,16 @@ struct cln_pipeline {
     cln_device_camera *host_cameras; /* [view] */
 };
 
-/* Builds the programs for this network and scene; no buffers yet. distortion: some lens has it.
+/* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
+ * (cln_camera_lenses).
  * alpha: the images have it; without it random_background and alpha_loss are left out. Kernel
  * parameters come from cln_device_tune; if programs cannot be built with them, plain ones with a
  * warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
-cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
                                bool alpha, cln_pipeline *out);
 /* The same without programs, for plans: device, settings, network and parameters alone. Nothing of
  * it need be freed. */
-cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, bool distortion,
+cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
                                 bool alpha, cln_pipeline *out);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
 

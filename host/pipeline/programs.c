@@ -157,7 +157,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define RRELU %d\n#define BANDS_BY_LEVEL %d", c->rrelu_scope, c->bands_by_level);
     line(&t, "#define NOISE_ON %d", c->density_noise > 0);
     real(&t, "NOISE", c->density_noise);
-    line(&t, "#define DISTORTION %d\n#define RAY_BACKGROUND %d", p->distortion, p->ray_background);
+    line(&t, "#define LENSES %u\n#define RAY_BACKGROUND %d", p->lenses, p->ray_background);
     line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
          c->allocate, c->cdf, c->lists);
     line(&t, "#define LOSS %d\n#define ALPHA %d\n#define CAUCHY %d\n#define OPACITY %d", c->loss,
@@ -329,7 +329,7 @@ done:
     return st;
 }
 
-static cln_status outline(cln_device *device, const cln_config *config, bool distortion, bool alpha,
+static cln_status outline(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
                           const cln_tune *tune, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
@@ -338,7 +338,7 @@ static cln_status outline(cln_device *device, const cln_config *config, bool dis
     out->device = device;
     out->parts = out->part_leaves = out->part_slices = 1;
     out->config = *config;
-    out->distortion = distortion;
+    out->lenses = lenses;
     out->alpha = alpha;
     out->ray_background = config->random_background && alpha;
     CLN_TRY(cln_network_layout(config, &out->net));
@@ -349,7 +349,7 @@ done:
     return st;
 }
 
-cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, bool distortion,
+cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
                                 bool alpha, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
@@ -360,17 +360,17 @@ cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, bo
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    CLN_TRY(outline(device, config, distortion, alpha, &tune, out));
+    CLN_TRY(outline(device, config, lenses, alpha, &tune, out));
 done:
     return st;
 }
 
-static cln_status create(cln_device *device, const cln_config *config, bool distortion, bool alpha,
+static cln_status create(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
                          const cln_tune *tune, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(outline(device, config, distortion, alpha, tune, out));
+    CLN_TRY(outline(device, config, lenses, alpha, tune, out));
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         st =
             cln_fail(CLN_MEMORY,
@@ -387,7 +387,7 @@ done:
     return st;
 }
 
-cln_status cln_pipeline_create(cln_device *device, const cln_config *config, bool distortion,
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
                                bool alpha, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
@@ -399,7 +399,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    st = create(device, config, distortion, alpha, &tune, out);
+    st = create(device, config, lenses, alpha, &tune, out);
     if ((st == CLN_BUILD || st == CLN_MEMORY) && !device->tune_exact) {
         cln_tune_text(&tune, list);
         cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
@@ -408,7 +408,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, boo
         cln_clear_error();
         cln_tune_plain(&tune);
         snprintf(from, sizeof from, "plain, because others could not be used");
-        st = create(device, config, distortion, alpha, &tune, out);
+        st = create(device, config, lenses, alpha, &tune, out);
     }
     CLN_TRY(st);
     snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,

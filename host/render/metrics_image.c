@@ -17,15 +17,19 @@ static double clipped(float value)
     return value < 0 ? 0 : value > 1 ? 1 : (double)value;
 }
 
-double cln_image_mse(int width, int height, const float *a, const float *b)
+double cln_image_mse(int width, int height, const uint8_t *kept, const float *a, const float *b)
 {
-    const size_t count = (size_t)width * (size_t)height * 3;
+    const size_t all = (size_t)width * (size_t)height * 3;
+    size_t count = 0;
     double sum = 0;
 
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < all; i++) {
         const double difference = clipped(a[i]) - clipped(b[i]);
 
+        if (kept && !kept[i / 3])
+            continue;
         sum += difference * difference;
+        count++;
     }
     return count ? sum / (double)count : 0;
 }
@@ -88,11 +92,37 @@ static double ssim_of_moments(const double m[MOMENTS])
     return (2 * mu01 + c1) * (2 * s01 + c2) / ((mu00 + mu11 + c1) * (s00 + s11 + c2));
 }
 
-cln_status cln_image_ssim(int width, int height, const float *a, const float *b, double *ssim)
+/* Which windows are whole, by their lowest row and first column: [height][valid]. */
+static cln_status find_windows(int width, int height, const uint8_t *kept, uint8_t **out)
 {
     cln_status st = CLN_OK;
     const int valid = width - WINDOW + 1;
-    double weight[WINDOW], total = 0;
+    int *run = NULL; /* [width] kept pixels in a row down each column */
+
+    CLN_TRY(cln_alloc(&run, (size_t)width, sizeof *run, "SSIM windows"));
+    CLN_TRY(cln_alloc(out, (size_t)height * (size_t)valid, 1, "SSIM windows"));
+    for (int y = 0; y < height; y++) {
+        int columns = 0;
+
+        for (int x = 0; x < width; x++) {
+            run[x] = kept[(size_t)y * (size_t)width + (size_t)x] ? run[x] + 1 : 0;
+            columns = run[x] >= WINDOW ? columns + 1 : 0;
+            if (columns >= WINDOW)
+                (*out)[(size_t)y * (size_t)valid + (size_t)(x - WINDOW + 1)] = 1;
+        }
+    }
+done:
+    free(run);
+    return st;
+}
+
+cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const float *a,
+                          const float *b, double *ssim)
+{
+    cln_status st = CLN_OK;
+    const int valid = width - WINDOW + 1;
+    double weight[WINDOW], total = 0, windows = 0;
+    uint8_t *whole = NULL;
     double *ring = NULL; /* [WINDOW][MOMENTS][valid] */
     size_t stride = 0;
 
@@ -100,6 +130,8 @@ cln_status cln_image_ssim(int width, int height, const float *a, const float *b,
         CLN_TRY(cln_fail(CLN_INPUT,
                          "SSIM needs images of %d x %d pixels or more, this one is %d x %d", WINDOW,
                          WINDOW, width, height));
+    if (kept)
+        CLN_TRY(find_windows(width, height, kept, &whole));
     gaussian(weight);
     stride = MOMENTS * (size_t)valid;
     CLN_TRY(cln_alloc(&ring, WINDOW * stride, sizeof *ring, "SSIM rows"));
@@ -114,6 +146,9 @@ cln_status cln_image_ssim(int width, int height, const float *a, const float *b,
             for (int x = 0; x < valid; x++) {
                 double m[MOMENTS] = {0};
 
+                if (whole && !whole[(size_t)y * (size_t)valid + (size_t)x])
+                    continue;
+                windows++;
                 for (int i = 0; i < WINDOW; i++) {
                     const double *from = ring + (size_t)((y + 1 + i) % WINDOW) * stride + x;
 
@@ -124,8 +159,14 @@ cln_status cln_image_ssim(int width, int height, const float *a, const float *b,
             }
             total += row_sum;
         }
-    *ssim = total / ((double)valid * (height - WINDOW + 1) * 3);
+    if (windows == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "SSIM needs %d x %d pixels beside each other that count; so many this "
+                         "image of %d x %d has nowhere",
+                         WINDOW, WINDOW, width, height));
+    *ssim = total / windows;
 done:
+    free(whole);
     free(ring);
     return st;
 }

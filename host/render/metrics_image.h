@@ -1,16 +1,21 @@
 /* Picture quality (method.md section 14): the one routine for every PSNR and SSIM the program
  * prints. PSNR = -10 log10(MSE over pixels and channels), values clipped to [0,1]. SSIM: 11x11
  * Gaussian window, sigma 1.5, K1 0.01, K2 0.03, L = 1, valid convolution, per channel, mean of the
- * map, variances clipped at 0 and |s01| <= sqrt(s00 s11). All sums in double. */
+ * map, variances clipped at 0 and |s01| <= sqrt(s00 s11). All sums in double.
+ *
+ * Where pixels are left out, the MSE is over the others, and SSIM over windows without any. */
 #ifndef CLN_METRICS_IMAGE_H
 #define CLN_METRICS_IMAGE_H
 
+#include <stdint.h>
 #include "base/status.h"
 
-/* a, b: [height][width][3] float. MSE of equal images is 0, their PSNR is reported as 100 dB. */
-double cln_image_mse(int width, int height, const float *a, const float *b);
+/* a, b: [height][width][3] float; kept: [height][width], 0 where a pixel is left out, or NULL. MSE
+ * of equal images is 0, their PSNR is reported as 100 dB. */
+double cln_image_mse(int width, int height, const uint8_t *kept, const float *a, const float *b);
 double cln_psnr(double mse);
-/* CLN_INPUT if a side is under 11 pixels. */
-cln_status cln_image_ssim(int width, int height, const float *a, const float *b, double *ssim);
+/* CLN_INPUT if a side is under 11 pixels, or no window is whole. */
+cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const float *a,
+                          const float *b, double *ssim);
 
 #endif

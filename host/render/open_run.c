@@ -69,7 +69,7 @@ done:
     return st;
 }
 
-cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, bool distortion)
+cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses)
 {
     cln_status st = CLN_OK;
     const cln_config *config = &opened->model.config;
@@ -84,7 +84,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
              opened->device->info.platform, opened->device->info.compute_units);
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     cln_debug("building kernels for %s", opened->device->info.name);
-    CLN_TRY(cln_pipeline_create(opened->device, config, distortion, scene->has_alpha, p));
+    CLN_TRY(cln_pipeline_create(opened->device, config, lenses, scene->has_alpha, p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);

@@ -20,9 +20,9 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
 /* The checkpoint alone: for what needs no scene. */
 cln_status cln_open_run_model(const char *run, cln_open_run *out);
 
-/* Device, memory plan, programs, tree and weights; cameras are the caller's. distortion: some view
- * that will be rendered is distorted. */
-cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, bool distortion);
+/* Device, memory plan, programs, tree and weights; cameras are the caller's. lenses: of the views
+ * that will be rendered (cln_camera_lenses). */
+cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses);
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 
 /* "train", "val" or "test" that the scene has views of; CLN_USAGE, CLN_INPUT. */

@@ -79,10 +79,11 @@ done:
 
 /* Opacity against alpha, which colours over one background cannot tell: what is opaque and has the
  * background's colour looks like air. */
-static void measure_opacity(const cln_view *view, const cln_picture *picture, cln_eval_image *image)
+static void measure_opacity(const cln_view *view, const uint8_t *kept, const cln_picture *picture,
+                            cln_eval_image *image)
 {
     const size_t pixels = (size_t)picture->width * (size_t)picture->height;
-    size_t air = 0, opaque = 0;
+    size_t count = 0, air = 0, opaque = 0;
     double square = 0;
 
     image->opacity_error = image->opaque_air = NAN;
@@ -92,11 +93,14 @@ static void measure_opacity(const cln_view *view, const cln_picture *picture, cl
         const uint8_t alpha = view->pixels[4 * i + 3];
         const double d = picture->opacity[i] - alpha / 255.0;
 
+        if (kept && !kept[i])
+            continue;
+        count++;
         square += d * d;
         air += alpha == 0;
         opaque += alpha == 0 && picture->opacity[i] > 0.5f;
     }
-    image->opacity_error = sqrt(square / (double)pixels);
+    image->opacity_error = sqrt(square / (double)count);
     if (air > 0)
         image->opaque_air = (double)opaque / (double)air;
 }
@@ -109,24 +113,31 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     const int width = picture->width, height = picture->height;
     const size_t pixels = (size_t)width * (size_t)height;
     float *truth = NULL, *rounded = NULL, alpha = 0;
+    uint8_t *kept = NULL;
 
     CLN_TRY(cln_alloc(&truth, pixels * 3, sizeof *truth, "picture"));
     CLN_TRY(cln_alloc(&rounded, pixels * 3, sizeof *rounded, "picture"));
     for (size_t i = 0; i < pixels; i++)
         cln_view_pixel(v, (int)(i % (size_t)width), (int)(i / (size_t)width), scene->background,
                        truth + 3 * i, &alpha);
+    if (v->kept) {
+        CLN_TRY(cln_alloc(&kept, pixels, 1, "picture"));
+        for (size_t i = 0; i < pixels; i++)
+            kept[i] = cln_view_keeps(v, (int)(i % (size_t)width), (int)(i / (size_t)width));
+    }
     for (size_t i = 0; i < pixels * 3; i++)
         rounded[i] = (float)cln_to_u8(picture->rgb[i]) / 255.0f;
     image->width = width;
     image->height = height;
-    image->mse = cln_image_mse(width, height, picture->rgb, truth);
+    image->mse = cln_image_mse(width, height, kept, picture->rgb, truth);
     image->psnr = cln_psnr(image->mse);
-    image->psnr_u8 = cln_psnr(cln_image_mse(width, height, rounded, truth));
-    CLN_TRY(cln_image_ssim(width, height, picture->rgb, truth, &image->ssim));
-    measure_opacity(v, picture, image);
+    image->psnr_u8 = cln_psnr(cln_image_mse(width, height, kept, rounded, truth));
+    CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
+    measure_opacity(v, kept, picture, image);
     if (folder)
         CLN_TRY(save(folder, v->name, width, height, picture->rgb, truth, rounded));
 done:
+    free(kept);
     free(truth);
     free(rounded);
     return st;

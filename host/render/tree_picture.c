@@ -35,7 +35,8 @@ void cln_tree_surface(const cln_model *model, const cln_camera *camera, const cl
             slots[i] = -1;
             if (!(picture->opacity[i] >= SEEN) || !(picture->depth[i] > 0))
                 continue;
-            cln_camera_ray(camera, x + 0.5, y + 0.5, origin, direction);
+            if (!cln_camera_ray(camera, x + 0.5, y + 0.5, origin, direction))
+                continue;
             cln_space_ray_to_cube(&model->space, origin, direction, origin, direction);
             for (int a = 0; a < 3; a++)
                 point[a] = origin[a] + (double)picture->depth[i] * direction[a];

@@ -104,13 +104,20 @@ static void solve3(const double m[9], const double right[3], double out[3])
     }
 }
 
-/* Radius of what a camera sees around its axis at depth 1: the farthest corner. */
+/* Radius of what a camera sees around its axis at depth 1: the farthest corner. At most 1 for models
+ * that are no perspective: they may see a half-space and more, which says nothing of the scene. */
 static double view_radius(const cln_camera *camera)
 {
     const double x = fmax(camera->cx, camera->width - camera->cx) / camera->fx;
     const double y = fmax(camera->cy, camera->height - camera->cy) / camera->fy;
+    double corner[3], across = 0;
 
-    return hypot(x, y);
+    if (camera->lens == CLN_LENS_OPENCV || camera->lens == CLN_LENS_FULL_OPENCV)
+        return hypot(x, y);
+    if (!cln_lens_undistort(camera->lens, camera->distortion, (double[2]){x, y}, corner))
+        return 1;
+    across = hypot(corner[0], corner[1]);
+    return corner[2] > across ? across / corner[2] : 1;
 }
 
 /* The point nearest to all axes; false if they are parallel. */

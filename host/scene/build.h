@@ -25,8 +25,12 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
 int cln_natural_compare(const char *a, const char *b);
 
 /* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,
- * checked, then brought to the downscaled size. Fills downscale, has_alpha, has_distortion. */
+ * checked, then brought to the downscaled size. Fills downscale, has_alpha, lenses. */
 cln_status cln_scene_size_views(cln_scene *scene, int downscale);
+
+/* kept.c: finds the pixels that have no ray; fills maps, and of views kept and left_out. CLN_INPUT
+ * if a view has no other. */
+cln_status cln_scene_find_kept(cln_scene *scene);
 
 /* images.c: CLN_MEMORY, naming the --downscale that would do, if the images of the wanted splits
  * and two that are being read need more than `limit` bytes (0: than the machine has). */

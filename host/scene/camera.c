@@ -14,6 +14,25 @@ bool cln_camera_is_distorted(const cln_camera *camera)
     return !cln_lens_is_pinhole(camera->lens, camera->distortion);
 }
 
+unsigned cln_camera_lenses(const cln_camera *camera)
+{
+    return cln_camera_is_distorted(camera) ? 1u << camera->lens : 0;
+}
+
+void cln_camera_span_sphere(cln_camera *camera)
+{
+    const double list[2] = {camera->width, camera->height};
+    double pixels[4];
+
+    camera->lens = CLN_LENS_EQUIRECTANGULAR;
+    cln_colmap_split(&cln_colmap_models[CLN_COLMAP_EQUIRECTANGULAR], list, pixels,
+                     camera->distortion);
+    camera->fx = pixels[0];
+    camera->fy = pixels[1];
+    camera->cx = pixels[2];
+    camera->cy = pixels[3];
+}
+
 bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[3],
                     double direction[3])
 {
@@ -150,11 +169,6 @@ cln_status cln_camera_check(cln_camera *camera, const char *frame)
         return cln_fail(
             CLN_INPUT, "%s: absurd image size %d x %d; the limits are 1 to %d a side and %d in all",
             frame, camera->width, camera->height, CLN_IMAGE_MAX_SIDE, CLN_IMAGE_MAX_PIXELS);
-    if (camera->lens != CLN_LENS_OPENCV)
-        return cln_fail(CLN_INPUT,
-                        "%s: the device does not trace cameras of the lens model %s; undistort the "
-                        "images to OPENCV's",
-                        frame, lens->name);
     for (int i = 0; i < 4 + lens->count; i++) {
         const double value = i < 4 ? pixels[i] : camera->distortion[i - 4];
         /* Focal length: 1e-3 to 1e5 image sides. Distortion: far more than lenses have. */
@@ -165,5 +179,8 @@ cln_status cln_camera_check(cln_camera *camera, const char *frame)
                             i < 4 ? names[i] : lens->params[i - 4], value, camera->width,
                             camera->height);
     }
+    if (lens->refuse && lens->refuse(camera->distortion))
+        return cln_fail(CLN_INPUT, "%s: the lens model %s has no meaning with these parameters: %s",
+                        frame, lens->name, lens->refuse(camera->distortion));
     return check_pose(camera, frame);
 }

@@ -82,7 +82,7 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
         longest = view->file_width > longest ? view->file_width : longest;
         longest = view->file_height > longest ? view->file_height : longest;
         scene->has_alpha |= view->channels == 4;
-        scene->has_distortion |= cln_camera_is_distorted(&view->camera);
+        scene->lenses |= cln_camera_lenses(&view->camera);
     }
     scene->downscale =
         downscale > 0 ? downscale : (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;

@@ -69,7 +69,11 @@ typedef struct cln_colmap_model {
     int focals, count; /* count: the whole list's */
 } cln_colmap_model;
 
-enum { CLN_COLMAP_MODELS = 18, CLN_COLMAP_PARAMS = 4 + CLN_LENS_PARAMS };
+enum {
+    CLN_COLMAP_EQUIRECTANGULAR = 17,
+    CLN_COLMAP_MODELS,
+    CLN_COLMAP_PARAMS = 4 + CLN_LENS_PARAMS /* the longest list */
+};
 extern const cln_colmap_model cln_colmap_models[CLN_COLMAP_MODELS];
 
 /* Splits such a list, values[model->count], into fx, fy, cx, cy and the lens model's parameters, of

@@ -197,13 +197,13 @@ static double determinant(const double jacobian[4])
 
 /* Newton's method from p, halving steps that do not help; true if it ends at a point before the
  * fold whose image is `target` to 1e-12. */
-static bool newton(const cln_lens_plane *plane, const double target[2], double p[2])
+static bool newton(const cln_lens_plane *plane, const double target[2], int steps, double p[2])
 {
     double image[2], jacobian[4], error = 0;
 
     cln_lens_plane_bend(plane, p, image, jacobian);
     error = hypot(image[0] - target[0], image[1] - target[1]);
-    for (int i = 0; i < 60 && error > 1e-15; i++) {
+    for (int i = 0; i < steps && error > 1e-15; i++) {
         const double det = determinant(jacobian);
         const double ea = target[0] - image[0], eb = target[1] - image[1];
         const double step[2] = {(jacobian[3] * ea - jacobian[1] * eb) / det,
@@ -230,6 +230,15 @@ static bool newton(const cln_lens_plane *plane, const double target[2], double p
            is_inside(plane, p);
 }
 
+static bool is_radial(const cln_lens_plane *plane)
+{
+    bool others = plane->p1 != 0 || plane->p2 != 0;
+
+    for (int i = 0; i < 4; i++)
+        others = others || plane->prism[i] != 0;
+    return !others;
+}
+
 static bool unbend(const cln_lens_plane *plane, const double place[2], double p[2])
 {
     const double radius = hypot(place[0], place[1]);
@@ -237,14 +246,16 @@ static bool unbend(const cln_lens_plane *plane, const double place[2], double p[
 
     /* Mild lenses end here after a few steps. */
     memcpy(p, place, 2 * sizeof *p);
-    if (newton(plane, place, p))
+    if (newton(plane, place, 12, p))
         return true;
     /* Strong ones start from the solution of the radial part, kept off the fold. */
     limit = cln_lens_plane_limit(plane);
+    if (is_radial(plane) && isfinite(limit) && radius >= radius_of(plane, limit))
+        return false;
     r = unbend_radius(plane, radius, limit) * (isfinite(limit) ? 0.999 : 1);
     p[0] = radius > 0 ? place[0] / radius * r : 0;
     p[1] = radius > 0 ? place[1] / radius * r : 0;
-    return newton(plane, place, p);
+    return newton(plane, place, 60, p);
 }
 
 /* ---- directions ---- */

@@ -91,6 +91,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config->holdout));
     digest_cameras(scene);
     CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
+    CLN_TRY(cln_scene_find_kept(scene));
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config->bbox));
     CLN_TRY(cln_scene_check_seen(scene));
     CLN_TRY(cln_scene_check_memory(scene, desc->pixels, desc->config->host_mem));
@@ -125,6 +126,9 @@ void cln_scene_free(cln_scene *scene)
 {
     if (!scene)
         return;
+    for (int i = 0; scene->maps && i < scene->view_count; i++)
+        free(scene->maps[i]);
+    free(scene->maps);
     free_views(scene->views, scene->view_count);
     free(scene->pixels);
     free(scene->folder);

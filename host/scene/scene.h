@@ -25,7 +25,7 @@ typedef struct cln_camera {
     double fx, fy, cx, cy;
     cln_lens lens;
     union {
-        double distortion[CLN_LENS_PARAMS]; /* in the order of the model's parameters */
+        double distortion[CLN_LENS_PARAMS]; /* in the order of the model's parameters, then 0 */
         struct {
             double k1, k2, p1, p2; /* OPENCV's */
         };
@@ -35,13 +35,19 @@ typedef struct cln_camera {
 
 bool cln_camera_is_distorted(const cln_camera *camera);
 
+/* What kernels must know to trace it: 1 << lens; 0 for a pinhole. Sets of cameras join with |. */
+unsigned cln_camera_lenses(const cln_camera *camera);
+
+/* Makes it EQUIRECTANGULAR, its image (width x height) spanning the whole sphere. */
+void cln_camera_span_sphere(cln_camera *camera);
+
 /* The ray through pixel position (u, v): origin in scene units, unit direction. A position that no
  * direction has (beyond the lens model's fold) yields false and the pinhole's direction. */
 bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[3],
                     double direction[3]);
 
-/* Point in scene units -> (u, v) and its z in the camera's frame; false, (0, 0) and z if it is not
- * before the lens. */
+/* Point in scene units -> (u, v) and its z in the camera's frame, which is negative where a lens
+ * sees behind the camera; false, (0, 0) and z if the lens model has no place for it. */
 bool cln_camera_project(const cln_camera *camera, const double point[3], double *u, double *v,
                         double *z);
 
@@ -55,6 +61,8 @@ typedef struct cln_view {
     int file_width, file_height; /* size before --downscale */
     int channels;                /* 3, or 4 with straight alpha */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not loaded */
+    const uint8_t *kept;         /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
+    int64_t left_out;            /* number of pixels that are */
 } cln_view;
 
 typedef struct cln_scene {
@@ -65,13 +73,15 @@ typedef struct cln_scene {
     char *split_rule;    /* how views were split, a phrase */
     int downscale;
     int view_count;
-    cln_view *views; /* train, then val, then test; by name within a split */
-    uint8_t *pixels; /* of all loaded views: one piece, so that it lies in huge pages */
-    bool has_alpha, has_distortion; /* over the views of all splits */
-    cln_space space;                /* its cube */
-    char *bounds_rule;              /* where the cube comes from, a phrase */
-    float background[3];            /* composited behind alpha and behind the scene */
-    uint64_t digest;                /* of poses, intrinsics, split, names and image bytes on disk */
+    cln_view *views;     /* train, then val, then test; by name within a split */
+    uint8_t *pixels;     /* of all loaded views: one piece, so that it lies in huge pages */
+    uint8_t **maps;      /* [view_count] of the views' kept pixels; as many as there are lenses */
+    bool has_alpha;      /* over the views of all splits */
+    unsigned lenses;     /* so: cln_camera_lenses */
+    cln_space space;     /* its cube */
+    char *bounds_rule;   /* where the cube comes from, a phrase */
+    float background[3]; /* composited behind alpha and behind the scene */
+    uint64_t digest;     /* of poses, intrinsics, split, names and image bytes on disk */
 } cln_scene;
 
 typedef struct cln_scene_desc {
@@ -99,14 +109,24 @@ bool cln_scene_focus(const cln_scene *scene, double point[3]);
  * without). */
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha);
+/* Whether pixel (x, y) counts: it is learnt from and measured. It does not beyond the fold of the
+ * view's lens, where no ray goes. */
+bool cln_view_keeps(const cln_view *view, int x, int y);
+/* Views that have pixels beyond a fold, and the share of those in all pixels of these views. */
+typedef struct cln_fold {
+    int views;
+    double share;
+} cln_fold;
+cln_fold cln_scene_fold(const cln_scene *scene);
+
 /* Prefetches that pixel, for those who read single pixels in any order. */
 void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, splits,
- * split_rule, ignored_keys, sizes, channels, alpha, distortion, downscale, centre, half,
- * bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
- * intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name, split, width,
- * height}]. */
+ * split_rule, ignored_keys, sizes, channels, alpha, distortion, beyond_fold (cln_fold), downscale,
+ * centre, half, bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the
+ * centre), intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name,
+ * split, width, height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);
 
 #endif

@@ -97,24 +97,28 @@ static cln_status read_lens(const source *src, cln_camera *camera)
     const json_t *named = value_of(src, "camera_model");
     const cln_lens_model *model = NULL;
     char *known = NULL;
+    double k3 = 0, k4 = 0;
 
     CLN_TRY(cln_dataset_lenses(&known));
+    CLN_TRY(number_of(src, "k3", 0, &k3));
+    CLN_TRY(number_of(src, "k4", 0, &k4));
     camera->lens = CLN_LENS_OPENCV;
     if (named && !json_is_null(named)) {
         if (!json_is_string(named))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: camera_model must be a string", src->where));
         camera->lens = cln_lens_find(json_string_value(named));
     }
-    if (camera->lens == CLN_LENSES)
+    if (camera->lens == CLN_LENSES || value_of(src, "ftheta_p0"))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: cameras of camera_model %s are not read, only %s; undistort the "
                          "images to such a camera",
-                         src->where, json_string_value(named), known));
-    if (json_is_true(value_of(src, "is_fisheye")) || value_of(src, "ftheta_p0"))
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: fisheye cameras are not read, only %s; undistort the images to such "
-                         "a camera",
-                         src->where, known));
+                         src->where,
+                         camera->lens == CLN_LENSES ? json_string_value(named) : "F-theta", known));
+    if (camera->lens == CLN_LENS_OPENCV && json_is_true(value_of(src, "is_fisheye")))
+        camera->lens = CLN_LENS_OPENCV_FISHEYE; /* instant-ngp's way to say it */
+    /* Beside k3, k4 is of OpenCV's divisor for some and of the series for others. */
+    if (camera->lens == CLN_LENS_OPENCV && k3 != 0 && k4 == 0)
+        camera->lens = CLN_LENS_FULL_OPENCV; /* OPENCV with more terms */
     model = &cln_lens_models[camera->lens];
     for (size_t k = 0; k < sizeof others / sizeof *others; k++) {
         double value = 0;
@@ -126,9 +130,9 @@ static cln_status read_lens(const source *src, cln_camera *camera)
             CLN_TRY(number_of(src, others[k], 0, &value));
         if (value != 0)
             CLN_TRY(cln_fail(CLN_INPUT,
-                             "%s: %s = %g is not a parameter of the lens models that are read: %s; "
-                             "calibrate with one of these or undistort the images",
-                             src->where, others[k], value, known));
+                             "%s: %s = %g is not a parameter of the lens model %s; name another as "
+                             "camera_model: %s",
+                             src->where, others[k], value, model->name, known));
     }
     for (int i = 0; i < model->count; i++)
         CLN_TRY(number_of(src, model->params[i], 0, &camera->distortion[i]));
@@ -161,6 +165,10 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
     CLN_TRY(read_side(src, "h", &camera->height));
     if (!camera->width || !camera->height)
         CLN_TRY(cln_image_info(image, &camera->width, &camera->height, &channels));
+    if (camera->lens == CLN_LENS_EQUIRECTANGULAR) {
+        cln_camera_span_sphere(camera);
+        goto done;
+    }
     CLN_TRY(read_focal(src, camera));
     CLN_TRY(number_of(src, "cx", 0.5 * camera->width, &camera->cx));
     CLN_TRY(number_of(src, "cy", 0.5 * camera->height, &camera->cy));

@@ -90,6 +90,12 @@ static place crop(const cln_scene *scene, place p)
     return (place){p.index, c->width / 4 + p.x / 2, c->height / 4 + p.y / 2};
 }
 
+static bool keeps(const cln_scene *scene, place p)
+{
+    return cln_view_keeps(&scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, p.index)], p.x,
+                          p.y);
+}
+
 /* Draws a pixel of the covered tiles by 64 random bits. False if the tile reaches beyond the
  * image's edge there; *out is then the nearest pixel. */
 static bool locate_covered(const cln_coverage *c, const cln_scene *scene, const uint32_t bits[2],
@@ -112,40 +118,52 @@ bool cln_batch_skips(const cln_batch *b, const cln_config *config, int64_t step)
            b->coverage.share > 0 && step >= config->precrop_steps;
 }
 
-enum { DRAWS = 64 }; /* attempts to draw a pixel inside the image */
-
-static place draw_place(const cln_batch *b, const cln_scene *scene, const cln_config *config,
-                        const cln_draw *d, uint32_t ray)
+/* Any pixel, or any of the covered ones: false if it falls outside the image. */
+static bool draw_place(const cln_batch *b, const cln_scene *scene, const cln_draw *d,
+                       const uint32_t bits[4], place *out)
 {
-    const uint64_t seed = (uint64_t)config->seed;
-    uint32_t bits[4];
-    place p = {0};
-
-    draw_bits(seed, d->step, ray, 0, bits);
-    if (!d->covered)
-        return locate(b, scene,
-                      bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
-    for (uint32_t k = 1; !locate_covered(&b->coverage, scene, bits, &p) && k < DRAWS; k++)
-        draw_bits(seed, d->step, ray, k, bits);
-    return p;
+    if (d->covered)
+        return locate_covered(&b->coverage, scene, bits, out);
+    *out = locate(b, scene, bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
+    return true;
 }
 
 /* Draws a pixel of the batch's view number `slot`. */
-static place draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_config *config,
-                          const cln_draw *d, uint32_t ray, uint32_t slot)
+static bool draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_config *config,
+                         const cln_draw *d, const uint32_t bits[4], uint32_t slot, place *out)
 {
-    const uint64_t seed = (uint64_t)config->seed;
-    uint32_t bits[4], choice[4];
+    uint32_t choice[4];
     const cln_camera *camera = NULL;
-    place p = {0};
 
-    draw_bits(seed, d->step, ray, 0, bits);
-    draw_bits(seed, d->step, 0x80000000u + slot, 0, choice);
-    p.index = (int)cln_bounded(choice[0], (uint32_t)b->train_views);
-    camera = camera_of(scene, p.index);
-    p.x = (int)cln_bounded(bits[0], (uint32_t)camera->width);
-    p.y = (int)cln_bounded(bits[1], (uint32_t)camera->height);
-    return p;
+    draw_bits((uint64_t)config->seed, d->step, 0x80000000u + slot, 0, choice);
+    out->index = (int)cln_bounded(choice[0], (uint32_t)b->train_views);
+    camera = camera_of(scene, out->index);
+    out->x = (int)cln_bounded(bits[0], (uint32_t)camera->width);
+    out->y = (int)cln_bounded(bits[1], (uint32_t)camera->height);
+    return true;
+}
+
+enum { DRAWS = 64 }; /* of which all would have to fall outside the image, or on pixels left out */
+
+/* False if no draw found a pixel that counts. */
+static bool draw(const cln_batch *b, const cln_scene *scene, const cln_config *config,
+                 const cln_draw *d, uint32_t ray, uint32_t slot, place *out)
+{
+    const bool by_view = cln_stage1_of(config)->by_view;
+
+    for (uint32_t k = 0; k < DRAWS; k++) {
+        uint32_t bits[4];
+        bool found = false;
+
+        draw_bits((uint64_t)config->seed, d->step, ray, k, bits);
+        found = by_view ? draw_in_slot(b, scene, config, d, bits, slot, out)
+                        : draw_place(b, scene, d, bits, out);
+        if (d->step < (uint32_t)config->precrop_steps)
+            *out = crop(scene, *out);
+        if (found && keeps(scene, *out))
+            return true;
+    }
+    return false;
 }
 
 static int by_view_and_row(const void *a, const void *b)
@@ -172,11 +190,9 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
     for (int i = 0; i < n; i++) {
         /* by view: ray i looks through batch view i * views / n */
         const uint32_t slot = by_view ? (uint32_t)((int64_t)i * views / n) : 0;
-        place p = by_view ? draw_in_slot(b, scene, config, d, (uint32_t)i, slot)
-                          : draw_place(b, scene, config, d, (uint32_t)i);
+        place p = {0};
 
-        if (d->step < (uint32_t)config->precrop_steps)
-            p = crop(scene, p);
+        draw(b, scene, config, d, (uint32_t)i, slot, &p); /* what shows nothing teaches nothing */
         b->pixels[i] = (cln_pixel){(cln_u32)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, p.index),
                                    (cln_u32)p.x, (cln_u32)p.y, slot};
     }
@@ -193,5 +209,9 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
             cln_uniform4(seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0, back);
         cln_view_pixel(view, (int)b->pixels[i].x, (int)b->pixels[i].y, back, b->targets[i], &alpha);
         b->targets[i][3] = alpha;
+        if (!cln_view_keeps(view, (int)b->pixels[i].x, (int)b->pixels[i].y)) {
+            memcpy(b->targets[i], back, 3 * sizeof *back); /* its ray sees the background */
+            b->targets[i][3] = 0;
+        }
     }
 }

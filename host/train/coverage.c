@@ -226,7 +226,7 @@ void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const c
         float *errors = coverage->error + coverage->first[i];
 
         mark_view(&view->camera, side, tree, space, marks);
-        all += (int64_t)view->camera.width * view->camera.height;
+        all += (int64_t)view->camera.width * view->camera.height - view->left_out;
         for (int k = 0; k < g.across * g.down; k++) {
             const cln_tile tile = {(uint32_t)i, (uint16_t)(k % g.across * side),
                                    (uint16_t)(k / g.across * side)};

@@ -37,6 +37,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
                              c->opacity_entropy > 0 || c->distortion_loss > 0 || c->view_l2 > 0;
     const bool by_weight = c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0;
     const double uncovered = 1 - t->batch.coverage.share, empty = empty_share(&t->model.tree);
+    const cln_fold fold = cln_scene_fold(t->scene);
     const bool skips = uncovered > 0 && cln_batch_skips(&t->batch, c, INT64_MAX);
     const struct {
         bool left_out;
@@ -44,7 +45,10 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
         double first, second;
     } rows[] = {
 #define ROW(condition, text, ...) {.left_out = condition, .what = text, __VA_ARGS__}
-        ROW(!p->distortion, "lens distortion (pinhole cameras)"),
+        ROW(!p->lenses, "lens distortion (pinhole cameras)"),
+        ROW(fold.views > 0,
+            "%g%% of the pixels of %g views (beyond the fold of the lens model, where no ray goes)",
+            .first = tenths(100 * fold.share), .second = fold.views),
         ROW(!alpha, "alpha (images have none)"),
         ROW(alpha && !p->ray_background, "background per ray (one background for all)"),
         ROW(!c->view_dependence, "view layer (--no-view-dependence)"),

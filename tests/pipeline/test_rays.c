@@ -1,6 +1,7 @@
 /* rays.cl against the double camera of host/scene/camera.c: origin, unit direction and axis
- * scale of rays through pixels of pinhole and distorted cameras, in scenes of 1e-4 and 1e6
- * units. test_sampling.c tests which leaves a ray meets. */
+ * scale of rays through pixels of pinholes and of every lens model, alone and in one scene, in
+ * scenes of 1e-4 and 1e6 units; pixels beyond a lens' fold. test_sampling.c tests which leaves a
+ * ray meets. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -10,10 +11,40 @@
 #include "scene/scene.h"
 #include "tests.h"
 
-enum { VIEWS = 5, RAYS = 331 };
+enum { VIEWS = 18, RAYS = 613, PINHOLE = -1 };
+
+/* Lenses whose models hold over the whole image, with its size in focal lengths. */
+static const struct {
+    int lens; /* or PINHOLE */
+    double params[CLN_LENS_PARAMS], wide;
+} lenses[] = {
+    {PINHOLE, {0}, 1},
+    {CLN_LENS_OPENCV, {0.05, -0.02, 0.002, -0.001}, 1},
+    {CLN_LENS_OPENCV, {-0.07, 0.02, 0.006, -0.003}, 1},
+    {CLN_LENS_OPENCV, {-0.28, 0.11, 0.0012, -0.0021}, 1.4},
+    {CLN_LENS_OPENCV, {2, 0, 0, 0}, 1.5},
+    {CLN_LENS_OPENCV, {-0.2, 0, 0, 0}, 1.2}, /* the corners are near the fold */
+    {CLN_LENS_FULL_OPENCV, {0.9, 0.35, -0.0007, 0.0004, 0.05, 1.25, 0.4, 0.08}, 1.6},
+    {CLN_LENS_OPENCV_FISHEYE, {0}, 4.5}, /* more than half of the sphere */
+    {CLN_LENS_OPENCV_FISHEYE, {-0.021, 0.0045, -0.0012, 0.00009}, 3},
+    {CLN_LENS_THIN_PRISM_FISHEYE,
+     {-0.031, 0.006, 0.0011, -0.0008, -0.0009, 0.00004, 0.0013, -0.0017},
+     3},
+    {CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
+     {0.39, -0.37, -0.12, 0.38, -0.24, 0.047, 0.0006, -0.0004, 0.0002, -0.0003, 0.0005, -0.0001},
+     1.4},
+    {CLN_LENS_FOV, {0.93}, 2},
+    {CLN_LENS_DIVISION, {-0.3}, 4},
+    {CLN_LENS_DIVISION, {0.1}, 2},
+    {CLN_LENS_EUCM, {0.62, 1.09}, 2.4},
+    {CLN_LENS_EUCM, {0.4, 0.9}, 4},
+    {CLN_LENS_EQUIRECTANGULAR, {0}, 6.283185},
+    {PINHOLE, {0}, 23}, /* 170 degrees */
+};
+_Static_assert(sizeof lenses / sizeof *lenses == VIEWS, "a view of every row");
 
 /* A camera that looks at the centre from somewhere, upright or not. */
-static void make_camera(int i, bool distorted, const cln_space *space, cln_camera *c)
+static void make_camera(int i, int row, const cln_space *space, cln_camera *c)
 {
     double back[3], right[3], down[3], length = 0;
 
@@ -43,24 +74,21 @@ static void make_camera(int i, bool distorted, const cln_space *space, cln_camer
         c->c2w[4 * a + 2] = -back[a];
         c->c2w[4 * a + 3] = space->centre[a] + space->half * (2 + i) * back[a];
     }
-    c->width = 160 + 17 * i;
+    c->width = 160 + 7 * i;
     c->height = 120;
-    c->fx = 150 + 10 * i;
-    c->fy = 145 + 12 * i;
-    c->cx = 0.5 * c->width + i;
-    c->cy = 0.5 * c->height - i;
-    if (distorted) {
-        c->k1 = 0.05 - 0.04 * i;
-        c->k2 = 0.01 * i - 0.02;
-        c->p1 = 0.002 * i;
-        c->p2 = -0.001 * i;
-    }
+    c->fx = c->width / lenses[row].wide;
+    c->fy = 0.97 * c->fx;
+    c->cx = 0.5 * c->width + (lenses[row].lens == CLN_LENS_EQUIRECTANGULAR ? 0 : 0.1 * i);
+    c->cy = 0.5 * c->height - 0.1 * i;
+    c->lens = lenses[row].lens == PINHOLE ? CLN_LENS_OPENCV : (cln_lens)lenses[row].lens;
+    memcpy(c->distortion, lenses[row].params, sizeof c->distortion);
 }
 
-static void check_rays(int set, bool distorted, double unit)
+/* Rays of a scene whose cameras have these lens models, in a pipeline that knows no other. */
+static void check_rays(int set, unsigned models, double unit)
 {
     const cln_config config = small_config();
-    cln_pipeline *p = test_pipeline(&tune_sets[set], &config, distorted, false);
+    cln_pipeline *p = test_pipeline(&tune_sets[set], &config, models, false);
     const cln_space space = {{3 * unit, -2 * unit, 0.5 * unit}, 1.5 * unit};
     const float white[4] = {1, 1, 1, 1};
     cln_camera cameras[VIEWS];
@@ -68,20 +96,24 @@ static void check_rays(int set, bool distorted, double unit)
     cln_pixel pixels[RAYS];
     float(*o)[4] = NULL, (*d)[4] = NULL, got[7 * RAYS];
     double want[7 * RAYS];
+    int views = 0;
 
-    for (int i = 0; i < VIEWS; i++) {
-        make_camera(i, distorted, &space, &cameras[i]);
-        list[i] = &cameras[i];
-    }
+    for (int row = 0; row < VIEWS; row++)
+        if (lenses[row].lens == PINHOLE || models >> lenses[row].lens & 1) {
+            make_camera(views, row, &space, &cameras[views]);
+            list[views] = &cameras[views];
+            views++;
+        }
     for (int r = 0; r < RAYS; r++) { /* corners first, then anywhere */
-        const cln_camera *c = &cameras[r % VIEWS];
+        const int corner = r / views;
+        const cln_camera *c = &cameras[r % views];
         const uint32_t w = (uint32_t)c->width, h = (uint32_t)c->height;
 
-        pixels[r] = (cln_pixel){.view = (uint32_t)(r % VIEWS)};
-        pixels[r].x = r < 20 ? (r / 5 % 2) * (w - 1) : (uint32_t)test_uniform(2, r, 0, w);
-        pixels[r].y = r < 20 ? (r / 10) * (h - 1) : (uint32_t)test_uniform(3, r, 0, h);
+        pixels[r] = (cln_pixel){.view = (uint32_t)(r % views)};
+        pixels[r].x = corner < 4 ? corner % 2 * (w - 1) : (uint32_t)test_uniform(2, r, 0, w);
+        pixels[r].y = corner < 4 ? corner / 2 * (h - 1) : (uint32_t)test_uniform(3, r, 0, h);
     }
-    assert_ok(cln_pipeline_cameras(p, list, VIEWS, &space));
+    assert_ok(cln_pipeline_cameras(p, list, views, &space));
     assert_ok(cln_pipeline_batch(p, pixels, RAYS, NULL, white));
     test_fill(p->device, &p->ray_o, NULL, sizeof *o * RAYS);
     test_fill(p->device, &p->ray_d, NULL, sizeof *d * RAYS);
@@ -92,7 +124,9 @@ static void check_rays(int set, bool distorted, double unit)
         const cln_camera *c = &cameras[pixels[r].view];
         double origin[3], direction[3], axis = 0, length = 0;
 
-        assert_true(cln_camera_ray(c, pixels[r].x + 0.5, pixels[r].y + 0.5, origin, direction));
+        if (!cln_camera_ray(c, pixels[r].x + 0.5, pixels[r].y + 0.5, origin, direction))
+            fail_msg("%s has no ray at %u, %u", cln_lens_models[c->lens].name, pixels[r].x,
+                     pixels[r].y);
         for (int a = 0; a < 3; a++) {
             want[7 * r + a] = (origin[a] - space.centre[a]) / space.half;
             got[7 * r + a] = o[r][a];
@@ -107,7 +141,7 @@ static void check_rays(int set, bool distorted, double unit)
             fail_msg("ray %d has length %.9g", r, sqrt(length));
     }
     /* 2e-6 of a direction of size 1 is 3e-4 pixels here; Newton's method in float32 leaves less. */
-    compare(distorted ? "distorted rays" : "pinhole rays", got, want, 7 * RAYS,
+    compare(models ? "rays behind a lens" : "pinhole rays", got, want, 7 * RAYS,
             (bounds){1e-13, 2e-6});
     free(o);
     free(d);
@@ -119,9 +153,11 @@ static void test_cameras(void **state)
 
     (void)state;
     for (int set = 0; set < TUNE_SETS; set++) {
-        for (int distorted = 0; distorted < 2; distorted++)
-            check_rays(set, distorted, units[(set + distorted) % 3]);
+        check_rays(set, 0, units[set % 3]);
+        check_rays(set, 1u << CLN_LENS_OPENCV, units[(set + 1) % 3]);
     }
+    check_rays(0, (1u << CLN_LENSES) - 1, 1);
+    check_rays(4, 1u << CLN_LENS_OPENCV_FISHEYE, 1); /* and pinholes */
     test_report("rays");
 }
 
@@ -135,7 +171,7 @@ static void test_few_rays(void **state)
     const cln_camera *list = &camera;
 
     (void)state;
-    make_camera(1, false, &cln_space_unit, &camera);
+    make_camera(1, 0, &cln_space_unit, &camera);
     assert_ok(cln_pipeline_cameras(p, &list, 1, &cln_space_unit));
     for (int n = 0; n < 3; n++) {
         const cln_pixel pixels[3] = {{0, 1, 2, 0}, {0, 3, 4, 0}, {0, 5, 6, 0}};
@@ -153,11 +189,81 @@ static void test_few_rays(void **state)
     }
 }
 
+/* Lenses whose image holds pixels beyond the fold. Near it host and device may differ: it is where
+ * the place of a direction stands still. */
+static void test_beyond_fold(void **state)
+{
+    static const struct {
+        cln_lens lens;
+        double params[CLN_LENS_PARAMS], wide, share; /* of the pixels that have rays: about */
+    } folds[] = {
+        {CLN_LENS_OPENCV, {-0.5}, 1.6, 0.363},
+        {CLN_LENS_OPENCV, {-0.4, 0.05, -0.03, 0.02}, 1.8, 0.41},
+        {CLN_LENS_FULL_OPENCV, {-0.4, 0, 0, 0, 0, 0.1}, 1.5, 0.444},
+        {CLN_LENS_OPENCV_FISHEYE, {-0.1}, 3, 0.517},
+        {CLN_LENS_FOV, {1.5}, 2.5, 0.551},
+        {CLN_LENS_DIVISION, {0.25}, 4.5, 0.62},
+        {CLN_LENS_EUCM, {1, 1}, 2.2, 0.649},
+    };
+    enum { FOLDS = sizeof folds / sizeof *folds, SIDE = 48, PIXELS = FOLDS * SIDE * SIDE };
+    const cln_config config = small_config();
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, (1u << CLN_LENSES) - 1, false);
+    const float white[4] = {1, 1, 1, 1};
+    cln_camera cameras[FOLDS];
+    const cln_camera *list[FOLDS];
+    cln_pixel *pixels = test_alloc(PIXELS, sizeof *pixels);
+    float(*o)[4] = NULL, (*d)[4] = NULL;
+
+    (void)state;
+    for (int i = 0; i < FOLDS; i++) {
+        make_camera(i, 0, &cln_space_unit, &cameras[i]);
+        cameras[i].lens = folds[i].lens;
+        memcpy(cameras[i].distortion, folds[i].params, sizeof cameras[i].distortion);
+        cameras[i].width = cameras[i].height = SIDE;
+        cameras[i].fx = cameras[i].fy = SIDE / folds[i].wide;
+        cameras[i].cx = cameras[i].cy = SIDE / 2;
+        list[i] = &cameras[i];
+    }
+    for (uint32_t r = 0; r < PIXELS; r++)
+        pixels[r] = (cln_pixel){r / (SIDE * SIDE), r % SIDE, r / SIDE % SIDE, 0};
+    assert_ok(cln_pipeline_cameras(p, list, FOLDS, &cln_space_unit));
+    assert_ok(cln_pipeline_batch(p, pixels, PIXELS, NULL, white));
+    test_fill(p->device, &p->ray_o, NULL, sizeof *o * PIXELS);
+    test_fill(p->device, &p->ray_d, NULL, sizeof *d * PIXELS);
+    assert_ok(cln_stage_rays(p, PIXELS));
+    o = test_read(p->device, &p->ray_o, sizeof *o * PIXELS, "ray_o");
+    d = test_read(p->device, &p->ray_d, sizeof *d * PIXELS, "ray_d");
+    for (int i = 0; i < FOLDS; i++) {
+        int rays = 0, differ = 0;
+
+        for (int r = i * SIDE * SIDE; r < (i + 1) * SIDE * SIDE; r++) {
+            double origin[3], direction[3];
+            const bool found = cln_camera_ray(&cameras[i], pixels[r].x + 0.5, pixels[r].y + 0.5,
+                                              origin, direction);
+            const bool sees = o[r][0] != 3;
+            double off = 0;
+
+            /* marked so that it meets nothing */
+            assert_true(sees || (o[r][1] == 3 && d[r][0] == 1 && d[r][1] == 0 && d[r][2] == 0));
+            rays += found;
+            for (int a = 0; a < 3; a++)
+                off = fmax(off, fabs((double)d[r][a] - direction[a]));
+            differ += found != sees || (found && off > 1e-3);
+        }
+        if (differ > 8 || fabs((double)rays / (SIDE * SIDE) - folds[i].share) > 0.03)
+            fail_msg("fold %d: %d rays of %d, %d differ", i, rays, SIDE * SIDE, differ);
+    }
+    free(pixels);
+    free(o);
+    free(d);
+}
+
 int test_group_rays(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_cameras),
         cmocka_unit_test(test_few_rays),
+        cmocka_unit_test(test_beyond_fold),
     };
 
     return cmocka_run_group_tests_name("rays", tests, NULL, test_device_close);

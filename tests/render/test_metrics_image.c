@@ -36,14 +36,14 @@ static void test_psnr(void **state)
 
     (void)state;
     make_pair(a, b);
-    assert_true(cln_image_mse(W, H, a, a) == 0);
+    assert_true(cln_image_mse(W, H, NULL, a, a) == 0);
     assert_true(cln_psnr(0) == 100);
     assert_near(cln_psnr(0.01), 20, 1e-12);
     assert_near(cln_psnr(1), 0, 1e-12);
     /* One channel of six differs by 0.1; -5 is clipped to 0. */
-    assert_near(cln_image_mse(2, 1, two, other), 0.01 / 6, 1e-9);
-    assert_near(cln_image_mse(W, H, a, b), MSE_OF_PAIR, 1e-12);
-    assert_true(isnan(cln_image_mse(1, 1, not_a_number, two)));
+    assert_near(cln_image_mse(2, 1, NULL, two, other), 0.01 / 6, 1e-9);
+    assert_near(cln_image_mse(W, H, NULL, a, b), MSE_OF_PAIR, 1e-12);
+    assert_true(isnan(cln_image_mse(1, 1, NULL, not_a_number, two)));
 }
 
 static void test_ssim(void **state)
@@ -53,11 +53,11 @@ static void test_ssim(void **state)
 
     (void)state;
     make_pair(a, b);
-    assert_int_equal(cln_image_ssim(W, H, a, a, &ssim), CLN_OK);
+    assert_int_equal(cln_image_ssim(W, H, NULL, a, a, &ssim), CLN_OK);
     assert_near(ssim, 1, 1e-12);
-    assert_int_equal(cln_image_ssim(W, H, a, b, &ssim), CLN_OK);
+    assert_int_equal(cln_image_ssim(W, H, NULL, a, b, &ssim), CLN_OK);
     assert_near(ssim, SSIM_OF_PAIR, 1e-9);
-    assert_int_equal(cln_image_ssim(W, H, b, a, &ssim), CLN_OK);
+    assert_int_equal(cln_image_ssim(W, H, NULL, b, a, &ssim), CLN_OK);
     assert_near(ssim, SSIM_OF_PAIR, 1e-9);
 
     /* Constant images have no variance: (2 * 0.5 * 0.75 + C1) / (0.25 + 0.5625 + C1). */
@@ -65,12 +65,43 @@ static void test_ssim(void **state)
         a[i] = 0.5f;
         b[i] = 0.75f;
     }
-    assert_int_equal(cln_image_ssim(W, H, a, b, &ssim), CLN_OK);
+    assert_int_equal(cln_image_ssim(W, H, NULL, a, b, &ssim), CLN_OK);
     assert_near(ssim, (0.75 + 1e-4) / (0.8125 + 1e-4), 1e-9);
 
-    assert_int_equal(cln_image_ssim(11, 11, a, b, &ssim), CLN_OK);
-    assert_int_equal(cln_image_ssim(10, 13, a, b, &ssim), CLN_INPUT);
+    assert_int_equal(cln_image_ssim(11, 11, NULL, a, b, &ssim), CLN_OK);
+    assert_int_equal(cln_image_ssim(10, 13, NULL, a, b, &ssim), CLN_INPUT);
     assert_non_null(strstr(cln_error_text(), "10 x 13"));
+    cln_clear_error();
+}
+
+/* Pixels left out do not count, however wrong; SSIM takes the windows that hold none. */
+static void test_left_out(void **state)
+{
+    float a[W * H * 3], b[W * H * 3], part[2][W * H * 3];
+    uint8_t kept[W * H];
+    const float two[6] = {0, 0.5f, 1, 0, 0, 0}, other[6] = {0.1f, 0.5f, 1, 1, 1, NAN};
+    double ssim = 0, want = 0;
+
+    (void)state;
+    assert_near(cln_image_mse(2, 1, (uint8_t[]){1, 0}, two, other), 0.01 / 3, 1e-9);
+    make_pair(a, b);
+    memset(kept, 1, sizeof kept);
+    assert_int_equal(cln_image_ssim(W, H, kept, a, b, &ssim), CLN_OK);
+    assert_near(ssim, SSIM_OF_PAIR, 1e-9);
+    /* The last column and the first row: what remains are 2 x 3 windows less the first row's. */
+    for (int y = 0; y < H; y++)
+        kept[y * W + W - 1] = 0;
+    memset(kept, 0, W);
+    assert_int_equal(cln_image_ssim(W, H, kept, a, b, &ssim), CLN_OK);
+    for (int y = 1; y < H; y++)
+        for (int i = 0; i < (W - 1) * 3; i++) {
+            part[0][(y - 1) * (W - 1) * 3 + i] = a[y * W * 3 + i];
+            part[1][(y - 1) * (W - 1) * 3 + i] = b[y * W * 3 + i];
+        }
+    assert_int_equal(cln_image_ssim(W - 1, H - 1, NULL, part[0], part[1], &want), CLN_OK);
+    assert_near(ssim, want, 1e-12);
+    kept[6 * W + 6] = 0;
+    assert_int_equal(cln_image_ssim(W, H, kept, a, b, &ssim), CLN_INPUT);
     cln_clear_error();
 }
 
@@ -79,6 +110,7 @@ int test_group_metrics_image(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_psnr),
         cmocka_unit_test(test_ssim),
+        cmocka_unit_test(test_left_out),
     };
 
     return cmocka_run_group_tests_name("metrics_image", tests, NULL, NULL);

@@ -7,9 +7,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "near.h"
-#include "scene/lens.h"
+#include "scene/build.h"
 #include "tests.h"
 
 static const double PI = 3.14159265358979323846;
@@ -352,12 +353,74 @@ static void test_beyond(void **state)
             cln_lens_distort((cln_lens)lens, sphere, (double[3]){0, 0, 0}, (double[2]){0}));
 }
 
+/* The map of pixels that have rays, by rectangles, against every pixel. */
+static void test_kept(void **state)
+{
+    static const struct {
+        cln_lens lens;
+        double params[CLN_LENS_PARAMS], f, cx, cy;
+    } cameras[] = {
+        {CLN_LENS_OPENCV, {0.1}, 60, 45, 30},
+        {CLN_LENS_OPENCV, {-0.5}, 60, 45, 30}, /* a disc of radius 33 in 91 x 61 */
+        {CLN_LENS_OPENCV, {-0.5}, 60, 45, 30},
+        {CLN_LENS_OPENCV, {-0.5}, 60, -10, 40},  /* seen from the side */
+        {CLN_LENS_OPENCV, {-0.5}, 4, 50.5, 7.5}, /* some pixels in one rectangle */
+        {CLN_LENS_OPENCV, {-0.4, 0.05, -0.03, 0.02}, 60, 45, 30},
+        {CLN_LENS_OPENCV_FISHEYE, {-0.1}, 30, 45, 30},
+        {CLN_LENS_FOV, {1.5}, 40, 60, 30},
+        {CLN_LENS_EUCM, {1, 1}, 30, 45, 30},
+    };
+    enum { CAMERAS = sizeof cameras / sizeof *cameras };
+    cln_view views[CAMERAS];
+    cln_scene scene = {.view_count = CAMERAS, .views = views, .folder = "here"};
+
+    (void)state;
+    memset(views, 0, sizeof views);
+    for (int i = 0; i < CAMERAS; i++) {
+        cln_camera *c = &views[i].camera;
+
+        *c = (cln_camera){.c2w = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+                          .fx = cameras[i].f,
+                          .fy = 0.9 * cameras[i].f,
+                          .cx = cameras[i].cx,
+                          .cy = cameras[i].cy,
+                          .lens = cameras[i].lens,
+                          .width = 91,
+                          .height = 61};
+        memcpy(c->distortion, cameras[i].params, sizeof c->distortion);
+        c->c2w[3] = i; /* poses differ, lenses may not */
+    }
+    assert_int_equal(cln_scene_find_kept(&scene), CLN_OK);
+    for (int i = 0; i < CAMERAS; i++) {
+        int64_t left_out = 0;
+
+        for (int y = 0; y < 61; y++)
+            for (int x = 0; x < 91; x++) {
+                double o[3], d[3];
+                const bool ray = cln_camera_ray(&views[i].camera, x + 0.5, y + 0.5, o, d);
+
+                if (ray != cln_view_keeps(&views[i], x, y))
+                    fail_msg("camera %d: pixel %d, %d has %s ray", i, x, y, ray ? "a" : "no");
+                left_out += !ray;
+            }
+        assert_int_equal(views[i].left_out, left_out);
+        assert_true(i == 0 ? left_out == 0 : left_out > 500 && left_out < 91 * 61);
+    }
+    assert_null(views[0].kept);
+    assert_ptr_equal(views[1].kept, views[2].kept);
+    assert_ptr_not_equal(views[1].kept, views[3].kept);
+    assert_int_equal(cln_scene_fold(&scene).views, CAMERAS - 1);
+    for (int i = 0; i < CAMERAS; i++)
+        free(scene.maps[i]);
+    free(scene.maps);
+}
+
 /* ---- names and COLMAP's lists ---- */
 
 static const struct {
     int id;
     const char *name;
-    double values[CLN_COLMAP_PARAMS], pixels[4];
+    double values[4 + CLN_LENS_PARAMS], pixels[4];
     cln_lens lens;
     double params[CLN_LENS_PARAMS];
 } lists[CLN_COLMAP_MODELS] = {
@@ -417,7 +480,7 @@ static void test_colmap(void **state)
         assert_string_equal(model->name, lists[i].name);
         assert_int_equal(model->lens, lists[i].lens);
         assert_int_equal(cln_lens_find(model->name), lists[i].lens);
-        while (count < CLN_COLMAP_PARAMS && lists[i].values[count] != 0)
+        while (count < 4 + CLN_LENS_PARAMS && lists[i].values[count] != 0)
             count++;
         assert_int_equal(model->count, count);
         memset(params, 0xFF, sizeof params);
@@ -469,7 +532,7 @@ int test_group_lens(void)
         cmocka_unit_test(test_by_hand),  cmocka_unit_test(test_round_trip),
         cmocka_unit_test(test_jacobian), cmocka_unit_test(test_limit),
         cmocka_unit_test(test_beyond),   cmocka_unit_test(test_colmap),
-        cmocka_unit_test(test_models),
+        cmocka_unit_test(test_models),   cmocka_unit_test(test_kept),
     };
 
     return cmocka_run_group_tests_name("lens", tests, NULL, NULL);

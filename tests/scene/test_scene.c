@@ -65,7 +65,7 @@ static void test_blender(void **state)
     assert_string_equal(scene->views[cln_scene_split_view(scene, CLN_SPLIT_TEST, 0)].name,
                         "test/r_0");
     assert_true(scene->has_alpha);
-    assert_false(scene->has_distortion);
+    assert_int_equal(scene->lenses, 0);
     assert_near(scene->space.half, 1.5, 0);
     assert_near(scene->space.centre[0], 0, 0);
     /* In front: right is +x, up is +y and smaller v; depth 4. */
@@ -111,7 +111,7 @@ static void test_instant_ngp(void **state)
     scene = load(folder, &config);
     assert_string_equal(scene->dialect, "instant-ngp");
     assert_int_equal(scene->view_count, 2);
-    assert_true(scene->has_distortion);
+    assert_int_equal(scene->lenses, 1u << CLN_LENS_OPENCV);
     assert_false(scene->has_alpha);
     /* 0.33: the box of side 4 around 0.5 is 4 / 0.33 wide here. */
     assert_near(scene->space.half, 2 / 0.33, 1e-12);
@@ -127,6 +127,74 @@ static void test_instant_ngp(void **state)
     scene = load(scratch_path(folder, "transforms.json"), &config); /* by its file's path */
     assert_int_equal(scene->view_count, 2);
     assert_string_equal(scene->folder, folder);
+    cln_scene_free(scene);
+}
+
+/* Lens models by name for all frames and for one, by instant-ngp's flag, by OPENCV's k3; the sphere
+ * needs no focal length. */
+static void test_lenses(void **state)
+{
+    static const struct {
+        const char *name, *keys;
+        cln_lens lens;
+        double params[CLN_LENS_PARAMS];
+    } frames[] = {
+        {"0.png", "", CLN_LENS_OPENCV_FISHEYE, {0.01, 0.02, 0.03, 0.04}},
+        {"1.png", "\"camera_model\":\"OPENCV\",\"k3\":0,\"k4\":0,", CLN_LENS_OPENCV, {0.01, 0.02}},
+        {"2.png",
+         "\"camera_model\":\"OPENCV\",\"k4\":0,",
+         CLN_LENS_FULL_OPENCV,
+         {0.01, 0.02, 0, 0, 0.03}},
+        {"3.png",
+         "\"camera_model\":\"FULL_OPENCV\",\"k6\":0.5,",
+         CLN_LENS_FULL_OPENCV,
+         {0.01, 0.02, 0, 0, 0.03, 0.04, 0, 0.5}},
+        {"4.png",
+         "\"camera_model\":null,\"is_fisheye\":true,\"k1\":0.5,",
+         CLN_LENS_OPENCV_FISHEYE,
+         {0.5, 0.02, 0.03, 0.04}},
+        {"5.png",
+         "\"camera_model\":\"EQUIRECTANGULAR\",\"k3\":0,\"k4\":0,",
+         CLN_LENS_EQUIRECTANGULAR,
+         {0}},
+        {"6.png", "\"camera_model\":\"FOV\",\"omega\":0.9,\"k3\":0,\"k4\":0,", CLN_LENS_FOV, {0.9}},
+        {"7.png",
+         "\"camera_model\":\"SIMPLE_FISHEYE\",\"k1\":0,\"k2\":0,\"k3\":0,\"k4\":0,",
+         CLN_LENS_OPENCV_FISHEYE,
+         {0}},
+    };
+    enum { FRAMES = sizeof frames / sizeof *frames };
+    const char *folder = *state;
+    cln_config config = default_config();
+    cln_scene *scene = NULL;
+    char text[8192];
+    int used = snprintf(text, sizeof text,
+                        "{\"camera_model\":\"OPENCV_FISHEYE\",\"fl_x\":20,\"k1\":0.01,\"k2\":0.02,"
+                        "\"k3\":0.03,\"k4\":0.04,\"frames\":[");
+
+    config.holdout = 0;
+    for (int i = 0; i < FRAMES; i++) {
+        put_image(folder, frames[i].name, 20, 10, 3, i);
+        used += snprintf(text + used, sizeof text - (size_t)used,
+                         "%s{\"file_path\":\"%s\",%s\"transform_matrix\":" POSE_FRONT "}",
+                         i ? "," : "", frames[i].name, frames[i].keys);
+    }
+    snprintf(text + used, sizeof text - (size_t)used, "]}");
+    put_text(folder, "transforms.json", text);
+    scene = load(folder, &config);
+    assert_int_equal(scene->lenses, 1u << CLN_LENS_OPENCV | 1u << CLN_LENS_OPENCV_FISHEYE |
+                                        1u << CLN_LENS_FULL_OPENCV |
+                                        1u << CLN_LENS_EQUIRECTANGULAR | 1u << CLN_LENS_FOV);
+    for (int i = 0; i < FRAMES; i++) {
+        const cln_camera *camera = &view_named(scene, frames[i].name)->camera;
+
+        assert_int_equal(camera->lens, frames[i].lens);
+        for (int k = 0; k < CLN_LENS_PARAMS; k++)
+            assert_near(camera->distortion[k], frames[i].params[k], 0);
+    }
+    /* (2, -1, 0) is at (2, 1, 4) for the camera: longitude and latitude */
+    assert_projects(view_named(scene, "5.png"), 2, -1, 0, 10 + 20 / 6.283185307179586 * atan2(2, 4),
+                    5 + 10 / 3.141592653589793 * atan2(1, sqrt(20)));
     cln_scene_free(scene);
 }
 
@@ -445,6 +513,7 @@ int test_group_scene(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_blender, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_instant_ngp, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_lenses, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nerfstudio_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_smaller_copies, scratch_make, scratch_remove),
         cmocka_unit_test(test_natural_compare),

@@ -79,7 +79,7 @@ static inline cln_device *test_device(const tune_set *set)
 typedef struct test_pipeline_entry {
     const tune_set *set;
     cln_config config;
-    bool distortion, alpha;
+    unsigned lenses, alpha;
     cln_pipeline pipeline;
 } test_pipeline_entry;
 
@@ -88,21 +88,21 @@ static test_pipeline_entry test_pipelines[MAX_PIPELINES];
 static int test_pipeline_count;
 
 static inline cln_pipeline *test_pipeline(const tune_set *set, const cln_config *config,
-                                          bool distortion, bool alpha)
+                                          unsigned lenses, bool alpha)
 {
     cln_device *device = test_device(set);
     test_pipeline_entry *e = test_pipelines;
 
     for (int i = 0; i < test_pipeline_count; i++, e++) {
         if (e->set == set && memcmp(&e->config, config, sizeof *config) == 0 &&
-            e->distortion == distortion && e->alpha == alpha)
+            e->lenses == lenses && e->alpha == alpha)
             return &e->pipeline;
     }
     assert_true(test_pipeline_count < MAX_PIPELINES);
-    assert_ok(cln_pipeline_create(device, config, distortion, alpha, &e->pipeline));
+    assert_ok(cln_pipeline_create(device, config, lenses, alpha, &e->pipeline));
     e->set = set;
     e->config = *config;
-    e->distortion = distortion;
+    e->lenses = lenses;
     e->alpha = alpha;
     test_pipeline_count++;
     return &e->pipeline;

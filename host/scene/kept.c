@@ -1,0 +1,192 @@
+/* Which pixels of a view count: not those beyond the fold of its lens, which no direction maps to.
+ * Views with the same lens share a map. */
+#include "scene/build.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+enum { SMALL = 8 }; /* sides of rectangles that are looked at pixel by pixel */
+
+/* The camera, its map, and the pixel below its principal point, which has a ray if any has. */
+typedef struct search {
+    const cln_camera *camera;
+    uint8_t *map;
+    int x, y;
+} search;
+
+static bool has_ray(const search *s, int x, int y)
+{
+    double o[3], d[3];
+
+    return cln_camera_ray(s->camera, x + 0.5, y + 0.5, o, d);
+}
+
+static void keep(search *s, int x, int y)
+{
+    const size_t at = (size_t)y * (size_t)s->camera->width + (size_t)x;
+
+    s->map[at / 8] |= (uint8_t)(1 << at % 8);
+}
+
+typedef struct rectangle {
+    int x, y, wide, high;
+} rectangle;
+
+/* Pixels along its border, and of them those with a ray. */
+static void look_around(const search *s, const rectangle *r, int *pixels, int *rays)
+{
+    *pixels = *rays = 0;
+    for (int y = r->y; y < r->y + r->high; y++)
+        for (int x = r->x; x < r->x + r->wide; x++) {
+            *rays += has_ray(s, x, y);
+            ++*pixels;
+            if (y > r->y && y < r->y + r->high - 1 && x == r->x && r->wide > 1)
+                x = r->x + r->wide - 2; /* on to the right edge */
+        }
+}
+
+/* Marks the pixels of a rectangle that have rays. These are the image of a disc, without holes: a
+ * border that has them all has them all within, and one without any holds none, or all of them. */
+static void search_rectangle(search *s, const rectangle *r)
+{
+    const bool small = r->wide <= SMALL && r->high <= SMALL, across = r->wide >= r->high;
+    const bool middle =
+        s->x >= r->x && s->y >= r->y && s->x < r->x + r->wide && s->y < r->y + r->high;
+    rectangle first = *r, second = *r;
+    int pixels, rays;
+
+    look_around(s, r, &pixels, &rays);
+    if (rays == 0 && !middle)
+        return;
+    if (rays == pixels || small) {
+        for (int y = r->y; y < r->y + r->high; y++)
+            for (int x = r->x; x < r->x + r->wide; x++)
+                if (rays == pixels || has_ray(s, x, y))
+                    keep(s, x, y);
+        return;
+    }
+    if (across) {
+        first.wide /= 2;
+        second.x += first.wide;
+        second.wide -= first.wide;
+    } else {
+        first.high /= 2;
+        second.y += first.high;
+        second.high -= first.high;
+    }
+    search_rectangle(s, &first);
+    search_rectangle(s, &second);
+}
+
+static int64_t count_bits(const uint8_t *map, size_t bytes)
+{
+    int64_t count = 0;
+
+    for (size_t i = 0; i < bytes; i++)
+        count += __builtin_popcount(map[i]);
+    return count;
+}
+
+/* Two cameras whose pixels have the same rays, but for the pose. */
+static bool is_alike(const cln_camera *a, const cln_camera *b)
+{
+    return a->lens == b->lens && a->width == b->width && a->height == b->height && a->fx == b->fx &&
+           a->fy == b->fy && a->cx == b->cx && a->cy == b->cy &&
+           memcmp(a->distortion, b->distortion, sizeof a->distortion) == 0;
+}
+
+/* *map is NULL if all pixels have rays. */
+static cln_status make_map(const cln_camera *camera, uint8_t **map, int64_t *left_out)
+{
+    cln_status st = CLN_OK;
+    const rectangle image = {0, 0, camera->width, camera->height};
+    const int64_t all = (int64_t)camera->width * camera->height;
+    search s = {camera, NULL, (int)camera->cx, (int)camera->cy};
+    int pixels, rays;
+
+    *map = NULL;
+    *left_out = 0;
+    look_around(&s, &image, &pixels, &rays);
+    if (rays == pixels)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(map, (size_t)(all + 7) / 8, 1, "pixels that have rays"));
+    s.map = *map;
+    search_rectangle(&s, &image);
+    *left_out = all - count_bits(*map, (size_t)(all + 7) / 8);
+done:
+    return st;
+}
+
+/* "k1 = -0.5, k2 = 0": what a lens is bent by. */
+static void say_lens(const cln_camera *camera, char *text, size_t size)
+{
+    const cln_lens_model *lens = &cln_lens_models[camera->lens];
+    size_t used = (size_t)snprintf(text, size, "%s", lens->name);
+
+    for (int i = 0; i < lens->count && used < size; i++)
+        used += (size_t)snprintf(text + used, size - used, "%s%s = %g", i ? ", " : ": ",
+                                 lens->params[i], camera->distortion[i]);
+}
+
+cln_status cln_scene_find_kept(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    int *looked = NULL, count = 0; /* views whose cameras differ */
+    char lens[256];
+
+    CLN_TRY(cln_alloc(&looked, (size_t)scene->view_count, sizeof *looked, "cameras"));
+    CLN_TRY(cln_alloc(&scene->maps, (size_t)scene->view_count, sizeof *scene->maps, "cameras"));
+    for (int v = 0; v < scene->view_count; v++) {
+        cln_view *view = &scene->views[v];
+        int same = 0;
+
+        if (!cln_camera_is_distorted(&view->camera))
+            continue;
+        while (same < count && !is_alike(&view->camera, &scene->views[looked[same]].camera))
+            same++;
+        if (same == count) {
+            looked[count++] = v;
+            CLN_TRY(make_map(&view->camera, &scene->maps[same], &view->left_out));
+        }
+        view->kept = scene->maps[same];
+        view->left_out = scene->views[looked[same]].left_out;
+        if (view->left_out == (int64_t)view->camera.width * view->camera.height) {
+            say_lens(&view->camera, lens, sizeof lens);
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: frame '%s': no pixel of the image has a direction by its lens "
+                             "model %s; correct its parameters, focal length or principal point",
+                             scene->folder, view->name, lens));
+        }
+    }
+done:
+    free(looked);
+    return st;
+}
+
+bool cln_view_keeps(const cln_view *view, int x, int y)
+{
+    const size_t at = (size_t)y * (size_t)view->camera.width + (size_t)x;
+
+    return !view->kept || (view->kept[at / 8] >> at % 8 & 1);
+}
+
+cln_fold cln_scene_fold(const cln_scene *scene)
+{
+    cln_fold fold = {0};
+    double left_out = 0, all = 0;
+
+    for (int v = 0; v < scene->view_count; v++) {
+        const cln_view *view = &scene->views[v];
+
+        if (!view->kept)
+            continue;
+        fold.views++;
+        left_out += (double)view->left_out;
+        all += (double)view->camera.width * view->camera.height;
+    }
+    fold.share = all > 0 ? left_out / all : 0;
+    return fold;
+}
