@@ -31,7 +31,8 @@ static const char usage[] =
     "             ngp             as nerfstudio, with aabb_scale and without splits\n"
     "  --size N                   width and height in pixels, 8 to 4096 (default 200)\n"
     "  --train N --val N --test N number of views of each split (default 60, 0, 8)\n"
-    "  --distortion k1,k2,p1,p2   lens distortion, OPENCV's model (not with blender)\n"
+    "  --lens MODEL               lens model, by COLMAP's name (not with blender) [OPENCV]\n"
+    "  --distortion k1,k2,p1,p2   its parameters, all of them [0]\n"
     "  --depth                    also write NAME.depth.npy, distance along the ray; 0 = nothing\n"
     "                             there\n"
     "  --seed N                   of camera positions and noise textures (default 1)\n";
@@ -50,7 +51,9 @@ typedef struct settings {
     bool depth;
     int size, seed;
     int views[CLN_SPLITS];
-    double distortion[4];
+    cln_lens lens;
+    const char *bent_by; /* as it is given; NULL */
+    double distortion[CLN_LENS_PARAMS];
 } settings;
 
 typedef struct job {
@@ -90,8 +93,10 @@ static void place_camera(const settings *set, int split, int i, cln_camera *came
     *camera = (cln_camera){.width = set->size, .height = set->size};
     camera->fx = camera->fy = 0.5 * set->size / tan(0.5 * fov);
     camera->cx = camera->cy = 0.5 * set->size;
-    camera->lens = CLN_LENS_OPENCV;
+    camera->lens = set->lens;
     memcpy(camera->distortion, set->distortion, sizeof set->distortion);
+    if (set->lens == CLN_LENS_EQUIRECTANGULAR)
+        cln_camera_span_sphere(camera);
 
     cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 1, (uint32_t)split, 0, start);
     cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 2 + (uint32_t)split, (uint32_t)i, 0, u);
@@ -174,12 +179,14 @@ static cln_status write_blender(const job *j)
 static cln_status write_single(const job *j)
 {
     const cln_camera *c = &j->cameras[0];
+    const cln_lens_model *lens = &cln_lens_models[c->lens];
     json_t *frames = json_array();
     json_t *document =
-        json_pack("{s:s, s:f, s:f, s:f, s:f, s:i, s:i, s:f, s:f, s:f, s:f}", "camera_model",
-                  "OPENCV", "fl_x", c->fx, "fl_y", c->fy, "cx", c->cx, "cy", c->cy, "w", c->width,
-                  "h", c->height, "k1", c->k1, "k2", c->k2, "p1", c->p1, "p2", c->p2);
+        json_pack("{s:s, s:f, s:f, s:f, s:f, s:i, s:i}", "camera_model", lens->name, "fl_x", c->fx,
+                  "fl_y", c->fy, "cx", c->cx, "cy", c->cy, "w", c->width, "h", c->height);
 
+    for (int i = 0; i < lens->count; i++)
+        json_object_set_new(document, lens->params[i], json_real(c->distortion[i]));
     for (int split = 0, view = 0; split < CLN_SPLITS; split++) {
         char key[32], path[80];
         json_t *names = json_array();
@@ -206,11 +213,15 @@ static cln_status write_single(const job *j)
 /* generator.json records the options, and marks the folder as one that may be overwritten. */
 static cln_status write_marker(const settings *set)
 {
+    json_t *distortion = json_array();
+
+    for (int i = 0; i < cln_lens_models[set->lens].count; i++)
+        json_array_append_new(distortion, json_real(set->distortion[i]));
     json_t *document = json_pack(
-        "{s:s, s:s, s:s, s:i, s:[i,i,i], s:[f,f,f,f], s:b, s:i}", "generator", "make-scene", "kind",
+        "{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:o, s:b, s:i}", "generator", "make-scene", "kind",
         kinds[set->kind], "format", formats[set->format], "size", set->size, "views", set->views[0],
-        set->views[1], set->views[2], "distortion", set->distortion[0], set->distortion[1],
-        set->distortion[2], set->distortion[3], "depth", set->depth, "seed", set->seed);
+        set->views[1], set->views[2], "lens", cln_lens_models[set->lens].name, "distortion",
+        distortion, "depth", set->depth, "seed", set->seed);
     cln_status st = write_json(set->out, "generator.json", document);
     json_decref(document);
     return st;
@@ -400,12 +411,17 @@ static cln_status parse_word(const char *option, const char *text, const char *c
 
 static cln_status parse(int argc, char **argv, settings *set)
 {
-    static const struct option options[] = {
-        {"kind", required_argument, NULL, 'k'},       {"format", required_argument, NULL, 'f'},
-        {"size", required_argument, NULL, 's'},       {"train", required_argument, NULL, 't'},
-        {"val", required_argument, NULL, 'v'},        {"test", required_argument, NULL, 'e'},
-        {"distortion", required_argument, NULL, 'd'}, {"depth", no_argument, NULL, 'z'},
-        {"seed", required_argument, NULL, 'r'},       {NULL, 0, NULL, 0}};
+    static const struct option options[] = {{"kind", required_argument, NULL, 'k'},
+                                            {"format", required_argument, NULL, 'f'},
+                                            {"size", required_argument, NULL, 's'},
+                                            {"train", required_argument, NULL, 't'},
+                                            {"val", required_argument, NULL, 'v'},
+                                            {"test", required_argument, NULL, 'e'},
+                                            {"distortion", required_argument, NULL, 'd'},
+                                            {"lens", required_argument, NULL, 'l'},
+                                            {"depth", no_argument, NULL, 'z'},
+                                            {"seed", required_argument, NULL, 'r'},
+                                            {NULL, 0, NULL, 0}};
     cln_status st = CLN_OK;
 
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;)
@@ -429,7 +445,12 @@ static cln_status parse(int argc, char **argv, settings *set)
             CLN_TRY(parse_int("test", optarg, 0, 10000, &set->views[CLN_SPLIT_TEST]));
             break;
         case 'd':
-            CLN_TRY(cln_parse_reals(optarg, 4, set->distortion));
+            set->bent_by = optarg;
+            break;
+        case 'l':
+            set->lens = cln_lens_find(optarg);
+            if (set->lens == CLN_LENSES)
+                return cln_fail(CLN_USAGE, "--lens %s: there is no such model", optarg);
             break;
         case 'z':
             set->depth = true;
@@ -443,10 +464,12 @@ static cln_status parse(int argc, char **argv, settings *set)
     if (optind + 1 != argc)
         return cln_fail(CLN_USAGE, "give one output folder, not %d", argc - optind);
     set->out = argv[optind];
-    for (int i = 0; i < 4; i++)
-        if (set->distortion[i] != 0 && set->format == BLENDER)
-            return cln_fail(CLN_USAGE,
-                            "--distortion: the blender format has none; add --format nerfstudio");
+    if (set->bent_by)
+        CLN_TRY(cln_parse_reals(set->bent_by, cln_lens_models[set->lens].count, set->distortion));
+    if (!cln_lens_is_pinhole(set->lens, set->distortion) && set->format == BLENDER)
+        return cln_fail(CLN_USAGE,
+                        "--lens, --distortion: the blender format has none; add --format "
+                        "nerfstudio");
 done:
     return st;
 }
