@@ -1,5 +1,5 @@
 /* Lens models: from a direction in the camera's axes to its place in the image, and back. Twin of
- * host/scene/lens.c and lens_plane.c; docs/method.md 2.1 has the formulas.
+ * host/scene/lens.c and lens_plane.c; docs/method.md 3.1 has the formulas.
  *
  * LENSES  bits 1 << cln_lens: the models that the scene's cameras have. A camera of any other one
  *         is a pinhole. 0: no lens code.

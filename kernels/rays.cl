@@ -17,7 +17,7 @@ __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [
     float4 o, d;
 
     if (!pixel_ray(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f, &o, &d)) {
-        o = (float4)(3.0f, 3.0f, 3.0f, 0.0f); /* starts outside the cube and leaves it: sees nothing */
+        o = (float4)(3.0f, 3.0f, 3.0f, 0.0f); /* outside the cube, and away from it: sees nothing */
         d = (float4)(1.0f, 0.0f, 0.0f, 1.0f);
     }
     ray_o[r] = o;

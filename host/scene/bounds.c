@@ -104,8 +104,9 @@ static void solve3(const double m[9], const double right[3], double out[3])
     }
 }
 
-/* Radius of what a camera sees around its axis at depth 1: the farthest corner. At most 1 for models
- * that are no perspective: they may see a half-space and more, which says nothing of the scene. */
+/* Radius of what a camera sees around its axis at depth 1: the farthest corner. At most 1 for
+ * models that are no perspective: they may see a half-space and more, which says nothing of the
+ * scene. */
 static double view_radius(const cln_camera *camera)
 {
     const double x = fmax(camera->cx, camera->width - camera->cx) / camera->fx;

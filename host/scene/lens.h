@@ -1,5 +1,5 @@
 /* Lens models: the way from a direction to its place in the image, and back. The device's twin is
- * kernels/lens.h. docs/method.md section 2.1 has the formulas, with their sources.
+ * kernels/lens.h. docs/method.md section 3.1 has the formulas, with their sources.
  *
  *   direction (x, y, z) in camera axes     distort ->  <- undistort     place (a', b')
  *
@@ -11,7 +11,7 @@
  * outwards. Beyond it two directions would share a place; they have none.
  *
  * To add one: its name in cln_lens (include/device_abi.h), its row in lens.c, its branch in
- * kernels/lens.h, its row in tests/scene/test_camera.c. Readers find it by its name. */
+ * kernels/lens.h, its rows in tests/scene/test_lens.c. Readers find it by its name. */
 #ifndef CLN_LENS_H
 #define CLN_LENS_H
 
@@ -60,9 +60,9 @@ double cln_lens_limit(cln_lens lens, const double *params);
 
 /* ---- COLMAP's camera models ---- */
 
-/* How the parameter list of a COLMAP camera is to be read: `focals` focal lengths (f, or fx fy), cx,
- * cy, then the first parameters of the lens model, in its order. No focal length: the list is w, h,
- * and the image spans the sphere. Place in the table: COLMAP's id of the model. */
+/* How the parameter list of a COLMAP camera is to be read: `focals` focal lengths (f, or fx fy),
+ * cx, cy, then the first parameters of the lens model, in its order. No focal length: the list is
+ * w, h, and the image spans the sphere. Place in the table: COLMAP's id of the model. */
 typedef struct cln_colmap_model {
     const char *name;
     cln_lens lens;

@@ -56,8 +56,28 @@ static void look(const double origin[3], const double forward[3], cln_camera *c)
     }
 }
 
-static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
+/* What the views are seen through: the last ones see more than a half-space, the one inside a leaf
+ * all of it. */
+typedef enum { PINHOLES, BENT, WIDE } views;
+static const unsigned lenses_of[] = {0, 1u << CLN_LENS_OPENCV,
+                                     1u << CLN_LENS_OPENCV_FISHEYE | 1u << CLN_LENS_EUCM |
+                                         1u << CLN_LENS_EQUIRECTANGULAR |
+                                         1u << CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE};
+
+static void make_cameras(views kind, cln_camera cameras[VIEWS])
 {
+    static const struct {
+        cln_lens lens;
+        double params[CLN_LENS_PARAMS], f;
+    } wide[VIEWS] = {
+        {CLN_LENS_OPENCV_FISHEYE, {-0.02, 0.004, -0.001}, 60},
+        {CLN_LENS_EUCM, {0.62, 1.09}, 70},
+        {CLN_LENS_EQUIRECTANGULAR, {0}, 0},
+        {CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
+         {0.1, -0.02, 0, 0, 0, 0, 0.01, -0.02, 0.01, 0, -0.01, 0},
+         80},
+    };
+
     static const double origins[VIEWS][3] = {
         {0, 0, -3}, {2.1, 1.3, 1.7}, {0.31, -0.22, 0.17}, {-1.5, 2.5, 1}};
     static const double forward[VIEWS][3] = {
@@ -74,9 +94,16 @@ static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
         c->fy = 138;
         c->cx = c->width / 2.0;
         c->cy = c->height / 2.0;
-        if (distorted) {
+        if (kind == BENT) {
             c->k1 = 0.03 * (v - 1);
             c->p1 = 0.001 * v;
+        }
+        if (kind == WIDE) {
+            c->lens = wide[v].lens;
+            c->fx = c->fy = wide[v].f;
+            memcpy(c->distortion, wide[v].params, sizeof c->distortion);
+            if (c->lens == CLN_LENS_EQUIRECTANGULAR)
+                cln_camera_span_sphere(c);
         }
     }
 }
@@ -193,7 +220,7 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     const uint32_t *grid = l->grids[view * 6 + level];
     const float *box = boxes + 4 * slot;
     const double spacing = (double)box[3] / n1, sigma = ref_from_bf16(model->density[index]);
-    double point[3], u = 0, v = 0, z = 0, o[3], d[3], t = 0, hair = 0;
+    double point[3], u = 0, v = 0, z = 0, o[3], d[3], t = 0, hair = 0, near = 0;
     bool inside = false;
 
     for (int a = 0; a < 3; a++)
@@ -202,7 +229,14 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
         return false;
     if (!cln_camera_project(c, point, &u, &v, &z))
         return false;
-    hair = 1e-4 * fmax(1, 0.3 / z); /* pixels; float32's error grows near the camera */
+    near = z;
+    if (lenses_of[WIDE] >> c->lens & 1) {
+        for (int a = 0; a < 3; a++)
+            near = hypot(a ? near : 0, point[a] - c->c2w[4 * a + 3]);
+        if (c->lens == CLN_LENS_EQUIRECTANGULAR) /* of the polar axis */
+            near *= cos((v - c->cy) / c->fy);
+    }
+    hair = 1e-4 * fmax(1, 0.3 / near); /* pixels; float32's error grows near the camera */
     inside = u >= 0 && v >= 0 && u < c->width && v < c->height;
     *close = fabs(u - round(u)) < hair || fabs(v - round(v)) < hair;
     for (int k = 0; k < 4 && *close; k++) {
@@ -302,7 +336,7 @@ static const cln_sampling sampling = {.jitter = true,
                                       .max_samples = 1 << 22};
 
 /* Runs everything up to the samples, with room for `entries` projected samples at a time. */
-static void run_splat(cln_pipeline *p, const cln_config *config, bool distorted, size_t entries,
+static void run_splat(cln_pipeline *p, const cln_config *config, views kind, size_t entries,
                       splat_run *run)
 {
     const float white[4] = {1, 1, 1, 1};
@@ -310,7 +344,7 @@ static void run_splat(cln_pipeline *p, const cln_config *config, bool distorted,
 
     memset(run, 0, sizeof *run);
     make_sampling_model(config, &run->model);
-    make_cameras(distorted, run->cameras);
+    make_cameras(kind, run->cameras);
     make_pixels(run->cameras, run->pixels);
     for (int v = 0; v < VIEWS; v++)
         list[v] = &run->cameras[v];
@@ -334,22 +368,24 @@ static void free_run(splat_run *run)
     free(run->d);
 }
 
-static void check_splat(int set, int n1, bool distorted)
+static void check_splat(int set, int n1, views kind)
 {
     const cln_config config = config_of(n1, CLN_LISTS_CSR);
-    cln_pipeline *p = test_pipeline(&tune_sets[set], &config, distorted, false);
+    cln_pipeline *p = test_pipeline(&tune_sets[set], &config, lenses_of[kind], false);
     ray_source from = {.config = &config, .sampling = sampling, .points = splat_points};
     splat_lists lists;
     splat_run run;
 
-    run_splat(p, &config, distorted, 1 << 24, &run);
+    run_splat(p, &config, kind, 1 << 24, &run);
     read_lists(p, &run.model, run.pixels, &lists);
     compare_lists(&config, &run.model, run.cameras, &lists);
     from.tree = &run.model.tree;
     from.user = &lists;
     check_samples(&run.model.tree, &run.samples, run.o, run.d);
-    compare_samples(distorted ? "splat, distorted" : "splat", &from, &run.samples, run.o, run.d,
-                    0.1);
+    compare_samples(kind == WIDE   ? "splat, wide"
+                    : kind == BENT ? "splat, distorted"
+                                   : "splat",
+                    &from, &run.samples, run.o, run.d, 0.1);
     free_lists(&lists);
     free_run(&run);
 }
@@ -358,7 +394,7 @@ static void test_lists(void **state)
 {
     (void)state;
     for (int set = 0; set < TUNE_SETS; set++)
-        check_splat(set, set % 2 ? 5 : 8, set == 2);
+        check_splat(set, set % 2 ? 5 : 8, set == 2 ? BENT : set == 3 ? WIDE : PINHOLES);
     test_report("splatted samples");
 }
 
@@ -379,16 +415,16 @@ static void test_same_bytes(void **state)
     splat_run all, other;
 
     (void)state;
-    run_splat(p, &config, false, 1 << 24, &all);
+    run_splat(p, &config, PINHOLES, 1 << 24, &all);
     entries = p->splat_entries;
     assert_true(entries > 1000);
-    run_splat(q, &padded, false, 1 << 24, &other);
+    run_splat(q, &padded, PINHOLES, 1 << 24, &other);
     assert_same_samples(&all.samples, &other.samples, "padded lists");
     free_run(&other);
     for (int64_t divide = 2; divide <= 4; divide *= 2) {
         char what[64];
 
-        run_splat(p, &config, false, (size_t)(entries / divide), &other);
+        run_splat(p, &config, PINHOLES, (size_t)(entries / divide), &other);
         snprintf(what, sizeof what, "room for 1/%d of the entries", (int)divide);
         assert_same_samples(&all.samples, &other.samples, what);
         free_run(&other);
@@ -406,7 +442,7 @@ static void test_no_room(void **state)
     int used = 0;
 
     (void)state;
-    run_splat(p, &config, false, 1 << 24, &run);
+    run_splat(p, &config, PINHOLES, 1 << 24, &run);
     p->max_entries = 10;
     assert_int_equal(cln_stage_sample(p, RAYS, &sampling, &used, &n), CLN_MEMORY);
     assert_non_null(strstr(cln_error_text(), "--n1"));
@@ -427,7 +463,7 @@ static void test_splat_like_gather(void **state)
     float *boxes = NULL, *cache = NULL;
 
     (void)state;
-    run_splat(p, &config, false, 1 << 24, &run);
+    run_splat(p, &config, PINHOLES, 1 << 24, &run);
     cache = test_alloc((size_t)(run.model.tree.leaf_count * cells), sizeof *cache);
     assert_ok(cln_octree_boxes(&run.model.tree, &boxes));
     for (int i = 0; i < run.model.tree.leaf_count * cells; i++) {
@@ -482,7 +518,7 @@ static void check_stats(const tune_set *set)
     int leaves = 0, wrong = 0, unseen = 0;
     splat_run run;
 
-    run_splat(p, &config, false, 1 << 24, &run);
+    run_splat(p, &config, PINHOLES, 1 << 24, &run);
     leaves = run.model.tree.leaf_count;
     assert_ok(cln_octree_boxes(&run.model.tree, &boxes));
     test_fill(p->device, &p->seen, NULL, (size_t)(leaves * cells));
