@@ -162,7 +162,7 @@ typedef struct cln_train_progress {
     double fraction;     /* of the budget, 0..1 */
     double seconds;      /* of training so far */
     double eta;          /* seconds to go, evaluations included; NaN at first */
-    int unmeasured; /* evaluations to come that eta lacks: how long one takes is not known yet */
+    int unmeasured;      /* evaluations to come that eta excludes: their time is unknown yet */
     double rays_per_s, samples_per_ray;
     double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
     int leaves;
@@ -200,7 +200,7 @@ typedef struct cln_train_result {
     double seconds;      /* training seconds, without evaluation */
     double wall_seconds; /* of the call */
     double psnr_train, psnr_test;
-    int eval_views, test_views; /* how many views psnr_test is over, of how many there are */
+    int eval_views, test_views; /* number of views of psnr_test, and of all test views */
     int leaves;
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
     uint64_t digest;               /* model_digest */
@@ -225,7 +225,7 @@ typedef struct cln_eval_result {
     int count;
     cln_eval_image *images;
     double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images */
-    double opacity_error, opaque_air; /* means over those that have one; else NAN */
+    double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;
     double train_seconds;
     uint64_t digest;
@@ -339,8 +339,8 @@ typedef struct cln_tune_try {
     cln_tune_verdict verdict;
     char reason[512];        /* why it was refused */
     double seconds, against; /* of a step, and of the best set before it at the same time; NaN */
-    /* What decided: the two were timed by turns, in so many pairs; the middle of the pairs' ratios
-     * of times (below 1 is faster; NaN), and in how many of them it was not faster. */
+    /* The decision: number of pairs of alternate timings; median of the pairs' ratios of times
+     * (below 1 is faster; NaN); number of pairs in which the set was not faster. */
     double ratio;
     int pairs, slower;
 } cln_tune_try;

@@ -12,7 +12,7 @@
 void cln_log_set_level(cln_log_level level);
 void cln_log_set_sink(cln_log_sink *sink, void *user);
 
-/* The sink of programs: a line on stderr; with colours, the word "warning" stands out. */
+/* The sink of programs: a line on stderr; the word "warning" is coloured if colours are on. */
 cln_log_sink cln_log_stderr;
 void cln_log_use_colour(bool on);
 

@@ -70,7 +70,7 @@ static bool read_with_unit(const char *text, const char *letters, const double *
     return *value >= 0 && isfinite(*value);
 }
 
-/* "1:30" (minutes, seconds) or "1:02:03"; behind the first number two digits below 60 each. */
+/* "1:30" (minutes, seconds) or "1:02:03"; two digits below 60 after each colon. */
 static bool read_clock(const char *text, double *seconds)
 {
     size_t digits = strspn(text, "0123456789");

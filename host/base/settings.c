@@ -41,7 +41,7 @@ static cln_status find_row(const char *name, const cln_config_row **row)
                     cln_config_nearest(name));
 }
 
-/* Another budget that the run has used up would end it at once: it goes. */
+/* Drops another budget that is used up, which would end the run at once. */
 static void lift_used_up(cln_settings *settings)
 {
     cln_config *c = &settings->config;
@@ -53,7 +53,7 @@ static void lift_used_up(cln_settings *settings)
 }
 
 /* "+N" of a budget: the run's own plus N; without such a budget, N more from where the run ended.
- * Given twice, the last counts, as with any setting. */
+ * The last value counts, as for any setting. */
 static cln_status extend(cln_settings *settings, const cln_config_row *row, const char *more)
 {
     cln_status st = CLN_OK;

@@ -16,8 +16,8 @@ int cln_utf8_bytes(const char *at);
 /* Returns whether the whole text is UTF-8. */
 bool cln_utf8_valid(const char *text);
 
-/* The text as one word of a shell's command line, in single quotes where it needs them. Returns
- * out, which is "..." where the word has no room; 4 * strlen(text) + 3 bytes are always enough. */
+/* The text as one word of a shell command, in single quotes if necessary. Returns out, which is
+ * "..." if the word does not fit; 4 * strlen(text) + 3 bytes always suffice. */
 enum { CLN_QUOTED_BYTES = 4096 };
 const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 

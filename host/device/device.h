@@ -65,7 +65,7 @@ typedef struct cln_device {
     bool spoil;   /* tests: new buffers start as NaN, to expose reads of unwritten elements */
     size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
-    cln_stage booked; /* where it all goes (cln_queue_book); CLN_STAGES: each to its own stage */
+    cln_stage booked; /* stage of all launches (cln_queue_book); CLN_STAGES: each its own */
     /* queue.c's: launches whose time is not yet known; since cln_device_open, launches whose time
      * is, and waits of the host. */
     cln_pending *pending;

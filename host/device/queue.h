@@ -42,8 +42,8 @@ typedef struct cln_mark {
 cln_status cln_device_mark(cln_device *device, cln_mark *out);
 cln_status cln_device_wait(cln_device *device, cln_mark *mark);
 
-/* What is launched from here on is booked on this stage, whatever it is of: pictures use the stages
- * of training and are none of it. CLN_STAGES: each on its own again. */
+/* Counts all later launches as this stage: pictures use the stages of training but are not part of
+ * it. CLN_STAGES: each launch counts as its own stage again. */
 void cln_queue_book(cln_device *device, cln_stage stage);
 
 /* Adds launch times to stage_seconds; call it after a call outside this file that waited for all

@@ -108,7 +108,7 @@ static bool parse_shape(const char *text, int *dims, int shape[MAX_DIMS])
     }
 }
 
-/* What a header says; `data` is behind it, of `bytes` bytes. */
+/* A header's contents; `data`: the `bytes` bytes after it. */
 typedef struct array {
     const char *type, *order; /* in `header` */
     char header[HEADER_MAX + 1];
@@ -208,7 +208,7 @@ cln_status cln_npy_decode(const char *path, const char *file, size_t bytes, int 
     for (size_t i = 0; i < a.count; i++) {
         size_t from = 0, rest = i, stride = a.count;
 
-        /* i counts in C order, its last index fastest; in Fortran order the first is. */
+        /* i counts in C order, last index fastest; in Fortran order the first index is fastest. */
         for (int k = *dims - 1; fortran && k >= 0; k--) {
             stride /= (size_t)shape[k];
             from += rest % (size_t)shape[k] * stride;

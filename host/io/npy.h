@@ -1,5 +1,5 @@
-/* NumPy .npy files: float32, little-endian, in C order, is what this program writes; float64 and
- * Fortran order come from others. */
+/* NumPy .npy files. Writes float32, little-endian, in C order; also reads float64 and Fortran
+ * order. */
 #ifndef CLN_NPY_H
 #define CLN_NPY_H
 
@@ -13,8 +13,8 @@ cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const
  * 2^31 bytes). The caller frees *data. CLN_INPUT names path and defect. */
 cln_status cln_npy_read_f32(const char *path, int *dims, int shape[4], float **data);
 
-/* The same of float32 or float64, in either order, from the bytes of a file, as double in C order;
- * path is for sentences. Values may be anything, NaN, too. The caller frees *data. */
+/* The same for float32 or float64, in either order, from the bytes of a file, as double in C order;
+ * path: for sentences. Values may also be NaN. The caller frees *data. */
 cln_status cln_npy_decode(const char *path, const char *file, size_t bytes, int *dims, int shape[4],
                           double **data);
 

@@ -1,6 +1,6 @@
-/* A reader of zip archives, as far as numpy writes them. See npz.h. The format (APPNOTE.TXT 4.3):
- * files, each behind a local header; then the directory, a header each; then an end record, behind
- * which a comment may stand. The directory is believed, the local header only for its length. */
+/* A reader of zip archives as numpy writes them. See npz.h. The format (APPNOTE.TXT 4.3): files,
+ * each after a local header; then the directory, with a header per file; then an end record, which
+ * a comment may follow. Uses the directory, and of local headers only the length. */
 #include "io/npz.h"
 
 #include <stdint.h>
@@ -23,7 +23,7 @@ static const size_t MAX_BYTES = (size_t)1 << 30;
 
 typedef struct entry {
     char *name;
-    size_t local, packed, bytes; /* place of the local header, sizes in the archive and outside */
+    size_t local, packed, bytes; /* local header's offset; compressed and full size */
     uint32_t checksum;
     int method;
 } entry;
@@ -31,7 +31,7 @@ typedef struct entry {
 struct cln_npz {
     char *path, *data;
     size_t size;
-    int count, next; /* entries; where the next search begins */
+    int count, next; /* entries; start of the next search */
     entry *entries;
 };
 
@@ -129,7 +129,7 @@ void cln_npz_close(cln_npz *npz)
     free(npz);
 }
 
-/* Arrays are mostly asked for in their order: the search goes on where the last one ended. */
+/* Callers mostly ask in the archive's order: each search starts where the last one ended. */
 static const entry *find(cln_npz *npz, const char *name)
 {
     const size_t length = strlen(name);

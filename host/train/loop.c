@@ -21,7 +21,7 @@
 #include "train/record.h"
 #include "train/step.h"
 
-static const double TARGET_SECONDS = 15; /* between evaluations that look for --target-psnr */
+static const double TARGET_SECONDS = 15; /* between evaluations for --target-psnr */
 
 /* ---- budgets ---- */
 
@@ -38,7 +38,7 @@ static double fraction_used(const cln_trainer *t)
     return fmin(fraction, 1);
 }
 
-/* A run that is resumed has nothing left to do: with which option it would. */
+/* Names the option that extends a resumed run whose budget is used up. */
 static void say_used_up(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
@@ -145,7 +145,7 @@ done:
     return st;
 }
 
-/* Whether --target-psnr has to see for itself, as nothing else asks for evaluations. */
+/* Does --target-psnr need its own evaluations, because no other setting requests any? */
 static bool watches_target(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
@@ -170,7 +170,7 @@ static bool evaluation_due(cln_trainer *t)
     return due;
 }
 
-/* Evaluations that are still to come, the last one included, if the budget goes on as so far. */
+/* Number of evaluations to come, including the last, at the present speed. */
 static int evaluations_left(const cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;
@@ -191,8 +191,8 @@ static int evaluations_left(const cln_trainer *t, double fraction)
     return (int)fmin(count, 1e6);
 }
 
-/* Keeps the rates and means of the rays since the last row: a step's come back one step later, so
- * just behind a row there are none. */
+/* Keeps the rates and means of the rays since the last row. A step's results arrive one step later:
+ * directly after a row there are none. */
 static void keep_window(cln_trainer *t)
 {
     const double spent = t->model.train_seconds - t->window.began_seconds;

@@ -111,7 +111,7 @@ static const char *text_of(const json_t *object, const char *key, const char *ot
     return text ? text : otherwise;
 }
 
-/* What the run came to so far, should nothing be left to train. */
+/* The run's results so far, for a resume with nothing left to train. */
 static void take_result(cln_trainer *t, const json_t *result)
 {
     const json_t *train = json_object_get(result, "psnr_train");

@@ -33,8 +33,8 @@ typedef struct cln_trainer {
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
-    double eval_seconds;          /* what the newest evaluation took; NaN before the first */
-    cln_train_progress shown;     /* rates and means of the newest rays that came back */
+    double eval_seconds;          /* time of the newest evaluation; NaN before the first */
+    cln_train_progress shown;     /* rates and means of the newest results */
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
     bool save_wanted;             /* SIGUSR1 came */
 

@@ -119,10 +119,10 @@ static void test_extend(void **state)
     assert_true(settings->config.time_limit == 180);
     settings->base.steps = 0;
     assert_set_refused(settings, "steps", "+5", "--steps +5|no such budget");
-    settings->steps = 320; /* without a budget of the kind: from where the run ended, and */
+    settings->steps = 320; /* without such a budget: from where the run ended */
     settings->seconds = 60;
     settings->config.steps = 0;
-    settings->config.time_limit = 60; /* what is used up is no budget any more */
+    settings->config.time_limit = 60; /* a used-up budget is dropped */
     set(settings, "steps", "+5");
     assert_int_equal(settings->config.steps, 325);
     assert_true(settings->config.time_limit == 0);

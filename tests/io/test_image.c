@@ -121,7 +121,7 @@ static void test_png_transparent_colour(void **state)
     free(pixels);
 }
 
-/* A smooth picture comes back nearly as it was, in few bytes. */
+/* A smooth picture is preserved approximately, in few bytes. */
 static void test_jpeg_of_a_gradient(void **state)
 {
     enum { SIDE = 64 };

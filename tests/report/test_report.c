@@ -272,7 +272,7 @@ static void page_shows_what_the_run_left(void **state)
     assert_int_equal(count_of(page, "<tr class=set>"), 1);
     assert_has(page, "backward");
     assert_has(page, "50.0"); /* of 100 seconds of training: 100 x 0.5 */
-    assert_has(page, "20.0"); /* and what is left of them, between the stages */
+    assert_has(page, "20.0"); /* and the rest, between the stages */
     assert_has(page, "Not in the table: evaluation 00:40. Training took 01:40; 01:50 by the clock");
     assert_has(page, "90 train, 0 val, 10 test");
     assert_has(page, "<td class=soft>together<td class=n>4.0 MiB"); /* without the limit */

@@ -1,6 +1,6 @@
-/* Datasets that must not load: every reader against its own files cut at every length, damaged at
- * random, and wrong in what they say. Each gives CLN_INPUT, a sentence that names the file, a NULL
- * scene and no leak (run under sanitizers). The transforms reader's are in test_scene_input.c. */
+/* Datasets that must not load: every reader with its files truncated at every length, damaged at
+ * random, and with wrong contents. Each gives CLN_INPUT, a sentence that names the file, a NULL
+ * scene and no leak (run under sanitizers). test_scene_input.c tests the transforms reader. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -33,7 +33,7 @@ static void assert_refused(const char *scene_path, const char *const words[3], c
     cln_clear_error();
 }
 
-/* The file cut at every length, in steps of `step`: refused, and the sentence names it. */
+/* The file truncated at every length, in steps of `step`: refused, and the sentence names it. */
 static void cut_everywhere(const char *scene, const char *file, size_t step)
 {
     size_t bytes = 0;
@@ -51,7 +51,7 @@ static void cut_everywhere(const char *scene, const char *file, size_t step)
     cln_scene_free(load(scene, plain()));
 }
 
-/* One byte changed, in all places and to several values: refused with a sentence, or read. */
+/* Each byte changed to several values: refused with a sentence, or read. */
 static void damage_everywhere(const char *scene_path, const char *file, size_t step)
 {
     static const unsigned char values[] = {0, 0xFF, 0x7F, ' ', '9', 'e', '-', '\n', '#', '"'};
@@ -76,7 +76,7 @@ static void damage_everywhere(const char *scene_path, const char *file, size_t s
     free(data);
 }
 
-/* Overwrites bytes of a file; returns what was there before in `before`. */
+/* Overwrites bytes of a file; *before: their old values. */
 static void patch(const char *file, long at, const void *bytes, size_t count, void *before)
 {
     FILE *f = fopen(file, "r+b");
@@ -126,8 +126,8 @@ static void test_colmap_text(void **state)
         damage_everywhere(folder, scratch_path(model, files[i]), 3);
 }
 
-/* Fields of the binary files, by where they lie: cameras.bin has the count, then cameras of 56
- * bytes, the first with id 22; images.bin images of 4 + 56 + 4 + 12 + 8 + 24 bytes. */
+/* Fields of the binary files by offset: cameras.bin has the count, then cameras of 56 bytes, the
+ * first with id 22; images.bin images of 4 + 56 + 4 + 12 + 8 + 24 bytes. */
 static void test_colmap_fields(void **state)
 {
     static const double nan_value = NAN, huge = 1e300, zero = 0, two = 2;
@@ -214,7 +214,7 @@ static void test_colmap_lines(void **state)
     }
 }
 
-/* Images: all gone, one gone, of another shape, broken. */
+/* Images: all missing, one missing, of another shape, broken. */
 static void test_colmap_images(void **state)
 {
     const char *folder = *state;
@@ -245,7 +245,7 @@ static void put_llff(const char *folder)
     cln_scene_free(load(folder, plain()));
 }
 
-/* Behind a header of 10 + 61 bytes, the rows of 17 doubles. */
+/* Rows of 17 doubles, after a header of 10 + 61 bytes. */
 static void test_llff(void **state)
 {
     static const double nan_value = NAN, zero = 0, huge = 1e300, seven = 7;
@@ -318,7 +318,7 @@ static void test_neus(void **state)
                    "no images");
 }
 
-/* Matrices that are no camera. */
+/* Matrices that are not cameras. */
 static void test_neus_matrices(void **state)
 {
     cln_camera cameras[FORMAT_VIEWS];

@@ -1,6 +1,6 @@
 /* Readers of datasets. One scene of known cameras, written in every format (format_fixture.h), must
- * give the same rays. Then what each format has of its own: places of files, cubes, masks. What
- * must not load is in test_broken_formats.c. */
+ * give the same rays. Then features of single formats: places of files, cubes, masks.
+ * test_broken_formats.c tests broken datasets. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 #include "format_fixture.h"
 #include "tests.h"
 
-/* Every view's rays, at the corners and inside, against those of the camera with its number. */
+/* Compares every view's rays, at the corners and inside, with those of the camera of its number. */
 static void assert_same_rays(const cln_scene *scene, const cln_camera cameras[FORMAT_VIEWS],
                              double size, double bound)
 {
@@ -34,7 +34,7 @@ static void assert_same_rays(const cln_scene *scene, const cln_camera cameras[FO
     }
 }
 
-/* The same with a focal length of its own for each axis, another principal point, and a lens. */
+/* The same with a focal length per axis, another principal point, and a lens. */
 static void bend(cln_camera cameras[FORMAT_VIEWS])
 {
     for (int v = 0; v < FORMAT_VIEWS; v++) {
@@ -96,12 +96,12 @@ static void test_colmap(void **state)
     }
 }
 
-/* The model's cameras are of 16 x 12 pixels; the images that are there are of other sizes. */
+/* The model's cameras have 16 x 12 pixels, the images other sizes. */
 static void test_colmap_images(void **state)
 {
     static const struct {
         const char *scene, *folders[3]; /* with images */
-        int sizes[3], size;             /* of their images, and which is read */
+        int sizes[3], size;             /* of their images, and of the chosen one */
     } cases[] = {
         {"a", {"images_2", "images"}, {1, 2}, 2},
         {"b", {"images_8", "images_4"}, {1, 2}, 2},
@@ -125,7 +125,7 @@ static void test_colmap_images(void **state)
     }
 }
 
-/* Images that have no pose are counted in the log. */
+/* The log has the number of images without a pose. */
 static void test_colmap_without_pose(void **state)
 {
     const char *folder = *state;
@@ -143,8 +143,8 @@ static void test_colmap_without_pose(void **state)
     assert_int_equal(warnings, 1);
 }
 
-/* Every camera model, with the numbers where they belong: as the reader has it, whatever lenses
- * devices trace. */
+/* Every camera model has its numbers in the right places in the reader, even if devices do not
+ * trace its lens. */
 static void test_colmap_models(void **state)
 {
     static const format_model models[] = {
@@ -254,7 +254,7 @@ static void test_cube_of_points(void **state)
         assert_in_range((long)(1000 * scene->space.half), 2400, 3200); /* 2.4, and the images' */
         cln_scene_free(scene);
     }
-    /* Three points tell nothing: the cameras do, as without points. */
+    /* Three points are too few: the cameras decide, as without points. */
     format_colmap(scratch_path(*state, "a/sparse/0"), true, cameras, NULL, points, 3);
     cln_scene *scene = load(scratch_path(*state, "a"), &config);
     assert_non_null(strstr(scene->bounds_rule, "optical axes"));
@@ -267,7 +267,7 @@ static void test_llff(void **state)
 {
     static const struct {
         const char *scene, *folders[3];
-        int sizes[3], camera_size, size; /* of the cameras, and of the images that are read */
+        int sizes[3], camera_size, size; /* of the cameras, and of the images read */
     } cases[] = {
         {"a", {"images", "images_4"}, {1, 2}, 1, 1},
         {"b", {"images_8", "images_4"}, {1, 2}, 4, 2},
@@ -326,7 +326,7 @@ static void test_neus(void **state)
     }
 }
 
-/* Masks: brightness becomes alpha, of 8 and of 16 pixels averaged; they belong to the digest. */
+/* Masks: brightness becomes alpha, also with downscale; the digest includes them. */
 static void test_neus_masks(void **state)
 {
     const char *folder = *state;
@@ -474,7 +474,7 @@ static void test_format(void **state)
     put_text(
         folder, "transforms.json",
         "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" FRAME("images/view_00.png", POSE_FRONT) "]}");
-    scene = load(folder, &config); /* the first in order, and the other is told of */
+    scene = load(folder, &config); /* the first in order; the log names the other */
     assert_string_equal(scene->dialect, "instant-ngp");
     assert_non_null(strstr(scene->because, "--format colmap"));
     cln_scene_free(scene);
@@ -483,14 +483,14 @@ static void test_format(void **state)
     assert_string_equal(scene->dialect, "COLMAP");
     assert_null(strstr(scene->because, "--format"));
     cln_scene_free(scene);
-    /* Not there: told for that format alone. */
+    /* Missing: the sentence is only about that format. */
     assert_int_equal(remove(scratch_path(folder, "sparse/0/images.bin")), 0);
     assert_int_equal(try_load(folder, &config, &scene), CLN_INPUT);
     assert_non_null(strstr(cln_error_text(), "not a scene of this --format"));
     assert_non_null(strstr(cln_error_text(), "cameras, but no images"));
     assert_null(strstr(cln_error_text(), "transforms reader"));
     cln_clear_error();
-    /* The first one is broken: the other is named. */
+    /* The first one is broken: the sentence names the other. */
     format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
     put_text(folder, "transforms.json", "{");
     config.format = CLN_FORMAT_AUTO;

@@ -1,6 +1,6 @@
-/* The lens models: numbers worked out from the published formulas with 40 digits, apart from the
- * code under test; there and back over whole images, from telephoto to the sphere; the Jacobian
- * against differences; where models end; what COLMAP's lists mean. */
+/* The lens models: numbers from the published formulas with 40 digits, independent of the tested
+ * code; round trips over whole images, from telephoto to the sphere; the Jacobian against
+ * differences; limits of the models; meaning of COLMAP's lists. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -135,8 +135,8 @@ static void test_by_hand(void **state)
 
 /* ---- there and back ---- */
 
-/* Images by the places of their edges; `share` of a grid over them, corners included, must have
- * rays: all, unless the lens folds within. */
+/* Images by the positions of their edges; `share` of a grid over them, including corners, must have
+ * rays: all, unless the lens folds inside. */
 static const struct {
     const char *what;
     cln_lens lens;
@@ -194,7 +194,7 @@ static void test_round_trip(void **state)
             if (!cln_lens_distort(images[i].lens, params, direction, again))
                 fail_msg("%s: (%g, %g) has a direction that has no place", images[i].what, place[0],
                          place[1]);
-            /* at the poles and behind the camera every longitude will do */
+            /* at the poles and behind the camera any longitude is correct */
             wide = images[i].lens == CLN_LENS_EQUIRECTANGULAR &&
                            (fabs(place[1]) > 1.57 || fabs(place[0]) > 3.14)
                        ? 10
@@ -276,7 +276,7 @@ static void test_limit(void **state)
     }
 }
 
-/* Directions to the right at this angle, and what becomes of them. */
+/* Directions to the right at this angle, and their places. */
 static bool seen_at(cln_lens lens, const double *params, double angle, double *place)
 {
     double both[2] = {0, 0};

@@ -1,6 +1,5 @@
-/* One scene in every format: known cameras, written as datasets have them, each by its format's own
- * definition and not by the readers' code. Images are view_00.png ... in a folder, 16 x 12 pixels
- * (of `size` 1), or that times `size`. */
+/* One scene of known cameras in every format, written by the formats' definitions, independent of
+ * the readers' code. Images are view_00.png ... in a folder, 16 x 12 pixels times `size`. */
 #ifndef CLN_TESTS_FORMAT_FIXTURE_H
 #define CLN_TESTS_FORMAT_FIXTURE_H
 
@@ -11,8 +10,8 @@
 
 enum { FORMAT_VIEWS = 6, FORMAT_WIDTH = 16, FORMAT_HEIGHT = 12 };
 
-/* Cameras in a ring at the distance 4 that look near (1, 2, 3), rolled, at heights that differ. The
- * intrinsics are the plainest: one focal length, the principal point in the middle. */
+/* Cameras in a ring at distance 4 that look close to (1, 2, 3), rolled, at different heights. Plain
+ * intrinsics: one focal length, principal point in the middle. */
 static inline void format_cameras(cln_camera cameras[FORMAT_VIEWS])
 {
     memset(cameras, 0, FORMAT_VIEWS * sizeof *cameras);
@@ -129,7 +128,7 @@ static inline void format_quaternion(const double r[9], double q[4])
         q[i] = products[k][i] / (2 * sqrt(squares[k]));
 }
 
-/* A camera model in a COLMAP file: its parameters behind those of the camera given. */
+/* A camera model in a COLMAP file: its parameters follow those of the given camera. */
 typedef struct format_model {
     int id;
     const char *name;
@@ -137,7 +136,7 @@ typedef struct format_model {
     double params[16];
 } format_model;
 
-/* PINHOLE or OPENCV, by what the camera needs. */
+/* PINHOLE or OPENCV, as the camera needs. */
 static inline format_model format_model_of(const cln_camera *c)
 {
     const format_model plain = {1, "PINHOLE", 4, {c->fx, c->fy, c->cx, c->cy}};
@@ -147,8 +146,8 @@ static inline format_model format_model_of(const cln_camera *c)
     return cln_camera_is_distorted(c) ? bent : plain;
 }
 
-/* Each view has a camera of its own, the ids are 7 + 3 v, in descending order. Each image has one
- * point in it; points are given. */
+/* Each view has its own camera; ids are 7 + 3 v, in descending order. Each image has one point;
+ * points are given. */
 static inline void format_colmap(const char *folder, bool binary, const cln_camera *cameras,
                                  const format_model *model, const cln_point *points, int count)
 {
@@ -298,7 +297,7 @@ static inline void put_u16(FILE *f, unsigned value)
     fputc((int)(value >> 8), f);
 }
 
-/* A zip archive being written: its directory is kept until the end. */
+/* A zip archive being written: keeps its directory until the end. */
 typedef struct format_zip {
     FILE *file, *directory;
     char *entries;
@@ -337,7 +336,7 @@ static inline void format_zip_add(format_zip *z, const char *name, const char *d
         put_u32(f, (uint32_t)packed_bytes);
         put_u32(f, (uint32_t)bytes);
         put_u16(f, (unsigned)strlen(name));
-        put_u16(f, local ? 4 : 0); /* an extra field that only the local header has */
+        put_u16(f, local ? 4 : 0); /* extra field, only in the local header */
         if (!local) {
             put_u16(f, 0);
             put_u32(f, 0);
@@ -369,7 +368,7 @@ static inline void format_zip_end(format_zip *z)
     free(z->entries);
 }
 
-/* cameras_sphere.npz: P = s K [R|t] with a factor s that differs, and a ball of radius 2 around
+/* cameras_sphere.npz: P = s K [R|t] with varying factors s, and a ball of radius 2 around
  * (1, 2, 3). */
 static inline void format_neus(const char *folder, const cln_camera *cameras, bool deflate)
 {

@@ -1,6 +1,5 @@
-/* Training's gradient is that of the integral (docs/method.md 7, 9): the few jittered samples of a
- * step, averaged over steps, against hundreds of even samples on the same rays of one trained
- * model. */
+/* Training's gradient is the integral's (docs/method.md 7, 9): compares the average over steps of a
+ * few jittered samples with hundreds of even samples on the same rays of one trained model. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -117,7 +116,7 @@ static double *dense_gradient(void)
     return sum;
 }
 
-/* Of the mean gradient of AVERAGED steps: its distance to `want`, as a share of its length. */
+/* Distance of the mean gradient of AVERAGED steps from `want`, as a share of its length. */
 static double error_of(double uniform_share, const double *want)
 {
     cln_config config = config_of_run();
