@@ -78,7 +78,7 @@ static cln_status frames_of_orbit(job *j)
     cln_orbit orbit;
 
     if (count < 1)
-        CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d is not a number of frames from 1", count));
+        CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d frames are too few; give 1 or more", count));
     CLN_TRY(cln_orbit_make(j->opened.scene, j->desc, &orbit));
     CLN_TRY(cln_alloc(&j->frames, (size_t)count, sizeof *j->frames, "frames"));
     j->count = count;
@@ -167,11 +167,11 @@ static cln_status check_folder(const char *out, json_t **before)
             strncmp(e->d_name, "render.json.tmp.", 16) != 0)
             empty = false;
     if (!empty)
-        st = cln_fail(
-            CLN_OUTPUT,
-            "%s: holds files but no render.json, so it is not a folder of frames and is left as "
-            "it is; choose a new folder with -o",
-            out);
+        st = cln_fail(CLN_OUTPUT,
+                      "%s: holds other files (there is no render.json), so nothing is written to "
+                      "it; choose a "
+                      "new folder with -o",
+                      out);
 done:
     if (dir)
         closedir(dir);

@@ -182,7 +182,7 @@ static cln_status verdict(const cln_device *device, const cln_checks *c)
     if (c->failed == 0)
         return CLN_OK;
     return cln_fail(CLN_CHECK,
-                    "%s does not compute what it should: %s%s; another driver or device (--device) "
+                    "%s does not compute correctly: %s%s; another driver or device (--device) "
                     "may do better",
                     device->info.name, c->first, c->failed > 1 ? ", and more" : "");
 }

@@ -151,7 +151,7 @@ static void tell(const cln_tune_try *try)
     if (try->verdict == CLN_SET_REFUSED)
         cln_warn("%s: refused, and not timed: %s", try->tune, try->reason);
     else if (try->verdict == CLN_SET_UNDECIDED)
-        cln_info("%s: right, but the budget is used up", try->tune);
+        cln_info("%s: correct, but no time is left to time it", try->tune);
     else if (try->pairs == 0)
         cln_info("%s: %.4g ms a step; the search begins here", try->tune, 1e3 * try->seconds);
     else
@@ -351,7 +351,7 @@ static cln_status search(tuner *t, const cln_tune *start, const cln_tune *presen
         CLN_TRY(consider(t, plain));
     if (!t->best.device) {
         st = cln_fail(CLN_CHECK,
-                      "%s: not even the plain kernel parameters compute what they should: %s; "
+                      "%s: even the plain kernel parameters compute wrong results: %s; "
                       "another driver or device (--device) may do better",
                       t->device->info.name, t->result->tries[t->result->count - 1].reason);
         goto done;

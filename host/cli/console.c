@@ -59,7 +59,7 @@ static int poll_signals(void *user)
     handle_all(on_stop, on_checkpoint);
     if (stop_signal) {
         if (!console->announced)
-            cln_info("%s: stopping in an orderly way; once more leaves at once",
+            cln_info("%s: stopping; a second signal stops at once",
                      stop_signal == SIGINT ? "interrupted" : "terminated");
         console->announced = true;
         return stop_signal;

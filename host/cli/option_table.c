@@ -39,7 +39,7 @@ const cln_command cln_commands[] = {
      "The active leaves of the newest checkpoint, in the scene's coordinates. Needs no device.",
      cln_cmd_export},
     {"devices", CLN_DEVICES, NULL, false, "devices [OPTIONS]",
-     "The OpenCL devices, what they have, and whether they compute rightly",
+     "The OpenCL devices: what they have, and whether they compute correctly",
      "The row number is what -d takes.",
      cln_cmd_devices},
     {"selftest", CLN_SELFTEST, NULL, false, "selftest [OPTIONS]",
@@ -97,8 +97,8 @@ const cln_arg cln_args[] = {
          "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
          "inside the same program: one network, a uniform grid of small ones", .standard = "fast"),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
-         "go on with a run, with its settings; options given override, and --steps, --epochs and "
-         "--time-limit take +N to extend its budget"),
+         "continue a run with its settings; options that are given replace them; --steps, --epochs "
+         "and --time-limit take +N for so much more"),
     TEXT(ON_DEVICE, "device", device.spec, "SPEC",
          "auto, cpu, gpu, a row number of `cl-nascent devices`, or part of a name",
          .letter = 'd', .standard = "auto", .env = "CL_NASCENT_DEVICE"),

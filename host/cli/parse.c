@@ -140,7 +140,7 @@ static const char *form_of_row(const cln_config_row *row)
 static cln_status choose_export(cln_options *out, const cln_arg *arg)
 {
     if (out->export_what && strcmp(out->export_what, arg->name) != 0)
-        return cln_fail(CLN_USAGE, "--%s and --%s: one export at a time", out->export_what,
+        return cln_fail(CLN_USAGE, "--%s and --%s: one at a time; leave one out", out->export_what,
                         arg->name);
     out->export_what = arg->name;
     return CLN_OK;
@@ -471,7 +471,7 @@ static cln_status settle(parser *p)
         CLN_TRY(
             cln_fail(CLN_USAGE, "%s: %s is missing", out->command->name, out->command->operand));
     if (bit == CLN_EXPORT && !out->export_what)
-        CLN_TRY(cln_fail(CLN_USAGE, "export: nothing to write is named; give --octree FILE.ply"));
+        CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give --octree FILE.ply"));
     if (bit & (CLN_TRAIN | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:

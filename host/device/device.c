@@ -89,7 +89,7 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
             "no OpenCL device found%s; install a driver: pocl-opencl-icd runs on any CPU "
             "(apt-get install pocl-opencl-icd), GPUs need their vendor's (intel-opencl-icd, "
             "mesa-opencl-icd, nvidia-opencl-icd)",
-            platforms ? "" : " (the loader knows no platform)");
+            platforms ? "" : " (the OpenCL loader found no platform)");
 done:
     if (st != CLN_OK) {
         free(*out);

@@ -59,7 +59,7 @@ static cln_status parse_list(cln_status bad, const char *where, const char *text
                                                       : ", ",
                                  tune_rows[i].name);
             return cln_fail(bad,
-                            "%s: '%.*s' is no tuning parameter; use %s with =NUMBER, comma "
+                            "%s: '%.*s' is not a tuning parameter; use %s with =NUMBER, comma "
                             "separated",
                             where, (int)length, text, names);
         }
@@ -151,7 +151,7 @@ static cln_status parse_row(const char *file, int number, const char *text, cln_
                          "%s: %s; a row is DEVICE | DRIVER | NETWORK | VW=8,TS=6,... with shell "
                          "patterns for the first three, and `cl-nascent tune` writes them",
                          where,
-                         bars != 3 ? "it has not four parts with a | between them"
+                         bars != 3 ? "it does not have four parts separated by |"
                          : fits    ? "one of its parts is empty"
                                    : "one of its parts is too long"));
     CLN_TRY(parse_list(CLN_INPUT, where, row->list, &ignored));
@@ -223,7 +223,7 @@ cln_status cln_tune_rows_read(const char *path, cln_tune_rows **rows)
         cln_note("reading tuning rows (--tune-file names another file)");
     CLN_TRY(st);
     if (strlen(text) != bytes)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: it has bytes of value 0, so it is no text of rows", path));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not a text file, as it has bytes of value 0", path));
     CLN_TRY(cln_tune_rows_add(path, text, rows));
 done:
     free(text);

@@ -15,6 +15,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 
 #define SCHEMA "cl-nascent.run/1"
 enum { TEXT_FLAGS = JSON_REAL_PRECISION(17), METRICS_MAX_GIB = 4 };
@@ -50,6 +51,7 @@ static cln_status check_writable(const char *run)
 
 cln_status cln_run_open(const char *run, bool resume)
 {
+    char quoted[CLN_QUOTED_BYTES];
     cln_status st = CLN_OK;
     char *path = NULL, *reason = NULL;
     json_t *document = NULL;
@@ -62,8 +64,8 @@ cln_status cln_run_open(const char *run, bool resume)
         CLN_TRY(folder_is_empty(run, &empty));
     if (empty) {
         if (resume)
-            CLN_TRY(
-                cln_fail(CLN_INPUT, "%s: no run there to resume; train one with -o %s", run, run));
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: no run there to resume; train one with -o %s", run,
+                             cln_shell_quote(run, quoted, sizeof quoted)));
         CLN_TRY(cln_make_dirs(run));
         CLN_TRY(check_writable(run));
         goto done;
@@ -71,8 +73,8 @@ cln_status cln_run_open(const char *run, bool resume)
     CLN_TRY(cln_path_join(&path, run, "run.json"));
     if (!cln_is_file(path))
         CLN_TRY(cln_fail(CLN_OUTPUT,
-                         "%s: holds files but no run.json, so it is no run folder and nothing is "
-                         "written to it; choose a new folder",
+                         "%s: holds other files (there is no run.json), so nothing is written to "
+                         "it; choose a new folder",
                          run));
     if (cln_run_read(run, &document) != CLN_OK) {
         CLN_TRY(cln_strdup(&reason, cln_error_text()));
@@ -84,7 +86,7 @@ cln_status cln_run_open(const char *run, bool resume)
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: already holds a run; continue it with --resume %s, or choose a new "
                          "folder",
-                         run, run));
+                         run, cln_shell_quote(run, quoted, sizeof quoted)));
     CLN_TRY(check_writable(run));
 done:
     json_decref(document);
@@ -186,11 +188,13 @@ cln_status cln_run_read(const char *run, json_t **document)
     *document = NULL;
     CLN_TRY(cln_path_join(&path, run, "run.json"));
     if (!cln_is_file(path))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: no run folder of cl-nascent (no run.json in it)", run));
+        CLN_TRY(cln_fail(
+            CLN_INPUT, "%s: %s; give the folder that `cl-nascent train SCENE -o RUN` made", run,
+            cln_is_dir(run) ? "not a run, as there is no run.json in it" : "no such folder"));
     CLN_TRY(cln_json_read(path, false, &read));
     schema = json_string_value(json_object_get(read, "schema"));
     if (!schema || strcmp(schema, SCHEMA) != 0)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: its schema is %s, not %s; it is not of this program", path,
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: its schema is %s, not %s; another program wrote it", path,
                          schema ? schema : "not named", SCHEMA));
     *document = read;
     read = NULL;

@@ -201,7 +201,7 @@ static cln_status parse(cln_safetensors *file, size_t bytes)
     file->header =
         json_loadb(file->bytes + LENGTH_BYTES, (size_t)length, JSON_REJECT_DUPLICATES, &error);
     if (!json_is_object(file->header))
-        return cln_fail(CLN_CHECKPOINT, "%s: its header is no JSON object: %s", path,
+        return cln_fail(CLN_CHECKPOINT, "%s: its header is not a JSON object: %s", path,
                         file->header ? "another kind of value" : error.text);
     CLN_TRY(cln_alloc(&file->tensors, json_object_size(file->header), sizeof *file->tensors, path));
     json_object_foreach(file->header, name, entry)

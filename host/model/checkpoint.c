@@ -97,7 +97,7 @@ static cln_status get_int(const json_t *object, const char *path, const char *ke
 
     if (!json_is_integer(value) || json_integer_value(value) < low ||
         json_integer_value(value) > high)
-        return cln_fail(CLN_CHECKPOINT, "%s: \"%s\" is no whole number from %" PRId64, path, key,
+        return cln_fail(CLN_CHECKPOINT, "%s: \"%s\" is not a whole number from %" PRId64, path, key,
                         low);
     *out = json_integer_value(value);
     return CLN_OK;
@@ -106,7 +106,7 @@ static cln_status get_int(const json_t *object, const char *path, const char *ke
 static cln_status get_real(const json_t *value, const char *path, const char *key, double *out)
 {
     if (!json_is_number(value))
-        return cln_fail(CLN_CHECKPOINT, "%s: \"%s\" is no number", path, key);
+        return cln_fail(CLN_CHECKPOINT, "%s: \"%s\" is not a number", path, key);
     *out = json_number_value(value);
     return CLN_OK;
 }
@@ -236,7 +236,7 @@ static cln_status take_tensor(const cln_safetensors *file, const char *path, con
         same = same && i < tensor.dims && tensor.shape[i] == shape[i];
     if (!same || tensor.dims != dims)
         CLN_TRY(cln_fail(CLN_CHECKPOINT,
-                         "%s: tensor '%s' has another shape than its settings and tree ask for",
+                         "%s: tensor '%s' does not have the shape that settings and tree need",
                          path, name));
     bytes = cln_tensor_bytes(&tensor);
     CLN_TRY(cln_alloc(&copy, bytes, 1, name));
@@ -255,8 +255,8 @@ static cln_status read_tree(const cln_safetensors *file, const char *path, cln_o
 
     CLN_TRY(cln_safetensors_get(file, "octree", CLN_DTYPE_I32, &tensor));
     if (tensor.dims != 2 || tensor.shape[1] != ROW || tensor.shape[0] > INT32_MAX)
-        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: tensor 'octree' has not the shape [nodes, %d]", path,
-                         ROW));
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: tensor 'octree' does not have the shape [nodes, %d]",
+                         path, ROW));
     CLN_TRY(take_tensor(file, path, "octree", CLN_DTYPE_I32, 2, tensor.shape, &rows));
     CLN_TRY(cln_octree_unpack(rows, (int)tensor.shape[0], out));
 done:
@@ -455,8 +455,8 @@ cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
                      steps[i + 1]);
     }
     /* Missing files and bad JSON are damaged checkpoints here. */
-    st = cln_fail(CLN_CHECKPOINT, "%s: no whole checkpoint in it; the oldest of %d: %s", run, count,
-                  defect);
+    st = cln_fail(CLN_CHECKPOINT, "%s: none of its %d checkpoints is intact; the oldest: %s", run,
+                  count, defect);
 done:
     free(defect);
     free(steps);

@@ -1,5 +1,5 @@
-/* What lies at a path, by the endings of names, in the folder and in the folders in it. See
- * found.h. */
+/* What lies at a path: folders of other programs by what they have (markers), everything else by
+ * the endings of names (kinds), in the folder and in the folders in it. See found.h. */
 #include "scene/found.h"
 
 #include <ctype.h>
@@ -13,7 +13,20 @@
 
 #define WITH_POSES "for example with COLMAP, whose sparse models are read"
 
-enum { JSON, IMAGE, VIDEO, ARCHIVE, FILE_OF_ANY, FOLDER, KINDS };
+/* Folders of other programs, by a file or folder in them. */
+static const struct {
+    const char *name, *what, *advice;
+} markers[] = {
+    {"keyframes", "a Polycam capture",
+     "nerfstudio's `ns-process-data polycam` makes a transforms.json of it"},
+    {"mesh_info.json", "a Polycam capture",
+     "nerfstudio's `ns-process-data polycam` makes a transforms.json of it"},
+    {"EXR_RGBD", "a Record3D capture",
+     "nerfstudio's `ns-process-data record3d` makes a transforms.json of it"},
+    {"run.json", "a run", "continue it with train --resume, or give the folder of its scene"},
+};
+
+enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };
 
 /* Kinds of files, with the advice for a folder that has some; an earlier kind's goes first. */
 static const struct {
@@ -27,8 +40,11 @@ static const struct {
          "photos alone do not say where the cameras stood: find their poses first, " WITH_POSES},
     [VIDEO] = {"a video", "videos", " mp4 mov m4v mkv webm avi mts 3gp insv ",
                "take pictures from the video and find their poses first, " WITH_POSES},
-    [ARCHIVE] = {"an archive", "archives", " zip tar gz tgz bz2 xz zst 7z rar ",
+    [ARCHIVE] = {"an archive", "archives", " zip tar gz tgz bz2 xz zst 7z rar r3d ",
                  "unpack the archive and give the folder in it"},
+    [MODEL] = {"a mesh or point cloud", "meshes or point clouds",
+               " ply obj glb gltf stl splat spz usdz las laz e57 ",
+               "the photos that it was made of are needed, and their cameras"},
     [FILE_OF_ANY] = {"a file", "files", "", "give the folder of a scene"},
     [FOLDER] = {"a folder", "folders", "", "give the folder of a scene"},
 };
@@ -119,14 +135,28 @@ done:
     return st;
 }
 
-/* All kinds, and folders if there is nothing else. *advice is the first one's. */
-static cln_status describe_folder(const survey *found, char **what, const char **advice)
+/* The first marker and the images; without a marker all kinds, and folders if there is nothing
+ * else. *advice is the first one's. */
+static cln_status describe_folder(const char *path, const survey *found, char **what,
+                                  const char **advice)
 {
     cln_status st = CLN_OK;
-    char *part = NULL;
+    char *part = NULL, *file = NULL;
+    bool marked = false;
 
+    for (size_t i = 0; i < sizeof markers / sizeof *markers && !*what; i++) {
+        free(file);
+        file = NULL;
+        CLN_TRY(cln_path_join(&file, path, markers[i].name));
+        if (!cln_is_file(file) && !cln_is_dir(file))
+            continue;
+        *advice = markers[i].advice;
+        CLN_TRY(cln_asprintf(&part, "%s (%s)", markers[i].what, markers[i].name));
+        CLN_TRY(append(what, "it holds ", part));
+        marked = true;
+    }
     for (int kind = 0; kind < KINDS; kind++) {
-        if (!found->count[kind] || (kind == FOLDER && *what))
+        if (!found->count[kind] || (marked && kind != IMAGE) || (kind == FOLDER && *what))
             continue;
         if (!*advice)
             *advice = kinds[kind].advice;
@@ -142,6 +172,7 @@ static cln_status describe_folder(const survey *found, char **what, const char *
     if (!*advice)
         *advice = kinds[FOLDER].advice;
 done:
+    free(file);
     return st;
 }
 
@@ -156,12 +187,13 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     if (!cln_is_dir(path)) {
         const int kind = kind_of(path);
 
-        CLN_TRY(cln_asprintf(what, "it is %s", kinds[kind].one));
+        CLN_TRY(cln_asprintf(what, "it is %s%s", kinds[kind].one,
+                             kind == FILE_OF_ANY ? " of another kind" : ""));
         CLN_TRY(cln_strdup(advice, kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice));
         goto done;
     }
     CLN_TRY(look(path, NULL, is_scene, &found));
-    CLN_TRY(describe_folder(&found, what, &known));
+    CLN_TRY(describe_folder(path, &found, what, &known));
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
                              found.scenes > 1 ? ", or another of its folders" : ""));

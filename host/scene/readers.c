@@ -100,8 +100,8 @@ cln_status cln_reader_pick(const char *path, int format, const cln_reader **out,
                          errno ? strerror(errno) : "neither a folder nor a file"));
     CLN_TRY(cln_found_at(path, is_scene, &what, &advice));
     CLN_TRY(list_readers(path, format, &list));
-    CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene%s: %s; %s; %s", path,
-                     format == CLN_FORMAT_AUTO ? "" : " of this --format", what, list, advice));
+    CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene%s: %s; %s (%s)", path,
+                     format == CLN_FORMAT_AUTO ? "" : " of this --format", what, advice, list));
 done:
     free(what);
     free(advice);

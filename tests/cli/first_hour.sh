@@ -72,7 +72,7 @@ section_words() {
     check "the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
     expect "bugreport of no run" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" bugreport \
         "$work/none"
-    check "says so in its place" printed "no run folder"
+    check "says so in its place" printed "no such folder"
     check "and that there is no device" printed pocl-opencl-icd
 }
 
@@ -95,6 +95,22 @@ section_scenes() {
     echo 'output x' >"$conf"
     expect "what is no setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
     rm "$conf"
+
+    mkdir -p "$work/odd/empty" "$work/odd/photos" "$work/odd/polycam/keyframes/images" \
+        "$work/odd/record3d/EXR_RGBD" "$work/odd/zip" "$work/odd/video" "$work/odd/mesh"
+    cp "$s"/train/r_00[012].png "$work/odd/photos"
+    touch "$work/odd/zip/scene.zip" "$work/odd/video/clip.MOV" "$work/odd/mesh/scan.ply" \
+        "$work/odd/notes.txt" "$work/odd/capture.r3d" "$work/odd/polycam/mesh_info.json"
+    expect "an empty folder" 3 "~is.empty" "$cln" info "$work/odd/empty"
+    expect "photos alone" 3 "~3.images poses COLMAP" "$cln" info "$work/odd/photos"
+    expect "a folder with an archive" 3 "scene.zip unpack" "$cln" info "$work/odd/zip"
+    expect "an archive" 3 "unpack" "$cln" info "$work/odd/zip/scene.zip"
+    expect "a video" 3 "clip.MOV ~take.pictures" "$cln" info "$work/odd/video"
+    expect "a mesh" 3 "scan.ply photos" "$cln" info "$work/odd/mesh"
+    expect "a file of another kind" 3 "~another.kind folder" "$cln" info "$work/odd/notes.txt"
+    expect "a Polycam capture" 3 "Polycam ns-process-data" "$cln" info "$work/odd/polycam"
+    expect "a Record3D capture" 3 "Record3D ns-process-data" "$cln" info "$work/odd/record3d"
+    expect "its file" 3 "unpack" "$cln" info "$work/odd/capture.r3d"
 
     sed -i 's/"file_path"/"depth_file_path": "d.png", "near": 1, "file_path"/' \
         "$s/transforms_train.json"
