@@ -70,7 +70,7 @@ cln_status cln_config_check(const cln_config *config);
 /* The most rays a batch ever has: --rays, or 8 times that with --leaf-samples. */
 int cln_config_most_rays(const cln_config *config);
 
-/* The most leaves that the tree may have on its way: at the start, by growth, or --max-leaves. */
+/* Largest number of leaves during training: at the start, by growth, or --max-leaves. */
 int cln_config_most_leaves(const cln_config *config);
 
 /* Steps of --epochs over a scene with so many training pixels: an epoch draws a tenth of them

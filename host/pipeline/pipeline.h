@@ -67,14 +67,14 @@ struct cln_pipeline {
     cln_device_camera *host_cameras; /* [view] */
 };
 
-/* Builds the programs for this network and scene; no buffers yet. lenses: its cameras'
+/* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
  * (cln_camera_lenses). alpha: the images have it; otherwise omits random_background and alpha_loss.
  * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones
  * with a warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
                                bool alpha, cln_pipeline *out);
-/* The same without programs, for plans: device, settings, network and parameters alone. Nothing of
- * it need be freed. */
+/* The same without programs, for plans: only device, settings, network and parameters. Needs no
+ * freeing. */
 cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
                                 bool alpha, cln_pipeline *out);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */

@@ -18,7 +18,7 @@ static double tenths(double value)
     return round(10 * value) / 10;
 }
 
-/* Share of the cube that is in no leaf. */
+/* Share of the cube outside all leaves. */
 static double empty_share(const cln_octree *tree)
 {
     double empty = 1;

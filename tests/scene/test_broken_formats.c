@@ -388,7 +388,7 @@ static void test_nsvf(void **state)
 
 static void test_opensfm(void **state)
 {
-    /* What is put in the place of a text of the good file. */
+    /* Replacements of a text in the good file. */
     static const struct {
         const char *from, *to, *words[3];
     } cases[] = {

@@ -405,8 +405,8 @@ static inline void format_neus(const char *folder, const cln_camera *cameras, bo
 
 /* ---- NSVF, OpenSfM: text ---- */
 
-/* pose/NAME.txt for rgb/NAME.png, NAME with the prefix of its split: "012" sets it view by view, ""
- * none. The intrinsics in one of four forms. */
+/* pose/NAME.txt for rgb/NAME.png, NAME with the prefix of its split: "012" gives it view by view,
+ * "" means none. Intrinsics in one of four forms. */
 static inline void format_nsvf(const char *folder, const cln_camera *cameras, const char *prefixes,
                                int form)
 {
@@ -445,8 +445,8 @@ static inline void format_nsvf(const char *folder, const cln_camera *cameras, co
     fclose(f);
 }
 
-/* reconstruction.json: a small reconstruction, then the one of the cameras, each of its own; `type`
- * is brown or perspective. */
+/* reconstruction.json: an empty reconstruction, then that of the cameras, one camera per view;
+ * `type`: brown or perspective. */
 static inline void format_opensfm(const char *folder, const cln_camera *cameras, const char *type,
                                   const cln_point *points, int count)
 {
