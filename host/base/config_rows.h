@@ -208,7 +208,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
     REAL(huber_delta, "huber-delta", 0.1, 0.1, 1e-6, 10, "where huber turns linear")               \
     BOOL(random_background, "random-background", false, false,                                     \
          "a random background colour per ray, for images with alpha")                              \
-    REAL(alpha_loss, "alpha-loss", 0, 0, 0, 1e3,                                                   \
+    REAL(alpha_loss, "alpha-loss", 0, 0.1, 0, 1e3,                                                 \
          "weight of (opacity - alpha)^2 per ray, for images with alpha", .flags = CLN_ROW_LATER)   \
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \

@@ -827,8 +827,6 @@ int test_group_config(void)
         cmocka_unit_test(test_json_of_before),
         cmocka_unit_test(test_alias),
         cmocka_unit_test(test_differs),
-        cmocka_unit_test(test_alias),
-        cmocka_unit_test(test_differs),
         cmocka_unit_test(test_level_at),
         cmocka_unit_test(test_eval_points),
         cmocka_unit_test(test_background),
