@@ -39,7 +39,7 @@ const cln_command cln_commands[] = {
      "The active leaves of the newest checkpoint, in the scene's coordinates. Needs no device.",
      cln_cmd_export},
     {"devices", CLN_DEVICES, NULL, false, "devices [OPTIONS]",
-     "The OpenCL devices: what they have, and whether they compute correctly",
+     "The OpenCL devices, and whether they compute correctly",
      "The row number is what -d takes.",
      cln_cmd_devices},
     {"selftest", CLN_SELFTEST, NULL, false, "selftest [OPTIONS]",
