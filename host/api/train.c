@@ -1,6 +1,7 @@
 /* cln_train: puts a run together (scene, device, programs, plan, model) and takes it apart again.
  * The loop is train/loop.c. Nothing but the lock of a run that is resumed is written before scene,
  * options and memory plan are known to be good. */
+#include <dirent.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -8,6 +9,7 @@
 #include <string.h>
 
 #include "base/config.h"
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
@@ -212,6 +214,19 @@ static void say_what_runs(cln_trainer *t)
     }
 }
 
+/* Whether a path is something else than nothing or an empty folder. */
+static bool is_taken(const char *path)
+{
+    DIR *dir = opendir(path);
+    bool taken = !dir && cln_is_file(path);
+
+    for (struct dirent *e = NULL; dir && (e = readdir(dir));)
+        taken = taken || (strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0);
+    if (dir)
+        closedir(dir);
+    return taken;
+}
+
 static cln_status prepare(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -231,6 +246,8 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_run_config(t->desc->run, &ignored, &saved_scene));
         scene.path = saved_scene;
     }
+    if (!t->desc->resume && is_taken(t->desc->run)) /* minutes before the folder is made */
+        CLN_TRY(cln_run_open(t->desc->run, false)); /* refuses it, and says why */
     CLN_TRY(cln_config_check(&config));
     CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));

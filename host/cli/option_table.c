@@ -261,6 +261,12 @@ static void consider(const char *name, const char *candidate, int *distance, con
     }
 }
 
+/* Suggestions have fewer edits than this: at most 3, and of short names half their characters. */
+static int limit_for(size_t length)
+{
+    return length >= 6 ? 4 : (int)length / 2 + 1;
+}
+
 /* The first option that begins with this name, as abbreviations do; NULL if none does. */
 static const char *longer_option(const cln_command *command, const char *name)
 {
@@ -283,7 +289,7 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
     char wanted[64], owners[128] = "";
     const char *best = NULL;
     const char *no = "";
-    int distance = 4; /* further off than 3 edits is no suggestion */
+    int distance = limit_for(length);
     unsigned bits = 0;
 
     snprintf(wanted, sizeof wanted, "%.*s", (int)length, name);
@@ -302,6 +308,8 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
         return cln_fail(CLN_USAGE, "--%s is not an option of %s, only of %s", wanted, command->name,
                         owners);
     }
+    if (length == 1 && cln_arg_find_letter(command, *name))
+        return cln_fail(CLN_USAGE, "unknown option --%s; did you mean -%s?", wanted, wanted);
     name = wanted;
     if (strncmp(wanted, "no-", 3) == 0) {
         name += 3;
@@ -326,7 +334,7 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
 cln_status cln_fail_command(const char *name)
 {
     const char *best = NULL;
-    int distance = 4;
+    int distance = limit_for(strlen(name));
 
     for (int i = 0; i < cln_command_count; i++)
         consider(name, cln_commands[i].name, &distance, &best);

@@ -294,6 +294,16 @@ done:
 
 /* ---- the first word ---- */
 
+static cln_status fail_before_command(const char *argument)
+{
+    const char *name = argument + strspn(argument, "-");
+
+    if (cln_command_find(name))
+        return cln_fail(CLN_USAGE, "%s: commands have no dashes; did you mean `cl-nascent %s`?",
+                        argument, name);
+    return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
+}
+
 /* help [CMD], --help, --version [-v], or a command. */
 static cln_status parse_first(parser *p)
 {
@@ -328,10 +338,10 @@ static cln_status parse_first(parser *p)
             else if (strcmp(argument, "--verbose") == 0 || strcmp(argument, "-v") == 0)
                 out->verbose++;
             else
-                return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
+                return fail_before_command(argument);
         }
         if (!out->help && !out->version)
-            return cln_fail(CLN_USAGE, "%s: options come after the command", first);
+            return fail_before_command(first);
         if (out->help && p->at < p->argc) /* "--help train" */
             out->command = cln_command_find(p->argv[p->at++]);
         if (p->at < p->argc)

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <time.h>
 
 #include "base/log.h"
@@ -122,8 +123,8 @@ static bool matches(const char *spec, int row, const cln_device_info *info)
     snprintf(number, sizeof number, "%d", row);
     if (strcmp(spec, number) == 0)
         return true;
-    if (strcmp(spec, "gpu") == 0 || strcmp(spec, "cpu") == 0)
-        return strcmp(info->type, spec) == 0;
+    if (strcasecmp(spec, "gpu") == 0 || strcasecmp(spec, "cpu") == 0)
+        return strcasecmp(info->type, spec) == 0;
     if (spec[strspn(spec, "0123456789")] == 0)
         return false;
     return contains(info->name, spec) || contains(info->vendor, spec) ||
@@ -134,7 +135,7 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
 {
     static const char *const preference[] = {"gpu", "accelerator", "cpu"};
 
-    if (!spec || !*spec || strcmp(spec, "auto") == 0) {
+    if (!spec || !*spec || strcasecmp(spec, "auto") == 0) {
         for (int p = 0; p < 3; p++)
             for (int i = 0; i < count; i++) {
                 cln_device_info info;

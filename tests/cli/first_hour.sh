@@ -1,7 +1,7 @@
 #!/bin/bash
 # What a new user does in the first hour, and what they trip over: habits of other programs, odd
 # folders, odd terminals, second tries. On tiny scenes and short trainings; cli.sh has the rest.
-#   tests/cli/first_hour.sh [SECTION...]      sections: words scenes training results
+#   tests/cli/first_hour.sh [SECTION...]      sections: words scenes training results edges
 #   BUILD=build/sanitize                   the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -57,6 +57,14 @@ section_words() {
         check "$c --help: -o has one meaning" eval \
             '! sed -n "/--output/,/^  [^ ]/p" "$work/out" | grep -qE "train:|tune:|render:"'
     done
+    expect "a command with dashes" 2 "~cl-nascent.train" "$cln" --train s -o r
+    expect "--o for -o" 2 "~did.you.mean.-o" "$cln" train s --o r
+    expect "a name like no other: no suggestion" 2 "me" "$cln" me
+    check "none is made" not_said "did you mean"
+    expect "--help before the command" 0 "" "$cln" --help train
+    check "is the command's" printed "cl-nascent train SCENE"
+    expect "options behind and before, with = and space" 2 "o2" \
+        "$cln" render --split=test r --width 3 -oout o2
     expect "errors without colour off a terminal" 2 "" "$cln" trian
     check "none there" not_said $'\033'
     expect "--color always" 2 "" "$cln" train --color always
@@ -122,7 +130,8 @@ section_scenes() {
     check "and its steps" grep -qE '^  steps +[0-9]+' "$work/out"
     expect "info without a device" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" info "$s" --json
     check "says why there is no memory" [ -n "$(json training.no_device)" ]
-    expect "train" 0 "keys depth_file_path" "$cln" train "$s" -o "$work/keys" "${small[@]}" --steps 2
+    expect "train" 0 "keys depth_file_path" \
+        "$cln" train "$s" -o "$work/keys" "${small[@]}" --steps 2
 }
 
 # A first training and what it prints.
@@ -147,6 +156,9 @@ section_training() {
     expect "resumed, though its budget is used up" 0 "~used.up --time-limit" \
         "$cln" train --resume "$r" "${small[@]:0:3}"
     check "the command is quoted" said "--resume '$work/run'\''s 1' --time-limit +2s"
+    expect "a new run in its folder: refused at once" 7 "--resume" \
+        "$cln" train "$s" -o "$r" --steps 3
+    check "before a device is asked" not_said "checking the kernels"
     check "its figures stay" eval '! grep -qE "^PSNR +-" "$work/out"'
     expect "--steps +N where there was no budget in steps" 0 "" \
         "$cln" train --resume "$r" "${small[@]:0:3}" --steps +7 --json
@@ -164,6 +176,28 @@ section_training() {
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
         grep -aE "^train" | sed "s/\x1b\[K//" | grep -vqE "(train|test|left|evaluation|[0-9]|/s)$"'
     check "PSNR and time are on it" grep -aqE 'PSNR [0-9.]+ train.*trained, .*left' "$work/out"
+}
+
+# Scenes and places that are at the edge.
+section_edges() {
+    local s=$work/one r="$work/one run"
+    "$make_scene" "$s" --format nerfstudio --size 32 --train 1 --test 0 >/dev/null
+    sed -i 's/_filenames/_names/' "$s/transforms.json"
+    expect "a scene of one photo, which is held out" 3 "--holdout" "$cln" info "$s"
+    expect "one photo to train on" 0 "" \
+        "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --holdout 0
+    check "no test PSNR is told" grep -qE "^PSNR +[0-9.]+ train$" "$work/out"
+    expect "eval has nothing to compare with" 3 "--split" "$cln" eval "$r"
+    expect "without HOME" 0 "" env -u HOME -u XDG_CONFIG_HOME "$cln" devices --no-test
+    expect "the device in capitals" 0 "" "$cln" train "$s" -o "$work/cpu" "${small[@]}" \
+        --steps 2 --holdout 0 -d CPU
+    on_terminal 40 "$cln" train --resume "$r" --skip-selftest --steps +30
+    check "40 columns: whole fields" eval 'tr "\r" "\n" <"$work/out" | sed "s/\x1b\[K//" |
+        grep -aE "^train [0-9]" | grep -qE "^train [0-9]+% \| PSNR [0-9.]+ train$"'
+    on_terminal 80 env TERM=dumb "$cln" render "$r" --split train --width 8
+    check "TERM=dumb: no line is redrawn" eval '! grep -qF $'"'\033'"' "$work/out"'
+    expect "output folder that is a file" 7 "folder" \
+        "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }
 
 # Pictures and files of a run.
@@ -197,7 +231,7 @@ for program in "$cln" "$make_scene" "$query"; do
     fi
 done
 sections=("$@")
-[ $# = 0 ] && sections=(words scenes training results)
+[ $# = 0 ] && sections=(words scenes training results edges)
 for s in "${sections[@]}"; do
     if [ "$(type -t "section_$s")" != function ]; then
         echo "first_hour.sh: no section $s" >&2
