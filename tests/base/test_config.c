@@ -347,6 +347,13 @@ static void test_words_and_flags(void **state)
     for (int i = 0; i < CLN_TEXT_BYTES; i++)
         assert_int_equal(config.bbox[i],
                          0); /* no rest of the longer text, so equal settings are equal bytes */
+    /* Six numbers of 17 digits, as a program writes them, have room. */
+    assert_int_equal(cln_config_set(&config, row_of("bbox"),
+                                    "-1.2345678901234567e-100,-2.2345678901234567e+100,"
+                                    "-3.2345678901234567e+100,1.2345678901234567e+100,"
+                                    "2.2345678901234567e+100,3.2345678901234567e+100"),
+                     CLN_OK);
+    assert_int_equal(cln_config_check(&config), CLN_OK);
 }
 
 static void test_units(void **state)

@@ -111,8 +111,8 @@ static void test_colmap_binary(void **state)
 
     put_colmap(folder, true);
     for (int i = 0; i < 3; i++) {
-        cut_everywhere(folder, scratch_path(model, files[i]), 1);
-        damage_everywhere(folder, scratch_path(model, files[i]), 3);
+        cut_everywhere(folder, scratch_path(model, files[i]), 3);
+        damage_everywhere(folder, scratch_path(model, files[i]), 5);
     }
 }
 
@@ -123,7 +123,7 @@ static void test_colmap_text(void **state)
 
     put_colmap(folder, false);
     for (int i = 0; i < 3; i++)
-        damage_everywhere(folder, scratch_path(model, files[i]), 3);
+        damage_everywhere(folder, scratch_path(model, files[i]), 7);
 }
 
 /* Fields of the binary files by offset: cameras.bin has the count, then cameras of 56 bytes, the
@@ -265,8 +265,8 @@ static void test_llff(void **state)
     const char *folder = *state, *file = scratch_path(folder, "poses_bounds.npy");
 
     put_llff(folder);
-    cut_everywhere(folder, file, 1);
-    damage_everywhere(folder, file, 1);
+    cut_everywhere(folder, file, 3);
+    damage_everywhere(folder, file, 7);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         char before[8], ignored[8], what[32];
 
@@ -288,13 +288,17 @@ static void test_neus(void **state)
 {
     cln_camera cameras[FORMAT_VIEWS];
     const char *folder = *state, *file = scratch_path(folder, "cameras_sphere.npz");
+    char before[1];
 
     format_cameras(cameras);
     format_images(scratch_path(folder, "image"), 1);
+    format_neus(folder, cameras, false);
+    patch(file, 125, "x", 1, before); /* in the first array's numbers */
+    assert_refused(folder, (const char *const[3]){"world_mat_0", "checksum"}, "one byte");
     for (int deflate = 0; deflate < 2; deflate++) {
         format_neus(folder, cameras, deflate);
-        cut_everywhere(folder, file, 7);
-        damage_everywhere(folder, file, 5);
+        cut_everywhere(folder, file, 31);
+        damage_everywhere(folder, file, 13);
     }
     format_neus(folder, cameras, true);
     put_image(folder, "image/z.png", 16, 12, 3, 0);
@@ -433,7 +437,7 @@ static void test_opensfm(void **state)
     scratch_put(file, good, bytes);
     free(good);
     cut_everywhere(folder, file, 101);
-    damage_everywhere(folder, file, 7);
+    damage_everywhere(folder, file, 29);
     put_text(folder, "reconstruction.json", "{}");
     assert_refused(folder, (const char *const[3]){"not an array of reconstructions"}, "{}");
     put_text(folder, "reconstruction.json", "[{\"shots\":{},\"cameras\":{}}]");
