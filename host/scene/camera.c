@@ -14,6 +14,13 @@ bool cln_camera_is_distorted(const cln_camera *camera)
     return !cln_lens_is_pinhole(camera->lens, camera->distortion);
 }
 
+bool cln_camera_is_like(const cln_camera *a, const cln_camera *b)
+{
+    return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
+           a->cx == b->cx && a->cy == b->cy && a->lens == b->lens &&
+           memcmp(a->distortion, b->distortion, sizeof a->distortion) == 0;
+}
+
 unsigned cln_camera_lenses(const cln_camera *camera)
 {
     return cln_camera_is_distorted(camera) ? 1u << camera->lens : 0;

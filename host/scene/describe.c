@@ -43,13 +43,6 @@ static json_t *describe_sizes(const cln_scene *scene)
     return sizes;
 }
 
-static bool same_intrinsics(const cln_camera *a, const cln_camera *b)
-{
-    return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
-           a->cx == b->cx && a->cy == b->cy && a->lens == b->lens &&
-           memcmp(a->distortion, b->distortion, sizeof a->distortion) == 0;
-}
-
 /* Runs of views with the same intrinsics, in pixels of the images as they are trained on. Where
  * every view has its own, this is as long as the list of views. */
 static json_t *describe_intrinsics(const cln_scene *scene)
@@ -62,7 +55,7 @@ static json_t *describe_intrinsics(const cln_scene *scene)
         const cln_lens_model *lens = &cln_lens_models[c->lens];
         json_t *last = json_array_get(list, json_array_size(list) - 1), *params = NULL;
 
-        if (before && same_intrinsics(before, c)) {
+        if (before && cln_camera_is_like(before, c)) {
             json_object_set_new(
                 last, "views",
                 json_integer(json_integer_value(json_object_get(last, "views")) + 1));

@@ -90,14 +90,6 @@ static int64_t count_bits(const uint8_t *map, size_t bytes)
     return count;
 }
 
-/* Two cameras whose pixels have the same rays, but for the pose. */
-static bool is_alike(const cln_camera *a, const cln_camera *b)
-{
-    return a->lens == b->lens && a->width == b->width && a->height == b->height && a->fx == b->fx &&
-           a->fy == b->fy && a->cx == b->cx && a->cy == b->cy &&
-           memcmp(a->distortion, b->distortion, sizeof a->distortion) == 0;
-}
-
 /* *map is NULL if all pixels have rays. */
 static cln_status make_map(const cln_camera *camera, uint8_t **map, int64_t *left_out)
 {
@@ -145,7 +137,8 @@ cln_status cln_scene_find_kept(cln_scene *scene)
 
         if (!cln_camera_is_distorted(&view->camera))
             continue;
-        while (same < count && !is_alike(&view->camera, &scene->views[looked[same]].camera))
+        while (same < count &&
+               !cln_camera_is_like(&view->camera, &scene->views[looked[same]].camera))
             same++;
         if (same == count) {
             looked[count++] = v;

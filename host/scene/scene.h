@@ -35,6 +35,9 @@ typedef struct cln_camera {
 
 bool cln_camera_is_distorted(const cln_camera *camera);
 
+/* The same size, intrinsics and lens: pixels have the same rays, except for the pose. */
+bool cln_camera_is_like(const cln_camera *a, const cln_camera *b);
+
 /* What kernels must know to trace it: 1 << lens; 0 for a pinhole. Sets of cameras join with |. */
 unsigned cln_camera_lenses(const cln_camera *camera);
 

@@ -248,10 +248,13 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     if (!inside)
         return false;
     e->list = grid[0] + (uint32_t)v / grid[1] * grid[2] + (uint32_t)u / grid[1];
-    cln_camera_ray(c, (uint32_t)u / grid[1] * grid[1] + grid[1] / 2.0,
-                   (uint32_t)v / grid[1] * grid[1] + grid[1] / 2.0, o, d);
+    inside = cln_camera_ray(c, (uint32_t)u / grid[1] * grid[1] + grid[1] / 2.0,
+                            (uint32_t)v / grid[1] * grid[1] + grid[1] / 2.0, o, d);
     for (int a = 0; a < 3; a++)
         t += (point[a] - o[a]) * d[a];
+    if (!inside) /* the list's middle is beyond the lens model's end: as along the point's own ray */
+        for (int a = 0; a < 3; a++)
+            t = hypot(a ? t : 0, point[a] - o[a]);
     e->t = (float)fmax(t, 0);
     e->sigma = (float)sigma;
     return true;
