@@ -214,6 +214,7 @@ CLN_API cln_status cln_train(const cln_train_desc *desc, cln_train_result *resul
 
 typedef struct cln_eval_image {
     char *name;
+    char *file; /* of its pictures: FILE.png, FILE.truth.png, FILE.error.png */
     int width, height;
     double psnr, psnr_u8, ssim, mse, seconds;
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */

@@ -21,7 +21,6 @@
 #include "render/orbit.h"
 #include "render/open_run.h"
 #include "io/image.h"
-#include "io/names.h"
 #include "io/npy.h"
 #include "io/run_folder.h"
 
@@ -64,7 +63,7 @@ static cln_status frames_of_split(job *j)
     for (int i = 0; i < j->count; i++) {
         CLN_TRY(cln_orbit_resize(&scene->views[views[i]].camera, j->desc->width, j->desc->height,
                                  &j->frames[i].camera));
-        CLN_TRY(cln_view_file_name(scene->views[views[i]].name, &j->frames[i].name));
+        CLN_TRY(cln_strdup(&j->frames[i].name, scene->views[views[i]].file));
     }
 done:
     free(views);

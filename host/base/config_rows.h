@@ -62,6 +62,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMAT_OPENSFM,
        CLN_FORMATS
 };
+enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
 
 /* The leaf networks: compile-time constants of the kernels (method.md sections 1, 2). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
@@ -255,6 +256,10 @@ enum { /* the order in which they are looked for (scene/readers.c) */
          "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)              \
     INT(holdout, "holdout", 8, 8, 0, 1000000,                                                     \
         "every Nth image is test where no split is named (0 = none)", .flags = CLN_ROW_SCENE)     \
+    ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                \
+         "frames whose image is not there: leave them out while they are fewer than a tenth, "    \
+         "leave them out however many, or refuse the scene",                                      \
+         .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                  \
     REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                 \
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                    \
          .flags = CLN_ROW_BYTES)                                                                  \

@@ -1,9 +1,12 @@
 /* View names to file names. See names.h. */
 #include "io/names.h"
 
+#include <inttypes.h>
 #include <stdbool.h>
+#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include "base/files.h"
 #include "base/memory.h"
 
 /* Extensions of images. Any other dot belongs to the name, as in "frame.0001". */
@@ -28,5 +31,52 @@ cln_status cln_view_file_name(const char *name, char **out)
     for (char *c = *out; *c; c++)
         *c = *c == '/' || *c == '\\' ? '_' : *c;
 done:
+    return st;
+}
+
+typedef struct named {
+    const char *name;
+    char *file;
+    int index;
+    bool shared;
+} named;
+
+static int by_file(const void *a, const void *b)
+{
+    const named *x = a, *y = b;
+    const int order = strcmp(x->file, y->file);
+
+    return order ? order : strcmp(x->name, y->name);
+}
+
+cln_status cln_view_file_names(int count, const char *const *names, char **files)
+{
+    cln_status st = CLN_OK;
+    named *sorted = NULL;
+
+    CLN_TRY(cln_alloc(&sorted, (size_t)count, sizeof *sorted, "names of files"));
+    for (int i = 0; i < count; i++) {
+        CLN_TRY(cln_view_file_name(names[i], &files[i]));
+        sorted[i] = (named){names[i], files[i], i, false};
+    }
+    qsort(sorted, (size_t)count, sizeof *sorted, by_file);
+    for (int first = 0, end = 0; first < count; first = end) {
+        while (end < count && strcmp(sorted[end].file, sorted[first].file) == 0)
+            end++;
+        for (int i = first; i < end; i++) /* in a group, equal names stand together */
+            sorted[i].shared = strcmp(sorted[first].name, sorted[end - 1].name) != 0;
+    }
+    for (int i = 0; i < count; i++) {
+        const uint64_t digest =
+            cln_digest(CLN_DIGEST_START, sorted[i].name, strlen(sorted[i].name));
+
+        if (!sorted[i].shared)
+            continue;
+        CLN_TRY(cln_asprintf(&files[sorted[i].index], "%s-%08" PRIx32, sorted[i].file,
+                             (uint32_t)digest));
+        free(sorted[i].file);
+    }
+done:
+    free(sorted);
     return st;
 }

@@ -1,4 +1,5 @@
-/* Names of a view's files, the same for evaluation, rendering and the report. */
+/* Names of a view's files, the same for evaluation, rendering and the report. Those of a loaded
+ * scene are in its views (cln_view.file). */
 #ifndef CLN_NAMES_H
 #define CLN_NAMES_H
 
@@ -7,5 +8,10 @@
 /* Makes a file name of a dataset's view name, without .png, .jpg or .jpeg: "train/r_0.png" ->
  * "train_r_0". The caller frees *out. */
 cln_status cln_view_file_name(const char *name, char **out);
+
+/* Of all views of a scene: files[i] is the above of names[i], and where other names have the same,
+ * "-" and eight hex digits of the name's digest stand behind it ("a/b" and "a_b"). Equal names have
+ * equal files. On failure files may be partly filled; the caller frees them. */
+cln_status cln_view_file_names(int count, const char *const *names, char **files);
 
 #endif

@@ -12,15 +12,16 @@
 #include "render/tree_picture.h"
 #include "io/image.h"
 #include "render/metrics_image.h"
-#include "io/names.h"
 #include "io/run_folder.h"
 
 enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
 
 void cln_eval_free(cln_eval_result *result)
 {
-    for (int i = 0; result->images && i < result->count; i++)
+    for (int i = 0; result->images && i < result->count; i++) {
         free(result->images[i].name);
+        free(result->images[i].file);
+    }
     free(result->images);
     memset(result, 0, sizeof *result);
 }
@@ -59,21 +60,18 @@ done:
 }
 
 /* Truth, render and their absolute difference times four. */
-static cln_status save(const char *folder, const char *view_name, int width, int height,
+static cln_status save(const char *folder, const char *name, int width, int height,
                        const float *rgb, const float *truth, float *scratch)
 {
     cln_status st = CLN_OK;
-    char *name = NULL;
     const size_t n = (size_t)width * (size_t)height * 3;
 
-    CLN_TRY(cln_view_file_name(view_name, &name));
     CLN_TRY(write_picture(folder, name, ".png", width, height, rgb));
     CLN_TRY(write_picture(folder, name, ".truth.png", width, height, truth));
     for (size_t i = 0; i < n; i++)
         scratch[i] = 4.0f * fabsf(rgb[i] - truth[i]);
     CLN_TRY(write_picture(folder, name, ".error.png", width, height, scratch));
 done:
-    free(name);
     return st;
 }
 
@@ -135,7 +133,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
     if (folder)
-        CLN_TRY(save(folder, v->name, width, height, picture->rgb, truth, rounded));
+        CLN_TRY(save(folder, v->file, width, height, picture->rgb, truth, rounded));
 done:
     free(kept);
     free(truth);
@@ -203,6 +201,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         const double start = cln_now();
 
         CLN_TRY(cln_strdup(&image->name, scene->views[views[i]].name));
+        CLN_TRY(cln_strdup(&image->file, scene->views[views[i]].file));
         CLN_TRY(cln_render_view(p, views[i], scene->background, false, callbacks, &picture));
         image->seconds = cln_now() - start;
         st = measure(scene, views[i], &picture, folder, image);
@@ -251,12 +250,12 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         const cln_eval_image *e = &r->images[i];
 
         json_array_append_new(
-            images,
-            json_pack("{s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name", e->name,
-                      "width", e->width, "height", e->height, "psnr", cln_json_real(e->psnr),
-                      "psnr_u8", cln_json_real(e->psnr_u8), "ssim", cln_json_real(e->ssim), "mse",
-                      cln_json_real(e->mse), "opacity_error", cln_json_real(e->opacity_error),
-                      "opaque_air", cln_json_real(e->opaque_air), "seconds", e->seconds));
+            images, json_pack("{s:s, s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name",
+                              e->name, "file", e->file, "width", e->width, "height", e->height,
+                              "psnr", cln_json_real(e->psnr), "psnr_u8", cln_json_real(e->psnr_u8),
+                              "ssim", cln_json_real(e->ssim), "mse", cln_json_real(e->mse),
+                              "opacity_error", cln_json_real(e->opacity_error), "opaque_air",
+                              cln_json_real(e->opaque_air), "seconds", e->seconds));
     }
     *out = json_pack(
         "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, "

@@ -7,7 +7,6 @@
 
 #include "base/memory.h"
 #include "io/image.h"
-#include "io/names.h"
 #include "io/palette.h"
 #include "io/run_folder.h"
 
@@ -102,12 +101,11 @@ cln_status cln_tree_save(const cln_model *model, const cln_view *view, const cln
     cln_status st = CLN_OK;
     const cln_octree *tree = &model->tree;
     const size_t pixels = (size_t)picture->width * (size_t)picture->height;
-    char *name = NULL;
+    const char *name = view->file;
     int32_t *slots = NULL;
     uint8_t *colours = NULL, *rgb = NULL;
     double low = NAN, high = NAN;
 
-    CLN_TRY(cln_view_file_name(view->name, &name));
     CLN_TRY(cln_alloc(&slots, pixels, sizeof *slots, "picture of the tree"));
     CLN_TRY(cln_alloc(&rgb, pixels, 3, "picture of the tree"));
     CLN_TRY(cln_alloc(&colours, (size_t)tree->leaf_count, 3, "picture of the tree"));
@@ -121,7 +119,6 @@ cln_status cln_tree_save(const cln_model *model, const cln_view *view, const cln
         CLN_TRY(write_drawing(folder, name, ".tree-error.png", picture, slots, colours, rgb));
     }
 done:
-    free(name);
     free(slots);
     free(colours);
     free(rgb);

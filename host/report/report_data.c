@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "io/json.h"
+#include "io/names.h"
 
 static const size_t metrics_max_bytes = (size_t)1 << 30;
 
@@ -25,6 +26,15 @@ const char *cln_json_text(const json_t *object, const char *key)
     const char *text = json_string_value(json_object_get(object, key));
 
     return text ? text : "";
+}
+
+cln_status cln_report_file(const json_t *image, char **file)
+{
+    const char *given = cln_json_text(image, "file");
+
+    if (given[0] && !strchr(given, '/'))
+        return cln_strdup(file, given);
+    return cln_view_file_name(cln_json_text(image, "name"), file);
 }
 
 /* Warns of a file that cannot be used, and clears its error. */
@@ -223,7 +233,7 @@ static int by_step(const void *a, const void *b)
 
     if (x->step != y->step)
         return x->step < y->step ? -1 : 1;
-    return strcmp(x->split, y->split);
+    return strcmp(x->split, y->split) ? strcmp(x->split, y->split) : x->images - y->images;
 }
 
 static int split_rank(const char *split)

@@ -47,7 +47,7 @@ typedef struct cln_report_data {
     int decision_count;
     cln_report_decision *decisions; /* in the file's order */
     int eval_count;
-    cln_report_eval *evals; /* by step, then split */
+    cln_report_eval *evals; /* by step, split, images */
     int shown;              /* the eval whose views are shown: latest, test before val before train;
                                -1 = none */
     json_t *tree;           /* tree.json beside its pictures; NULL if there is none */
@@ -60,6 +60,10 @@ void cln_report_data_free(cln_report_data *data);
  */
 double cln_json_number(const json_t *object, const char *key);
 const char *cln_json_text(const json_t *object, const char *key);
+
+/* The name, without suffixes, of the pictures of an evaluation's image: its "file", in evaluations
+ * from before there was one the name made a file's. The caller frees *file. */
+cln_status cln_report_file(const json_t *image, char **file);
 
 /* Thins out count points for a curve: of each group of neighbours the least and the greatest finite
  * one, in order, so that no peak is lost. x, y: [CLN_REPORT_POINTS]; returns how many they hold. */

@@ -8,7 +8,6 @@
 #include <string.h>
 #include "base/memory.h"
 #include "report/html.h"
-#include "io/names.h"
 #include "io/palette.h"
 #include "io/progress.h"
 
@@ -69,15 +68,28 @@ static void put_error_scale(FILE *to, double low, double high)
         to);
 }
 
-static cln_status put_view(FILE *to, const char *folder, const char *view, bool errors)
+/* The row of a view in the evaluation; NULL if it has none. */
+static const json_t *find_image(const cln_report_data *data, const char *view)
+{
+    const json_t *images = json_object_get(data->evals[data->shown].document, "images");
+    const json_t *image = NULL;
+
+    for (size_t i = 0; (image = json_array_get(images, i)); i++)
+        if (strcmp(cln_json_text(image, "name"), view) == 0)
+            return image;
+    return NULL;
+}
+
+static cln_status put_view(FILE *to, const char *folder, const json_t *image, bool errors)
 {
     static const struct {
         const char *suffix, *what;
     } pictures[] = {{".png", "render"}, {".tree.png", "level"}, {".tree-error.png", "leaf error"}};
     cln_status st = CLN_OK;
+    const char *view = cln_json_text(image, "name");
     char *file = NULL, *path = NULL;
 
-    CLN_TRY(cln_view_file_name(view, &file));
+    CLN_TRY(cln_report_file(image, &file));
     fputs("<div class=view><h3><b>", to);
     cln_html_text(to, view);
     fputs("</b></h3><div>", to);
@@ -122,9 +134,10 @@ static cln_status put_pictures(FILE *to, const cln_report_data *data)
     CLN_TRY(cln_asprintf(&folder, "%s/eval/%s", data->folder, data->evals[data->shown].stem));
     for (size_t i = 0; i < json_array_size(views); i++) {
         const char *view = json_string_value(json_array_get(views, i));
+        const json_t *image = view ? find_image(data, view) : NULL;
 
-        if (view)
-            CLN_TRY(put_view(to, folder, view, errors));
+        if (image)
+            CLN_TRY(put_view(to, folder, image, errors));
     }
 done:
     free(folder);

@@ -8,7 +8,6 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "report/html.h"
-#include "io/names.h"
 #include "io/progress.h"
 
 enum { SHOWN = 6, LISTED = 400 };
@@ -22,7 +21,7 @@ static cln_status put_view(FILE *to, const char *folder, const json_t *image)
     const char *name = cln_json_text(image, "name");
     char *file = NULL, *path = NULL;
 
-    CLN_TRY(cln_view_file_name(name, &file));
+    CLN_TRY(cln_report_file(image, &file));
     fputs("<div class=view><h3><b>", to);
     cln_html_text(to, name);
     fputs("</b><span class=soft>PSNR ", to);
@@ -85,7 +84,7 @@ static bool has_picture(const char *folder, const json_t *image)
     char *file = NULL, *path = NULL;
     bool found = false;
 
-    if (cln_view_file_name(cln_json_text(image, "name"), &file) == CLN_OK &&
+    if (cln_report_file(image, &file) == CLN_OK &&
         cln_asprintf(&path, "%s/%s.png", folder, file) == CLN_OK)
         found = cln_is_file(path);
     if (before == CLN_OK)

@@ -24,6 +24,11 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
 /* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
 int cln_natural_compare(const char *a, const char *b);
 
+/* load.c: takes frames whose image file is not there out of the views, behind them, with a warning.
+ * CLN_INPUT if config.missing wants none left out, or not as many, or no training view stays. After
+ * the split, so that the others keep theirs. */
+cln_status cln_scene_leave_out(cln_scene *scene, int rule);
+
 /* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,
  * checked, then brought to the downscaled size. Fills downscale, has_alpha, lenses. */
 cln_status cln_scene_size_views(cln_scene *scene, int downscale);

@@ -231,8 +231,6 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
                                    cln_reader_result *result, char **folder)
 {
     cln_status st = CLN_OK;
-    const char *missing = NULL;
-    int missed = 0;
     cln_names there = {0};
 
     if (!result->view_count)
@@ -247,17 +245,8 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
     for (int i = 0; i < result->view_count; i++) {
         cln_view *view = &result->views[i];
 
-        CLN_TRY(cln_path_join(&view->path, *folder, view->name));
-        if (cln_is_file(view->path))
-            continue;
-        if (!missed++)
-            missing = view->name;
+        CLN_TRY(cln_path_join(&view->path, *folder, view->name)); /* missing ones: load.c */
     }
-    if (missed)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: %d of its %d images are not in %s, the first is '%s'; restore them, "
-                         "or take them out of the reconstruction",
-                         where, missed, result->view_count, *folder, missing));
     for (int i = 0; i < base_count; i++)
         if (!strcmp(*folder, bases[i]))
             goto done; /* what else lies there are no images of this reconstruction */

@@ -36,8 +36,8 @@ cln_status cln_dataset_image_folder(const char *base, char **out);
 
 /* Fills the paths of the views, which have names: from the first folder that has any of them, below
  * one of `bases` (nearest first): images, images_2, images_4, images_8, the base itself, any other
- * folder in it. CLN_INPUT if an image is missing. Tells in the log how many images of the folder
- * are no view. *folder is it; the caller frees it. */
+ * folder in it; CLN_INPUT if no folder has one. Tells in the log how many images of the folder are
+ * no view. *folder is it; the caller frees it. */
 cln_status cln_dataset_find_images(const char *where, const char *const *bases, int base_count,
                                    cln_reader_result *result, char **folder);
 

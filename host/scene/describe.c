@@ -7,6 +7,8 @@
 #include <string.h>
 #include "io/json.h"
 
+enum { MISSING_NAMED = 8 };
+
 static double distance_to_centre(const cln_scene *scene, const cln_view *view)
 {
     double sum = 0;
@@ -88,6 +90,16 @@ static json_t *describe_views(const cln_scene *scene)
     return views;
 }
 
+/* The first of those left out, by name. */
+static json_t *describe_missing(const cln_scene *scene)
+{
+    json_t *names = json_array();
+
+    for (int i = 0; i < scene->missing && i < MISSING_NAMED; i++)
+        json_array_append_new(names, json_string(scene->views[scene->view_count + i].name));
+    return names;
+}
+
 static cln_status describe(const cln_scene *scene, json_t **out)
 {
     json_t *splits = json_object(), *centre = json_array(), *background = json_array();
@@ -110,18 +122,20 @@ static cln_status describe(const cln_scene *scene, json_t **out)
         if (scene->views[i].channels > channels)
             channels = scene->views[i].channels;
     }
-    *out = json_pack(
-        "{s:s, s:s, s:s, s:i, s:o, s:s, s:o, s:o, s:i, s:b, s:b, s:{s:i, s:f}, s:i, s:o, s:o, s:s, "
-        "s:o, s:s, s:o, s:o, s:o}",
-        "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
-        scene->view_count, "splits", splits, "split_rule", scene->split_rule, "ignored_keys",
-        scene->ignored ? json_incref(scene->ignored) : json_array(), "sizes", describe_sizes(scene),
-        "channels", channels, "alpha", scene->has_alpha, "distortion", scene->lenses != 0,
-        "beyond_fold", "views", fold.views, "share", fold.share, "downscale", scene->downscale,
-        "centre", centre, "half", cln_json_real(scene->space.half), "bounds_rule",
-        scene->bounds_rule, "background", background, "digest", digest, "camera_distance",
-        cln_json_real(distance), "intrinsics", describe_intrinsics(scene), "cameras",
-        describe_views(scene));
+    *out =
+        json_pack("{s:s, s:s, s:s, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:b, s:{s:i, s:f}, "
+                  "s:i, s:o, s:o, s:s, "
+                  "s:o, s:s, s:o, s:o, s:o}",
+                  "dialect", scene->dialect, "because", scene->because, "folder", scene->folder,
+                  "views", scene->view_count, "missing", scene->missing, "missing_names",
+                  describe_missing(scene), "splits", splits, "split_rule", scene->split_rule,
+                  "ignored_keys", scene->ignored ? json_incref(scene->ignored) : json_array(),
+                  "sizes", describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha,
+                  "distortion", scene->lenses != 0, "beyond_fold", "views", fold.views, "share",
+                  fold.share, "downscale", scene->downscale, "centre", centre, "half",
+                  cln_json_real(scene->space.half), "bounds_rule", scene->bounds_rule, "background",
+                  background, "digest", digest, "camera_distance", cln_json_real(distance),
+                  "intrinsics", describe_intrinsics(scene), "cameras", describe_views(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;

@@ -7,9 +7,13 @@
 #include <string.h>
 #include "base/config.h"
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
+#include "io/names.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
+
+enum { NAMED = 3 };
 
 cln_status cln_scene_folder(const char *path, char **out)
 {
@@ -34,6 +38,7 @@ static void free_views(cln_view *views, int count)
         free(views[i].name);
         free(views[i].path);
         free(views[i].alpha_path);
+        free(views[i].file);
     }
     free(views);
 }
@@ -60,6 +65,102 @@ static void digest_cameras(cln_scene *scene)
             digest = cln_digest(digest, lens->name, strlen(lens->name));
     }
     scene->digest = digest;
+}
+
+/* The first missing frames, for a sentence: "'a', 'b', 'c', ...". */
+static cln_status name_missing(const cln_scene *scene, char **out)
+{
+    cln_status st = CLN_OK;
+    char *text = NULL, *longer = NULL;
+
+    CLN_TRY(cln_strdup(&text, ""));
+    for (int i = 0; i < scene->missing && i < NAMED; i++) {
+        CLN_TRY(cln_asprintf(&longer, "%s%s'%s'", text, i ? ", " : "",
+                             scene->views[scene->view_count + i].name));
+        free(text);
+        text = longer;
+    }
+    CLN_TRY(cln_asprintf(out, "%s%s", text, scene->missing > NAMED ? ", ..." : ""));
+done:
+    free(text);
+    return st;
+}
+
+/* Stable: the views that stay keep their order, and so do those that do not. */
+static cln_status move_missing(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    const int total = scene->view_count;
+    cln_view *absent = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_alloc(&absent, (size_t)total, sizeof *absent, "views"));
+    scene->view_count = 0;
+    for (int i = 0; i < total; i++) {
+        if (cln_is_file(scene->views[i].path))
+            scene->views[scene->view_count++] = scene->views[i];
+        else
+            absent[count++] = scene->views[i];
+    }
+    memcpy(scene->views + scene->view_count, absent, (size_t)count * sizeof *absent);
+    scene->missing = count;
+done:
+    free(absent);
+    return st;
+}
+
+cln_status cln_scene_leave_out(cln_scene *scene, int rule)
+{
+    cln_status st = CLN_OK;
+    const int total = scene->view_count;
+    char *names = NULL;
+
+    CLN_TRY(move_missing(scene));
+    if (scene->missing == 0)
+        goto done;
+    CLN_TRY(name_missing(scene, &names));
+    if (rule == CLN_MISSING_FAIL)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: frame '%s': there is no image file %s; restore it, or leave such "
+                         "frames out with --missing skip",
+                         scene->folder, scene->views[scene->view_count].name,
+                         scene->views[scene->view_count].path));
+    if (rule == CLN_MISSING_AUTO && 10 * scene->missing >= total)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: %d of %d images are not there, a tenth or more (%s; the first should "
+                         "be %s); restore them, or leave these frames out with --missing skip",
+                         scene->folder, scene->missing, total, names,
+                         scene->views[scene->view_count].path));
+    if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no training view is left: %d of %d images are not there (%s); "
+                         "restore them",
+                         scene->folder, scene->missing, total, names));
+    cln_warn("%s: %d of %d images are not there; these frames are left out: %s", scene->folder,
+             scene->missing, total, names);
+done:
+    free(names);
+    return st;
+}
+
+static cln_status name_files(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    const size_t count = (size_t)scene->view_count;
+    const char **names = NULL;
+    char **files = NULL;
+
+    CLN_TRY(cln_alloc(&names, count, sizeof *names, "views"));
+    CLN_TRY(cln_alloc(&files, count, sizeof *files, "views"));
+    for (size_t i = 0; i < count; i++)
+        names[i] = scene->views[i].name;
+    st = cln_view_file_names(scene->view_count, names, files);
+    for (size_t i = 0; i < count; i++)
+        scene->views[i].file = files[i];
+done:
+    free(names);
+    free(files);
+    return st;
 }
 
 static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader_result *result)
@@ -89,6 +190,8 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
                          others ? "; also there, not read: --format " : "", others ? others : ""));
     CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config->holdout));
+    CLN_TRY(cln_scene_leave_out(scene, desc->config->missing));
+    CLN_TRY(name_files(scene));
     digest_cameras(scene);
     CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
     CLN_TRY(cln_scene_find_kept(scene));
@@ -129,7 +232,7 @@ void cln_scene_free(cln_scene *scene)
     for (int i = 0; scene->maps && i < scene->view_count; i++)
         free(scene->maps[i]);
     free(scene->maps);
-    free_views(scene->views, scene->view_count);
+    free_views(scene->views, scene->view_count + scene->missing);
     free(scene->pixels);
     free(scene->folder);
     free(scene->because);

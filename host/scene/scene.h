@@ -57,6 +57,7 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
 typedef struct cln_view {
     char *name;       /* as the dataset names it: path relative to the scene folder */
     char *path;       /* file */
+    char *file;       /* its name as one file's (io/names.h): no other view's with another name */
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     cln_split split;
     cln_camera camera;           /* at the size of `pixels` */
@@ -77,6 +78,7 @@ typedef struct cln_scene {
     int downscale;
     int view_count;
     cln_view *views;     /* train, then val, then test; by name within a split */
+    int missing;         /* frames without an image, left out: they stand behind the views */
     uint8_t *pixels;     /* of all loaded views: one piece, so that it lies in huge pages */
     uint8_t **maps;      /* [view_count] of the views' kept pixels; as many as there are lenses */
     bool has_alpha;      /* over the views of all splits */
@@ -89,12 +91,13 @@ typedef struct cln_scene {
 
 typedef struct cln_scene_desc {
     const char *path;         /* scene folder, or its transforms JSON file */
-    const cln_config *config; /* downscale, bbox, background, holdout */
+    const cln_config *config; /* downscale, bbox, background, holdout, missing */
     bool pixels[CLN_SPLITS];  /* load the images of these splits; cameras and sizes always */
 } cln_scene_desc;
 
 /* Reads a scene. Limits: 100,000 frames, 32,768 pixels a side, 2^28 pixels an image. Errors
- * (CLN_INPUT) name the file, the frame and the reason: missing or truncated image, malformed JSON
+ * (CLN_INPUT) name the file, the frame and the reason: images that are missing (as config.missing
+ * says; those left out are a warning), a truncated image, malformed JSON
  * with line and column, non-finite or non-rigid pose (rotation off by more than 1e-3), zero frames,
  * absurd sizes, no training view, and no camera that sees the cube. *out is NULL on failure. */
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
@@ -125,8 +128,8 @@ cln_fold cln_scene_fold(const cln_scene *scene);
 /* Prefetches that pixel, for those who read single pixels in any order. */
 void cln_view_fetch(const cln_view *view, int x, int y);
 
-/* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, splits,
- * split_rule, ignored_keys, sizes, channels, alpha, distortion, beyond_fold (cln_fold), downscale,
+/* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
+ * many) and missing_names (the first), splits, split_rule, ignored_keys, sizes, channels, alpha, distortion, beyond_fold (cln_fold), downscale,
  * centre, half, bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the
  * centre), intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name,
  * split, width, height}]. */

@@ -214,10 +214,11 @@ static cln_status read_pose(const source *src, double c2w[12])
     return CLN_OK;
 }
 
+/* The file, with the extension that it has on disk; what it might be if it is not there. */
 static cln_status find_image(const source *src, const char *file_path, char **out)
 {
     cln_status st = CLN_OK;
-    char *base = NULL, *path = NULL;
+    char *base = NULL, *path = NULL, *dot = NULL;
 
     CLN_TRY(cln_path_join(&base, src->folder, file_path));
     for (int slashes = 0; slashes < 2; slashes++) {
@@ -235,11 +236,9 @@ static cln_status find_image(const source *src, const char *file_path, char **ou
             if (*p == '\\')
                 *p = '/';
     }
-    CLN_TRY(
-        cln_fail(CLN_INPUT,
-                 "%s: there is no image file %s (nor with .png, .jpg or .jpeg behind it); restore "
-                 "it or remove the frame",
-                 src->where, base));
+    /* Missing frames are load.c's. */
+    dot = strrchr(base, '.');
+    CLN_TRY(cln_asprintf(out, "%s%s", base, dot && !strchr(dot, '/') ? "" : ".png"));
 done:
     free(base);
     free(path);
@@ -264,7 +263,8 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
     CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), &view->name));
     CLN_TRY(read_pose(&src, view->camera.c2w));
     CLN_TRY(find_image(&src, json_string_value(file_path), &view->path));
-    CLN_TRY(read_intrinsics(&src, view->path, &view->camera));
+    if (cln_is_file(view->path))
+        CLN_TRY(read_intrinsics(&src, view->path, &view->camera));
 done:
     free(src.where);
     return st;

@@ -462,8 +462,8 @@ static void drawings_show_leaves_and_borders(void **state)
 static void pictures_and_their_description_are_saved(void **state)
 {
     const char *folder = *state;
-    char name[] = "test/r_0.png";
-    cln_view view = {.name = name};
+    char name[] = "test/r_0.png", file[] = "test_r_0";
+    cln_view view = {.name = name, .file = file};
     cln_picture picture;
     cln_model model;
     json_t *views = json_pack("[s]", name), *about = NULL;

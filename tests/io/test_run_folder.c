@@ -294,6 +294,28 @@ static void test_view_file_name(void **state)
     }
 }
 
+/* Names that become the same file get the digest of their own behind it; the others, and one that
+ * is in two splits, stay as they are. */
+static void test_view_file_names(void **state)
+{
+    static const char *const names[] = {"a/b.png", "train/r_0", "a_b.jpg", "two.png",
+                                        "two.png", "a_b",       "a_c"};
+    char *files[7] = {NULL};
+
+    (void)state;
+    assert_int_equal(cln_view_file_names(7, names, files), CLN_OK);
+    for (int i = 0; i < 7; i++)
+        for (int k = 0; k < i; k++)
+            assert_true((strcmp(files[i], files[k]) == 0) == (strcmp(names[i], names[k]) == 0));
+    assert_string_equal(files[1], "train_r_0");
+    assert_string_equal(files[3], "two");
+    assert_string_equal(files[6], "a_c");
+    assert_int_equal(strncmp(files[0], "a_b-", 4), 0);
+    assert_int_equal(strlen(files[0]), 12);
+    for (int i = 0; i < 7; i++)
+        free(files[i]);
+}
+
 int test_group_run_folder(void)
 {
     const struct CMUnitTest tests[] = {
@@ -306,6 +328,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),
         cmocka_unit_test(test_machine),
         cmocka_unit_test(test_view_file_name),
+        cmocka_unit_test(test_view_file_names),
     };
 
     return cmocka_run_group_tests_name("run_folder", tests, NULL, NULL);

@@ -87,7 +87,7 @@ static const broken documents[] = {
     /* Images */
     {"missing image",
      DOC(FRAME("a.png", POSE_FRONT) "," FRAME("gone/x", POSE_FRONT)),
-     {"transforms.json: frame 1 ('gone/x')", "gone/x (nor with .png", "restore"}},
+     {"1 of 2 images are not there", "'gone/x'", "gone/x.png); restore"}},
     {"truncated image",
      DOC(FRAME("a.png", POSE_FRONT) "," FRAME("cut.png", POSE_FRONT)),
      {"cut.png", "truncated"}},
@@ -250,7 +250,8 @@ static void test_images(void **state)
 
     put_text(folder, "transforms_train.json", json);
     put_text(folder, "transforms_test.json", json);
-    assert_refused(folder, NULL, (const char *const[3]){"transforms_train.json: frame 0 ('./r_0')"},
+    assert_refused(folder, NULL,
+                   (const char *const[3]){"2 of 2 images are not there", "r_0.png); restore"},
                    "missing");
     put_text(folder, "r_0.png", "");
     assert_refused(folder, NULL, (const char *const[3]){"r_0.png", "empty file"}, "empty");
@@ -270,7 +271,7 @@ static void test_images(void **state)
     /* A folder in the image's place. */
     assert_int_equal(remove(image), 0);
     put_folder(folder, "r_0.png");
-    assert_refused(folder, NULL, (const char *const[3]){"frame 0"}, "folder as image");
+    assert_refused(folder, NULL, (const char *const[3]){"r_0.png); restore"}, "folder as image");
 }
 
 /* With two threads reading images the sentence is always about the first broken one. */

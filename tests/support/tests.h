@@ -23,6 +23,7 @@ int test_group_lens(void);
 int test_group_measure(void);
 int test_group_metrics_image(void);
 int test_group_mlp(void);
+int test_group_missing(void);
 int test_group_model(void);
 int test_group_network(void);
 int test_group_octree(void);

@@ -1,0 +1,120 @@
+/* Frames whose image is not there: left out with a warning while they are few, by --missing; the
+ * others keep their splits and names, and the scene says what it lacks. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+#include "scene_fixture.h"
+#include "tests.h"
+
+enum { FRAMES = 24 };
+
+/* 00.png ... 23.png, of which `gone` from number `first` on are not there. */
+static void put_scene(const char *folder, int first, int gone)
+{
+    char text[8192] = "", name[16], frame[256];
+
+    for (int i = 0; i < FRAMES; i++) {
+        snprintf(frame, sizeof frame,
+                 "%s{\"file_path\":\"%02d.png\",\"transform_matrix\":" POSE_FRONT "}",
+                 i ? "," : "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[", i);
+        strcat(text, frame);
+        snprintf(name, sizeof name, "%02d.png", i);
+        if (i < first || i >= first + gone)
+            put_image(folder, name, 8, 6, 3, i);
+        else
+            remove(scratch_path(folder, name));
+    }
+    strcat(text, "]}");
+    put_text(folder, "transforms.json", text);
+}
+
+static cln_status load_with(const char *folder, int rule, int *warnings, cln_scene **scene)
+{
+    cln_config config = default_config();
+
+    config.missing = rule;
+    *warnings = 0;
+    cln_log_set_sink(scratch_count_warnings, warnings);
+    return try_load(folder, &config, scene);
+}
+
+/* Splits are counted with the missing ones: no photo changes sides because another is gone. */
+static void test_few_are_left_out(void **state)
+{
+    cln_scene *whole = NULL, *scene = NULL;
+    json_t *about = NULL;
+    uint64_t digest = 0;
+    int warnings = 0;
+
+    put_scene(*state, 0, 0);
+    assert_int_equal(load_with(*state, CLN_MISSING_AUTO, &warnings, &whole), CLN_OK);
+    assert_int_equal(warnings, 0);
+    assert_int_equal(whole->missing, 0);
+    digest = whole->digest;
+    cln_scene_free(whole);
+    put_scene(*state, 1, 2); /* 01 and 02 */
+    assert_int_equal(load_with(*state, CLN_MISSING_AUTO, &warnings, &scene), CLN_OK);
+    assert_int_equal(warnings, 1);
+    assert_int_equal(scene->missing, 2);
+    assert_int_equal(scene->view_count, FRAMES - 2);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), 3);
+    assert_string_equal(scene->views[cln_scene_split_view(scene, CLN_SPLIT_TEST, 1)].name,
+                        "08.png");
+    assert_true(scene->digest != digest);
+    assert_int_equal(cln_scene_describe(scene, &about), CLN_OK);
+    assert_int_equal(json_integer_value(json_object_get(about, "missing")), 2);
+    assert_string_equal(
+        json_string_value(json_array_get(json_object_get(about, "missing_names"), 1)), "02.png");
+    json_decref(about);
+    cln_scene_free(scene);
+}
+
+static void assert_refused(const char *folder, int rule, const char *word)
+{
+    cln_scene *scene = NULL;
+    int warnings = 0;
+
+    assert_int_equal(load_with(folder, rule, &warnings, &scene), CLN_INPUT);
+    assert_null(scene);
+    if (!strstr(cln_error_text(), word))
+        fail_msg("'%s' lacks '%s'", cln_error_text(), word);
+    cln_clear_error();
+}
+
+static void test_rules(void **state)
+{
+    cln_scene *scene = NULL;
+    int warnings = 0;
+
+    put_scene(*state, 3, 1);
+    assert_refused(*state, CLN_MISSING_FAIL, "03.png");
+    put_scene(*state, 3, 3); /* a tenth of 24 is 2.4 */
+    assert_refused(*state, CLN_MISSING_AUTO, "3 of 24");
+    assert_int_equal(load_with(*state, CLN_MISSING_SKIP, &warnings, &scene), CLN_OK);
+    assert_int_equal(scene->missing, 3);
+    cln_scene_free(scene);
+    put_scene(*state, 0, FRAMES);
+    assert_refused(*state, CLN_MISSING_SKIP, "no training view");
+}
+
+/* An image that is there and damaged is refused, as it was. */
+static void test_damage_is_no_absence(void **state)
+{
+    put_scene(*state, 3, 0);
+    scratch_put(scratch_path(*state, "05.png"), "", 0);
+    assert_refused(*state, CLN_MISSING_SKIP, "05.png");
+}
+
+int test_group_missing(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_few_are_left_out, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_rules, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_damage_is_no_absence, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("missing", tests, NULL, NULL);
+}
