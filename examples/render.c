@@ -4,6 +4,7 @@
  * Existing frames are skipped, so an interrupted call can be repeated. */
 #include <cl_nascent.h>
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -15,8 +16,8 @@ static void progress(const char *what, int done, int total, void *user)
 
 int main(int argc, char **argv)
 {
-    cln_render_desc desc = {.orbit_elevation = 25, /* degrees above the horizon */
-                            .width = 64,           /* the height follows the photos' shape */
+    cln_render_desc desc = {.orbit_elevation = NAN, /* as the photos were taken */
+                            .width = 64,            /* the height follows the photos' shape */
                             .callbacks = {.work = progress}};
     cln_render_result result;
     cln_status st = CLN_OK;

@@ -252,11 +252,13 @@ CLN_API void cln_eval_free(cln_eval_result *result);
 
 typedef struct cln_render_desc {
     const char *run, *out;
-    const char *scene; /* NULL = the run's own */
+    const char *scene; /* NULL = the run's own; an orbit needs none then */
     const char *split; /* the poses of a split, or NULL for an orbit */
     int orbit_frames;
-    double orbit_elevation; /* degrees above the horizon of the training cameras' up axis */
+    double orbit_elevation; /* degrees above the horizon of the training cameras' up axis; NaN: as
+                               these stand in the mean */
     double orbit_radius;    /* in units of the mean training camera distance */
+    bool orbit_circle;      /* all around, also where the training cameras cover an arc alone */
     int width, height;      /* image size; 0 = as the photos, or by the other one */
     double fov;             /* orbit: horizontal, degrees; 0 = as the training images */
     int max_images;         /* split: evenly chosen; 0 = all */

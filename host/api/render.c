@@ -40,6 +40,7 @@ typedef struct job {
     cln_open_run opened;
     frame *frames;
     int count, there;
+    json_t *run;    /* run.json */
     json_t *before; /* the folder's render.json; NULL if there is none */
 } job;
 
@@ -74,11 +75,16 @@ static cln_status frames_of_orbit(job *j)
 {
     cln_status st = CLN_OK;
     const int count = j->desc->orbit_frames;
+    cln_orbit_frame seen;
     cln_orbit orbit;
 
     if (count < 1)
         CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d frames are too few; give 1 or more", count));
-    CLN_TRY(cln_orbit_make(j->opened.scene, j->desc, &orbit));
+    if (j->opened.scene)
+        CLN_TRY(cln_orbit_frame_of(j->opened.scene, &seen));
+    else
+        CLN_TRY(cln_orbit_frame_read(json_object_get(j->run, "orbit"), &seen));
+    CLN_TRY(cln_orbit_make(&seen, j->desc, &orbit));
     CLN_TRY(cln_alloc(&j->frames, (size_t)count, sizeof *j->frames, "frames"));
     j->count = count;
     for (int i = 0; i < count; i++) {
@@ -307,7 +313,7 @@ static cln_status render_frames(job *j, cln_render_result *result)
         if (callbacks->work)
             callbacks->work("render", result->skipped + result->rendered, j->count,
                             callbacks->user);
-        st = cln_render_view(&j->opened.pipeline, i, j->opened.scene->background, j->desc->z_depth,
+        st = cln_render_view(&j->opened.pipeline, i, j->opened.model.background, j->desc->z_depth,
                              callbacks, &picture);
         if (st == CLN_SIGINT || st == CLN_SIGTERM)
             cln_note(
@@ -333,7 +339,11 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     job j = {.desc = desc};
 
     memset(result, 0, sizeof *result);
-    CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
+    CLN_TRY(cln_run_read(desc->run, &j.run));
+    if (desc->split || desc->scene || !json_object_get(j.run, "orbit"))
+        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
+    else
+        CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     if (desc->split)
         CLN_TRY(frames_of_split(&j));
     else
@@ -351,6 +361,7 @@ done:
     for (int i = 0; j.frames && i < j.count; i++)
         free(j.frames[i].name);
     free(j.frames);
+    json_decref(j.run);
     json_decref(j.before);
     cln_open_run_close(&j.opened);
     return st;

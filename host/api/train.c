@@ -30,7 +30,7 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
 
     *out = NULL;
     CLN_TRY(cln_settings_create(NULL, &settings));
-    CLN_TRY(cln_run_config(run, &settings->config, NULL));
+    CLN_TRY(cln_run_config(run, &settings->config));
     CLN_TRY(cln_run_read(run, &document));
     result = json_object_get(document, "result");
     settings->steps = json_number_value(json_object_get(result, "step"));
@@ -234,17 +234,11 @@ static cln_status prepare(cln_trainer *t)
     cln_scene_desc scene = {.path = t->desc->scene,
                             .config = &config,
                             .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
-    char *saved_scene = NULL;
+    bool same = false;
 
     if (t->desc->resume) { /* before anything is read that another process could still change */
         CLN_TRY(cln_run_open(t->desc->run, true));
         CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
-    }
-    if (!scene.path && t->desc->resume) {
-        cln_config ignored;
-
-        CLN_TRY(cln_run_config(t->desc->run, &ignored, &saved_scene));
-        scene.path = saved_scene;
     }
     if (!t->desc->resume && is_taken(t->desc->run)) /* minutes before the folder is made */
         CLN_TRY(cln_run_open(t->desc->run, false)); /* refuses it, and says why */
@@ -254,7 +248,12 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     if (t->desc->resume)
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
-    CLN_TRY(cln_scene_load(&scene, &t->scene));
+    if (t->desc->resume) {
+        CLN_TRY(cln_recorded_load(t->desc->run, &scene, &t->scene, &same));
+        CLN_TRY(cln_recorded_frames(t->desc->run, t->scene));
+    } else {
+        CLN_TRY(cln_scene_load(&scene, &t->scene));
+    }
     cln_settings_warn_idle(t->desc->settings,
                            &(cln_settings_facts){t->desc->resume, t->scene->has_alpha});
     if (!t->desc->skip_selftest) {
@@ -266,8 +265,6 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(st);
     }
     CLN_TRY(load_model(t, &config));
-    if (t->desc->resume)
-        CLN_TRY(cln_recorded_compare(t->desc->run, t->scene));
     t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
@@ -291,7 +288,6 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_record_start(t));
     CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
 done:
-    free(saved_scene);
     return st;
 }
 

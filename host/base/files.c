@@ -240,6 +240,41 @@ cln_status cln_path_join(char **out, const char *dir, const char *name)
     return cln_asprintf(out, "%s%s%s", dir, dir[length - 1] == '/' ? "" : "/", name);
 }
 
+cln_status cln_path_absolute(char **out, const char *path)
+{
+    *out = realpath(path, NULL);
+    return *out ? CLN_OK : cln_fail(CLN_INPUT, "%s: %s", path, strerror(errno));
+}
+
+cln_status cln_path_relative(char **out, const char *from, const char *to)
+{
+    cln_status st = CLN_OK;
+    char *up = NULL, *longer = NULL;
+    size_t shared = 0, i = 0;
+
+    for (;; i++) { /* whole names that both begin with */
+        const bool ends = (from[i] == '/' || !from[i]) && (to[i] == '/' || !to[i]);
+
+        if (ends && i > 0)
+            shared = i;
+        if (from[i] != to[i] || !from[i])
+            break;
+    }
+    CLN_TRY(cln_strdup(&up, ""));
+    for (const char *p = from + shared; *p; p++) {
+        if (*p == '/' && p[1]) {
+            CLN_TRY(cln_asprintf(&longer, "../%s", up));
+            free(up);
+            up = longer;
+        }
+    }
+    to += shared + (to[shared] == '/');
+    CLN_TRY(*up || *to ? cln_asprintf(out, "%s%s", up, to) : cln_strdup(out, "."));
+done:
+    free(up);
+    return st;
+}
+
 uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes)
 {
     const uint64_t prime = 0x100000001b3ull;

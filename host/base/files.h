@@ -34,6 +34,12 @@ cln_status cln_make_dirs(const char *path);
 /* *out = "dir/name" ("name" if dir is empty or name is absolute). */
 cln_status cln_path_join(char **out, const char *dir, const char *name);
 
+/* *out = the path from the root, without links; CLN_INPUT if nothing is there. */
+cln_status cln_path_absolute(char **out, const char *path);
+
+/* *out = the way from the folder `from` to `to`, both as cln_path_absolute makes them. */
+cln_status cln_path_relative(char **out, const char *from, const char *to);
+
 /* 64-bit content digest (FNV-1a over 8-byte words with a final mix; not cryptographic): start with
  * CLN_DIGEST_START and add pieces in order. */
 #define CLN_DIGEST_START 0xcbf29ce484222325ull

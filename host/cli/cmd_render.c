@@ -22,6 +22,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .split = orbit ? NULL : options->split,
                             .orbit_frames = options->orbit_frames,
                             .orbit_elevation = options->elevation,
+                            .orbit_circle = options->circle,
                             .orbit_radius = options->radius,
                             .width = options->image_width,
                             .height = options->image_height,

@@ -133,9 +133,13 @@ const cln_arg cln_args[] = {
          "in the report", .standard = "yes", .negatable = true),
 
     NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "orbit", orbit_frames, "FRAMES", 1, 100000,
-         "a circle around the scene instead of a split's poses", .standard = "60"),
+         "around the scene instead of a split's poses: a circle, or to and fro where the training "
+         "cameras cover an arc alone", .standard = "60"),
+    FLAG(CLN_RENDER, "circle", circle,
+         "orbit: all around, also where no training camera was"),
     REAL(CLN_RENDER, "elevation", elevation, "DEG", -90, 90,
-         "orbit: degrees above the horizon of the training cameras", .standard = "25"),
+         "orbit: degrees above the horizon of the training cameras",
+         .shown = "as these stand in the mean"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit: distance, in mean training camera distances", .standard = "1"),
     INT(CLN_RENDER, "width", image_width, "PX", 0, 32768,

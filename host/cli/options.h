@@ -20,7 +20,7 @@ typedef struct cln_options {
     cln_device_desc device;
     bool conf;       /* cl-nascent.conf beside the scene is read */
     char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
-    bool json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
+    bool circle, json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
     int verbose, max_images;
     int orbit_frames; /* 0 = no orbit */
     double elevation, radius, fov, min_psnr, budget;

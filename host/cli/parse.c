@@ -151,6 +151,7 @@ static cln_status set_standards(cln_options *out)
 {
     cln_status st = CLN_OK;
 
+    out->elevation = NAN; /* which no option can say */
     for (int i = 0; i < cln_arg_count; i++) {
         if (cln_args[i].standard && cln_args[i].kind != CLN_ARG_OPTINT)
             CLN_TRY(set_arg(out, &cln_args[i], cln_args[i].standard));

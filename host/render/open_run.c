@@ -3,7 +3,6 @@
 #include "render/open_run.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/log.h"
@@ -26,32 +25,6 @@ cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_spli
     return cln_fail(CLN_USAGE, "--split: '%s' is not one of train|val|test", name);
 }
 
-cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
-                             cln_open_run *out)
-{
-    cln_status st = CLN_OK;
-    cln_config recorded;
-    char *own_scene = NULL;
-    cln_scene_desc desc = {.config = &out->model.config};
-
-    memset(out, 0, sizeof *out);
-    out->run = run;
-    memcpy(desc.pixels, pixels, sizeof desc.pixels);
-    CLN_TRY(cln_run_config(run, &recorded, &own_scene));
-    desc.path = scene ? scene : own_scene;
-    CLN_TRY(cln_checkpoint_read(run, false, &out->model));
-    st = cln_scene_load(&desc, &out->scene);
-    if (st != CLN_OK && !scene)
-        cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
-    CLN_TRY(st);
-    CLN_TRY(cln_recorded_compare(run, out->scene));
-done:
-    free(own_scene);
-    if (st != CLN_OK)
-        cln_open_run_close(out);
-    return st;
-}
-
 cln_status cln_open_run_model(const char *run, cln_open_run *out)
 {
     cln_status st = CLN_OK;
@@ -64,6 +37,23 @@ cln_status cln_open_run_model(const char *run, cln_open_run *out)
     CLN_TRY(cln_checkpoint_read(run, false, &out->model));
 done:
     json_decref(document);
+    if (st != CLN_OK)
+        cln_open_run_close(out);
+    return st;
+}
+
+cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
+                             cln_open_run *out)
+{
+    cln_status st = CLN_OK;
+    cln_scene_desc desc = {.path = scene, .config = &out->model.config};
+
+    memset(out, 0, sizeof *out);
+    out->run = run;
+    memcpy(desc.pixels, pixels, sizeof desc.pixels);
+    CLN_TRY(cln_open_run_model(run, out));
+    CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
+done:
     if (st != CLN_OK)
         cln_open_run_close(out);
     return st;
@@ -84,7 +74,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
              opened->device->info.platform, opened->device->info.compute_units);
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     cln_debug("building kernels for %s", opened->device->info.name);
-    CLN_TRY(cln_pipeline_create(opened->device, config, lenses, scene->has_alpha, p));
+    CLN_TRY(cln_pipeline_create(opened->device, config, lenses, opened->model.has_alpha, p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);

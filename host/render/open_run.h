@@ -9,11 +9,12 @@ typedef struct cln_open_run {
     const char *run;
     cln_model model;
     cln_scene *scene; /* NULL after cln_open_run_model */
+    bool same_scene;  /* it is the one that the run was trained on */
     cln_device *device;
     cln_pipeline pipeline;
 } cln_open_run;
 
-/* Checkpoint, and scene (NULL = the run's own) with the images of these splits. No device yet. */
+/* Checkpoint, and scene (NULL = the run's own, wherever cln_recorded_load finds it) with the images of these splits. No device yet. */
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              cln_open_run *out);
 

@@ -2,11 +2,18 @@
 #include "render/orbit.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
+#include "base/memory.h"
 #include "io/image.h"
 
-static const double PI = 3.14159265358979323846;
+static const double PI = 3.14159265358979323846, DEGREE = 3.14159265358979323846 / 180;
+static const double LEVEL = 1e-3; /* of find_up: the square of how level they are held */
+static const double POLE = 80;    /* degrees: above, an azimuth says nothing */
+static const double GAP = 120;    /* degrees: three cameras all around still make a circle */
+static const double ARC_MIN = 10; /* degrees: of a single camera, too, a path moves */
 
 static double dot(const double a[3], const double b[3])
 {
@@ -51,29 +58,55 @@ static void find_target(const cln_scene *scene, double target[3])
         memcpy(target, focus, sizeof focus);
 }
 
-/* Up, distance, and east towards the first training camera. Cameras whose up vectors cancel out, or
- * that all stand on the axis, leave it open: then z is up, and any direction is east. */
-static void find_frame(const cln_scene *scene, cln_orbit *out)
+/* From the target to training camera i. */
+static void find_away(const cln_scene *scene, const cln_orbit_frame *f, int i, double away[3])
 {
-    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    double distance = 0;
+    const double *c2w = scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera.c2w;
+
+    for (int a = 0; a < 3; a++)
+        away[a] = c2w[4 * a + 3] - f->target[a];
+}
+
+/* Cameras are held level: the axis across which their x axes lie least, on the side of their mean up
+ * vector. (sum of x x^T + LEVEL) up = mean up does that, and keeps to the mean where x axes leave it
+ * open. The mean alone leans over with cameras that look down in an arc. */
+static void find_up(const cln_scene *scene, int count, double up[3])
+{
+    double mean[3] = {0}, column[3][3] = {{LEVEL, 0, 0}, {0, LEVEL, 0}, {0, 0, LEVEL}};
 
     for (int i = 0; i < count; i++) {
         const double *c2w =
             scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera.c2w;
-        double away[3];
 
         for (int a = 0; a < 3; a++) {
-            away[a] = c2w[4 * a + 3] - out->target[a];
-            out->up[a] -= c2w[4 * a + 1] / count; /* the camera's y points down */
-            if (i == 0)
-                out->east[a] = away[a];
+            mean[a] -= c2w[4 * a + 1] / count; /* the camera's y points down */
+            for (int b = 0; b < 3; b++)
+                column[b][a] += c2w[4 * a] * c2w[4 * b] / count;
         }
+    }
+    for (int a = 0; a < 3; a++) { /* Cramer, but for the determinant, which is above 0 */
+        double n[3];
+
+        cross(column[(a + 1) % 3], column[(a + 2) % 3], n);
+        up[a] = dot(mean, n);
+    }
+    if (!normalise(mean) || !normalise(up))
+        memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
+}
+
+/* Up, distance, and east towards the first training camera. Cameras whose up vectors cancel out, or
+ * that all stand on the axis, leave it open: then z is up, and any direction is east. */
+static void find_axes(const cln_scene *scene, int count, cln_orbit_frame *out)
+{
+    double distance = 0, away[3];
+
+    find_up(scene, count, out->up);
+    for (int i = 0; i < count; i++) {
+        find_away(scene, out, i, away);
         distance += sqrt(dot(away, away)) / count;
     }
+    find_away(scene, out, 0, out->east);
     out->distance = distance > 1e-6 * scene->space.half ? distance : scene->space.half;
-    if (!normalise(out->up))
-        memcpy(out->up, (const double[3]){0, 0, 1}, sizeof out->up);
     if (!flatten(out->up, out->east)) {
         const int least = fabs(out->up[0]) < 0.9 ? 0 : 1;
 
@@ -83,6 +116,101 @@ static void find_frame(const cln_scene *scene, cln_orbit *out)
     }
     cross(out->up, out->east, out->north);
 }
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+/* What the arc leaves out is the widest gap between neighbours. Cameras near the pole stand in every
+ * direction, and in none. */
+static cln_status find_arc(const cln_scene *scene, int count, cln_orbit_frame *out)
+{
+    cln_status st = CLN_OK;
+    double *azimuth = NULL, gap = 0;
+    int n = 0;
+
+    out->from = -180;
+    out->to = 180;
+    CLN_TRY(cln_alloc(&azimuth, (size_t)count + 1, sizeof *azimuth, "orbit"));
+    for (int i = 0; i < count; i++) {
+        double away[3], height = 0;
+
+        find_away(scene, out, i, away);
+        if (!normalise(away))
+            continue;
+        height = asin(fmax(-1, fmin(1, dot(away, out->up)))) / DEGREE;
+        out->elevation += height / count;
+        if (fabs(height) < POLE)
+            azimuth[n++] = atan2(dot(away, out->north), dot(away, out->east)) / DEGREE;
+    }
+    if (n == 0)
+        goto done;
+    qsort(azimuth, (size_t)n, sizeof *azimuth, ascending);
+    azimuth[n] = azimuth[0] + 360;
+    for (int i = 0; i < n; i++) {
+        if (azimuth[i + 1] - azimuth[i] <= fmax(gap, GAP))
+            continue;
+        gap = azimuth[i + 1] - azimuth[i];
+        out->from = azimuth[i + 1] - 360;
+        out->to = azimuth[i];
+    }
+done:
+    free(azimuth);
+    return st;
+}
+
+cln_status cln_orbit_frame_of(const cln_scene *scene, cln_orbit_frame *out)
+{
+    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    const cln_camera *like = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, 0)].camera;
+
+    memset(out, 0, sizeof *out);
+    find_target(scene, out->target);
+    find_axes(scene, count, out);
+    out->width = like->width;
+    out->height = like->height;
+    out->fx = like->fx;
+    out->fy = like->fy;
+    return find_arc(scene, count, out);
+}
+
+/* ---- in run.json ---- */
+
+static json_t *vector_json(const double v[3])
+{
+    return json_pack("[f,f,f]", v[0], v[1], v[2]);
+}
+
+json_t *cln_orbit_frame_json(const cln_orbit_frame *f)
+{
+    return json_pack("{s:o, s:o, s:o, s:o, s:f, s:f, s:[f,f], s:i, s:i, s:f, s:f}", "target",
+                     vector_json(f->target), "east", vector_json(f->east), "north",
+                     vector_json(f->north), "up", vector_json(f->up), "distance", f->distance,
+                     "elevation", f->elevation, "azimuth", f->from, f->to, "width", f->width,
+                     "height", f->height, "fx", f->fx, "fy", f->fy);
+}
+
+cln_status cln_orbit_frame_read(const json_t *saved, cln_orbit_frame *f)
+{
+    memset(f, 0, sizeof *f);
+    if (json_unpack(
+            (json_t *)saved,
+            "{s:[F,F,F], s:[F,F,F], s:[F,F,F], s:[F,F,F], s:F, s:F, s:[F,F], s:i, s:i, s:F, "
+            "s:F}",
+            "target", &f->target[0], &f->target[1], &f->target[2], "east", &f->east[0], &f->east[1],
+            &f->east[2], "north", &f->north[0], &f->north[1], &f->north[2], "up", &f->up[0],
+            &f->up[1], &f->up[2], "distance", &f->distance, "elevation", &f->elevation, "azimuth",
+            &f->from, &f->to, "width", &f->width, "height", &f->height, "fx", &f->fx, "fy",
+            &f->fy) == 0 &&
+        f->distance > 0 && f->width > 0 && f->height > 0 && f->fx > 0 && f->fy > 0)
+        return CLN_OK;
+    return cln_fail(CLN_INPUT, "its orbit is not one that this program writes");
+}
+
+/* ---- a path ---- */
 
 cln_status cln_orbit_resize(const cln_camera *like, int wanted_width, int wanted_height,
                             cln_camera *out)
@@ -112,12 +240,15 @@ cln_status cln_orbit_resize(const cln_camera *like, int wanted_width, int wanted
 }
 
 /* Of the training view, without its lens and with its axis in the middle. */
-static cln_status find_lens(const cln_camera *like, const cln_render_desc *desc, cln_camera *out)
+static cln_status find_lens(const cln_orbit_frame *like, const cln_render_desc *desc,
+                            cln_camera *out)
 {
     cln_status st = CLN_OK;
+    const cln_camera view = {
+        .width = like->width, .height = like->height, .fx = like->fx, .fy = like->fy};
     cln_camera resized;
 
-    CLN_TRY(cln_orbit_resize(like, desc->width, desc->height, &resized));
+    CLN_TRY(cln_orbit_resize(&view, desc->width, desc->height, &resized));
     out->width = resized.width;
     out->height = resized.height;
     out->fx = desc->fov > 0 ? 0.5 * resized.width / tan(desc->fov * PI / 360) : resized.fx;
@@ -128,28 +259,38 @@ done:
     return st;
 }
 
-cln_status cln_orbit_make(const cln_scene *scene, const cln_render_desc *desc, cln_orbit *out)
+cln_status cln_orbit_make(const cln_orbit_frame *frame, const cln_render_desc *desc, cln_orbit *out)
 {
-    const int first = cln_scene_split_view(scene, CLN_SPLIT_TRAIN, 0);
+    const double arc = frame->to - frame->from;
 
     memset(out, 0, sizeof *out);
-    find_target(scene, out->target);
-    find_frame(scene, out);
-    out->distance *= desc->orbit_radius > 0 ? desc->orbit_radius : 1;
-    out->elevation = desc->orbit_elevation * PI / 180;
-    return find_lens(&scene->views[first].camera, desc, &out->lens);
+    out->frame = *frame;
+    out->distance = frame->distance * (desc->orbit_radius > 0 ? desc->orbit_radius : 1);
+    out->elevation =
+        DEGREE * (isnan(desc->orbit_elevation) ? frame->elevation : desc->orbit_elevation);
+    out->circle = desc->orbit_circle || arc >= 360;
+    out->middle = DEGREE * (frame->from + 0.5 * arc);
+    out->swing = DEGREE * 0.5 * fmax(arc, ARC_MIN);
+    if (arc < 360 && desc->orbit_circle)
+        cln_warn("the training cameras stand in an arc of %.0f degrees: a whole circle also shows "
+                 "what no photo saw",
+                 arc);
+    return find_lens(frame, desc, &out->lens);
 }
 
 void cln_orbit_camera(const cln_orbit *o, int i, int count, cln_camera *out)
 {
-    const double angle = 2 * PI * i / count, c = cos(angle), s = sin(angle);
+    const cln_orbit_frame *f = &o->frame;
+    const double turn = 2 * PI * i / count;
+    const double angle = o->circle ? turn : o->middle - o->swing * cos(turn);
+    const double c = cos(angle), s = sin(angle);
     double away[3], right[3], down[3], forward[3];
 
     for (int a = 0; a < 3; a++) {
         away[a] =
-            cos(o->elevation) * (c * o->east[a] + s * o->north[a]) + sin(o->elevation) * o->up[a];
+            cos(o->elevation) * (c * f->east[a] + s * f->north[a]) + sin(o->elevation) * f->up[a];
         right[a] =
-            c * o->north[a] - s * o->east[a]; /* along the circle: defined at the pole, too */
+            c * f->north[a] - s * f->east[a]; /* along the circle: defined at the pole, too */
         forward[a] = -away[a];
     }
     cross(forward, right, down);
@@ -158,6 +299,6 @@ void cln_orbit_camera(const cln_orbit *o, int i, int count, cln_camera *out)
         out->c2w[4 * a] = right[a];
         out->c2w[4 * a + 1] = down[a];
         out->c2w[4 * a + 2] = forward[a];
-        out->c2w[4 * a + 3] = o->target[a] + o->distance * away[a];
+        out->c2w[4 * a + 3] = f->target[a] + o->distance * away[a];
     }
 }

@@ -2,28 +2,22 @@
 #include "render/recorded.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/config.h"
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "io/run_folder.h"
 
-cln_status cln_run_config(const char *run, cln_config *config, char **scene)
+cln_status cln_run_config(const char *run, cln_config *config)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
-    const json_t *dataset = NULL;
 
-    if (scene)
-        *scene = NULL;
     CLN_TRY(cln_run_read(run, &document));
     CLN_TRY(cln_config_from_json(json_object_get(document, "config"), config));
-    dataset = json_object_get(document, "dataset");
-    if (scene)
-        CLN_TRY(cln_strdup(scene, json_string_value(json_object_get(dataset, "path"))));
-    if (scene && !*scene)
-        st = cln_fail(CLN_INPUT, "%s/run.json: dataset.path is missing", run);
 done:
     json_decref(document);
     return st;
@@ -68,21 +62,142 @@ done:
     return st;
 }
 
-cln_status cln_recorded_compare(const char *run, const cln_scene *scene)
+/* ---- the scene ---- */
+
+static const char *text_of(const json_t *object, const char *key)
+{
+    return json_string_value(json_object_get(object, key));
+}
+
+cln_status cln_recorded_place(const char *run, const cln_scene *scene, json_t *dataset)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *folder = NULL, *from_run = NULL;
+    json_t *text = NULL;
+
+    CLN_TRY(cln_path_absolute(&path, scene->path));
+    CLN_TRY(cln_path_absolute(&folder, run));
+    CLN_TRY(cln_path_relative(&from_run, folder, path));
+    text = json_string(path); /* NULL where a folder above has a name that is no UTF-8 */
+    json_object_set_new(dataset, "path", text ? text : json_string(scene->path));
+    text = json_string(from_run);
+    json_object_set_new(dataset, "path_from_run", text ? text : json_null());
+done:
+    free(path);
+    free(folder);
+    free(from_run);
+    return st;
+}
+
+static bool is_there(const char *path)
+{
+    return cln_is_dir(path) || cln_is_file(path);
+}
+
+/* Where the run's scene is now; `place` says how it was found, NULL for where run.json has it. */
+static cln_status find_scene(const char *run, const json_t *dataset, char **path,
+                             const char **place)
+{
+    cln_status st = CLN_OK;
+    const char *saved = text_of(dataset, "path"), *from_run = text_of(dataset, "path_from_run");
+    const char *slash = saved ? strrchr(saved, '/') : NULL;
+
+    *place = NULL;
+    if (!saved)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s/run.json: dataset.path is missing", run));
+    CLN_TRY(cln_strdup(path, saved));
+    if (is_there(*path))
+        goto done;
+    if (from_run) {
+        free(*path);
+        CLN_TRY(cln_path_join(path, run, from_run));
+        *place = "where it was, seen from the run";
+        if (is_there(*path))
+            goto done;
+    }
+    free(*path);
+    CLN_TRY(cln_asprintf(path, "%s/../%s", run, slash ? slash + 1 : saved));
+    *place = "beside the run, by its name";
+    if (is_there(*path))
+        goto done;
+    CLN_TRY(cln_fail(CLN_INPUT,
+                     "%s: the scene of %s is not there, nor beside the run; --scene tells where it "
+                     "is now",
+                     saved, run));
+done:
+    return st;
+}
+
+static cln_status compare(const char *run, const json_t *dataset, const cln_scene *scene,
+                          const char *place, bool *same)
+{
+    const char *saved = text_of(dataset, "digest");
+    char digest[24];
+
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
+    *same = saved && strcmp(saved, digest) == 0;
+    if (*same && place)
+        cln_info("scene: %s is not there; %s is the same and taken (%s)", text_of(dataset, "path"),
+                 scene->path, place);
+    if (*same)
+        return CLN_OK;
+    if (place)
+        return cln_fail(CLN_INPUT,
+                        "%s: the scene of %s is not there, and %s (%s) is another one (digest %s, "
+                        "was %s); --scene tells where it is now",
+                        text_of(dataset, "path"), run, scene->path, place, digest,
+                        saved ? saved : "unknown");
+    cln_warn("%s: the scene is not the one that %s began with (digest %s, was %s); results will "
+             "not be those of the same photos and poses",
+             scene->folder, run, digest, saved ? saved : "unknown");
+    return CLN_OK;
+}
+
+cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_scene **scene,
+                             bool *same)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
-    const char *saved = NULL;
-    char digest[24];
+    const json_t *dataset = NULL;
+    cln_scene_desc desc = *given;
+    const char *place = NULL;
+    char *path = NULL;
+
+    *scene = NULL;
+    CLN_TRY(cln_run_read(run, &document));
+    dataset = json_object_get(document, "dataset");
+    if (!desc.path) {
+        CLN_TRY(find_scene(run, dataset, &path, &place));
+        desc.path = path;
+    }
+    st = cln_scene_load(&desc, scene);
+    if (st != CLN_OK && !given->path)
+        cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
+    CLN_TRY(st);
+    CLN_TRY(compare(run, dataset, *scene, place, same));
+done:
+    if (st != CLN_OK) {
+        cln_scene_free(*scene);
+        *scene = NULL;
+    }
+    json_decref(document);
+    free(path);
+    return st;
+}
+
+cln_status cln_recorded_frames(const char *run, const cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const json_t *saved = NULL;
 
     CLN_TRY(cln_run_read(run, &document));
-    saved = json_string_value(json_object_get(json_object_get(document, "dataset"), "digest"));
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
-    if (!saved || strcmp(saved, digest) != 0)
-        cln_warn(
-            "%s: the scene is not the one that %s began with (digest %s, was %s); results will "
-            "not be those of the same photos and poses",
-            scene->folder, run, digest, saved ? saved : "unknown");
+    saved = json_object_get(json_object_get(document, "dataset"), "missing");
+    if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: %d images are missing now, %d were when %s began; a resumed run must "
+                         "see the same ones: make it so, or start a new run",
+                         scene->folder, scene->missing, (int)json_integer_value(saved), run));
 done:
     json_decref(document);
     return st;

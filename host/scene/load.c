@@ -171,6 +171,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
 
     CLN_TRY(cln_config_background(desc->config, scene->background));
     CLN_TRY(cln_reader_pick(desc->path, desc->config->format, &reader, &others));
+    CLN_TRY(cln_strdup(&scene->path, desc->path));
     CLN_TRY(cln_scene_folder(desc->path, &scene->folder));
     st = reader->read(desc->path, result);
     if (st != CLN_OK && others)
@@ -234,6 +235,7 @@ void cln_scene_free(cln_scene *scene)
     free(scene->maps);
     free_views(scene->views, scene->view_count + scene->missing);
     free(scene->pixels);
+    free(scene->path);
     free(scene->folder);
     free(scene->because);
     json_decref(scene->ignored);

@@ -70,6 +70,7 @@ typedef struct cln_view {
 } cln_view;
 
 typedef struct cln_scene {
+    char *path; /* as given: the folder, or a file in it */
     char *folder;
     const char *dialect; /* "blender", "nerfstudio", "instant-ngp" */
     char *because;       /* why it was read as that, a phrase */
@@ -129,10 +130,10 @@ cln_fold cln_scene_fold(const cln_scene *scene);
 void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
- * many) and missing_names (the first), splits, split_rule, ignored_keys, sizes, channels, alpha, distortion, beyond_fold (cln_fold), downscale,
- * centre, half, bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the
- * centre), intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name,
- * split, width, height}]. */
+ * many) and missing_names (the first), splits, split_rule, ignored_keys, sizes, channels, alpha,
+ * distortion, beyond_fold (cln_fold), downscale, centre, half, bounds_rule, background, digest (16
+ * hex digits), camera_distance (mean, to the centre), intrinsics [{views, width, height, fx, fy,
+ * cx, cy, lens, params}], cameras [{name, split, width, height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);
 
 #endif

@@ -10,6 +10,8 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
+#include "render/orbit.h"
+#include "render/recorded.h"
 #include "report/report.h"
 #include "scene/scene.h"
 
@@ -121,19 +123,18 @@ static void take_result(cln_trainer *t, const json_t *result)
     t->psnr_test = json_is_number(test) ? json_number_value(test) : NAN;
 }
 
-/* A resumed run keeps its preset, its scene's path and its first start's time from run.json. */
+/* A resumed run keeps its preset and its first start's time from run.json. */
 cln_status cln_record_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     json_t *config = NULL, *scene = NULL, *plan = NULL, *host_plan = NULL, *before = NULL;
-    const char *path = t->desc->scene, *preset = t->desc->resume ? NULL : t->desc->settings->preset;
+    const char *preset = t->desc->resume ? NULL : t->desc->settings->preset;
     char now[32], tune[CLN_TUNE_TEXT];
+    cln_orbit_frame frame;
 
     if (t->desc->resume)
         CLN_TRY(cln_run_read(t->desc->run, &before));
     take_result(t, json_object_get(before, "result"));
-    if (!path)
-        path = text_of(json_object_get(before, "dataset"), "path", t->scene->folder);
     if (!preset)
         preset = text_of(before, "preset", "");
     CLN_TRY(cln_config_to_json(&t->model.config, &config));
@@ -142,16 +143,18 @@ cln_status cln_record_start(cln_trainer *t)
     CLN_TRY(cln_plan_json(&t->host_plan, &host_plan));
     json_object_del(scene, "cameras"); /* lists of all views are long */
     json_object_del(scene, "intrinsics");
-    json_object_set_new(scene, "path", json_string(path));
+    CLN_TRY(cln_recorded_place(t->desc->run, t->scene, scene));
+    CLN_TRY(cln_orbit_frame_of(t->scene, &frame));
     cln_utc_now(now);
     cln_tune_text(&t->pipeline.tune, tune);
-    t->run =
-        json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:s, s:n}",
-                  "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
-                  t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
-                  "device", device_json(&t->device->info), "dataset", scene, "state", "running",
-                  "started", text_of(before, "started", now), "ended", "plan", plan, "host_plan",
-                  host_plan, "tune", tune, "tune_from", t->pipeline.tune_from, "result");
+    t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:s, "
+                       "s:n, s:o}",
+                       "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
+                       t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
+                       "device", device_json(&t->device->info), "dataset", scene, "state",
+                       "running", "started", text_of(before, "started", now), "ended", "plan", plan,
+                       "host_plan", host_plan, "tune", tune, "tune_from", t->pipeline.tune_from,
+                       "result", "orbit", cln_orbit_frame_json(&frame));
     config = scene = plan = host_plan = NULL;
     if (!t->run) {
         st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");

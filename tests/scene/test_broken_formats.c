@@ -160,7 +160,7 @@ static void test_colmap_fields(void **state)
         {"images.bin", 68, &model, 4, {"images.bin", "'view_00.png'", "camera 99 is not in"}},
         {"images.bin", 72, "\xFF", 1, {"images.bin", "not UTF-8"}},
         {"images.bin", 72, "", 1, {"images.bin", "names no image"}},
-        {"images.bin", 72, "X", 1, {"images.bin", "1 of its 6 images are not in", "'Xiew_00.png'"}},
+        {"images.bin", 72, "X", 1, {"1 of 6 images are not there", "'Xiew_00.png'", "restore"}},
         {"images.bin", 84, &many, 8, {"images.bin", "18446744073709551615 points of an image"}},
         {"points3D.bin", 0, &many, 8, {"points3D.bin", "18446744073709551615 points"}},
         {"points3D.bin", 16, &nan_value, 8, {"points3D.bin", "point 1 is not finite"}},
