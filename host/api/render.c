@@ -2,11 +2,12 @@
  * cameras, which files, what is there already; a view itself is render/view.c's. Per frame, in this
  * order, each atomically:
  *
- *   NAME.depth.npy  NAME.depth.png  NAME.opacity.png  NAME.png
+ *   NAME.depth.npy  NAME.opacity.png  NAME.png
  *
- * A frame is there when all four are. NAME.png goes first and comes back last, so a frame that was
- * cut short is rendered again. OUT/render.json tells what the frames are of; a folder that holds
- * files but no render.json is not written to. */
+ * NAME.png goes first and comes back last, so a frame that was cut short is rendered again; the
+ * depth pictures follow when all frames are there, on one scale. OUT/render.json tells of every
+ * frame what it was made from: a frame of the same model, camera and settings is kept, another one
+ * is rendered again. A folder that holds files but no render.json is not written to. */
 #include <dirent.h>
 #include <errno.h>
 #include <math.h>
@@ -17,21 +18,24 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "render/depth_picture.h"
 #include "render/quality.h"
 #include "render/orbit.h"
 #include "render/open_run.h"
+#include "io/disk.h"
 #include "io/image.h"
 #include "io/npy.h"
 #include "io/run_folder.h"
 
 #define SCHEMA "cl-nascent.frames/1"
 
-static const char *const suffixes[] = {".depth.npy", ".depth.png", ".opacity.png", ".png"};
-enum { DEPTH_NPY, DEPTH_PNG, OPACITY_PNG, COLOUR_PNG, FILES };
+static const char *const suffixes[] = {".depth.npy", ".opacity.png", ".png", ".depth.png"};
+enum { DEPTH_NPY, OPACITY_PNG, COLOUR_PNG, FILES, DEPTH_PNG = FILES };
 
 typedef struct frame {
     char *name;
     cln_camera camera;
+    char made_from[17]; /* digest of all that its pictures depend on */
     bool there;
 } frame;
 
@@ -39,9 +43,9 @@ typedef struct job {
     const cln_render_desc *desc;
     cln_open_run opened;
     frame *frames;
-    int count, there;
-    json_t *run;    /* run.json */
-    json_t *before; /* the folder's render.json; NULL if there is none */
+    int count, there, pictured; /* frames; of these rendered, and with a depth picture */
+    json_t *run;                /* run.json */
+    json_t *before;             /* the folder's render.json; NULL if there is none */
 } job;
 
 static cln_status path_of(const job *j, const frame *f, int file, char **path)
@@ -95,22 +99,53 @@ done:
     return st;
 }
 
-static cln_status find_there(job *j)
+static void find_identity(const job *j, frame *f)
+{
+    const cln_model *model = &j->opened.model;
+    const cln_camera *c = &f->camera;
+    const uint64_t digest = cln_model_digest(model);
+    const double lengths[4] = {c->fx, c->fy, c->cx, c->cy};
+    const int32_t numbers[4] = {c->width, c->height, (int32_t)c->lens, j->desc->z_depth};
+    uint64_t d = CLN_DIGEST_START;
+
+    d = cln_digest(d, &digest, sizeof digest);
+    d = cln_digest(d, model->background, sizeof model->background);
+    d = cln_digest(d, numbers, sizeof numbers);
+    d = cln_digest(d, c->c2w, sizeof c->c2w);
+    d = cln_digest(d, lengths, sizeof lengths);
+    d = cln_digest(d, c->distortion, sizeof c->distortion);
+    snprintf(f->made_from, sizeof f->made_from, "%016llx", (unsigned long long)d);
+}
+
+static cln_status has_file(const job *j, const frame *f, int file, bool *there)
 {
     cln_status st = CLN_OK;
     char *path = NULL;
 
-    for (int i = 0; i < j->count && !j->desc->overwrite; i++) {
-        frame *f = &j->frames[i];
+    CLN_TRY(path_of(j, f, file, &path));
+    *there = cln_is_file(path);
+done:
+    free(path);
+    return st;
+}
 
-        f->there = true;
-        for (int file = 0; file < FILES && f->there; file++) {
-            CLN_TRY(path_of(j, f, file, &path));
-            f->there = cln_is_file(path);
-            free(path);
-            path = NULL;
-        }
+static cln_status find_there(job *j)
+{
+    cln_status st = CLN_OK;
+    const json_t *known = json_object_get(j->before, "frames");
+
+    for (int i = 0; i < j->count; i++) {
+        frame *f = &j->frames[i];
+        const char *made_from = json_string_value(json_object_get(known, f->name));
+        bool pictured = false;
+
+        find_identity(j, f);
+        f->there = !j->desc->overwrite && made_from && strcmp(made_from, f->made_from) == 0;
+        for (int file = 0; file < FILES && f->there; file++)
+            CLN_TRY(has_file(j, f, file, &f->there));
+        CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
         j->there += f->there;
+        j->pictured += pictured;
     }
 done:
     return st;
@@ -118,26 +153,31 @@ done:
 
 /* ---- the folder ---- */
 
-/* What the frames are of; nothing that differs between two renderings of the same. */
+/* What the newest frames are of, and each of the folder's; nothing that differs between two
+ * renderings of the same. */
 static json_t *describe(const job *j)
 {
     const cln_render_desc *d = j->desc;
     char digest[24];
-    json_t *about = NULL;
+    json_t *about = NULL, *frames = json_object();
 
+    json_object_update(frames, json_object_get(j->before, "frames"));
+    for (int i = 0; i < j->count; i++)
+        json_object_set_new(frames, j->frames[i].name, json_string(j->frames[i].made_from));
     snprintf(digest, sizeof digest, "%016llx",
              (unsigned long long)cln_model_digest(&j->opened.model));
-    about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s}", "schema", SCHEMA, "tool",
+    about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s, s:o}", "schema", SCHEMA, "tool",
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
-                      "poses", d->split ? d->split : "orbit");
+                      "poses", d->split ? d->split : "orbit", "frames", frames);
     if (about && d->split && (d->width > 0 || d->height > 0))
         json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
     if (about && !d->split)
         json_object_set_new(about, "orbit",
-                            json_pack("{s:i, s:f, s:f, s:i, s:i, s:f}", "frames", j->count,
-                                      "elevation", d->orbit_elevation, "radius", d->orbit_radius,
-                                      "width", j->frames[0].camera.width, "height",
+                            json_pack("{s:i, s:o, s:f, s:b, s:i, s:i, s:f}", "frames", j->count,
+                                      "elevation", cln_json_real(d->orbit_elevation), "radius",
+                                      d->orbit_radius, "circle", d->orbit_circle, "width",
+                                      j->frames[0].camera.width, "height",
                                       j->frames[0].camera.height, "fx", j->frames[0].camera.fx));
     return about;
 }
@@ -184,65 +224,55 @@ done:
     return st;
 }
 
-/* render.json tells of all frames or stays as it was. */
-static cln_status write_about(const job *j)
+/* Pictures of before that are made again go first: what is there is then what render.json says. */
+static cln_status drop_stale(const job *j)
+{
+    static const int marks[] = {COLOUR_PNG, DEPTH_PNG};
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    int dropped = 0;
+
+    for (int i = 0; i < j->count; i++) {
+        if (j->frames[i].there)
+            continue;
+        for (size_t k = 0; k < sizeof marks / sizeof *marks; k++) {
+            free(path);
+            path = NULL;
+            CLN_TRY(path_of(j, &j->frames[i], marks[k], &path));
+            if (remove(path) == 0)
+                dropped += marks[k] == COLOUR_PNG;
+            else if (errno != ENOENT)
+                CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path, strerror(errno)));
+        }
+    }
+    if (dropped > 0)
+        cln_info("%s: %d of %d frames are of another model or other settings, or to be replaced: "
+                 "they are rendered again",
+                 j->desc->out, dropped, j->count);
+done:
+    free(path);
+    return st;
+}
+
+/* scale: of the depth pictures, NULL before they are drawn. */
+static cln_status write_about(const job *j, const cln_depth_scale *scale)
 {
     cln_status st = CLN_OK;
+    const double low = scale ? scale->low : 0, high = scale ? scale->high : 0;
     json_t *about = describe(j);
 
     if (!about)
         CLN_TRY(cln_fail(CLN_MEMORY, "render.json: cannot make JSON"));
-    if (json_equal(j->before, about))
-        goto done;
-    if (j->there > 0)
-        cln_warn(
-            "%s: %d of the frames exist already, from another model or with other settings, and "
-            "stay as they are; --overwrite renders them again",
-            j->desc->out, j->there);
-    else
-        CLN_TRY(cln_run_write_json(j->desc->out, "render.json", about));
+    if (scale && low > 0)
+        json_object_set_new(about, "depth_picture",
+                            json_pack("{s:f, s:f}", "near", 1 / high, "far", 1 / low));
+    CLN_TRY(cln_run_write_json(j->desc->out, "render.json", about));
 done:
     json_decref(about);
     return st;
 }
 
 /* ---- files ---- */
-
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-
-    return x < y ? -1 : x > y;
-}
-
-/* Grey by inverse depth, near is bright; ends of the scale: 2nd and 98th percentile of what is
- * mostly opaque. What is transparent fades to black. */
-static cln_status draw_depth(const cln_picture *p, uint8_t *grey)
-{
-    cln_status st = CLN_OK;
-    const size_t n = (size_t)p->width * (size_t)p->height;
-    size_t count = 0;
-    float *inverse = NULL, low = 0, high = 0;
-
-    CLN_TRY(cln_alloc(&inverse, n, sizeof *inverse, "picture"));
-    for (size_t i = 0; i < n; i++)
-        if (p->opacity[i] >= 0.5f && p->depth[i] > 0)
-            inverse[count++] = 1 / p->depth[i];
-    if (count > 0) {
-        qsort(inverse, count, sizeof *inverse, ascending);
-        low = inverse[count / 50];
-        high = inverse[count - 1 - count / 50];
-    }
-    for (size_t i = 0; i < n; i++) {
-        const float near = p->depth[i] > 0 ? 1 / p->depth[i] : 0;
-        const float share = high > low ? fminf(fmaxf((near - low) / (high - low), 0), 1) : 1;
-
-        grey[i] = cln_to_u8(p->opacity[i] * (0.15f + 0.85f * share));
-    }
-done:
-    free(inverse);
-    return st;
-}
 
 static cln_status write_frame(const job *j, const frame *f, const cln_picture *p)
 {
@@ -255,14 +285,10 @@ static cln_status write_frame(const job *j, const frame *f, const cln_picture *p
     for (int file = 0; file < FILES; file++)
         CLN_TRY(path_of(j, f, file, &path[file]));
     CLN_TRY(cln_alloc(&bytes, n, 3, "picture"));
-    if (remove(path[COLOUR_PNG]) != 0 && errno != ENOENT)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path[COLOUR_PNG], strerror(errno)));
     for (size_t i = 0; i < n; i++)
         p->depth[i] =
             p->opacity[i] > 0 ? cln_space_depth_to_scene(&j->opened.model.space, p->depth[i]) : 0;
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
-    CLN_TRY(draw_depth(p, bytes));
-    CLN_TRY(cln_image_write_png(path[DEPTH_PNG], p->width, p->height, 1, bytes));
     for (size_t i = 0; i < n; i++)
         bytes[i] = cln_to_u8(p->opacity[i]);
     CLN_TRY(cln_image_write_png(path[OPACITY_PNG], p->width, p->height, 1, bytes));
@@ -276,7 +302,87 @@ done:
     return st;
 }
 
+/* Depth and opacity as written. */
+static cln_status read_frame(const job *j, const frame *f, float **depth, uint8_t **opacity)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    int dims = 0, shape[4] = {0}, width = 0, height = 0, channels = 0;
+    uint8_t *grey = NULL;
+
+    CLN_TRY(path_of(j, f, DEPTH_NPY, &path));
+    CLN_TRY(cln_npy_read_f32(path, &dims, shape, depth));
+    free(path);
+    CLN_TRY(path_of(j, f, OPACITY_PNG, &path));
+    CLN_TRY(cln_image_load(path, &width, &height, &channels, &grey));
+    if (dims != 2 || shape[0] != f->camera.height || shape[1] != f->camera.width ||
+        height != shape[0] || width != shape[1])
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: its depth has not the frame's size; --overwrite renders it again",
+                         path));
+    for (int i = 0; i < width * height; i++) /* in place: grey has several equal channels */
+        grey[i] = grey[i * channels];
+    *opacity = grey;
+    grey = NULL;
+done:
+    free(grey);
+    free(path);
+    return st;
+}
+
+/* Twice through the files: for the scale, and to draw. */
+static cln_status draw_depths(const job *j)
+{
+    cln_status st = CLN_OK;
+    cln_depth_scale scale = {0};
+    float *depth = NULL;
+    uint8_t *opacity = NULL;
+    char *path = NULL;
+
+    for (int pass = 0; pass < 2; pass++) {
+        for (int i = 0; i < j->count; i++) {
+            const frame *f = &j->frames[i];
+            const size_t n = (size_t)f->camera.width * (size_t)f->camera.height;
+
+            CLN_TRY(read_frame(j, f, &depth, &opacity));
+            if (pass == 0) {
+                CLN_TRY(cln_depth_scale_add(&scale, n, depth, opacity));
+            } else {
+                CLN_TRY(path_of(j, f, DEPTH_PNG, &path));
+                cln_depth_draw(&scale, n, depth, opacity, opacity);
+                CLN_TRY(cln_image_write_png(path, f->camera.width, f->camera.height, 1, opacity));
+            }
+            free(depth);
+            free(opacity);
+            free(path);
+            depth = NULL;
+            opacity = NULL;
+            path = NULL;
+        }
+        if (pass == 0)
+            cln_depth_scale_make(&scale);
+    }
+    CLN_TRY(write_about(j, &scale));
+done:
+    cln_depth_scale_free(&scale);
+    free(depth);
+    free(opacity);
+    free(path);
+    return st;
+}
+
 /* ---- the work ---- */
+
+/* As if nothing could be compressed. */
+static cln_status check_disk(const job *j)
+{
+    double bytes = 0;
+
+    for (int i = 0; i < j->count; i++)
+        if (!j->frames[i].there)
+            bytes += (sizeof(float) + 5.0) * j->frames[i].camera.width * j->frames[i].camera.height;
+    return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;
+}
 
 static cln_status start(job *j)
 {
@@ -292,7 +398,8 @@ static cln_status start(job *j)
     }
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, &v->model.space));
-    CLN_TRY(write_about(j));
+    CLN_TRY(drop_stale(j));
+    CLN_TRY(write_about(j, NULL));
     CLN_TRY(cln_render_prepare(&v->pipeline));
 done:
     free(cameras);
@@ -351,12 +458,13 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(check_folder(desc->out, &j.before));
     CLN_TRY(find_there(&j));
     result->skipped = j.there;
+    CLN_TRY(check_disk(&j));
     if (j.there < j.count) {
         CLN_TRY(start(&j));
         CLN_TRY(render_frames(&j, result));
-    } else {
-        CLN_TRY(write_about(&j)); /* for its warning */
     }
+    if (j.there < j.count || j.pictured < j.count)
+        CLN_TRY(draw_depths(&j));
 done:
     for (int i = 0; j.frames && i < j.count; i++)
         free(j.frames[i].name);

@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "run_fixture.h"
+#include "render/depth_picture.h"
 #include "render/orbit.h"
 #include "check/selftest.h"
 #include "io/npy.h"
@@ -127,9 +128,11 @@ static void test_render_skips(void **state)
     for (int i = 0; i < 5; i++)
         before[i] = digest_of(fixture_path(files[i]));
     assert_rendered(&desc, 0, TEST_VIEWS);
-    for (int i = 0; i < 4; i++) { /* a missing file of any kind makes the frame again */
+    for (int i = 0; i < 4; i++) {    /* whichever file is missing, it is made again */
+        const int rendered = i != 2; /* a depth picture comes from what is there */
+
         assert_int_equal(remove(fixture_path(files[i])), 0);
-        assert_rendered(&desc, 1, TEST_VIEWS - 1);
+        assert_rendered(&desc, rendered, TEST_VIEWS - rendered);
     }
     for (int i = 0; i < 5; i++)
         assert_int_equal(digest_of(fixture_path(files[i])), before[i]);
@@ -196,32 +199,89 @@ static void test_render_stops_and_goes_on(void **state)
     assert_rendered(&desc, 1, 1);
 }
 
-static int warnings;
-
-/* Refuses frames of other settings with a sentence; leaves foreign folders as they are. */
+/* Frames of other settings are made again, those of the same are kept, whatever was rendered in
+ * between; folders of others stay as they are. */
 static void test_render_folders(void **state)
 {
-    fixture_stop none = {0};
+    fixture_stop none = {0}, stop = {.signal = SIGTERM, .pictures = 2};
     cln_render_desc desc = render_desc("mixed", &none);
     cln_render_result result;
+    json_t *about = NULL;
 
     NEED_DEVICE();
-    warnings = 0;
-    cln_log_set_sink(scratch_count_warnings, &warnings);
     assert_rendered(&desc, TEST_VIEWS, 0);
     assert_rendered(&desc, 0, TEST_VIEWS);
-    assert_int_equal(warnings, 0);
     desc.z_depth = true;
-    assert_rendered(&desc, 0, TEST_VIEWS);
-    assert_int_equal(warnings, 1);
-    desc.overwrite = true;
     assert_rendered(&desc, TEST_VIEWS, 0);
-    desc.overwrite = false;
     assert_rendered(&desc, 0, TEST_VIEWS);
-    assert_int_equal(warnings, 1);
+    desc.split = "train";
+    desc.max_images = 1;
+    assert_rendered(&desc, 1, 0);
+    desc.split = "test";
+    desc.max_images = 0;
+    assert_rendered(&desc, 0, TEST_VIEWS);
+    about = fixture_json("mixed/render.json");
+    assert_int_equal(json_object_size(fixture_at(about, "frames")), TEST_VIEWS + 1);
+    json_decref(about);
+    /* stopped on the way to other settings: what is left of before is not taken for the new */
+    desc.z_depth = false;
+    desc.callbacks = fixture_callbacks(&stop);
+    assert_fails(cln_render(&desc, &result), CLN_SIGTERM, "1 of 2 frames");
+    assert_false(cln_is_file(fixture_path("mixed/test_r_1.png")));
+    assert_false(cln_is_file(fixture_path("mixed/test_r_1.depth.png")));
+    desc.callbacks = fixture_callbacks(&none);
+    assert_rendered(&desc, 1, 1);
     desc.out = fixture_path("scene");
     assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "render.json");
     assert_false(cln_is_file(fixture_path("scene/render.json")));
+}
+
+/* After more training the same folder has the newer model's frames. */
+static void test_render_follows_the_model(void **state)
+{
+    fixture_stop none = {0};
+    cln_render_desc desc = render_desc("followed", &none);
+    cln_config config = fixture_config();
+    cln_train_result trained;
+    uint64_t before = 0;
+
+    NEED_DEVICE();
+    config.steps = 2;
+    assert_ok(fixture_train("longer", false, &config, NULL, &trained));
+    desc.run = fixture_path("longer");
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    before = digest_of(fixture_path("followed/test_r_0.png"));
+    config.steps = 4;
+    assert_ok(fixture_train("longer", true, &config, NULL, &trained));
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    assert_true(digest_of(fixture_path("followed/test_r_0.png")) != before);
+    assert_rendered(&desc, 0, TEST_VIEWS);
+}
+
+/* One scale for all frames of a film: percentiles of the depths of both, by hand. */
+static void test_depth_pictures_share_a_scale(void **state)
+{
+    float depth[2][100];
+    uint8_t opacity[100], grey[100];
+    cln_depth_scale scale = {0};
+
+    (void)state;
+    memset(opacity, 255, sizeof opacity);
+    for (int i = 0; i < 100; i++) {
+        depth[0][i] = 1 / (1.0f + (float)i / 100); /* inverse 1 to 2, and 3 to 4 */
+        depth[1][i] = 1 / (3.0f + (float)i / 100);
+    }
+    opacity[7] = 100; /* of no account, and darker */
+    assert_ok(cln_depth_scale_add(&scale, 100, depth[0], opacity));
+    assert_ok(cln_depth_scale_add(&scale, 100, depth[1], opacity));
+    assert_true(cln_depth_scale_make(&scale));
+    assert_true(fabsf(scale.low - 1.03f) < 0.011f && fabsf(scale.high - 3.96f) < 0.011f);
+    cln_depth_draw(&scale, 100, depth[0], opacity, grey);
+    assert_in_range(grey[99], (int)(255 * (0.15 + 0.85 * 0.31)), (int)(255 * (0.15 + 0.85 * 0.36)));
+    assert_true(grey[7] < grey[0]);
+    cln_depth_draw(&scale, 100, depth[1], opacity, grey);
+    assert_in_range(grey[99], 254, 255);
+    cln_depth_scale_free(&scale);
 }
 
 /* ---- orbits ---- */
@@ -524,6 +584,8 @@ int test_group_results(void)
         cmocka_unit_test(test_render_files),
         cmocka_unit_test(test_render_stops_and_goes_on),
         cmocka_unit_test(test_render_folders),
+        cmocka_unit_test(test_render_follows_the_model),
+        cmocka_unit_test(test_depth_pictures_share_a_scale),
         cmocka_unit_test(test_orbit_cameras),
         cmocka_unit_test(test_orbit_keeps_to_the_arc),
         cmocka_unit_test(test_orbit_renders),
