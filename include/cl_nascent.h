@@ -239,12 +239,15 @@ typedef struct cln_eval_desc {
     const char *scene; /* NULL = the run's own */
     const char *split; /* "train", "val", "test" */
     int max_images;    /* evenly chosen; 0 = all */
-    bool save_images;  /* renders, truths, errors and pictures of the tree under RUN/eval/ */
+    bool save_images;  /* renders, truths, errors and pictures of the tree */
+    const char *out;   /* the folder to write to; NULL = RUN/eval, and the report is renewed */
     cln_device_desc device;
     cln_callbacks callbacks;
 } cln_eval_desc;
 
-/* Measures per-image and mean PSNR and SSIM; writes RUN/eval/STEP-SPLIT.json and the report. */
+/* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, of fewer views than the split
+ * has STEP-SPLIT-COUNT.json. CLN_OUTPUT with a filled *result (count above 0): all was measured, and
+ * not all of it could be written. CLN_INPUT for another scene than the run's without `out`. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);

@@ -86,6 +86,7 @@ part lint tests/lint.sh
 part unit unit
 part "command line" tests/cli/cli.sh
 part "first hour" tests/cli/first_hour.sh
+part captures tests/cli/captures.sh
 part install tests/cli/install.sh
 part devices tests/device/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \

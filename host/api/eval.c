@@ -1,21 +1,77 @@
 /* cln_eval: a run's newest checkpoint against the photos of one split. Every figure comes from
- * cln_quality_measure, as train's own do, so the two agree image by image. */
+ * cln_quality_measure, as train's own do, so the two agree image by image. The run's own folder gets
+ * figures of its own scene alone. */
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/files.h"
+#include "base/memory.h"
+#include "io/disk.h"
 #include "train/record.h"
 #include "render/open_run.h"
 #include "report/report.h"
+
+/* In a folder of the user's, a file that is there may be replaced by figures of the same model. */
+static cln_status check_place(const char *place, uint64_t model)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, digest[24];
+    const char *saved = NULL;
+    json_t *document = NULL;
+
+    CLN_TRY(cln_asprintf(&path, "%s.json", place));
+    if (!cln_is_file(path))
+        goto done;
+    CLN_TRY(cln_json_read(path, false, &document));
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)model);
+    saved = json_string_value(json_object_get(document, "model_digest"));
+    if (!saved || strcmp(saved, digest) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: holds the evaluation of another model (%s); choose another folder "
+                         "with -o",
+                         path, saved ? saved : "unknown"));
+done:
+    json_decref(document);
+    free(path);
+    return st;
+}
+
+/* Where it goes, and whether it can: asked before anything is rendered. */
+static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *opened,
+                             const char *split, const int *views, int count, char **place)
+{
+    cln_status st = CLN_OK;
+    const cln_split s = opened->scene->views[views[0]].split;
+    char *evals = NULL;
+
+    if (!desc->out && !opened->same_scene)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: not the scene of %s, so figures of it do not go into the run; give a "
+                         "folder for them with -o",
+                         opened->scene->folder, desc->run));
+    CLN_TRY(cln_path_join(&evals, desc->run, "eval"));
+    CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count,
+                             cln_scene_split_count(opened->scene, s), place));
+    if (desc->out)
+        CLN_TRY(check_place(*place, cln_model_digest(&opened->model)));
+    if (desc->save_images)
+        CLN_TRY(cln_disk_check(desc->out ? desc->out : evals,
+                               cln_quality_bytes(opened->scene, views, count),
+                               "the evaluation's pictures"));
+done:
+    free(evals);
+    return st;
+}
 
 cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
 {
     cln_status st = CLN_OK;
     cln_open_run opened = {0};
     cln_split split = CLN_SPLIT_TEST;
-    bool pixels[CLN_SPLITS] = {false};
+    bool pixels[CLN_SPLITS] = {false}, measured = false;
     const char *name = desc->split ? desc->split : cln_split_names[CLN_SPLIT_TEST];
     int *views = NULL, count = 0;
-    char *folder = NULL;
+    char *place = NULL;
 
     memset(result, 0, sizeof *result);
     for (int s = 0; s < CLN_SPLITS; s++)
@@ -23,22 +79,25 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &opened));
     CLN_TRY(cln_open_run_split(opened.scene, name, &split));
     CLN_TRY(cln_quality_choose(opened.scene, split, desc->max_images, &views, &count));
+    CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
-    if (desc->save_images)
-        CLN_TRY(cln_record_folder(desc->run, opened.model.step, name, &folder));
-    CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count, folder,
-                                &desc->callbacks, result));
+    CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
+                                desc->save_images ? place : NULL, &desc->callbacks, result));
     result->step = opened.model.step;
     result->train_seconds = opened.model.train_seconds;
     result->digest = cln_model_digest(&opened.model);
-    CLN_TRY(cln_record_eval(desc->run, result));
-    CLN_TRY(cln_report_write(desc->run));
+    measured = true;
+    st = cln_record_eval(place, result);
+    if (st == CLN_OK && !desc->out)
+        st = cln_report_write(desc->run);
+    if (st == CLN_OUTPUT && !desc->out)
+        cln_note("writing figures that are complete into the run (-o puts them elsewhere)");
 done:
     cln_open_run_close(&opened);
     free(views);
-    free(folder);
-    if (st != CLN_OK)
+    free(place);
+    if (st != CLN_OK && !(measured && st == CLN_OUTPUT))
         cln_eval_free(result);
     return st;
 }

@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "cl_nascent.h"
 #include "render/tree_picture.h"
+#include "io/disk.h"
 #include "io/palette.h"
 #include "io/ply.h"
 #include "io/run_folder.h"
@@ -29,7 +30,7 @@ static cln_status check_target(const cln_export_desc *desc, const char *form)
         return cln_fail(CLN_USAGE, "%s: --%s writes %s files; end the name with %s", desc->file,
                         desc->what, wanted, wanted);
     if (lstat(desc->file, &info) != 0)
-        return CLN_OK; /* if it cannot be made, writing will say why */
+        return CLN_OK;
     if (!S_ISREG(info.st_mode))
         return cln_fail(CLN_OUTPUT,
                         "%s: already exists and is not a plain file; choose another name",
@@ -134,6 +135,8 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     CLN_TRY(cln_run_read(desc->run, &run));
     CLN_TRY(check_target(desc, exports[wanted].form));
     CLN_TRY(cln_checkpoint_read(desc->run, false, &model));
+    CLN_TRY(cln_disk_check_file(
+        desc->file, 1024 + (double)CLN_PLY_BOX_BYTES * model.tree.leaf_count, "the boxes"));
     CLN_TRY(exports[wanted].write(desc, &model));
     result->step = model.step;
     result->leaves = model.tree.leaf_count;

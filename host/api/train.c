@@ -1,7 +1,6 @@
 /* cln_train: puts a run together (scene, device, programs, plan, model) and takes it apart again.
  * The loop is train/loop.c. Nothing but the lock of a run that is resumed is written before scene,
  * options and memory plan are known to be good. */
-#include <dirent.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -14,7 +13,9 @@
 #include "base/memory.h"
 #include "base/settings.h"
 #include "check/selftest.h"
+#include "io/disk.h"
 #include "io/progress.h"
+#include "io/run_folder.h"
 #include "render/quality.h"
 #include "render/recorded.h"
 #include "train/loop.h"
@@ -214,17 +215,17 @@ static void say_what_runs(cln_trainer *t)
     }
 }
 
-/* Whether a path is something else than nothing or an empty folder. */
-static bool is_taken(const char *path)
+/* Room for what the run will leave, at the largest tree. */
+static cln_status check_disk(const cln_trainer *t, const cln_config *config)
 {
-    DIR *dir = opendir(path);
-    bool taken = !dir && cln_is_file(path);
+    cln_status st = CLN_OK;
+    double bytes = 0;
 
-    for (struct dirent *e = NULL; dir && (e = readdir(dir));)
-        taken = taken || (strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0);
-    if (dir)
-        closedir(dir);
-    return taken;
+    CLN_TRY(cln_checkpoint_room(t->desc->run, config, &bytes));
+    bytes += cln_quality_bytes(t->scene, t->eval_views, t->eval_count);
+    CLN_TRY(cln_disk_check(t->desc->run, bytes, "its checkpoints and pictures"));
+done:
+    return st;
 }
 
 static cln_status prepare(cln_trainer *t)
@@ -234,14 +235,14 @@ static cln_status prepare(cln_trainer *t)
     cln_scene_desc scene = {.path = t->desc->scene,
                             .config = &config,
                             .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
-    bool same = false;
+    bool same = false, empty = false;
 
     if (t->desc->resume) { /* before anything is read that another process could still change */
         CLN_TRY(cln_run_open(t->desc->run, true));
         CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
+    } else {
+        CLN_TRY(cln_run_check(t->desc->run, false, &empty));
     }
-    if (!t->desc->resume && is_taken(t->desc->run)) /* minutes before the folder is made */
-        CLN_TRY(cln_run_open(t->desc->run, false)); /* refuses it, and says why */
     CLN_TRY(cln_config_check(&config));
     CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));
@@ -254,6 +255,9 @@ static cln_status prepare(cln_trainer *t)
     } else {
         CLN_TRY(cln_scene_load(&scene, &t->scene));
     }
+    CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
+                               &t->eval_count));
+    CLN_TRY(check_disk(t, &config));
     cln_settings_warn_idle(t->desc->settings,
                            &(cln_settings_facts){t->desc->resume, t->scene->has_alpha});
     if (!t->desc->skip_selftest) {
@@ -269,8 +273,6 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
                       "ray results"));
-    CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
-                               &t->eval_count));
     cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
                                 &t->pipeline));

@@ -41,18 +41,6 @@ int cln_config_most_rays(const cln_config *config)
     return config->leaf_samples > 0 ? 8 * config->rays : config->rays;
 }
 
-int cln_config_most_leaves(const cln_config *config)
-{
-    double fraction[CLN_LEVELS];
-    int deepest = config->start_level, most = 0;
-
-    if (cln_config_levels(config, fraction) == CLN_OK)
-        for (int level = deepest + 1; level < CLN_LEVELS; level++)
-            deepest = fraction[level] <= 1 ? level : deepest;
-    most = 1 << (3 * deepest);
-    return config->adaptive && config->max_leaves > most ? config->max_leaves : most;
-}
-
 int64_t cln_config_epoch_steps(const cln_config *config, double pixels)
 {
     return (int64_t)fmax(1, ceil(config->epochs * pixels / 10 / config->rays));
@@ -177,11 +165,33 @@ static cln_status check_bbox(const char *text)
     return CLN_OK;
 }
 
+static int deepest_level(const cln_config *config, const double fraction[CLN_LEVELS])
+{
+    int deepest = config->start_level;
+
+    for (int level = 0; level < CLN_LEVELS; level++) {
+        if (fraction[level] <= 1)
+            deepest = level;
+    }
+    return deepest;
+}
+
+int cln_config_most_leaves(const cln_config *config)
+{
+    double fraction[CLN_LEVELS] = {2, 2, 2, 2, 2, 2};
+    int all = 0;
+
+    if (cln_config_levels(config, fraction) != CLN_OK)
+        cln_clear_error(); /* cln_config_check is who tells */
+    all = 1 << (3 * deepest_level(config, fraction));
+    return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
+}
+
 /* Checks the adaptive rows among themselves and against growth by level. --tree-from keeps its
  * tree, so that none of them counts. */
 static cln_status check_adaptive(const cln_config *config, const double fraction[CLN_LEVELS])
 {
-    int deepest = config->start_level;
+    const int deepest = deepest_level(config, fraction);
 
     if (!config->adaptive || config->tree_from[0])
         return CLN_OK;
@@ -196,10 +206,6 @@ static cln_status check_adaptive(const cln_config *config, const double fraction
                         "--max-level: %d is below --start-level %d; lower that, too, or give "
                         "--no-adaptive",
                         config->max_level, config->start_level);
-    for (int level = 0; level < CLN_LEVELS; level++) {
-        if (fraction[level] <= 1)
-            deepest = level;
-    }
     if (config->max_level < deepest)
         return cln_fail(
             CLN_USAGE,

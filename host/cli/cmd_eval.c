@@ -49,7 +49,7 @@ static void print_table(const cln_eval_result *r)
 
 cln_status cln_cmd_eval(const cln_options *options)
 {
-    cln_status st = CLN_OK;
+    cln_status st = CLN_OK, evaluated = CLN_OK;
     cln_console console = {0};
     cln_eval_result result = {0};
     char *json = NULL;
@@ -58,20 +58,22 @@ cln_status cln_cmd_eval(const cln_options *options)
                           .split = options->split,
                           .max_images = options->max_images,
                           .save_images = options->save_images,
+                          .out = options->output,
                           .device = options->device};
 
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
-    st = cln_eval(&desc, &result);
+    evaluated = cln_eval(&desc, &result);
     cln_console_close(&console);
-    if (st != CLN_OK)
-        goto done;
+    if (result.count == 0)
+        CLN_TRY(evaluated);
     if (options->json)
         CLN_TRY(cln_eval_json(&result, &json));
     if (json)
         puts(json);
     else
         print_table(&result);
+    CLN_TRY(evaluated); /* what could not be written is told after the figures */
     if (!(result.psnr >= options->min_psnr))
         CLN_TRY(cln_fail(CLN_THRESHOLD, "%s: mean PSNR %.2f dB is below --min-psnr %g",
                          options->operand, result.psnr, options->min_psnr));

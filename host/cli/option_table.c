@@ -22,7 +22,8 @@ const cln_command cln_commands[] = {
      cln_cmd_train},
     {"eval", CLN_EVAL, "RUN", true, "eval RUN [OPTIONS]",
      "PSNR and SSIM of a run's renders against held-out photos",
-     "Leaves RUN/eval/STEP-SPLIT.json and renews RUN/report.html.",
+     "Leaves RUN/eval/STEP-SPLIT.json, of fewer views than all STEP-SPLIT-COUNT.json, and renews "
+     "RUN/report.html. Figures of another scene than the run's go only where -o says.",
      cln_cmd_eval},
     {"render", CLN_RENDER, "RUN", true, "render RUN [OPTIONS]",
      "Colour, depth and opacity images from a split's poses or an orbit",
@@ -89,6 +90,9 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 const cln_arg cln_args[] = {
     TEXT(CLN_TRAIN, "output", output, "RUN",
          "folder of the new run; made if it is not there", .letter = 'o'),
+    TEXT(CLN_EVAL, "output", output, "DIR",
+         "folder for figures and pictures, in place of the run's", .letter = 'o',
+         .shown = "RUN/eval"),
     TEXT(CLN_RENDER, "output", output, "DIR",
          "folder for the pictures", .letter = 'o', .shown = "RUN/render/SPLIT or RUN/render/orbit"),
     TEXT(CLN_TUNE, "output", output, "FILE",

@@ -4,21 +4,23 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 #include "base/files.h"
 #include "base/memory.h"
 #include "io/progress.h"
 
-/* The folder itself, or the nearest above it that is there. */
-static cln_status nearest_folder(const char *path, char **out)
+/* The path itself, or the nearest above it that is there. */
+static cln_status nearest(const char *path, char **out)
 {
     cln_status st = CLN_OK;
-    char *slash = NULL;
+    struct stat info;
 
     CLN_TRY(cln_strdup(out, *path ? path : "."));
-    while (!cln_is_dir(*out) && strcmp(*out, ".") != 0 && strcmp(*out, "/") != 0) {
-        slash = strrchr(*out, '/');
+    while (lstat(*out, &info) != 0 && strcmp(*out, ".") != 0 && strcmp(*out, "/") != 0) {
+        char *slash = strrchr(*out, '/');
+
         if (!slash)
             strcpy(*out, ".");
         else
@@ -28,18 +30,20 @@ done:
     return st;
 }
 
-cln_status cln_disk_check(const char *path, double bytes, const char *what)
+cln_status cln_disk_check(const char *folder, double bytes, const char *what)
 {
     cln_status st = CLN_OK;
-    char *folder = NULL, need[32], have[32];
+    char *there = NULL, need[32], have[32];
     struct statvfs disk;
     double room = 0;
 
-    CLN_TRY(nearest_folder(path, &folder));
-    if (access(folder, W_OK | X_OK) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write to %s: %s; choose another place with -o",
-                         path, folder, strerror(errno)));
-    if (statvfs(folder, &disk) != 0) /* some network file systems do not tell */
+    CLN_TRY(nearest(folder, &there));
+    if (!cln_is_dir(there))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s is not a folder; choose another", folder, there));
+    if (access(there, W_OK | X_OK) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write to %s: %s; choose another", folder, there,
+                         strerror(errno)));
+    if (statvfs(there, &disk) != 0) /* some network file systems do not tell */
         goto done;
     room = (double)disk.f_bavail * (double)disk.f_frsize;
     if (bytes <= room)
@@ -48,8 +52,23 @@ cln_status cln_disk_check(const char *path, double bytes, const char *what)
     cln_format_bytes(room, have);
     CLN_TRY(cln_fail(CLN_OUTPUT,
                      "%s: the disk has too little room: %s need up to %s, %s are free; make room, "
-                     "or choose another place with -o",
-                     path, what, need, have));
+                     "or choose another folder",
+                     folder, what, need, have));
+done:
+    free(there);
+    return st;
+}
+
+cln_status cln_disk_check_file(const char *path, double bytes, const char *what)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL, *slash = NULL;
+
+    CLN_TRY(cln_strdup(&folder, path));
+    slash = strrchr(folder, '/');
+    if (slash)
+        slash[slash == folder] = 0; /* "/x" is in "/" */
+    CLN_TRY(cln_disk_check(slash ? folder : ".", bytes, what));
 done:
     free(folder);
     return st;

@@ -4,9 +4,12 @@
 
 #include "base/status.h"
 
-/* Asks before the work whether `bytes` can be written at `path`, a file or folder that need not be
- * there yet: CLN_OUTPUT if the folder, or the nearest above it that is there, cannot be written to,
- * or if its disk has less room. `what` is the subject of that sentence: "2 checkpoints". */
-cln_status cln_disk_check(const char *path, double bytes, const char *what);
+/* Can `bytes` be written in this folder, which need not be there yet: CLN_OUTPUT if it, or the nearest
+ * above it that is there, is no folder, cannot be written to, or has less room on its disk. `what`
+ * is the subject of that sentence: "2 checkpoints". */
+cln_status cln_disk_check(const char *folder, double bytes, const char *what);
+
+/* The same for a file in its folder. */
+cln_status cln_disk_check_file(const char *path, double bytes, const char *what);
 
 #endif

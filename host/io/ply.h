@@ -13,6 +13,8 @@ typedef struct cln_ply_box {
     float error; /* NaN: not known */
 } cln_ply_box;
 
+enum { CLN_PLY_BOX_BYTES = 8 * 20 + 6 * 17 }; /* of a box in the file */
+
 /* Writes eight vertices and six faces a box, in the order of `boxes`, atomically. comment: one
  * line. */
 cln_status cln_ply_write_boxes(const char *path, int count, const cln_ply_box *boxes,

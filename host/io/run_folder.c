@@ -16,6 +16,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "io/disk.h"
 
 #define SCHEMA "cl-nascent.run/1"
 enum { TEXT_FLAGS = JSON_REAL_PRECISION(17), METRICS_MAX_GIB = 4 };
@@ -49,25 +50,24 @@ static cln_status check_writable(const char *run)
     return CLN_OK;
 }
 
-cln_status cln_run_open(const char *run, bool resume)
+cln_status cln_run_check(const char *run, bool resume, bool *empty)
 {
     char quoted[CLN_QUOTED_BYTES];
     cln_status st = CLN_OK;
     char *path = NULL, *reason = NULL;
     json_t *document = NULL;
-    bool empty = true;
     struct stat info;
 
+    *empty = true;
     if (lstat(run, &info) == 0 && !cln_is_dir(run))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: is not a folder; choose another with -o", run));
     if (cln_is_dir(run))
-        CLN_TRY(folder_is_empty(run, &empty));
-    if (empty) {
+        CLN_TRY(folder_is_empty(run, empty));
+    if (*empty) {
         if (resume)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: no run there to resume; train one with -o %s", run,
                              cln_shell_quote(run, quoted, sizeof quoted)));
-        CLN_TRY(cln_make_dirs(run));
-        CLN_TRY(check_writable(run));
+        CLN_TRY(cln_disk_check(run, 0, ""));
         goto done;
     }
     CLN_TRY(cln_path_join(&path, run, "run.json"));
@@ -92,6 +92,20 @@ done:
     json_decref(document);
     free(reason);
     free(path);
+    return st;
+}
+
+cln_status cln_run_open(const char *run, bool resume)
+{
+    cln_status st = CLN_OK;
+    bool empty = false;
+
+    CLN_TRY(cln_run_check(run, resume, &empty));
+    if (empty) {
+        CLN_TRY(cln_make_dirs(run));
+        CLN_TRY(check_writable(run));
+    }
+done:
     return st;
 }
 

@@ -8,6 +8,9 @@
 #include "base/status.h"
 #include "io/json.h"
 
+/* What cln_run_open would say, before work that would be in vain; *empty: RUN is new or empty. */
+cln_status cln_run_check(const char *run, bool resume, bool *empty);
+
 /* Prepares RUN for training: creates it for a new run; with `resume` it must hold one, else
  * CLN_INPUT. CLN_OUTPUT: it holds other files, or a run although `resume` is false, or cannot be
  * written. */

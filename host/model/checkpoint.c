@@ -17,6 +17,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "base/config.h"
 #include "base/files.h"
@@ -28,7 +29,14 @@
 
 #define SCHEMA "cl-nascent.checkpoint/2"
 #define FOLDER "checkpoint"
-enum { KEEP = 2, SHOWN_TENSORS = 3, MAX_TENSORS = 10, ROW = 8, NAME_BYTES = 64 };
+enum {
+    KEEP = 2,
+    SHOWN_TENSORS = 3,
+    MAX_TENSORS = 10,
+    ROW = 8,
+    NAME_BYTES = 64,
+    JSON_BYTES = 16384
+};
 
 /* ---- the JSON half ---- */
 
@@ -462,4 +470,63 @@ done:
     free(steps);
     free(folder);
     return st;
+}
+
+/* ---- room ---- */
+
+/* The tensors' rows; JSON and header are small. */
+cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes)
+{
+    cln_status st = CLN_OK;
+    const double moments = 2.0 * (double)cln_moment_bytes(config), cells = pow(config->n1, 3);
+    const double rest = 4 + 4 + 2 * cells + 8.0 * CLN_MEASURES + 4 + 4;
+    cln_network net;
+
+    CLN_TRY(cln_network_layout(config, &net));
+    *bytes = leaves * (net.params * (4 + moments) + rest) + 4.0 * ROW * (leaves * 8.0 / 7 + 1) +
+             JSON_BYTES;
+done:
+    return st;
+}
+
+/* What lies in RUN/checkpoint. */
+static double bytes_there(const char *folder)
+{
+    DIR *dir = opendir(folder);
+    struct stat info;
+    double bytes = 0;
+
+    for (struct dirent *e = dir ? readdir(dir) : NULL; e; e = readdir(dir))
+        if (fstatat(dirfd(dir), e->d_name, &info, 0) == 0 && S_ISREG(info.st_mode))
+            bytes += (double)info.st_size;
+    if (dir)
+        closedir(dir);
+    return bytes;
+}
+
+cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL;
+
+    CLN_TRY(cln_checkpoint_bytes(config, cln_config_most_leaves(config), bytes));
+    CLN_TRY(cln_path_join(&folder, run, FOLDER));
+    *bytes = fmax(0, (KEEP + 1) * *bytes - bytes_there(folder));
+done:
+    free(folder);
+    return st;
+}
+
+int64_t cln_checkpoint_newest(const char *run)
+{
+    char *folder = NULL;
+    int64_t *steps = NULL, newest = -1;
+    int count = 0;
+
+    if (cln_path_join(&folder, run, FOLDER) == CLN_OK &&
+        list_steps(folder, &steps, &count) == CLN_OK && count > 0)
+        newest = steps[0];
+    free(folder);
+    free(steps);
+    return newest;
 }

@@ -78,6 +78,16 @@ uint64_t cln_model_digest(const cln_model *model);
  * CLN_OUTPUT leaves the earlier checkpoints whole. */
 cln_status cln_checkpoint_write(const char *run, const cln_model *model);
 
+/* *bytes: of one checkpoint with so many leaves, with training state. */
+cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes);
+
+/* *bytes: what checkpoints may yet take on the disk, at the largest tree of the settings: the two
+ * that are kept and the one that is being written, less what there is in RUN. */
+cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes);
+
+/* The step of RUN's newest checkpoint, whole or not; -1 if there is none. */
+int64_t cln_checkpoint_newest(const char *run);
+
 /* Reads the newest whole checkpoint, with a warning for each damaged one after it. training: also
  * the training state. CLN_CHECKPOINT if none is whole. */
 cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out);

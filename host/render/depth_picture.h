@@ -14,8 +14,8 @@ typedef struct cln_depth_scale {
     size_t count;
 } cln_depth_scale;
 
-/* Depth and opacity of a frame, n pixels each; of those mostly opaque some thousands, evenly chosen,
- * are remembered. */
+/* Depth and opacity of a frame, n pixels each; of those mostly opaque some thousands, evenly
+ * chosen, are remembered. */
 cln_status cln_depth_scale_add(cln_depth_scale *scale, size_t n, const float *depth,
                                const uint8_t *opacity);
 

@@ -67,9 +67,9 @@ static void find_away(const cln_scene *scene, const cln_orbit_frame *f, int i, d
         away[a] = c2w[4 * a + 3] - f->target[a];
 }
 
-/* Cameras are held level: the axis across which their x axes lie least, on the side of their mean up
- * vector. (sum of x x^T + LEVEL) up = mean up does that, and keeps to the mean where x axes leave it
- * open. The mean alone leans over with cameras that look down in an arc. */
+/* Cameras are held level: the axis that their x axes point along least, on the side of their mean
+ * up vector. (mean of x x^T + LEVEL) up = mean up does that, and keeps to the mean where x axes
+ * leave it open. The mean alone leans over with cameras that look down in an arc. */
 static void find_up(const cln_scene *scene, int count, double up[3])
 {
     double mean[3] = {0}, column[3][3] = {{LEVEL, 0, 0}, {0, LEVEL, 0}, {0, 0, LEVEL}};
@@ -124,8 +124,8 @@ static int ascending(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* What the arc leaves out is the widest gap between neighbours. Cameras near the pole stand in every
- * direction, and in none. */
+/* What the arc leaves out is the widest gap between neighbours. Cameras near the pole stand in
+ * every direction, and in none. */
 static cln_status find_arc(const cln_scene *scene, int count, cln_orbit_frame *out)
 {
     cln_status st = CLN_OK;

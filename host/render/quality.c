@@ -228,6 +228,21 @@ done:
     return st;
 }
 
+/* Render, truth and error; the tree by level and by error of a few. */
+double cln_quality_bytes(const cln_scene *scene, const int *views, int count)
+{
+    double bytes = 0, largest = 0;
+
+    for (int i = 0; i < count; i++) {
+        const cln_camera *c = &scene->views[views[i]].camera;
+        const double picture = 3.0 * c->width * c->height;
+
+        bytes += 3 * picture;
+        largest = fmax(largest, picture);
+    }
+    return bytes + 2 * TREE_VIEWS * largest;
+}
+
 static double deviation(const cln_eval_result *r, bool ssim)
 {
     double sum = 0;

@@ -18,6 +18,9 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
                                const int *views, int count, const char *folder,
                                const cln_callbacks *callbacks, cln_eval_result *result);
 
+/* Bytes that pictures of these views may take on the disk, as if nothing could be compressed. */
+double cln_quality_bytes(const cln_scene *scene, const int *views, int count);
+
 /* The document of RUN/eval/STEP-SPLIT.json (docs/formats.md). */
 cln_status cln_quality_json(const cln_eval_result *result, json_t **out);
 

@@ -16,9 +16,9 @@ cln_status cln_run_config(const char *run, cln_config *config);
  * another device or driver. Reads run.json: CLN_INPUT. */
 cln_status cln_recorded_tune(const char *run, cln_device *device);
 
-/* Loads the run's scene. desc->path NULL: from where run.json says; if nothing is there, from the same
- * place seen from the run, then from beside the run by its name, which is said, and only if it is
- * the same scene (by digest): else CLN_INPUT. At the place told, another scene is a warning: the
+/* Loads the run's scene. desc->path NULL: from where run.json says; if nothing is there, from the
+ * same place seen from the run, then from beside the run by its name, which is said, and only if it
+ * is the same scene (by digest): else CLN_INPUT. At the place told, another scene is a warning: the
  * results would silently be others. *same tells. */
 cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_scene **scene,
                              bool *same);

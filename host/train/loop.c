@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/config.h"
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
@@ -113,7 +114,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         result.digest = cln_model_digest(&t->model);
         result.step = t->model.step;
         result.train_seconds = t->model.train_seconds;
-        CLN_TRY(cln_record_eval(t->desc->run, &result));
+        CLN_TRY(cln_record_eval(folder, &result));
     }
 done:
     cln_queue_book(t->device, CLN_STAGES);
@@ -268,6 +269,29 @@ static cln_status stopped(const cln_trainer *t, const char *when)
         (long long)t->model.step, cln_shell_quote(t->desc->run, run, sizeof run));
 }
 
+/* After a write that failed: what is safe, and the way on. */
+static void say_how_to_keep(const cln_trainer *t)
+{
+    const int64_t kept = cln_checkpoint_newest(t->desc->run);
+    double size = 0;
+    char bytes[32];
+
+    (void)cln_checkpoint_bytes(&t->model.config, t->pipeline.leaves, &size);
+    cln_format_bytes(size, bytes);
+    if (kept < 0)
+        cln_note("training; nothing is kept of it, as no checkpoint was written yet (one has %s): "
+                 "make room and train again",
+                 bytes);
+    else if (kept < t->model.step)
+        cln_note("training; the checkpoint of step %lld is whole: make room (a checkpoint has %s) "
+                 "and go on from there with `cl-nascent train --resume %s`",
+                 (long long)kept, bytes, t->desc->run);
+    else
+        cln_note("finishing; the checkpoint of step %lld, the newest, is whole: make room, then "
+                 "`cl-nascent eval %s` makes pictures and report",
+                 (long long)kept, t->desc->run);
+}
+
 /* Waits for the newest step to end, which counts as training time. */
 static cln_status wait_for_step(cln_trainer *t)
 {
@@ -306,6 +330,7 @@ cln_status cln_loop_run(cln_trainer *t)
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     bool evaluated = false;
+    char *evals = NULL;
 
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = cln_config_epoch_steps(c, (double)t->batch.first[t->batch.train_views]);
@@ -350,10 +375,15 @@ cln_status cln_loop_run(cln_trainer *t)
     CLN_TRY(checkpoint(t));
     if (t->signal)
         CLN_TRY(stopped(t, "after a checkpoint"));
-    CLN_TRY(cln_record_folder(t->desc->run, t->model.step, "test", &t->eval_folder));
+    CLN_TRY(cln_path_join(&evals, t->desc->run, "eval"));
+    CLN_TRY(cln_record_place(evals, t->model.step, "test", t->eval_count,
+                             cln_scene_split_count(t->scene, CLN_SPLIT_TEST), &t->eval_folder));
     CLN_TRY(evaluate(t, t->eval_folder, &evaluated));
     if (t->signal && !evaluated)
         CLN_TRY(stopped(t, "in the last evaluation, after a checkpoint"));
 done:
+    if (st == CLN_OUTPUT)
+        say_how_to_keep(t);
+    free(evals);
     return st;
 }

@@ -271,20 +271,23 @@ done:
     return st;
 }
 
-cln_status cln_record_folder(const char *run, int64_t step, const char *split, char **folder)
+cln_status cln_record_place(const char *in, int64_t step, const char *split, int count, int total,
+                            char **place)
 {
-    return cln_asprintf(folder, "%s/eval/%08lld-%s", run, (long long)step, split);
+    if (count < total)
+        return cln_asprintf(place, "%s/%08lld-%s-%d", in, (long long)step, split, count);
+    return cln_asprintf(place, "%s/%08lld-%s", in, (long long)step, split);
 }
 
-cln_status cln_record_eval(const char *run, const cln_eval_result *result)
+cln_status cln_record_eval(const char *place, const cln_eval_result *result)
 {
     cln_status st = CLN_OK;
     char *name = NULL;
     json_t *document = NULL;
 
     CLN_TRY(cln_quality_json(result, &document));
-    CLN_TRY(cln_asprintf(&name, "eval/%08lld-%s.json", (long long)result->step, result->split));
-    CLN_TRY(cln_run_write_json(run, name, document));
+    CLN_TRY(cln_asprintf(&name, "%s.json", place));
+    CLN_TRY(cln_run_write_json("", name, document));
 done:
     json_decref(document);
     free(name);

@@ -27,9 +27,12 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
 /* Adds the row of a structure decision. */
 cln_status cln_record_decision(cln_trainer *t, const cln_decision *decision);
 
-/* Writes RUN/eval/STEP-SPLIT.json; gives the path of the folder beside it, for pictures. */
-cln_status cln_record_eval(const char *run, const cln_eval_result *result);
-cln_status cln_record_folder(const char *run, int64_t step, const char *split, char **folder);
+/* Where an evaluation goes: IN/STEP-SPLIT, and of `count` views out of more IN/STEP-SPLIT-COUNT, so
+ * that it never takes the place of one of all. Pictures go into a folder of that name, the document
+ * to the name with .json behind it. */
+cln_status cln_record_place(const char *in, int64_t step, const char *split, int count, int total,
+                            char **place);
+cln_status cln_record_eval(const char *place, const cln_eval_result *result);
 
 /* Lists what this run leaves out, as an array of phrases: "lens distortion (pinhole cameras)". */
 cln_status cln_record_left_out(const cln_trainer *t, json_t **out);

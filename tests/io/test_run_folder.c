@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "base/memory.h"
+#include "io/disk.h"
 #include "io/names.h"
 #include "io/run_folder.h"
 #include "scratch.h"
@@ -316,6 +317,26 @@ static void test_view_file_names(void **state)
         free(files[i]);
 }
 
+/* Room is asked of the nearest folder that is there, and nothing is made. */
+static void test_disk_check(void **state)
+{
+    const char *deep = scratch_path(*state, "new/deeper/run");
+
+    assert_int_equal(cln_disk_check(deep, 1000, "things"), CLN_OK);
+    assert_false(cln_is_dir(scratch_path(*state, "new")));
+    assert_int_equal(cln_disk_check(deep, 1e18, "9 things"), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "9 things need up to"));
+    assert_non_null(strstr(cln_error_text(), "are free"));
+    cln_clear_error();
+    scratch_put(scratch_path(*state, "new"), "x", 1);
+    assert_int_equal(cln_disk_check(deep, 0, "things"), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "new is not a folder"));
+    cln_clear_error();
+    assert_int_equal(cln_disk_check_file(scratch_path(*state, "file.ply"), 10, "boxes"), CLN_OK);
+    assert_int_equal(cln_disk_check_file("file.ply", 1e18, "boxes"), CLN_OUTPUT);
+    cln_clear_error();
+}
+
 int test_group_run_folder(void)
 {
     const struct CMUnitTest tests[] = {
@@ -329,6 +350,7 @@ int test_group_run_folder(void)
         cmocka_unit_test(test_machine),
         cmocka_unit_test(test_view_file_name),
         cmocka_unit_test(test_view_file_names),
+        cmocka_unit_test_setup_teardown(test_disk_check, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("run_folder", tests, NULL, NULL);

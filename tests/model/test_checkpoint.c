@@ -7,6 +7,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <math.h>
 #include <dirent.h>
 #include <inttypes.h>
 #include <jansson.h>
@@ -398,6 +399,33 @@ static void test_forged(void **state)
     cln_model_free(&model);
 }
 
+/* What is asked of the disk before training is what a checkpoint takes. */
+static void test_bytes_are_foreseen(void **state)
+{
+    const char *run = *state;
+    cln_model model;
+    cln_config config;
+    double bytes = 0, room = 0, after = 0;
+    size_t there = 0;
+
+    make_model(3, &model);
+    config = model.config;
+    config.max_leaves = 100000;
+    config.adaptive = true;
+    assert_int_equal(cln_checkpoint_bytes(&config, model.tree.leaf_count, &bytes), CLN_OK);
+    assert_int_equal(cln_checkpoint_newest(run), -1);
+    assert_int_equal(cln_checkpoint_room(run, &config, &room), CLN_OK);
+    assert_int_equal(cln_checkpoint_write(run, &model), CLN_OK);
+    assert_int_equal(cln_checkpoint_newest(run), 3);
+    free(scratch_get(scratch_path(run, "checkpoint/00000003.safetensors"), &there));
+    assert_true((double)there <= bytes && (double)there > 0.9 * (bytes - 16384) - 8192);
+    assert_int_equal(cln_checkpoint_bytes(&config, 100000, &bytes), CLN_OK);
+    assert_true(fabs(room - 3 * bytes) < 1); /* two are kept while a third is written */
+    assert_int_equal(cln_checkpoint_room(run, &config, &after), CLN_OK);
+    assert_true(after <= room - (double)there && after > room - (double)there - 16384);
+    cln_model_free(&model);
+}
+
 /* ---- interruption ---- */
 
 static void test_full_disk(void **state)
@@ -516,6 +544,7 @@ int test_group_checkpoint(void)
         cmocka_unit_test_setup_teardown(test_edited_by_hand, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_all_damaged, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_forged, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_bytes_are_foreseen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_full_disk, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_killed, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_clears_leftovers, scratch_make, scratch_remove),

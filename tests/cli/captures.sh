@@ -1,0 +1,222 @@
+#!/bin/bash
+# Captures and runs as people have them: images missing, scenes and runs moved or copied, poses in
+# other axes or units, folders that cannot be written, disks that are full. On tiny generated
+# scenes, on any OpenCL device.
+#   tests/cli/captures.sh [SECTION...]      sections: missing moved orbit frames evals disk doubts
+#   BUILD=build/sanitize                    the programs to test
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+BUILD=${BUILD:-build}
+cln=$PWD/$BUILD/cl-nascent
+make_scene=$PWD/$BUILD/make-scene
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln captures XXXXXX")
+trap 'rm -rf "$work"' EXIT
+. tests/support/checks.sh
+
+# A network and a tree that are trained in a second.
+small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 2
+    --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256 --batch-samples 2048
+    --refresh-every 8 --steps 20)
+
+# $work/photos and $work/run, trained on it by a relative path; 24 and 3 photos
+baseline() {
+    [ -d "$work/run" ] && return
+    "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null || bad "make-scene"
+    cd "$work" || exit 1
+    expect "train on photos in the folder one is in" 0 "" "$cln" train photos -o run "${small[@]}"
+    cd - >/dev/null || exit 1
+}
+
+# sums FOLDER: of all files in it
+sums() {
+    (cd "$1" && find . -type f -exec md5sum {} + | sort)
+}
+
+section_missing() {
+    baseline
+    cp -r "$work/photos" "$work/few"
+    rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
+    expect "info with 2 of 27 images missing: a warning" 0 "~2.of.27.images train/r_003" \
+        "$cln" info "$work/few" --json
+    check "info counts them" [ "$(json missing)" = 2 ]
+    check "and names them" [ "$(json missing_names.1)" = train/r_005 ]
+    expect "train leaves them out" 0 "~2.of.27.images" \
+        "$cln" train "$work/few" -o "$work/few run" "${small[@]}" --steps 2
+    check "run.json says so" [ "$("$query" dataset.missing <"$work/few run/run.json")" = 2 ]
+    expect "--missing fail" 3 "r_003.png --missing" "$cln" info "$work/few" --missing fail
+    cp "$work/photos/train/r_003.png" "$work/few/train/"
+    expect "resumed, it must see the same" 3 "~1.images ~2.were" \
+        "$cln" train --resume "$work/few run" --skip-selftest --steps 3
+    rm "$work/few/train/r_003.png" "$work/few/train/r_010.png"
+    expect "a tenth missing: refused" 3 "~3.of.27 --missing" "$cln" info "$work/few"
+    expect "--missing skip" 0 "~3.of.27" "$cln" info "$work/few" --missing skip
+}
+
+section_moved() {
+    baseline
+    cd / || exit 1
+    expect "eval from another folder" 0 "" "$cln" eval "$work/run" --progress none
+    mkdir "$work/away"
+    cp -r "$work/run" "$work/photos" "$work/away"
+    mv "$work/photos" "$work/elsewhere"
+    expect "eval of a run moved with its photos, which says what it took" 0 \
+        "~photos.is.not.there ~same.and.taken" "$cln" eval "$work/away/run" --progress none
+    mkdir "$work/away/deep"
+    mv "$work/away/run" "$work/away/deep/run"
+    expect "the photos neither where they were nor beside it: the option" 3 "photos --scene" \
+        "$cln" eval "$work/away/deep/run"
+    mv "$work/away/photos" "$work/away/deep"
+    sed -i 's/"path_from_run": ".*"/"path_from_run": "nowhere"/' "$work/away/deep/run/run.json"
+    sed -i 's,"path": ".*/photos","path": "/nowhere/photos",' "$work/away/deep/run/run.json"
+    expect "beside the run by their name" 0 "~beside.the.run taken" \
+        "$cln" eval "$work/away/deep/run" --progress none
+    expect "it is resumed there, too" 0 "taken" "$cln" train --resume "$work/away/deep/run" \
+        --skip-selftest --progress none --steps 21
+    check "and knows the place then" [ \
+        "$("$query" dataset.path <"$work/away/deep/run/run.json")" = "$work/away/deep/photos" ]
+    mv "$work/away/deep" "$work/away/sub"
+    rm -r "$work/away/sub/photos"
+    "$make_scene" "$work/away/sub/photos" --size 24 --train 24 --test 3 --seed 5 >/dev/null
+    expect "another scene of that name is not taken" 3 "~another.one digest --scene" \
+        "$cln" eval "$work/away/sub/run"
+    mv "$work/elsewhere" "$work/photos"
+    cd - >/dev/null || exit 1
+}
+
+section_orbit() {
+    baseline
+    mv "$work/photos" "$work/elsewhere"
+    expect "an orbit without the photos" 0 "" "$cln" render "$work/run" --orbit 2 --json \
+        -o "$work/orbit"
+    check "its frames are there" [ -s "$work/orbit/orbit_0001.png" ]
+    expect "a split's poses need them" 3 "photos --scene" "$cln" render "$work/run"
+    expect "an orbit with the photos" 0 "" "$cln" render "$work/run" --orbit 2 \
+        -o "$work/orbit with" --scene "$work/elsewhere"
+    check "is the same, bit by bit" diff -r "$work/orbit" "$work/orbit with"
+    cp -r "$work/run" "$work/old"
+    sed -i '/^  "orbit": {/,/^  }/d' "$work/old/run.json"
+    sed -i ':a;N;$!ba;s/,\n}/\n}/' "$work/old/run.json"
+    expect "a run from before asks for them" 3 "photos --scene" "$cln" render "$work/old" --orbit 2
+    mv "$work/elsewhere" "$work/photos"
+    expect "and renders with them" 0 "" "$cln" render "$work/old" --orbit 2 -o "$work/orbit old"
+    check "the same" diff -r "$work/orbit" "$work/orbit old"
+}
+
+section_frames() {
+    baseline
+    cp -r "$work/run" "$work/longer"
+    expect "render" 0 "" "$cln" render "$work/longer" --orbit 2 --json
+    check "two frames" [ "$(json rendered)$(json skipped)" = 20 ]
+    expect "train on" 0 "" "$cln" train --resume "$work/longer" --skip-selftest --progress none \
+        --steps +4
+    expect "render again: the newer model's, and says so" 0 "~another.model" \
+        "$cln" render "$work/longer" --orbit 2 --json
+    check "both" [ "$(json rendered)$(json skipped)" = 20 ]
+    expect "once more" 0 "" "$cln" render "$work/longer" --orbit 2 --json
+    check "none" [ "$(json rendered)$(json skipped)" = 02 ]
+    check "render.json has their scale of depth" number_above \
+        "$("$query" depth_picture.far <"$work/longer/render/orbit/render.json")" \
+        "$("$query" depth_picture.near <"$work/longer/render/orbit/render.json")"
+
+    # a/b and a_b: both have pictures
+    cp -r "$work/photos" "$work/twins"
+    mkdir "$work/twins/test/r"
+    cp "$work/twins/test/r_001.png" "$work/twins/test/r/000.png"
+    sed -i 's,test/r_001,test/r/000,' "$work/twins/transforms_test.json"
+    expect "render of test/r_000 and test/r/000" 0 "" "$cln" render "$work/run" \
+        --scene "$work/twins" -o "$work/pictures"
+    check "each has its own picture" \
+        [ "$(find "$work/pictures" -name 'test_r_000*.npy' | wc -l)" = 2 ]
+}
+
+section_evals() {
+    local before psnr
+    baseline
+    expect "eval of all views" 0 "" "$cln" eval "$work/run"
+    before=$(md5sum <"$work/run/eval/00000020-test.json")
+    expect "eval of one" 0 "" "$cln" eval "$work/run" --max-images 1
+    check "it has a name of its own" [ -s "$work/run/eval/00000020-test-1.json" ]
+    check "so has its picture" [ -s "$work/run/eval/00000020-test-1/test_r_000.png" ]
+    check "the one of all is as it was" [ "$(md5sum <"$work/run/eval/00000020-test.json")" = \
+        "$before" ]
+    check "and it is in the report" grep -q "3 views of the split" "$work/run/report.html"
+
+    "$make_scene" "$work/others" --size 24 --train 24 --test 3 --seed 7 >/dev/null
+    before=$(sums "$work/run")
+    expect "figures of another scene do not go into the run" 3 "others -o" \
+        "$cln" eval "$work/run" --scene "$work/others"
+    check "which is as it was" [ "$(sums "$work/run")" = "$before" ]
+    expect "but where -o says" 0 "~not.the.one" \
+        "$cln" eval "$work/run" --scene "$work/others" -o "$work/figures/others" --json
+    check "the document is there" [ -s "$work/figures/others/00000020-test.json" ]
+    check "and its pictures" [ -s "$work/figures/others/00000020-test/test_r_000.truth.png" ]
+    check "the run is as it was" [ "$(sums "$work/run")" = "$before" ]
+
+    # root may write anywhere, but not below a file
+    cp -r "$work/run" "$work/closed"
+    rm -r "$work/closed/eval" && echo >"$work/closed/eval"
+    expect "eval with pictures that cannot be written: before it renders" 7 "eval folder" \
+        "$cln" eval "$work/closed" --progress none
+    check "stdout is empty" [ ! -s "$work/out" ]
+    expect "eval --no-save-images: figures, then what could not be written" 7 "eval -o" \
+        "$cln" eval "$work/closed" --no-save-images --progress none --json
+    psnr=$(json mean.psnr)
+    check "the figures" number_above "$psnr" 1
+    expect "with -o all is well" 0 "" "$cln" eval "$work/closed" -o "$work/figures/closed" --json
+    check "with the same figures" [ "$(json mean.psnr)" = "$psnr" ]
+    sed -i 's/"model_digest": "[0-9a-f]*"/"model_digest": "0123456789abcdef"/' \
+        "$work/figures/closed/00000020-test.json"
+    before=$(sums "$work/figures/closed")
+    expect "another model's figures are not replaced" 7 "0123456789abcdef -o" \
+        "$cln" eval "$work/run" -o "$work/figures/closed"
+    check "they are as they were" [ "$(sums "$work/figures/closed")" = "$before" ]
+}
+
+section_disk() {
+    baseline
+    echo >"$work/file"
+    expect "train where nothing can be written: before the self-test" 7 "file folder" \
+        "$cln" train "$work/photos" -o "$work/file/run" --progress none
+    check "nothing was checked before" eval '! said "checking the kernels"'
+    expect "a tree too large for the disk: bytes needed and free" 7 "need free" \
+        "$cln" train "$work/photos" -o "$work/huge" "${small[@]:1}" --width 256 --depth 8 \
+        --view-width 256 --adaptive --max-leaves 262144
+    check "asked before the self-test" eval '! said "checking the kernels"'
+    check "nothing is there" [ ! -e "$work/huge" ]
+    expect "a film too large for the disk" 7 "need free" \
+        "$cln" render "$work/run" --orbit 100000 --width 8192 -o "$work/film"
+    check "nothing is there" [ ! -e "$work/film" ]
+    expect "export below a file" 7 "file folder" \
+        "$cln" export "$work/run" --octree "$work/file/tree.ply"
+
+    # a folder is in the way of the last checkpoint, as a full disk is
+    cp -r "$work/run" "$work/full"
+    mkdir -p "$work/full/checkpoint/00000024.safetensors/in the way"
+    expect "the last checkpoint cannot be written: what is kept, and the way on" 7 \
+        "~checkpoint.of.step.20.is.whole ~train.--resume" \
+        "$cln" train --resume "$work/full" --skip-selftest --progress none --steps 24
+    check "it is the model of before" [ "$("$cln" info "$work/full" --json | "$query" step)" = 20 ]
+    rm -r "$work/full/checkpoint/00000024.safetensors"
+    expect "out of the way, it goes on" 0 "" "$cln" train --resume "$work/full" --skip-selftest \
+        --progress none --steps 24
+}
+
+for program in "$cln" "$make_scene" "$query"; do
+    if [ ! -x "$program" ]; then
+        echo "captures.sh: $program is not there; make it first" >&2
+        exit 1
+    fi
+done
+sections=("$@")
+[ $# = 0 ] && sections=(missing moved orbit frames evals disk)
+for s in "${sections[@]}"; do
+    if [ "$(type -t "section_$s")" != function ]; then
+        echo "captures.sh: no section $s" >&2
+        exit 2
+    fi
+    started=$SECONDS
+    "section_$s"
+    echo "-- $s: $((SECONDS - started)) s"
+done
+count
