@@ -74,6 +74,7 @@ cln_status cln_info_scene(const char *path, const cln_settings *settings, char *
 
     *json = NULL;
     CLN_TRY(cln_scene_load(&desc, &scene));
+    cln_scene_warn_doubts(scene);
     CLN_TRY(cln_scene_describe(scene, &document));
     cameras = json_incref(json_object_get(document, "cameras"));
     json_object_del(document, "cameras");

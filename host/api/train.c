@@ -258,6 +258,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                &t->eval_count));
     CLN_TRY(check_disk(t, &config));
+    cln_scene_warn_doubts(t->scene);
     cln_settings_warn_idle(t->desc->settings,
                            &(cln_settings_facts){t->desc->resume, t->scene->has_alpha});
     if (!t->desc->skip_selftest) {

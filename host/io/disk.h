@@ -4,9 +4,9 @@
 
 #include "base/status.h"
 
-/* Can `bytes` be written in this folder, which need not be there yet: CLN_OUTPUT if it, or the nearest
- * above it that is there, is no folder, cannot be written to, or has less room on its disk. `what`
- * is the subject of that sentence: "2 checkpoints". */
+/* Can `bytes` be written in this folder, which need not be there yet: CLN_OUTPUT if it, or the
+ * nearest above it that is there, is no folder, cannot be written to, or has less room on its disk.
+ * `what` is the subject of that sentence: "2 checkpoints". */
 cln_status cln_disk_check(const char *folder, double bytes, const char *what);
 
 /* The same for a file in its folder. */

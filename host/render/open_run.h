@@ -14,7 +14,8 @@ typedef struct cln_open_run {
     cln_pipeline pipeline;
 } cln_open_run;
 
-/* Checkpoint, and scene (NULL = the run's own, where cln_recorded_load finds it) with the images of these splits. No device yet. */
+/* Checkpoint, and scene (NULL = the run's own, where cln_recorded_load finds it) with the images of
+ * these splits. No device yet. */
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              cln_open_run *out);
 

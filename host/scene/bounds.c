@@ -350,7 +350,7 @@ cln_status cln_scene_check_seen(const cln_scene *scene)
         CLN_INPUT,
         "%s: no camera looks at the cube: none of the %d training views has a ray through "
         "centre (%g, %g, %g), half side %g (%s); give the box of the scene with --bbox or "
-        "check the axes of the poses",
+        "check axes and units of the poses",
         scene->folder, count, space->centre[0], space->centre[1], space->centre[2], space->half,
         scene->bounds_rule);
 }

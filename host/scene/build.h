@@ -57,4 +57,7 @@ cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_resu
 /* bounds.c: CLN_INPUT if no training camera has a ray through the cube. */
 cln_status cln_scene_check_seen(const cln_scene *scene);
 
+/* doubts.c: fills cube_share, spread and apart_share. */
+void cln_scene_find_doubts(cln_scene *scene);
+
 #endif

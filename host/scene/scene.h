@@ -86,6 +86,9 @@ typedef struct cln_scene {
     unsigned lenses;     /* so: cln_camera_lenses */
     cln_space space;     /* its cube */
     char *bounds_rule;   /* where the cube comes from, a phrase */
+    double cube_share;   /* of the training rays, those that meet the cube */
+    double spread;       /* of the training cameras about their middle, half sides */
+    double apart_share;  /* of pairs of them, those that look apart; NaN: too few to tell */
     float background[3]; /* composited behind alpha and behind the scene */
     uint64_t digest;     /* of poses, intrinsics, split, names and image bytes on disk */
 } cln_scene;
@@ -103,6 +106,9 @@ typedef struct cln_scene_desc {
  * absurd sizes, no training view, and no camera that sees the cube. *out is NULL on failure. */
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
 void cln_scene_free(cln_scene *scene); /* accepts NULL */
+
+/* Warns of what looks like a mistake in the poses, with its likely cause (doubts.c). */
+void cln_scene_warn_doubts(const cln_scene *scene);
 
 /* Number of views of a split, and the index in views[] of its i-th. */
 int cln_scene_split_count(const cln_scene *scene, cln_split split);
@@ -132,8 +138,8 @@ void cln_view_fetch(const cln_view *view, int x, int y);
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
  * many) and missing_names (the first), splits, split_rule, ignored_keys, sizes, channels, alpha,
  * distortion, beyond_fold (cln_fold), downscale, centre, half, bounds_rule, background, digest (16
- * hex digits), camera_distance (mean, to the centre), intrinsics [{views, width, height, fx, fy,
- * cx, cy, lens, params}], cameras [{name, split, width, height}]. */
+ * hex digits), camera_distance (mean, to the centre), cube_share, spread, apart_share,
+ * intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name, split, width, height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);
 
 #endif

@@ -202,6 +202,45 @@ section_disk() {
         --progress none --steps 24
 }
 
+# turn SCENE FACTORS: every pose's four columns times these, in its transforms files
+turn() {
+    local file
+    for file in "$1"/transforms*.json; do
+        awk -v factors="$2" 'BEGIN { split(factors, by, " ") }
+            /"transform_matrix"/ { k = 0; inside = 1 }
+            inside && /^ *-?[0-9][0-9.e+-]*,?$/ {
+                comma = /,$/ ? "," : ""
+                sub(/,$/, "")
+                $0 = sprintf("%.17g%s", $0 * (k < 12 ? by[k % 4 + 1] : 1), comma)
+                inside = ++k < 16
+            }
+            { print }' "$file" >"$work/turned" && mv "$work/turned" "$file"
+    done
+}
+
+section_doubts() {
+    "$make_scene" "$work/axes" --format nerfstudio --size 16 --train 20 >/dev/null
+    expect "info of cameras around an object" 0 "" "$cln" info "$work/axes"
+    check "nothing is doubted" [ ! -s "$work/err" ]
+    turn "$work/axes" "1 -1 -1 1"
+    expect "with OpenCV's axes: the likely cause" 0 "~look.apart likely ~negate.the.second" \
+        "$cln" info "$work/axes"
+    expect "train says so, too" 0 "~look.apart" \
+        "$cln" train "$work/axes" -o "$work/apart" "${small[@]}" --steps 1
+    "$make_scene" "$work/units" --format ngp --size 16 --train 20 >/dev/null
+    expect "info of a scene with a cube of its own" 0 "" "$cln" info "$work/units"
+    check "nothing is doubted" [ ! -s "$work/err" ]
+    cp -r "$work/units" "$work/small"
+    turn "$work/units" "1 1 1 8"
+    expect "translations too large: the likely cause" 0 "~training.rays.meet ~likely.the.scale" \
+        "$cln" info "$work/units"
+    turn "$work/small" "1 1 1 .001"
+    expect "translations too small" 0 "~too.near ~likely.the.scale" "$cln" info "$work/small"
+    "$make_scene" "$work/room" --kind room --size 16 --train 20 >/dev/null
+    expect "info of a room from inside" 0 "" "$cln" info "$work/room"
+    check "nothing is doubted" [ ! -s "$work/err" ]
+}
+
 for program in "$cln" "$make_scene" "$query"; do
     if [ ! -x "$program" ]; then
         echo "captures.sh: $program is not there; make it first" >&2
@@ -209,7 +248,7 @@ for program in "$cln" "$make_scene" "$query"; do
     fi
 done
 sections=("$@")
-[ $# = 0 ] && sections=(missing moved orbit frames evals disk)
+[ $# = 0 ] && sections=(missing moved orbit frames evals disk doubts)
 for s in "${sections[@]}"; do
     if [ "$(type -t "section_$s")" != function ]; then
         echo "captures.sh: no section $s" >&2

@@ -1,0 +1,135 @@
+/* What in a scene looks like a mistake in its poses. Each fault has a number and a bound between
+ * what captures have and what the fault makes of them (tests/scene/test_doubts.c); as captures of
+ * other kinds may pass the bound, too, the warnings say "likely".
+ *   cube_share   of the training rays, those that meet the cube: small where translations are too
+ *                large for a cube that the dataset or --bbox fixes
+ *   spread       of the training cameras, in half sides of the cube: small where they are too small
+ *   apart_share  of pairs of training cameras whose axes differ, those whose axes come nearest to
+ *                each other behind both: all of them where cameras around something were turned to
+ *                look away, by axes of another convention; few in a room, some over flat land */
+#include "scene/build.h"
+
+#include <math.h>
+#include "base/log.h"
+
+enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3 };
+static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, APART_MAX = 0.8;
+static const double DIFFER = 0.030153689607045808; /* squared sine of 10 degrees */
+
+/* At most CAMERAS of the training cameras, evenly chosen: number i, and how many. */
+static int chosen_count(const cln_scene *scene)
+{
+    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+
+    return count < CAMERAS ? count : CAMERAS;
+}
+
+static const cln_camera *chosen(const cln_scene *scene, int i)
+{
+    const int64_t count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+
+    return &scene->views[i * count / chosen_count(scene)].camera; /* train stands first */
+}
+
+static double cube_share(const cln_scene *scene)
+{
+    const int count = chosen_count(scene);
+    double met = 0;
+
+    for (int i = 0; i < count; i++) {
+        const cln_camera *c = chosen(scene, i);
+
+        for (int k = 0; k < RAYS * RAYS; k++) {
+            double o[3], d[3];
+
+            (void)cln_camera_ray(c, (k % RAYS + 0.5) / RAYS * c->width,
+                                 (k / RAYS + 0.5) / RAYS * c->height, o, d);
+            met += cln_space_met_by(&scene->space, o, d);
+        }
+    }
+    return met / (RAYS * RAYS * (double)count);
+}
+
+static double spread(const cln_scene *scene)
+{
+    const int count = chosen_count(scene);
+    double mean[3] = {0}, farthest = 0;
+
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++)
+            mean[a] += chosen(scene, i)->c2w[4 * a + 3] / count;
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++)
+            farthest = fmax(farthest, fabs(chosen(scene, i)->c2w[4 * a + 3] - mean[a]));
+    return farthest / scene->space.half;
+}
+
+/* Where two axes come nearest to each other lies at s and t along them: +1 before both cameras, -1
+ * behind both, 0 before one of them, or if they are too parallel to tell. */
+static int meet(const cln_camera *a, const cln_camera *b, bool *differ)
+{
+    double cosine = 0, along_a = 0, along_b = 0, s = 0, t = 0;
+
+    for (int i = 0; i < 3; i++) {
+        const double da = a->c2w[4 * i + 2], db = b->c2w[4 * i + 2];
+        const double way = b->c2w[4 * i + 3] - a->c2w[4 * i + 3];
+
+        cosine += da * db;
+        along_a += da * way;
+        along_b += db * way;
+    }
+    *differ = 1 - cosine * cosine > DIFFER;
+    s = along_a - cosine * along_b; /* both times 1 - cosine^2, which is above 0 */
+    t = cosine * along_a - along_b;
+    return *differ ? (s > 0 && t > 0) - (s < 0 && t < 0) : 0;
+}
+
+static double apart_share(const cln_scene *scene)
+{
+    const int count = chosen_count(scene);
+    int pairs = 0, apart = 0;
+
+    for (int i = 0; i < count; i++) {
+        for (int k = 0; k < i; k++) {
+            bool differ = false;
+
+            apart += meet(chosen(scene, i), chosen(scene, k), &differ) < 0;
+            pairs += differ;
+        }
+    }
+    return pairs < PAIRS_MIN ? NAN : (double)apart / pairs;
+}
+
+void cln_scene_find_doubts(cln_scene *scene)
+{
+    scene->cube_share = cube_share(scene);
+    scene->spread = spread(scene);
+    scene->apart_share = apart_share(scene);
+}
+
+void cln_scene_warn_doubts(const cln_scene *scene)
+{
+    const cln_space *space = &scene->space;
+
+    if (scene->apart_share > APART_MAX)
+        cln_warn(
+            "%s: the cameras look apart: of pairs of them, %.0f%% have what they look at behind "
+            "both. Likely the axes of the poses: in a transforms file they are OpenGL's (y up, "
+            "z backwards); if this one has OpenCV's (y down, z forward), negate the second and "
+            "third column of each matrix. Photos taken outwards from one place are right as "
+            "they are",
+            scene->folder, 100 * scene->apart_share);
+    if (scene->cube_share < CUBE_SHARE_MIN)
+        cln_warn(
+            "%s: only %.1f%% of the training rays meet the cube (centre %g, %g, %g, half side "
+            "%g; %s), so that there is little to learn from. Likely the scale: translations in "
+            "another unit than the cube; scale them, or give a larger box with --bbox",
+            scene->folder, 100 * scene->cube_share, space->centre[0], space->centre[1],
+            space->centre[2], space->half, scene->bounds_rule);
+    if (scene->spread > 0 && scene->spread < SPREAD_MIN &&
+        cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > PAIRS_MIN)
+        cln_warn("%s: the training cameras stand within %.2g half sides of the cube of each other, "
+                 "too near to tell distances. Likely the scale: translations in another unit than "
+                 "the cube (half side %g; %s); scale them, or give a smaller box with --bbox",
+                 scene->folder, scene->spread, space->half, scene->bounds_rule);
+}
