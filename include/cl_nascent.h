@@ -246,8 +246,8 @@ typedef struct cln_eval_desc {
 } cln_eval_desc;
 
 /* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, of fewer views than the split
- * has STEP-SPLIT-COUNT.json. CLN_OUTPUT with a filled *result (count above 0): all was measured, and
- * not all of it could be written. CLN_INPUT for another scene than the run's without `out`. */
+ * has STEP-SPLIT-COUNT.json. CLN_OUTPUT with a filled *result (count above 0): all was measured,
+ * and not all of it could be written. CLN_INPUT for another scene than the run's without `out`. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);

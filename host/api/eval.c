@@ -1,5 +1,5 @@
 /* cln_eval: a run's newest checkpoint against the photos of one split. Every figure comes from
- * cln_quality_measure, as train's own do, so the two agree image by image. The run's own folder gets
+ * cln_quality_measure, as train's own do, so the two agree image by image. The run's folder gets
  * figures of its own scene alone. */
 #include <stdlib.h>
 #include <string.h>

@@ -221,7 +221,7 @@ static void test_colmap_images(void **state)
 
     put_colmap(folder, true);
     assert_int_equal(remove(scratch_path(folder, "images/view_03.png")), 0);
-    assert_refused(folder, (const char *const[3]){"images.bin: 1 of its 6 images", "'view_03.png'"},
+    assert_refused(folder, (const char *const[3]){"1 of 6 images are not there", "'view_03.png'"},
                    "one image gone");
     put_image(folder, "images/view_03.png", 16, 5, 3, 0);
     assert_refused(folder, (const char *const[3]){"view_03.png", "16 x 5", "16 x 12"}, "shape");
