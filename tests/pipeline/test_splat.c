@@ -252,7 +252,7 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
                             (uint32_t)v / grid[1] * grid[1] + grid[1] / 2.0, o, d);
     for (int a = 0; a < 3; a++)
         t += (point[a] - o[a]) * d[a];
-    if (!inside) /* the list's middle is beyond the lens model's end: as along the point's own ray */
+    if (!inside) /* the lens ends before the list's middle: along the point's own ray */
         for (int a = 0; a < 3; a++)
             t = hypot(a ? t : 0, point[a] - o[a]);
     e->t = (float)fmax(t, 0);

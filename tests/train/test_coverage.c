@@ -9,6 +9,7 @@
 #include "base/rng.h"
 #include "train/batch.h"
 #include "scene_fixture.h"
+#include "scene/build.h"
 #include "tests.h"
 
 static uint32_t random_state;
@@ -304,12 +305,43 @@ static void test_when_all_count(void **state)
     cln_scene_free(scene);
 }
 
+/* Pixels that no ray goes through are not drawn, by whatever way pixels are drawn. */
+static void test_left_out(void **state)
+{
+    cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
+    const double corner = 25 / scene->views[0].camera.fx;
+
+    free(scene->maps);
+    scene->maps = NULL;
+    for (int v = 0; v < scene->view_count; v++) /* folds at 0.385 / sqrt(-k1): 0.6 of the way */
+        scene->views[v].camera.k1 = -pow(0.3849 / (0.6 * corner), 2);
+    assert_int_equal(cln_scene_find_kept(scene), CLN_OK);
+    assert_in_range(scene->views[0].left_out, 300, 900);
+    for (int way = 0; way < 3; way++) {
+        cln_config config = default_config();
+        int out = 0;
+        cln_batch b;
+
+        config.stage1 = way == 1 ? CLN_STAGE1_SPLAT : CLN_STAGE1_GATHER;
+        config.precrop_steps = way == 2 ? 10 : 0;
+        assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
+        cln_batch_draw(&b, scene, &config, &(cln_draw){.step = 1, .n = b.capacity});
+        for (int i = 0; i < b.capacity; i++)
+            out += !cln_view_keeps(&scene->views[b.pixels[i].view], (int)b.pixels[i].x,
+                                   (int)b.pixels[i].y);
+        assert_int_equal(out, 0);
+        cln_batch_free(&b);
+    }
+    cln_scene_free(scene);
+}
+
 int test_group_coverage(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_no_leaf_is_missed, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_tight, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_whole_and_nothing, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_left_out, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_draw, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_when_all_count, scratch_make, scratch_remove),
     };
