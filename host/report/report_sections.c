@@ -7,7 +7,7 @@
 #include "io/image.h"
 #include "report/html.h"
 
-enum { PICTURE_WIDTH = 400, JPEG_QUALITY = 85 };
+enum { PICTURE_WIDTH = 400, JPEG_QUALITY = 80 };
 
 #define ROW(id, title, function, when) {id, title, function, when},
 const cln_report_section cln_report_sections[] = {CLN_REPORT_SECTIONS(ROW)};
