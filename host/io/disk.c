@@ -41,8 +41,8 @@ cln_status cln_disk_check(const char *folder, double bytes, const char *what)
     if (!cln_is_dir(there))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s is not a folder; choose another", folder, there));
     if (access(there, W_OK | X_OK) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write to %s: %s; choose another", folder, there,
-                         strerror(errno)));
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: the folder %s cannot be written to: %s; choose another",
+                         folder, there, strerror(errno)));
     if (statvfs(there, &disk) != 0) /* some network file systems do not tell */
         goto done;
     room = (double)disk.f_bavail * (double)disk.f_frsize;

@@ -274,10 +274,11 @@ static void say_how_to_keep(const cln_trainer *t)
 {
     const int64_t kept = cln_checkpoint_newest(t->desc->run);
     double size = 0;
-    char bytes[32];
+    char bytes[32], run[CLN_QUOTED_BYTES];
 
     (void)cln_checkpoint_bytes(&t->model.config, t->pipeline.leaves, &size);
     cln_format_bytes(size, bytes);
+    cln_shell_quote(t->desc->run, run, sizeof run);
     if (kept < 0)
         cln_note("training; nothing is kept of it, as no checkpoint was written yet (one has %s): "
                  "make room and train again",
@@ -285,11 +286,11 @@ static void say_how_to_keep(const cln_trainer *t)
     else if (kept < t->model.step)
         cln_note("training; the checkpoint of step %lld is whole: make room (a checkpoint has %s) "
                  "and go on from there with `cl-nascent train --resume %s`",
-                 (long long)kept, bytes, t->desc->run);
+                 (long long)kept, bytes, run);
     else
         cln_note("finishing; the checkpoint of step %lld, the newest, is whole: make room, then "
                  "`cl-nascent eval %s` makes pictures and report",
-                 (long long)kept, t->desc->run);
+                 (long long)kept, run);
 }
 
 /* Waits for the newest step to end, which counts as training time. */
