@@ -47,17 +47,16 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
     return CLN_OK;
 }
 
-/* An image whose alpha is in another file has four channels. */
-static cln_status check_alpha(cln_view *view)
+/* A file that goes with an image, pixel by pixel. */
+static cln_status check_mask(const cln_view *view, const char *path)
 {
     cln_status st = CLN_OK;
     int width = 0, height = 0, channels = 0;
 
-    CLN_TRY(cln_image_info(view->alpha_path, &width, &height, &channels));
+    CLN_TRY(cln_image_info(path, &width, &height, &channels));
     if (width != view->file_width || height != view->file_height)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: the mask has %d x %d pixels, its image %d x %d",
-                         view->alpha_path, width, height, view->file_width, view->file_height));
-    view->channels = 4;
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: the mask has %d x %d pixels, its image %d x %d", path,
+                         width, height, view->file_width, view->file_height));
 done:
     return st;
 }
@@ -73,8 +72,12 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
         cln_view *view = &scene->views[i];
 
         CLN_TRY(cln_image_info(view->path, &view->file_width, &view->file_height, &view->channels));
-        if (view->alpha_path)
-            CLN_TRY(check_alpha(view));
+        if (view->alpha_path) {
+            CLN_TRY(check_mask(view, view->alpha_path));
+            view->channels = 4;
+        }
+        if (view->mask_path)
+            CLN_TRY(check_mask(view, view->mask_path));
         CLN_TRY(fit_camera(view, view->file_width, view->file_height, &warned));
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
@@ -198,6 +201,80 @@ done:
     return st;
 }
 
+/* Does a block of n x n pixels of a mask count? All of them must. */
+static bool counts(const cln_view *view, const uint8_t *mask, int channels, int x, int y, int n)
+{
+    for (int row = y * n; row < (y + 1) * n; row++)
+        for (int column = x * n; column < (x + 1) * n; column++) {
+            const uint8_t *p =
+                mask + ((size_t)row * (size_t)view->file_width + (size_t)column) * (size_t)channels;
+
+            if (!(p[0] | p[1] | p[2]) != view->mask_black)
+                return false;
+        }
+    return true;
+}
+
+/* Reads the view's mask; what of its pixels counts becomes `kept`. */
+static cln_status add_mask(const cln_scene *scene, cln_view *view, bool wanted, uint64_t *digest)
+{
+    cln_status st = CLN_OK;
+    const size_t count = (size_t)view->camera.width * (size_t)view->camera.height;
+    uint8_t *mask = NULL, *kept = NULL;
+    int width = 0, height = 0, channels = 0;
+    bool any = false;
+
+    CLN_TRY(decode(view->mask_path, wanted, digest, &width, &height, &channels, &mask));
+    if (!wanted)
+        goto done;
+    if (width != view->file_width || height != view->file_height)
+        CLN_TRY(changed(view->mask_path));
+    CLN_TRY(cln_alloc(&kept, (count + 7) / 8, 1, view->mask_path));
+    for (size_t i = 0; i < count; i++) {
+        const int x = (int)(i % (size_t)view->camera.width);
+        const int y = (int)(i / (size_t)view->camera.width);
+
+        if (cln_view_keeps(view, x, y) && counts(view, mask, channels, x, y, scene->downscale)) {
+            kept[i / 8] |= (uint8_t)(1 << i % 8);
+            any = true;
+        }
+    }
+    if (!any)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: the mask leaves no pixel of its image (%s ones count); remove the "
+                         "frame or correct the mask",
+                         view->mask_path, view->mask_black ? "black" : "other than black"));
+    view->kept = view->masked = kept;
+    kept = NULL;
+done:
+    free(mask);
+    free(kept);
+    return st;
+}
+
+/* Tells how much the masks leave, and warns if it is little or all: mostly the wrong colour. */
+static void say_masks(const cln_scene *scene)
+{
+    double left = 0, all = 0;
+    int views = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const size_t count = (size_t)view->camera.width * (size_t)view->camera.height;
+
+        if (!view->masked)
+            continue;
+        views++;
+        all += (double)count;
+        for (size_t k = 0; k < (count + 7) / 8; k++)
+            left += __builtin_popcount(view->masked[k]);
+    }
+    if (views)
+        cln_log(left < 0.1 * all || left == all ? CLN_LOG_WARN : CLN_LOG_INFO,
+                "%s: masks of %d images leave %.3g %% of their pixels", scene->folder, views,
+                100 * left / all);
+}
+
 static cln_status read_view(job *work, int index)
 {
     cln_status st = CLN_OK;
@@ -213,6 +290,8 @@ static cln_status read_view(job *work, int index)
         CLN_TRY(changed(view->path));
     if (view->alpha_path)
         CLN_TRY(add_alpha(view, wanted, digest, &channels, &pixels));
+    if (view->mask_path)
+        CLN_TRY(add_mask(work->scene, view, wanted, digest));
     if (!wanted)
         goto done;
     if (channels != view->channels)
@@ -299,6 +378,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
         CLN_TRY(cln_fail(work.failure, "%s", work.sentence ? work.sentence : "out of memory"));
     for (int i = 0; i < scene->view_count; i++)
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
+    say_masks(scene);
 done:
     free(work.digests);
     free(work.places);

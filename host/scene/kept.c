@@ -174,7 +174,7 @@ cln_fold cln_scene_fold(const cln_scene *scene)
     for (int v = 0; v < scene->view_count; v++) {
         const cln_view *view = &scene->views[v];
 
-        if (!view->kept)
+        if (!view->left_out)
             continue;
         fold.views++;
         left_out += (double)view->left_out;

@@ -39,6 +39,8 @@ static void free_views(cln_view *views, int count)
         free(views[i].path);
         free(views[i].alpha_path);
         free(views[i].file);
+        free(views[i].mask_path);
+        free(views[i].masked);
     }
     free(views);
 }

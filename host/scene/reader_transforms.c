@@ -5,8 +5,8 @@
  *                p2, or camera_angle_x/y); aabb_scale, scale, offset, aabb say where the scene is
  *   nerfstudio   the same without those; camera_model; train/val/test_filenames name the splits
  * Poses are camera-to-world with OpenGL axes (x right, y up, z backwards); transforms_frame.c turns
- * them. Comments and trailing commas are allowed. Lens models that lens.h lacks are refused, masks
- * are left out with a warning, depth images are left out. */
+ * them. Comments and trailing commas are allowed. Lens models that lens.h lacks are refused,
+ * depth images are left out. */
 #include "scene/reader.h"
 
 #include <jansson.h>
@@ -36,7 +36,6 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
     const json_t *frames = json_object_get(root, "frames");
     cln_view *views = NULL;
     size_t count = 0;
-    bool masks = false;
 
     if (!json_is_object(root))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: not a JSON object with frames", file));
@@ -56,12 +55,9 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
         cln_view *view = &views[result->view_count++];
 
         view->split = split;
-        masks |= json_object_get(json_array_get(frames, i), "mask_path") != NULL;
         CLN_TRY(cln_transforms_ignored(json_array_get(frames, i), &result->ignored));
         CLN_TRY(cln_transforms_frame(folder, file, root, (int)i, view));
     }
-    if (masks)
-        cln_warn("%s: mask_path is there, but masks are not read: all pixels count", file);
 done:
     return st;
 }
@@ -70,7 +66,7 @@ static void free_view(cln_view *view)
 {
     free(view->name);
     free(view->path);
-    free(view->alpha_path);
+    free(view->mask_path);
     memset(view, 0, sizeof *view);
 }
 
@@ -101,11 +97,12 @@ static cln_status take_listed(const char *file, const char *key, const json_t *l
         free(name);
         name = NULL;
         *view = frames[json_integer_value(position)];
-        view->name = view->path = NULL;
+        view->name = view->path = view->mask_path = NULL;
         view->split = split;
         result->view_count++;
         CLN_TRY(cln_strdup(&view->name, frames[json_integer_value(position)].name));
         CLN_TRY(cln_strdup(&view->path, frames[json_integer_value(position)].path));
+        CLN_TRY(cln_strdup(&view->mask_path, frames[json_integer_value(position)].mask_path));
     }
 done:
     free(name);

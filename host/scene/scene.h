@@ -59,6 +59,8 @@ typedef struct cln_view {
     char *path;       /* file */
     char *file;       /* its name as one file's (io/names.h): no other view's with another name */
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
+    char *mask_path;  /* a file that says which pixels count; NULL = all */
+    bool mask_black;  /* they are the black ones there; else all others are */
     cln_split split;
     cln_camera camera;           /* at the size of `pixels` */
     double near, far;            /* depths that the scene lies between; both 0 = not told */
@@ -66,7 +68,8 @@ typedef struct cln_view {
     int channels;                /* 3, or 4 with straight alpha */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not loaded */
     const uint8_t *kept;         /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
-    int64_t left_out;            /* number of pixels that are */
+    int64_t left_out;            /* number of pixels beyond the fold of its lens */
+    uint8_t *masked;             /* `kept` is it, if the view has a mask and pixels; else NULL */
 } cln_view;
 
 typedef struct cln_scene {
@@ -123,7 +126,7 @@ bool cln_scene_focus(const cln_scene *scene, double point[3]);
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha);
 /* Whether pixel (x, y) counts: it is learnt from and measured. It does not beyond the fold of the
- * view's lens, where no ray goes. */
+ * view's lens, where no ray goes, nor where the view's mask says so. */
 bool cln_view_keeps(const cln_view *view, int x, int y);
 /* Views that have pixels beyond a fold, and the share of those in all pixels of these views. */
 typedef struct cln_fold {

@@ -245,6 +245,35 @@ done:
     return st;
 }
 
+/* The frame's mask_path, black where pixels do not count; or instant-ngp's dynamic_mask_NAME.png
+ * beside the image, black where they do. */
+static cln_status find_mask(const source *src, cln_view *view)
+{
+    cln_status st = CLN_OK;
+    const json_t *mask = json_object_get(src->frame, "mask_path");
+    const char *slash = strrchr(view->path, '/');
+    const char *name = slash ? slash + 1 : view->path, *dot = strrchr(name, '.');
+    const int folder = (int)(name - view->path),
+              stem = (int)(dot ? dot - name : (long)strlen(name));
+    char *path = NULL;
+
+    if (mask && !json_is_null(mask)) {
+        if (!json_is_string(mask) || !json_string_length(mask))
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: mask_path must be a string", src->where));
+        CLN_TRY(find_image(src, json_string_value(mask), &view->mask_path));
+        goto done;
+    }
+    CLN_TRY(cln_asprintf(&path, "%.*sdynamic_mask_%.*s.png", folder, view->path, stem, name));
+    if (cln_is_file(path)) {
+        view->mask_path = path;
+        view->mask_black = true;
+        path = NULL;
+    }
+done:
+    free(path);
+    return st;
+}
+
 cln_status cln_transforms_frame(const char *folder, const char *file, const json_t *root, int index,
                                 cln_view *view)
 {
@@ -263,8 +292,10 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
     CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), &view->name));
     CLN_TRY(read_pose(&src, view->camera.c2w));
     CLN_TRY(find_image(&src, json_string_value(file_path), &view->path));
-    if (cln_is_file(view->path))
+    if (cln_is_file(view->path)) {
+        CLN_TRY(find_mask(&src, view));
         CLN_TRY(read_intrinsics(&src, view->path, &view->camera));
+    }
 done:
     free(src.where);
     return st;

@@ -201,6 +201,8 @@ static double background_error(const cln_scene *scene, const cln_view *view, con
         for (int x = tile->x; x < tile->x + g.across; x++) {
             float rgb[3], alpha = 0;
 
+            if (!cln_view_keeps(view, x, y))
+                continue;
             cln_view_pixel(view, x, y, scene->background, rgb, &alpha);
             for (int k = 0; k < 3; k++) {
                 const double error = (double)rgb[k] - (double)scene->background[k];

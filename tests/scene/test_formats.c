@@ -459,6 +459,112 @@ static void test_opensfm(void **state)
     }
 }
 
+/* ---- masks of transforms JSON ---- */
+
+/* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
+static void put_mask(const char *folder, const char *name, int from, int channels)
+{
+    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3] = {0};
+
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        if (i % FORMAT_WIDTH >= from)
+            pixels[i * channels + channels - 1] = 255; /* of three, blue alone */
+    assert_int_equal(cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT,
+                                         channels, pixels),
+                     CLN_OK);
+}
+
+#define MASKED(file, mask) \
+    "{\"file_path\":\"" file "\",\"mask_path\":\"" mask "\",\"transform_matrix\":" POSE_FRONT "}"
+#define MASK_SCENE                                                                         \
+    "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "m.png") "," FRAME( \
+        "view_01.png", POSE_FRONT) "," FRAME("view_02.png", POSE_FRONT) "]}"
+
+/* nerfstudio: black does not count; instant-ngp: what is not black does not. */
+static void test_masks(void **state)
+{
+    static const int first[3] = {5, 0, 0}, last[3] = {15, 9, 15}; /* columns that count */
+    const char *folder = *state;
+    cln_config config = *plain();
+    uint64_t digest = 0;
+    cln_scene *scene = NULL;
+    int warnings = 0;
+
+    format_images(folder, 1);
+    put_mask(folder, "m.png", 5, 1);
+    put_mask(folder, "dynamic_mask_view_01.png", 10, 3);
+    put_text(folder, "transforms.json", MASK_SCENE);
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    for (int n = 1; n <= 2; n++) { /* a pixel counts if all that it is the mean of do */
+        config.downscale = n;
+        scene = load(folder, &config);
+        for (int v = 0; v < 3; v++)
+            for (int x = 0; x < FORMAT_WIDTH / n; x++)
+                if (cln_view_keeps(&scene->views[v], x, 5 / n) !=
+                    (x * n >= first[v] && x * n + n - 1 <= last[v]))
+                    fail_msg("view %d, column %d of %d", v, x, FORMAT_WIDTH / n);
+        assert_int_equal(cln_scene_fold(scene).views, 0);
+        digest = scene->digest;
+        cln_scene_free(scene);
+    }
+    assert_int_equal(warnings, 0);
+    put_mask(folder, "m.png", 0, 1); /* nothing is ignored, in one of two */
+    scene = load(folder, &config);
+    assert_true(scene->digest != digest);
+    cln_scene_free(scene);
+    assert_int_equal(warnings, 0);
+    put_mask(folder, "dynamic_mask_view_01.png", 16,
+             3); /* and in the other: the wrong way round? */
+    cln_scene_free(load(folder, &config));
+    assert_int_equal(warnings, 1);
+}
+
+static void test_broken_masks(void **state)
+{
+    static const struct {
+        const char *name;
+        int from;
+        const char *text, *words[2];
+    } cases[] = {
+        {"m.png", 16, NULL, {"m.png: the mask leaves no pixel", "other than black"}},
+        {"dynamic_mask_view_01.png", 0, NULL, {"mask_view_01.png: the mask leaves no", "(black"}},
+        {"m.png", 0, "GIF", {"m.png", "not a PNG"}},
+        {"transforms.json",
+         0,
+         "{\"fl_x\":20,\"frames\":[" MASKED("view_00.png", "gone.png") "]}",
+         {"'view_00.png'", "gone.png"}},
+        {"transforms.json",
+         0,
+         "{\"fl_x\":20,\"frames\":[" MASKED("view_00.png", "") "]}",
+         {"'view_00.png'", "mask_path must be a string"}},
+    };
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        format_images(folder, 1);
+        put_mask(folder, "m.png", 5, 1);
+        put_mask(folder, "dynamic_mask_view_01.png", 10, 3);
+        put_text(folder, "transforms.json", MASK_SCENE);
+        if (cases[i].text)
+            put_text(folder, cases[i].name, cases[i].text);
+        else
+            put_mask(folder, cases[i].name, cases[i].from, 1);
+        assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+        assert_null(scene);
+        for (int k = 0; k < 2; k++)
+            if (!strstr(cln_error_text(), cases[i].words[k]))
+                fail_msg("case %zu: '%s' lacks '%s'", i, cln_error_text(), cases[i].words[k]);
+        cln_clear_error();
+    }
+    put_mask(folder, "m.png", 5, 1);
+    put_text(folder, "transforms.json", MASK_SCENE);
+    put_image(folder, "m.png", 16, 11, 3, 0);
+    assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "m.png: the mask has 16 x 11 pixels"));
+    cln_clear_error();
+}
+
 /* ---- --format ---- */
 
 static void test_format(void **state)
@@ -513,6 +619,8 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),
     };
 
