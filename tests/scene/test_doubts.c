@@ -1,6 +1,6 @@
-/* What looks like a mistake in the poses: each planted fault has its number beyond its bound and one
- * warning, captures of all kinds have none. Cameras are set by hand. The bounds were measured on
- * photos of many kinds: cameras around something have an apart_share of 0, in a room 0.25, in
+/* What looks like a mistake in the poses: each planted fault has its number beyond its bound and
+ * one warning, captures of all kinds have none. Cameras are set by hand. The bounds were measured
+ * on photos of many kinds: cameras around something have an apart_share of 0, in a room 0.25, in
  * flights over flat land up to 0.6, and 1 where cameras around something are turned. */
 #include <stdarg.h>
 #include <stddef.h>
