@@ -410,7 +410,7 @@ static void test_opensfm(void **state)
          "\"translation\": [1e300, 0, 0], \"x\": [",
          {"view_00", "beyond 1e+12"}},
         {"view_00.png", "../..", {"reconstruction.json: shot '../..'", "names no image"}},
-        {"view_00.png", "gone.png", {"1 of its 6 images", "'gone.png'"}},
+        {"view_00.png", "gone.png", {"1 of 6 images", "'gone.png'"}},
         {"\"shots\": {\n", "\"shats\": {\n", {"reconstruction.json", "no image has a pose"}},
         {"\"coordinates\"", "\"place\"", {"point '0'", "coordinates must be"}},
         {"}}]", "}}", {"reconstruction.json: line"}},
