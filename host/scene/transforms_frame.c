@@ -261,6 +261,9 @@ static cln_status find_mask(const source *src, cln_view *view)
         if (!json_is_string(mask) || !json_string_length(mask))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: mask_path must be a string", src->where));
         CLN_TRY(find_image(src, json_string_value(mask), &view->mask_path));
+        if (!cln_is_file(view->mask_path))
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no mask %s; restore it, or remove mask_path",
+                             src->where, view->mask_path));
         goto done;
     }
     CLN_TRY(cln_asprintf(&path, "%.*sdynamic_mask_%.*s.png", folder, view->path, stem, name));
