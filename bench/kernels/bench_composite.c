@@ -94,7 +94,7 @@ static cln_status train_body(void *context)
 }
 
 typedef struct wide_ray {
-    double out[PER_RAY][4], t[PER_RAY], delta[PER_RAY], background[3], target[3];
+    double out[PER_RAY][4], t[PER_RAY], delta[PER_RAY], background[3], target[4];
 } wide_ray;
 
 static void widen(const batch *t, int r, wide_ray *w)

@@ -25,13 +25,12 @@
 
 struct cln_pipeline {
     cln_device *device;
-    cln_config config;
+    cln_config config; /* without what the scene cannot use (alpha_loss without alpha) */
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
     unsigned lenses;     /* whose code is built in (cln_camera_lenses) */
-    bool alpha;          /* the images have alpha */
     bool ray_background; /* one background per ray (random_background with alpha) */
     /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; where one array would
      * exceed the device's largest allocation, all are CLN_PARTS buffers of so many rows

@@ -161,7 +161,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
          c->allocate, c->cdf, c->lists);
     line(&t, "#define LOSS %d\n#define ALPHA %d\n#define CAUCHY %d\n#define OPACITY %d", c->loss,
-         c->alpha_loss > 0 && p->alpha, c->cauchy > 0, c->opacity_entropy > 0);
+         c->alpha_loss > 0, c->cauchy > 0, c->opacity_entropy > 0);
     line(&t, "#define DISTORT %d", c->distortion_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
     line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
@@ -339,8 +339,9 @@ static cln_status outline(cln_device *device, const cln_config *config, unsigned
     out->parts = out->part_leaves = out->part_slices = 1;
     out->config = *config;
     out->lenses = lenses;
-    out->alpha = alpha;
     out->ray_background = config->random_background && alpha;
+    if (!alpha)
+        out->config.alpha_loss = 0; /* nothing to compare opacity with */
     CLN_TRY(cln_network_layout(config, &out->net));
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);
