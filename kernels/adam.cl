@@ -71,6 +71,8 @@ adam(const __global uint *restrict begin, const __global uint *restrict end, /* 
 
                 g = s == first ? more : g + more;
             }
+            if (adam_spares(g, p))
+                continue;
             const vf w = adam_step(a, g, p, w_row, m_row, v_row);
 
 #if LEAF

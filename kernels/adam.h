@@ -78,6 +78,13 @@ HELPER void moment_store(vf value, vu chance, __global moment_type *p)
 #define MOMENTS_AHEAD 2048
 #define WEIGHTS_AHEAD 1024
 
+/* Vertices of a grid that no sample of the batch is near keep weights and moments: most of a grid,
+ * in most steps. */
+HELPER bool adam_spares(vf g, uint p)
+{
+    return p >= GRID_W && !V_ANY(g != 0.0f);
+}
+
 /* Updates weights p .. p + VW - 1 of a leaf, given their gradient g and the leaf's rows; returns
  * the new weights, computed from the moments before rounding. */
 HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,

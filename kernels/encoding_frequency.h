@@ -1,13 +1,13 @@
 /* needs: network space */
 /* The frequency encoding (method.md 1): the networks' input in place of a position or a direction.
- * It is the only encoding; host/model/encoding.h says what another one consists of.
+ * ENCODING 0; the other encoding of positions is encoding_grid.h.
  *
  *   encode_position()   local positions -> inputs of the trunk's first layer, and of layer SKIP
  *   encode_direction()  directions -> inputs of the view layer, beside the trunk's outputs
  *
  * An encoding is stored by row, [rows][NB], so that lanes run over samples when it is computed; a
  * layer reads it with the operand by_row() (layer.h). It has no parameters, and nothing needs
- * gradients of positions, so it has no backward pass: mlp_backward.cl says where one would begin.
+ * gradients of positions, so it has no backward pass.
  *
  * BANDS, VIEW_BANDS     of positions and of directions
  * ENC_PAD, DIR_PAD      rows, 3 + 6 bands, up to a multiple of 4
@@ -79,11 +79,14 @@ HELPER void encode(const __local float *x, int bands, int level, __local float *
 }
 
 /* The leaf's box gives its level. */
-HELPER void encode_position(const __local float *at, float4 box, __local float *enc, int rows,
-                            int lid)
+#if ENCODING == 0
+HELPER void encode_position(const __local float *at, float4 box, const __global float *w,
+                            __local float *enc, int rows, int lid)
 {
+    (void)w;
     encode(at, BANDS, leaf_level(box), enc, ENC_PAD, rows, lid);
 }
+#endif
 
 #if VIEW > 0
 HELPER void encode_direction(const __local float *along, __local float *dir, int rows, int lid)

@@ -1,4 +1,4 @@
-/* needs: layer adam */
+/* needs: layer adam encoding_grid */
 /* The backward pass of the leaf networks: from gradients of the heads' raw outputs (roulette.cl) to
  * gradients of the weights, and for leaves of one slice to new weights (method.md 1, 8, 11). A
  * work-group takes the samples of a slice that roulette.cl chose, NB at a time, from the heads down
@@ -114,6 +114,10 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     const sample_source source = {samples, ray_o, ray_d};
     const kept_block kept = {acts + (size_t)slice.start * ACTS, places};
 
+#if ENCODING == 1
+    encode_position_begin(grad, lid);
+    LEAF_SYNC();
+#endif
     for (uint done = 0; done < all; done += NB) {
         const block b = block_at(done, all, ids, step_key);
 
@@ -135,7 +139,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
 #endif
         load_samples(b, source, box, at, along);
         GROUP_SYNC();
-        encode_position(at, box, enc, b.rows, lid);
+        encode_position(at, box, w, enc, b.rows, lid);
         restore(b, kept, DEPTH - 1, WIDTH, h);
 #if VIEW > 0
         encode_direction(along, dir, b.rows, lid);
@@ -184,13 +188,16 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         }
         GROUP_SYNC();
 
-        /* The first layer. The gradient of an encoding with parameters would begin here and at
-         * layer SKIP: the layer's d times its weights, [ENC_PAD][NB]. */
+        /* the first layer, and below it an encoding with parameters */
         layer_weight_gradient(b, by_row(enc, ENC_PAD), (DEPTH - 1) & 1 ? d1 : d0, WIDTH,
                               grad + TRUNK_W(0), grad + TRUNK_B(0),
                               kept_ahead(kept_after, DEPTH - 1, b.last ? count_after : 0,
                                          WIDTH + VIEW),
                               AHEAD_RUN(w_after, b.last ? ENC_PAD * WIDTH : 0));
+#if ENCODING == 1
+        GROUP_SYNC(); /* enc becomes scratch */
+        encode_position_back(b, at, (DEPTH - 1) & 1 ? d1 : d0, w + TRUNK_W(0), enc, grad);
+#endif
     }
     LEAF_SYNC();
 
@@ -202,7 +209,11 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         __global moment_type *v_row = LEAF_ROW(moment2, slice.slot, PARAMS);
 
         for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N) {
-            const vf updated = adam_step(a, VLOAD(grad + p), p, w_row, m_row, v_row);
+            const vf g = VLOAD(grad + p);
+
+            if (adam_spares(g, p))
+                continue;
+            const vf updated = adam_step(a, g, p, w_row, m_row, v_row);
 
 #if LEAF
             (void)updated;

@@ -1,4 +1,4 @@
-/* needs: layer bfloat16 */
+/* needs: layer bfloat16 encoding_grid */
 /* Stage 1: densities of the leaf networks on each leaf's jittered grid (method.md 4). A work-group
  * takes a run of a leaf's cells, NB at a time, through the trunk and the density head (layer.h).
  *
@@ -40,7 +40,7 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
             at[2 * NB + s] = 2.0f * (convert_float(cell / (n1 * n1)) + xi.z) / (float)n1 - 1.0f;
         }
         GROUP_SYNC();
-        encode_position(at, box, enc, b.rows, b.lid);
+        encode_position(at, box, w, enc, b.rows, b.lid);
         GROUP_SYNC();
         const __local float *h = trunk_forward(b, w, enc, h0, h1, 0, head);
 

@@ -1,4 +1,4 @@
-/* needs: layer */
+/* needs: layer encoding_grid */
 /* The forward pass of the leaf networks: samples to colours and densities (method.md 1, 8). A
  * work-group takes a slice, a run of samples in one leaf, NB at a time through all layers (layer.h)
  * while they are in cache.
@@ -65,7 +65,7 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
             ids[s] = order[slice.start + done + (uint)min(s, b.count - 1)];
         load_samples(b, source, box, at, along);
         GROUP_SYNC();
-        encode_position(at, box, enc, b.rows, b.lid);
+        encode_position(at, box, w, enc, b.rows, b.lid);
 #if VIEW > 0
         encode_direction(along, dir, b.rows, b.lid);
 #endif
@@ -79,7 +79,7 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
         fetch_samples(samples, order + after.start, count_after, b.lid);
         if (b.first) {
             fetch_all(AHEAD_RUN(w + SIGMA_W, WIDTH + 16));
-            fetch_all(AHEAD_RUN(w + COLOUR_W, PARAMS - COLOUR_W));
+            fetch_all(AHEAD_RUN(w + COLOUR_W, GRID_W - COLOUR_W));
         }
         const layer l = {DEPTH, VIEW, w + VIEW_W};
 
@@ -88,7 +88,7 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
         GROUP_SYNC();
         head_forward(b, by_sample(v, VIEW), w + COLOUR_W, w + COLOUR_B, 3, raw);
 #else
-        const ahead heads = heads_ahead(w + SIGMA_W, b.first ? PARAMS - SIGMA_W : 0);
+        const ahead heads = heads_ahead(w + SIGMA_W, b.first ? GRID_W - SIGMA_W : 0);
         const __local float *h = trunk_forward(b, w, enc, h0, h1, kept, heads);
 
         fetch_samples(samples, order + after.start, count_after, b.lid);

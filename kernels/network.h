@@ -37,6 +37,10 @@
 #define COLOUR_W 1040
 #define COLOUR_B 1088
 #define PARAMS 1104
+#define ENCODING 0
+#define CELLS 4
+#define FEATURES 4
+#define GRID_W 1104
 #define DENSITY 0
 #define KAPPA 10.0f
 #define BIAS (-2.97f)

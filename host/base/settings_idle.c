@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 18 };
+enum { IDLE_ROWS = 20 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -30,6 +30,10 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {ADAPTIVE, !c->adaptive, "the tree does not adapt; give --adaptive"},
         {"skip", c->skip && c->depth < 6,
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
+        {"bands bands-by-level", c->encoding == CLN_ENCODING_GRID,
+         "networks on a grid read no bands of the position; give --encoding frequency"},
+        {"grid-cells grid-features", c->encoding == CLN_ENCODING_FREQUENCY,
+         "there is no grid; give --encoding grid"},
         {"view-width view-bands view-l2", !c->view_dependence,
          "without view dependence there is no view layer; give --view-dependence"},
         {"lr-final", c->lr_schedule == CLN_SCHEDULE_STEP,

@@ -64,6 +64,8 @@ static cln_status config_of(const shape *s, cln_config *config)
         config->width = config->view_width = 16;
         config->depth = config->bands = 2;
         config->view_bands = 1;
+        config->encoding = CLN_ENCODING_GRID;
+        config->grid_cells = 4;
         config->lists = CLN_LISTS_PADDED;
         config->cdf = CLN_CDF_SIGMA;
         config->allocate = CLN_ALLOCATE_CHORD;

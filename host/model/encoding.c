@@ -26,6 +26,11 @@ int cln_encoding_rows(int bands)
     return 3 + PAIR * bands;
 }
 
+int cln_encoding_vertices(int cells)
+{
+    return (cells + 1) * (cells + 1) * (cells + 1);
+}
+
 static const double fit_sin[FIT_BANDS][FIT_BANDS + 1] = {
     {0.369210112812264881, 0.131038119641640675},
     {0.347948042022971999, 0.161190504587067449, -0.0045733064731247909},

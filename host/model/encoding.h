@@ -1,23 +1,16 @@
-/* The leaf encoding: a network's input in place of a position in its leaf (or a direction). The
- * only one is the frequency encoding of method.md section 1. An encoding consists of
- *
- *   rows, parameters,   this header: model/network.c lays out layers by cln_encoding_rows(). The
- *   initial values      frequency encoding has no parameters; another one's would stand in a leaf's
- *                       block beside the layers' (take() in network.c), and cln_network_init()
- *                       would fill them
- *   split, merge        this header: model/fold.c applies them to every layer that reads the
- *                       encoding
- *   forward, backward   kernels/encoding_frequency.h, named in the first line of kernels/block.h;
- *                       the end of kernels/mlp_backward.cl says where parameters' gradients begin
- *   float64 twin        host/reference/encoding.c
- *
- * A second encoding is a second file beside each of these, and an option that chooses. */
+/* What a network reads in place of a position in its leaf, or of a direction (method.md section 1).
+ * Frequencies have no parameters and are all in encoding.c. Kernels: encoding_frequency.h; float64
+ * twin: host/reference/encoding.c. The other encoding of positions, a grid of features, is in
+ * encoding_grid.h. */
 #ifndef CLN_ENCODING_H
 #define CLN_ENCODING_H
 
 /* Rows of `bands` bands of a point p. Rows 0 .. 2 are p; with a = axis, row 3 + 6k + a is
  * sin(2^k p_a) and row 6 + 6k + a is cos(2^k p_a). */
 int cln_encoding_rows(int bands);
+
+/* Vertices of a grid of `cells` cells an axis. */
+int cln_encoding_vertices(int cells);
 
 /* Brings a layer's weights over the encoding of a leaf's position, [cln_encoding_rows()][width],
  * and its bias [width] to the coordinates of child `octant`: the same function there, but for band

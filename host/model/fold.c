@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "model/encoding.h"
+#include "model/encoding_grid.h"
 #include "model/network.h"
 
 typedef void change_layer(int bands, int width, int octant, const float *rows, const float *bias,
@@ -29,10 +30,16 @@ static void change_network(const cln_network *net, change_layer *change, int oct
 
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child)
 {
-    change_network(net, cln_encoding_split, octant, parent, child);
+    if (net->encoding == CLN_ENCODING_GRID)
+        cln_grid_split(net, octant, parent, child);
+    else
+        change_network(net, cln_encoding_split, octant, parent, child);
 }
 
 void cln_network_unfold(const cln_network *net, const float *child, int octant, float *parent)
 {
-    change_network(net, cln_encoding_merge, octant, child, parent);
+    if (net->encoding == CLN_ENCODING_GRID)
+        cln_grid_merge(net, octant, child, parent);
+    else
+        change_network(net, cln_encoding_merge, octant, child, parent);
 }

@@ -10,6 +10,7 @@
 #include "model/encoding.h"
 
 enum { ALIGN_FLOATS = 16, PAD_ROWS = 4 };
+static const double GRID_BOUND = 0.1; /* of initial features: nearly the same everywhere */
 
 static int round_up(int n, int multiple)
 {
@@ -46,6 +47,18 @@ static cln_status check_shape(const cln_config *c)
     if (c->bands < 1 || c->bands > 10 || c->view_bands < 0 || c->view_bands > 4)
         return cln_fail(CLN_USAGE, "bands %d, view-bands %d: they are 1 to 10 and 0 to 4", c->bands,
                         c->view_bands);
+    if (c->encoding != CLN_ENCODING_GRID)
+        return CLN_OK;
+    if (c->grid_cells < 2 || c->grid_cells > 32 || c->grid_cells % 2 != 0)
+        return cln_fail(CLN_USAGE,
+                        "grid-cells %d: it is an even number from 2 to 32, so that "
+                        "vertices of a leaf are vertices of its children",
+                        c->grid_cells);
+    if (c->grid_features < 4 || c->grid_features > 16 || c->grid_features % PAD_ROWS != 0)
+        return cln_fail(CLN_USAGE, "grid-features %d: it is 4, 8, 12 or 16", c->grid_features);
+    if (c->skip && c->depth >= 6)
+        return cln_fail(CLN_USAGE, "skip: networks on a grid have no skip connection; give "
+                                   "--no-skip, or --encoding frequency");
     return CLN_OK;
 }
 
@@ -63,7 +76,12 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out)
     net.view_width = config->view_dependence ? config->view_width : 0;
     net.view_bands = config->view_dependence ? config->view_bands : 0;
     net.skip_layer = config->skip && config->depth >= 6 ? config->depth / 2 + 1 : -1;
-    net.enc = cln_encoding_rows(net.bands);
+    net.encoding = config->encoding;
+    if (net.encoding == CLN_ENCODING_GRID) {
+        net.cells = config->grid_cells;
+        net.features = config->grid_features;
+    }
+    net.enc = net.features > 0 ? net.features : cln_encoding_rows(net.bands);
     net.enc_pad = round_up(net.enc, PAD_ROWS);
     net.dir = net.view_dependence ? cln_encoding_rows(net.view_bands) : 0;
     net.dir_pad = round_up(net.dir, PAD_ROWS);
@@ -86,6 +104,13 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out)
     net.colour_w = take(&net, 3 * net.colour_width);
     net.colour_b = take(&net, 3);
     net.learned += 3 * net.colour_width + 3;
+    net.grid_w = net.params;
+    if (net.encoding == CLN_ENCODING_GRID) {
+        const int numbers = cln_encoding_vertices(net.cells) * net.features;
+
+        take(&net, numbers);
+        net.learned += numbers;
+    }
     *out = net;
 done:
     return st;
@@ -93,7 +118,10 @@ done:
 
 void cln_network_text(const cln_network *net, char out[32])
 {
-    snprintf(out, 32, "W%d-D%d-V%d", net->width, net->depth, net->view_width);
+    const int used = snprintf(out, 32, "W%d-D%d-V%d", net->width, net->depth, net->view_width);
+
+    if (net->encoding == CLN_ENCODING_GRID)
+        snprintf(out + used, (size_t)(32 - used), "-G%dx%d", net->cells, net->features);
 }
 
 /* Fills in uniforms in +-bound; block: number of the matrix or bias in the network. */
@@ -139,8 +167,11 @@ void cln_network_init(const cln_network *net, const cln_config *config, float *p
                      params + net->view_w);
         fill_uniform(config, block++, net->view_width, 1 / sqrt(rows), params + net->view_b);
     }
-    fill_uniform(config, block, 3 * net->colour_width, sqrt(6.0 / (net->colour_width + 3)),
+    fill_uniform(config, block++, 3 * net->colour_width, sqrt(6.0 / (net->colour_width + 3)),
                  params + net->colour_w);
+    if (net->encoding == CLN_ENCODING_GRID)
+        fill_uniform(config, block, cln_encoding_vertices(net->cells) * net->features, GRID_BOUND,
+                     params + net->grid_w);
 }
 
 double cln_network_density_bias(const cln_config *config)

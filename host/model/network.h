@@ -12,6 +12,7 @@
  *   density head         w [width]                         b [16]      only b[0] is used
  *   view layer           W [width + dir_pad][view_width]   b [view_width]
  *   colour head          W [3][view_width]                 b [16]      only b[0..2] are used
+ *   grid, if there is one   [cells + 1]^3 (z, y, x) [features]        enc_pad is features then
  * Without view dependence the view layer is absent and the colour head is W [3][width].
  * Skip layer: i = depth/2 + 1, for depth >= 6 with config.skip; else none. */
 #ifndef CLN_NETWORK_H
@@ -32,8 +33,11 @@ typedef struct cln_network {
     int sigma_w, sigma_b;
     int view_w, view_b; /* -1 without view dependence */
     int colour_w, colour_b;
-    int params;  /* floats per leaf, padded (the stride of packed buffers) */
-    int learned; /* of these, without padding (for reports) */
+    int encoding;        /* CLN_ENCODING_* of the position */
+    int cells, features; /* of the grid; 0 without one */
+    int grid_w;          /* behind the layers; params without a grid */
+    int params;          /* floats per leaf, padded (the stride of packed buffers) */
+    int learned;         /* of these, without padding (for reports) */
 } cln_network;
 
 /* Rows of a trunk layer's matrix: enc_pad, width or width + enc_pad. */
@@ -41,7 +45,8 @@ int cln_network_rows(const cln_network *net, int layer);
 
 cln_status cln_network_layout(const cln_config *config, cln_network *out);
 
-/* "W32-D3-V16": width, depth, width of the view layer (V0: none); at most 31 characters. */
+/* "W32-D3-V16": width, depth, width of the view layer (V0: none); "-G8x4" behind it: a grid of 8
+ * cells an axis and 4 features. At most 31 characters. */
 void cln_network_text(const cln_network *net, char out[32]);
 
 /* Fills in a leaf's initial weights, [params] (method.md section 2); the same for every leaf. */

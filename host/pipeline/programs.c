@@ -149,6 +149,8 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
          net->sigma_w, net->sigma_b, net->view_w, net->view_b);
     line(&t, "#define COLOUR_W %d\n#define COLOUR_B %d\n#define PARAMS %d", net->colour_w,
          net->colour_b, net->params);
+    line(&t, "#define ENCODING %d\n#define CELLS %d\n#define FEATURES %d\n#define GRID_W %d",
+         net->encoding, net->cells, net->features, net->grid_w);
     line(&t, "#define DENSITY %d", c->density);
     real(&t, "KAPPA", c->density_scale);
     real(&t, "BIAS", cln_network_density_bias(c));

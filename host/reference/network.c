@@ -92,7 +92,10 @@ static void run_forward(const ref_network *r, const float *p, const double local
     int w = net->width;
     const double *last = f->h[net->depth - 1], *head = last;
 
-    ref_encode(net->bands, local, r->level_bands, net->enc_pad, f->enc);
+    if (net->features > 0)
+        ref_grid(net->cells, net->features, p + net->grid_w, local, f->enc);
+    else
+        ref_encode(net->bands, local, r->level_bands, net->enc_pad, f->enc);
     for (int i = 0; i < net->depth; i++) {
         const float *weights = p + net->trunk_w[i];
 
@@ -173,7 +176,7 @@ void ref_backward(const ref_network *r, const float *p, const double local[3], c
 {
     const cln_network *net = &r->net;
     int w = net->width, v = net->view_width, cw = net->colour_width;
-    double d[MAX_WIDTH] = {0}, dview[MAX_WIDTH] = {0}, ds = 0;
+    double d[MAX_WIDTH] = {0}, dview[MAX_WIDTH] = {0}, denc[MAX_ENC] = {0}, ds = 0;
     double *dhead = net->view_dependence ? dview : d;
     const double *last = NULL, *head = NULL;
     pass f;
@@ -214,9 +217,11 @@ void ref_backward(const ref_network *r, const float *p, const double local[3], c
         if (i == net->skip_layer)
             multiply_back(f.enc, net->enc_pad, weights + w * w, w, d, dw + w * w, NULL);
         if (i == 0)
-            multiply_back(f.enc, net->enc_pad, weights, w, d, dw, NULL);
+            multiply_back(f.enc, net->enc_pad, weights, w, d, dw, denc);
         else
             multiply_back(f.h[i - 1], w, weights, w, d, dw, below);
         memcpy(d, below, sizeof below);
     }
+    if (net->features > 0)
+        ref_grid_backward(net->cells, net->features, local, denc, grad + net->grid_w);
 }

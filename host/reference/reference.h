@@ -120,8 +120,12 @@ typedef struct ref_network {
     double level_bands[10]; /* weight of band k (bands_by_level), else 1 */
 } ref_network;
 
-/* Encodings: x[3] -> out[enc_pad]; zero padding. */
+/* Encodings. Frequency: x[3] -> out[enc_pad]; zero padding. Grid: linear between the vertices of
+ * grid [cells + 1]^3 (z, y, x) [features] over [-1,1]^3; out, dout [features]; adds to grad. */
 void ref_encode(int bands, const double x[3], const double *weights, int pad, double *out);
+void ref_grid(int cells, int features, const float *grid, const double x[3], double *out);
+void ref_grid_backward(int cells, int features, const double x[3], const double *dout,
+                       double *grad);
 
 /* Evaluates a sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
  * negative-side slopes r of all elements, [depth][width] of the trunk, then [view_width] of the

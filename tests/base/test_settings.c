@@ -173,6 +173,8 @@ static void test_idle(void **state)
         {"skip=yes depth=5", "--skip", "--depth 6", "skip=yes depth=8"},
         {"lr-final=1e-4 lr-schedule=step", "--lr-final", "--lr-schedule exp", "lr-final=1e-4"},
         {"huber-delta=0.2", "--huber-delta", "--loss huber", "huber-delta=0.2 loss=huber"},
+        {"bands=3 encoding=grid", "--bands", "--encoding frequency", "bands=3"},
+        {"grid-cells=4", "--grid-cells", "--encoding grid", "grid-cells=4 encoding=grid"},
         {"view-width=64 view-dependence=no", "--view-width", "--view-dependence", "view-width=64"},
         {"view-l2=1 view-dependence=no", "--view-l2", "--view-dependence", "view-l2=1"},
         {"epochs=3 steps=5", "--epochs", "leave out --steps", "epochs=3 target-psnr=30"},

@@ -59,7 +59,8 @@ static int up(int n, int multiple)
 static void check_layout(const cln_config *c)
 {
     cln_network net;
-    int enc = 3 + 6 * c->bands, dir = 3 + 6 * c->view_bands, w = c->width, v = c->view_width;
+    int enc = c->encoding == CLN_ENCODING_GRID ? c->grid_features : 3 + 6 * c->bands;
+    int dir = 3 + 6 * c->view_bands, w = c->width, v = c->view_width;
     int skip = c->skip && c->depth >= 6 ? c->depth / 2 + 1 : -1, learned = 0, unused = 0;
     uint8_t *used = NULL;
 
@@ -95,6 +96,13 @@ static void check_layout(const cln_config *c)
     claim(used, net.params, net.colour_w, 3 * net.colour_width);
     claim(used, net.params, net.colour_b, 16);
     learned += 3 * net.colour_width + 3;
+    assert_int_equal(net.grid_w, c->encoding == CLN_ENCODING_GRID ? net.colour_b + 16 : net.params);
+    if (c->encoding == CLN_ENCODING_GRID) {
+        const int side = c->grid_cells + 1, numbers = side * side * side * c->grid_features;
+
+        claim(used, net.params, net.grid_w, up(numbers, 16));
+        learned += numbers;
+    }
     assert_int_equal(net.learned, learned);
     for (int i = 0; i < net.params; i++)
         unused += !used[i];
@@ -114,6 +122,11 @@ static void test_layout_of_all_shapes(void **state)
                     cln_config c = shape(widths[w], depth, views[(w + depth) % 3], bands,
                                          (depth + bands) % 5, flags & 1);
                     c.view_dependence = flags & 2;
+                    check_layout(&c);
+                    c.encoding = CLN_ENCODING_GRID;
+                    c.skip = false;
+                    c.grid_cells = 2 * depth;
+                    c.grid_features = 4 << bands % 3;
                     check_layout(&c);
                 }
 }
@@ -155,6 +168,29 @@ static void test_layout_refuses(void **state)
         cln_config c = shape(wrong[i].width, wrong[i].depth, wrong[i].view_width, wrong[i].bands,
                              wrong[i].view_bands, true);
         cln_network net;
+        assert_int_equal(cln_network_layout(&c, &net), CLN_USAGE);
+        assert_non_null(strstr(cln_error_text(), wrong[i].word));
+        cln_clear_error();
+    }
+}
+
+static void test_grid_layout_refuses(void **state)
+{
+    static const struct {
+        int cells, features, depth;
+        const char *word;
+    } wrong[] = {{7, 4, 2, "grid-cells 7"},      {0, 4, 2, "grid-cells 0"},
+                 {34, 4, 2, "grid-cells 34"},    {8, 6, 2, "grid-features 6"},
+                 {8, 20, 2, "grid-features 20"}, {8, 4, 6, "--no-skip"}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        cln_config c = shape(16, wrong[i].depth, 16, 2, 2, true);
+        cln_network net;
+
+        c.encoding = CLN_ENCODING_GRID;
+        c.grid_cells = wrong[i].cells;
+        c.grid_features = wrong[i].features;
         assert_int_equal(cln_network_layout(&c, &net), CLN_USAGE);
         assert_non_null(strstr(cln_error_text(), wrong[i].word));
         cln_clear_error();
@@ -346,17 +382,20 @@ static const struct fold_case {
     int width, depth, bands, times;
     bool skip, by_level;
     double bound;
+    int cells; /* of a grid with 4 features; 0: none */
 } fold_cases[] = {
-    {"paper's 8 x 64 with skip", 64, 8, 10, 1, true, false, 2e-5},
-    {"8 x 64 without skip", 64, 8, 10, 1, false, false, 2e-5},
-    {"fast preset's 3 x 32", 32, 3, 6, 1, false, false, 2e-5},
-    {"four bands", 32, 3, 4, 1, false, false, 2e-5},
-    {"three bands", 32, 3, 3, 1, false, false, 1e-4},
-    {"two bands", 32, 3, 2, 1, false, false, 2e-3},
-    {"one band", 32, 3, 1, 1, false, false, 1e-1},
-    {"bands by level, 3 to 4", 64, 8, 10, 1, true, true, 2e-5},
-    {"five levels down", 64, 8, 10, 5, true, false, 5e-5},
-    {"five levels down, fast", 32, 3, 6, 5, false, false, 1e-4},
+    {"paper's 8 x 64 with skip", 64, 8, 10, 1, true, false, 2e-5, 0},
+    {"8 x 64 without skip", 64, 8, 10, 1, false, false, 2e-5, 0},
+    {"fast preset's 3 x 32", 32, 3, 6, 1, false, false, 2e-5, 0},
+    {"four bands", 32, 3, 4, 1, false, false, 2e-5, 0},
+    {"three bands", 32, 3, 3, 1, false, false, 1e-4, 0},
+    {"two bands", 32, 3, 2, 1, false, false, 2e-3, 0},
+    {"one band", 32, 3, 1, 1, false, false, 1e-1, 0},
+    {"bands by level, 3 to 4", 64, 8, 10, 1, true, true, 2e-5, 0},
+    {"five levels down", 64, 8, 10, 5, true, false, 5e-5, 0},
+    {"five levels down, fast", 32, 3, 6, 5, false, false, 1e-4, 0},
+    {"grid, one level down", 16, 2, 1, 1, false, false, 1e-5, 8},
+    {"grid, five levels down", 32, 3, 1, 5, false, false, 1e-5, 6},
 };
 
 static void test_fold(void **state)
@@ -367,6 +406,8 @@ static void test_fold(void **state)
         cln_config c = shape(f->width, f->depth, 32, f->bands, 2, f->skip);
         double worst = 0;
         c.bands_by_level = f->by_level;
+        c.encoding = f->cells ? CLN_ENCODING_GRID : CLN_ENCODING_FREQUENCY;
+        c.grid_cells = f->cells;
         for (int octant = 0; octant < 8; octant++) {
             int path[5] = {octant, (octant * 3 + 1) % 8, 7 - octant, (octant * 5) % 8, octant ^ 2};
             double error = 0;
@@ -413,6 +454,44 @@ static void test_fold_touches(void **state)
     }
     free(a);
     free(b);
+}
+
+/* Merging of a grid: at the parent's vertices in the child's octant, the parent computes what the
+ * child does. */
+static void test_grid_merge(void **state)
+{
+    enum { CELLS = 6 };
+    cln_config c = shape(16, 2, 16, 1, 1, false);
+    ref_network r = {.density = c.density, .kappa = c.density_scale};
+    float *child = NULL, *parent = NULL;
+
+    (void)state;
+    c.encoding = CLN_ENCODING_GRID;
+    c.grid_cells = CELLS;
+    assert_int_equal(cln_network_layout(&c, &r.net), CLN_OK);
+    child = calloc((size_t)r.net.params, sizeof *child);
+    parent = calloc((size_t)r.net.params, sizeof *parent);
+    assert_true(child && parent);
+    cln_network_init(&r.net, &c, child);
+    for (int octant = 0; octant < 8; octant++) {
+        cln_network_unfold(&r.net, child, octant, parent);
+        for (int i = 0; i < (CELLS / 2 + 1) * (CELLS / 2 + 1) * (CELLS / 2 + 1); i++) {
+            const int side = CELLS / 2 + 1, at[3] = {i % side, i / side % side, i / side / side};
+            const double dir[3] = {0.48, -0.6, 0.64};
+            double inner[3], outer[3], want[4], got[4];
+
+            for (int a = 0; a < 3; a++) {
+                inner[a] = -1 + 4.0 * at[a] / CELLS;
+                outer[a] = 0.5 * inner[a] + (octant >> a & 1 ? 0.5 : -0.5);
+            }
+            ref_forward(&r, child, inner, dir, NULL, -0.2, want);
+            ref_forward(&r, parent, outer, dir, NULL, -0.2, got);
+            for (int k = 0; k < 4; k++)
+                assert_true(fabs(want[k] - got[k]) < 1e-6 * (k == 3 ? c.density_scale : 1));
+        }
+    }
+    free(child);
+    free(parent);
 }
 
 /* Unfolding: in the child's octant the parent computes the same as the child with its top band
@@ -480,12 +559,14 @@ int test_group_network(void)
         cmocka_unit_test(test_layout_of_all_shapes),
         cmocka_unit_test(test_known_counts),
         cmocka_unit_test(test_layout_refuses),
+        cmocka_unit_test(test_grid_layout_refuses),
         cmocka_unit_test(test_init),
         cmocka_unit_test(test_init_is_a_function_of_the_seed),
         cmocka_unit_test(test_density_bias),
         cmocka_unit_test(test_fold),
         cmocka_unit_test(test_fold_touches),
         cmocka_unit_test(test_unfold),
+        cmocka_unit_test(test_grid_merge),
     };
 
     return cmocka_run_group_tests_name("network", tests, NULL, NULL);

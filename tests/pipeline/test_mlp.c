@@ -23,33 +23,41 @@ typedef struct mlp_case {
     double lower, upper;
     bool exact;   /* samples at t = 0 of rays with exact origins */
     double noise; /* std of the density noise */
+    int cells;    /* of a grid, whose features are then 4, or 8 where cells are 6; 0: no grid */
 } mlp_case;
 
 enum { SOFT = CLN_DENSITY_SOFTPLUS, RELU = CLN_DENSITY_RELU, EXP = CLN_DENSITY_EXP };
 enum { ELEMENT = CLN_RRELU_ELEMENT, NEURON = CLN_RRELU_NEURON, MEAN = CLN_RRELU_MEAN };
 
 static const mlp_case cases[] = {
-    {"small, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0},
-    {"small, plain", &tune_sets[1], 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
+    {"small, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0, 0},
+    {"small, plain", &tune_sets[1], 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0, 0},
     {"small, wide vectors", &tune_sets[2], 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, false,
+     0, 0},
+    {"small, items", &tune_sets[3], 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, false, 0, 0},
+    {"small, gpu", &tune_sets[4], 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0, 0},
+    {"no view, plain", &tune_sets[1], 16, 3, 16, 2, 0, 0, 0, 0, RELU, MEAN, -.3, -.1, false, 0, 0},
+    {"no view, gpu", &tune_sets[4], 32, 6, 16, 5, 0, 0, 1, 0, SOFT, NEURON, -.3, -.1, true, 0, 0},
+    {"fast preset", &tune_sets[0], 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0, 0},
+    {"skip, items", &tune_sets[3], 32, 7, 64, 8, 4, 1, 1, 1, SOFT, ELEMENT, -.3, -.1, true, 0, 0},
+    {"paper preset", &tune_sets[0], 64, 8, 256, 10, 4, 1, 1, 0, SOFT, ELEMENT, -.3, -.1, true, 0,
      0},
-    {"small, items", &tune_sets[3], 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, false, 0},
-    {"small, gpu", &tune_sets[4], 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0},
-    {"no view, plain", &tune_sets[1], 16, 3, 16, 2, 0, 0, 0, 0, RELU, MEAN, -.3, -.1, false, 0},
-    {"no view, gpu", &tune_sets[4], 32, 6, 16, 5, 0, 0, 1, 0, SOFT, NEURON, -.3, -.1, true, 0},
-    {"fast preset", &tune_sets[0], 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
-    {"skip, items", &tune_sets[3], 32, 7, 64, 8, 4, 1, 1, 1, SOFT, ELEMENT, -.3, -.1, true, 0},
-    {"paper preset", &tune_sets[0], 64, 8, 256, 10, 4, 1, 1, 0, SOFT, ELEMENT, -.3, -.1, true, 0},
-    {"paper preset, gpu", &tune_sets[4], 64, 8, 256, 10, 4, 1, 1, 1, EXP, MEAN, 0, 0, true, 0},
+    {"paper preset, gpu", &tune_sets[4], 64, 8, 256, 10, 4, 1, 1, 1, EXP, MEAN, 0, 0, true, 0, 0},
     {"wide, wide vectors", &tune_sets[2], 128, 4, 128, 10, 4, 1, 0, 1, SOFT, MEAN, -.3, -.1, true,
+     0, 0},
+    {"noise, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 1,
      0},
-    {"noise, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 1},
-    {"noise, gpu", &tune_sets[4], 32, 3, 32, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0.3},
-    {"fast preset, native", &native_set, 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
-    {"fast preset, half", &half_sets[0], 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0},
+    {"noise, gpu", &tune_sets[4], 32, 3, 32, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0.3, 0},
+    {"fast preset, native", &native_set, 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0,
+     0},
+    {"fast preset, half", &half_sets[0], 32, 3, 32, 6, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0,
+     0},
     {"no view, half, gpu", &half_sets[1], 32, 6, 16, 5, 0, 0, 1, 0, SOFT, ELEMENT, -.3, -.1, true,
-     0},
-    {"widest, gpu", &tune_sets[4], 256, 2, 256, 7, 4, 1, 0, 0, SOFT, NEURON, -.3, -.1, true, 0},
+     0, 0},
+    {"widest, gpu", &tune_sets[4], 256, 2, 256, 7, 4, 1, 0, 0, SOFT, NEURON, -.3, -.1, true, 0, 0},
+    {"grid, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0, 4},
+    {"grid, items", &tune_sets[3], 32, 3, 16, 2, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0, 6},
+    {"grid, gpu", &tune_sets[4], 32, 2, 32, 2, 1, 0, 0, 0, EXP, MEAN, -.3, -.1, false, 0, 8},
 };
 
 static cln_config config_of(const mlp_case *c)
@@ -70,6 +78,11 @@ static cln_config config_of(const mlp_case *c)
     config.rrelu_upper = c->upper;
     config.density_noise = c->noise;
     config.roulette = 0;
+    if (c->cells > 0) {
+        config.encoding = CLN_ENCODING_GRID;
+        config.grid_cells = c->cells;
+        config.grid_features = c->cells == 6 ? 8 : 4;
+    }
     return config;
 }
 

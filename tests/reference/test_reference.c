@@ -42,17 +42,21 @@ typedef struct network_case {
     double slope;
     bool fade_bands;
     int stride; /* checks every stride-th parameter */
+    int cells;  /* of a grid with 4 features; 0: none */
 } network_case;
 
 static const network_case network_cases[] = {
-    {"small", 16, 2, 16, 2, 1, true, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1},
-    {"no view", 16, 3, 16, 1, 0, false, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1},
-    {"no direction bands", 16, 2, 32, 3, 0, true, false, CLN_DENSITY_RELU, false, 0.1, false, 1},
-    {"skip, exp", 16, 6, 16, 4, 2, true, true, CLN_DENSITY_EXP, false, -0.3, false, 2},
-    {"element slopes", 16, 4, 48, 4, 4, true, false, CLN_DENSITY_SOFTPLUS, true, 0, false, 2},
-    {"skip, slopes, faded", 32, 8, 32, 10, 4, true, true, CLN_DENSITY_SOFTPLUS, true, 0, true, 13},
-    {"no view, skip, relu", 32, 7, 16, 6, 0, false, true, CLN_DENSITY_RELU, true, 0, false, 11},
-    {"paper", 64, 8, 256, 10, 4, true, true, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 149},
+    {"small", 16, 2, 16, 2, 1, true, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1, 0},
+    {"no view", 16, 3, 16, 1, 0, false, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1, 0},
+    {"no direction bands", 16, 2, 32, 3, 0, true, false, CLN_DENSITY_RELU, false, 0.1, false, 1, 0},
+    {"skip, exp", 16, 6, 16, 4, 2, true, true, CLN_DENSITY_EXP, false, -0.3, false, 2, 0},
+    {"element slopes", 16, 4, 48, 4, 4, true, false, CLN_DENSITY_SOFTPLUS, true, 0, false, 2, 0},
+    {"skip, slopes, faded", 32, 8, 32, 10, 4, true, true, CLN_DENSITY_SOFTPLUS, true, 0, true, 13,
+     0},
+    {"no view, skip, relu", 32, 7, 16, 6, 0, false, true, CLN_DENSITY_RELU, true, 0, false, 11, 0},
+    {"paper", 64, 8, 256, 10, 4, true, true, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 149, 0},
+    {"grid", 16, 2, 16, 1, 1, true, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1, 2},
+    {"grid, slopes", 16, 3, 16, 1, 0, false, false, CLN_DENSITY_SOFTPLUS, true, 0, false, 3, 4},
 };
 
 static cln_config config_of(const network_case *c)
@@ -68,6 +72,8 @@ static cln_config config_of(const network_case *c)
     config.view_dependence = c->view;
     config.skip = c->skip;
     config.density = c->density;
+    config.encoding = c->cells ? CLN_ENCODING_GRID : CLN_ENCODING_FREQUENCY;
+    config.grid_cells = c->cells;
     return config;
 }
 
@@ -196,11 +202,37 @@ static void test_encoding(void **state)
     assert_true(out[2] == x[2] && out[3] == 0);
 }
 
+/* Two cells an axis: at a vertex its number; in between the mean of neighbours; beyond, the
+ * nearest. */
+static void test_grid(void **state)
+{
+    static const double vertex[3] = {1, -1, 0}, middle[3] = {0.5, -1, 0}, outside[3] = {3, -1, -2};
+    static const double inside[3] = {-0.75, 0.5, -0.5}, dout[1] = {2};
+    float grid[27];
+    double out = 0, grad[27] = {0}, sum = 0;
+
+    (void)state;
+    for (int i = 0; i < 27; i++)
+        grid[i] = (float)(i * i);
+    ref_grid(2, 1, grid, vertex, &out);
+    assert_near(out, 11 * 11, 1e-12); /* x 2, y 0, z 1 */
+    ref_grid(2, 1, grid, middle, &out);
+    assert_near(out, (10 * 10 + 11 * 11) / 2.0, 1e-12);
+    ref_grid(2, 1, grid, outside, &out);
+    assert_near(out, 2 * 2, 1e-12);
+    ref_grid_backward(2, 1, inside, dout, grad);
+    assert_near(grad[0 + 3 + 0], 2 * 0.75 * 0.5 * 0.5, 1e-12);
+    assert_near(grad[1 + 6 + 9], 2 * 0.25 * 0.5 * 0.5, 1e-12);
+    for (int i = 0; i < 27; i++)
+        sum += grad[i];
+    assert_near(sum, 2, 1e-12);
+}
+
 /* A network with six nonzero weights, calculated by hand: x -> 2x -> 3h -> heads. */
 static void test_network_by_hand(void **state)
 {
     const network_case shape = {"hand", 16,   2,     16, 1, 0, true, false, CLN_DENSITY_SOFTPLUS,
-                                false,  -0.2, false, 1};
+                                false,  -0.2, false, 1,  0};
     static const double dir[3] = {0, 0, -1};
     float params[4096] = {0};
     double out[4], slopes[48], local[3] = {0.5, 0.9, -0.9};
@@ -253,7 +285,7 @@ static void test_network_by_hand(void **state)
 static void test_skip_by_hand(void **state)
 {
     const network_case shape = {"hand",           16,    6,   16,    1, 0, false, true,
-                                CLN_DENSITY_RELU, false, 0.1, false, 1};
+                                CLN_DENSITY_RELU, false, 0.1, false, 1, 0};
     static const double local[3] = {0.5, 0.75, -0.9};
     float *params = NULL;
     double out[4];
@@ -278,7 +310,7 @@ static void test_skip_by_hand(void **state)
 /* Density at extreme s, through a network of one bias. */
 static double density_at(int kind, double bias, float s, double *gradient)
 {
-    const network_case shape = {"bias", 16, 2, 16, 1, 0, false, false, kind, false, 0, false, 1};
+    const network_case shape = {"bias", 16, 2, 16, 1, 0, false, false, kind, false, 0, false, 1, 0};
     static const double local[3] = {0, 0, 0}, dout[4] = {0, 0, 0, 1};
     float params[4096] = {0};
     double grad[4096] = {0}, out[4];
@@ -560,6 +592,7 @@ int test_group_reference(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_network_gradients),
         cmocka_unit_test(test_encoding),
+        cmocka_unit_test(test_grid),
         cmocka_unit_test(test_network_by_hand),
         cmocka_unit_test(test_skip_by_hand),
         cmocka_unit_test(test_density_extremes),
