@@ -110,7 +110,7 @@ static void test_bad_rows(void **state)
         {"nonsense", "cl-nascent tune"},
         {"* | | * | VW=1", "empty"},
         {"* | * | * |", "empty"},
-        {"* | * | * | XY=3", "'XY' is no tuning parameter"},
+        {"* | * | * | XY=3", "'XY' is not a tuning parameter"},
         {"* | * | * | VW=8,TS", "'TS'"},
         {"* | * | * | VW=8 TS=6", "'VW=8 TS=6'"},
         {"* | * | * | VW=many", "whole number"},

@@ -180,9 +180,9 @@ static void test_refuses_headers(void **state)
         {"{\"__metadata__\":{\"digest\":\"0123456789abcdef\"},"
          "\"x\":{\"dtype\":\"U8\",\"shape\":[4],\"data_offsets\":[0,4]}}",
          "damaged"},
-        {"[1,2]", "no JSON object"},
-        {"{", "no JSON object"},
-        {"", "no JSON object"},
+        {"[1,2]", "not a JSON object"},
+        {"{", "not a JSON object"},
+        {"", "not a JSON object"},
     };
 #undef X
     const char *path = scratch_path(*state, "c.safetensors");
