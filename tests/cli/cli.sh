@@ -297,7 +297,7 @@ section_scenes() {
     expect "truncated image" 3 "r_003.png" "$cln" train "$work/bad" -o "$work/never" "${small[@]}" \
         --steps 1
     check "truncated image: train writes nothing" [ ! -e "$work/never" ]
-    rm "$first"
+    rm "$work"/bad/train/r_00[345].png
     bad_scene "missing image" "r_003"
     : >"$first"
     bad_scene "empty image" "r_003.png"
