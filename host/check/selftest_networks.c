@@ -573,7 +573,7 @@ done:
 }
 
 /* Widens ray r for the reference; returns its number of samples. */
-static int widen(const cln_pipeline *p, batch *b, int r, double background[3], double target[3])
+static int widen(const cln_pipeline *p, batch *b, int r, double background[3], double target[4])
 {
     const int n = (int)(b->starts[r + 1] - b->starts[r]);
 
@@ -638,7 +638,7 @@ static void compare_batch(cln_checks *c, batch *b)
  * part. */
 static void compare_shares(cln_checks *c, batch *b)
 {
-    double background[3], target[3], measures[MOST][3];
+    double background[3], target[4], measures[MOST][3];
 
     for (int r = 0; r < RAYS; r++) {
         const int n = widen(c->p, b, r, background, target);
