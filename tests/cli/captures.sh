@@ -241,21 +241,4 @@ section_doubts() {
     check "nothing is doubted" [ ! -s "$work/err" ]
 }
 
-for program in "$cln" "$make_scene" "$query"; do
-    if [ ! -x "$program" ]; then
-        echo "captures.sh: $program is not there; make it first" >&2
-        exit 1
-    fi
-done
-sections=("$@")
-[ $# = 0 ] && sections=(missing moved orbit frames evals disk doubts)
-for s in "${sections[@]}"; do
-    if [ "$(type -t "section_$s")" != function ]; then
-        echo "captures.sh: no section $s" >&2
-        exit 2
-    fi
-    started=$SECONDS
-    "section_$s"
-    echo "-- $s: $((SECONDS - started)) s"
-done
-count
+run_sections "missing moved orbit frames evals disk doubts" "$@"

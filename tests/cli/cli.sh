@@ -795,22 +795,5 @@ section_bench() {
     check "hundreds of them" [ "$(wc -l <"$work/out")" -gt 200 ]
 }
 
-for program in "$cln" "$make_scene" "$query"; do
-    if [ ! -x "$program" ]; then
-        echo "cli.sh: $program is not there; make it first" >&2
-        exit 1
-    fi
-done
-sections=("$@")
-[ $# = 0 ] && sections=(usage devices tune scenes names train structure resume results damage \
-    output memory bench)
-for s in "${sections[@]}"; do
-    if [ "$(type -t "section_$s")" != function ]; then
-        echo "cli.sh: no section $s" >&2
-        exit 2
-    fi
-    started=$SECONDS
-    "section_$s"
-    echo "-- $s: $((SECONDS - started)) s"
-done
-count
+all="usage devices tune scenes names train structure resume results damage output memory bench"
+run_sections "$all" "$@"

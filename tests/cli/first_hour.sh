@@ -224,21 +224,4 @@ section_results() {
         " 0 0 0 16 0 0 0 16" ]
 }
 
-for program in "$cln" "$make_scene" "$query"; do
-    if [ ! -x "$program" ]; then
-        echo "first_hour.sh: $program is not there; make it first" >&2
-        exit 1
-    fi
-done
-sections=("$@")
-[ $# = 0 ] && sections=(words scenes training results edges)
-for s in "${sections[@]}"; do
-    if [ "$(type -t "section_$s")" != function ]; then
-        echo "first_hour.sh: no section $s" >&2
-        exit 2
-    fi
-    started=$SECONDS
-    "section_$s"
-    echo "-- $s: $((SECONDS - started)) s"
-done
-count
+run_sections "words scenes training results edges" "$@"

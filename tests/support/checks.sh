@@ -1,6 +1,6 @@
 #!/bin/bash
-# Support of cli.sh and devices.sh: checks that count themselves, and the environment of a new user.
-# Source it from the repository's root with $work set to a folder of the script.
+# Support of tests/cli/*.sh and devices.sh: checks that count themselves, and the environment of a
+# new user. Source it from the repository's root with $work set to a folder of the script.
 # shellcheck disable=SC2154
 query=$PWD/build/json-query
 passed=0 failed=0 skipped=0
@@ -80,4 +80,29 @@ number_above() {
 count() {
     echo "$passed passed, $failed failed$([ $skipped = 0 ] || echo ", $skipped skipped")"
     [ $failed = 0 ]
+}
+
+# run_sections "ALL SECTIONS" [SECTION...]: calls section_NAME of each, or of all, and counts. Needs
+# $cln and $make_scene.
+run_sections() {
+    local program s started sections
+    for program in "$cln" "$make_scene" "$query"; do
+        if [ ! -x "$program" ]; then
+            echo "$0: $program is not there; make it first" >&2
+            exit 1
+        fi
+    done
+    read -ra sections <<<"$1"
+    shift
+    [ $# = 0 ] || sections=("$@")
+    for s in "${sections[@]}"; do
+        if [ "$(type -t "section_$s")" != function ]; then
+            echo "$0: no section $s" >&2
+            exit 2
+        fi
+        started=$SECONDS
+        "section_$s"
+        echo "-- $s: $((SECONDS - started)) s"
+    done
+    count
 }
