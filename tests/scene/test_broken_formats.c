@@ -9,30 +9,6 @@
 #include "format_fixture.h"
 #include "tests.h"
 
-static const cln_config *plain(void)
-{
-    static cln_config config;
-
-    config = default_config();
-    config.holdout = 0;
-    config.downscale = 1;
-    return &config;
-}
-
-static void assert_refused(const char *scene_path, const char *const words[3], const char *what)
-{
-    cln_scene *scene = NULL;
-    const cln_status st = try_load(scene_path, plain(), &scene);
-
-    if (st != CLN_INPUT)
-        fail_msg("%s: status %d instead of CLN_INPUT (%s)", what, (int)st, cln_error_text());
-    assert_null(scene);
-    for (int i = 0; i < 3 && words[i]; i++)
-        if (!strstr(cln_error_text(), words[i]))
-            fail_msg("%s: '%s' lacks '%s'", what, cln_error_text(), words[i]);
-    cln_clear_error();
-}
-
 /* The file truncated at every length, in steps of `step`: refused, and the sentence names it. */
 static void cut_everywhere(const char *scene, const char *file, size_t step)
 {
@@ -44,7 +20,7 @@ static void cut_everywhere(const char *scene, const char *file, size_t step)
 
         snprintf(what, sizeof what, "cut at %zu", cut);
         scratch_put(file, data, cut);
-        assert_refused(scene, (const char *const[3]){file}, what);
+        assert_refused(scene, plain(), (const char *const[3]){file}, what);
     }
     scratch_put(file, data, bytes);
     free(data);
@@ -175,7 +151,7 @@ static void test_colmap_fields(void **state)
 
         snprintf(what, sizeof what, "case %zu, %s", i, cases[i].file);
         patch(file, cases[i].at, cases[i].value, cases[i].bytes, before);
-        assert_refused(folder, cases[i].words, what);
+        assert_refused(folder, plain(), cases[i].words, what);
         patch(file, cases[i].at, before, cases[i].bytes, ignored);
     }
     cln_scene_free(load(folder, plain()));
@@ -210,7 +186,7 @@ static void test_colmap_lines(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         put_colmap(folder, false);
         put_text(model, cases[i].file, cases[i].text);
-        assert_refused(folder, cases[i].words, cases[i].text);
+        assert_refused(folder, plain(), cases[i].words, cases[i].text);
     }
 }
 
@@ -221,14 +197,16 @@ static void test_colmap_images(void **state)
 
     put_colmap(folder, true);
     assert_int_equal(remove(scratch_path(folder, "images/view_03.png")), 0);
-    assert_refused(folder, (const char *const[3]){"1 of 6 images are not there", "'view_03.png'"},
+    assert_refused(folder, plain(),
+                   (const char *const[3]){"1 of 6 images are not there", "'view_03.png'"},
                    "one image gone");
     put_image(folder, "images/view_03.png", 16, 5, 3, 0);
-    assert_refused(folder, (const char *const[3]){"view_03.png", "16 x 5", "16 x 12"}, "shape");
+    assert_refused(folder, plain(), (const char *const[3]){"view_03.png", "16 x 5", "16 x 12"},
+                   "shape");
     put_text(folder, "images/view_03.png", "not an image");
-    assert_refused(folder, (const char *const[3]){"view_03.png", "not a PNG"}, "no image");
+    assert_refused(folder, plain(), (const char *const[3]){"view_03.png", "not a PNG"}, "no image");
     assert_int_equal(rename(scratch_path(folder, "images"), scratch_path(folder, ".images")), 0);
-    assert_refused(folder,
+    assert_refused(folder, plain(),
                    (const char *const[3]){"images.bin: none of its 6 images is there", folder},
                    "all images gone");
 }
@@ -272,15 +250,15 @@ static void test_llff(void **state)
 
         snprintf(what, sizeof what, "case %zu", i);
         patch(file, HEADER + 8 * cases[i].number, cases[i].value, 8, before);
-        assert_refused(folder, cases[i].words, what);
+        assert_refused(folder, plain(), cases[i].words, what);
         patch(file, HEADER + 8 * cases[i].number, before, 8, ignored);
     }
     put_image(folder, "images/z.png", 16, 12, 3, 0);
-    assert_refused(folder,
+    assert_refused(folder, plain(),
                    (const char *const[3]){"poses_bounds.npy: poses of 6 images", "images has 7"},
                    "an image more");
     assert_int_equal(rename(scratch_path(folder, "images"), scratch_path(folder, "photos")), 0);
-    assert_refused(folder, (const char *const[3]){"poses_bounds.npy", "no folder images"},
+    assert_refused(folder, plain(), (const char *const[3]){"poses_bounds.npy", "no folder images"},
                    "no images");
 }
 
@@ -294,7 +272,7 @@ static void test_neus(void **state)
     format_images(scratch_path(folder, "image"), 1);
     format_neus(folder, cameras, false);
     patch(file, 125, "x", 1, before); /* in the first array's numbers */
-    assert_refused(folder, (const char *const[3]){"world_mat_0", "checksum"}, "one byte");
+    assert_refused(folder, plain(), (const char *const[3]){"world_mat_0", "checksum"}, "one byte");
     for (int deflate = 0; deflate < 2; deflate++) {
         format_neus(folder, cameras, deflate);
         cut_everywhere(folder, file, 31);
@@ -302,23 +280,25 @@ static void test_neus(void **state)
     }
     format_neus(folder, cameras, true);
     put_image(folder, "image/z.png", 16, 12, 3, 0);
-    assert_refused(folder,
+    assert_refused(folder, plain(),
                    (const char *const[3]){"cameras_sphere.npz: world_mat_6", "no such array"},
                    "an image more");
     assert_int_equal(remove(scratch_path(folder, "image/z.png")), 0);
     put_folder(folder, "mask");
-    assert_refused(folder, (const char *const[3]){"mask: 0 masks for 6 images"}, "no masks");
+    assert_refused(folder, plain(), (const char *const[3]){"mask: 0 masks for 6 images"},
+                   "no masks");
     for (int v = 0; v < FORMAT_VIEWS; v++) {
         char name[32];
 
         snprintf(name, sizeof name, "mask/%d.png", v);
         put_image(folder, name, 16, v < 5 ? 12 : 11, 3, 0);
     }
-    assert_refused(folder, (const char *const[3]){"5.png", "16 x 11", "16 x 12"}, "mask's size");
+    assert_refused(folder, plain(), (const char *const[3]){"5.png", "16 x 11", "16 x 12"},
+                   "mask's size");
     put_text(folder, "mask/5.png", "");
-    assert_refused(folder, (const char *const[3]){"mask/5.png", "empty"}, "mask");
+    assert_refused(folder, plain(), (const char *const[3]){"mask/5.png", "empty"}, "mask");
     assert_int_equal(rename(scratch_path(folder, "image"), scratch_path(folder, "photos")), 0);
-    assert_refused(folder, (const char *const[3]){"cameras_sphere.npz", "no folder image"},
+    assert_refused(folder, plain(), (const char *const[3]){"cameras_sphere.npz", "no folder image"},
                    "no images");
 }
 
@@ -346,7 +326,7 @@ static void test_neus_matrices(void **state)
             for (int a = 0; a < 3; a++)
                 c->c2w[4 * a] += 0.2 * c->c2w[4 * a + 1];
         format_neus(folder, cameras, false);
-        assert_refused(folder, words[i], words[i][1]);
+        assert_refused(folder, plain(), words[i], words[i][1]);
     }
 }
 
@@ -382,12 +362,13 @@ static void test_nsvf(void **state)
         folder = scratch_path(*state, folder_name);
         format_nsvf(folder, cameras, "", (int)i % 4);
         put_text(folder, cases[i].file, cases[i].text);
-        assert_refused(folder, cases[i].words, cases[i].text);
+        assert_refused(folder, plain(), cases[i].words, cases[i].text);
     }
     assert_int_equal(rename(scratch_path(*state, "0/pose"), scratch_path(*state, "0/x")), 0);
     put_folder(*state, "0/pose");
     put_text(scratch_path(*state, "0"), "intrinsics.txt", "20 8 6 0\n");
-    assert_refused(scratch_path(*state, "0"), (const char *const[3]){"no file in rgb"}, "no poses");
+    assert_refused(scratch_path(*state, "0"), plain(), (const char *const[3]){"no file in rgb"},
+                   "no poses");
 }
 
 static void test_opensfm(void **state)
@@ -432,16 +413,17 @@ static void test_opensfm(void **state)
         fwrite(good, (size_t)(at - good), 1, f);
         fprintf(f, "%s%s", cases[i].to, at + strlen(cases[i].from));
         fclose(f);
-        assert_refused(folder, cases[i].words, cases[i].to);
+        assert_refused(folder, plain(), cases[i].words, cases[i].to);
     }
     scratch_put(file, good, bytes);
     free(good);
     cut_everywhere(folder, file, 101);
     damage_everywhere(folder, file, 29);
     put_text(folder, "reconstruction.json", "{}");
-    assert_refused(folder, (const char *const[3]){"not an array of reconstructions"}, "{}");
+    assert_refused(folder, plain(), (const char *const[3]){"not an array of reconstructions"},
+                   "{}");
     put_text(folder, "reconstruction.json", "[{\"shots\":{},\"cameras\":{}}]");
-    assert_refused(folder, (const char *const[3]){"no image has a pose"}, "no shots");
+    assert_refused(folder, plain(), (const char *const[3]){"no image has a pose"}, "no shots");
 }
 
 int test_group_broken_formats(void)

@@ -50,16 +50,6 @@ static void bend(cln_camera cameras[FORMAT_VIEWS])
     }
 }
 
-static const cln_config *plain(void)
-{
-    static cln_config config;
-
-    config = default_config();
-    config.holdout = 0;
-    config.downscale = 1;
-    return &config;
-}
-
 static void test_colmap(void **state)
 {
     static const struct {

@@ -26,21 +26,6 @@ static void put_images(const char *folder)
     free(data);
 }
 
-static void assert_refused(const char *path, const cln_config *config, const char *const words[3],
-                           const char *what)
-{
-    cln_scene *scene = NULL;
-    const cln_status st = try_load(path, config, &scene);
-
-    if (st != CLN_INPUT)
-        fail_msg("%s: status %d instead of CLN_INPUT (%s)", what, (int)st, cln_error_text());
-    assert_null(scene);
-    for (int i = 0; i < 3 && words[i]; i++)
-        if (!strstr(cln_error_text(), words[i]))
-            fail_msg("%s: '%s' lacks '%s'", what, cln_error_text(), words[i]);
-    cln_clear_error();
-}
-
 /* A whole document around frames, and one around frame a.png, preceded by other keys. */
 #define DOC(frames)  "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" frames "]}"
 #define KEYS(keys)   "{" keys ",\"aabb_scale\":1,\"frames\":[" FRAME("a.png", POSE_FRONT) "]}"

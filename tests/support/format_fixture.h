@@ -8,6 +8,17 @@
 #include "scene/reader.h"
 #include "scene_fixture.h"
 
+/* Every image trains, at its size. */
+static inline const cln_config *plain(void)
+{
+    static cln_config config;
+
+    config = default_config();
+    config.holdout = 0;
+    config.downscale = 1;
+    return &config;
+}
+
 enum { FORMAT_VIEWS = 6, FORMAT_WIDTH = 16, FORMAT_HEIGHT = 12 };
 
 /* Cameras in a ring at distance 4 that look close to (1, 2, 3), rolled, at different heights. Plain

@@ -72,4 +72,20 @@ static inline cln_scene *load(const char *path, const cln_config *config)
     return scene;
 }
 
+/* Refused with CLN_INPUT, no scene and a sentence that has these words; what: names the case. */
+static inline void assert_refused(const char *path, const cln_config *config,
+                                  const char *const words[3], const char *what)
+{
+    cln_scene *scene = NULL;
+    const cln_status st = try_load(path, config, &scene);
+
+    if (st != CLN_INPUT)
+        fail_msg("%s: status %d instead of CLN_INPUT (%s)", what, (int)st, cln_error_text());
+    assert_null(scene);
+    for (int i = 0; i < 3 && words[i]; i++)
+        if (!strstr(cln_error_text(), words[i]))
+            fail_msg("%s: '%s' lacks '%s'", what, cln_error_text(), words[i]);
+    cln_clear_error();
+}
+
 #endif
