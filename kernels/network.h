@@ -14,6 +14,8 @@
  *   NOISE_ON 0 | 1, NOISE   density noise in training: off | on; its standard deviation
  *   TRAIN 0 | 1  evaluation: the mean slope | training: random slopes, noise, kept activations
  *   HALF 0 | 1   pre-activations kept for the backward pass have 32 | 16 bits
+ *   ENCODING 0 frequency | 1 grid   of the position; CELLS FEATURES GRID_W: encoding_grid.h.
+ *                GRID_W is also where the layers end
  *   LEAF 0 | 1   a leaf's gradient and transposed weights are in global | local memory
  */
 #ifndef WIDTH
@@ -37,7 +39,6 @@
 #define COLOUR_W 1040
 #define COLOUR_B 1088
 #define PARAMS 1104
-#define ENCODING 0
 #define CELLS 4
 #define FEATURES 4
 #define GRID_W 1104
@@ -51,6 +52,9 @@
 #define NOISE_ON 1
 #define NOISE 1.0f
 #define HALF 0
+#endif
+#ifndef ENCODING
+#define ENCODING 0
 #endif
 #ifndef LEAF
 #define LEAF 1
