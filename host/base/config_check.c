@@ -178,12 +178,14 @@ static int deepest_level(const cln_config *config, const double fraction[CLN_LEV
 
 int cln_config_most_leaves(const cln_config *config)
 {
-    double fraction[CLN_LEVELS] = {2, 2, 2, 2, 2, 2};
-    int all = 0;
+    double fraction[CLN_LEVELS];
+    int deepest = config->start_level, all = 0;
 
-    if (cln_config_levels(config, fraction) != CLN_OK)
-        cln_clear_error(); /* cln_config_check is who tells */
-    all = 1 << (3 * deepest_level(config, fraction));
+    if (cln_config_levels(config, fraction) == CLN_OK)
+        deepest = deepest_level(config, fraction);
+    else
+        cln_clear_error(); /* cln_config_check reports it */
+    all = 1 << (3 * deepest);
     return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
 }
 

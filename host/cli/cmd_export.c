@@ -54,7 +54,7 @@ static cln_status export_to_stdout(const cln_options *options, cln_export_desc *
                         desc->what);
     if (isatty(STDOUT_FILENO))
         return cln_fail(CLN_USAGE,
-                        "--%s -: standard output is a terminal, and the file is no text; add "
+                        "--%s -: standard output is a terminal, and the file is not text; add "
                         "> FILE, or | and a program that reads it",
                         desc->what);
     CLN_TRY(cln_asprintf(&path, "%s/cl-nascent-XXXXXX", folder && *folder ? folder : "/tmp"));
