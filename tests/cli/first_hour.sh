@@ -176,6 +176,8 @@ section_training() {
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
         grep -aE "^train" | sed "s/\x1b\[K//" | grep -vqE "(train|test|left|evaluation|[0-9]|/s)$"'
     check "PSNR and time are on it" grep -aqE 'PSNR [0-9.]+ train.*trained, .*left' "$work/out"
+    on_terminal 80 env CI=true "$cln" train --resume "$r" --skip-selftest --steps +40
+    check "no line is redrawn where CI is set" eval '! grep -qF $'"'\033[K'"' "$work/out"'
 }
 
 # Scenes and places that are at the edge.

@@ -5,7 +5,8 @@
 query=$PWD/build/json-query
 passed=0 failed=0 skipped=0
 export LC_ALL=C
-unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE
+unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE CI NO_COLOR
+export TERM=xterm
 export XDG_CONFIG_HOME=$work/config # no rows of the user's
 
 ok() {
