@@ -216,9 +216,11 @@ enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \
     REAL(huber_delta, "huber-delta", 0.1, 0.1, 1e-6, 10, "where huber turns linear")               \
     BOOL(random_background, "random-background", false, false,                                     \
-         "a random background colour per ray, for images with alpha")                              \
+         "a random background colour per ray")                                                     \
     REAL(alpha_loss, "alpha-loss", 0, 0.1, 0, 1e3,                                                 \
          "weight of (opacity - alpha)^2 per ray, for images with alpha", .flags = CLN_ROW_LATER)   \
+    REAL(opaque_loss, "opaque-loss", 0, 0, 0, 1e3,                                                 \
+         "weight of (1 - opacity)^2 per ray, for images without alpha", .flags = CLN_ROW_LATER)    \
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \
     REAL(sparsity, "sparsity", 0, 0, 0, 1e3, "weight of 1-exp(-0.05 sigma) at random points")      \

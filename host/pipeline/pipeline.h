@@ -25,13 +25,13 @@
 
 struct cln_pipeline {
     cln_device *device;
-    cln_config config; /* without what the scene cannot use (alpha_loss without alpha) */
+    cln_config config; /* alpha_loss is opaque_loss where images have no alpha */
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
     unsigned lenses;     /* whose code is built in (cln_camera_lenses) */
-    bool ray_background; /* one background per ray (random_background with alpha) */
+    bool ray_background; /* one background per ray (random_background) */
     /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; where one array would
      * exceed the device's largest allocation, all are CLN_PARTS buffers of so many rows
      * (kernels/leaves.h). */
@@ -67,7 +67,7 @@ struct cln_pipeline {
 };
 
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
- * (cln_camera_lenses). alpha: the images have it; otherwise omits random_background and alpha_loss.
+ * (cln_camera_lenses). alpha: the images have it; otherwise opaque_loss is the weight of alpha_loss.
  * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones
  * with a warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,

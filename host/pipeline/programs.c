@@ -341,9 +341,9 @@ static cln_status outline(cln_device *device, const cln_config *config, unsigned
     out->parts = out->part_leaves = out->part_slices = 1;
     out->config = *config;
     out->lenses = lenses;
-    out->ray_background = config->random_background && alpha;
+    out->ray_background = config->random_background;
     if (!alpha)
-        out->config.alpha_loss = 0; /* nothing to compare opacity with */
+        out->config.alpha_loss = config->opaque_loss; /* each pixel shows something: alpha is 1 */
     CLN_TRY(cln_network_layout(config, &out->net));
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);

@@ -210,8 +210,9 @@ static void test_idle(void **state)
         if (*said)
             fail_msg("%s: '%s'", cases[i].busy, said);
     }
-    assert_non_null(strstr(warnings("fast", "random-background=yes", false, false), "no alpha"));
-    assert_string_equal(warnings("fast", "random-background=yes", false, true), "");
+    assert_string_equal(warnings("fast", "random-background=yes", false, false), "");
+    assert_non_null(strstr(warnings("fast", "opaque-loss=0.1", false, true), "have alpha"));
+    assert_string_equal(warnings("fast", "opaque-loss=0.1", false, false), "");
     assert_non_null(strstr(warnings("fast", "alpha-loss=0.1", false, false), "no alpha"));
     assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
