@@ -228,6 +228,7 @@ typedef struct cln_eval_result {
     double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images */
     double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;
+    int antialias; /* n x n rays for pixels at edges; 1 = one ray a pixel */
     double train_seconds;
     uint64_t digest;
     float background[3];
@@ -239,6 +240,7 @@ typedef struct cln_eval_desc {
     const char *scene; /* NULL = the run's own */
     const char *split; /* "train", "val", "test" */
     int max_images;    /* evenly chosen; 0 = all */
+    int antialias;     /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
     bool save_images;  /* renders, truths, errors and pictures of the tree */
     const char *out;   /* the folder to write to; NULL = RUN/eval, and the report is renewed */
     cln_device_desc device;
@@ -265,6 +267,7 @@ typedef struct cln_render_desc {
     int width, height;      /* image size; 0 = as the photos, or by the other one */
     double fov;             /* orbit: horizontal, degrees; 0 = as the training images */
     int max_images;         /* split: evenly chosen; 0 = all */
+    int antialias;          /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     cln_device_desc device;

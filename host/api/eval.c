@@ -42,7 +42,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
 {
     cln_status st = CLN_OK;
     const cln_split s = opened->scene->views[views[0]].split;
-    char *evals = NULL;
+    char *evals = NULL, *plain = NULL;
 
     if (!desc->out && !opened->same_scene)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -51,7 +51,11 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
                          opened->scene->folder, desc->run));
     CLN_TRY(cln_path_join(&evals, desc->run, "eval"));
     CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count,
-                             cln_scene_split_count(opened->scene, s), place));
+                             cln_scene_split_count(opened->scene, s), &plain));
+    if (desc->antialias > 1)
+        CLN_TRY(cln_asprintf(place, "%s-antialias%d", plain, desc->antialias));
+    else
+        CLN_TRY(cln_strdup(place, plain));
     if (desc->out)
         CLN_TRY(check_place(*place, cln_model_digest(&opened->model)));
     if (desc->save_images)
@@ -60,6 +64,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
                                "the evaluation's pictures"));
 done:
     free(evals);
+    free(plain);
     return st;
 }
 
@@ -81,9 +86,11 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_quality_choose(opened.scene, split, desc->max_images, &views, &count));
     CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
+    opened.pipeline.antialias = desc->antialias;
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
     CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
                                 desc->save_images ? place : NULL, &desc->callbacks, result));
+    result->antialias = desc->antialias > 1 ? desc->antialias : 1;
     result->step = opened.model.step;
     result->train_seconds = opened.model.train_seconds;
     result->digest = cln_model_digest(&opened.model);

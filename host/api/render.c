@@ -114,6 +114,8 @@ static void find_identity(const job *j, frame *f)
     d = cln_digest(d, c->c2w, sizeof c->c2w);
     d = cln_digest(d, lengths, sizeof lengths);
     d = cln_digest(d, c->distortion, sizeof c->distortion);
+    if (j->desc->antialias > 1)
+        d = cln_digest(d, &j->desc->antialias, sizeof j->desc->antialias);
     snprintf(f->made_from, sizeof f->made_from, "%016llx", (unsigned long long)d);
 }
 
@@ -170,6 +172,8 @@ static json_t *describe(const job *j)
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
                       "poses", d->split ? d->split : "orbit", "frames", frames);
+    if (about && d->antialias > 1)
+        json_object_set_new(about, "antialias", json_integer(d->antialias));
     if (about && d->split && (d->width > 0 || d->height > 0))
         json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
     if (about && !d->split)
@@ -397,6 +401,7 @@ static cln_status start(job *j)
         lenses |= cln_camera_lenses(cameras[i]);
     }
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
+    v->pipeline.antialias = j->desc->antialias;
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, &v->model.space));
     CLN_TRY(drop_stale(j));
     CLN_TRY(write_about(j, NULL));

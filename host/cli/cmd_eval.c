@@ -57,6 +57,7 @@ cln_status cln_cmd_eval(const cln_options *options)
                           .scene = options->scene,
                           .split = options->split,
                           .max_images = options->max_images,
+                          .antialias = options->antialias,
                           .save_images = options->save_images,
                           .out = options->output,
                           .device = options->device};

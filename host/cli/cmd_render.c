@@ -28,6 +28,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .height = options->image_height,
                             .fov = options->fov,
                             .max_images = options->max_images,
+                            .antialias = options->antialias,
                             .overwrite = options->overwrite,
                             .z_depth = options->z_depth,
                             .device = options->device};

@@ -130,6 +130,8 @@ const cln_arg cln_args[] = {
          "where the scene is now, if it has moved since training"),
     INT(CLN_EVAL | CLN_RENDER, "max-images", max_images, "N", 0, INT_MAX,
          "only N views, evenly chosen (0 = all)", .standard = "0"),
+    INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
+         "N x N rays for pixels at edges", .standard = "1"),
     REAL(CLN_EVAL, "min-psnr", min_psnr, "DB", 0, 200,
          "exit with code 9 if the mean PSNR is below this", .standard = "0"),
     FLAG(CLN_EVAL, "save-images", save_images,

@@ -21,7 +21,7 @@ typedef struct cln_options {
     bool conf;       /* cl-nascent.conf beside the scene is read */
     char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
     bool circle, json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
-    int verbose, max_images;
+    int verbose, max_images, antialias;
     int orbit_frames; /* 0 = no orbit */
     double elevation, radius, fov, min_psnr, budget;
     int image_width, image_height;

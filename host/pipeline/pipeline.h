@@ -63,7 +63,9 @@ struct cln_pipeline {
     int64_t splat_entries;
     cln_pixel *host_pixels; /* [ray] */
     int host_rays, batch_view_count, list_total;
-    cln_device_camera *host_cameras; /* [view] */
+    int antialias; /* n: n x n rays for a picture's pixel at an edge (0 or 1: one) */
+    /* [view], then, with antialias > 1, [view] of n times as many pixels a side */
+    cln_device_camera *host_cameras;
 };
 
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
@@ -138,7 +140,8 @@ cln_status cln_pipeline_derive(cln_pipeline *p);
 cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training);
 cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
 
-/* Uploads the cameras of `count` views, brought to normalised space. */
+/* Uploads the cameras of `count` views, brought to normalised space, and with p->antialias > 1 those
+ * of their finer pictures. */
 cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
                                 const cln_space *space);
 

@@ -123,17 +123,33 @@ static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
     return out;
 }
 
+/* The same camera with n x n pixels for each. */
+static cln_device_camera finer(cln_device_camera c, int n)
+{
+    c.fx *= (float)n;
+    c.fy *= (float)n;
+    c.cx *= (float)n;
+    c.cy *= (float)n;
+    c.width *= n;
+    c.height *= n;
+    return c;
+}
+
 cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
                                 const cln_space *space)
 {
     cln_status st = CLN_OK;
+    const size_t all = (size_t)count * (p->antialias > 1 ? 2 : 1);
 
     free(p->host_cameras);
     p->view_count = 0;
-    CLN_TRY(cln_alloc(&p->host_cameras, (size_t)count, sizeof *p->host_cameras, "cameras"));
+    CLN_TRY(cln_alloc(&p->host_cameras, all, sizeof *p->host_cameras, "cameras"));
     for (int i = 0; i < count; i++)
         p->host_cameras[i] = in_cube(cameras[i], space);
-    CLN_TRY(CLN_PUT(p, cameras, p->host_cameras, (size_t)count));
+    if (p->antialias > 1)
+        for (int i = 0; i < count; i++)
+            p->host_cameras[count + i] = finer(p->host_cameras[i], p->antialias);
+    CLN_TRY(CLN_PUT(p, cameras, p->host_cameras, all));
     p->view_count = count;
 done:
     return st;

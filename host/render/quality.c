@@ -285,5 +285,7 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         cln_json_real(r->opaque_air), "seconds", r->seconds, "std", "psnr",
         cln_json_real(deviation(r, false)), "ssim", cln_json_real(deviation(r, true)),
         "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
+    if (*out && r->antialias > 1)
+        json_object_set_new(*out, "antialias", json_integer(r->antialias));
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");
 }

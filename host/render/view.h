@@ -24,7 +24,8 @@ void cln_render_release(cln_pipeline *p);
 
 /* View number `view` of the cameras given to cln_pipeline_cameras. axis_depth: depth along the
  * optical axis instead of along the ray. `interrupted` (may be NULL) is polled between batches and
- * ends the picture with CLN_SIGINT / CLN_SIGTERM. */
+ * ends the picture with CLN_SIGINT / CLN_SIGTERM. With p->antialias n > 1, pixels at edges
+ * (antialias.h) are the mean of n x n rays. */
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
                            const cln_callbacks *callbacks, cln_picture *out);
 

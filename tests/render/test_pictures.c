@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <cmocka.h>
+#include "render/antialias.h"
 #include "render/open_run.h"
 #include "render/quality.h"
 #include "render/view.h"
@@ -15,7 +16,7 @@
 #include "tests.h"
 
 /* The first test view of the run, with these settings of its sampling. */
-static void render(const cln_config *sampling, cln_picture *out)
+static void render_fine(const cln_config *sampling, int antialias, int larger, cln_picture *out)
 {
     const bool pixels[CLN_SPLITS] = {false, false, true};
     const cln_device_desc device = fixture_device();
@@ -26,12 +27,28 @@ static void render(const cln_config *sampling, cln_picture *out)
     if (sampling)
         v.model.config = *sampling;
     assert_ok(cln_open_run_start(&v, &device, false));
+    for (int i = 0; i < v.scene->view_count; i++) {
+        cln_camera *c = &v.scene->views[i].camera;
+
+        c->width *= larger;
+        c->height *= larger;
+        c->fx *= larger;
+        c->fy *= larger;
+        c->cx *= larger;
+        c->cy *= larger;
+    }
+    v.pipeline.antialias = antialias;
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
     assert_ok(cln_render_prepare(&v.pipeline));
     assert_ok(cln_render_view(&v.pipeline, views[0], v.scene->background, false, NULL, out));
     cln_open_run_close(&v);
     free(views);
+}
+
+static void render(const cln_config *sampling, cln_picture *out)
+{
+    render_fine(sampling, 1, 1, out);
 }
 
 static double psnr(const cln_picture *a, const cln_picture *b)
@@ -81,9 +98,50 @@ static void test_agree_with_dense_sampling(void **state)
     cln_picture_free(&without);
 }
 
+/* A pixel is the mean of a picture of three times the size where edges are, and the ray through its
+ * centre elsewhere. */
+static void test_antialias(void **state)
+{
+    enum { N = 3 };
+    cln_picture own, plain, fine;
+    int *edges = NULL, count = 0, next = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    render(NULL, &plain);
+    render_fine(NULL, N, 1, &own);
+    render_fine(NULL, 1, N, &fine);
+    assert_ok(cln_antialias_edges(&plain, &edges, &count));
+    print_message("edges: %d of %d pixels\n", count, plain.width * plain.height);
+    assert_in_range(count, 1, plain.width * plain.height - 1);
+    assert_int_equal(own.width, plain.width);
+    for (int i = 0; i < plain.width * plain.height; i++) {
+        const bool edge = next < count && edges[next] == i;
+        double sum[4] = {0};
+
+        next += edge;
+        for (int k = 0; k < N * N; k++) {
+            const int at = (i / plain.width * N + k / N) * fine.width + i % plain.width * N + k % N;
+
+            for (int c = 0; c < 3; c++)
+                sum[c] += fine.rgb[3 * at + c] / (double)(N * N);
+            sum[3] += fine.opacity[at] / (double)(N * N);
+        }
+        for (int c = 0; c < 3; c++)
+            assert_float_equal(own.rgb[3 * i + c], edge ? sum[c] : plain.rgb[3 * i + c], 1e-6);
+        assert_float_equal(own.opacity[i], edge ? sum[3] : plain.opacity[i], 1e-6);
+        assert_true(own.depth[i] == plain.depth[i]);
+    }
+    free(edges);
+    cln_picture_free(&own);
+    cln_picture_free(&plain);
+    cln_picture_free(&fine);
+}
+
 int test_group_pictures(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling),
+                                       cmocka_unit_test(test_antialias)};
 
     return cmocka_run_group_tests_name("pictures", tests, fixture_setup, fixture_teardown);
 }
