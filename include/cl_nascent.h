@@ -217,6 +217,7 @@ typedef struct cln_eval_image {
     char *file; /* of its pictures: FILE.png, FILE.truth.png, FILE.error.png */
     int width, height;
     double psnr, psnr_u8, ssim, mse, seconds;
+    double psnr_fitted;   /* after an affine fit of the render's colours to the photo's */
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
                              NAN where there are none */
@@ -226,6 +227,7 @@ typedef struct cln_eval_result {
     int count;
     cln_eval_image *images;
     double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images */
+    double psnr_fitted;                                         /* mean over images */
     double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;
     int antialias; /* n x n rays for pixels at edges; 1 = one ray a pixel */

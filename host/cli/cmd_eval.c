@@ -35,8 +35,12 @@ static void print_table(const cln_eval_result *r)
         print_row(width, r->images[i].name, r->images[i].psnr, r->images[i].ssim,
                   r->images[i].seconds);
     print_row(width, "mean", r->psnr, r->ssim, r->seconds);
+    putchar('\n');
+    if (isfinite(r->psnr_fitted))
+        printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
+               r->psnr_fitted);
     if (isfinite(r->opacity_error)) {
-        printf("\nopacity: RMS error %.4f", r->opacity_error);
+        printf("opacity: RMS error %.4f", r->opacity_error);
         if (isfinite(r->opaque_air))
             printf("; opaque where the images are transparent: %.2f %% of the pixels",
                    100 * r->opaque_air);

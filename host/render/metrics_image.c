@@ -34,6 +34,106 @@ double cln_image_mse(int width, int height, const uint8_t *kept, const float *a,
     return count ? sum / (double)count : 0;
 }
 
+/* An affine map of colours: to[i] = sum_j matrix[i][j] (from[j] - from_mean[j]) + to_mean[i]. */
+typedef struct colour_map {
+    double matrix[3][3], from_mean[3], to_mean[3];
+} colour_map;
+
+static void find_means(size_t pixels, const uint8_t *kept, const float *a, const float *b,
+                       colour_map *map)
+{
+    double count = 0;
+
+    for (size_t i = 0; i < pixels; i++) {
+        if (kept && !kept[i])
+            continue;
+        for (size_t c = 0; c < 3; c++) {
+            map->from_mean[c] += clipped(a[3 * i + c]);
+            map->to_mean[c] += clipped(b[3 * i + c]);
+        }
+        count++;
+    }
+    for (int c = 0; c < 3; c++) {
+        map->from_mean[c] /= count > 0 ? count : 1;
+        map->to_mean[c] /= count > 0 ? count : 1;
+    }
+}
+
+/* Solves matrix x = right for three right sides by Gauss-Jordan elimination; matrix is symmetric
+ * and positive definite, so no pivots are needed. right becomes x. */
+static void solve(double matrix[3][3], double right[3][3])
+{
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 3; i++) {
+            const double factor = matrix[i][k] / matrix[k][k];
+
+            for (int j = 0; i != k && j < 3; j++) {
+                matrix[i][j] -= factor * matrix[k][j];
+                right[i][j] -= factor * right[k][j];
+            }
+        }
+    for (int k = 0; k < 3; k++)
+        for (int j = 0; j < 3; j++)
+            right[k][j] /= matrix[k][k];
+}
+
+/* Least squares by the normal equations of centred colours. */
+static colour_map fit_colours(size_t pixels, const uint8_t *kept, const float *a, const float *b)
+{
+    colour_map map = {0};
+    double square[3][3] = {{0}}, product[3][3] = {{0}};
+
+    find_means(pixels, kept, a, b, &map);
+    for (size_t i = 0; i < pixels; i++) {
+        double from[3], to[3];
+
+        if (kept && !kept[i])
+            continue;
+        for (size_t c = 0; c < 3; c++) {
+            from[c] = clipped(a[3 * i + c]) - map.from_mean[c];
+            to[c] = clipped(b[3 * i + c]) - map.to_mean[c];
+        }
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++) {
+                square[j][k] += from[j] * from[k];
+                product[j][k] += from[j] * to[k];
+            }
+    }
+    const double trace = square[0][0] + square[1][1] + square[2][2];
+
+    for (int c = 0; c < 3; c++) /* grey pictures, or of one colour, determine no whole matrix */
+        square[c][c] += 1e-6 * trace + 1e-12;
+    solve(square, product);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            map.matrix[i][j] = product[j][i];
+    return map;
+}
+
+double cln_image_fitted_mse(int width, int height, const uint8_t *kept, const float *a,
+                            const float *b)
+{
+    const size_t pixels = (size_t)width * (size_t)height;
+    const colour_map map = fit_colours(pixels, kept, a, b);
+    size_t count = 0;
+    double sum = 0;
+
+    for (size_t i = 0; i < pixels; i++) {
+        if (kept && !kept[i])
+            continue;
+        for (size_t c = 0; c < 3; c++) {
+            double fitted = map.to_mean[c];
+
+            for (size_t j = 0; j < 3; j++)
+                fitted += map.matrix[c][j] * (clipped(a[3 * i + j]) - map.from_mean[j]);
+            fitted = fitted < 0 ? 0 : fitted > 1 ? 1 : fitted;
+            sum += (fitted - clipped(b[3 * i + c])) * (fitted - clipped(b[3 * i + c]));
+        }
+        count += 3;
+    }
+    return count ? sum / (double)count : 0;
+}
+
 double cln_psnr(double mse)
 {
     /* Equal images have no finite PSNR; 100 dB is beyond what 8 or 16 bits can show. */

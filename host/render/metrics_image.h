@@ -14,6 +14,11 @@
  * of equal images is 0, their PSNR is reported as 100 dB. */
 double cln_image_mse(int width, int height, const uint8_t *kept, const float *a, const float *b);
 double cln_psnr(double mse);
+/* The MSE after the affine map of a's colours (3 x 3 matrix and offset) that brings them nearest to
+ * b's by least squares: what is left where two photos differ in exposure and white balance. Never
+ * above cln_image_mse but for the clipping to [0,1]; a NaN stays one. */
+double cln_image_fitted_mse(int width, int height, const uint8_t *kept, const float *a,
+                            const float *b);
 /* CLN_INPUT if a side is under 11 pixels, or no window is whole. */
 cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const float *a,
                           const float *b, double *ssim);

@@ -130,6 +130,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->mse = cln_image_mse(width, height, kept, picture->rgb, truth);
     image->psnr = cln_psnr(image->mse);
     image->psnr_u8 = cln_psnr(cln_image_mse(width, height, kept, rounded, truth));
+    image->psnr_fitted = cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
     if (folder)
@@ -211,6 +212,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         CLN_TRY(st);
         result->psnr += image->psnr / count;
         result->psnr_u8 += image->psnr_u8 / count;
+        result->psnr_fitted += image->psnr_fitted / count;
         result->ssim += image->ssim / count;
         result->mse += image->mse / count;
         result->seconds += image->seconds / count;
@@ -265,26 +267,28 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         const cln_eval_image *e = &r->images[i];
 
         json_array_append_new(
-            images, json_pack("{s:s, s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name",
-                              e->name, "file", e->file, "width", e->width, "height", e->height,
-                              "psnr", cln_json_real(e->psnr), "psnr_u8", cln_json_real(e->psnr_u8),
-                              "ssim", cln_json_real(e->ssim), "mse", cln_json_real(e->mse),
-                              "opacity_error", cln_json_real(e->opacity_error), "opaque_air",
-                              cln_json_real(e->opaque_air), "seconds", e->seconds));
+            images,
+            json_pack("{s:s, s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name",
+                      e->name, "file", e->file, "width", e->width, "height", e->height, "psnr",
+                      cln_json_real(e->psnr), "psnr_u8", cln_json_real(e->psnr_u8), "psnr_fitted",
+                      cln_json_real(e->psnr_fitted), "ssim", cln_json_real(e->ssim), "mse",
+                      cln_json_real(e->mse), "opacity_error", cln_json_real(e->opacity_error),
+                      "opaque_air", cln_json_real(e->opaque_air), "seconds", e->seconds));
     }
     *out = json_pack(
-        "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, "
+        "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, s:o, "
         "s:f}, "
         "s:{s:o, s:o}, s:o, s:o}",
         "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "model_digest", digest,
         "step", (json_int_t)r->step, "train_seconds", r->train_seconds, "split", r->split,
         "color_space", "srgb", "background", (double)r->background[0], (double)r->background[1],
         (double)r->background[2], "pixel_centre", 0.5, "mean", "psnr", cln_json_real(r->psnr),
-        "psnr_u8", cln_json_real(r->psnr_u8), "ssim", cln_json_real(r->ssim), "mse",
-        cln_json_real(r->mse), "opacity_error", cln_json_real(r->opacity_error), "opaque_air",
-        cln_json_real(r->opaque_air), "seconds", r->seconds, "std", "psnr",
-        cln_json_real(deviation(r, false)), "ssim", cln_json_real(deviation(r, true)),
-        "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
+        "psnr_u8", cln_json_real(r->psnr_u8), "psnr_fitted", cln_json_real(r->psnr_fitted), "ssim",
+        cln_json_real(r->ssim), "mse", cln_json_real(r->mse), "opacity_error",
+        cln_json_real(r->opacity_error), "opaque_air", cln_json_real(r->opaque_air), "seconds",
+        r->seconds, "std", "psnr", cln_json_real(deviation(r, false)), "ssim",
+        cln_json_real(deviation(r, true)), "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse),
+        "images", images);
     if (*out && r->antialias > 1)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");

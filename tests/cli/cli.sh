@@ -529,7 +529,7 @@ section_results() {
     check "eval --json: digest" [ "$(json model_digest)" = "${whole:-none}" ]
     # docs/formats.md: the file is the same document
     for key in schema tool model_digest step split color_space pixel_centre mean.psnr std.ssim \
-        images.1.psnr_u8; do
+        images.1.psnr_u8 mean.psnr_fitted; do
         check "eval --json and its file: $key" [ "$(json $key)" = \
             "$("$query" $key <"$work/whole/eval/00000300-test.json" || echo nothing)" ]
     done

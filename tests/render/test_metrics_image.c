@@ -46,6 +46,42 @@ static void test_psnr(void **state)
     assert_true(isnan(cln_image_mse(1, 1, NULL, not_a_number, two)));
 }
 
+/* Another exposure and white balance cost nothing; other differences stay. */
+static void test_fitted(void **state)
+{
+    float a[W * H * 3], b[W * H * 3], grey[W * H * 3], flat[W * H * 3];
+    uint8_t kept[W * H];
+    double rest = 0;
+
+    (void)state;
+    make_pair(a, b);
+    for (int i = 0; i < W * H; i++) {
+        const float *p = a + 3 * i;
+
+        b[3 * i] = 0.1f + 0.5f * p[0] + 0.1f * p[2];
+        b[3 * i + 1] = 0.05f + 0.8f * p[1];
+        b[3 * i + 2] = 0.2f + 0.2f * p[0] + 0.3f * p[1] + 0.1f * p[2];
+        grey[3 * i] = grey[3 * i + 1] = grey[3 * i + 2] = p[0];
+        flat[3 * i] = flat[3 * i + 1] = flat[3 * i + 2] = 0.5f;
+        kept[i] = i != 7;
+    }
+    assert_true(cln_image_mse(W, H, NULL, a, b) > 1e-3);
+    assert_true(cln_image_fitted_mse(W, H, NULL, a, b) < 1e-8);
+    for (int i = 0; i < W * H; i++)
+        b[3 * i] += i % 2 ? 0.01f : -0.01f;
+    rest = cln_image_fitted_mse(W, H, NULL, a, b);
+    assert_true(rest > 0.9 * 1e-4 / 3 && rest < 1.01 * 1e-4 / 3);
+    b[3 * 7] = 1; /* what is left out is left out of the fit, too */
+    assert_true(cln_image_fitted_mse(W, H, NULL, a, b) > 2 * rest);
+    assert_true(cln_image_fitted_mse(W, H, kept, a, b) < 1.01 * rest);
+    /* a grey picture, and one of a single colour, of which no matrix can be told */
+    assert_true(cln_image_fitted_mse(W, H, NULL, grey, grey) < 1e-8);
+    assert_true(cln_image_fitted_mse(W, H, NULL, flat, grey) <=
+                cln_image_mse(W, H, NULL, flat, grey));
+    a[0] = NAN;
+    assert_true(isnan(cln_image_fitted_mse(W, H, NULL, a, b)));
+}
+
 static void test_ssim(void **state)
 {
     float a[W * H * 3], b[W * H * 3];
@@ -109,6 +145,7 @@ int test_group_metrics_image(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_psnr),
+        cmocka_unit_test(test_fitted),
         cmocka_unit_test(test_ssim),
         cmocka_unit_test(test_left_out),
     };
