@@ -17,7 +17,9 @@ PREFIX ?= /usr/local
 LIBDIR ?= $(PREFIX)/lib
 B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
-PKGS := OpenCL jansson zlib
+# the viewer's server; without it `view` says what is missing
+MICROHTTPD := $(shell pkg-config --exists libmicrohttpd && echo libmicrohttpd)
+PKGS := OpenCL jansson zlib $(MICROHTTPD)
 CC ?= gcc
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
 OPT := $(if $(DEBUG),-O0,-O2) -g
@@ -28,6 +30,7 @@ WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(W
 CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
+             $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
              $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
 LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
@@ -45,7 +48,8 @@ PEER_MAIN := bench/peers/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
 GROWTH_SRC := bench/growth/growth.c bench/common/plot.c
 BENCH_SRC := $(wildcard bench/kernels/*.c)
-LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o
+LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o \
+           $B/obj/pages_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
@@ -57,6 +61,7 @@ GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
            bench/growth/growth.c $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
+PAGES := $(wildcard host/view/page.*)
 TUNE_ROWS := $(wildcard data/tune/*.txt)
 EXAMPLES := $(wildcard examples/*.c)
 
@@ -179,6 +184,27 @@ $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 $B/obj/kernels_embed.o: $B/kernels_embed.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
+
+# The viewer's page, likewise.
+$B/pages_embed.c: $(PAGES) Makefile
+	@mkdir -p $(@D)
+	@{ echo '/* Generated from host/view/page.* by make. */'; \
+	   echo '#include "view/pages.h"'; \
+	   for f in $(PAGES); do \
+	     echo "const char *const cln_$$(basename $$f | tr . _)[] = {"; \
+	     sed -e 's/\\/\\\\/g' -e 's/["?]/\\&/g' -e 's/.*/"&\\n",/' $$f; \
+	     echo '0};'; \
+	   done; } > $@
+
+$B/obj/pages_embed.o: $B/pages_embed.c
+	@mkdir -p $(@D)
+	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
+
+# Compiled anew when libmicrohttpd comes or goes.
+$B/obj/host/view/server.o: $B/microhttpd
+$B/microhttpd: FORCE
+	@mkdir -p $(@D)
+	@echo '$(MICROHTTPD)' | cmp -s - $@ || echo '$(MICROHTTPD)' > $@
 
 # The table of test groups is made from the test files; a new file needs only its prototype in
 # tests.h.

@@ -285,6 +285,24 @@ typedef struct cln_render_result {
  * viewing), NAME.opacity.png; names are the dataset's, or orbit_0000. */
 CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
 
+/* ---- looking at it live ---- */
+
+typedef struct cln_view_desc {
+    const char *run;
+    const char *scene;  /* NULL = the run's own; without one there are no cameras and photos */
+    const char *listen; /* a numeric address, which then wants a token; NULL = 127.0.0.1, without */
+    int port;           /* 0 = 7007, or a free one if that is taken */
+    cln_device_desc device;
+    /* Called once, when a browser can open the address (token included). May be NULL. */
+    void (*ready)(const char *address, void *user);
+    cln_callbacks callbacks; /* interrupted: the way to end it; gets its `user`, as ready does */
+} cln_view_desc;
+
+/* Shows a run's newest model in a browser: serves a page and the pictures that it asks for, until
+ * interrupted (CLN_SIGINT, CLN_SIGTERM). Writes nothing. CLN_FAILED if the library was built
+ * without libmicrohttpd. */
+CLN_API cln_status cln_view_run(const cln_view_desc *desc);
+
 /* ---- the field itself ---- */
 
 /* A trained run, opened for evaluation at points: its newest checkpoint on a device. Needs neither

@@ -4,9 +4,9 @@
 # other systems it only names the required packages.
 set -eu
 
-build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libstb-dev zlib1g-dev
-    pkg-config|pkgconf"
-test="libcmocka-dev glpk-utils oclgrind"
+build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libmicrohttpd-dev libstb-dev
+    zlib1g-dev pkg-config|pkgconf"
+test="curl libcmocka-dev glpk-utils oclgrind"
 lint="clang-14|clang clang-format-14|clang-format"
 peers="g++"
 

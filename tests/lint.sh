@@ -14,7 +14,7 @@
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
-ORDER="cli api train render check pipeline report model scene device io reference base"
+ORDER="cli api train view render check pipeline report model scene device io reference base"
 passed=0 failed=0 skipped=0
 c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c \
     bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
@@ -55,7 +55,8 @@ warnings() {
     local flags
     flags="-std=c11 -D_GNU_SOURCE -O2 -Wall -Wextra -Wshadow -Wstrict-prototypes
            -Wmissing-prototypes -Werror -Iinclude -Ihost -Ibench -Itests/support
-           -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)"
+           -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)
+           $(pkg-config --exists libmicrohttpd && echo -DCLN_WITH_MICROHTTPD)"
     # shellcheck disable=SC2086
     printf '%s\n' $c_files | xargs -P 2 -n 4 ${CC:-gcc} $flags -fsyntax-only
 }
@@ -181,7 +182,7 @@ lengths() {
         gsub(/\t/, "        ", line)
         gsub(/[\200-\277]/, "", line)
         if (length(line) > 100) print FILENAME ":" FNR ": over 100 columns"
-    }' $all_files bench/*/*.sh bench/*/*.cpp Makefile
+    }' $all_files host/view/page.* bench/*/*.sh bench/*/*.cpp Makefile
 }
 
 shell_scripts() {

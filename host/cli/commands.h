@@ -11,6 +11,7 @@ struct cln_options;
 cln_status cln_cmd_train(const struct cln_options *options);
 cln_status cln_cmd_eval(const struct cln_options *options);
 cln_status cln_cmd_render(const struct cln_options *options);
+cln_status cln_cmd_view(const struct cln_options *options);
 cln_status cln_cmd_info(const struct cln_options *options);
 cln_status cln_cmd_export(const struct cln_options *options);
 cln_status cln_cmd_devices(const struct cln_options *options);

@@ -30,6 +30,11 @@ const cln_command cln_commands[] = {
      "Writes NAME.png, NAME.depth.npy (float32, scene units), NAME.depth.png and NAME.opacity.png. "
      "Frames that exist already are skipped, so an interrupted render goes on where it stopped.",
      cln_cmd_render},
+    {"view", CLN_VIEW, "RUN", true, "view RUN [OPTIONS]",
+     "A run in the browser: fly through it, beside its photos",
+     "Prints an address of this machine, which a browser opens, also through ssh -L, until Ctrl-C. "
+     "Nothing is loaded from elsewhere, and nothing is written.",
+     cln_cmd_view},
     {"info", CLN_INFO, "SCENE|RUN", true, "info SCENE|RUN [OPTIONS]",
      "What is in a scene or a run",
      "A folder with a run.json of ours is a run, anything else a scene, read as train would "
@@ -62,7 +67,7 @@ const cln_command cln_commands[] = {
 /* clang-format on */
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
-#define ON_DEVICE (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_SELFTEST | CLN_TUNE)
+#define ON_DEVICE (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_SELFTEST | CLN_TUNE)
 #define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES | CLN_BUGREPORT)
 #define AT(field) offsetof(cln_options, field)
 
@@ -126,7 +131,7 @@ const cln_arg cln_args[] = {
 
     WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test",
          "which views of the scene; render: their poses", .standard = "test"),
-    TEXT(CLN_EVAL | CLN_RENDER, "scene", scene, "SCENE",
+    TEXT(CLN_EVAL | CLN_RENDER | CLN_VIEW, "scene", scene, "SCENE",
          "where the scene is now, if it has moved since training"),
     INT(CLN_EVAL | CLN_RENDER, "max-images", max_images, "N", 0, INT_MAX,
          "only N views, evenly chosen (0 = all)", .standard = "0"),
@@ -166,6 +171,15 @@ const cln_arg cln_args[] = {
          "what the boxes' colours show: the level, or the error on a logarithmic scale",
          .standard = "level"),
 
+    INT(CLN_VIEW, "port", port, "N", 1, 65535,
+        "port to listen on", .shown = "7007, or a free one if that is taken"),
+    TEXT(CLN_VIEW, "listen", listen, "ADDRESS",
+         "numeric address to listen on, for other machines (0.0.0.0: all of this one's); the "
+         "printed address then has a token, without which nothing is answered",
+         .shown = "127.0.0.1, without a token"),
+    FLAG(CLN_VIEW, "open", open,
+         "open the address in this desktop's browser (xdg-open)"),
+
     FLAG(CLN_DEVICES | CLN_BUGREPORT, "test", test,
          "run the quick self-test on each device", .standard = "yes", .negatable = true),
     REAL(CLN_TUNE, "budget", budget, "SECONDS", 1, 1e6,
@@ -178,7 +192,7 @@ const cln_arg cln_args[] = {
          "take settings from cl-nascent.conf beside the scene, if it is there",
          .standard = "yes", .negatable = true),
 
-    FLAG(EVERY & ~CLN_BUGREPORT, "json", json,
+    FLAG(EVERY & ~(CLN_BUGREPORT | CLN_VIEW), "json", json,
          "results as one JSON document on standard output"),
     WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE, "progress", progress, "auto|bar|line|none",
          "a live line on a terminal, plain lines now and then, or neither", .standard = "auto"),

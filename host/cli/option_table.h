@@ -18,7 +18,8 @@ enum {
     CLN_SELFTEST = 32,
     CLN_EXPORT = 64,
     CLN_TUNE = 128,
-    CLN_BUGREPORT = 256
+    CLN_BUGREPORT = 256,
+    CLN_VIEW = 512
 };
 
 typedef struct cln_command {

@@ -25,6 +25,9 @@ typedef struct cln_options {
     int orbit_frames; /* 0 = no orbit */
     double elevation, radius, fov, min_psnr, budget;
     int image_width, image_height;
+    const char *listen;
+    int port;
+    bool open;
 
     cln_settings *settings; /* train, info, tune: preset or resumed run, then the options given */
 } cln_options;

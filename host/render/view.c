@@ -8,7 +8,6 @@
 #include "base/memory.h"
 #include "pipeline/plan.h"
 #include "render/antialias.h"
-#include "render/ray_batch.h"
 
 void cln_picture_free(cln_picture *picture)
 {
@@ -28,84 +27,98 @@ void cln_render_release(cln_pipeline *p)
     cln_stage_picture_release(p);
 }
 
-/* The arrays of one picture's batches. */
-typedef struct frame {
-    cln_pipeline *p;
-    const cln_callbacks *callbacks;
-    int most; /* rays of a batch */
-    cln_pixel *pixels;
-    cln_ray_result *results;
-    float (*backgrounds)[4];
-    cln_ray_batch batch;
-} frame;
-
-static cln_status open_frame(cln_pipeline *p, const float background[3], bool axis_depth,
-                             const cln_callbacks *callbacks, frame *f)
+cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3],
+                               bool axis_depth, cln_rendering *out)
 {
     cln_status st = CLN_OK;
+    const cln_device_camera *camera = &p->host_cameras[view];
+    const size_t total = (size_t)camera->width * (size_t)camera->height;
     const int most =
         p->max_rays > 0 && p->max_rays < CLN_RENDER_RAYS ? p->max_rays : CLN_RENDER_RAYS;
+    cln_picture *picture = &out->picture;
 
-    *f = (frame){.p = p, .callbacks = callbacks, .most = most};
-    CLN_TRY(cln_alloc(&f->pixels, (size_t)most, sizeof *f->pixels, "ray batch"));
-    CLN_TRY(cln_alloc(&f->results, (size_t)most, sizeof *f->results, "ray batch"));
-    CLN_TRY(cln_alloc(&f->backgrounds, (size_t)most, sizeof *f->backgrounds, "ray batch"));
+    memset(out, 0, sizeof *out);
+    out->view = view;
+    out->most = most;
+    picture->width = camera->width;
+    picture->height = camera->height;
+    CLN_TRY(cln_alloc(&picture->rgb, total * 3, sizeof *picture->rgb, "picture"));
+    CLN_TRY(cln_alloc(&picture->depth, total, sizeof *picture->depth, "picture"));
+    CLN_TRY(cln_alloc(&picture->opacity, total, sizeof *picture->opacity, "picture"));
+    CLN_TRY(cln_alloc(&out->pixels, (size_t)most, sizeof *out->pixels, "ray batch"));
+    CLN_TRY(cln_alloc(&out->results, (size_t)most, sizeof *out->results, "ray batch"));
+    CLN_TRY(cln_alloc(&out->backgrounds, (size_t)most, sizeof *out->backgrounds, "ray batch"));
     for (int i = 0; i < most; i++)
-        memcpy(f->backgrounds[i], background, 3 * sizeof(float));
-    f->batch = (cln_ray_batch){.pixels = f->pixels,
-                               .backgrounds = (const float(*)[4])f->backgrounds,
-                               .axis_depth = axis_depth,
-                               .sampling = cln_render_sampling(p)};
+        memcpy(out->backgrounds[i], background, 3 * sizeof(float));
+    out->batch = (cln_ray_batch){.pixels = out->pixels,
+                                 .backgrounds = (const float(*)[4])out->backgrounds,
+                                 .axis_depth = axis_depth,
+                                 .sampling = cln_render_sampling(p)};
+done:
+    if (st != CLN_OK)
+        cln_rendering_end(p, out);
+    return st;
+}
+
+void cln_rendering_end(cln_pipeline *p, cln_rendering *r)
+{
+    if (r->under_way)
+        (void)cln_device_finish(p->device); /* the queue may still have to do with these arrays */
+    cln_picture_free(&r->picture);
+    free(r->pixels);
+    free(r->results);
+    free(r->backgrounds);
+    memset(r, 0, sizeof *r);
+}
+
+/* Renders the first *rendered of n rays through r->pixels. */
+static cln_status render_some(cln_pipeline *p, cln_rendering *r, int n, int *rendered)
+{
+    cln_status st = CLN_OK;
+
+    r->under_way = true;
+    r->batch.n = n;
+    CLN_TRY(cln_render_rays(p, &r->batch, r->results, rendered));
+    r->under_way = false;
 done:
     return st;
 }
 
-static void close_frame(frame *f)
+cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r)
 {
-    free(f->pixels);
-    free(f->results);
-    free(f->backgrounds);
+    cln_status st = CLN_OK;
+    cln_picture *out = &r->picture;
+    const int first = r->done, left = out->width * out->height - first;
+    const int n = left < r->most ? left : r->most;
+    int rendered = 0;
+
+    for (int i = 0; i < n; i++)
+        r->pixels[i] = (cln_pixel){.view = (cln_u32)r->view,
+                                   .x = (cln_u32)((first + i) % out->width),
+                                   .y = (cln_u32)((first + i) / out->width)};
+    CLN_TRY(render_some(p, r, n, &rendered));
+    for (int i = 0; i < rendered; i++) {
+        const cln_ray_result *result = &r->results[i];
+
+        out->rgb[3 * (first + i)] = result->r;
+        out->rgb[3 * (first + i) + 1] = result->g;
+        out->rgb[3 * (first + i) + 2] = result->b;
+        out->depth[first + i] = result->depth;
+        out->opacity[first + i] = result->opacity;
+    }
+    r->done += rendered;
+done:
+    return st;
 }
 
-/* Renders the first *rendered of n rays through f->pixels, unless a signal asks to stop. */
-static cln_status render_some(frame *f, int n, int *rendered)
+static cln_status poll_signal(const cln_callbacks *callbacks)
 {
-    const cln_callbacks *callbacks = f->callbacks;
     const int signal =
         callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
 
     if (signal == SIGINT || signal == SIGTERM)
         return cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
-    f->batch.n = n;
-    return cln_render_rays(f->p, &f->batch, f->results, rendered);
-}
-
-/* One ray through each pixel's centre. */
-static cln_status render_centres(frame *f, int view, cln_picture *out)
-{
-    cln_status st = CLN_OK;
-    const int total = out->width * out->height;
-
-    for (int first = 0, rendered = 0; first < total; first += rendered) {
-        const int n = total - first < f->most ? total - first : f->most;
-
-        for (int i = 0; i < n; i++)
-            f->pixels[i] = (cln_pixel){.view = (cln_u32)view,
-                                       .x = (cln_u32)((first + i) % out->width),
-                                       .y = (cln_u32)((first + i) / out->width)};
-        CLN_TRY(render_some(f, n, &rendered));
-        for (int i = 0; i < rendered; i++) {
-            const cln_ray_result *r = &f->results[i];
-
-            out->rgb[3 * (first + i)] = r->r;
-            out->rgb[3 * (first + i) + 1] = r->g;
-            out->rgb[3 * (first + i) + 2] = r->b;
-            out->depth[first + i] = r->depth;
-            out->opacity[first + i] = r->opacity;
-        }
-    }
-done:
-    return st;
+    return CLN_OK;
 }
 
 /* Ray number i of the edges, n^2 a pixel, by rows of the finer picture within each row of pixels:
@@ -129,10 +142,11 @@ static int by_row(const void *a, const void *b)
 }
 
 /* The means of n^2 rays where edges are; depth stays that of the centre, which is a surface's. */
-static cln_status render_edges(frame *f, int view, cln_picture *out)
+static cln_status render_edges(cln_pipeline *p, cln_rendering *f, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
-    const int n = f->p->antialias, each = n * n;
+    const int n = p->antialias, each = n * n;
+    cln_picture *out = &f->picture;
     int *edges = NULL, count = 0;
     double(*sums)[4] = NULL;
     cln_pixel *rays = NULL;
@@ -141,13 +155,14 @@ static cln_status render_edges(frame *f, int view, cln_picture *out)
     CLN_TRY(cln_alloc(&sums, (size_t)out->width * (size_t)out->height, sizeof *sums, "edges"));
     CLN_TRY(cln_alloc(&rays, (size_t)count * (size_t)each, sizeof *rays, "edges"));
     for (int i = 0; i < count * each; i++)
-        rays[i] = fine_pixel(edges, out->width, n, view + f->p->view_count, i);
+        rays[i] = fine_pixel(edges, out->width, n, f->view + p->view_count, i);
     qsort(rays, (size_t)count * (size_t)each, sizeof *rays, by_row);
     for (int first = 0, rendered = 0; first < count * each; first += rendered) {
         const int some = count * each - first < f->most ? count * each - first : f->most;
 
         memcpy(f->pixels, rays + first, (size_t)some * sizeof *rays);
-        CLN_TRY(render_some(f, some, &rendered));
+        CLN_TRY(poll_signal(callbacks));
+        CLN_TRY(render_some(p, f, some, &rendered));
         for (int i = 0; i < rendered; i++) {
             const cln_ray_result *r = &f->results[i];
             const cln_pixel *at = &rays[first + i];
@@ -178,25 +193,19 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
                            const cln_callbacks *callbacks, cln_picture *out)
 {
     cln_status st = CLN_OK;
-    const cln_device_camera *camera = &p->host_cameras[view];
-    const size_t total = (size_t)camera->width * (size_t)camera->height;
-    frame f = {0};
+    cln_rendering r = {0};
 
     memset(out, 0, sizeof *out);
-    out->width = camera->width;
-    out->height = camera->height;
-    CLN_TRY(cln_alloc(&out->rgb, total * 3, sizeof *out->rgb, "picture"));
-    CLN_TRY(cln_alloc(&out->depth, total, sizeof *out->depth, "picture"));
-    CLN_TRY(cln_alloc(&out->opacity, total, sizeof *out->opacity, "picture"));
-    CLN_TRY(open_frame(p, background, axis_depth, callbacks, &f));
-    CLN_TRY(render_centres(&f, view, out));
-    if (p->antialias > 1)
-        CLN_TRY(render_edges(&f, view, out));
-done:
-    if (st != CLN_OK) { /* the queue may still have to do with these arrays */
-        (void)cln_device_finish(p->device);
-        cln_picture_free(out);
+    CLN_TRY(cln_rendering_begin(p, view, background, axis_depth, &r));
+    while (r.done < r.picture.width * r.picture.height) {
+        CLN_TRY(poll_signal(callbacks));
+        CLN_TRY(cln_rendering_step(p, &r));
     }
-    close_frame(&f);
+    if (p->antialias > 1)
+        CLN_TRY(render_edges(p, &r, callbacks));
+    *out = r.picture;
+    memset(&r.picture, 0, sizeof r.picture);
+done:
+    cln_rendering_end(p, &r);
     return st;
 }

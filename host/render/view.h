@@ -5,6 +5,7 @@
 #define CLN_VIEW_H
 
 #include "pipeline/stages.h"
+#include "render/ray_batch.h"
 
 typedef struct cln_picture {
     int width, height;
@@ -28,5 +29,24 @@ void cln_render_release(cln_pipeline *p);
  * (antialias.h) are the mean of n x n rays. */
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
                            const cln_callbacks *callbacks, cln_picture *out);
+
+/* The same batch by batch, one ray a pixel, for those who do something else in between: begin, step
+ * until done, end. The cameras may be others in between if they are put back before the next
+ * step. */
+typedef struct cln_rendering {
+    cln_picture picture; /* whole when `done` is the number of its pixels */
+    int done;            /* pixels, from the top */
+    int view, most;      /* most: rays of a batch */
+    bool under_way;      /* the queue may have to do with the arrays */
+    cln_pixel *pixels;
+    cln_ray_result *results;
+    float (*backgrounds)[4];
+    cln_ray_batch batch;
+} cln_rendering;
+
+cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3],
+                               bool axis_depth, cln_rendering *out);
+cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
+void cln_rendering_end(cln_pipeline *p, cln_rendering *r); /* accepts a zeroed one */
 
 #endif

@@ -1,0 +1,47 @@
+/* See facts.h. */
+#include "view/facts.h"
+
+static json_t *numbers(const double *values, int count)
+{
+    json_t *list = json_array();
+
+    for (int i = 0; i < count; i++)
+        json_array_append_new(list, json_real(values[i]));
+    return list;
+}
+
+static json_t *camera_json(const cln_view *view)
+{
+    const cln_camera *c = &view->camera;
+
+    return json_pack("{s:s, s:s, s:o, s:f, s:i, s:i}", "name", view->name, "split",
+                     cln_split_names[view->split], "pose", numbers(c->c2w, 12), "focal", c->fy,
+                     "width", c->width, "height", c->height);
+}
+
+cln_status cln_view_facts(const cln_open_run *opened, const cln_orbit_frame *frame,
+                          const cln_camera *start, char **out)
+{
+    cln_status st = CLN_OK;
+    const cln_model *model = &opened->model;
+    const double background[3] = {model->background[0], model->background[1], model->background[2]};
+    json_t *cameras = json_array(), *facts = NULL;
+
+    *out = NULL;
+    for (int i = 0; opened->scene && i < opened->scene->view_count; i++)
+        json_array_append_new(cameras, camera_json(&opened->scene->views[i]));
+    facts = json_pack(
+        "{s:s, s:I, s:i, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:i, s:i, s:f, s:o}", "run",
+        opened->run, "step", (json_int_t)model->step, "leaves", model->tree.leaf_count,
+        "background", numbers(background, 3), "target", numbers(frame->target, 3), "up",
+        numbers(frame->up, 3), "distance", frame->distance, "centre",
+        numbers(model->space.centre, 3), "half", model->space.half, "start",
+        numbers(start->c2w, 12), "width", start->width, "height", start->height, "focal",
+        start->fy, "cameras", cameras);
+    *out = facts ? json_dumps(facts, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
+    if (!*out)
+        CLN_TRY(cln_fail(CLN_MEMORY, "the facts of %s: cannot be put into JSON", opened->run));
+done:
+    json_decref(facts);
+    return st;
+}

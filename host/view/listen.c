@@ -1,0 +1,114 @@
+/* Binding. See listen.h. */
+#include "view/listen.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <netinet/in.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+typedef union {
+    struct sockaddr any;
+    struct sockaddr_in v4;
+    struct sockaddr_in6 v6;
+} place;
+
+static cln_status read_address(const char *text, place *out, socklen_t *bytes)
+{
+    memset(out, 0, sizeof *out);
+    if (inet_pton(AF_INET, text, &out->v4.sin_addr) == 1) {
+        out->v4.sin_family = AF_INET;
+        *bytes = sizeof out->v4;
+        return CLN_OK;
+    }
+    if (inet_pton(AF_INET6, text, &out->v6.sin6_addr) == 1) {
+        out->v6.sin6_family = AF_INET6;
+        *bytes = sizeof out->v6;
+        return CLN_OK;
+    }
+    return cln_fail(CLN_USAGE,
+                    "--listen: '%s' is no address in numbers; 0.0.0.0 is all of this machine's",
+                    text);
+}
+
+static int try_bind(const place *at, socklen_t bytes, int port)
+{
+    place with_port = *at;
+    const int yes = 1;
+    int s = socket(at->any.sa_family, SOCK_STREAM | SOCK_CLOEXEC, 0);
+
+    if (s < 0)
+        return -1;
+    (void)setsockopt(s, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+    if (at->any.sa_family == AF_INET)
+        with_port.v4.sin_port = htons((uint16_t)port);
+    else
+        with_port.v6.sin6_port = htons((uint16_t)port);
+    if (bind(s, &with_port.any, bytes) == 0 && listen(s, 64) == 0)
+        return s;
+    {
+        const int reason = errno;
+
+        close(s);
+        errno = reason;
+    }
+    return -1;
+}
+
+static cln_status make_token(char out[33])
+{
+    unsigned char bytes[16];
+
+    if (getrandom(bytes, sizeof bytes, 0) != (ssize_t)sizeof bytes)
+        return cln_fail(CLN_FAILED, "no random numbers for a token: %s", strerror(errno));
+    for (size_t i = 0; i < sizeof bytes; i++)
+        snprintf(out + 2 * i, 3, "%02x", bytes[i]);
+    return CLN_OK;
+}
+
+cln_status cln_listen_open(const char *address, int port, cln_listener *out)
+{
+    cln_status st = CLN_OK;
+    const char *text = address ? address : "127.0.0.1";
+    const char *shown = text;
+    place at, bound;
+    socklen_t bytes = 0, length = sizeof bound;
+
+    memset(out, 0, sizeof *out);
+    out->socket = -1;
+    CLN_TRY(read_address(text, &at, &bytes));
+    out->socket = try_bind(&at, bytes, port ? port : CLN_VIEW_PORT);
+    if (out->socket < 0 && port == 0 && errno == EADDRINUSE)
+        out->socket = try_bind(&at, bytes, 0);
+    if (out->socket < 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "cannot listen on %s port %d: %s; choose another with %s", text,
+                         port ? port : CLN_VIEW_PORT, strerror(errno),
+                         errno == EADDRINUSE || errno == EACCES ? "--port" : "--listen"));
+    if (getsockname(out->socket, &bound.any, &length) != 0)
+        CLN_TRY(cln_fail(CLN_FAILED, "the address of a socket: %s", strerror(errno)));
+    out->port = ntohs(at.any.sa_family == AF_INET ? bound.v4.sin_port : bound.v6.sin6_port);
+    if (gethostname(out->own, sizeof out->own - 1) != 0)
+        out->own[0] = 0;
+    out->far = address != NULL;
+    if (out->far)
+        CLN_TRY(make_token(out->token));
+    if (out->own[0] && (strcmp(text, "0.0.0.0") == 0 || strcmp(text, "::") == 0))
+        shown = out->own;
+    snprintf(out->address, sizeof out->address, "http://%s%s%s:%d/%s%s",
+             strchr(shown, ':') ? "[" : "", shown, strchr(shown, ':') ? "]" : "", out->port,
+             out->far ? "?token=" : "", out->token);
+done:
+    if (st != CLN_OK)
+        cln_listen_close(out);
+    return st;
+}
+
+void cln_listen_close(cln_listener *listener)
+{
+    if (listener->socket >= 0)
+        close(listener->socket);
+    listener->socket = -1;
+}

@@ -1,0 +1,23 @@
+/* The socket that a viewer listens on, its address as a person opens it, and its token. */
+#ifndef CLN_LISTEN_H
+#define CLN_LISTEN_H
+
+#include "base/status.h"
+
+enum { CLN_VIEW_PORT = 7007 };
+
+typedef struct cln_listener {
+    int socket; /* -1 = none */
+    int port;
+    bool far;         /* not on the loopback by default: a token is wanted */
+    char token[33];   /* "" without */
+    char own[256];    /* this machine's name */
+    char address[512]; /* to open, token included */
+} cln_listener;
+
+/* address: numeric, or NULL for 127.0.0.1 without a token. port 0: CLN_VIEW_PORT, or a free one if
+ * it is taken. CLN_USAGE: no such address, or the port is taken. */
+cln_status cln_listen_open(const char *address, int port, cln_listener *out);
+void cln_listen_close(cln_listener *listener); /* accepts one that is closed */
+
+#endif

@@ -1,0 +1,800 @@
+/* The viewer's page: a camera that follows mouse, touch and keys, requests for its pictures, the
+ * scene's cameras with their photos, and a camera path. Poses are camera to world in the scene's
+ * units with OpenCV's axes (right, down, forward), as the server takes them. */
+'use strict';
+
+const $ = (id) => document.getElementById(id);
+const picture = $('picture'), overlay = $('overlay');
+const pen = picture.getContext('2d', {alpha: false}), lines = overlay.getContext('2d');
+const MOVING_MS = 45;   /* what a picture may take at the server while the camera moves */
+const BETTER_MS = 300;  /* and the one after that, before the sharp one */
+const STILL_MS = 160;   /* of no motion before a sharper one is asked for */
+const MOST_PIXELS = 1 << 22;
+const bytes = crypto.getRandomValues(new Uint8Array(8));
+const viewer = 'v' + Array.from(bytes, (b) => b.toString(16).padStart(2, '0')).join('');
+
+/* ---- vectors, rotations ---- */
+
+const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
+  a[0] * b[1] - a[1] * b[0]];
+const scale = (a, s) => [a[0] * s, a[1] * s, a[2] * s];
+const size = (a) => Math.sqrt(dot(a, a));
+const unit = (a) => scale(a, 1 / (size(a) || 1));
+const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
+
+/* v turned about the unit vector n. */
+function turn(v, n, angle) {
+  const c = Math.cos(angle), s = Math.sin(angle);
+  return add(add(scale(v, c), cross(n, v), s), n, dot(n, v) * (1 - c));
+}
+
+/* A camera: p position, r = [right, down, forward], distance to what it turns about, fov in degrees
+ * of the picture's shorter side. */
+const copy = (c) => ({p: [...c.p], r: c.r.map((v) => [...v]), distance: c.distance, fov: c.fov});
+const pivot = (c) => add(c.p, c.r[2], c.distance);
+
+function straighten(c) {
+  c.r[2] = unit(c.r[2]);
+  c.r[0] = unit(add(c.r[0], c.r[2], -dot(c.r[0], c.r[2])));
+  c.r[1] = cross(c.r[2], c.r[0]);
+}
+
+const toPose = (c) => [0, 1, 2].flatMap((a) => [c.r[0][a], c.r[1][a], c.r[2][a], c.p[a]]);
+const fromPose = (m) => ({
+  p: [m[3], m[7], m[11]],
+  r: [0, 1, 2].map((k) => [m[k], m[4 + k], m[8 + k]]),
+});
+
+function toQuaternion(r) { /* [w, x, y, z] of the matrix with columns r */
+  const m = (i, j) => r[j][i], t = m(0, 0) + m(1, 1) + m(2, 2);
+  if (t > 0) {
+    const s = 2 * Math.sqrt(t + 1);
+    return [s / 4, (m(2, 1) - m(1, 2)) / s, (m(0, 2) - m(2, 0)) / s, (m(1, 0) - m(0, 1)) / s];
+  }
+  const i = m(0, 0) > m(1, 1) ? (m(0, 0) > m(2, 2) ? 0 : 2) : (m(1, 1) > m(2, 2) ? 1 : 2);
+  const j = (i + 1) % 3, k = (i + 2) % 3;
+  const s = 2 * Math.sqrt(Math.max(1e-12, 1 + m(i, i) - m(j, j) - m(k, k)));
+  const q = [(m(k, j) - m(j, k)) / s, 0, 0, 0];
+  q[1 + i] = s / 4;
+  q[1 + j] = (m(j, i) + m(i, j)) / s;
+  q[1 + k] = (m(k, i) + m(i, k)) / s;
+  return q;
+}
+
+function fromQuaternion(q) {
+  const n = Math.hypot(...q), [w, x, y, z] = q.map((v) => v / n);
+  return [[1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
+    [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
+    [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]];
+}
+
+/* ---- state ---- */
+
+let facts = null, camera = null, home = null;
+let at = -1;            /* the scene's camera that the view is, or -1 */
+let photo = null;       /* its photo, when it is here */
+let last = null;        /* the newest picture: bitmap and numbers */
+let version = 0, moved = 0, busy = false, abort = null, flight = null;
+let keyframes = [], playing = 0;
+
+function say(text) {
+  $('message').textContent = text;
+  $('message').hidden = !text;
+}
+
+function background() {
+  const hex = $('background').value;
+  return [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+}
+
+/* The picture's size in pixels, and its focal length. */
+function frame() {
+  const box = picture.getBoundingClientRect();
+  let factor = Number($('size').value);
+  factor = Math.min(factor, Math.sqrt(MOST_PIXELS / Math.max(1, box.width * box.height)));
+  const width = Math.max(16, Math.round(box.width * factor));
+  const height = Math.max(16, Math.round(box.height * factor));
+  const focal = Math.min(width, height) / 2 / Math.tan(camera.fov * Math.PI / 360);
+  return {width, height, focal, factor};
+}
+
+/* Where the picture of one of the scene's cameras stands in the window, in canvas pixels. */
+function inset(f) {
+  const c = facts.cameras[at], s = Math.min(f.width / c.width, f.height / c.height);
+  const width = Math.max(1, Math.round(c.width * s)), height = Math.round(c.height * s);
+  return {x: (f.width - width) / 2, y: (f.height - height) / 2, width, height};
+}
+
+/* The camera has changed. keep: it still is the scene's camera. */
+function touch(keep = false) {
+  if (!keep && at >= 0) leaveCamera();
+  version++;
+  moved = performance.now();
+  if (abort && abort.refining) abort.abort();
+  drawLines();
+  pump();
+}
+
+/* ---- pictures ---- */
+
+function cameraQuery(f) {
+  if (at >= 0) {
+    const box = inset(f);
+    return {view: at, width: box.width};
+  }
+  return {pose: toPose(camera).join(','), focal: f.focal, width: f.width, height: f.height};
+}
+
+function ask(path, query, name, signal) {
+  return fetch(path + '?' + new URLSearchParams(query), {headers: {'X-Viewer': name}, signal});
+}
+
+/* One request at a time: small pictures while the camera moves, then a better one, then the sharp
+ * one, which a motion cancels. */
+async function pump() {
+  if (busy || !facts) return;
+  busy = true;
+  for (;;) {
+    const now = version, refining = last !== null && last.version === now;
+    if (refining && last.full) break;
+    const rest = STILL_MS - (performance.now() - moved);
+    if (refining && rest > 0) {
+      await new Promise((done) => setTimeout(done, rest));
+      continue;
+    }
+    try {
+      await fetchPicture(now, !refining ? MOVING_MS : last.ms === MOVING_MS ? BETTER_MS : 0,
+        refining);
+    } catch (error) {
+      if (error.name === 'AbortError') continue;
+      say(error.refused || 'The viewer does not answer: it has ended, or the way to it is cut.');
+      await new Promise((done) => setTimeout(done, 1500));
+    }
+  }
+  busy = false;
+}
+
+async function fetchPicture(now, ms, refining) {
+  const f = frame(), began = performance.now();
+  const box = at >= 0 ? inset(f) : {x: 0, y: 0, width: f.width, height: f.height};
+  abort = new AbortController();
+  abort.refining = refining;
+  const answer = await ask('/picture', {...cameraQuery(f), ms, show: $('show').value,
+    background: background().join(',')}, viewer, abort.signal);
+  if (answer.status === 409) return;
+  if (!answer.ok) throw Object.assign(new Error(), {refused: (await answer.text()).trim()});
+  const bitmap = await createImageBitmap(await answer.blob());
+  const [width, height, took, near, far] = answer.headers.get('X-Picture').split(' ').map(Number);
+  if (last) last.bitmap.close();
+  last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box,
+    full: width >= box.width, whole: performance.now() - began};
+  say('');
+  draw();
+}
+
+function draw() {
+  if (!last) return;
+  const f = last.frame, b = last.box;
+  if (picture.width !== f.width || picture.height !== f.height) {
+    picture.width = f.width;
+    picture.height = f.height;
+  }
+  pen.globalAlpha = 1;
+  pen.fillStyle = last.at >= 0 ? '#808080' : '#000';
+  pen.fillRect(0, 0, f.width, f.height);
+  pen.drawImage(last.bitmap, b.x, b.y, b.width, b.height);
+  if (last.at >= 0 && last.at === at && photo && Number($('blend').value) > 0) {
+    pen.globalAlpha = Number($('blend').value);
+    pen.drawImage(photo, b.x, b.y, b.width, b.height);
+  }
+  const digits = (x) => x < 10 ? x.toFixed(2) : x.toFixed(0);
+  const of = last.full ? '' : ` of ${b.width}×${b.height}`;
+  const depth = last.far > 0 ? ` · depth ${digits(last.near)} to ${digits(last.far)}` : '';
+  $('numbers').textContent = `${last.width}×${last.height}${of} · ${last.took.toFixed(0)} ms ` +
+    `render · ${last.whole.toFixed(0)} ms in all${depth}`;
+}
+
+async function savePicture() {
+  say('Rendering…');
+  try {
+    const answer = await ask('/picture', {...cameraQuery(frame()), show: $('show').value,
+      background: background().join(','), format: 'png'}, viewer + '-s');
+    if (!answer.ok) throw new Error((await answer.text()).trim());
+    download(await answer.blob(), `${facts.run.split('/').filter(Boolean).pop()}.png`);
+    say('');
+  } catch (error) {
+    say(`No screenshot: ${error.message}`);
+  }
+}
+
+function download(blob, name) {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+/* ---- motion ---- */
+
+function orbit(dx, dy) {
+  const centre = pivot(camera), up = facts.up;
+  const tilt = Math.acos(clamp(dot(camera.r[2], up), -1, 1)); /* from up; stay off the poles */
+  const pitch = clamp(dy, tilt - (Math.PI - 0.03), Math.max(tilt - 0.03, 0));
+  camera.r = camera.r.map((v) => turn(v, up, -dx));
+  const axis = camera.r[0];
+  camera.r = camera.r.map((v) => turn(v, axis, tilt < 0.03 || tilt > Math.PI - 0.03 ?
+    dy : pitch));
+  straighten(camera);
+  camera.p = add(centre, camera.r[2], -camera.distance);
+  touch();
+}
+
+function shift(right, down) { /* in shares of the picture's shorter side */
+  const s = 2 * camera.distance * Math.tan(camera.fov * Math.PI / 360);
+  camera.p = add(add(camera.p, camera.r[0], -right * s), camera.r[1], -down * s);
+  touch();
+}
+
+function zoom(factor) {
+  const centre = pivot(camera);
+  camera.distance = clamp(camera.distance * factor, 1e-4 * facts.distance, 1e3 * facts.distance);
+  camera.p = add(centre, camera.r[2], -camera.distance);
+  touch();
+}
+
+function roll(angle) {
+  camera.r = camera.r.map((v) => turn(v, camera.r[2], angle));
+  straighten(camera);
+  touch();
+}
+
+function level() {
+  const right = cross(camera.r[2], facts.up);
+  if (size(right) < 1e-3) return;
+  camera.r[0] = unit(right);
+  straighten(camera);
+  touch();
+}
+
+/* Takes the camera there in a short while; keepAt: there it is the scene's camera `at`. */
+function fly(to, keepAt = -1) {
+  const from = copy(camera), began = performance.now();
+  const took = matchMedia('(prefers-reduced-motion: reduce)').matches ? 0 : 350;
+  const a = toQuaternion(from.r), b = toQuaternion(to.r);
+  const sign = a.reduce((sum, v, i) => sum + v * b[i], 0) < 0 ? -1 : 1;
+  if (at >= 0) leaveCamera();
+  cancelAnimationFrame(flight);
+  const step = () => {
+    const t = took > 0 ? clamp((performance.now() - began) / took, 0, 1) : 1;
+    const s = t * t * (3 - 2 * t);
+    if (t < 1) {
+      camera.p = add(scale(from.p, 1 - s), to.p, s);
+      camera.r = fromQuaternion(a.map((v, i) => (1 - s) * v + s * sign * b[i]));
+      camera.fov = (1 - s) * from.fov + s * to.fov;
+      camera.distance = (1 - s) * from.distance + s * to.distance;
+      flight = requestAnimationFrame(step);
+      touch();
+      return;
+    }
+    camera = copy(to);
+    showFov();
+    if (keepAt >= 0) enterCamera(keepAt);
+    touch(keepAt >= 0);
+  };
+  step();
+}
+
+/* Turns about what is seen at a position of the window. */
+async function focus(x, y) {
+  const f = frame();
+  const query = cameraQuery(f);
+  let px = x * f.factor, py = y * f.factor;
+  if (at >= 0) {
+    const box = inset(f);
+    px -= box.x;
+    py -= box.y;
+    if (px < 0 || py < 0 || px >= box.width || py >= box.height) return;
+  }
+  try {
+    const answer = await ask('/point', {...query, x: px, y: py}, viewer);
+    if (!answer.ok) return;
+    const found = await answer.json();
+    if (found.opacity < 0.3) {
+      say('Nothing is there.');
+      setTimeout(() => say(''), 1200);
+      return;
+    }
+    const to = copy(camera), forward = add(found.point, camera.p, -1);
+    to.r[2] = unit(forward);
+    straighten(to);
+    to.distance = size(forward);
+    fly(to);
+  } catch (error) {
+    say('The viewer does not answer.');
+  }
+}
+
+/* ---- mouse and touch ---- */
+
+const fingers = new Map();
+let travelled = 0, tapped = 0;
+
+picture.addEventListener('pointerdown', (event) => {
+  picture.setPointerCapture(event.pointerId);
+  fingers.set(event.pointerId, {x: event.offsetX, y: event.offsetY});
+  if (fingers.size === 1) travelled = 0;
+  stopPlaying();
+  cancelAnimationFrame(flight);
+});
+
+picture.addEventListener('pointermove', (event) => {
+  const was = fingers.get(event.pointerId);
+  if (!was || !camera) return;
+  const dx = event.offsetX - was.x, dy = event.offsetY - was.y;
+  const shorter = Math.min(picture.clientWidth, picture.clientHeight);
+  travelled += Math.abs(dx) + Math.abs(dy);
+  if (travelled < 4 || (dx === 0 && dy === 0)) return;
+  if (fingers.size === 2) {
+    const other = [...fingers].find(([id]) => id !== event.pointerId)[1];
+    const before = Math.hypot(was.x - other.x, was.y - other.y);
+    const after = Math.hypot(event.offsetX - other.x, event.offsetY - other.y);
+    if (before > 0 && after > 0) zoom(before / after);
+    shift(dx / 2 / shorter, dy / 2 / shorter);
+  } else if (event.buttons & 6 || event.shiftKey) {
+    shift(dx / shorter, dy / shorter);
+  } else {
+    orbit(3 * dx / shorter, -3 * dy / shorter);
+  }
+  fingers.set(event.pointerId, {x: event.offsetX, y: event.offsetY});
+});
+
+function released(event) {
+  fingers.delete(event.pointerId);
+  if (event.type !== 'pointerup' || travelled >= 4 || !camera || event.button !== 0) return;
+  if (event.timeStamp - tapped < 350) { /* touch has no reliable dblclick */
+    tapped = 0;
+    focus(event.offsetX, event.offsetY);
+    return;
+  }
+  tapped = event.timeStamp;
+  const hit = cameraAt(event.offsetX, event.offsetY);
+  if (hit >= 0) jump(hit);
+}
+picture.addEventListener('pointerup', released);
+picture.addEventListener('pointercancel', released);
+picture.addEventListener('contextmenu', (event) => event.preventDefault());
+picture.addEventListener('wheel', (event) => {
+  event.preventDefault();
+  stopPlaying();
+  if (camera) zoom(Math.exp(clamp(event.deltaY * (event.deltaMode ? 20 : 1), -300, 300) / 600));
+}, {passive: false});
+
+/* ---- keys ---- */
+
+const held = new Set();
+let flying = 0;
+const HELD = 'wasdrfqe';
+
+const keys = {
+  h: () => fly(home), l: level, x: savePicture, m: () => openPanel(),
+  c: () => toggle('frusta'), n: () => jumpBy(1), p: () => jumpBy(-1), k: addKey,
+  g: () => focus(picture.clientWidth / 2, picture.clientHeight / 2),
+  b: () => toggleBlend(), ' ': play, '1': () => show('colour'), '2': () => show('depth'),
+  '3': () => show('opacity'), '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
+  '?': () => { openPanel(true); $('help').open = true; $('help').scrollIntoView(); },
+};
+const arrows = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]};
+
+function show(what) {
+  $('show').value = what;
+  touch(true);
+}
+
+function toggle(id) {
+  $(id).checked = !$(id).checked;
+  drawLines();
+}
+
+/* A key is the picture's unless a control that uses it has the focus. */
+function forControl(event) {
+  const on = document.activeElement;
+  if (!on || on === picture || on === document.body) return false;
+  if (/^(INPUT|SELECT|TEXTAREA)$/.test(on.tagName)) return on.type !== 'checkbox' ||
+    event.key === ' ';
+  return event.key === ' ' || event.key === 'Enter' ||
+    (event.key in arrows && $('panel').contains(on));
+}
+
+addEventListener('keydown', (event) => {
+  if (!camera || event.ctrlKey || event.metaKey || event.altKey || forControl(event)) return;
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (key in arrows) {
+    const [x, y] = arrows[key];
+    stopPlaying();
+    if (event.shiftKey) shift(-0.03 * x, -0.03 * y);
+    else orbit(0.06 * x, 0.06 * -y);
+  } else if (HELD.includes(key)) {
+    held.add(key);
+    stopPlaying();
+    if (!flying) {
+      flying = performance.now();
+      requestAnimationFrame(flyStep);
+    }
+  } else if (key in keys) {
+    keys[key]();
+  } else {
+    return;
+  }
+  event.preventDefault();
+});
+let fast = false;
+addEventListener('keyup', (event) => held.delete(event.key.toLowerCase()));
+addEventListener('blur', () => held.clear());
+for (const type of ['keydown', 'keyup']) addEventListener(type, (e) => { fast = e.shiftKey; });
+
+function flyStep(now) {
+  if (held.size === 0) {
+    flying = 0;
+    return;
+  }
+  const seconds = clamp((now - flying) / 1000, 0, 0.1), sign = (a, b) => held.has(a) - held.has(b);
+  const step = seconds * facts.distance * (fast ? 2 : 0.5);
+  flying = now;
+  camera.p = add(camera.p, camera.r[2], step * sign('w', 's'));
+  camera.p = add(camera.p, camera.r[0], step * sign('d', 'a'));
+  camera.p = add(camera.p, camera.r[1], step * sign('f', 'r'));
+  if (sign('e', 'q')) roll(seconds * sign('e', 'q'));
+  touch();
+  requestAnimationFrame(flyStep);
+}
+
+/* ---- the scene's cameras ---- */
+
+function listCameras() {
+  const pictures = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      if (!entry.isIntersecting) continue;
+      pictures.unobserve(entry.target);
+      entry.target.src = `/photo?view=${entry.target.dataset.view}&side=128`;
+    }
+  });
+  facts.cameras.forEach((c, i) => {
+    const item = document.createElement('li'), button = document.createElement('button');
+    const image = document.createElement('img'), split = document.createElement('small');
+    image.alt = '';
+    image.dataset.view = i;
+    split.textContent = c.split;
+    button.append(image, c.name, split);
+    button.addEventListener('click', () => jump(i));
+    item.append(button);
+    $('cameras').append(item);
+    pictures.observe(image);
+  });
+  $('camera-count').textContent = `(${facts.cameras.length})`;
+  $('cameras-part').hidden = facts.cameras.length === 0;
+}
+
+function jump(i) {
+  const c = facts.cameras[i], to = {...fromPose(c.pose), fov: 50, distance: 1};
+  const forward = dot(add(facts.target, to.p, -1), to.r[2]);
+  stopPlaying();
+  to.fov = 360 / Math.PI * Math.atan(Math.min(c.width, c.height) / 2 / c.focal);
+  to.distance = forward > 0.05 * facts.distance ? forward : facts.distance;
+  straighten(to);
+  fly(to, i);
+}
+
+function jumpBy(by) {
+  const n = facts.cameras.length;
+  if (n > 0) jump(at < 0 ? (by > 0 ? 0 : n - 1) : (at + by + n) % n);
+}
+
+function enterCamera(i) {
+  const image = new Image();
+  at = i;
+  photo = null;
+  image.onload = () => {
+    if (at !== i) return;
+    photo = image;
+    draw();
+  };
+  image.onerror = () => { if (at === i) $('camera-name').textContent += ' (no photo here)'; };
+  image.src = `/photo?view=${i}&side=1600`;
+  $('beside').hidden = false;
+  $('camera-name').textContent = facts.cameras[i].name;
+  mark(i);
+}
+
+function leaveCamera() {
+  mark(-1);
+  at = -1;
+  photo = null;
+  $('beside').hidden = true;
+}
+
+function mark(i) {
+  for (const old of document.querySelectorAll('#cameras [aria-current]'))
+    old.removeAttribute('aria-current');
+  if (i < 0) return;
+  const button = $('cameras').children[i].firstChild;
+  button.setAttribute('aria-current', 'true');
+  button.scrollIntoView({block: 'nearest'});
+}
+
+function toggleBlend() {
+  $('blend').value = Number($('blend').value) > 0.5 ? 0 : 1;
+  draw();
+}
+
+/* ---- lines over the picture ---- */
+
+/* Window position of a point, or null behind the camera. */
+function project(point, f) {
+  const v = add(point, camera.p, -1), z = dot(v, camera.r[2]);
+  if (z < 1e-3 * facts.distance) return null;
+  return [(f.focal * dot(v, camera.r[0]) / z + f.width / 2) / f.factor,
+    (f.focal * dot(v, camera.r[1]) / z + f.height / 2) / f.factor];
+}
+
+function line(points, colour, width = 1) {
+  if (points.some((p) => !p)) return;
+  lines.strokeStyle = colour;
+  lines.lineWidth = width;
+  lines.beginPath();
+  points.forEach((p, i) => i ? lines.lineTo(p[0], p[1]) : lines.moveTo(p[0], p[1]));
+  lines.stroke();
+}
+
+function drawFrustum(pose, aspect, half, colour, f, length) {
+  const c = fromPose(pose), apex = project(c.p, f);
+  const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => project(add(add(add(c.p,
+    c.r[2], length), c.r[0], x * half * aspect * length), c.r[1], y * half * length), f));
+  line([...corners, corners[0]], colour);
+  for (const corner of corners) line([apex, corner], colour);
+}
+
+function drawLines() {
+  const ratio = devicePixelRatio || 1, box = overlay.getBoundingClientRect();
+  const width = Math.round(box.width * ratio), height = Math.round(box.height * ratio);
+  if (!camera) return;
+  if (overlay.width !== width || overlay.height !== height) {
+    overlay.width = width;
+    overlay.height = height;
+  }
+  lines.setTransform(ratio, 0, 0, ratio, 0, 0);
+  lines.clearRect(0, 0, box.width, box.height);
+  const f = frame(), colours = {train: '#2f8fff', val: '#35b26f', test: '#ff9a2f'};
+  if ($('frusta').checked && at < 0) {
+    facts.cameras.forEach((c) => drawFrustum(c.pose, c.width / c.height, c.height / 2 / c.focal,
+      colours[c.split], f, 0.08 * facts.distance));
+  }
+  if (keyframes.length > 1 && at < 0 && !playing) {
+    const count = 24 * keyframes.length, trail = [];
+    for (let i = 0; i <= count; i++) trail.push(project(along(i / count).p, f));
+    for (let i = 0; i < count; i++) line([trail[i], trail[i + 1]], '#e0358b', 2);
+  }
+}
+
+/* The camera that stands at a position of the window, -1 without. */
+function cameraAt(x, y) {
+  if (!$('frusta').checked || at >= 0) return -1;
+  const f = frame();
+  let best = -1, nearest = 14;
+  facts.cameras.forEach((c, i) => {
+    const p = project(fromPose(c.pose).p, f), d = p ? Math.hypot(p[0] - x, p[1] - y) : 1e9;
+    if (d < nearest) [best, nearest] = [i, d];
+  });
+  return best;
+}
+
+/* ---- a camera path ---- */
+
+/* Catmull and Rom's spline through four values. */
+const spline = (a, b, c, d, t) => b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d +
+  t * (3 * (b - c) + d - a)));
+
+/* The path's camera at a share 0..1 of its time. */
+function along(share) {
+  const n = keyframes.length, closed = $('cycle').checked, spans = closed ? n : n - 1;
+  const time = clamp(share * spans, 0, spans), i = Math.min(Math.floor(time), spans - 1);
+  const key = (k) => keyframes[closed ? (k + n) % n : clamp(k, 0, n - 1)];
+  const four = [-1, 0, 1, 2].map((k) => key(i + k)), t = time - i;
+  const turns = four.map((k) => toQuaternion(k.r));
+  for (let k = 1; k < 4; k++) /* the same turn as q and -q: the near one */
+    if (turns[k].reduce((sum, v, a) => sum + v * turns[k - 1][a], 0) < 0)
+      turns[k] = turns[k].map((v) => -v);
+  const mix = (values) => values[0].map((_, a) => spline(...values.map((v) => v[a]), t));
+  return {p: mix(four.map((k) => k.p)), r: fromQuaternion(mix(turns)),
+    fov: clamp(mix(four.map((k) => [k.fov]))[0], 1, 170),
+    distance: Math.max(mix(four.map((k) => [k.distance]))[0], 1e-4 * facts.distance)};
+}
+
+function addKey() {
+  keyframes.push(copy(camera));
+  listKeys();
+}
+
+function listKeys() {
+  $('keys-list').replaceChildren(...keyframes.map((key, i) => {
+    const item = document.createElement('li');
+    const button = (text, label, does) => {
+      const b = document.createElement('button');
+      b.textContent = text;
+      b.setAttribute('aria-label', label);
+      b.addEventListener('click', does);
+      item.append(b);
+    };
+    button(`View ${i + 1}`, `Go to view ${i + 1}`, () => fly(key));
+    button('↑', `View ${i + 1} earlier`, () => {
+      if (i > 0) [keyframes[i - 1], keyframes[i]] = [keyframes[i], keyframes[i - 1]];
+      listKeys();
+    });
+    button('Set', `Make this view number ${i + 1}`, () => {
+      keyframes[i] = copy(camera);
+      listKeys();
+    });
+    button('×', `Remove view ${i + 1}`, () => { keyframes.splice(i, 1); listKeys(); });
+    return item;
+  }));
+  $('key-count').textContent = keyframes.length ? `(${keyframes.length})` : '';
+  drawLines();
+}
+
+const seconds = () => clamp(Number($('seconds').value) || 5, 0.1, 3600);
+const perSecond = () => clamp(Math.round(Number($('fps').value)) || 24, 1, 120);
+
+function play() {
+  if (playing) {
+    stopPlaying();
+    return;
+  }
+  if (keyframes.length < 2) {
+    say('Add two views or more to the path (K).');
+    setTimeout(() => say(''), 2000);
+    return;
+  }
+  const began = performance.now();
+  const step = (now) => {
+    const share = (now - began) / 1000 / seconds();
+    if (share >= 1 && !$('cycle').checked) {
+      camera = along(1);
+      stopPlaying();
+      touch();
+      return;
+    }
+    camera = along(share % 1);
+    touch();
+    playing = requestAnimationFrame(step);
+  };
+  playing = requestAnimationFrame(step);
+  $('play').textContent = 'Stop';
+}
+
+function stopPlaying() {
+  if (!playing) return;
+  cancelAnimationFrame(playing);
+  playing = 0;
+  $('play').textContent = 'Play';
+  showFov();
+  drawLines();
+}
+
+/* nerfstudio's: camera to world 4x4, row-major, OpenGL's axes (right, up, back); vertical fov. */
+function toNerfstudio(c) {
+  const m = toPose(c);
+  return [...[0, 1, 2].flatMap((a) => [m[4 * a], -m[4 * a + 1], -m[4 * a + 2], m[4 * a + 3]]),
+    0, 0, 0, 1];
+}
+
+/* The other way; older files have the matrix as text, and by columns. */
+function fromNerfstudio(given) {
+  let m = typeof given === 'string' ? JSON.parse(given) : given.flat();
+  if (m.length !== 16 || !m.every(Number.isFinite)) throw new Error('a matrix is not 4 x 4');
+  if (m[3] === 0 && m[7] === 0 && m[11] === 0 && (m[12] || m[13] || m[14]))
+    m = m.map((_, i) => m[4 * (i % 4) + (i >> 2)]);
+  return fromPose([0, 1, 2].flatMap((a) => [m[4 * a], -m[4 * a + 1], -m[4 * a + 2],
+    m[4 * a + 3]]));
+}
+
+function savePath() {
+  if (keyframes.length < 2) {
+    play(); /* says it */
+    return;
+  }
+  const f = frame(), aspect = f.width / f.height, count = Math.max(2,
+    Math.round(seconds() * perSecond()));
+  const vertical = (c) => 360 / Math.PI * Math.atan(Math.tan(c.fov * Math.PI / 360) *
+    f.height / Math.min(f.width, f.height));
+  const path = [];
+  for (let i = 0; i < count; i++) {
+    const c = along(i / ($('cycle').checked ? count : count - 1));
+    path.push({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect});
+  }
+  download(new Blob([JSON.stringify({
+    camera_type: 'perspective', render_height: f.height, render_width: f.width,
+    fps: perSecond(), seconds: seconds(), is_cycle: $('cycle').checked, smoothness_value: 0,
+    keyframes: keyframes.map((c) => ({matrix: toNerfstudio(c), fov: vertical(c), aspect})),
+    camera_path: path, crop: null,
+  }, null, 1)], {type: 'application/json'}), 'camera_path.json');
+}
+
+async function openPath(file) {
+  try {
+    const read = JSON.parse(await file.text());
+    const few = (list) => list.filter((_, i) => i % Math.ceil(list.length / 50) === 0);
+    const from = (read.keyframes || []).length > 1 ? read.keyframes : few(read.camera_path || []);
+    const found = from.map((k) => {
+      const c = fromNerfstudio(k.matrix || k.camera_to_world), high = Number(k.fov) || 50;
+      const shorter = Math.min(1, Number(k.aspect) || 1);
+      c.fov = 360 / Math.PI * Math.atan(Math.tan(high * Math.PI / 360) * shorter);
+      c.distance = facts.distance;
+      straighten(c);
+      return c;
+    });
+    if (found.length < 2) throw new Error('it has fewer than two views');
+    keyframes = found;
+    if (read.seconds > 0) $('seconds').value = read.seconds;
+    if (read.fps > 0) $('fps').value = read.fps;
+    $('cycle').checked = Boolean(read.is_cycle);
+    listKeys();
+    fly(keyframes[0]);
+  } catch (error) {
+    say(`${file.name} is not a camera path: ${error.message}`);
+    setTimeout(() => say(''), 5000);
+  }
+}
+
+/* ---- the panel, the start ---- */
+
+function openPanel(open = document.body.classList.contains('closed')) {
+  document.body.classList.toggle('closed', !open);
+  $('menu').setAttribute('aria-expanded', String(open));
+}
+
+function showFov() {
+  $('fov').value = camera.fov;
+  $('fov-text').textContent = `${camera.fov.toFixed(0)}°`;
+}
+
+async function begin() {
+  const answer = await fetch('/facts');
+  if (!answer.ok) throw new Error((await answer.text()).trim());
+  facts = await answer.json();
+  document.title = `${facts.run} – cl-nascent`;
+  $('title').textContent = `${facts.run}, step ${facts.step.toLocaleString('en')}`;
+  $('background').value = '#' + facts.background.map((v) => Math.round(255 * v).toString(16)
+    .padStart(2, '0')).join('');
+  home = {...fromPose(facts.start), distance: 1, fov: 360 / Math.PI *
+    Math.atan(Math.min(facts.width, facts.height) / 2 / facts.focal)};
+  home.distance = size(add(facts.target, home.p, -1));
+  camera = copy(home);
+  showFov();
+  listCameras();
+  touch();
+}
+
+const on = (id, type, does) => $(id).addEventListener(type, does);
+on('menu', 'click', () => openPanel());
+on('show', 'change', () => touch(true));
+on('background', 'input', () => touch(true));
+on('size', 'change', () => touch(true));
+on('fov', 'input', () => { camera.fov = Number($('fov').value); showFov(); touch(); });
+on('home', 'click', () => fly(home));
+on('level', 'click', level);
+on('save-picture', 'click', savePicture);
+on('frusta', 'change', drawLines);
+on('blend', 'input', draw);
+on('add-key', 'click', addKey);
+on('play', 'click', play);
+on('cycle', 'change', drawLines);
+on('save-path', 'click', savePath);
+on('open-path', 'change', () => {
+  if ($('open-path').files[0]) openPath($('open-path').files[0]);
+  $('open-path').value = '';
+});
+new ResizeObserver(() => { if (camera) touch(true); }).observe($('stage'));
+openPanel(innerWidth > 760);
+begin().catch((error) => say(error.message));

@@ -1,0 +1,43 @@
+/* Answers what is asked, on the thread that has the device: renders pictures, reads photos, looks
+ * up points. A picture is rendered batch by batch, so that a large one can wait for small ones. */
+#ifndef CLN_PAINTER_H
+#define CLN_PAINTER_H
+
+#include "render/open_run.h"
+#include "render/view.h"
+#include "view/request.h"
+
+typedef struct cln_painter {
+    cln_open_run *opened;
+    double seconds_per_pixel; /* of pictures, encoding included; from what they took */
+} cln_painter;
+
+/* A question with its answer; zeroed but for `ask`. */
+typedef struct cln_painting {
+    cln_ask ask;
+    bool begun;
+    cln_rendering rendering;
+    double seconds; /* that it took so far */
+    /* the answer */
+    int status; /* of HTTP; 0 = not yet */
+    const char *type;
+    uint8_t *body; /* the caller frees it, by cln_painting_free */
+    size_t bytes;
+    int width, height; /* picture: as rendered */
+    double near, far;  /* depth picture: the ends of its greys, scene units; else 0 */
+} cln_painting;
+
+/* Prepares the densities of pictures and renders some small ones, of `first`, to learn the
+ * device's speed. CLN_CL, CLN_MEMORY. */
+cln_status cln_painter_open(cln_open_run *opened, const cln_camera *first, cln_painter *out);
+
+/* Goes on with a painting by one batch; it is done when its status is not 0. What concerns one
+ * painting alone (no memory for its size, a photo that cannot be read) becomes its answer; errors
+ * of the device are returned. */
+cln_status cln_painter_step(cln_painter *painter, cln_painting *painting);
+
+/* The answer is this sentence. */
+void cln_painting_say(cln_painting *painting, int status, const char *sentence);
+void cln_painting_free(cln_painter *painter, cln_painting *painting); /* its contents */
+
+#endif

@@ -1,0 +1,239 @@
+/* Requests read and judged. See request.h. */
+#include "view/request.h"
+
+#include <arpa/inet.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/number.h"
+#include "render/orbit.h"
+#include "scene/build.h"
+
+/* ---- values ---- */
+
+static cln_status read_real(cln_ask_get *get, void *query, const char *name, double low,
+                            double high, double standard, double *out)
+{
+    const char *text = get(query, name);
+    double value = standard;
+
+    if (text && (!cln_reals_read(text, 1, &value) || !(value >= low && value <= high)))
+        return cln_fail(CLN_USAGE, "%s: a number from %g to %g is wanted", name, low, high);
+    *out = value;
+    return CLN_OK;
+}
+
+static cln_status read_int(cln_ask_get *get, void *query, const char *name, int low, int high,
+                           int standard, int *out)
+{
+    const char *text = get(query, name);
+    long long value = standard;
+
+    if (text && (!cln_integer_read(text, &value) || value < low || value > high))
+        return cln_fail(CLN_USAGE, "%s: a whole number from %d to %d is wanted", name, low, high);
+    *out = (int)value;
+    return CLN_OK;
+}
+
+/* The number of the word that was given, 0 without one. */
+static cln_status read_word(cln_ask_get *get, void *query, const char *name,
+                            const char *const *words, int count, int *out)
+{
+    const char *text = get(query, name);
+
+    *out = 0;
+    if (!text)
+        return CLN_OK;
+    for (int i = 0; i < count; i++)
+        if (strcmp(text, words[i]) == 0) {
+            *out = i;
+            return CLN_OK;
+        }
+    return cln_fail(CLN_USAGE, "%s: not a word that is known here", name);
+}
+
+/* ---- cameras ---- */
+
+static cln_status check_size(const cln_camera *c)
+{
+    if (c->width > CLN_ASK_SIDE || c->height > CLN_ASK_SIDE ||
+        (int64_t)c->width * c->height > CLN_ASK_PIXELS)
+        return cln_fail(CLN_USAGE,
+                        "a picture of %d x %d is too large: at most %d pixels a side and %d in all",
+                        c->width, c->height, CLN_ASK_SIDE, CLN_ASK_PIXELS);
+    return CLN_OK;
+}
+
+static cln_status read_free_camera(cln_ask_get *get, void *query, int width, int height,
+                                   cln_camera *out)
+{
+    cln_status st = CLN_OK;
+    const char *pose = get(query, "pose");
+    double focal = 0;
+
+    if (width < 1 || height < 1)
+        CLN_TRY(cln_fail(CLN_USAGE, "width, height: both are wanted with a pose"));
+    if (!pose || !cln_reals_read(pose, 12, out->c2w))
+        CLN_TRY(cln_fail(CLN_USAGE, "pose: 12 numbers with commas are wanted"));
+    CLN_TRY(read_real(get, query, "focal", 1e-3, 1e9, 0, &focal));
+    if (!(focal > 0))
+        CLN_TRY(cln_fail(CLN_USAGE, "focal: a number of pixels is wanted with a pose"));
+    out->width = width;
+    out->height = height;
+    out->fx = out->fy = focal;
+    out->cx = 0.5 * width;
+    out->cy = 0.5 * height;
+    CLN_TRY(check_size(out));
+    st = cln_camera_check(out, "camera");
+done:
+    return st;
+}
+
+static cln_status read_view(const cln_scene *scene, cln_ask_get *get, void *query, int *view)
+{
+    const int count = scene ? scene->view_count : 0;
+
+    *view = -1;
+    if (!get(query, "view"))
+        return CLN_OK;
+    if (count == 0)
+        return cln_fail(CLN_USAGE, "view: the run's scene is not here");
+    return read_int(get, query, "view", 0, count - 1, -1, view);
+}
+
+static cln_status read_camera(const cln_scene *scene, cln_ask_get *get, void *query, cln_ask *out)
+{
+    cln_status st = CLN_OK;
+    int width = 0, height = 0;
+
+    CLN_TRY(read_view(scene, get, query, &out->view));
+    CLN_TRY(read_int(get, query, "width", 0, CLN_ASK_SIDE, 0, &width));
+    CLN_TRY(read_int(get, query, "height", 0, CLN_ASK_SIDE, 0, &height));
+    if (out->view < 0) {
+        CLN_TRY(read_free_camera(get, query, width, height, &out->camera));
+    } else {
+        CLN_TRY(cln_orbit_resize(&scene->views[out->view].camera, width, height, &out->camera));
+        CLN_TRY(check_size(&out->camera));
+    }
+done:
+    return st;
+}
+
+cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float background[3],
+                        cln_ask_get *get, void *query, cln_ask *out)
+{
+    static const char *const shows[] = {"colour", "depth", "opacity"};
+    static const char *const formats[] = {"jpeg", "png"};
+    cln_status st = CLN_OK;
+    const char *colour = NULL;
+    double ms = 0, rgb[3] = {background[0], background[1], background[2]};
+    int show = 0, format = 0;
+
+    memset(out, 0, sizeof *out);
+    out->kind = kind;
+    out->view = -1;
+    if (kind == CLN_ASK_PHOTO) {
+        CLN_TRY(read_view(scene, get, query, &out->view));
+        if (out->view < 0)
+            CLN_TRY(cln_fail(CLN_USAGE, "view: the number of a photo is wanted"));
+        CLN_TRY(read_int(get, query, "side", 16, CLN_ASK_PHOTO_SIDE, 1024, &out->side));
+        goto done;
+    }
+    CLN_TRY(read_camera(scene, get, query, out));
+    if (kind == CLN_ASK_POINT) {
+        CLN_TRY(read_real(get, query, "x", 0, out->camera.width, -1, &out->x));
+        CLN_TRY(read_real(get, query, "y", 0, out->camera.height, -1, &out->y));
+        if (out->x < 0 || out->y < 0)
+            CLN_TRY(cln_fail(CLN_USAGE, "x, y: a position in the picture is wanted"));
+        goto done;
+    }
+    CLN_TRY(read_real(get, query, "ms", 0, 60000, 0, &ms));
+    CLN_TRY(read_word(get, query, "show", shows, 3, &show));
+    CLN_TRY(read_word(get, query, "format", formats, 2, &format));
+    colour = get(query, "background");
+    if (colour && !cln_reals_read(colour, 3, rgb))
+        CLN_TRY(cln_fail(CLN_USAGE, "background: three numbers with commas are wanted"));
+    for (int c = 0; c < 3; c++) {
+        if (!(rgb[c] >= 0 && rgb[c] <= 1))
+            CLN_TRY(cln_fail(CLN_USAGE, "background: its numbers are from 0 to 1"));
+        out->background[c] = (float)rgb[c];
+    }
+    out->budget = ms / 1000;
+    out->show = (cln_show)show;
+    out->png = format == 1;
+done:
+    return st;
+}
+
+/* ---- who asks ---- */
+
+/* "host", "host:port" or "[address]:port" -> host, lower case; false if it is none of these. */
+static bool host_name(const char *host, char *out, size_t bytes)
+{
+    const bool bracket = *host == '[';
+    const char *from = host + bracket;
+    const size_t length = strcspn(from, bracket ? "]" : ":");
+    const char *rest = from + length;
+
+    if (bracket && *rest++ != ']')
+        return false;
+    if (length == 0 || length >= bytes)
+        return false;
+    if (*rest == ':' && strspn(rest + 1, "0123456789") <= 5)
+        rest += 1 + strspn(rest + 1, "0123456789");
+    if (*rest)
+        return false;
+    for (size_t i = 0; i < length; i++)
+        out[i] = (char)(from[i] >= 'A' && from[i] <= 'Z' ? from[i] - 'A' + 'a' : from[i]);
+    out[length] = 0;
+    return true;
+}
+
+/* The machine's name, alone or with a domain behind it. */
+static bool is_own(const char *name, const char *own)
+{
+    const size_t length = own ? strlen(own) : 0;
+
+    return length > 0 && strncasecmp(name, own, length) == 0 &&
+           (name[length] == 0 || name[length] == '.');
+}
+
+bool cln_ask_allowed(const char *host, const char *origin, const char *site, bool far,
+                     const char *own, const char **reason)
+{
+    char name[256];
+    unsigned char address[16];
+    bool numeric = false;
+
+    *reason = "the Host of the request is not this viewer's";
+    if (!host || !host_name(host, name, sizeof name))
+        return false;
+    numeric = inet_pton(AF_INET, name, address) == 1 || inet_pton(AF_INET6, name, address) == 1;
+    if (strcmp(name, "localhost") != 0 && strcmp(name, "127.0.0.1") != 0 &&
+        strcmp(name, "::1") != 0 && !(far && (numeric || is_own(name, own))))
+        return false;
+    *reason = "the request comes from a page of another Origin";
+    if (origin) {
+        const char *rest = strncmp(origin, "http://", 7) == 0    ? origin + 7
+                           : strncmp(origin, "https://", 8) == 0 ? origin + 8
+                                                                 : NULL;
+
+        if (!rest || strcasecmp(rest, host) != 0)
+            return false;
+    }
+    return !site || strcmp(site, "same-origin") == 0 || strcmp(site, "none") == 0;
+}
+
+bool cln_ask_same_token(const char *given, const char *wanted)
+{
+    const size_t length = wanted ? strlen(wanted) : 0;
+    unsigned char differs = 0;
+
+    if (!given || !wanted || strlen(given) != length)
+        return false;
+    for (size_t i = 0; i < length; i++)
+        differs |= (unsigned char)(given[i] ^ wanted[i]);
+    return differs == 0;
+}

@@ -1,0 +1,555 @@
+/* Connections, answers, and the queue between them and the painter. See server.h. */
+#include "view/server.h"
+
+#ifndef CLN_WITH_MICROHTTPD
+
+cln_status cln_serve_possible(void)
+{
+    return cln_fail(CLN_FAILED,
+                    "this program was built without a viewer, as libmicrohttpd was not there; "
+                    "install the Debian package libmicrohttpd-dev and run make again");
+}
+
+cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
+                     const cln_callbacks *callbacks,
+                     void (*ready)(const char *address, void *user), void *user)
+{
+    (void)listener, (void)painter, (void)facts, (void)callbacks, (void)ready, (void)user;
+    return cln_serve_possible();
+}
+
+#else
+
+#include <errno.h>
+#include <microhttpd.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "view/pages.h"
+
+enum {
+    CONNECTIONS = 64,
+    HEADER_BYTES = 32 * 1024, /* of a connection, for a request's line and headers */
+    HEAD_SECONDS = 15,        /* from connecting to the end of the first request's headers */
+    SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
+    TURN_MS = 100             /* how often the painter looks for signals and late connections */
+};
+
+/* A connection, for its limit in time. MHD's own counts from the last byte, which a slow client can
+ * send for ever. */
+typedef struct client {
+    bool used;
+    int socket;
+    double deadline; /* monotonic seconds; 0 = none, its answer is being made */
+} client;
+
+/* A request that waits for the painter; after that its answer. */
+typedef struct request {
+    cln_painting painting;
+    char viewer[CLN_VIEWER_BYTES];
+    bool cancelled;
+    struct MHD_Connection *connection;
+    int socket;
+    struct request *next;
+} request;
+
+typedef struct server {
+    const cln_listener *listener;
+    cln_painter *painter;
+    const char *facts;
+    char *html, *css, *js;
+    char cookie[32]; /* its name */
+    struct MHD_Daemon *daemon;
+    pthread_mutex_t lock; /* of all below */
+    pthread_cond_t came;
+    bool closing;
+    client clients[CONNECTIONS];
+    request *waiting; /* in order of arrival */
+    request *at_work; /* the painting that waits for small ones between its batches, or NULL */
+} server;
+
+static const char policy[] =
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+cln_status cln_serve_possible(void)
+{
+    return CLN_OK;
+}
+
+/* ---- connections ---- */
+
+static void set_deadline(server *s, struct MHD_Connection *connection, double seconds)
+{
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
+    client *c = info ? info->socket_context : NULL;
+
+    if (!c)
+        return;
+    pthread_mutex_lock(&s->lock);
+    c->deadline = seconds > 0 ? cln_now() + seconds : 0;
+    pthread_mutex_unlock(&s->lock);
+}
+
+static void on_connection(void *user, struct MHD_Connection *connection, void **context,
+                          enum MHD_ConnectionNotificationCode code)
+{
+    server *s = user;
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    client *c = *context;
+
+    pthread_mutex_lock(&s->lock);
+    if (code == MHD_CONNECTION_NOTIFY_CLOSED && c)
+        c->used = false;
+    for (int i = 0; code == MHD_CONNECTION_NOTIFY_STARTED && info && i < CONNECTIONS; i++) {
+        if (s->clients[i].used)
+            continue;
+        s->clients[i] =
+            (client){.used = true, .socket = info->connect_fd, .deadline = cln_now() + HEAD_SECONDS};
+        *context = &s->clients[i];
+        break;
+    }
+    pthread_mutex_unlock(&s->lock);
+}
+
+/* MHD sees the end of the stream and closes it. */
+static void end_late(server *s)
+{
+    const double now = cln_now();
+
+    pthread_mutex_lock(&s->lock);
+    for (int i = 0; i < CONNECTIONS; i++) {
+        client *c = &s->clients[i];
+
+        if (c->used && c->deadline > 0 && now > c->deadline) {
+            shutdown(c->socket, SHUT_RDWR);
+            c->deadline = 0;
+        }
+    }
+    pthread_mutex_unlock(&s->lock);
+}
+
+static bool is_gone(const request *r)
+{
+    char byte;
+    const ssize_t got = recv(r->socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+
+    return got == 0 || (got < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR);
+}
+
+/* ---- answers ---- */
+
+/* Takes the response. */
+static enum MHD_Result send_response(server *s, struct MHD_Connection *connection, int status,
+                                     const char *type, struct MHD_Response *response)
+{
+    enum MHD_Result sent;
+
+    if (!response)
+        return MHD_NO;
+    MHD_add_response_header(response, "Content-Type", type);
+    MHD_add_response_header(response, "Content-Security-Policy", policy);
+    MHD_add_response_header(response, "X-Content-Type-Options", "nosniff");
+    MHD_add_response_header(response, "Referrer-Policy", "no-referrer");
+    MHD_add_response_header(response, "Cross-Origin-Resource-Policy", "same-origin");
+    MHD_add_response_header(response, "Cache-Control", "no-store");
+    set_deadline(s, connection, SEND_SECONDS);
+    sent = MHD_queue_response(connection, (unsigned)status, response);
+    MHD_destroy_response(response);
+    return sent;
+}
+
+/* text lives as long as the server. */
+static enum MHD_Result send_text(server *s, struct MHD_Connection *connection, int status,
+                                 const char *type, const char *text)
+{
+    return send_response(
+        s, connection, status, type,
+        MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
+}
+
+static enum MHD_Result refuse(server *s, struct MHD_Connection *connection, int status,
+                              const char *sentence)
+{
+    char text[512];
+
+    snprintf(text, sizeof text, "%s\n", sentence);
+    return send_response(
+        s, connection, status, "text/plain; charset=utf-8",
+        MHD_create_response_from_buffer(strlen(text), text, MHD_RESPMEM_MUST_COPY));
+}
+
+static enum MHD_Result send_painting(server *s, struct MHD_Connection *connection, request *r)
+{
+    cln_painting *g = &r->painting;
+    struct MHD_Response *response =
+        MHD_create_response_from_buffer(g->bytes, g->body, MHD_RESPMEM_MUST_FREE);
+    char about[128];
+
+    if (!response)
+        return MHD_NO;
+    g->body = NULL; /* the response's */
+    snprintf(about, sizeof about, "%d %d %.2f %.6g %.6g", g->width, g->height, 1e3 * g->seconds,
+             g->near, g->far);
+    if (g->width > 0)
+        MHD_add_response_header(response, "X-Picture", about);
+    return send_response(s, connection, g->status, g->type, response);
+}
+
+/* ---- requests ---- */
+
+static const char *header_of(struct MHD_Connection *connection, const char *name)
+{
+    return MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
+}
+
+static const char *query_value(void *connection, const char *name)
+{
+    return MHD_lookup_connection_value(connection, MHD_GET_ARGUMENT_KIND, name);
+}
+
+static bool is_viewer(const char *name)
+{
+    return name && *name && strlen(name) < CLN_VIEWER_BYTES &&
+           name[strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-")] == 0;
+}
+
+/* Puts a request to the painter; its earlier picture of the same viewer is no longer wanted. */
+static enum MHD_Result queue(server *s, struct MHD_Connection *connection, request *r)
+{
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    request **last = &s->waiting;
+    bool taken = false;
+
+    r->connection = connection;
+    r->socket = info ? info->connect_fd : -1;
+    set_deadline(s, connection, 0);
+    pthread_mutex_lock(&s->lock);
+    if (!s->closing) {
+        taken = true;
+        MHD_suspend_connection(connection);
+        for (; *last; last = &(*last)->next)
+            if (r->viewer[0] && strcmp((*last)->viewer, r->viewer) == 0)
+                (*last)->cancelled = true;
+        if (s->at_work && r->viewer[0] && strcmp(s->at_work->viewer, r->viewer) == 0)
+            s->at_work->cancelled = true;
+        *last = r;
+        pthread_cond_signal(&s->came);
+    }
+    pthread_mutex_unlock(&s->lock);
+    return taken ? MHD_YES : refuse(s, connection, 503, "the viewer is stopping");
+}
+
+static enum MHD_Result ask(server *s, struct MHD_Connection *connection, cln_ask_kind kind,
+                           void **context)
+{
+    const char *viewer = header_of(connection, "X-Viewer");
+    const cln_open_run *opened = s->painter->opened;
+    enum MHD_Result answered;
+    request *r = NULL;
+
+    if (kind != CLN_ASK_PHOTO && !is_viewer(viewer))
+        return refuse(s, connection, 403, "a header X-Viewer with a name is wanted");
+    if (cln_alloc(&r, 1, sizeof *r, "request") == CLN_OK &&
+        cln_ask_read(kind, opened->scene, opened->model.background, query_value, connection,
+                     &r->painting.ask) == CLN_OK) {
+        if (kind == CLN_ASK_PICTURE)
+            snprintf(r->viewer, sizeof r->viewer, "%s", viewer);
+        *context = r;
+        return queue(s, connection, r);
+    }
+    answered = refuse(s, connection, r ? 400 : 503, cln_error_text());
+    cln_clear_error();
+    free(r);
+    return answered;
+}
+
+/* With a token in the address the browser gets it as a cookie, and the address without it: it is
+ * then neither in the history nor on the screen. */
+static enum MHD_Result let_in(server *s, struct MHD_Connection *connection)
+{
+    struct MHD_Response *response =
+        MHD_create_response_from_buffer(0, (void *)"", MHD_RESPMEM_PERSISTENT);
+    char text[128];
+
+    if (!response)
+        return MHD_NO;
+    snprintf(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict", s->cookie,
+             s->listener->token);
+    MHD_add_response_header(response, "Set-Cookie", text);
+    MHD_add_response_header(response, "Location", "/");
+    return send_response(s, connection, 303, "text/plain", response);
+}
+
+static enum MHD_Result route(server *s, struct MHD_Connection *connection, const char *path,
+                             void **context)
+{
+    static const struct {
+        const char *path;
+        cln_ask_kind kind;
+    } asks[] = {
+        {"/picture", CLN_ASK_PICTURE}, {"/photo", CLN_ASK_PHOTO}, {"/point", CLN_ASK_POINT}};
+    const char *token = s->listener->token;
+    const char *mode = header_of(connection, "Sec-Fetch-Mode");
+    const char *length = header_of(connection, "Content-Length");
+    const char *reason = NULL;
+    /* a link on another page may lead here; what it leads to sees nothing of that page */
+    const bool page = strcmp(path, "/") == 0 && mode && strcmp(mode, "navigate") == 0;
+
+    if ((length && strcmp(length, "0") != 0) || header_of(connection, "Transfer-Encoding"))
+        return refuse(s, connection, 413, "a request has no body here");
+    if (!cln_ask_allowed(header_of(connection, "Host"), header_of(connection, "Origin"),
+                         page ? NULL : header_of(connection, "Sec-Fetch-Site"), s->listener->far,
+                         s->listener->own, &reason))
+        return refuse(s, connection, 403, reason);
+    if (token[0]) {
+        if (strcmp(path, "/") == 0 &&
+            cln_ask_same_token(query_value(connection, "token"), token))
+            return let_in(s, connection);
+        if (!cln_ask_same_token(
+                MHD_lookup_connection_value(connection, MHD_COOKIE_KIND, s->cookie), token))
+            return refuse(s, connection, 403,
+                          "open the whole address that cl-nascent view printed, with its token");
+    }
+    if (strcmp(path, "/") == 0)
+        return send_text(s, connection, 200, "text/html; charset=utf-8", s->html);
+    if (strcmp(path, "/view.css") == 0)
+        return send_text(s, connection, 200, "text/css; charset=utf-8", s->css);
+    if (strcmp(path, "/view.js") == 0)
+        return send_text(s, connection, 200, "text/javascript; charset=utf-8", s->js);
+    if (strcmp(path, "/facts") == 0)
+        return send_text(s, connection, 200, "application/json", s->facts);
+    for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)
+        if (strcmp(path, asks[i].path) == 0)
+            return ask(s, connection, asks[i].kind, context);
+    return refuse(s, connection, 404, "nothing is here; the page is at /");
+}
+
+static enum MHD_Result on_request(void *user, struct MHD_Connection *connection, const char *path,
+                                  const char *method, const char *version, const char *data,
+                                  size_t *bytes, void **context)
+{
+    server *s = user;
+
+    (void)version, (void)data, (void)bytes;
+    if (*context) /* resumed */
+        return send_painting(s, connection, *context);
+    if (strcmp(method, MHD_HTTP_METHOD_GET) != 0)
+        return refuse(s, connection, 405, "only GET is answered");
+    return route(s, connection, path, context);
+}
+
+static void on_completed(void *user, struct MHD_Connection *connection, void **context,
+                         enum MHD_RequestTerminationCode code)
+{
+    server *s = user;
+    request *r = *context;
+
+    (void)connection, (void)code;
+    (void)s;
+    if (r)
+        free(r->painting.body);
+    free(r);
+    *context = NULL;
+}
+
+/* ---- painting ---- */
+
+/* Gives an answered request back to its connection. */
+static void hand_back(server *s, request *r)
+{
+    cln_rendering_end(&s->painter->opened->pipeline, &r->painting.rendering);
+    MHD_resume_connection(r->connection);
+}
+
+static bool is_small(const request *r)
+{
+    return r->painting.ask.kind != CLN_ASK_PICTURE || r->painting.ask.budget > 0;
+}
+
+/* Takes the next one to paint: small ones in order, each whole; in between a batch of the large one
+ * at work, so that neither waits for ever. NULL after a while without any. */
+static request *take(server *s, bool *small_before)
+{
+    request *r = NULL;
+    struct timespec until;
+
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_nsec += TURN_MS * 1000000L;
+    until.tv_sec += until.tv_nsec / 1000000000;
+    until.tv_nsec %= 1000000000;
+    pthread_mutex_lock(&s->lock);
+    if (!s->waiting && !s->at_work)
+        pthread_cond_timedwait(&s->came, &s->lock, &until);
+    if (!s->at_work || !*small_before)
+        for (request **at = &s->waiting; *at && !r; at = &(*at)->next)
+            if ((*at)->cancelled || is_small(*at)) {
+                r = *at;
+                *at = r->next;
+                break;
+            }
+    *small_before = r != NULL;
+    if (!r && !s->at_work && s->waiting) {
+        s->at_work = s->waiting;
+        s->waiting = s->waiting->next;
+    }
+    if (!r)
+        r = s->at_work;
+    if (r)
+        r->next = NULL;
+    pthread_mutex_unlock(&s->lock);
+    return r;
+}
+
+/* Paints r: a small one to its end, of a large one a batch. */
+static cln_status paint(server *s, request *r)
+{
+    cln_status st = CLN_OK;
+    bool cancelled = false;
+
+    do {
+        pthread_mutex_lock(&s->lock);
+        cancelled = r->cancelled;
+        pthread_mutex_unlock(&s->lock);
+        if (cancelled || is_gone(r))
+            cln_painting_say(&r->painting, 409, "a later picture was asked for");
+        else
+            CLN_TRY(cln_painter_step(s->painter, &r->painting));
+    } while (r->painting.status == 0 && is_small(r));
+done:
+    if (st != CLN_OK)
+        cln_painting_say(&r->painting, 500, cln_error_text());
+    if (r->painting.status != 0) {
+        pthread_mutex_lock(&s->lock);
+        if (s->at_work == r)
+            s->at_work = NULL;
+        pthread_mutex_unlock(&s->lock);
+        hand_back(s, r);
+    }
+    return st;
+}
+
+/* Nobody waits any more: MHD cannot stop while connections are suspended. */
+static void send_all_away(server *s)
+{
+    request *r = NULL;
+
+    pthread_mutex_lock(&s->lock);
+    s->closing = true;
+    r = s->waiting;
+    s->waiting = NULL;
+    if (s->at_work) {
+        s->at_work->next = r;
+        r = s->at_work;
+        s->at_work = NULL;
+    }
+    pthread_mutex_unlock(&s->lock);
+    while (r) {
+        request *next = r->next;
+
+        cln_painting_say(&r->painting, 503, "the viewer is stopping");
+        hand_back(s, r);
+        r = next;
+    }
+}
+
+/* ---- the server ---- */
+
+static cln_status join(const char *const *lines, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t bytes = 1, at = 0;
+
+    for (int i = 0; lines[i]; i++)
+        bytes += strlen(lines[i]);
+    CLN_TRY(cln_alloc(out, bytes, 1, "page"));
+    for (int i = 0; lines[i]; i++) {
+        const size_t length = strlen(lines[i]);
+
+        memcpy(*out + at, lines[i], length);
+        at += length;
+    }
+done:
+    return st;
+}
+
+static cln_status start(server *s)
+{
+    cln_status st = CLN_OK;
+    const int copy = dup(s->listener->socket); /* MHD closes it */
+
+    if (copy >= 0)
+        s->daemon = MHD_start_daemon(
+            MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_AUTO | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ITC,
+            0, NULL, NULL, on_request, s, MHD_OPTION_LISTEN_SOCKET, copy,
+            MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS,
+            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)HEADER_BYTES,
+            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SEND_SECONDS, MHD_OPTION_NOTIFY_CONNECTION,
+            on_connection, s, MHD_OPTION_NOTIFY_COMPLETED, on_completed, s, MHD_OPTION_END);
+    if (!s->daemon) {
+        if (copy >= 0)
+            close(copy);
+        CLN_TRY(cln_fail(CLN_FAILED, "the viewer's server does not start: %s", strerror(errno)));
+    }
+done:
+    return st;
+}
+
+cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
+                     const cln_callbacks *callbacks,
+                     void (*ready)(const char *address, void *user), void *user)
+{
+    cln_status st = CLN_OK;
+    server s = {.listener = listener, .painter = painter, .facts = facts};
+    pthread_condattr_t monotonic;
+    bool small_before = false;
+
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&s.came, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+    pthread_mutex_init(&s.lock, NULL);
+    snprintf(s.cookie, sizeof s.cookie, "cl-nascent-%d", listener->port);
+    CLN_TRY(join(cln_page_html, &s.html));
+    CLN_TRY(join(cln_page_css, &s.css));
+    CLN_TRY(join(cln_page_js, &s.js));
+    CLN_TRY(start(&s));
+    if (ready)
+        ready(listener->address, user);
+    for (;;) {
+        const int signal =
+            callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+        request *r = NULL;
+
+        if (signal == SIGINT || signal == SIGTERM)
+            CLN_TRY(cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal"));
+        end_late(&s);
+        r = take(&s, &small_before);
+        if (r)
+            CLN_TRY(paint(&s, r));
+    }
+done:
+    if (s.daemon) {
+        send_all_away(&s);
+        MHD_stop_daemon(s.daemon);
+    }
+    pthread_mutex_destroy(&s.lock);
+    pthread_cond_destroy(&s.came);
+    free(s.html);
+    free(s.css);
+    free(s.js);
+    return st;
+}
+
+#endif
