@@ -51,8 +51,9 @@ typedef struct client {
     double deadline; /* monotonic seconds; 0 = none, its answer is being made */
 } client;
 
-/* A request that waits for the painter; after that its answer. */
+/* A request; it may wait for the painter, and then has its answer. */
 typedef struct request {
+    bool waited; /* it was the painter's */
     cln_painting painting;
     char viewer[CLN_VIEWER_BYTES];
     bool cancelled;
@@ -224,8 +225,8 @@ static bool is_viewer(const char *name)
            name[strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-")] == 0;
 }
 
-/* Puts a request to the painter; its earlier picture of the same viewer is no longer wanted. */
-static enum MHD_Result queue(server *s, struct MHD_Connection *connection, request *r)
+/* Puts a request to the painter; an earlier picture of the same viewer is no longer wanted. */
+static enum MHD_Result put(server *s, struct MHD_Connection *connection, request *r)
 {
     const union MHD_ConnectionInfo *info =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
@@ -237,7 +238,7 @@ static enum MHD_Result queue(server *s, struct MHD_Connection *connection, reque
     set_deadline(s, connection, 0);
     pthread_mutex_lock(&s->lock);
     if (!s->closing) {
-        taken = true;
+        taken = r->waited = true;
         MHD_suspend_connection(connection);
         for (; *last; last = &(*last)->next)
             if (r->viewer[0] && strcmp((*last)->viewer, r->viewer) == 0)
@@ -252,26 +253,22 @@ static enum MHD_Result queue(server *s, struct MHD_Connection *connection, reque
 }
 
 static enum MHD_Result ask(server *s, struct MHD_Connection *connection, cln_ask_kind kind,
-                           void **context)
+                           request *r)
 {
     const char *viewer = header_of(connection, "X-Viewer");
     const cln_open_run *opened = s->painter->opened;
     enum MHD_Result answered;
-    request *r = NULL;
 
     if (kind != CLN_ASK_PHOTO && !is_viewer(viewer))
         return refuse(s, connection, 403, "a header X-Viewer with a name is wanted");
-    if (cln_alloc(&r, 1, sizeof *r, "request") == CLN_OK &&
-        cln_ask_read(kind, opened->scene, opened->model.background, query_value, connection,
+    if (cln_ask_read(kind, opened->scene, opened->model.background, query_value, connection,
                      &r->painting.ask) == CLN_OK) {
         if (kind == CLN_ASK_PICTURE)
             snprintf(r->viewer, sizeof r->viewer, "%s", viewer);
-        *context = r;
-        return queue(s, connection, r);
+        return put(s, connection, r);
     }
-    answered = refuse(s, connection, r ? 400 : 503, cln_error_text());
+    answered = refuse(s, connection, 400, cln_error_text());
     cln_clear_error();
-    free(r);
     return answered;
 }
 
@@ -293,7 +290,7 @@ static enum MHD_Result let_in(server *s, struct MHD_Connection *connection)
 }
 
 static enum MHD_Result route(server *s, struct MHD_Connection *connection, const char *path,
-                             void **context)
+                             request *r)
 {
     static const struct {
         const char *path;
@@ -302,13 +299,10 @@ static enum MHD_Result route(server *s, struct MHD_Connection *connection, const
         {"/picture", CLN_ASK_PICTURE}, {"/photo", CLN_ASK_PHOTO}, {"/point", CLN_ASK_POINT}};
     const char *token = s->listener->token;
     const char *mode = header_of(connection, "Sec-Fetch-Mode");
-    const char *length = header_of(connection, "Content-Length");
     const char *reason = NULL;
     /* a link on another page may lead here; what it leads to sees nothing of that page */
     const bool page = strcmp(path, "/") == 0 && mode && strcmp(mode, "navigate") == 0;
 
-    if ((length && strcmp(length, "0") != 0) || header_of(connection, "Transfer-Encoding"))
-        return refuse(s, connection, 413, "a request has no body here");
     if (!cln_ask_allowed(header_of(connection, "Host"), header_of(connection, "Origin"),
                          page ? NULL : header_of(connection, "Sec-Fetch-Site"), s->listener->far,
                          s->listener->own, &reason))
@@ -332,32 +326,42 @@ static enum MHD_Result route(server *s, struct MHD_Connection *connection, const
         return send_text(s, connection, 200, "application/json", s->facts);
     for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)
         if (strcmp(path, asks[i].path) == 0)
-            return ask(s, connection, asks[i].kind, context);
+            return ask(s, connection, asks[i].kind, r);
     return refuse(s, connection, 404, "nothing is here; the page is at /");
 }
 
+/* MHD calls this once when the headers are there, where an answer ends the connection, then to be
+ * answered, and again when the painter has resumed it. */
 static enum MHD_Result on_request(void *user, struct MHD_Connection *connection, const char *path,
                                   const char *method, const char *version, const char *data,
                                   size_t *bytes, void **context)
 {
     server *s = user;
+    const char *length = header_of(connection, "Content-Length");
+    request *r = *context;
 
     (void)version, (void)data, (void)bytes;
-    if (*context) /* resumed */
-        return send_painting(s, connection, *context);
-    if (strcmp(method, MHD_HTTP_METHOD_GET) != 0)
-        return refuse(s, connection, 405, "only GET is answered");
-    return route(s, connection, path, context);
+    if (!r) {
+        if (strcmp(method, MHD_HTTP_METHOD_GET) != 0)
+            return refuse(s, connection, 405, "only GET is answered");
+        if ((length && strcmp(length, "0") != 0) || header_of(connection, "Transfer-Encoding"))
+            return refuse(s, connection, 413, "a request has no body here");
+        if (cln_alloc(&r, 1, sizeof *r, "request") != CLN_OK) {
+            cln_clear_error();
+            return MHD_NO;
+        }
+        *context = r;
+        return MHD_YES;
+    }
+    return r->waited ? send_painting(s, connection, r) : route(s, connection, path, r);
 }
 
 static void on_completed(void *user, struct MHD_Connection *connection, void **context,
                          enum MHD_RequestTerminationCode code)
 {
-    server *s = user;
     request *r = *context;
 
-    (void)connection, (void)code;
-    (void)s;
+    (void)user, (void)connection, (void)code;
     if (r)
         free(r->painting.body);
     free(r);
