@@ -38,7 +38,7 @@ cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const c
 enum {
     CONNECTIONS = 64,
     HEADER_BYTES = 32 * 1024, /* of a connection, for a request's line and headers */
-    HEAD_SECONDS = 15,        /* from connecting to the end of the first request's headers */
+    HEAD_SECONDS = 10,        /* from connecting to the end of the first request's headers */
     SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
     TURN_MS = 100             /* how often the painter looks for signals and late connections */
 };

@@ -56,6 +56,7 @@ int test_group_training(void);
 int test_group_tree_from(void);
 int test_group_tune(void);
 int test_group_tuner(void);
+int test_group_view_request(void);
 
 /* The table, in the files' order; ends with a NULL name. */
 typedef struct test_group {

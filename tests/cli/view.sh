@@ -1,0 +1,252 @@
+#!/bin/bash
+# `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
+# points, who is refused and what, slow and vanishing clients, several viewers, and how it ends. On a
+# tiny generated scene, on any OpenCL device. How the page looks and behaves in a browser is
+# tests/browser/browser.sh's.
+#   tests/cli/view.sh [SECTION...]      sections: page pictures refused clients token end
+#   BUILD=build/sanitize                the programs to test
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+BUILD=${BUILD:-build}
+cln=$PWD/$BUILD/cl-nascent
+make_scene=$PWD/$BUILD/make-scene
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln view XXXXXX")
+server=0 address="" slow=""
+trap '[ $server = 0 ] || kill -9 $server; rm -rf "$work"' EXIT
+. tests/support/checks.sh
+
+# A network and a tree that are trained in a second.
+small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 2
+    --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256 --batch-samples 2048
+    --refresh-every 8 --steps 60)
+
+baseline() {
+    [ -d "$work/run" ] && return
+    "$make_scene" "$work/photos" --size 48 --train 6 --test 2 >/dev/null || bad "make-scene"
+    expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" "${small[@]}"
+    expect "render" 0 "" "$cln" render "$work/run" --split test -o "$work/rendered" \
+        --progress none
+}
+
+# serve OPTIONS...: starts a viewer with the signals of a fresh shell; $address is its address
+serve() {
+    local end=$((SECONDS + 60))
+    : >"$work/address"
+    env --default-signal=INT,TERM "$cln" view "$work/run" "$@" >"$work/address" 2>"$work/err" &
+    server=$!
+    until [ -s "$work/address" ]; do
+        if [ $SECONDS -ge $end ] || ! kill -0 $server 2>/dev/null; then
+            bad "view starts"
+            break
+        fi
+        sleep 0.05
+    done
+    address=$(cat "$work/address")
+    address=${address%/}
+    address=${address%%/\?*}
+}
+
+# stop SIGNAL: ends the viewer; $rc is its exit code
+stop() {
+    kill -"$1" $server
+    wait $server
+    rc=$?
+    server=0
+}
+
+# A viewer for several sections. From its start on, a slow client sends half a request.
+viewer() {
+    baseline
+    [ $server != 0 ] && return
+    serve
+    exec {slow}<>"/dev/tcp/127.0.0.1/${address##*:}"
+    printf 'GET / HTTP/1.1\r\nHost: local' >&"$slow"
+}
+
+# get PATH OPTIONS...: body in $work/out, headers in $work/headers, $code
+get() {
+    local path=$1
+    shift
+    code=$(curl -sg --path-as-is --max-time 60 -o "$work/out" -D "$work/headers" \
+        -w '%{http_code}' "$@" "$address$path" 2>"$work/err")
+}
+
+# gets NAME CODE PATH OPTIONS...
+gets() {
+    local name=$1 want=$2
+    shift 2
+    get "$@"
+    if [ "$code" = "$want" ]; then ok "$name"; else bad "$name" "$code, not $want"; fi
+}
+
+has_header() {
+    grep -qi -- "$1" "$work/headers"
+}
+
+me=(-H "X-Viewer: me")
+
+section_page() {
+    viewer
+    check "the address is of this machine" grep -qxE 'http://127\.0\.0\.1:[0-9]+/' "$work/address"
+    gets "the page" 200 /
+    check "it is HTML" has_header '^content-type: text/html'
+    check "it may load from here alone" has_header "^content-security-policy: default-src 'none';"
+    check "nothing in it is from elsewhere" sh -c '! grep -qE "https?://" "$1"' - "$work/out"
+    check "it is the source's" cmp -s "$work/out" host/view/page.html
+    gets "its style" 200 /view.css
+    check "it is the source's" cmp -s "$work/out" host/view/page.css
+    gets "its script" 200 /view.js
+    check "it is the source's" cmp -s "$work/out" host/view/page.js
+    gets "facts" 200 /facts
+    check "they name the run" [ "$(json run)" = "$work/run" ]
+    check "the step" [ "$(json step)" = 60 ]
+    check "8 cameras, tests last" [ "$(json cameras.7.split)" = test ]
+    check "connections stay open" [ "$(curl -s "$address/" "$address/facts" -o /dev/null \
+        -o /dev/null -w '%{num_connects}')" = 10 ]
+}
+
+section_pictures() {
+    local pose focal i
+    viewer
+    gets "a test view as PNG" 200 "/picture?view=6&format=png" "${me[@]}"
+    check "render has the same" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    gets "the other one" 200 "/picture?view=7&format=png" "${me[@]}"
+    check "render has the same" cmp -s "$work/out" "$work/rendered/test_r_001.png"
+    gets "opacity" 200 "/picture?view=6&format=png&show=opacity" "${me[@]}"
+    check "render has the same" cmp -s "$work/out" "$work/rendered/test_r_000.opacity.png"
+    get /facts
+    focal=$(json cameras.6.focal)
+    pose=$(for i in 0 1 2 3 4 5 6 7 8 9 10 11; do json "cameras.6.pose.$i"; done | paste -sd,)
+    gets "a camera of one's own" 200 \
+        "/picture?pose=$pose&focal=$focal&width=48&height=48&format=png" "${me[@]}"
+    check "in the same place it sees the same" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    gets "another size" 200 "/picture?view=6&width=96" "${me[@]}"
+    check "is what was asked for" has_header '^x-picture: 96 96 '
+    check "JPEG without a word" has_header '^content-type: image/jpeg'
+    gets "no time at all" 200 "/picture?view=6&width=1000&ms=0.001" "${me[@]}"
+    check "makes it small" has_header '^x-picture: 24 24 '
+    gets "depth" 200 "/picture?view=6&show=depth" "${me[@]}"
+    check "with its ends" awk '/^[Xx]-[Pp]icture/ { exit !($5 > 0 && $6 >= $5) }' "$work/headers"
+    gets "another background" 200 "/picture?view=6&background=0,0,1&format=png" "${me[@]}"
+    check "is another picture" sh -c '! cmp -s "$1" "$2"' - "$work/out" \
+        "$work/rendered/test_r_000.png"
+    gets "a photo" 200 "/photo?view=6&side=24"
+    check "is a JPEG" has_header '^content-type: image/jpeg'
+    gets "a point" 200 "/point?view=6&x=24&y=24" "${me[@]}"
+    check "it is opaque" number_above "$(json opacity)" 0.5
+    check "before the camera" number_above "$(json depth)" 0
+    check "and in the scene's middle" awk -v x="$(json point.0)" -v y="$(json point.1)" \
+        -v z="$(json point.2)" 'BEGIN { exit !(x * x + y * y + z * z < 2.25) }'
+}
+
+section_refused() {
+    viewer
+    gets "another Host" 403 / -H "Host: evil.example"
+    gets "another Host with this port" 403 /facts -H "Host: evil.example:${address##*:}"
+    gets "the Host through ssh -L" 200 / -H "Host: localhost:8080"
+    gets "another Origin" 403 /facts -H "Origin: http://evil.example"
+    gets "a page of another site" 403 /photo?view=0 -H "Sec-Fetch-Site: cross-site"
+    gets "a link on another site" 200 / -H "Sec-Fetch-Site: cross-site" \
+        -H "Sec-Fetch-Mode: navigate"
+    gets "a picture without X-Viewer" 403 "/picture?view=6"
+    gets "a question of another site" 405 "/picture?view=6" -X OPTIONS
+    gets "POST" 405 /picture -d x=1
+    gets "a body" 413 /facts -X GET -d "$(printf '%01000d' 0)"
+    gets "a chunked body" 413 /facts -X GET -H "Transfer-Encoding: chunked" -d x
+    gets "a long address" 414 "/picture?view=$(printf '%040000d' 0)" "${me[@]}"
+    gets "a long header" 431 / -H "X-Long: $(printf '%040000d' 0)"
+    gets "a huge picture" 400 "/picture?view=6&width=8192" "${me[@]}"
+    check "the sentence says it" grep -q "too large" "$work/out"
+    gets "no such camera" 400 "/picture?view=8" "${me[@]}"
+    gets "no such photo" 400 "/photo?view=-1"
+    gets "a name for a photo" 400 "/photo?view=../photos/test/r_000.png"
+    gets "a path of the disk" 404 "/../../../../../../etc/passwd"
+    gets "an encoded one" 404 "/%2e%2e/%2e%2e/etc/passwd"
+    gets "a file of the run" 404 "/run.json"
+    mv "$work/photos/test/r_001.png" "$work/away.png"
+    gets "a photo that has gone" 404 "/photo?view=7"
+    mv "$work/away.png" "$work/photos/test/r_001.png"
+    gets "and is back" 200 "/photo?view=7"
+    gets "it still renders" 200 "/picture?view=6&format=png" "${me[@]}"
+    check "the same" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+}
+
+section_clients() {
+    local i large="/picture?view=6&width=1600"
+    viewer
+    for i in 1 2 3 4 5 6 7 8; do
+        curl -s -m 0.2 -o /dev/null -H "X-Viewer: gone-$i" "$address$large"
+    done
+    curl -s -o "$work/old" -w '%{http_code}' -H "X-Viewer: you" "$address$large" >"$work/code" &
+    i=$!
+    gets "a small picture beside a slow, many vanished, and a large one" 200 \
+        "/picture?view=6&width=32&ms=50" "${me[@]}"
+    sleep 0.2
+    gets "a later picture of the same viewer" 200 "/picture?view=6&width=32&ms=50" \
+        -H "X-Viewer: you"
+    wait $i
+    check "replaces the one before" [ "$(cat "$work/code")" = 409 ]
+    curl -s -o "$work/one.png" -H "X-Viewer: one" "$address/picture?view=6&width=400&format=png" &
+    i=$!
+    gets "two large ones at once" 200 "/picture?view=7&width=400&format=png" "${me[@]}"
+    wait $i
+    gets "one of them alone" 200 "/picture?view=6&width=400&format=png" "${me[@]}"
+    check "is the same picture" cmp -s "$work/out" "$work/one.png"
+    read -r -t 30 -u "$slow" i # the end of the stream, after 10 s; status above 128: none came
+    check "the slow one is sent away" [ $? -le 128 ]
+    exec {slow}>&-
+    gets "it still answers" 200 /facts
+}
+
+section_token() {
+    local port cookie
+    viewer
+    port=${address##*:}
+    expect "a port that is taken" 2 "--port $port" "$cln" view "$work/run" --port "$port"
+    stop TERM
+    check "SIGTERM ends it with 143" [ $rc = 143 ]
+    expect "an address that is none" 2 "--listen localhost" "$cln" view "$work/run" \
+        --listen localhost
+    mv "$work/photos" "$work/elsewhere"
+    serve --listen 127.0.0.1
+    check "without photos: a warning" said "no cameras and photos"
+    mv "$work/elsewhere" "$work/photos"
+    check "the address has a token" grep -qE '/\?token=[0-9a-f]{32}$' "$work/address"
+    gets "not without it" 403 /
+    gets "nor any picture" 403 "/picture?view=0" "${me[@]}"
+    gets "nor with another" 403 "/?token=00000000000000000000000000000000"
+    get "/?token=$(sed 's/.*=//' "$work/address")" -c "$work/cookies"
+    check "with it on to the page" [ "$code" = 303 ]
+    cp "$work/headers" "$work/entered"
+    check "by a cookie for this site" has_header '^set-cookie: .*; HttpOnly; SameSite=Strict'
+    gets "which opens the page" 200 / -b "$work/cookies"
+    gets "facts" 200 /facts -b "$work/cookies"
+    check "no cameras in them" [ -z "$(json cameras.0.name 2>/dev/null)" ]
+    cookie=$(sed -n 's/^[Ss]et-[Cc]ookie: \([^;]*\).*/\1/p' "$work/entered")
+    gets "a numeric Host" 200 / -b "$cookie" -H "Host: 192.0.2.1:7007"
+    gets "no name of others" 403 / -b "$cookie" -H "Host: evil.example"
+    gets "no Origin of others" 403 / -b "$work/cookies" -H "Origin: http://evil.example"
+    stop INT
+}
+
+section_end() {
+    viewer
+    curl -s -o /dev/null -H "X-Viewer: long" "$address/picture?view=6&width=2000" &
+    sleep 0.3
+    stop INT
+    check "SIGINT ends it with 130, in the middle of a picture" [ $rc = 130 ]
+    check "it says so" said "stopped by a signal"
+    expect "not a run" 3 "run.json" "$cln" view "$work/photos"
+    serve
+    gets "it starts again" 200 /
+    stop INT
+    check "and ends" [ $rc = 130 ]
+}
+
+if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
+    skip view "built without libmicrohttpd"
+    count
+    exit
+fi
+run_sections "page pictures refused clients token end" "$@"

@@ -1,0 +1,262 @@
+/* What a page may ask, and who may (view/request.h): values with their bounds, cameras, the Host,
+ * Origin and token of a request, and texts of all kinds. Oracle: literal values, and rules about
+ * whatever was accepted. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "tests.h"
+#include "view/request.h"
+
+static const float grey[3] = {0.5f, 0.5f, 0.5f};
+static const char level_pose[] = "1,0,0,4,0,1,0,5,0,0,1,6";
+
+/* A query as NAME, VALUE, ..., NULL. */
+static const char *of_list(void *query, const char *name)
+{
+    for (const char *const *at = query; *at; at += 2)
+        if (strcmp(*at, name) == 0)
+            return at[1];
+    return NULL;
+}
+
+static cln_status ask(cln_ask_kind kind, const cln_scene *scene, const char *const *query,
+                      cln_ask *out)
+{
+    return cln_ask_read(kind, scene, grey, of_list, (void *)query, out);
+}
+
+static void scene_of_two(cln_view views[2], cln_scene *scene)
+{
+    memset(views, 0, 2 * sizeof *views);
+    memset(scene, 0, sizeof *scene);
+    for (int i = 0; i < 2; i++)
+        views[i].camera = (cln_camera){.c2w = {1, 0, 0, i, 0, 1, 0, 0, 0, 0, 1, 0},
+                                       .fx = 100,
+                                       .fy = 110,
+                                       .cx = 40,
+                                       .cy = 30,
+                                       .width = 80,
+                                       .height = 60};
+    scene->views = views;
+    scene->view_count = 2;
+}
+
+static void read_what_is_asked(void **state)
+{
+    static const char *const free_camera[] = {"pose",  level_pose, "focal",      "50",
+                                              "width", "64",       "height",     "32",
+                                              "ms",    "45",       "show",       "depth",
+                                              "x",     "1",        "background", "1,0,0.25",
+                                              NULL};
+    static const char *const of_view[] = {"view", "1", "width", "40", "format", "png", NULL};
+    static const char *const point[] = {"view", "0", "x", "79.5", "y", "0", NULL};
+    static const char *const photo[] = {"view", "1", "side", "64", NULL};
+    cln_view views[2];
+    cln_scene scene;
+    cln_ask a;
+
+    (void)state;
+    scene_of_two(views, &scene);
+    assert_int_equal(ask(CLN_ASK_PICTURE, NULL, free_camera, &a), CLN_OK);
+    assert_int_equal(a.camera.width, 64);
+    assert_int_equal(a.camera.height, 32);
+    assert_true(a.camera.fx == 50 && a.camera.fy == 50 && a.camera.cx == 32 && a.camera.cy == 16);
+    assert_true(a.camera.c2w[3] == 4 && a.camera.c2w[7] == 5 && a.camera.c2w[11] == 6);
+    assert_true(a.budget == 0.045 && a.show == CLN_SHOW_DEPTH && !a.png);
+    assert_true(a.background[0] == 1 && a.background[1] == 0 && a.background[2] == 0.25f);
+    assert_int_equal(ask(CLN_ASK_PICTURE, &scene, of_view, &a), CLN_OK);
+    assert_true(a.camera.width == 40 && a.camera.height == 30 && a.camera.fx == 50 &&
+                a.camera.fy == 55 && a.camera.c2w[3] == 1);
+    assert_true(a.png && a.budget == 0 && a.background[1] == 0.5f);
+    assert_int_equal(ask(CLN_ASK_POINT, &scene, point, &a), CLN_OK);
+    assert_true(a.x == 79.5 && a.y == 0);
+    assert_int_equal(ask(CLN_ASK_PHOTO, &scene, photo, &a), CLN_OK);
+    assert_true(a.view == 1 && a.side == 64);
+}
+
+static void refuse_what_is_wrong(void **state)
+{
+#define POSE "pose", level_pose, "focal", "50"
+    static const struct {
+        cln_ask_kind kind;
+        const char *query[16];
+        const char *word;
+    } cases[] = {
+        {CLN_ASK_PICTURE, {NULL}, "width"},
+        {CLN_ASK_PICTURE, {"width", "64", "height", "64"}, "pose"},
+        {CLN_ASK_PICTURE, {"pose", level_pose, "width", "64", "height", "64"}, "focal"},
+        {CLN_ASK_PICTURE, {POSE, "width", "8193", "height", "64"}, "width"},
+        {CLN_ASK_PICTURE, {POSE, "width", "8192", "height", "8192"}, "too large"},
+        {CLN_ASK_PICTURE, {POSE, "width", "64", "height", "0"}, "height"},
+        {CLN_ASK_PICTURE, {POSE, "width", "64", "height", "-1"}, "height"},
+        {CLN_ASK_PICTURE, {POSE, "width", "64", "height", "6x"}, "height"},
+        {CLN_ASK_PICTURE, {"pose", "1,0,0", "focal", "9", "width", "9", "height", "9"}, "pose"},
+        {CLN_ASK_PICTURE,
+         {"pose", "2,0,0,4,0,2,0,5,0,0,2,6", "focal", "9", "width", "9", "height", "9"},
+         "rigid"},
+        {CLN_ASK_PICTURE,
+         {"pose", "1,0,0,1e300,0,1,0,5,0,0,1,6", "focal", "9", "width", "9", "height", "9"},
+         "position"},
+        {CLN_ASK_PICTURE, {POSE, "width", "9", "height", "9", "show", "../../etc"}, "show"},
+        {CLN_ASK_PICTURE, {POSE, "width", "9", "height", "9", "format", "gif"}, "format"},
+        {CLN_ASK_PICTURE, {POSE, "width", "9", "height", "9", "ms", "nan"}, "ms"},
+        {CLN_ASK_PICTURE, {POSE, "width", "9", "height", "9", "ms", "-5"}, "ms"},
+        {CLN_ASK_PICTURE, {POSE, "width", "9", "height", "9", "background", "2,0,0"}, "0 to 1"},
+        {CLN_ASK_PICTURE, {POSE, "width", "9", "height", "9", "background", "red"}, "background"},
+        {CLN_ASK_PICTURE, {"view", "2"}, "view"},
+        {CLN_ASK_PICTURE, {"view", "-1"}, "view"},
+        {CLN_ASK_PICTURE, {"view", "0", "width", "8000"}, "too large"},
+        {CLN_ASK_POINT, {"view", "0", "x", "80.5", "y", "0"}, "x:"},
+        {CLN_ASK_POINT, {"view", "0", "x", "3"}, "x, y"},
+        {CLN_ASK_PHOTO, {NULL}, "view"},
+        {CLN_ASK_PHOTO, {"view", "../scene.png"}, "view"},
+        {CLN_ASK_PHOTO, {"view", "0", "side", "4096"}, "side"},
+    };
+#undef POSE
+    static const char *const photo[] = {"view", "0", NULL};
+    cln_view views[2];
+    cln_scene scene;
+    cln_ask a;
+
+    (void)state;
+    scene_of_two(views, &scene);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const cln_status st = ask(cases[i].kind, &scene, cases[i].query, &a);
+
+        if (st == CLN_OK || !strstr(cln_error_text(), cases[i].word))
+            fail_msg("case %zu: '%s', without '%s'", i, cln_error_text(), cases[i].word);
+        cln_clear_error();
+    }
+    assert_int_equal(ask(CLN_ASK_PHOTO, NULL, photo, &a), CLN_USAGE); /* no scene */
+    cln_clear_error();
+}
+
+/* Values that are pieces of right ones, cut, joined and damaged, from a fixed seed. What is accepted
+ * keeps the bounds. */
+static const char *of_noise(void *query, const char *name)
+{
+    static const char *const words[] = {"1",    "64",  level_pose, "depth", "png", "1,0,0",
+                                        "-1",   "1e9", "0.5",      "20",    ",",   "8192",
+                                        "1e-3", "0",   "..",       "0"};
+    static char text[128];
+    uint32_t *seed = query;
+    int rounds = 0;
+
+    (void)name;
+    *seed = *seed * 1664525u + 1013904223u;
+    if ((*seed >> 28) < 6)
+        return NULL;
+    rounds = 1 + ((*seed >> 24) % 5 == 0);
+    text[0] = 0;
+    for (int i = 0; i < rounds; i++) {
+        *seed = *seed * 1664525u + 1013904223u;
+        strncat(text, words[(*seed >> 20) % 16], sizeof text - strlen(text) - 1);
+    }
+    if ((*seed >> 8) % 7 == 0 && text[0])
+        text[(*seed >> 12) % strlen(text)] = (char)(*seed >> 16);
+    return text;
+}
+
+static void any_text_is_answered(void **state)
+{
+    cln_view views[2];
+    cln_scene scene;
+    uint32_t seed = 1;
+    int accepted = 0;
+
+    (void)state;
+    scene_of_two(views, &scene);
+    for (int i = 0; i < 200000; i++) {
+        cln_ask a;
+
+        if (cln_ask_read((cln_ask_kind)(i % 3), &scene, grey, of_noise, &seed, &a) != CLN_OK) {
+            assert_true(cln_error_text()[0] != 0);
+            cln_clear_error();
+            continue;
+        }
+        accepted++;
+        assert_in_range(a.view + 1, 0, 2);
+        if (a.kind == CLN_ASK_PHOTO) {
+            assert_in_range(a.side, 16, CLN_ASK_PHOTO_SIDE);
+            continue;
+        }
+        assert_in_range(a.camera.width, 1, CLN_ASK_SIDE);
+        assert_in_range(a.camera.height, 1, CLN_ASK_SIDE);
+        assert_true((int64_t)a.camera.width * a.camera.height <= CLN_ASK_PIXELS);
+        for (int k = 0; k < 12; k++)
+            assert_true(isfinite(a.camera.c2w[k]));
+        assert_true(a.camera.fx > 0 && isfinite(a.camera.fx));
+        assert_true(a.budget >= 0 && a.budget <= 60);
+    }
+    assert_in_range(accepted, 1000, 100000);
+}
+
+static void only_its_own_page_may_ask(void **state)
+{
+    static const struct {
+        const char *host, *origin, *site;
+        bool far, allowed;
+    } cases[] = {
+        {"127.0.0.1:7007", NULL, NULL, false, true},
+        {"localhost:7007", NULL, NULL, false, true},
+        {"LOCALHOST:8080", NULL, NULL, false, true}, /* ssh -L 8080:127.0.0.1:7007 */
+        {"[::1]:7007", NULL, NULL, false, true},
+        {"localhost", "http://localhost", "same-origin", false, true},
+        {"localhost:7007", "http://localhost:7007", "none", false, true},
+        {NULL, NULL, NULL, false, false},
+        {"", NULL, NULL, false, false},
+        {"evil.example:7007", NULL, NULL, false, false}, /* a name that resolves to 127.0.0.1 */
+        {"127.0.0.1.evil.example", NULL, NULL, false, false},
+        {"localhost.evil.example", NULL, NULL, false, false},
+        {"localhost:7007:1", NULL, NULL, false, false},
+        {"localhost:7007@evil.example", NULL, NULL, false, false},
+        {"[::1", NULL, NULL, false, false},
+        {"10.0.0.2:7007", NULL, NULL, false, false},
+        {"localhost:7007", "http://localhost:7008", NULL, false, false},
+        {"localhost:7007", "http://evil.example", NULL, false, false},
+        {"localhost:7007", "null", NULL, false, false},
+        {"localhost:7007", NULL, "cross-site", false, false},
+        {"localhost:7007", NULL, "same-site", false, false},
+        {"10.0.0.2:7007", NULL, NULL, true, true},
+        {"[fe80::1]:7007", NULL, NULL, true, true},
+        {"box:7007", NULL, NULL, true, true},
+        {"box.home.example:7007", "https://box.home.example:7007", NULL, true, true},
+        {"boxer:7007", NULL, NULL, true, false},
+        {"evil.example:7007", NULL, NULL, true, false},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *reason = NULL;
+        const bool allowed = cln_ask_allowed(cases[i].host, cases[i].origin, cases[i].site,
+                                             cases[i].far, "box", &reason);
+
+        if (allowed != cases[i].allowed)
+            fail_msg("case %zu, Host %s: %s", i, cases[i].host ? cases[i].host : "none",
+                     allowed ? "allowed" : reason);
+    }
+    assert_true(cln_ask_same_token("0123abcd", "0123abcd"));
+    assert_false(cln_ask_same_token("0123abce", "0123abcd"));
+    assert_false(cln_ask_same_token("0123abc", "0123abcd"));
+    assert_false(cln_ask_same_token("", "0123abcd"));
+    assert_false(cln_ask_same_token(NULL, "0123abcd"));
+    assert_false(cln_ask_same_token(NULL, NULL));
+}
+
+int test_group_view_request(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(read_what_is_asked),
+        cmocka_unit_test(refuse_what_is_wrong),
+        cmocka_unit_test(any_text_is_answered),
+        cmocka_unit_test(only_its_own_page_may_ask),
+    };
+
+    return cmocka_run_group_tests_name("view_request", tests, NULL, NULL);
+}
