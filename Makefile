@@ -3,6 +3,7 @@
 #   make demo               install missing packages, generate, train two minutes, evaluate, render
 #   make test               install missing packages, run the whole suite
 #   make test-devices       the cases of docs/devices.md on every OpenCL device found
+#   make test-browser       the viewer's page in headless Chromium (a large download; not in test)
 #   make grind              the kernels under Oclgrind, for races and bad accesses
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
@@ -241,6 +242,11 @@ test-devices grind:
 	    build/device-cases build/tests
 	@tests/device/devices.sh $(if $(filter grind,$@),grind)
 
+test-browser:
+	@tests/deps.sh build test browser
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query
+	@tests/browser/browser.sh
+
 lint:
 	@tests/deps.sh build test lint
 	@tests/lint.sh
@@ -286,5 +292,5 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test test-devices grind lint fmt bench bench-programs \
+.PHONY: all FORCE deps demo test test-devices test-browser grind lint fmt bench bench-programs \
         bench-peers bench-sort install clean

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs missing Debian packages for: build, test, lint, peers (any of them as arguments). Names
+# Installs missing Debian packages for: build, test, lint, peers, browser (any of them as arguments). Names
 # them first; prints nothing if all are installed. "a|b": either will do, installs the first. On
 # other systems it only names the required packages.
 set -eu
@@ -9,6 +9,7 @@ build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libmicro
 test="curl libcmocka-dev glpk-utils oclgrind"
 lint="clang-14|clang clang-format-14|clang-format"
 peers="g++"
+browser="chromium chromium-driver python3"
 
 wanted=""
 for what in "$@"; do
@@ -17,8 +18,9 @@ for what in "$@"; do
     test) wanted="$wanted $test" ;;
     lint) wanted="$wanted $lint" ;;
     peers) wanted="$wanted $peers" ;;
+    browser) wanted="$wanted $browser" ;;
     *)
-        echo "usage: tests/deps.sh [build] [test] [lint] [peers]" >&2
+        echo "usage: tests/deps.sh [build] [test] [lint] [peers] [browser]" >&2
         exit 2
         ;;
     esac

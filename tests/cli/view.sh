@@ -173,10 +173,10 @@ section_refused() {
 }
 
 section_clients() {
-    local i large="/picture?view=6&width=1600"
+    local i large="/picture?view=6&width=2000"
     viewer
-    for i in 1 2 3 4 5 6 7 8; do
-        curl -s -m 0.2 -o /dev/null -H "X-Viewer: gone-$i" "$address$large"
+    for i in 1 2 3 4; do
+        curl -s -m 0.1 -o /dev/null -H "X-Viewer: gone-$i" "$address$large"
     done
     curl -s -o "$work/old" -w '%{http_code}' -H "X-Viewer: you" "$address$large" >"$work/code" &
     i=$!
@@ -187,11 +187,14 @@ section_clients() {
         -H "X-Viewer: you"
     wait $i
     check "replaces the one before" [ "$(cat "$work/code")" = 409 ]
-    curl -s -o "$work/one.png" -H "X-Viewer: one" "$address/picture?view=6&width=400&format=png" &
+    curl -s -o "$work/one.png" -H "X-Viewer: one" "$address/picture?view=6&width=500&format=png" &
     i=$!
-    gets "two large ones at once" 200 "/picture?view=7&width=400&format=png" "${me[@]}"
+    while kill -0 $i 2>/dev/null; do
+        get "/picture?view=1&width=32&ms=50" "${me[@]}"
+    done
     wait $i
-    gets "one of them alone" 200 "/picture?view=6&width=400&format=png" "${me[@]}"
+    check "a large one between small ones of another camera" [ "$code" = 200 ]
+    gets "and alone" 200 "/picture?view=6&width=500&format=png" "${me[@]}"
     check "is the same picture" cmp -s "$work/out" "$work/one.png"
     read -r -t 30 -u "$slow" i # the end of the stream, after 10 s; status above 128: none came
     check "the slow one is sent away" [ $? -le 128 ]

@@ -1,0 +1,272 @@
+"""The checks of browser.sh: drives Chromium by WebDriver's plain HTTP, with Python's own library.
+
+    browser.py ADDRESS RENDERED FOLDER
+
+RENDERED is the PNG that `render` made of the first test view; screenshots go to FOLDER. A line per
+check on standard output, "ok" or "FAILED".
+"""
+import base64
+import json
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+
+ADDRESS, RENDERED, FOLDER = sys.argv[1:]
+TEST_VIEW = 20  # behind 20 training views
+KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008'}
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(('127.0.0.1', 0))
+        return s.getsockname()[1]
+
+
+class Driver:
+    def __init__(self):
+        self.base = f'http://127.0.0.1:{free_port()}'
+        self.process = subprocess.Popen(['chromedriver', '--port=' + self.base.split(':')[2]],
+                                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        for _ in range(100):
+            try:
+                self.call('GET', '/status')
+                return
+            except OSError:
+                time.sleep(0.1)
+        raise SystemExit('chromedriver does not answer')
+
+    def call(self, method, path, body=None):
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(self.base + path, method=method, data=data,
+                                         headers={'Content-Type': 'application/json'})
+        with urllib.request.urlopen(request, timeout=120) as answer:
+            return json.load(answer)['value']
+
+
+class Page:
+    """A window of a width and height; phone: with touch and a sharp screen."""
+
+    def __init__(self, driver, name, width, height, dark=False, phone=False):
+        options = {'args': ['--headless=new', '--no-sandbox', '--disable-gpu',
+                            '--disable-dev-shm-usage', f'--window-size={width},{height}']}
+        if dark:
+            options['args'].append('--force-dark-mode')
+        if phone:
+            options['mobileEmulation'] = {'deviceMetrics': {
+                'width': width, 'height': height, 'pixelRatio': 2, 'touch': True}}
+        self.driver, self.name, self.pointer = driver, name, 'touch' if phone else 'mouse'
+        wanted = {'goog:chromeOptions': options,
+                  'goog:loggingPrefs': {'browser': 'ALL', 'performance': 'ALL'}}
+        made = driver.call('POST', '/session', {'capabilities': {'alwaysMatch': wanted}})
+        self.path = '/session/' + made['sessionId']
+        self.call('/timeouts', {'script': 60000})
+        self.call('/url', {'url': ADDRESS})
+        self.settle()
+
+    def call(self, path, body):
+        return self.driver.call('POST', self.path + path, body)
+
+    def js(self, script, *given):
+        return self.call('/execute/sync', {'script': script, 'args': given})
+
+    def later(self, script, *given):
+        """The script calls done(VALUE)."""
+        return self.call('/execute/async', {
+            'script': 'const done = arguments[arguments.length - 1];' + script, 'args': given})
+
+    def settle(self, seconds=60):
+        """Until the picture is sharp."""
+        end = time.time() + seconds
+        while time.time() < end:
+            if self.js('return last !== null && last.full && last.version === version && '
+                       '!playing && performance.now() - moved > 500'):
+                return
+            time.sleep(0.1)
+        raise SystemExit('the picture does not become sharp: ' +
+                         self.js('return document.getElementById("message").textContent'))
+
+    def key(self, *values):
+        for value in values:
+            self.call('/actions', {'actions': [{'type': 'key', 'id': 'keys', 'actions': [
+                {'type': 'keyDown', 'value': value}, {'type': 'keyUp', 'value': value}]}]})
+
+    def point(self, *steps):
+        """Steps as (x, y) from the picture's middle, 'down', 'up', or seconds to wait."""
+        x, y = self.js('const b = picture.getBoundingClientRect();'
+                       'return [b.x + b.width / 2, b.y + b.height / 2]')
+        actions = []
+        for step in steps:
+            if isinstance(step, tuple):
+                actions.append({'type': 'pointerMove', 'duration': 100, 'x': int(x + step[0]),
+                                'y': int(y + step[1])})
+            elif isinstance(step, str):
+                actions.append({'type': 'pointer' + step.capitalize(), 'button': 0})
+            else:
+                actions.append({'type': 'pause', 'duration': int(1000 * step)})
+        self.call('/actions', {'actions': [{'type': 'pointer', 'id': self.pointer, 'parameters': {
+            'pointerType': self.pointer}, 'actions': actions}]})
+
+    def shot(self, what):
+        data = self.driver.call('GET', self.path + '/screenshot')
+        with open(f'{FOLDER}/{self.name}-{what}.png', 'wb') as file:
+            file.write(base64.b64decode(data))
+
+    def check(self, what, passed, detail=''):
+        print(f'{"ok     " if passed else "FAILED "} {self.name}: {what}'
+              f'{"" if passed else f" ({detail})"}', flush=True)
+
+    def pose(self):
+        return self.js('return toPose(camera)')
+
+    def close(self):
+        self.driver.call('DELETE', self.path)
+
+
+def moved(a, b):
+    return max(abs(x - y) for x, y in zip(a, b))
+
+
+def look_around(page):
+    at = page.pose()
+    page.point((0, 0), 'down', (30, 10), (90, 20), 'up')
+    page.check('a drag turns', moved(at, page.pose()) > 0.1)
+    early = page.js('return last.full')
+    page.settle()
+    page.check('the picture is sharp at rest', page.js('return last.width === last.box.width'),
+               early)
+    page.shot('dragged')
+    page.key('h')
+    time.sleep(0.6)
+    page.settle()
+    page.check('H goes home', moved(at, page.pose()) < 1e-9, page.pose())
+    before = page.js('return pivot(camera)')
+    page.point((0, 10), 'down', 'up', 0.08, 'down', 'up')
+    time.sleep(1.2)
+    page.settle()
+    page.check('a double click turns to that point',
+               moved(before, page.js('return pivot(camera)')) > 1e-3)
+    distance = page.js('return camera.distance')
+    page.key('+', '+')
+    page.check('+ goes nearer', page.js('return camera.distance') < 0.85 * distance)
+    at = page.pose()
+    page.key(KEYS['left'])
+    page.check('an arrow turns', moved(at, page.pose()) > 0.01)
+    at = page.pose()
+    page.call('/actions', {'actions': [{'type': 'key', 'id': 'keys', 'actions': [
+        {'type': 'keyDown', 'value': 'w'}, {'type': 'pause', 'duration': 300},
+        {'type': 'keyUp', 'value': 'w'}]}]})
+    page.check('W flies', moved(at, page.pose()) > 0.01)
+    page.key('h')
+
+
+def see_cameras(page):
+    """The picture on the page at the test view, against render's, in dB."""
+    page.key('c')
+    time.sleep(0.6)
+    page.settle()
+    page.shot('frusta')
+    count = page.js('return document.querySelectorAll("#cameras li").length')
+    page.check('all cameras are listed', count == 22, count)
+    page.js('jump(arguments[0])', TEST_VIEW)
+    time.sleep(1)
+    page.settle()
+    with open(RENDERED, 'rb') as file:
+        wanted = base64.b64encode(file.read()).decode()
+    psnr = page.later('''
+        const data = Uint8Array.from(atob(arguments[0]), (c) => c.charCodeAt(0));
+        createImageBitmap(new Blob([data], {type: 'image/png'})).then((whole) => {
+          const paint = (image, box) => {
+            const c = new OffscreenCanvas(whole.width, whole.height), p = c.getContext('2d');
+            p.imageSmoothingQuality = 'high';
+            p.drawImage(image, ...box, 0, 0, c.width, c.height);
+            return p.getImageData(0, 0, c.width, c.height).data;
+          };
+          const b = last.box, shown = paint(picture, [b.x, b.y, b.width, b.height]);
+          const want = paint(whole, [0, 0, whole.width, whole.height]);
+          const sum = shown.reduce((s, v, i) => s + (v - want[i]) ** 2, 0) * 4 / 3;
+          done(10 * Math.log10(255 * 255 * shown.length / sum));
+        });''', wanted)
+    page.check('the page shows what render makes', psnr > 28, f'{psnr} dB')
+    page.check('its photo is here', page.js('return photo !== null && photo.width > 0'))
+    page.key('b')
+    page.check('B lays the photo over', page.js('return $("blend").value') == '1')
+    page.js('$("blend").value = 0.5; draw()')
+    page.shot('photo')
+    page.key('b', 'b')
+    for key, what in (('2', 'depth'), ('3', 'opacity')):
+        page.key(key)
+        time.sleep(0.6)
+        page.settle()
+        page.shot(what)
+        page.check(f'{key} shows {what}', page.js('return $("show").value') == what)
+    page.key('1', 'n')
+    time.sleep(1)
+    page.check('N is the next camera', page.js('return at') == TEST_VIEW + 1)
+    page.key('h', 'c')
+    time.sleep(0.6)
+
+
+def make_path(page):
+    page.key('k', KEYS['left'], KEYS['left'], KEYS['up'], 'k', KEYS['left'], '+', 'k')
+    page.js('openPanel(true); $("path-part").open = true; $("seconds").value = 0.5;'
+            '$("path-part").scrollIntoView()')
+    page.settle()
+    page.shot('path')
+    page.check('K adds views', page.js('return keyframes.length') == 3)
+    saved = page.later('''
+        const real = download;
+        download = (blob) => blob.text().then((t) => done(JSON.parse(t)));
+        savePath();
+        download = real;''')
+    frames = saved['camera_path']
+    page.check('a path has all frames', len(frames) == 12, len(frames))
+    first, pose = frames[0]['camera_to_world'], page.js('return toPose(keyframes[0])')
+    turned = [s * v for v, s in zip(pose, (1, -1, -1, 1) * 3)]
+    page.check('in axes of OpenGL, by rows', moved(first, turned + [0, 0, 0, 1]) < 1e-12, first)
+    same = page.js('''
+        const c = fromNerfstudio(arguments[0]);
+        return toPose(c).map((v, i) => v - toPose(keyframes[1])[i])''',
+                   saved['keyframes'][1]['matrix'])
+    page.check('and is read back', max(map(abs, same)) < 1e-12, same)
+    page.js('document.activeElement.blur()')
+    page.key(' ')
+    page.check('Space plays it', page.js('return playing > 0'))
+    time.sleep(1)
+    page.settle()
+    page.check('to its end', moved(page.pose(), page.js('return toPose(along(1))')) < 1e-9)
+
+
+def listen(page):
+    asked = set()
+    for entry in page.call('/se/log', {'type': 'performance'}):
+        message = json.loads(entry['message'])['message']
+        if message['method'] == 'Network.requestWillBeSent':
+            asked.add(message['params']['request']['url'])
+    page.check('pictures were asked for', any('/picture?' in url for url in asked))
+    away = [url for url in asked if not url.startswith((ADDRESS, 'data:', 'blob:'))]
+    page.check('nobody else was', not away, away)
+    said = [entry for entry in page.call('/se/log', {'type': 'browser'})
+            if entry['level'] in ('WARNING', 'SEVERE')]
+    page.check('the console has no errors', not said, said)
+
+
+def main():
+    driver = Driver()
+    try:
+        for name, width, height, dark, phone in (('desktop', 1200, 800, False, False),
+                                                 ('dark', 1000, 700, True, False),
+                                                 ('phone', 390, 780, False, True)):
+            page = Page(driver, name, width, height, dark, phone)
+            page.shot('start')
+            look_around(page)
+            see_cameras(page)
+            make_path(page)
+            listen(page)
+            page.close()
+    finally:
+        driver.process.terminate()
+
+
+main()
