@@ -84,6 +84,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &opened));
     CLN_TRY(cln_open_run_split(opened.scene, name, &split));
     CLN_TRY(cln_quality_choose(opened.scene, split, desc->max_images, &views, &count));
+    CLN_TRY(cln_quality_check(opened.scene, views, count));
     CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     opened.pipeline.antialias = desc->antialias;

@@ -251,13 +251,21 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
     if (t->desc->resume) {
         CLN_TRY(cln_recorded_load(t->desc->run, &scene, &t->scene, &same));
+        if (!same && scene.path) /* the run would be the other scene's from now on */
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: not the scene that %s began with, so nothing is trained; leave "
+                             "it out, or train a new run on it with -o",
+                             scene.path, t->desc->run));
         CLN_TRY(cln_recorded_frames(t->desc->run, t->scene));
     } else {
         CLN_TRY(cln_scene_load(&scene, &t->scene));
     }
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                &t->eval_count));
+    CLN_TRY(cln_quality_check(t->scene, t->eval_views, t->eval_count));
     CLN_TRY(check_disk(t, &config));
+    if (t->desc->dump_program)
+        CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
     cln_scene_warn_doubts(t->scene);
     cln_settings_warn_idle(t->desc->settings,
                            &(cln_settings_facts){t->desc->resume, t->scene->has_alpha});

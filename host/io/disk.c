@@ -41,9 +41,12 @@ cln_status cln_disk_check(const char *folder, double bytes, const char *what)
     if (!cln_is_dir(there))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s is not a folder; choose another", folder, there));
     if (access(there, W_OK | X_OK) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: the folder %s cannot be written to: %s; choose another",
-                         folder, there, strerror(errno)));
-    if (statvfs(there, &disk) != 0) /* some network file systems do not tell */
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s cannot be written to: %s; choose another", folder,
+                         strcmp(there, ".") == 0      ? "the folder one is in"
+                         : strcmp(there, folder) == 0 ? "this folder"
+                                                      : there,
+                         strerror(errno)));
+    if (statvfs(there, &disk) != 0 || disk.f_blocks == 0) /* some file systems do not tell */
         goto done;
     room = (double)disk.f_bavail * (double)disk.f_frsize;
     if (bytes <= room)

@@ -82,6 +82,14 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: nothing is written to it: %s; choose a new folder", run,
                          reason));
     }
+    free(path);
+    path = NULL;
+    CLN_TRY(cln_path_join(&path, run, "checkpoint"));
+    if (!resume && !cln_is_dir(path) && !cln_run_is_held(run))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: holds a run that ended before its first checkpoint, so nothing of "
+                         "it can be used; remove the folder, or choose a new one",
+                         run));
     if (!resume)
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: already holds a run; continue it with --resume %s, or choose a new "
@@ -120,10 +128,38 @@ static void read_holder(int lock, char *out, size_t bytes)
         snprintf(out, bytes, "another process");
 }
 
+/* What this process writes there. */
+static void name_holder(char *out, size_t bytes)
+{
+    char host[128] = "";
+
+    gethostname(host, sizeof host - 1);
+    snprintf(out, bytes, "process %ld on %s", (long)getpid(), host);
+}
+
+bool cln_run_is_held(const char *run)
+{
+    char *path = NULL, holder[192] = "", ours[192];
+    int file = -1;
+    bool held = false;
+
+    if (cln_path_join(&path, run, "lock") == CLN_OK)
+        file = open(path, O_RDONLY | O_CLOEXEC);
+    free(path);
+    if (file < 0)
+        return false;
+    held = flock(file, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+    if (held) /* a lock of this process refuses this file, too */
+        read_holder(file, holder, sizeof holder);
+    name_holder(ours, sizeof ours);
+    close(file);
+    return held && strcmp(holder, ours) != 0;
+}
+
 cln_status cln_run_hold(const char *run, int *lock)
 {
     cln_status st = CLN_OK;
-    char *path = NULL, text[192], host[128] = "";
+    char *path = NULL, text[192], holder[192];
     int file = -1, refused = 0;
 
     *lock = -1;
@@ -140,8 +176,8 @@ cln_status cln_run_hold(const char *run, int *lock)
     if (refused)
         cln_warn("%s: cannot be locked: %s; take care that no other process trains this run", path,
                  strerror(refused));
-    gethostname(host, sizeof host - 1);
-    snprintf(text, sizeof text, "process %ld on %s\n", (long)getpid(), host);
+    name_holder(holder, sizeof holder);
+    snprintf(text, sizeof text, "%.180s\n", holder);
     if (ftruncate(file, 0) != 0 || pwrite(file, text, strlen(text), 0) < 0)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
     *lock = file;

@@ -22,6 +22,9 @@ cln_status cln_run_open(const char *run, bool resume);
 cln_status cln_run_hold(const char *run, int *lock);
 void cln_run_release(int lock); /* accepts a negative one */
 
+/* Does another process hold RUN? No where there are no locks. */
+bool cln_run_is_held(const char *run);
+
 /* run.json, written atomically, and read; the reader checks "schema" ("cl-nascent.run/1") and gives
  * the document to the caller. */
 cln_status cln_run_write(const char *run, const json_t *document);

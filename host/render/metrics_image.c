@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include "base/memory.h"
 
-enum { WINDOW = 11, MOMENTS = 5 /* a, b, aa, bb, ab */ };
+enum { WINDOW = CLN_SSIM_WINDOW, MOMENTS = 5 /* a, b, aa, bb, ab */ };
 
 /* Not fmin/fmax: they would turn a NaN into a number. */
 static double clipped(float value)

@@ -19,7 +19,8 @@ double cln_psnr(double mse);
  * above cln_image_mse but for the clipping to [0,1]; a NaN stays one. */
 double cln_image_fitted_mse(int width, int height, const uint8_t *kept, const float *a,
                             const float *b);
-/* CLN_INPUT if a side is under 11 pixels, or no window is whole. */
+enum { CLN_SSIM_WINDOW = 11 };
+/* CLN_INPUT if a side is under that many pixels, or no window is whole. */
 cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const float *a,
                           const float *b, double *ssim);
 

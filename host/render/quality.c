@@ -40,6 +40,21 @@ done:
     return st;
 }
 
+cln_status cln_quality_check(const cln_scene *scene, const int *views, int count)
+{
+    for (int i = 0; i < count; i++) {
+        const cln_view *v = &scene->views[views[i]];
+
+        if (v->camera.width < CLN_SSIM_WINDOW || v->camera.height < CLN_SSIM_WINDOW)
+            return cln_fail(CLN_INPUT,
+                            "%s: '%s' has %d x %d pixels with --downscale %d; to be measured it "
+                            "needs %d x %d",
+                            scene->folder, v->name, v->camera.width, v->camera.height,
+                            scene->downscale, CLN_SSIM_WINDOW, CLN_SSIM_WINDOW);
+    }
+    return CLN_OK;
+}
+
 static cln_status write_picture(const char *folder, const char *name, const char *suffix, int width,
                                 int height, const float *rgb)
 {

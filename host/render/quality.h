@@ -10,6 +10,9 @@
 cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most, int **views,
                               int *count);
 
+/* CLN_INPUT names a view that is too small for an SSIM: asked before a training or a rendering. */
+cln_status cln_quality_check(const cln_scene *scene, const int *views, int count);
+
 /* Renders the given views (their pixels must be loaded) and fills `result` (digest, step and train
  * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go,
  * and of a few views pictures of the tree, which is `model`'s (NULL: none), with tree.json. Makes

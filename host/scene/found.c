@@ -26,6 +26,10 @@ static const struct {
     {"run.json", "a run", "continue it with train --resume, or give the folder of its scene"},
 };
 
+#define GIVE_SCENE                                                                            \
+    "give the folder of a scene: photos with their poses, as a transforms.json or COLMAP's, " \
+    "LLFF's, NeuS's, NSVF's or OpenSfM's files"
+
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };
 
 /* Kinds of files, with the advice for a folder that has some; an earlier kind's goes first. */
@@ -40,13 +44,13 @@ static const struct {
          "photos alone do not say where the cameras stood: find their poses first, " WITH_POSES},
     [VIDEO] = {"a video", "videos", " mp4 mov m4v mkv webm avi mts 3gp insv ",
                "take pictures from the video and find their poses first, " WITH_POSES},
-    [ARCHIVE] = {"an archive", "archives", " zip tar gz tgz bz2 xz zst 7z rar r3d ",
+    [ARCHIVE] = {"an archive", "archives", " zip tar tgz 7z rar r3d ",
                  "unpack the archive and give the folder in it"},
     [MODEL] = {"a mesh or point cloud", "meshes or point clouds",
                " ply obj glb gltf stl splat spz usdz las laz e57 ",
                "the photos that it was made of are needed, and their cameras"},
-    [FILE_OF_ANY] = {"a file", "files", "", "give the folder of a scene"},
-    [FOLDER] = {"a folder", "folders", "", "give the folder of a scene"},
+    [FILE_OF_ANY] = {"a file", "files", "", GIVE_SCENE},
+    [FOLDER] = {"a folder", "folders", "", GIVE_SCENE},
 };
 
 typedef struct survey {
@@ -64,6 +68,8 @@ static int kind_of(const char *name)
 
     if (!length || length > sizeof word - 3)
         return FILE_OF_ANY;
+    if (strstr(name, ".tar."))
+        return ARCHIVE;
     for (size_t i = 0; i < length; i++)
         word[1 + i] = (char)tolower((unsigned char)dot[1 + i]);
     strcpy(word + 1 + length, " ");
@@ -176,24 +182,56 @@ done:
     return st;
 }
 
+/* The folder that `path` is in, where that is a scene or a run (*run); else *out is NULL. */
+static cln_status find_around(const char *path, bool (*is_scene)(const char *path), char **out,
+                              bool *run)
+{
+    cln_status st = CLN_OK;
+    char *around = NULL, *file = NULL;
+
+    CLN_TRY(cln_path_absolute(&around, path));
+    *strrchr(around, '/') = 0;
+    if (!*around)
+        goto done;
+    CLN_TRY(cln_path_join(&file, around, "run.json"));
+    *run = cln_is_file(file);
+    if (*run || is_scene(around)) {
+        *out = around;
+        around = NULL;
+    }
+done:
+    free(around);
+    free(file);
+    return st;
+}
+
 cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), char **what,
                         char **advice)
 {
     cln_status st = CLN_OK;
     const char *known = NULL;
+    char *around = NULL;
+    bool run = false;
     survey found = {0};
 
     *what = *advice = NULL;
+    CLN_TRY(find_around(path, is_scene, &around, &run));
+    if (around)
+        CLN_TRY(cln_asprintf(advice, "the folder around it, '%s', is a %s: give that one", around,
+                             run ? "run" : "scene"));
     if (!cln_is_dir(path)) {
         const int kind = kind_of(path);
 
         CLN_TRY(cln_asprintf(what, "it is %s%s", kinds[kind].one,
                              kind == FILE_OF_ANY ? " of another kind" : ""));
-        CLN_TRY(cln_strdup(advice, kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice));
+        if (!*advice)
+            CLN_TRY(cln_strdup(advice, kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice));
         goto done;
     }
     CLN_TRY(look(path, NULL, is_scene, &found));
     CLN_TRY(describe_folder(path, &found, what, &known));
+    if (*advice)
+        goto done;
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
                              found.scenes > 1 ? ", or another of its folders" : ""));
@@ -203,5 +241,6 @@ done:
     for (int kind = 0; kind < KINDS; kind++)
         free(found.first[kind]);
     free(found.scene);
+    free(around);
     return st;
 }

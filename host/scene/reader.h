@@ -43,7 +43,7 @@ typedef struct cln_reader {
     const char *wants; /* "NAME wants ...": what it takes for its own */
 
     /* Does this folder or file look like the format? Cheap, never an error. On false *missing is a
-     * phrase that says what is not there. */
+     * phrase that says what is not there, where something of the format is; else NULL. */
     bool (*detect)(const char *path, const char **missing);
 
     /* Reads it; on failure the result may be partly filled and is freed by the caller. */

@@ -28,7 +28,7 @@ static cln_status place_folder(const char *path, int place, char **out)
 /* Index of the place; PLACES if there is no model. */
 static int find_place(const char *path, const char **missing)
 {
-    *missing = "the folder has none";
+    *missing = NULL;
     for (int i = 0; i < PLACES; i++) {
         char *folder = NULL;
         const bool found =
@@ -162,7 +162,7 @@ static bool detect(const char *path, const char **missing)
 {
     if (cln_is_dir(path))
         return find_place(path, missing) < PLACES;
-    *missing = "it is no folder";
+    *missing = NULL;
     return false;
 }
 

@@ -59,7 +59,7 @@ done:
 
 static bool detect(const char *path, const char **missing)
 {
-    *missing = "it is not there";
+    *missing = NULL;
     return cln_is_dir(path) && cln_dataset_has(path, "poses_bounds.npy");
 }
 

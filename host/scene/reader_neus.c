@@ -139,9 +139,32 @@ done:
     return st;
 }
 
+/* Cameras belong to images by order: behind one that is gone, all others would be wrong. */
+static cln_status check_count(const char *file, cln_npz *npz, const char *folder, int images)
+{
+    cln_status st = CLN_OK;
+    char *key = NULL;
+    int cameras = 0;
+
+    for (bool more = true; more && cameras <= CLN_MAX_VIEWS; cameras += more) {
+        free(key);
+        key = NULL;
+        CLN_TRY(cln_asprintf(&key, "world_mat_%d", cameras));
+        more = cln_npz_has(npz, key);
+    }
+    if (cameras != images)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: cameras of %d images, but %s has %d; both must be of the same "
+                         "images, as these are matched by their order",
+                         file, cameras, folder, images));
+done:
+    free(key);
+    return st;
+}
+
 static bool detect(const char *path, const char **missing)
 {
-    *missing = "it is not there";
+    *missing = NULL;
     return cln_is_dir(path) && cln_dataset_has(path, file_name);
 }
 
@@ -158,6 +181,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     if (!cln_is_dir(folder))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no folder image beside it", file));
     CLN_TRY(cln_dataset_images(folder, &images));
+    CLN_TRY(check_count(file, npz, folder, images.count));
     CLN_TRY(cln_dataset_views(file, folder, &images, result));
     for (int i = 0; i < images.count; i++) {
         double p[12];

@@ -181,9 +181,12 @@ done:
 
 static bool detect(const char *path, const char **missing)
 {
-    *missing = "it lacks one of them";
-    return cln_is_dir(path) && cln_dataset_has(path, "intrinsics.txt") &&
-           cln_dataset_has_folder(path, "pose") && cln_dataset_has_folder(path, "rgb");
+    const bool one = cln_dataset_has(path, "intrinsics.txt");
+    const bool poses = cln_dataset_has_folder(path, "pose");
+    const bool images = cln_dataset_has_folder(path, "rgb");
+
+    *missing = one && (poses || images) ? "it lacks one of them" : NULL;
+    return cln_is_dir(path) && one && poses && images;
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)

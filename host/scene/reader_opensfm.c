@@ -231,7 +231,7 @@ done:
 
 static bool detect(const char *path, const char **missing)
 {
-    *missing = "it has none";
+    *missing = NULL;
     return cln_is_dir(path) && (cln_dataset_has(path, "reconstruction.json") ||
                                 cln_dataset_has(path, "opensfm/reconstruction.json"));
 }

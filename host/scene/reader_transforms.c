@@ -39,6 +39,9 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
 
     if (!json_is_object(root))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: not a JSON object with frames", file));
+    if (!frames)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: it has no frames, so it is not a scene's; give its folder",
+                         file));
     if (!json_is_array(frames))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: frames must be an array", file));
     count = json_array_size(frames);
@@ -278,13 +281,13 @@ static bool is_split_file(const char *path)
 static bool detect(const char *path, const char **missing)
 {
     if (!cln_is_dir(path)) {
-        *missing = "the file is not .json";
+        *missing = NULL;
         return cln_is_file(path) && ends_with(path, ".json");
     }
     *missing = cln_dataset_has(path, "transforms_val.json") ||
                        cln_dataset_has(path, "transforms_test.json")
                    ? "transforms_train.json is missing beside the others"
-                   : "the folder has neither";
+                   : NULL;
     return cln_dataset_has(path, "transforms.json") ||
            cln_dataset_has(path, "transforms_train.json");
 }

@@ -29,21 +29,22 @@ static bool is_scene(const char *path)
     return false;
 }
 
-/* "NAME wants ...: what is missing", for every reader, or the one of `format`. The caller frees
- * *out. */
+/* " (NAME wants ...: what is missing)" of the readers that have found something of theirs, or of
+ * that of `format`; "" if there is none. The caller frees *out. */
 static cln_status list_readers(const char *path, int format, char **out)
 {
     cln_status st = CLN_OK;
     char *list = NULL, *longer = NULL;
 
+    CLN_TRY(cln_strdup(&list, ""));
     for (int i = CLN_FORMAT_AUTO + 1; i < CLN_FORMATS; i++) {
-        const char *missing = "";
+        const char *missing = NULL;
 
-        if (format != CLN_FORMAT_AUTO && format != i)
-            continue;
         readers[i]->detect(path, &missing);
-        CLN_TRY(cln_asprintf(&longer, "%s%s%s wants %s: %s", list ? list : "", list ? "; " : "",
-                             readers[i]->name, readers[i]->wants, missing));
+        if (format == CLN_FORMAT_AUTO ? !missing : format != i)
+            continue;
+        CLN_TRY(cln_asprintf(&longer, "%s (%s wants %s%s%s)", list, readers[i]->name,
+                             readers[i]->wants, missing ? ": " : "", missing ? missing : ""));
         free(list);
         list = longer;
         longer = NULL;
@@ -100,7 +101,7 @@ cln_status cln_reader_pick(const char *path, int format, const cln_reader **out,
                          errno ? strerror(errno) : "neither a folder nor a file"));
     CLN_TRY(cln_found_at(path, is_scene, &what, &advice));
     CLN_TRY(list_readers(path, format, &list));
-    CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene%s: %s; %s (%s)", path,
+    CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene%s: %s; %s%s", path,
                      format == CLN_FORMAT_AUTO ? "" : " of this --format", what, advice, list));
 done:
     free(what);

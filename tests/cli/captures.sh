@@ -2,7 +2,7 @@
 # Captures and runs as people have them: images missing, scenes and runs moved or copied, poses in
 # other axes or units, folders that cannot be written, disks that are full. On tiny generated
 # scenes, on any OpenCL device.
-#   tests/cli/captures.sh [SECTION...]      sections: missing moved orbit frames evals disk doubts
+#   tests/cli/captures.sh [SECTION...]    sections are in the last line
 #   BUILD=build/sanitize                    the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -82,6 +82,40 @@ section_moved() {
         "$cln" eval "$work/away/sub/run"
     mv "$work/elsewhere" "$work/photos"
     cd - >/dev/null || exit 1
+}
+
+# Second thoughts: another scene, a run that was killed early, files in the way.
+section_second() {
+    local before
+    baseline
+    "$make_scene" "$work/second" --size 24 --train 24 --test 3 --seed 7 >/dev/null
+    before=$(sums "$work/run")
+    expect "resumed on another scene: refused" 3 "second ~not.the.scene -o" \
+        "$cln" train "$work/second" --resume "$work/run" --skip-selftest --steps +1
+    check "the run is as it was" [ "$(sums "$work/run")" = "$before" ]
+
+    "$cln" train "$work/photos" -o "$work/killed" "${small[@]}" --steps 0 --time-limit 1h \
+        2>"$work/err" &
+    while kill -0 $! && [ ! -e "$work/killed/run.json" ]; do sleep 0.1; done
+    expect "eval of a run that is trained and has no checkpoint" 8 "~is.trained --save-every" \
+        "$cln" eval "$work/killed"
+    expect "a new run there" 7 "~already.holds" "$cln" train "$work/photos" -o "$work/killed"
+    { kill -9 $! && wait $!; } 2>/dev/null
+    expect "killed before its first checkpoint: eval" 8 "~ended.before train" \
+        "$cln" eval "$work/killed"
+    expect "resumed: the way out is no circle" 8 "~ended.before ~new.folder" \
+        "$cln" train --resume "$work/killed" --skip-selftest
+    expect "a new run there" 7 "~ended.before ~remove.the.folder" \
+        "$cln" train "$work/photos" -o "$work/killed"
+    expect "a tree from no folder" 8 "~no.such.folder" \
+        "$cln" train "$work/photos" -o "$work/treeless" "${small[@]}" --tree-from "$work/nothing"
+
+    expect "images too small to be measured: before the training" 3 "~--downscale.3 11" \
+        "$cln" train "$work/photos" -o "$work/tiny" "${small[@]}" --downscale 3
+    expect "a file for programs in no folder: before it, too" 7 "nowhere" \
+        "$cln" train "$work/photos" -o "$work/tiny" "${small[@]}" \
+        --dump-program "$work/run/run.json/nowhere/x.lp"
+    check "nothing is there" [ ! -e "$work/tiny" ]
 }
 
 section_orbit() {
@@ -241,4 +275,4 @@ section_doubts() {
     check "nothing is doubted" [ ! -s "$work/err" ]
 }
 
-run_sections "missing moved orbit frames evals disk doubts" "$@"
+run_sections "missing moved second orbit frames evals disk doubts" "$@"

@@ -281,9 +281,15 @@ static void test_neus(void **state)
     format_neus(folder, cameras, true);
     put_image(folder, "image/z.png", 16, 12, 3, 0);
     assert_refused(folder, plain(),
-                   (const char *const[3]){"cameras_sphere.npz: world_mat_6", "no such array"},
+                   (const char *const[3]){"cameras_sphere.npz: cameras of 6 images", "image has 7"},
                    "an image more");
     assert_int_equal(remove(scratch_path(folder, "image/z.png")), 0);
+    assert_int_equal(
+        rename(scratch_path(folder, "image/view_02.png"), scratch_path(folder, "view_02.png")), 0);
+    assert_refused(folder, plain(), (const char *const[3]){"cameras of 6 images", "image has 5"},
+                   "an image less: the others' cameras would be their neighbours'");
+    assert_int_equal(
+        rename(scratch_path(folder, "view_02.png"), scratch_path(folder, "image/view_02.png")), 0);
     put_folder(folder, "mask");
     assert_refused(folder, plain(), (const char *const[3]){"mask: 0 masks for 6 images"},
                    "no masks");
