@@ -51,6 +51,17 @@ static bool print_memory(const char *key, const json_t *value)
     return true;
 }
 
+static bool print_time(const char *key, const json_t *value)
+{
+    char text[32];
+
+    if (!json_is_number(value) || strcmp(key, "training_seconds") != 0)
+        return false;
+    cln_format_duration(json_number_value(value), text);
+    printf("about %s", text);
+    return true;
+}
+
 /* Scalars in one line: "800, 600" or "name lego/r_0.png, width 800". */
 static void print_inline(const json_t *value)
 {
@@ -112,11 +123,85 @@ static void print_object(const json_t *object, int indent)
             printf("%*s%-*s  ", indent, "", width, key);
             if (json_is_array(value) && json_array_size(value) == 0)
                 printf("none");
-            else if (!print_memory(key, value))
+            else if (!print_memory(key, value) && !print_time(key, value))
                 print_inline(value);
             putchar('\n');
         }
     }
+}
+
+/* ---- time ---- */
+
+static double number_at(const json_t *document, const char *object, const char *key)
+{
+    return json_number_value(json_object_get(json_object_get(document, object), key));
+}
+
+/* The settings that a step's time hangs on and that differ from the run's: "rays, width", or "". */
+static cln_status name_differences(const char *run, const cln_settings *settings, char *out,
+                                   size_t bytes)
+{
+    static const char *const names[] = {
+        "width", "depth",      "view-width",    "bands",           "encoding",
+        "rays",  "max-leaves", "batch-samples", "samples-per-ray", "refresh-every"};
+    cln_status st = CLN_OK;
+    cln_settings *its = NULL;
+    size_t used = 0;
+
+    out[0] = 0;
+    CLN_TRY(cln_settings_of_run(run, &its));
+    for (size_t i = 0; i < sizeof names / sizeof *names && used < bytes; i++) {
+        char a[CLN_SETTING_BYTES], b[CLN_SETTING_BYTES];
+
+        CLN_TRY(cln_settings_get(its, names[i], a, sizeof a));
+        CLN_TRY(cln_settings_get(settings, names[i], b, sizeof b));
+        if (strcmp(a, b) != 0)
+            used += (size_t)snprintf(out + used, bytes - used, "%s%s", used ? ", " : "", names[i]);
+    }
+done:
+    cln_settings_free(its);
+    return st;
+}
+
+/* Adds to training how long it would take: at the pace of a run, as nothing else tells it before
+ * steps were taken. A mean over that run's growth, so it stands for one that grows alike. */
+static cln_status add_time(const cln_options *options, json_t *training)
+{
+    cln_status st = CLN_OK;
+    const double steps = json_number_value(json_object_get(training, "steps"));
+    const char *device = json_string_value(json_object_get(training, "device")), *its = NULL;
+    char *text = NULL, *from = NULL, differences[256] = "";
+    json_t *run = NULL;
+    double pace = 0;
+
+    if (!options->like) {
+        json_object_set_new(training, "training_seconds", json_null());
+        json_object_set_new(training, "training_seconds_from",
+                            json_string("not known before: --like RUN takes the pace of a run on "
+                                        "this device, train --time-limit sets the time"));
+        goto done;
+    }
+    CLN_TRY(cln_info_run(options->like, &text));
+    run = json_loads(text, 0, NULL);
+    if (!(number_at(run, "result", "step") > 0) || !(number_at(run, "result", "seconds") > 0))
+        CLN_TRY(cln_fail(CLN_INPUT, "--like %s: it has no result yet, so no pace; wait for its end",
+                         options->like));
+    pace = number_at(run, "result", "seconds") / number_at(run, "result", "step");
+    its = json_string_value(json_object_get(json_object_get(run, "device"), "name"));
+    CLN_TRY(name_differences(options->like, options->settings, differences, sizeof differences));
+    if (its && device && strcmp(its, device) == 0)
+        its = NULL;
+    CLN_TRY(cln_asprintf(&from, "%.0f steps at the pace of %s, %.3g ms over its %.0f%s%s%s%s",
+                         steps, options->like, 1e3 * pace, number_at(run, "result", "step"),
+                         its ? ", on another device: " : "", its ? its : "",
+                         *differences ? "; with another " : "", differences));
+    json_object_set_new(training, "training_seconds", json_real(pace * steps));
+    json_object_set_new(training, "training_seconds_from", json_string(from));
+done:
+    json_decref(run);
+    free(text);
+    free(from);
+    return st;
 }
 
 cln_status cln_cmd_info(const cln_options *options)
@@ -126,6 +211,9 @@ cln_status cln_cmd_info(const cln_options *options)
     json_t *document = NULL;
 
     CLN_TRY(cln_path_join(&manifest, options->operand, "run.json"));
+    if (cln_is_file(manifest) && options->like)
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "--like goes with a SCENE, and '%s' is a run", options->operand));
     if (cln_is_file(manifest))
         CLN_TRY(cln_info_run(options->operand, &text));
     else if (options->conf_said)
@@ -136,6 +224,8 @@ cln_status cln_cmd_info(const cln_options *options)
     if (!json_is_object(document))
         CLN_TRY(
             cln_fail(CLN_INTERNAL, "%s: its description is not a JSON object", options->operand));
+    if (json_object_get(document, "training"))
+        CLN_TRY(add_time(options, json_object_get(document, "training")));
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));
     else

@@ -133,6 +133,8 @@ const cln_arg cln_args[] = {
          "which views of the scene; render: their poses", .standard = "test"),
     TEXT(CLN_EVAL | CLN_RENDER | CLN_VIEW, "scene", scene, "SCENE",
          "where the scene is now, if it has moved since training"),
+    TEXT(CLN_INFO, "like", like, "RUN",
+         "of a scene: how long a training would take, at the pace of this run"),
     INT(CLN_EVAL | CLN_RENDER, "max-images", max_images, "N", 0, INT_MAX,
          "only N views, evenly chosen (0 = all)", .standard = "0"),
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,

@@ -14,7 +14,7 @@ typedef struct cln_options {
     char *line;          /* the whole command line, quoted for a shell */
     char *tune_path;     /* the user's rows, there or not; NULL without a home */
 
-    const char *output, *resume, *scene, *preset, *split, *progress, *color;
+    const char *output, *resume, *scene, *like, *preset, *split, *progress, *color;
     const char *dump_program, *colour;
     const char *export_what, *export_file; /* "octree" */
     cln_device_desc device;

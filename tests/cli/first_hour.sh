@@ -128,6 +128,7 @@ section_scenes() {
     check "intrinsics" grep -qE 'views 9, width 32, .* fx [0-9.]+' "$work/out"
     check "memory that a training needs" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"
     check "and its steps" grep -qE '^  steps +[0-9]+' "$work/out"
+    check "how to learn its time" printed "--like RUN"
     expect "info without a device" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" info "$s" --json
     check "says why there is no memory" [ -n "$(json training.no_device)" ]
     expect "train" 0 "keys depth_file_path" \
@@ -169,6 +170,14 @@ section_training() {
         'Not in the table: .*evaluation' "$r/report.html"
     check "run.json has the time by the clock" \
         number_above "$("$query" result.wall_seconds <"$r/run.json")" 0
+    expect "info of the scene, by the run's pace" 0 "" "$cln" info "$s" --like "$r" --json
+    check "steps times its seconds per step" awk -v a="$(json training.training_seconds)" \
+        -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
+        -v k="$("$query" result.step <"$r/run.json")" \
+        'BEGIN { d = a - n * s / k; exit !(a > 0 && d * d < 1e-6 * a * a) }'
+    check "and settings that differ" grep -q 'with another width, depth' "$work/out"
+    expect "of a run there is no pace to take" 2 "--like SCENE" "$cln" info "$r" --like "$r"
+    expect "nor from what is no run" 3 "run.json" "$cln" info "$s" --like "$s"
     expect "bugreport of the run" 0 "" env HOME="$work" "$cln" bugreport --no-test "$r"
     check "what differs from the preset" grep -qE "^ +rays 256" "$work/out"
     check "no home folder is named" eval '! printed "$work"'

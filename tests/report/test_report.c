@@ -515,6 +515,32 @@ static void the_tree_is_shown_with_its_legend(void **state)
     free(page);
 }
 
+/* Every colour of the style has a value for light and one for dark screens. */
+static void colours_are_for_light_and_dark(void **state)
+{
+    const char *run = *state, *dark = NULL;
+    char *page = NULL;
+    int used = 0;
+
+    put_run(run, "done", "nothing");
+    page = page_of(run);
+    dark = strstr(page, "(prefers-color-scheme:dark)");
+    assert_non_null(dark);
+    for (const char *at = page; (at = strstr(at, "var(--")); at++) {
+        char name[32];
+        const char *light = NULL;
+
+        snprintf(name, sizeof name, "--%.*s:", (int)strcspn(at + 6, ")"), at + 6);
+        light = strstr(page, name);
+        if (!light || light > dark || !strstr(dark, name))
+            fail_msg("%s lacks a value", name);
+        used++;
+    }
+    assert_true(used > 10);
+    assert_has_not(strstr(page, "body{"), "background:#fff");
+    free(page);
+}
+
 /* The report shows the newest evaluation of the first available split: test, val, train. */
 static void shown_views_are_the_most_held_out(void **state)
 {
@@ -735,6 +761,7 @@ int test_group_report(void)
         ON_DISK(long_runs_stay_small),
         ON_DISK(an_unwritable_folder_is_said),
         ON_DISK(an_earlier_error_is_kept),
+        ON_DISK(colours_are_for_light_and_dark),
         cmocka_unit_test(decimation_keeps_ends_and_extremes),
         cmocka_unit_test(charts_have_round_ticks_and_no_nan),
         cmocka_unit_test(html_text_is_escaped),
