@@ -113,6 +113,7 @@ done:
 static cln_status load_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
+    char limit[32] = "", steps[32] = "";
 
     if (t->desc->resume) {
         CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
@@ -120,8 +121,12 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_same_tree(&t->model.config, config));
         t->model.config = *config;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
-        cln_info("resumed at step %lld, %.0f s, %d leaves", (long long)t->model.step,
-                 t->model.train_seconds, t->model.tree.leaf_count);
+        if (config->time_limit > 0)
+            snprintf(limit, sizeof limit, " of %.0f", config->time_limit);
+        if (config->steps > 0)
+            snprintf(steps, sizeof steps, " of %d", config->steps);
+        cln_info("resumed at step %lld%s, %.0f%s s, %d leaves", (long long)t->model.step, steps,
+                 t->model.train_seconds, limit, t->model.tree.leaf_count);
     } else {
         if (config->tree_from[0])
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));

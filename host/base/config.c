@@ -4,7 +4,6 @@
  * and the small languages inside TEXT rows. */
 #include "base/config.h"
 
-#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -229,12 +228,13 @@ const cln_config_row *cln_config_find(const char *option)
 
 const char *cln_config_nearest(const char *option)
 {
-    const char *nearest = cln_config_rows[0].option;
-    int best = INT_MAX;
+    const char *nearest = NULL;
+    int best = 0;
 
     option += strspn(option, "-");
     if (strncmp(option, "no-", 3) == 0)
         option += 3;
+    best = strlen(option) >= 6 ? 4 : (int)strlen(option) / 2 + 1; /* fewer edits than this */
     for (int i = 0; i < cln_config_row_count; i++) {
         int distance = cln_edit_distance(option, cln_config_rows[i].option);
         if (distance < best) {

@@ -4,6 +4,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+#include "base/text.h"
 
 static cln_log_level max_level = CLN_LOG_INFO;
 static cln_log_sink *sink_fn;
@@ -56,5 +57,6 @@ void cln_log(cln_log_level level, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(line + used, sizeof line - (size_t)used, fmt, args);
     va_end(args);
+    cln_text_plain(line);
     sink_fn(level, line, sink_user);
 }

@@ -37,6 +37,9 @@ static cln_status find_row(const char *name, const cln_config_row **row)
     *row = cln_config_find(name);
     if (*row)
         return CLN_OK;
+    if (!cln_config_nearest(name))
+        return cln_fail(CLN_USAGE, "'%.60s': no such setting; `cl-nascent train --help` lists them",
+                        name);
     return cln_fail(CLN_USAGE, "'%s': no such setting; did you mean '%s'?", name,
                     cln_config_nearest(name));
 }

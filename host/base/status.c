@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/text.h"
 
 /* Enough for a path, a reason and a way out; device/program.c logs build logs by itself. */
 enum { TEXT_BYTES = 4096 };
@@ -45,6 +46,7 @@ cln_status cln_fail(cln_status st, const char *fmt, ...)
         va_start(args, fmt);
         vsnprintf(record.text, sizeof record.text, fmt, args);
         va_end(args);
+        cln_text_plain(record.text); /* it may quote a file */
         record.status = st;
     }
     return st;

@@ -69,6 +69,13 @@ void cln_utf8_repair(char *text)
     }
 }
 
+void cln_text_plain(char *text)
+{
+    for (; *text; text++)
+        if (((unsigned char)*text < 0x20 && *text != '\n' && *text != '\t') || *text == 0x7f)
+            *text = '?';
+}
+
 const char *cln_shell_quote(const char *text, char *out, size_t bytes)
 {
     bool plain = *text != 0;

@@ -46,8 +46,8 @@ static void print_table(const cln_eval_result *r)
                    100 * r->opaque_air);
         putchar('\n');
     }
-    printf("\n%d %s images at step %s, after %s of training; background %g,%g,%g; model %s\n",
-           r->count, r->split, step, duration, r->background[0], r->background[1], r->background[2],
+    printf("\n%d %s image%s at step %s, after %s of training; background %g,%g,%g; model %s\n",
+           r->count, r->split, r->count == 1 ? "" : "s", step, duration, r->background[0], r->background[1], r->background[2],
            digest);
 }
 

@@ -51,8 +51,11 @@ cln_status cln_cmd_render(const cln_options *options)
                       result.skipped, "seconds", cln_json_real(result.seconds))));
     } else {
         cln_format_duration(result.seconds, duration);
-        printf("%s: %d rendered in %s, %d skipped\n", desc.out, result.rendered, duration,
-               result.skipped);
+        printf("%s: %d rendered in %s", desc.out, result.rendered, duration);
+        if (result.skipped)
+            printf(", %d left as %s (--overwrite renders all again)", result.skipped,
+                   result.skipped == 1 ? "it is" : "they are");
+        putchar('\n');
     }
 done:
     cln_console_close(&console);

@@ -268,6 +268,8 @@ static cln_status parse_operand(parser *p, const char *argument)
     if (p->out->operand)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'",
                         argument, command->name, command->operand, p->out->operand);
+    if (!*argument)
+        return cln_fail(CLN_USAGE, "%s: the name of %s is empty", command->name, command->operand);
     p->out->operand = argument;
     return CLN_OK;
 }

@@ -65,11 +65,20 @@ void cln_device_describe(cl_device_id id, cln_device_info *info)
     info->compute_units = (int)units;
 }
 
+static const char *platform_name(cl_platform_id id, char *out, size_t bytes)
+{
+    out[0] = 0;
+    if (clGetPlatformInfo(id, CL_PLATFORM_NAME, bytes, out, NULL) != CL_SUCCESS)
+        snprintf(out, bytes, "without a name");
+    return out;
+}
+
 cln_status cln_device_ids(cl_device_id **out, int *count)
 {
     cln_status st = CLN_OK;
     cl_uint platforms = 0;
     cl_platform_id ids[64];
+    char name[128];
     int total = 0;
 
     *out = NULL;
@@ -84,13 +93,18 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
             total += found < 16 ? (int)found : 16;
     }
     *count = total;
-    if (total == 0)
+    if (total == 0 && platforms)
+        st = cln_fail(CLN_NO_DEVICE,
+                      "no OpenCL device found, though there is a driver (%s); PoCL needs a folder "
+                      "that it can write its cache to: set POCL_CACHE_DIR to one; GPUs need their "
+                      "vendor's driver (intel-opencl-icd, mesa-opencl-icd, nvidia-opencl-icd)",
+                      platform_name(ids[0], name, sizeof name));
+    else if (total == 0)
         st = cln_fail(
             CLN_NO_DEVICE,
-            "no OpenCL device found%s; install a driver: pocl-opencl-icd runs on any CPU "
-            "(apt-get install pocl-opencl-icd), GPUs need their vendor's (intel-opencl-icd, "
-            "mesa-opencl-icd, nvidia-opencl-icd)",
-            platforms ? "" : " (the OpenCL loader found no platform)");
+            "no OpenCL device found (the OpenCL loader found no platform); install a driver: "
+            "pocl-opencl-icd runs on any CPU (apt-get install pocl-opencl-icd), GPUs need their "
+            "vendor's (intel-opencl-icd, mesa-opencl-icd, nvidia-opencl-icd)");
 done:
     if (st != CLN_OK) {
         free(*out);

@@ -119,6 +119,20 @@ done:
     return st;
 }
 
+/* A folder without any of our files would change nothing, silently. */
+static bool has_kernels(const char *folder)
+{
+    bool has = false;
+
+    for (const cln_kernel_source *k = cln_kernel_sources; k->name && !has; k++) {
+        char *path = NULL;
+
+        has = cln_path_join(&path, folder, k->name) == CLN_OK && cln_is_file(path);
+        free(path);
+    }
+    return has;
+}
+
 static void log_build(cln_device *device, const cln_program *program)
 {
     size_t bytes = 0;
@@ -147,6 +161,11 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
         CLN_TRY(cln_fail(CLN_INPUT,
                          "--kernel-dir %s: no such folder; leave the option out to use the "
                          "kernels in the binary",
+                         device->kernel_dir));
+    if (device->kernel_dir && !has_kernels(device->kernel_dir))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--kernel-dir %s: no kernel file is in it (such as rays.cl); give the "
+                         "folder of a copy of kernels/",
                          device->kernel_dir));
     CLN_TRY(cln_strdup(&copy, defines ? defines : ""));
     CLN_TRY(own(&s, copy));

@@ -238,6 +238,15 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
     for (int i = 0; i < base_count && !*folder; i++)
         CLN_TRY(folder_of_views(bases[i], result, folder));
     if (!*folder)
+        CLN_TRY(cln_dataset_images(bases[base_count - 1], &there));
+    if (!*folder && there.count)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: none of its %d images is there, for example '%s'; the images in %s "
+                         "have other names (the first is '%s'): name them as the poses do, also in "
+                         "the ending",
+                         where, result->view_count, result->views[0].name, bases[base_count - 1],
+                         there.name[0]));
+    if (!*folder)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there: '%s' was looked for in %s and the "
                          "folders in it; put them into its folder images",

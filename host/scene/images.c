@@ -37,7 +37,11 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
                         "%s: the image has %d x %d pixels, its camera is given for %d x %d; "
                         "correct w and h or replace the image",
                         view->path, width, height, camera->width, camera->height);
-    if (!*warned)
+    if (!*warned && camera->width % width == 0 && camera->height % height == 0)
+        cln_debug("%s: the image has 1/%d of the size that its camera is given for, as copies in "
+                  "datasets do; cameras are scaled to the images",
+                  view->path, camera->width / width);
+    else if (!*warned)
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
                  "scaled to the images",
                  view->path, width, height, camera->width, camera->height);

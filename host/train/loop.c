@@ -349,7 +349,7 @@ cln_status cln_loop_run(cln_trainer *t)
         CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(cln_step(t, fraction));
         t->model.train_seconds += cln_now() - began;
-        report_progress(t, fraction);
+        report_progress(t, fraction_used(t));
         evaluated = false;
         row = t->model.step % c->log_every == 0 || fraction_used(t) >= 1;
         if (evaluation_due(t)) {

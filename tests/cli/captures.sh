@@ -110,6 +110,14 @@ section_second() {
     expect "a tree from no folder" 8 "~no.such.folder" \
         "$cln" train "$work/photos" -o "$work/treeless" "${small[@]}" --tree-from "$work/nothing"
 
+    "$make_scene" "$work/small copies" --format nerfstudio --size 24 --train 20 --test 3 >/dev/null
+    awk '/"(fl_x|fl_y|cx|cy|w|h)":/ { sub(/[0-9.]+,/, 4 * ($2 + 0) ",") } { print }' \
+        "$work/small copies/transforms.json" >"$work/larger"
+    mv "$work/larger" "$work/small copies/transforms.json"
+    expect "photos in a quarter of their cameras' size, as datasets have them" 0 "" \
+        "$cln" info "$work/small copies" -v
+    check "it is no reason for a warning" eval 'said "1/4 of the size" && ! said "warning"'
+
     expect "images too small to be measured: before the training" 3 "~--downscale.3 11" \
         "$cln" train "$work/photos" -o "$work/tiny" "${small[@]}" --downscale 3
     expect "a file for programs in no folder: before it, too" 7 "nowhere" \

@@ -61,6 +61,7 @@ section_words() {
     expect "--o for -o" 2 "~did.you.mean.-o" "$cln" train s --o r
     expect "a name like no other: no suggestion" 2 "me" "$cln" me
     check "none is made" not_said "did you mean"
+    expect "an empty name of a scene" 2 "~SCENE.*is.empty" "$cln" info ""
     expect "--help before the command" 0 "" "$cln" --help train
     check "is the command's" printed "cl-nascent train SCENE"
     expect "options behind and before, with = and space" 2 "o2" \
@@ -97,6 +98,10 @@ section_scenes() {
     echo 'rayz 3' >>"$conf"
     expect "a name that is none, with file and line" 3 "cl-nascent.conf ~line.6 rayz rays" \
         "$cln" info "$s"
+    printf 'a name like no other \033[31m\n' >"$conf"
+    expect "garbage: no suggestion" 3 "~line.1 ~no.such.setting" "$cln" info "$s"
+    check "none is made" not_said "did you mean"
+    check "and what a terminal would obey is not repeated" not_said $'\033'
     echo 'rays many' >"$conf"
     expect "a wrong value" 3 "~line.1 rays many" \
         "$cln" train "$s/transforms_train.json" -o "$work/r"
@@ -228,6 +233,11 @@ section_results() {
         "$r" --octree -
     on_terminal 80 "$cln" export "$r" --octree -
     check "standard output that is a terminal" grep -q "is a terminal" "$work/out"
+    "$cln" render "$r" --orbit 1 --width 8 -q >/dev/null 2>&1
+    expect "frames that are there" 0 "" "$cln" render "$r" --orbit 1 --width 8
+    check "the way to others is told" printed "1 left as it is (--overwrite renders all again)"
+    expect "a kernel folder without kernels" 3 "~no.kernel.file kernels/" \
+        "$cln" render "$r" --orbit 2 --kernel-dir "$work"
     expect "render of a split, smaller" 0 "" "$cln" render "$r" --width 16 --max-images 1 -q
     check "of that size" [ "$(od -An -tu1 -j18 -N6 "$r/render/test/test_r_000.png" |
         tr -s ' ')" = " 16 0 0 0 16" -o \
