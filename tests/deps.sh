@@ -1,7 +1,7 @@
 #!/bin/sh
-# Installs missing Debian packages for: build, test, lint, peers, browser (any of them as arguments). Names
-# them first; prints nothing if all are installed. "a|b": either will do, installs the first. On
-# other systems it only names the required packages.
+# Installs missing Debian packages for: build, test, lint, peers, browser (any of them as
+# arguments). Names them first; prints nothing if all are installed. "a|b": either will do, installs
+# the first. On other systems it only names the required packages.
 set -eu
 
 build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libmicrohttpd-dev libstb-dev

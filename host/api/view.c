@@ -62,12 +62,10 @@ cln_status cln_view_run(const cln_view_desc *desc)
     CLN_TRY(cln_listen_open(desc->listen, desc->port, &listener));
     CLN_TRY(open_run(desc, &opened, &frame));
     CLN_TRY(first_camera(&frame, &first));
-    CLN_TRY(
-        cln_open_run_start(&opened, &desc->device, opened.scene ? opened.scene->lenses : 0));
+    CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene ? opened.scene->lenses : 0));
     CLN_TRY(cln_painter_open(&opened, &first, &painter));
     CLN_TRY(cln_view_facts(&opened, &frame, &first, &facts));
-    st = cln_serve(&listener, &painter, facts, &desc->callbacks, desc->ready,
-                   desc->callbacks.user);
+    st = cln_serve(&listener, &painter, facts, &desc->callbacks, desc->ready, desc->callbacks.user);
 done:
     cln_listen_close(&listener);
     cln_open_run_close(&opened);

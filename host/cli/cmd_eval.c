@@ -47,8 +47,8 @@ static void print_table(const cln_eval_result *r)
         putchar('\n');
     }
     printf("\n%d %s image%s at step %s, after %s of training; background %g,%g,%g; model %s\n",
-           r->count, r->split, r->count == 1 ? "" : "s", step, duration, r->background[0], r->background[1], r->background[2],
-           digest);
+           r->count, r->split, r->count == 1 ? "" : "s", step, duration, r->background[0],
+           r->background[1], r->background[2], digest);
 }
 
 cln_status cln_cmd_eval(const cln_options *options)

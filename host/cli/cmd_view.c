@@ -31,8 +31,9 @@ static void open_browser(const char *address)
             ;
     if (failed != 0 || status != 0)
         cln_warn("no browser was opened (%s); open the address by hand",
-                 failed ? strerror(failed) : "xdg-open, of the Debian package xdg-utils, is "
-                                             "missing");
+                 failed ? strerror(failed)
+                        : "xdg-open, of the Debian package xdg-utils, is "
+                          "missing");
 }
 
 static void show(const char *address, void *user)

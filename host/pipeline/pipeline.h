@@ -69,7 +69,7 @@ struct cln_pipeline {
 };
 
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
- * (cln_camera_lenses). alpha: the images have it; otherwise opaque_loss is the weight of alpha_loss.
+ * (cln_camera_lenses). alpha: the images have it; otherwise opaque_loss takes alpha_loss's place.
  * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones
  * with a warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
@@ -140,8 +140,8 @@ cln_status cln_pipeline_derive(cln_pipeline *p);
 cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training);
 cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
 
-/* Uploads the cameras of `count` views, brought to normalised space, and with p->antialias > 1 those
- * of their finer pictures. */
+/* Uploads the cameras of `count` views, brought to normalised space, and with p->antialias > 1
+ * those of their finer pictures. */
 cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *cameras, int count,
                                 const cln_space *space);
 

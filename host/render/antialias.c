@@ -2,7 +2,8 @@
 #include "render/antialias.h"
 
 #include <math.h>
-#include <stdlib.h>
+#include <stdbool.h>
+#include <stddef.h>
 
 #include "base/memory.h"
 

@@ -4,7 +4,8 @@
 #ifndef CLN_ANTIALIAS_H
 #define CLN_ANTIALIAS_H
 
-#include "render/view.h"
+#include "base/status.h"
+#include "render/picture.h"
 
 /* The pixels, row by row, that differ from one of their eight neighbours by more than a threshold
  * in a colour channel, in opacity, or in depth (relative to the nearer one, where both are mostly

@@ -9,14 +9,6 @@
 #include "pipeline/plan.h"
 #include "render/antialias.h"
 
-void cln_picture_free(cln_picture *picture)
-{
-    free(picture->rgb);
-    free(picture->depth);
-    free(picture->opacity);
-    memset(picture, 0, sizeof *picture);
-}
-
 cln_status cln_render_prepare(cln_pipeline *p)
 {
     return cln_stage_picture_densities(p);

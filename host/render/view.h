@@ -5,16 +5,8 @@
 #define CLN_VIEW_H
 
 #include "pipeline/stages.h"
+#include "render/picture.h"
 #include "render/ray_batch.h"
-
-typedef struct cln_picture {
-    int width, height;
-    float *rgb;     /* [height][width][3] */
-    float *depth;   /* [height][width] normalised units; 0 where nothing is (opacity 0) */
-    float *opacity; /* [height][width] */
-} cln_picture;
-
-void cln_picture_free(cln_picture *picture);
 
 /* Makes the densities of pictures, at cell centres; again after a change of tree or weights.
  * CLN_MEMORY, CLN_CL. */

@@ -30,14 +30,13 @@ cln_status cln_view_facts(const cln_open_run *opened, const cln_orbit_frame *fra
     *out = NULL;
     for (int i = 0; opened->scene && i < opened->scene->view_count; i++)
         json_array_append_new(cameras, camera_json(&opened->scene->views[i]));
-    facts = json_pack(
-        "{s:s, s:I, s:i, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:i, s:i, s:f, s:o}", "run",
-        opened->run, "step", (json_int_t)model->step, "leaves", model->tree.leaf_count,
-        "background", numbers(background, 3), "target", numbers(frame->target, 3), "up",
-        numbers(frame->up, 3), "distance", frame->distance, "centre",
-        numbers(model->space.centre, 3), "half", model->space.half, "start",
-        numbers(start->c2w, 12), "width", start->width, "height", start->height, "focal",
-        start->fy, "cameras", cameras);
+    facts = json_pack("{s:s, s:I, s:i, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:i, s:i, s:f, s:o}",
+                      "run", opened->run, "step", (json_int_t)model->step, "leaves",
+                      model->tree.leaf_count, "background", numbers(background, 3), "target",
+                      numbers(frame->target, 3), "up", numbers(frame->up, 3), "distance",
+                      frame->distance, "centre", numbers(model->space.centre, 3), "half",
+                      model->space.half, "start", numbers(start->c2w, 12), "width", start->width,
+                      "height", start->height, "focal", start->fy, "cameras", cameras);
     *out = facts ? json_dumps(facts, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     if (!*out)
         CLN_TRY(cln_fail(CLN_MEMORY, "the facts of %s: cannot be put into JSON", opened->run));

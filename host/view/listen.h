@@ -9,9 +9,9 @@ enum { CLN_VIEW_PORT = 7007 };
 typedef struct cln_listener {
     int socket; /* -1 = none */
     int port;
-    bool far;         /* not on the loopback by default: a token is wanted */
-    char token[33];   /* "" without */
-    char own[256];    /* this machine's name */
+    bool far;          /* not on the loopback by default: a token is wanted */
+    char token[33];    /* "" without */
+    char own[256];     /* this machine's name */
     char address[512]; /* to open, token included */
 } cln_listener;
 

@@ -96,8 +96,7 @@ static cln_status encode(const cln_painter *painter, cln_painting *g)
     for (size_t i = 0; i < 3 * n && g->ask.show == CLN_SHOW_COLOUR; i++)
         pixels[i] = cln_to_u8(p->rgb[i]);
     if (g->ask.png)
-        CLN_TRY(
-            cln_image_encode_png(p->width, p->height, channels, pixels, &g->body, &g->bytes));
+        CLN_TRY(cln_image_encode_png(p->width, p->height, channels, pixels, &g->body, &g->bytes));
     else
         CLN_TRY(cln_image_encode_jpeg(p->width, p->height, channels, pixels,
                                       g->ask.budget > 0 ? MOVING : STILL, &g->body, &g->bytes));
@@ -199,7 +198,8 @@ static cln_status paint_point(cln_painter *painter, cln_painting *g)
     cln_camera_ray(&one, 0.5, 0.5, origin, direction);
     if (g->rendering.picture.opacity[0] > 0)
         depth = cln_space_distance_to_scene(space, g->rendering.picture.depth[0]);
-    snprintf(text, sizeof text, "{\"opacity\": %.6g, \"depth\": %.9g, \"point\": [%.9g, %.9g, %.9g]}",
+    snprintf(text, sizeof text,
+             "{\"opacity\": %.6g, \"depth\": %.9g, \"point\": [%.9g, %.9g, %.9g]}",
              (double)g->rendering.picture.opacity[0], depth, origin[0] + depth * direction[0],
              origin[1] + depth * direction[1], origin[2] + depth * direction[2]);
     cln_painting_say(g, 200, text);

@@ -11,8 +11,8 @@ cln_status cln_serve_possible(void)
 }
 
 cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
-                     const cln_callbacks *callbacks,
-                     void (*ready)(const char *address, void *user), void *user)
+                     const cln_callbacks *callbacks, void (*ready)(const char *address, void *user),
+                     void *user)
 {
     (void)listener, (void)painter, (void)facts, (void)callbacks, (void)ready, (void)user;
     return cln_serve_possible();
@@ -115,8 +115,8 @@ static void on_connection(void *user, struct MHD_Connection *connection, void **
     for (int i = 0; code == MHD_CONNECTION_NOTIFY_STARTED && info && i < CONNECTIONS; i++) {
         if (s->clients[i].used)
             continue;
-        s->clients[i] =
-            (client){.used = true, .socket = info->connect_fd, .deadline = cln_now() + HEAD_SECONDS};
+        s->clients[i] = (client){
+            .used = true, .socket = info->connect_fd, .deadline = cln_now() + HEAD_SECONDS};
         *context = &s->clients[i];
         break;
     }
@@ -308,11 +308,10 @@ static enum MHD_Result route(server *s, struct MHD_Connection *connection, const
                          s->listener->own, &reason))
         return refuse(s, connection, 403, reason);
     if (token[0]) {
-        if (strcmp(path, "/") == 0 &&
-            cln_ask_same_token(query_value(connection, "token"), token))
+        if (strcmp(path, "/") == 0 && cln_ask_same_token(query_value(connection, "token"), token))
             return let_in(s, connection);
-        if (!cln_ask_same_token(
-                MHD_lookup_connection_value(connection, MHD_COOKIE_KIND, s->cookie), token))
+        if (!cln_ask_same_token(MHD_lookup_connection_value(connection, MHD_COOKIE_KIND, s->cookie),
+                                token))
             return refuse(s, connection, 403,
                           "open the whole address that cl-nascent view printed, with its token");
     }
@@ -497,10 +496,10 @@ static cln_status start(server *s)
         s->daemon = MHD_start_daemon(
             MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_AUTO | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ITC,
             0, NULL, NULL, on_request, s, MHD_OPTION_LISTEN_SOCKET, copy,
-            MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS,
-            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)HEADER_BYTES,
-            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SEND_SECONDS, MHD_OPTION_NOTIFY_CONNECTION,
-            on_connection, s, MHD_OPTION_NOTIFY_COMPLETED, on_completed, s, MHD_OPTION_END);
+            MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+            (size_t)HEADER_BYTES, MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SEND_SECONDS,
+            MHD_OPTION_NOTIFY_CONNECTION, on_connection, s, MHD_OPTION_NOTIFY_COMPLETED,
+            on_completed, s, MHD_OPTION_END);
     if (!s->daemon) {
         if (copy >= 0)
             close(copy);
@@ -511,8 +510,8 @@ done:
 }
 
 cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
-                     const cln_callbacks *callbacks,
-                     void (*ready)(const char *address, void *user), void *user)
+                     const cln_callbacks *callbacks, void (*ready)(const char *address, void *user),
+                     void *user)
 {
     cln_status st = CLN_OK;
     server s = {.listener = listener, .painter = painter, .facts = facts};

@@ -19,7 +19,7 @@ cln_status cln_serve_possible(void);
 /* Serves until callbacks->interrupted returns SIGINT or SIGTERM (CLN_SIGINT, CLN_SIGTERM), or the
  * device fails. facts: JSON text. ready is called when requests are answered. */
 cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
-                     const cln_callbacks *callbacks,
-                     void (*ready)(const char *address, void *user), void *user);
+                     const cln_callbacks *callbacks, void (*ready)(const char *address, void *user),
+                     void *user);
 
 #endif

@@ -1,7 +1,7 @@
 #!/bin/bash
 # `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
-# points, who is refused and what, slow and vanishing clients, several viewers, and how it ends. On a
-# tiny generated scene, on any OpenCL device. How the page looks and behaves in a browser is
+# points, who is refused and what, slow and vanishing clients, several viewers, and how it ends. On
+# a tiny generated scene, on any OpenCL device. How the page looks and behaves in a browser is
 # tests/browser/browser.sh's.
 #   tests/cli/view.sh [SECTION...]      sections: page pictures refused clients token end
 #   BUILD=build/sanitize                the programs to test

@@ -175,7 +175,7 @@ static void test_colmap_lines(void **state)
         {"images.txt", "1 1 0 0 0 inf 0 4 7 a.png\n", {"images.txt: line 1"}},
         {"images.txt", "1 1 0 0 0 0 0 4 7.5 a.png\n", {"images.txt: line 1"}},
         {"images.txt", "1 1 0 0 0 0 0 4 7 ../..\n", {"images.txt", "names no image"}},
-        {"images.txt", "1 1 0 0 0 0 0 4 7 a b.png\n", {"images.txt", "'a b.png' was looked for"}},
+        {"images.txt", "1 1 0 0 0 0 0 4 7 a b.png\n", {"images.txt", "for example 'a b.png'"}},
         {"images.txt", "1 0 0 0 0 0 0 4 7 view_00.png\n", {"images.txt", "length 0"}},
         {"points3D.txt", "1 2 3\n", {"points3D.txt: line 1"}},
         {"points3D.txt", "1 2 3 4 256 0 0 .5 1 2\n", {"points3D.txt: line 1"}},

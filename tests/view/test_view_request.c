@@ -49,11 +49,9 @@ static void scene_of_two(cln_view views[2], cln_scene *scene)
 
 static void read_what_is_asked(void **state)
 {
-    static const char *const free_camera[] = {"pose",  level_pose, "focal",      "50",
-                                              "width", "64",       "height",     "32",
-                                              "ms",    "45",       "show",       "depth",
-                                              "x",     "1",        "background", "1,0,0.25",
-                                              NULL};
+    static const char *const free_camera[] = {
+        "pose", level_pose, "focal", "50", "width", "64",         "height",   "32", "ms",
+        "45",   "show",     "depth", "x",  "1",     "background", "1,0,0.25", NULL};
     static const char *const of_view[] = {"view", "1", "width", "40", "format", "png", NULL};
     static const char *const point[] = {"view", "0", "x", "79.5", "y", "0", NULL};
     static const char *const photo[] = {"view", "1", "side", "64", NULL};
@@ -137,8 +135,8 @@ static void refuse_what_is_wrong(void **state)
     cln_clear_error();
 }
 
-/* Values that are pieces of right ones, cut, joined and damaged, from a fixed seed. What is accepted
- * keeps the bounds. */
+/* Values that are pieces of right ones, cut, joined and damaged, from a fixed seed. What is
+ * accepted keeps the bounds. */
 static const char *of_noise(void *query, const char *name)
 {
     static const char *const words[] = {"1",    "64",  level_pose, "depth", "png", "1,0,0",
