@@ -34,6 +34,18 @@ bool cln_dataset_has_folder(const char *folder, const char *name)
     return has;
 }
 
+const char *cln_dataset_within(const char *scene, const char *path)
+{
+    const size_t length = strlen(scene);
+
+    if (!length || strncmp(path, scene, length) != 0)
+        return path;
+    path += length;
+    if (!*path)
+        return "the folder itself";
+    return *path == '/' ? path + 1 : scene[length - 1] == '/' ? path : path - length;
+}
+
 cln_status cln_dataset_name(const char *where, const char *file_path, char **out)
 {
     cln_status st = CLN_OK;

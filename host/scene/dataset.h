@@ -11,6 +11,9 @@ enum { CLN_MAX_VIEWS = 100000 };
 bool cln_dataset_has(const char *folder, const char *file);
 bool cln_dataset_has_folder(const char *folder, const char *name);
 
+/* `path` as seen from the scene that it is in, for people; as it is if it is elsewhere. */
+const char *cln_dataset_within(const char *scene, const char *path);
+
 /* "./train//r_0" -> "train/r_0". Components "." and ".." go, so that a name never leads out of a
  * folder that results are written to. CLN_INPUT if nothing is left or if it is not UTF-8, as JSON
  * must be. The caller frees *out. */

@@ -18,6 +18,15 @@
 enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600 };
 static const size_t FILE_MAX_BYTES = (size_t)1 << 30;
 
+/* Is it in images_N, where datasets keep copies of 1/N of the size? */
+static bool in_folder_of_copies(const char *path, double factor)
+{
+    char folder[32];
+
+    snprintf(folder, sizeof folder, "/images_%.0f/", factor);
+    return strstr(path, folder) != NULL;
+}
+
 /* Brings a camera that is given for another image size to the size of the file: smaller copies of a
  * dataset keep the cameras of the originals. Another shape is an error. */
 static cln_status fit_camera(cln_view *view, int width, int height, bool *warned)
@@ -37,11 +46,7 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
                         "%s: the image has %d x %d pixels, its camera is given for %d x %d; "
                         "correct w and h or replace the image",
                         view->path, width, height, camera->width, camera->height);
-    if (!*warned && camera->width % width == 0 && camera->height % height == 0)
-        cln_debug("%s: the image has 1/%d of the size that its camera is given for, as copies in "
-                  "datasets do; cameras are scaled to the images",
-                  view->path, camera->width / width);
-    else if (!*warned)
+    if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width))
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
                  "scaled to the images",
                  view->path, width, height, camera->width, camera->height);

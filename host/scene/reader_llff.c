@@ -90,7 +90,8 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
         CLN_TRY(set_view(where, rows + ROW * (size_t)i, &result->views[i]));
     }
     result->dialect = "LLFF";
-    CLN_TRY(cln_asprintf(&result->because, "it has poses_bounds.npy; images are from %s", folder));
+    CLN_TRY(cln_asprintf(&result->because, "it has poses_bounds.npy; images are from %s",
+                         cln_dataset_within(path, folder)));
 done:
     cln_dataset_free_names(&images);
     free(file);

@@ -251,7 +251,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
                                     &images));
     result->dialect = "OpenSfM";
     CLN_TRY(cln_asprintf(&result->because, "it has %sreconstruction.json; images are from %s",
-                         inner ? "opensfm/" : "", images));
+                         inner ? "opensfm/" : "", cln_dataset_within(path, images)));
 done:
     json_decref(root);
     free(file);

@@ -487,9 +487,10 @@ static void test_nearest(void **state)
     for (int i = 0; i < cln_config_row_count; i++)
         assert_string_equal(cln_config_nearest(cln_config_rows[i].option),
                             cln_config_rows[i].option);
-    assert_non_null(cln_config_nearest(""));
-    assert_non_null(cln_config_nearest("a-name-that-is-very-much-longer-than-the-longest-option-of-"
-                                       "this-program-and-goes-on"));
+    assert_null(cln_config_nearest(""));
+    assert_null(cln_config_nearest("foo"));
+    assert_null(cln_config_nearest("a-name-that-is-very-much-longer-than-the-longest-option-of-"
+                                   "this-program-and-goes-on"));
 }
 
 static json_t *to_json(const cln_config *config)

@@ -55,7 +55,7 @@ static const broken documents[] = {
     {"nested too deep", DEEP1000("[") DEEP1000("[") DEEP1000("["), {"transforms.json", "line 1"}},
     {"not UTF-8", "{\"frames\":\"\xff\xfe\"}", {"transforms.json", "line 1"}},
     /* Frames */
-    {"no frames", "{\"camera_angle_x\":0.8}", {"transforms.json", "frames must be an array"}},
+    {"no frames", "{\"camera_angle_x\":0.8}", {"transforms.json", "it has no frames"}},
     {"frames an object", "{\"frames\":{\"0\":1}}", {"transforms.json", "frames must be an array"}},
     {"frames a string", "{\"frames\":\"all\"}", {"transforms.json", "frames must be an array"}},
     {"zero frames", DOC(""), {"zero frames"}},
@@ -213,7 +213,7 @@ static void test_paths(void **state)
                    (const char *const[3]){"/nonexistent/scene", "No such file"}, "no folder");
     put_text(folder, "scene.txt", "{}");
     assert_refused(scratch_path(folder, "scene.txt"), NULL,
-                   (const char *const[3]){"scene.txt", "not .json"}, "not JSON");
+                   (const char *const[3]){"scene.txt", "give the folder"}, "not JSON");
     assert_refused(scratch_path(folder, "other.json"), NULL,
                    (const char *const[3]){"other.json", "No such file"}, "no file");
     put_folder(folder, "empty/transforms.json"); /* a folder of that name */
