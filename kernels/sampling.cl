@@ -404,7 +404,7 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
 #if CDF == 1
         const vf little = EMPTY_BIN / length, mass = VLOAD(now->mass) + EMPTY_BIN;
 #else
-        const vf mean = bundle_mean(b, STAGE1_PASS, VLOAD(now->mass));
+        const vf mean = bundle_mean(b, VLOAD(now->mass));
         const vf little = EMPTY_BIN * fmax((vf)(1.0f), mean);
         const vf mass = MAD(little, length, VLOAD(now->mass));
 #endif

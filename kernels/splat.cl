@@ -18,7 +18,7 @@
         const __global uint *restrict views,     /* [batch view] -> view */                        \
         LEAF_ARRAY(const ushort, density),       /* [leaf][n1^3] bfloat16 */                       \
         const __global float4 *restrict boxes,   /* [leaf] */                                      \
-        const __global uint4 *restrict grids     /* [batch view][6] first list, k, lists per row */
+        const __global cln_grid *restrict grids  /* [batch view][6] */
 #define SPLAT_PARAMETERS                                                                           \
     uint first_view, uint n_views, uint total, uint n1, uint run, uint runs, uint row_begin,       \
         uint row_end, float min_alpha
@@ -39,19 +39,20 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
 
     if (!(sigma * spacing >= min_alpha) || !point_pixel(camera, point, &pixel))
         return false;
-    const uint4 grid = grids[view * 6u + (uint)leaf_level(box)];
-    const uint cx = (uint)pixel.x / grid.y, cy = (uint)pixel.y / grid.y;
+    const cln_grid grid = grids[view * 6u + (uint)leaf_level(box)];
+    const uint cx = (uint)pixel.x / grid.coarse, cy = (uint)pixel.y / grid.coarse;
 
-    if ((cy + 1u) * grid.y <= row_begin || cy * grid.y >= row_end)
+    if ((cy + 1u) * grid.coarse <= row_begin || cy * grid.coarse >= row_end)
         return false;
-    const float middle = 0.5f * (float)grid.y;
+    const float middle = 0.5f * (float)grid.coarse;
 
     /* the lens may end between a pixel and its list's middle */
-    if (!pixel_ray(camera, (float)(cx * grid.y) + middle, (float)(cy * grid.y) + middle, &o, &d))
+    if (!pixel_ray(camera, (float)(cx * grid.coarse) + middle, (float)(cy * grid.coarse) + middle,
+                   &o, &d))
         d.xyz = normalize(point - o.xyz);
     const float t = fmax(dot(point - o.xyz, d.xyz), 0.0f);
 
-    *key = (ulong)(grid.x + cy * grid.z + cx) << 32 | as_uint(t);
+    *key = (ulong)(grid.first + cy * grid.row + cx) << 32 | as_uint(t);
     return true;
 }
 
@@ -60,7 +61,7 @@ __kernel void splat_count(SPLAT_ARGUMENTS, __global uint *restrict counts /* [vi
                           SPLAT_PARAMETERS)
 {
     const uint c = get_global_id(0), view = first_view + c / runs;
-    const uint begin = min(total, c % runs * run), end = min(total, begin + run);
+    const uint begin = min(total, c % runs * run), end = begin + min(run, total - begin);
     uint count = 0;
     ulong key;
 
@@ -78,7 +79,7 @@ __kernel void splat_emit(SPLAT_ARGUMENTS, const __global uint *restrict starts, 
                          SPLAT_PARAMETERS)
 {
     const uint c = get_global_id(0), view = first_view + c / runs;
-    const uint begin = min(total, c % runs * run), end = min(total, begin + run);
+    const uint begin = min(total, c % runs * run), end = begin + min(run, total - begin);
     uint at;
     ulong key;
 

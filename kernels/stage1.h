@@ -2,18 +2,21 @@
 /* Stage 1 along rays (method.md 4, 5): the points of VW intervals at a time, one interval per lane,
  * by bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). An interval's
  * points ascend in t and have densities; a point's bin reaches half way to its neighbours, the
- * first and last to the interval's ends. For sampling.cl. Two methods give the points:
+ * first and last to the interval's ends, and no further than its reach: what is left between has
+ * density 0 and is a bin, too. For sampling.cl. Two methods give the points:
  *
  *   STAGE1 1 (gather)  points of the interval, spaced like the cells, with the nearest cell's
- *                      cached density
+ *                      cached density; their reach has no end
  *   STAGE1 0 (splat)   samples projected into the views, sorted by (list, t); list = coarse pixel
  *                      of the leaf's level (splat.cl)
  *
- *   PADDED 0 | 1: 1: lists are at list * longest
+ *   PADDED 0 | 1    1: lists are at list * longest
+ *   DROPPED 0 | 1   1: faint samples are not in the lists, so the others have a reach
  */
 #ifndef STAGE1
 #define STAGE1 1
 #define PADDED 0
+#define DROPPED 1
 #endif
 
 /* Points of an interval that are computed at once: all of them with 12^3 cells; more take turns. */
@@ -22,7 +25,7 @@
 
 typedef struct bundle {
     vf t_in, t_out;
-    vi count; /* points; splat: perhaps none */
+    vi count; /* bins: one per point, and with DROPPED what is left between them */
 #if STAGE1 == 1
     vf step, at[3], along[3]; /* cell coordinates at t_in, and per unit of t */
     const __global ushort *cells[VW];
@@ -31,6 +34,7 @@ typedef struct bundle {
 #endif
 #else
     uint first[VW]; /* entries of the lists */
+    float cell[VW], spread[VW];
 #endif
 } bundle;
 
@@ -156,12 +160,6 @@ HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool ke
                     first + j + 1 < b->count);
     return bundle_points(b, STAGE1_PASS, first, j, kept);
 }
-
-/* Mean densities of the intervals' points. */
-HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
-{
-    return depth / (b->t_out - b->t_in); /* points are equidistant */
-}
 #else
 #define STAGE1_ARGUMENTS                                                                \
     const __global uint *restrict list_start,     /* [list + 1] */                      \
@@ -169,9 +167,9 @@ HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
         const __global float *restrict list_sigma /* [entry] */
 #define STAGE1_PASS list_start, list_t, list_sigma
 
-/* grids: [batch view][level 0..5] {first list, coarsening, lists per row, longest list} */
-#define LIST_ARGUMENTS                                                                 \
-    , const __global cln_pixel *restrict pixels, const __global uint4 *restrict grids, \
+/* grids: [batch view][level 0..5] */
+#define LIST_ARGUMENTS                                                                    \
+    , const __global cln_pixel *restrict pixels, const __global cln_grid *restrict grids, \
         const __global uint *restrict list_count /* [list] padded only */
 #define LIST_PASS , pixels, grids, list_count
 
@@ -199,16 +197,21 @@ HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __glo
     (void)ray_d;
     for (int l = 0; l < VW; l++) {
         const cln_pixel pixel = pixels[p->ray[l]];
-        const uint4 grid = grids[pixel.pad * 6u + (uint)p->level[l]];
-        const uint list = grid.x + pixel.y / grid.y * grid.z + pixel.x / grid.y;
+        const cln_grid grid = grids[pixel.pad * 6u + (uint)p->level[l]];
+        const uint list = grid.first + pixel.y / grid.coarse * grid.row + pixel.x / grid.coarse;
 #if PADDED
-        const uint begin = list * grids[0].w, end = begin + list_count[list];
+        const uint begin = list * grids[0].longest, end = begin + list_count[list];
 #else
         const uint begin = list_start[list], end = list_start[list + 1u];
 #endif
 
         b->first[l] = lower_bound(list_t, begin, end, p->t_in[l]);
         count[l] = (int)(lower_bound(list_t, b->first[l], end, p->t_out[l]) - b->first[l]);
+#if DROPPED
+        count[l] = 2 * count[l] + 1;
+#endif
+        b->cell[l] = grid.cell;
+        b->spread[l] = grid.spread;
     }
     b->t_in = VLOAD(p->t_in);
     b->t_out = VLOAD(p->t_out);
@@ -223,26 +226,70 @@ HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
         FETCH(list_sigma + b->first[l]);
 }
 
+#if DROPPED
+/* Distance from a point to its bin's edge, given that to its middle with a neighbour or to the
+ * interval's end. Where that is too far, samples between were left out as faint. */
+HELPER float bundle_reach(float distance, float length)
+{
+    return distance > 1.5f * length ? 0.5f * length : distance;
+}
+
+/* Bin `bin` of `count` of lane l: density to *sigma, right edge to *end, which is the interval's
+ * before. Bin 2 i + 1 is point i's, bin 2 i what is left before it. */
+HELPER void bundle_lane(const bundle *b, STAGE1_ARGUMENTS, int l, int bin, int count, float start,
+                        float *end, float *sigma)
+{
+    const uint k = b->first[l] + (uint)bin / 2u;
+
+    (void)list_start;
+    *sigma = 0.0f;
+    if (bin + 1 >= count)
+        return;
+    const float t = list_t[k];
+    const float length = fmax(b->cell[l], b->spread[l] / fmax(t * t, 1e-12f));
+
+    if (bin & 1) {
+        const float after = bin + 2 < count ? 0.5f * (t + list_t[k + 1u]) : *end;
+
+        *end = t + bundle_reach(after - t, length);
+        *sigma = list_sigma[k];
+    } else {
+        const float before = bin > 0 ? 0.5f * (list_t[k - 1u] + t) : start;
+
+        *end = t - bundle_reach(t - before, length);
+    }
+}
+#else
+/* Bin `bin` of `count` of lane l, that of a point: density to *sigma, right edge to *end, which is
+ * the interval's before. */
+HELPER void bundle_lane(const bundle *b, STAGE1_ARGUMENTS, int l, int bin, int count, float start,
+                        float *end, float *sigma)
+{
+    const uint k = b->first[l] + (uint)bin;
+
+    (void)list_start;
+    (void)start;
+    if (bin + 1 < count)
+        *end = 0.5f * (list_t[k] + list_t[k + 1u]);
+    *sigma = bin < count ? list_sigma[k] : 0.0f;
+}
+#endif
+
 /* Bins first + j: densities, and right edges to *right; beyond the last one zero and the interval's
  * end. */
 HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool kept, vf *right)
 {
-    float edges[VW], sigma[VW];
+    float ends[VW], starts[VW], sigma[VW];
     int bin[VW], count[VW];
 
-    (void)list_start;
     (void)kept;
     VSTORE(first + j, bin);
     VSTORE(b->count, count);
-    VSTORE(b->t_out, edges);
-    for (int l = 0; l < VW; l++) {
-        const uint k = b->first[l] + (uint)bin[l];
-
-        if (bin[l] + 1 < count[l])
-            edges[l] = 0.5f * (list_t[k] + list_t[k + 1u]);
-        sigma[l] = bin[l] < count[l] ? list_sigma[k] : 0.0f;
-    }
-    *right = VLOAD(edges);
+    VSTORE(b->t_out, ends);
+    VSTORE(b->t_in, starts);
+    for (int l = 0; l < VW; l++)
+        bundle_lane(b, STAGE1_PASS, l, bin[l], count[l], starts[l], &ends[l], &sigma[l]);
+    *right = VLOAD(ends);
     return VLOAD(sigma);
 }
 
@@ -259,15 +306,10 @@ HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
     }
     return depth;
 }
-
-/* Mean densities of the intervals' points. */
-HELPER vf bundle_mean(const bundle *b, STAGE1_ARGUMENTS, vf depth)
-{
-    vf sum = (vf)(0.0f), right;
-
-    (void)depth;
-    for (int j = 0; V_ANY((vi)(j) < b->count); j++)
-        sum += bundle_bin(b, STAGE1_PASS, (vi)(0), j, false, &right);
-    return sum / V_TO_FLOAT(max((vi)(1), b->count));
-}
 #endif
+
+/* Mean densities of the intervals. */
+HELPER vf bundle_mean(const bundle *b, vf depth)
+{
+    return depth / (b->t_out - b->t_in);
+}

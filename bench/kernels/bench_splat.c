@@ -46,8 +46,9 @@ done:
 
 /* The device's lists of the batch, all views in one group. */
 typedef struct lists {
-    uint32_t (*grids)[4], *start; /* [view][6], [lists + 1] */
-    float *t, *sigma;             /* [entry] */
+    cln_grid *grids;  /* [view][6] */
+    uint32_t *start;  /* [lists + 1] */
+    float *t, *sigma; /* [entry] */
 } lists;
 
 static cln_status read_lists(const run *r, lists *l)
@@ -77,7 +78,7 @@ static int project(const run *r, const lists *l, int view, int i, double *t)
     const int n1 = s->p->config.n1, cells = n1 * n1 * n1, slot = i / cells, cell = i % cells;
     const int at[3] = {cell % n1, cell / n1 % n1, cell / (n1 * n1)};
     const float *box = s->boxes + 4 * slot;
-    const uint32_t *grid = l->grids[view * 6 + s->model.tree.level[s->model.tree.leaf[slot]]];
+    const cln_grid *grid = &l->grids[view * 6 + s->model.tree.level[s->model.tree.leaf[slot]]];
     const cln_camera *camera = &s->cameras[view];
     double point[3], x = 0, y = 0, z = 0, o[3], d[3];
     uint32_t column = 0, row = 0;
@@ -90,13 +91,14 @@ static int project(const run *r, const lists *l, int view, int i, double *t)
     if (fabs(x - round(x)) < 1e-2 || fabs(y - round(y)) < 1e-2 || x < 0 || y < 0 ||
         x >= camera->width || y >= camera->height)
         return -1;
-    column = (uint32_t)x / grid[1];
-    row = (uint32_t)y / grid[1];
-    cln_camera_ray(camera, column * grid[1] + grid[1] / 2.0, row * grid[1] + grid[1] / 2.0, o, d);
+    column = (uint32_t)x / grid->coarse;
+    row = (uint32_t)y / grid->coarse;
+    cln_camera_ray(camera, column * grid->coarse + grid->coarse / 2.0,
+                   row * grid->coarse + grid->coarse / 2.0, o, d);
     *t = 0;
     for (int a = 0; a < 3; a++)
         *t += (point[a] - o[a]) * d[a];
-    return (int)(grid[0] + row * grid[2] + column);
+    return (int)(grid->first + row * grid->row + column);
 }
 
 static cln_status check(const run *r, bench_errors *errors)

@@ -136,7 +136,7 @@ typedef enum cln_when {
     X(sample_starts, cl_uint, 1, RAY_START, RAYS, ALWAYS, "samples")                             \
     /* splatting: the batch's views, their grids of lists, counts of projected samples */        \
     X(batch_views, cl_uint, 1, BATCH_VIEW, LISTS, SPLATTING, "views")                            \
-    X(grids, cl_uint4, 1, GRID, LISTS, SPLATTING, "grids")                                       \
+    X(grids, cln_grid, 1, GRID, LISTS, SPLATTING, "grids")                                       \
     X(list_start, cl_uint, 1, LIST_START, LISTS, SPLATTING, "list starts")                       \
     X(list_count, cl_uint, 1, LIST, LISTS, SPLATTING, "list lengths")                            \
     X(splat_counts, cl_uint, 1, RUN, LISTS, SPLATTING, "splat counts")                           \

@@ -57,9 +57,10 @@ struct cln_pipeline {
     size_t max_samples;             /* likewise */
     uint32_t sample_total;          /* of the newest batch, once cln_stage_sample has returned */
 
-    /* Splatting: most projected samples at a time (memory plan), number in the last batch, and host
-     * copies for planning it. */
+    /* Splatting: most projected samples at a time (memory plan), the largest number of them that a
+     * kernel counts, number in the last batch, and host copies for planning it. */
     size_t max_entries;
+    uint64_t max_counted;
     int64_t splat_entries;
     cln_pixel *host_pixels; /* [ray] */
     int host_rays, batch_view_count, list_total;

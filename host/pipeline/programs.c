@@ -160,6 +160,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define NOISE_ON %d", c->density_noise > 0);
     real(&t, "NOISE", c->density_noise);
     line(&t, "#define LENSES %u\n#define RAY_BACKGROUND %d", p->lenses, p->ray_background);
+    line(&t, "#define DROPPED %d", c->splat_min_alpha > 0);
     line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
          c->allocate, c->cdf, c->lists);
     line(&t, "#define LOSS %d\n#define ALPHA %d\n#define CAUCHY %d\n#define OPACITY %d", c->loss,
@@ -339,6 +340,7 @@ static cln_status outline(cln_device *device, const cln_config *config, unsigned
     memset(out, 0, sizeof *out);
     out->device = device;
     out->parts = out->part_leaves = out->part_slices = 1;
+    out->max_counted = UINT32_MAX;
     out->config = *config;
     out->lenses = lenses;
     out->ray_background = config->random_background;

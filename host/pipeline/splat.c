@@ -2,7 +2,9 @@
  * samples fit the memory plan, and builds the sorted lists of a group. */
 #include "pipeline/splat.h"
 
+#include <limits.h>
 #include <math.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,29 +13,35 @@
 
 enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 
-/* Coarsening k of a level: a leaf's cells of spacing s = side / n1, seen from distance z with focal
- * length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that must reach splat_per_ray
- * (method.md 4, "Coverage"). */
-static int coarsening(const cln_pipeline *p, const cln_device_camera *c, int level)
+/* Grid of a view and a level, without its lists' place. A leaf's cells of spacing s = side / n1,
+ * seen from distance z with focal length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that
+ * must reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every
+ * s^3 f^2 / (k t)^2 of a ray on average. */
+static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level)
 {
-    const double n1 = p->config.n1, side = 2.0 / (1 << level);
+    const double n1 = p->config.n1, spacing = 2.0 / (1 << level) / n1;
     const double x = c->c2w[3], y = c->c2w[7], z = c->c2w[11];
     const double distance = fmax(sqrt(x * x + y * y + z * z), 0.5);
-    const double footprint = distance / (c->fx * side / n1);
+    const double footprint = distance / (c->fx * spacing);
     const double per_pixel = n1 * footprint * footprint;
-    int k = 1;
+    const double per_area = spacing * spacing * spacing * c->fx * c->fy;
+    cl_uint k = 1;
 
     /* a power of two, so that bands of rows never cut a coarse pixel */
     while (k < MAX_COARSENING && k * k * per_pixel < p->config.splat_per_ray)
         k *= 2;
-    return k;
+    return (cln_grid){.coarse = k,
+                      .row = ((cl_uint)c->width + k - 1) / k,
+                      .cell = (float)spacing,
+                      .spread = (float)(per_area / (k * k))};
 }
 
 /* grids[batch view][level] for all views of the batch; returns the number of lists. */
-static cln_status make_grids(cln_pipeline *p, cl_uint (**grids)[4], cl_uint *lists)
+static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
 {
     cln_status st = CLN_OK;
-    cl_uint *views = NULL, next = 0;
+    cl_uint *views = NULL;
+    uint64_t next = 0;
     const int count = p->batch_view_count;
 
     *grids = NULL;
@@ -44,18 +52,20 @@ static cln_status make_grids(cln_pipeline *p, cl_uint (**grids)[4], cl_uint *lis
     for (int v = 0; v < count; v++)
         for (int level = 0; level < CLN_LEVELS; level++) {
             const cln_device_camera *c = &p->host_cameras[views[v]];
-            const cl_uint k = (cl_uint)coarsening(p, c, level);
-            const cl_uint row = ((cl_uint)c->width + k - 1) / k,
-                          rows = ((cl_uint)c->height + k - 1) / k;
-            cl_uint *grid = (*grids)[v * CLN_LEVELS + level];
+            cln_grid *grid = &(*grids)[v * CLN_LEVELS + level];
 
-            grid[0] = next;
-            grid[1] = k;
-            grid[2] = row;
-            grid[3] = 0;
-            next += row * rows;
+            *grid = make_grid(p, c, level);
+            grid->first = (cl_uint)next;
+            next += (uint64_t)grid->row * (((cl_uint)c->height + grid->coarse - 1) / grid->coarse);
         }
-    *lists = next;
+    if (next >= INT_MAX) {
+        st = cln_fail(CLN_MEMORY,
+                      "splatting: %d views have %.3g lists, 2.1e9 can be counted; lower "
+                      "--views-per-batch, raise --downscale or use --stage1 gather",
+                      count, (double)next);
+        goto done;
+    }
+    *lists = (cl_uint)next;
     CLN_TRY(CLN_PUT(p, batch_views, views, (size_t)count));
     CLN_TRY(CLN_PUT(p, grids, *grids, (size_t)count * CLN_LEVELS));
 done:
@@ -88,6 +98,13 @@ static cln_status project(cln_pipeline *p, const cln_buffer *density, const cln_
         CLN_ARG(p->grids.mem), CLN_ARG(p->splat_starts.mem), CLN_ARG(p->keys64[0].mem),
         CLN_ARG(p->values64[0].mem), CLN_ARG(first), CLN_ARG(views), CLN_ARG(total), CLN_ARG(n1),
         CLN_ARG(run), CLN_ARG(runs), CLN_ARG(row_begin), CLN_ARG(row_end), CLN_ARG(min_alpha));
+}
+
+uint64_t cln_splat_most(const cln_pipeline *p, int views)
+{
+    const uint64_t n1 = (uint64_t)p->config.n1;
+
+    return (uint64_t)views * (uint64_t)p->leaves * n1 * n1 * n1;
 }
 
 static cln_status count_entries(cln_pipeline *p, const cln_buffer *density, const cln_ray_group *g,
@@ -132,7 +149,8 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
 {
     cln_status st = CLN_OK;
     cln_ray_group *stack = NULL;
-    cl_uint(*grids)[4] = NULL, lists = 0;
+    cln_grid *grids = NULL;
+    cl_uint lists = 0;
     int depth = 0, capacity = 0;
 
     *groups = NULL;
@@ -158,8 +176,12 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
         find_rays(p, &g);
         if (g.rays == 0)
             continue;
-        CLN_TRY(count_entries(p, density, &g, &entries));
-        if (entries <= p->max_entries) {
+        /* entries are counted in 32 bits; one view's always can be, as the plan checks */
+        const bool countable = g.views == 1 || cln_splat_most(p, g.views) <= p->max_counted;
+
+        if (countable)
+            CLN_TRY(count_entries(p, density, &g, &entries));
+        if (countable && entries <= p->max_entries) {
             CLN_ASSERT(*count < capacity);
             (*groups)[(*count)++] = g;
             p->splat_entries += entries;
@@ -221,7 +243,8 @@ static cln_status pad(cln_pipeline *p, cl_uint lists)
                       lists, longest);
         goto done;
     }
-    CLN_TRY(cln_buffer_write(p->device, &p->grids, 3 * sizeof(cl_uint), &longest, sizeof longest));
+    CLN_TRY(cln_buffer_write(p->device, &p->grids, offsetof(cln_grid, longest), &longest,
+                             sizeof longest));
     CLN_TRY(CLN_RESERVE(p, padded_t, (size_t)lists * longest));
     CLN_TRY(CLN_RESERVE(p, padded_sigma, (size_t)lists * longest));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.splat_pad, CLN_STAGE_SORT, cln_groups(lists, wg), wg,

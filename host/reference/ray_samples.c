@@ -38,16 +38,14 @@ static double leaf_side(const cln_octree *tree, int slot)
     return 2.0 / (1 << tree->level[tree->leaf[slot]]);
 }
 
-double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma)
+double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma,
+                          const double *lengths)
 {
-    double tau = 0;
+    double edges[2 * REF_MOST_POINTS + 2], densities[2 * REF_MOST_POINTS + 1], tau = 0;
+    const int bins = ref_bins(v->t_in, v->t_out, m, t, sigma, lengths, edges, densities);
 
-    for (int j = 0; j < m; j++) {
-        const double left = j == 0 ? v->t_in : (t[j - 1] + t[j]) / 2;
-        const double right = j == m - 1 ? v->t_out : (t[j] + t[j + 1]) / 2;
-
-        tau += sigma[j] * (right - left);
-    }
+    for (int j = 0; j < bins; j++)
+        tau += densities[j] * (edges[j + 1] - edges[j]);
     return tau;
 }
 
@@ -67,7 +65,7 @@ static bool close_count(const ref_sampling *s, double length, double side, doubl
 }
 
 int ref_gather_points(void *user, int r, const double o[3], const double d[3],
-                      const ref_interval *v, double *t, double *sigma, bool *close)
+                      const ref_interval *v, double *t, double *sigma, double *lengths, bool *close)
 {
     const ref_gather_cache *g = user;
     const int n1 = g->n1;
@@ -80,6 +78,7 @@ int ref_gather_points(void *user, int r, const double o[3], const double d[3],
     CLN_ASSERT(m <= REF_MOST_POINTS);
     *close = *close || near_integer((v->t_out - v->t_in) * scale, 1e-3);
     for (int j = 0; j < m; j++) {
+        lengths[j] = INFINITY;
         for (int a = 0; a < 3; a++) {
             const double cell = (o[a] + t[j] * d[a] - box[a]) * scale;
 
@@ -103,9 +102,10 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
     out->close = near_edges(way->tree, o, d, iv, n);
     for (int i = 0; i < n; i++) {
         const double side = leaf_side(way->tree, iv[i].slot), length = iv[i].t_out - iv[i].t_in;
-        double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], xi[256], at[256], delta[256];
-        const int m = way->points(way->user, r, o, d, &iv[i], t, sigma, &out->close);
-        const double optical_depth = ref_interval_depth(&iv[i], m, t, sigma);
+        double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], lengths[REF_MOST_POINTS];
+        double xi[256], at[256], delta[256];
+        const int m = way->points(way->user, r, o, d, &iv[i], t, sigma, lengths, &out->close);
+        const double optical_depth = ref_interval_depth(&iv[i], m, t, sigma, lengths);
         const float chance = cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
                                               CLN_DRAW_ROULETTE + (uint32_t)i, 0);
         const int count = ref_sample_count(&way->rule, length, side, tau, optical_depth, chance);
@@ -119,7 +119,8 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
                                 : 0.5;
         }
         kept += count > 0;
-        ref_sample_positions(&way->rule, iv[i].t_in, iv[i].t_out, m, t, sigma, count, xi, at);
+        ref_sample_positions(&way->rule, iv[i].t_in, iv[i].t_out, m, t, sigma, lengths, count, xi,
+                             at);
         ref_deltas(iv[i].t_in, iv[i].t_out, count, at, delta);
         for (int k = 0; k < count; k++) {
             out->t[out->n] = at[k];

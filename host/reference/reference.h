@@ -57,14 +57,21 @@ typedef struct ref_sampling {
 int ref_sample_count(const ref_sampling *s, double length, double side, double tau_in, double tau,
                      double roulette);
 
-/* Places n samples, ascending, in [t_in, t_out] by m stage-1 points (t ascending, sigma).
- *   edges      midpoints clipped to the chord
+/* Bins of [t_in, t_out] by m stage-1 points (t ascending, sigma): around each point half way to its
+ * neighbours or to the chord's ends, and what is left between, with density 0. On a side where that
+ * is more than 1.5 times lengths[j], what point j stands for (NULL: any length), it reaches half of
+ * lengths[j]. Writes edges [2 m + 2], densities [2 m + 1]; returns 2 m + 1. */
+int ref_bins(double t_in, double t_out, int m, const double *t, const double *sigma,
+             const double *lengths, double *edges, double *densities);
+
+/* Places n samples, ascending, in the bins above.
  *   mass       p_j = (sigma_j + eps) * width_j, eps = 1e-5 max(1, mean sigma), or for cdf_weight
  *              T_j (1 - exp(-sigma_j width_j)) + 1e-5 width_j / L, T_j from the chord's start
  *   mixed      q_j = (1 - uniform_share) p_j / sum p + uniform_share width_j / L
- *   positions  u_k = (k + xi_k) / n, linear inverse inside a bin; m = 0: one uniform bin */
+ *   positions  u_k = (k + xi_k) / n, linear inverse inside a bin */
 void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
-                          const double *sigma, int n, const double *xi, double *out);
+                          const double *sigma, const double *lengths, int n, const double *xi,
+                          double *out);
 
 /* Deltas of n ascending samples in the chord (method.md 9); they sum to t_out - t_in. */
 void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta);
@@ -74,10 +81,12 @@ void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta
 enum { REF_MOST_INTERVALS = 64, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
 #define REF_NEAR 4e-6 /* float32 may decide differently on rays closer to an edge than this */
 
-/* Gives the stage-1 points of an interval of ray r, ascending; returns their number, at most
- * REF_MOST_POINTS. Sets *close if rounding may give other points. */
+/* Gives the stage-1 points of an interval of ray r, ascending, and the lengths that they
+ * stand for; returns their
+ * number, at most REF_MOST_POINTS. Sets *close if rounding may give other points. */
 typedef int ref_points_fn(void *user, int r, const double o[3], const double d[3],
-                          const ref_interval *interval, double *t, double *sigma, bool *close);
+                          const ref_interval *interval, double *t, double *sigma, double *lengths,
+                          bool *close);
 
 /* Points by gather; user is a */
 typedef struct ref_gather_cache {
@@ -104,8 +113,9 @@ typedef struct ref_samples {
     int slot[REF_MOST_SAMPLES];
 } ref_samples;
 
-/* Optical depth of an interval: points' densities times their share of the chord. */
-double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma);
+/* Optical depth of an interval: its bins' densities times their widths. */
+double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma,
+                          const double *lengths);
 
 /* Makes the samples of ray r of a batch, in all intervals. */
 void ref_ray_samples(const ref_way *way, int r, const float o[4], const float d[4],

@@ -92,7 +92,31 @@ static double edge(int j, double t_in, double t_out, int m, const double *t)
     return clip((t[j - 1] + t[j]) / 2, t_in, t_out);
 }
 
-/* Unnormalised mass p of bin j; `tau` is the optical depth from the chord's start to the bin. */
+/* Distance from a point to its bin's edge: `distance`, unless the point stands for too little. */
+static double reach_of(double distance, double length)
+{
+    return distance > 1.5 * length ? length / 2 : distance;
+}
+
+int ref_bins(double t_in, double t_out, int m, const double *t, const double *sigma,
+             const double *lengths, double *edges, double *densities)
+{
+    edges[0] = t_in;
+    for (int j = 0; j < m; j++) {
+        const double length = lengths ? lengths[j] : INFINITY;
+        const double before = edge(j, t_in, t_out, m, t), after = edge(j + 1, t_in, t_out, m, t);
+
+        edges[2 * j + 1] = clip(t[j] - reach_of(t[j] - before, length), t_in, t_out);
+        edges[2 * j + 2] = clip(t[j] + reach_of(after - t[j], length), t_in, t_out);
+        densities[2 * j] = 0;
+        densities[2 * j + 1] = sigma[j];
+    }
+    edges[2 * m + 1] = t_out;
+    densities[2 * m] = 0;
+    return 2 * m + 1;
+}
+
+/* Unnormalised mass p of a bin; `tau` is the optical depth from the chord's start to it. */
 static double bin_mass(const ref_sampling *s, double sigma, double width, double tau, double mean,
                        double length)
 {
@@ -102,35 +126,37 @@ static double bin_mass(const ref_sampling *s, double sigma, double width, double
 }
 
 void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
-                          const double *sigma, int n, const double *xi, double *out)
+                          const double *sigma, const double *lengths, int n, const double *xi,
+                          double *out)
 {
+    double edges[2 * REF_MOST_POINTS + 2], densities[2 * REF_MOST_POINTS + 1];
+    const int bins = ref_bins(t_in, t_out, m, t, sigma, lengths, edges, densities);
     double length = t_out - t_in, mean = 0, total = 0, tau = 0;
 
-    for (int j = 0; j < m; j++)
-        mean += sigma[j] / m;
-    for (int j = 0; j < m; j++) {
-        double width = edge(j + 1, t_in, t_out, m, t) - edge(j, t_in, t_out, m, t);
+    for (int j = 0; j < bins; j++)
+        mean += densities[j] * (edges[j + 1] - edges[j]) / length;
+    for (int j = 0; j < bins; j++) {
+        double width = edges[j + 1] - edges[j];
 
-        total += bin_mass(s, sigma[j], width, tau, mean, length);
-        tau += sigma[j] * width;
+        total += bin_mass(s, densities[j], width, tau, mean, length);
+        tau += densities[j] * width;
     }
     for (int k = 0; k < n; k++) {
-        double u = (k + xi[k]) / n, below = 0, at = t_in + u * length; /* right for m = 0 */
+        double u = (k + xi[k]) / n, below = 0, at = t_out;
         bool found = false;
 
         tau = 0;
-        for (int j = 0; j < m && !found; j++) {
-            double start = edge(j, t_in, t_out, m, t);
-            double width = edge(j + 1, t_in, t_out, m, t) - start;
-            double q =
-                (1 - s->uniform_share) * bin_mass(s, sigma[j], width, tau, mean, length) / total +
-                s->uniform_share * width / length;
+        for (int j = 0; j < bins && !found; j++) {
+            double width = edges[j + 1] - edges[j];
+            double q = (1 - s->uniform_share) *
+                           bin_mass(s, densities[j], width, tau, mean, length) / total +
+                       s->uniform_share * width / length;
 
             found = u < below + q;
-            at = found ? start + (u - below) / q * width
-                       : t_out; /* rounding left u above all bins */
+            if (found) /* else rounding left u above all bins */
+                at = edges[j] + (u - below) / q * width;
             below += q;
-            tau += sigma[j] * width;
+            tau += densities[j] * width;
         }
         out[k] = clip(at, t_in, t_out);
     }

@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "device_test.h"
+#include "pipeline/splat.h"
 #include "sampling_test.h"
 #include "scene/scene.h"
 #include "tests.h"
@@ -125,14 +126,16 @@ static void make_pixels(const cln_camera cameras[VIEWS], cln_pixel pixels[RAYS])
 
 typedef struct splat_lists {
     int views, lists;
-    uint32_t (*grids)[4], *start; /* [view][6], [lists + 1] */
-    float *t, *sigma;             /* [entry] */
+    cln_grid *grids;  /* [view][6] */
+    uint32_t *start;  /* [lists + 1] */
+    float *t, *sigma; /* [entry] */
     const cln_model *model;
     const cln_pixel *pixels;
+    const cln_camera *cameras;
 } splat_lists;
 
 static void read_lists(cln_pipeline *p, const cln_model *model, const cln_pixel *pixels,
-                       splat_lists *l)
+                       const cln_camera *cameras, splat_lists *l)
 {
     const size_t grids = VIEWS * 6 * sizeof *l->grids;
 
@@ -141,6 +144,7 @@ static void read_lists(cln_pipeline *p, const cln_model *model, const cln_pixel 
     l->lists = p->list_total;
     l->model = model;
     l->pixels = pixels;
+    l->cameras = cameras;
     l->grids = test_alloc(VIEWS * 6, sizeof *l->grids);
     l->start = test_alloc((size_t)l->lists + 1, sizeof *l->start);
     assert_ok(cln_buffer_read(p->device, &p->grids, 0, l->grids, grids));
@@ -163,14 +167,28 @@ static void free_lists(splat_lists *l)
 
 static uint32_t list_of(const splat_lists *l, const cln_pixel *pixel, int level)
 {
-    const uint32_t *grid = l->grids[pixel->pad * 6 + (uint32_t)level];
+    const cln_grid *grid = &l->grids[pixel->pad * 6 + (uint32_t)level];
 
-    return grid[0] + pixel->y / grid[1] * grid[2] + pixel->x / grid[1];
+    return grid->first + pixel->y / grid->coarse * grid->row + pixel->x / grid->coarse;
+}
+
+/* What a sample at t stands for (method.md 5): a cell, or where a coarse pixel meets fewer samples
+ * than one per cell's spacing, s^3 over its area. */
+static double length_of(const splat_lists *l, const cln_pixel *pixel, int slot, double t)
+{
+    const cln_octree *tree = &l->model->tree;
+    const cln_camera *c = &l->cameras[pixel->view];
+    const int level = tree->level[tree->leaf[slot]];
+    const double k = l->grids[pixel->pad * 6 + (uint32_t)level].coarse;
+    const double s = 2.0 / (1 << level) / l->model->config.n1;
+
+    return fmax(s, s * s * s / (k * t / c->fx * (k * t / c->fy)));
 }
 
 /* ref_points_fn: entries of the ray's list inside the chord. */
 static int splat_points(void *user, int r, const double o[3], const double d[3],
-                        const ref_interval *v, double *t, double *sigma, bool *close)
+                        const ref_interval *v, double *t, double *sigma, double *lengths,
+                        bool *close)
 {
     const splat_lists *l = user;
     const cln_octree *tree = &l->model->tree;
@@ -186,6 +204,7 @@ static int splat_points(void *user, int r, const double o[3], const double d[3],
         if (at >= v->t_in && at < v->t_out) {
             assert_true(m < REF_MOST_POINTS);
             t[m] = at;
+            lengths[m] = length_of(l, &l->pixels[r], v->slot, at);
             sigma[m++] = l->sigma[i];
         }
     }
@@ -217,7 +236,7 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     const int n1 = config->n1, cells = n1 * n1 * n1, slot = index / cells, cell = index % cells;
     const int xyz[3] = {cell % n1, cell / n1 % n1, cell / (n1 * n1)};
     const int level = model->tree.level[model->tree.leaf[slot]];
-    const uint32_t *grid = l->grids[view * 6 + level];
+    const cln_grid *grid = &l->grids[view * 6 + level];
     const float *box = boxes + 4 * slot;
     const double spacing = (double)box[3] / n1, sigma = ref_from_bf16(model->density[index]);
     double point[3], u = 0, v = 0, z = 0, o[3], d[3], t = 0, hair = 0, near = 0;
@@ -243,13 +262,14 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
         const double x = u + (k % 2 ? hair : -hair), y = v + (k / 2 ? hair : -hair);
 
         if (x >= 0 && y >= 0 && x < c->width && y < c->height)
-            skip[grid[0] + (uint32_t)y / grid[1] * grid[2] + (uint32_t)x / grid[1]] = 1;
+            skip[grid->first + (uint32_t)y / grid->coarse * grid->row +
+                 (uint32_t)x / grid->coarse] = 1;
     }
     if (!inside)
         return false;
-    e->list = grid[0] + (uint32_t)v / grid[1] * grid[2] + (uint32_t)u / grid[1];
-    inside = cln_camera_ray(c, (uint32_t)u / grid[1] * grid[1] + grid[1] / 2.0,
-                            (uint32_t)v / grid[1] * grid[1] + grid[1] / 2.0, o, d);
+    e->list = grid->first + (uint32_t)v / grid->coarse * grid->row + (uint32_t)u / grid->coarse;
+    inside = cln_camera_ray(c, (uint32_t)u / grid->coarse * grid->coarse + grid->coarse / 2.0,
+                            (uint32_t)v / grid->coarse * grid->coarse + grid->coarse / 2.0, o, d);
     for (int a = 0; a < 3; a++)
         t += (point[a] - o[a]) * d[a];
     if (!inside) /* the lens ends before the list's middle: along the point's own ray */
@@ -380,7 +400,7 @@ static void check_splat(int set, int n1, views kind)
     splat_run run;
 
     run_splat(p, &config, kind, 1 << 24, &run);
-    read_lists(p, &run.model, run.pixels, &lists);
+    read_lists(p, &run.model, run.pixels, run.cameras, &lists);
     compare_lists(&config, &run.model, run.cameras, &lists);
     from.tree = &run.model.tree;
     from.user = &lists;
@@ -435,6 +455,45 @@ static void test_same_bytes(void **state)
     free_run(&all);
 }
 
+/* Entries over several views that might not be counted in 32 bits are not counted together. */
+static void test_counts(void **state)
+{
+    const cln_config config = config_of(8, CLN_LISTS_CSR);
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, 0, false);
+    const int leaves = p->leaves;
+    splat_run all, other;
+
+    (void)state;
+    run_splat(p, &config, PINHOLES, 1 << 24, &all);
+    assert_true(p->max_counted == 4294967295u);
+    p->leaves = 2048;
+    p->config.n1 = 64;
+    assert_true(cln_splat_most(p, 7) == 3758096384u && cln_splat_most(p, 8) == 4294967296u);
+    p->leaves = 2047;
+    p->config.n1 = 128;
+    assert_true(cln_splat_most(p, 1) == 4292870144u);
+    p->config.n1 = config.n1;
+    p->leaves = leaves;
+    for (int n = 1; n < VIEWS; n++) { /* as if numbers ended there */
+        cln_ray_group *groups = NULL;
+        int count = 0;
+
+        run_splat(p, &config, PINHOLES, 1 << 24, &other);
+        p->max_counted = cln_splat_most(p, n + 1) - 1;
+        assert_ok(cln_splat_cut(p, &p->density, RAYS, &groups, &count));
+        assert_int_equal(count, n == 1 ? VIEWS : 2);
+        for (int g = 0; g < count; g++)
+            assert_true(groups[g].views <= n);
+        free(groups);
+        device_samples_free(&other.samples);
+        run_stage(p, RAYS, &sampling, &other.samples);
+        p->max_counted = 4294967295u;
+        assert_same_samples(&all.samples, &other.samples, "views apart");
+        free_run(&other);
+    }
+    free_run(&all);
+}
+
 /* Memory too small for one band of rows: the sentence says so and gives a remedy. */
 static void test_no_room(void **state)
 {
@@ -480,7 +539,7 @@ static void test_splat_like_gather(void **state)
                                (size_t)(run.model.tree.leaf_count * cells) * sizeof(uint16_t)));
     device_samples_free(&run.samples);
     run_stage(p, RAYS, &sampling, &run.samples);
-    read_lists(p, &run.model, run.pixels, &lists);
+    read_lists(p, &run.model, run.pixels, run.cameras, &lists);
     for (int r = 0; r < RAYS; r++) {
         const double o[3] = {run.o[r][0], run.o[r][1], run.o[r][2]};
         const double d[3] = {run.d[r][0], run.d[r][1], run.d[r][2]};
@@ -488,16 +547,16 @@ static void test_splat_like_gather(void **state)
         const int n = ref_intervals(&run.model.tree, o, d, iv, REF_MOST_INTERVALS);
 
         for (int i = 0; i < n; i++) {
-            double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS];
+            double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], lengths[REF_MOST_POINTS];
             bool close = false;
-            int m = splat_points(&lists, r, o, d, &iv[i], t, sigma, &close);
+            int m = splat_points(&lists, r, o, d, &iv[i], t, sigma, lengths, &close);
 
             if (m == 0) /* the list has no sample in the chord */
                 continue;
-            splat += ref_interval_depth(&iv[i], m, t, sigma);
+            splat += ref_interval_depth(&iv[i], m, t, sigma, lengths);
             m = ref_gather(o, d, &iv[i], boxes + 4 * iv[i].slot, cache + iv[i].slot * cells, 16, t,
                            sigma, REF_MOST_POINTS);
-            gather += ref_interval_depth(&iv[i], m, t, sigma);
+            gather += ref_interval_depth(&iv[i], m, t, sigma, NULL);
         }
     }
     assert_true(gather > 100);
@@ -507,6 +566,113 @@ static void test_splat_like_gather(void **state)
     free_run(&run);
     free(boxes);
     free(cache);
+}
+
+/* Optical depths by the device of the intervals of `slot`: number and sum. */
+static double sum_depths(cln_pipeline *p, int slot, int *number)
+{
+    const size_t most = (size_t)CLN_MOST_INTERVALS(p->depth) * RAYS;
+    cln_interval *all = test_alloc(most, sizeof *all);
+    uint32_t *used = test_alloc(RAYS, sizeof *used);
+    double sum = 0;
+
+    assert_ok(cln_buffer_read(p->device, &p->intervals, 0, all, most * sizeof *all));
+    assert_ok(cln_buffer_read(p->device, &p->used, 0, used, RAYS * sizeof *used));
+    *number = 0;
+    for (uint32_t r = 0; r < RAYS; r++)
+        for (uint32_t i = 0; i < used[r]; i++)
+            if (all[i * RAYS + r].slot == slot) {
+                sum += (double)all[i * RAYS + r].mass;
+                ++*number;
+            }
+    free(all);
+    free(used);
+    return sum;
+}
+
+/* A slab of dense cells in the middle of otherwise faint leaves: the optical depth of rays along its
+ * normal is the slab's, whether or not the faint samples are left out of the lists, and leaves
+ * behind are seen through it. The rule for bins has no part in this expectation. */
+static void check_slab(int set)
+{
+    enum { N1 = 12, CELLS = N1 * N1 * N1 };
+    const double tau = 4, spacing = 1.0 / N1;
+    cln_config config = config_of(N1, CLN_LISTS_CSR);
+    cln_sampling all = sampling;
+    const float white[4] = {1, 1, 1, 1};
+    const cln_camera *list[VIEWS];
+    cln_camera cameras[VIEWS];
+    cln_pixel pixels[RAYS];
+
+    config.cdf = CLN_CDF_SIGMA; /* intervals keep tau */
+    config.allocate = CLN_ALLOCATE_CHORD;
+    all.min_transmittance = 1e-4f;
+    make_cameras(PINHOLES, cameras);
+    for (int v = 0; v < VIEWS; v++) { /* all along z */
+        memcpy(cameras[v].c2w, cameras[0].c2w, sizeof cameras[v].c2w);
+        list[v] = &cameras[v];
+    }
+    make_pixels(cameras, pixels);
+    for (int keep = 0; keep < 2; keep++) {
+        const char *what = keep ? "all samples" : "dense samples";
+        cln_pipeline *p = NULL;
+        device_samples got;
+        cln_model model;
+        float o[RAYS][4], d[RAYS][4];
+        int number = 0, expected = 0;
+        double depth = 0, exact = 0;
+
+        config.splat_min_alpha = keep ? 0 : 1e-4;
+        p = test_pipeline(&tune_sets[set], &config, 0, false);
+        assert_ok(cln_model_create(&config, &model));
+        for (int i = 0; i < model.tree.leaf_count * CELLS; i++) {
+            const bool dense = i / (N1 * N1) % N1 == N1 / 2;
+
+            model.density[i] = ref_to_bf16((float)((dense ? tau : 1e-5) / spacing));
+        }
+        assert_ok(cln_pipeline_upload(p, &model, false));
+        assert_ok(cln_pipeline_cameras(p, list, VIEWS, &cln_space_unit));
+        assert_ok(cln_pipeline_batch(p, pixels, RAYS, NULL, white));
+        assert_ok(cln_stage_rays(p, RAYS));
+        p->max_entries = 1 << 24;
+        run_stage(p, RAYS, &all, &got);
+        assert_ok(cln_buffer_read(p->device, &p->ray_o, 0, o, sizeof o));
+        assert_ok(cln_buffer_read(p->device, &p->ray_d, 0, d, sizeof d));
+        for (int r = 0; r < RAYS; r++) {
+            const double from[3] = {o[r][0], o[r][1], o[r][2]};
+            const double along[3] = {d[r][0], d[r][1], d[r][2]};
+            ref_interval iv[REF_MOST_INTERVALS];
+            const int n = ref_intervals(&model.tree, from, along, iv, REF_MOST_INTERVALS);
+
+            for (int i = 0; i < n; i++) {
+                const double low = iv[i].slot < model.tree.leaf_count / 2 ? -0.5 : 0.5;
+                const double in = (low - from[2]) / along[2];
+                const double out = (low + spacing - from[2]) / along[2];
+
+                exact += tau / spacing * fmax(0, fmin(out, iv[i].t_out) - fmax(in, iv[i].t_in));
+            }
+            expected += n;
+        }
+        for (int slot = 0; slot < model.tree.leaf_count; slot++) {
+            int n = 0;
+
+            depth += sum_depths(p, slot, &n);
+            number += n;
+        }
+        /* coarse pixels meet few samples, and some none of the slab */
+        if (!(fabs(depth / exact - 1) < 0.15))
+            fail_msg("%s: optical depths sum to %g, the slabs' to %g", what, depth, exact);
+        if (number < 0.95 * expected) /* T is e^-4 behind the slab, e^-8 behind the next one */
+            fail_msg("%s: %d of %d intervals are seen", what, number, expected);
+        device_samples_free(&got);
+        cln_model_free(&model);
+    }
+}
+
+static void test_slab(void **state)
+{
+    (void)state;
+    check_slab(0);
 }
 
 /* stats.cl: cells seen by a training view, and mean and peak of each leaf over them. */
@@ -588,8 +754,12 @@ static void test_stats(void **state)
 int test_group_splat(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_lists),   cmocka_unit_test(test_same_bytes),
-        cmocka_unit_test(test_no_room), cmocka_unit_test(test_splat_like_gather),
+        cmocka_unit_test(test_lists),
+        cmocka_unit_test(test_same_bytes),
+        cmocka_unit_test(test_no_room),
+        cmocka_unit_test(test_counts),
+        cmocka_unit_test(test_splat_like_gather),
+        cmocka_unit_test(test_slab),
         cmocka_unit_test(test_stats),
     };
 

@@ -365,7 +365,7 @@ static void test_step_density(void **state)
 
         s.cdf_weight = cdf;
         s.uniform_share = 0;
-        ref_sample_positions(&s, 2, 4, 4, t, sigma, 10, xi, out);
+        ref_sample_positions(&s, 2, 4, 4, t, sigma, NULL, 10, xi, out);
         for (int k = 0; k < 10; k++) {
             double u = (k + 0.5) / 10;
 
@@ -374,7 +374,7 @@ static void test_step_density(void **state)
         }
         /* A quarter uniform: 0.75 + 0.25 / 4 of them in the cell. */
         s.uniform_share = 0.25;
-        ref_sample_positions(&s, 2, 4, 4, t, sigma, 200, xi, out);
+        ref_sample_positions(&s, 2, 4, 4, t, sigma, NULL, 200, xi, out);
         for (int k = 0; k < 200; k++)
             inside += out[k] > 3 && out[k] < 3.5;
         assert_true(inside >= 162 && inside <= 163);
@@ -387,7 +387,7 @@ static void test_step_density(void **state)
         s.uniform_share = 0;
         for (int cdf = 0; cdf < 2; cdf++) {
             s.cdf_weight = cdf;
-            ref_sample_positions(&s, 2, 4, 4, t, thick, 200, xi, out);
+            ref_sample_positions(&s, 2, 4, 4, t, thick, NULL, 200, xi, out);
             for (int k = 0; k < 200; k++)
                 second[cdf] += out[k] >= 3;
         }
@@ -407,7 +407,7 @@ static double distribution(const ref_sampling *s, double t_in, double t_out, int
     for (int j = 1; j < m; j++)
         e[j] = fmin(fmax((t[j - 1] + t[j]) / 2, t_in), t_out);
     for (int j = 0; j < m; j++)
-        mean += sigma[j] / m;
+        mean += sigma[j] * (e[j + 1] - e[j]) / length;
     for (int j = 0; j < m; j++) {
         double width = e[j + 1] - e[j];
 
@@ -450,7 +450,7 @@ static void test_positions(void **state)
         }
         for (int k = 0; k < n; k++)
             xi[k] = uniform(43, 40 * c + k, 0, 1);
-        ref_sample_positions(&s, t_in, t_out, m, t, sigma, n, xi, out);
+        ref_sample_positions(&s, t_in, t_out, m, t, sigma, NULL, n, xi, out);
         for (int k = 0; k < n; k++) {
             double u = (k + xi[k]) / n;
 
