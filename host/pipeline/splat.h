@@ -1,6 +1,7 @@
 /* Stage 1 by splatting (kernels/splat.cl), the functions of stage1.h: a batch's views are projected
  * together if their entries fit max_entries, else in groups of views or bands of rows. cut counts
- * entries and cuts the batch, first into views whose entries can be counted in 32 bits; make builds the lists of a group. Both read back totals. */
+ * entries and cuts the batch, first into views whose entries can be counted in 32 bits; make builds
+ * the lists of a group. Both read back totals. */
 #ifndef CLN_SPLAT_H
 #define CLN_SPLAT_H
 

@@ -590,8 +590,8 @@ static double sum_depths(cln_pipeline *p, int slot, int *number)
     return sum;
 }
 
-/* A slab of dense cells in the middle of otherwise faint leaves: the optical depth of rays along its
- * normal is the slab's, whether or not the faint samples are left out of the lists, and leaves
+/* A slab of dense cells in the middle of otherwise faint leaves: the optical depth of rays along
+ * its normal is the slab's, whether or not the faint samples are left out of the lists, and leaves
  * behind are seen through it. The rule for bins has no part in this expectation. */
 static void check_slab(int set)
 {
