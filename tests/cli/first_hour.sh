@@ -98,7 +98,7 @@ section_scenes() {
     echo 'rayz 3' >>"$conf"
     expect "a name that is none, with file and line" 3 "cl-nascent.conf ~line.6 rayz rays" \
         "$cln" info "$s"
-    printf 'a name like no other \033[31m\n' >"$conf"
+    printf 'no\033[31mname 3\n' >"$conf"
     expect "garbage: no suggestion" 3 "~line.1 ~no.such.setting" "$cln" info "$s"
     check "none is made" not_said "did you mean"
     check "and what a terminal would obey is not repeated" not_said $'\033'
