@@ -119,17 +119,23 @@ done:
     return st;
 }
 
-/* A folder without any of our files would change nothing, silently. */
-static bool has_kernels(const char *folder)
+static bool has_file(const char *folder, const char *name, const char *suffix)
 {
-    bool has = false;
+    char *path = NULL;
+    const bool has =
+        cln_asprintf(&path, "%s/%s%s", folder, name, suffix) == CLN_OK && cln_is_file(path);
 
-    for (const cln_kernel_source *k = cln_kernel_sources; k->name && !has; k++) {
-        char *path = NULL;
+    free(path);
+    return has;
+}
 
-        has = cln_path_join(&path, folder, k->name) == CLN_OK && cln_is_file(path);
-        free(path);
-    }
+/* A folder without any of our files, or the asked one, would change nothing, silently. */
+static bool has_kernels(const char *folder, const char *asked)
+{
+    bool has = has_file(folder, asked, ".cl");
+
+    for (const cln_kernel_source *k = cln_kernel_sources; k->name && !has; k++)
+        has = has_file(folder, k->name, "");
     return has;
 }
 
@@ -162,7 +168,7 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
                          "--kernel-dir %s: no such folder; leave the option out to use the "
                          "kernels in the binary",
                          device->kernel_dir));
-    if (device->kernel_dir && !has_kernels(device->kernel_dir))
+    if (device->kernel_dir && !has_kernels(device->kernel_dir, name))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "--kernel-dir %s: no kernel file is in it (such as rays.cl); give the "
                          "folder of a copy of kernels/",

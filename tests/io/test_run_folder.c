@@ -47,6 +47,8 @@ static void test_new_folder(void **state)
     assert_int_equal(cln_run_open(run, false), CLN_OK);
 
     assert_int_equal(cln_run_write(run, doc), CLN_OK);
+    expect_error(cln_run_open(run, false), CLN_OUTPUT, "before its first checkpoint");
+    assert_int_equal(mkdir(scratch_path(run, "checkpoint"), 0777), 0);
     expect_error(cln_run_open(run, false), CLN_OUTPUT, "--resume");
     assert_int_equal(cln_run_open(run, true), CLN_OK);
     json_decref(doc);
