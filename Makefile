@@ -81,7 +81,8 @@ $B/libcl-nascent.a: $(LIB_OBJ)
 $B/$(SONAME): $(LIB_OBJ)
 	$(call SAY,LINK $@)$(CC) -shared -Wl,-soname,$(SONAME) -Wl,-z,defs $^ $(LDLIBS_ALL) -o $@
 
-# Static linking also needs the library's dependencies (pkg-config --static).
+# Static linking also needs the library's dependencies (pkg-config --static); libmicrohttpd by name,
+# as its own file asks for static dependencies that Debian's package does not bring.
 $B/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	@mkdir -p $(@D)
 	@{ echo 'prefix=$(PREFIX)'; \
@@ -91,9 +92,9 @@ $B/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	   echo 'Name: cl-nascent'; \
 	   echo 'Description: Posed photos in, views from anywhere out, on any OpenCL device'; \
 	   echo 'Version: $(VERSION)'; \
-	   echo 'Requires.private: $(PKGS)'; \
+	   echo 'Requires.private: $(filter-out libmicrohttpd,$(PKGS))'; \
 	   echo 'Libs: -L$${libdir} -lcl-nascent'; \
-	   echo 'Libs.private: -lm -lpthread'; \
+	   echo 'Libs.private: $(if $(MICROHTTPD),-lmicrohttpd )-lm -lpthread'; \
 	   echo 'Cflags: -I$${includedir}'; } > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
