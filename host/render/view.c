@@ -113,71 +113,110 @@ static cln_status poll_signal(const cln_callbacks *callbacks)
     return CLN_OK;
 }
 
-/* Ray number i of the edges, n^2 a pixel, by rows of the finer picture within each row of pixels:
- * the order that splatting by view needs. */
-static cln_pixel fine_pixel(const int *edges, int width, int n, int view, int i)
-{
-    const int edge = edges[i / (n * n)], at = i % (n * n);
+/* Some edges of a picture, whole rows of pixels, and their n x n rays each. */
+typedef struct block {
+    int n;
+    int *edges; /* [count] of the picture: y width + x */
+    int count;
+    cln_pixel *rays;   /* [count n n] by rows of the finer picture, as splatting by view needs */
+    int *edge_of;      /* [count n n] index into edges */
+    double (*sums)[4]; /* [count] r, g, b, opacity */
+} block;
 
-    return (cln_pixel){.view = (cln_u32)view,
-                       .x = (cln_u32)(edge % width * n + at % n),
-                       .y = (cln_u32)(edge / width * n + at / n)};
+/* Edges of whole rows from the first on: as many as `most`, but at least one row. */
+static int count_rows(const int *edges, int count, int width, int most)
+{
+    int end = 0;
+
+    while (end < count) {
+        int row_end = end;
+
+        while (row_end < count && edges[row_end] / width == edges[end] / width)
+            row_end++;
+        if (end > 0 && row_end > most)
+            break;
+        end = row_end;
+    }
+    return end;
 }
 
-static int by_row(const void *a, const void *b)
+static void make_rays(block *b, int width, int view)
 {
-    const cln_pixel *p = a, *q = b;
+    int ray = 0;
 
-    if (p->y != q->y)
-        return p->y < q->y ? -1 : 1;
-    return p->x < q->x ? -1 : p->x > q->x;
+    for (int begin = 0, end = 0; begin < b->count; begin = end) {
+        const int y = b->edges[begin] / width;
+
+        end = begin + count_rows(b->edges + begin, b->count - begin, width, 0);
+        for (int row = 0; row < b->n; row++)
+            for (int i = begin; i < end; i++)
+                for (int column = 0; column < b->n; column++) {
+                    b->edge_of[ray] = i;
+                    b->rays[ray++] =
+                        (cln_pixel){.view = (cln_u32)view,
+                                    .x = (cln_u32)(b->edges[i] % width * b->n + column),
+                                    .y = (cln_u32)(y * b->n + row)};
+                }
+    }
 }
 
-/* The means of n^2 rays where edges are; depth stays that of the centre, which is a surface's. */
-static cln_status render_edges(cln_pipeline *p, cln_rendering *f, const cln_callbacks *callbacks)
+static cln_status render_block(cln_pipeline *p, cln_rendering *r, block *b,
+                               const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
-    const int n = p->antialias, each = n * n;
-    cln_picture *out = &f->picture;
-    int *edges = NULL, count = 0;
-    double(*sums)[4] = NULL;
-    cln_pixel *rays = NULL;
+    const int each = b->n * b->n, total = b->count * each;
+    cln_picture *out = &r->picture;
 
-    CLN_TRY(cln_antialias_edges(out, &edges, &count));
-    CLN_TRY(cln_alloc(&sums, (size_t)out->width * (size_t)out->height, sizeof *sums, "edges"));
-    CLN_TRY(cln_alloc(&rays, (size_t)count * (size_t)each, sizeof *rays, "edges"));
-    for (int i = 0; i < count * each; i++)
-        rays[i] = fine_pixel(edges, out->width, n, f->view + p->view_count, i);
-    qsort(rays, (size_t)count * (size_t)each, sizeof *rays, by_row);
-    for (int first = 0, rendered = 0; first < count * each; first += rendered) {
-        const int some = count * each - first < f->most ? count * each - first : f->most;
+    memset(b->sums, 0, (size_t)b->count * sizeof *b->sums);
+    make_rays(b, out->width, r->view + p->view_count);
+    for (int first = 0, rendered = 0; first < total; first += rendered) {
+        const int some = total - first < r->most ? total - first : r->most;
 
-        memcpy(f->pixels, rays + first, (size_t)some * sizeof *rays);
+        memcpy(r->pixels, b->rays + first, (size_t)some * sizeof *b->rays);
         CLN_TRY(poll_signal(callbacks));
-        CLN_TRY(render_some(p, f, some, &rendered));
+        CLN_TRY(render_some(p, r, some, &rendered));
         for (int i = 0; i < rendered; i++) {
-            const cln_ray_result *r = &f->results[i];
-            const cln_pixel *at = &rays[first + i];
-            double *sum =
-                sums[(size_t)(at->y / (cln_u32)n) * (size_t)out->width + at->x / (cln_u32)n];
+            double *sum = b->sums[b->edge_of[first + i]];
 
-            sum[0] += r->r;
-            sum[1] += r->g;
-            sum[2] += r->b;
-            sum[3] += r->opacity;
+            sum[0] += r->results[i].r;
+            sum[1] += r->results[i].g;
+            sum[2] += r->results[i].b;
+            sum[3] += r->results[i].opacity;
         }
     }
-    for (int i = 0; i < count; i++) {
-        const double *sum = sums[edges[i]];
-
+    for (int i = 0; i < b->count; i++) {
         for (int c = 0; c < 3; c++)
-            out->rgb[3 * edges[i] + c] = (float)(sum[c] / each);
-        out->opacity[edges[i]] = (float)(sum[3] / each);
+            out->rgb[3 * b->edges[i] + c] = (float)(b->sums[i][c] / each);
+        out->opacity[b->edges[i]] = (float)(b->sums[i][3] / each);
+    }
+done:
+    return st;
+}
+
+/* The means of n x n rays where edges are; depth stays that of the centre, which is a surface's.
+ * Memory is that of a batch of rays or of one row's, however large the picture. */
+static cln_status render_edges(cln_pipeline *p, cln_rendering *r, const cln_callbacks *callbacks)
+{
+    cln_status st = CLN_OK;
+    const int n = p->antialias, width = r->picture.width, some = r->most / (n * n);
+    const size_t most = (size_t)(some > width ? some : width);
+    block b = {.n = n};
+    int *edges = NULL, count = 0;
+
+    CLN_TRY(cln_antialias_edges(&r->picture, &edges, &count));
+    CLN_TRY(cln_alloc(&b.rays, most * (size_t)(n * n), sizeof *b.rays, "edges"));
+    CLN_TRY(cln_alloc(&b.edge_of, most * (size_t)(n * n), sizeof *b.edge_of, "edges"));
+    CLN_TRY(cln_alloc(&b.sums, most, sizeof *b.sums, "edges"));
+    for (int first = 0; first < count; first += b.count) {
+        b.edges = edges + first;
+        b.count = count_rows(b.edges, count - first, width, some);
+        CLN_TRY(render_block(p, r, &b, callbacks));
     }
 done:
     free(edges);
-    free(sums);
-    free(rays);
+    free(b.rays);
+    free(b.edge_of);
+    free(b.sums);
     return st;
 }
 

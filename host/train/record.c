@@ -52,7 +52,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
             "%g%% of the pixels of %g views (beyond the fold of the lens model, where no ray goes)",
             .first = tenths(100 * fold.share), .second = fold.views),
         ROW(!alpha, "alpha (images have none)"),
-        ROW(alpha && !p->ray_background, "background per ray (one background for all)"),
+        ROW(!p->ray_background, "background per ray (one background for all)"),
         ROW(!c->view_dependence, "view layer (--no-view-dependence)"),
         ROW(p->net.skip_layer < 0, "skip connection"),
         ROW(c->rrelu_scope == CLN_RRELU_MEAN, "random slopes (mean slope instead)"),

@@ -14,10 +14,7 @@ work=$(mktemp -d "${TMPDIR:-/tmp}/cln captures XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
-# A network and a tree that are trained in a second.
-small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 2
-    --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256 --batch-samples 2048
-    --refresh-every 8 --steps 20)
+small=("${tiny[@]}" --steps 20)
 
 # $work/photos and $work/run, trained on it by a relative path; 24 and 3 photos
 baseline() {

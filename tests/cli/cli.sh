@@ -547,6 +547,11 @@ section_results() {
     expect "eval --split train --max-images 2" 0 "" "$cln" eval "$work/whole" --split train \
         --max-images 2 --json
     check "it has two images" [ "$(json images)" = "array 2" ]
+    expect "eval --antialias 2" 0 "" "$cln" eval "$work/whole" --antialias 2 --json
+    check "it says so" [ "$(json antialias)" = 2 ]
+    check "it has a file of its own" [ -s "$work/whole/eval/00000300-test-antialias2.json" ]
+    check "the other says nothing of it" \
+        eval '! grep -q antialias "$work/whole/eval/00000300-test.json"'
     expect "eval --min-psnr" 9 "psnr" "$cln" eval "$work/whole" --min-psnr 90
     expect "eval of a split that is not there" 3 "val" "$cln" eval "$work/whole" --split val
     mv "$work/blender" "$work/moved"
@@ -570,6 +575,12 @@ section_results() {
     expect "render --overwrite" 0 "" "$cln" render "$work/whole" --overwrite --json
     check "renders all" [ "$(json rendered)$(json skipped)" = 30 ]
     check "with the same bits again" same_tree "$frames" "$work/frames"
+    run "$cln" render "$work/whole" --max-images 1 -o "$work/edges"
+    cp "$work/edges/test_r_000.png" "$work/one_ray.png"
+    expect "render --antialias 2 of what is there" 0 "" "$cln" render "$work/whole" --max-images 1 \
+        -o "$work/edges" --antialias 2 --json
+    check "renders it again" [ "$(json rendered)" = 1 ]
+    check "to another picture" eval '! cmp -s "$work/edges/test_r_000.png" "$work/one_ray.png"'
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]

@@ -16,10 +16,7 @@ server=0 address="" slow=""
 trap '[ $server = 0 ] || kill -9 $server; rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
-# A network and a tree that are trained in a second.
-small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 2
-    --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256 --batch-samples 2048
-    --refresh-every 8 --steps 60)
+small=("${tiny[@]}" --steps 60)
 
 baseline() {
     [ -d "$work/run" ] && return

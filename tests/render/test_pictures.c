@@ -15,8 +15,10 @@
 #include "run_fixture.h"
 #include "tests.h"
 
-/* The first test view of the run, with these settings of its sampling. */
-static void render_fine(const cln_config *sampling, int antialias, int larger, cln_picture *out)
+/* The first test view of the run, with these settings of its sampling (NULL: its own), so many
+ * times as large; max_rays 0: the pipeline's own. */
+static void render_fine(const cln_config *sampling, int antialias, int larger, int max_rays,
+                        cln_picture *out)
 {
     const bool pixels[CLN_SPLITS] = {false, false, true};
     const cln_device_desc device = fixture_device();
@@ -38,6 +40,8 @@ static void render_fine(const cln_config *sampling, int antialias, int larger, c
         c->cy *= larger;
     }
     v.pipeline.antialias = antialias;
+    if (max_rays > 0)
+        v.pipeline.max_rays = max_rays;
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
     assert_ok(cln_render_prepare(&v.pipeline));
@@ -48,7 +52,7 @@ static void render_fine(const cln_config *sampling, int antialias, int larger, c
 
 static void render(const cln_config *sampling, cln_picture *out)
 {
-    render_fine(sampling, 1, 1, out);
+    render_fine(sampling, 1, 1, 0, out);
 }
 
 static double psnr(const cln_picture *a, const cln_picture *b)
@@ -103,14 +107,15 @@ static void test_agree_with_dense_sampling(void **state)
 static void test_antialias(void **state)
 {
     enum { N = 3 };
-    cln_picture own, plain, fine;
+    cln_picture own, blocks, plain, fine;
     int *edges = NULL, count = 0, next = 0;
 
     (void)state;
     NEED_DEVICE();
     render(NULL, &plain);
-    render_fine(NULL, N, 1, &own);
-    render_fine(NULL, 1, N, &fine);
+    render_fine(NULL, N, 1, 0, &own);
+    render_fine(NULL, N, 1, 200, &blocks); /* a row of pixels needs more than one batch */
+    render_fine(NULL, 1, N, 0, &fine);
     assert_ok(cln_antialias_edges(&plain, &edges, &count));
     print_message("edges: %d of %d pixels\n", count, plain.width * plain.height);
     assert_in_range(count, 1, plain.width * plain.height - 1);
@@ -131,9 +136,12 @@ static void test_antialias(void **state)
             assert_float_equal(own.rgb[3 * i + c], edge ? sum[c] : plain.rgb[3 * i + c], 1e-6);
         assert_float_equal(own.opacity[i], edge ? sum[3] : plain.opacity[i], 1e-6);
         assert_true(own.depth[i] == plain.depth[i]);
+        assert_memory_equal(blocks.rgb + 3 * i, own.rgb + 3 * i, 3 * sizeof *own.rgb);
+        assert_true(blocks.opacity[i] == own.opacity[i]);
     }
     free(edges);
     cln_picture_free(&own);
+    cln_picture_free(&blocks);
     cln_picture_free(&plain);
     cln_picture_free(&fine);
 }

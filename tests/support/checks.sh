@@ -9,6 +9,12 @@ unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE CI NO_COLOR
 export TERM=xterm
 export XDG_CONFIG_HOME=$work/config # no rows of the user's
 
+# A network and a tree that are trained in a second, for those who add --steps.
+# shellcheck disable=SC2034
+tiny=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 2
+    --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256 --batch-samples 2048
+    --refresh-every 8)
+
 ok() {
     passed=$((passed + 1))
     echo "ok      $1"
