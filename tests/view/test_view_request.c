@@ -135,8 +135,8 @@ static void refuse_what_is_wrong(void **state)
     cln_clear_error();
 }
 
-/* Values that are pieces of right ones, cut, joined and damaged, from a fixed seed. What is
- * accepted keeps the bounds. */
+/* Values that are pieces of right ones, joined and damaged, from a fixed seed. What is accepted
+ * keeps the bounds. */
 static const char *of_noise(void *query, const char *name)
 {
     static const char *const words[] = {"1",    "64",  level_pose, "depth", "png", "1,0,0",
