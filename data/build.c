@@ -71,6 +71,20 @@ void add_turned_box(builder *b, int material, vec centre, double hx, double hy, 
     add_shape(b, s);
 }
 
+void add_gable(builder *b, int material, vec eaves, double hx, double hy, double turn)
+{
+    const double lean = sqrt(0.5);
+    shape s = upright(SHAPE_BOX, material, eaves); /* turned by 45 degrees: a corner is the ridge */
+    const vec side = vec3(-sin(turn), cos(turn), 0), up = vec3(0, 0, 1);
+
+    s.u = vec3(cos(turn), sin(turn), 0);
+    s.v = scale(add(side, up), lean);
+    s.w = scale(sub(up, side), lean);
+    s.a = hx;
+    s.b = s.c = hy * lean;
+    add_shape(b, s);
+}
+
 void add_frustum(builder *b, int material, vec p, vec q, double rp, double rq)
 {
     shape s = between(SHAPE_FRUSTUM, material, p, q);

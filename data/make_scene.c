@@ -18,37 +18,54 @@
 #include "base/rng.h"
 #include "io/image.h"
 #include "io/npy.h"
+#include "faults.h"
 #include "picture.h"
+
+/* "axes inverse ..." */
+#define X(name, what) #name " "
+#define FAULT_WORDS   FAULT_LIST(X)
 
 static const char usage[] =
     "usage: make-scene OUT [options]\n"
     "Renders a scene with exactly known geometry, colour and depth into the folder OUT.\n"
-    "  --kind object|room         an object seen from all sides (default), or a room from inside\n"
+    "  --kind object|room|forward|terrain\n"
+    "                             an object seen from all sides (default), a room from inside, a\n"
+    "                             still life from the front, a village from the air (the first "
+    "half\n"
+    "                             of the views straight down, the others obliquely)\n"
     "  --format NAME              how the cameras are written:\n"
     "             blender         transforms_SPLIT.json, RGBA images (default)\n"
     "             nerfstudio      one transforms.json that names the splits, RGB images over "
     "white\n"
     "             ngp             as nerfstudio, with aabb_scale and without splits\n"
+    "             llff            poses_bounds.npy with exact depths, RGB images, without splits\n"
     "  --size N                   width and height in pixels, 8 to 4096 (default 200)\n"
     "  --train N --val N --test N number of views of each split (default 60, 0, 8)\n"
     "  --lens MODEL               lens model, by COLMAP's name (not with blender) [OPENCV]\n"
     "  --distortion k1,k2,p1,p2   its parameters, all of them [0]\n"
     "  --depth                    also write NAME.depth.npy, distance along the ray; 0 = nothing\n"
     "                             there\n"
+    "  --masks                    also write masks of what is there (nerfstudio: black is "
+    "ignored)\n"
+    "  --fault NAME               plant a mistake of captures, to test what finds it:\n"
+    "                             " FAULT_WORDS "\n"
     "  --seed N                   of camera positions and noise textures (default 1)\n";
+#undef X
 
 static const double pi = 3.14159265358979323846;
 
-enum { OBJECT, ROOM };
-static const char *const kinds[] = {"object", "room", NULL};
+enum { OBJECT, ROOM, FORWARD, TERRAIN };
+static const char *const kinds[] = {"object", "room", "forward", "terrain", NULL};
+static cln_status (*const scenes[])(world *) = {scene_object, scene_room, scene_forward,
+                                                scene_terrain};
 
-enum { BLENDER, NERFSTUDIO, NGP };
-static const char *const formats[] = {"blender", "nerfstudio", "ngp", NULL};
+enum { BLENDER, NERFSTUDIO, NGP, LLFF };
+static const char *const formats[] = {"blender", "nerfstudio", "ngp", "llff", NULL};
 
 typedef struct settings {
     const char *out;
-    int kind, format;
-    bool depth;
+    int kind, format, fault;
+    bool depth, masks;
     int size, seed;
     int views[CLN_SPLITS];
     cln_lens lens;
@@ -82,12 +99,50 @@ static void look(cln_camera *camera, vec from, vec forward)
     }
 }
 
+/* Forward: a jittered grid of places in a plane before the scene, looking at its middle, as people
+ * hold a phone. */
+static void place_forward(const settings *set, int split, int i, const float u[4],
+                          cln_camera *camera)
+{
+    const int side = (int)ceil(sqrt(set->views[split]));
+    const double x = (i % side + 0.2 + 0.6 * u[0]) / side - 0.5;
+    const double z = (i / side + 0.2 + 0.6 * u[1]) / side - 0.5;
+    const vec from = vec3(0.9 * x, -3.3 + 0.2 * (u[2] - 0.5), 0.7 * z);
+    const vec at = vec3(0.25 * x, 0.4, 0.2 * z);
+
+    look(camera, from, sub(at, from));
+}
+
+/* Terrain: the first half of a split in a grid of photos straight down that overlap by half, turned
+ * like strips to and fro; the others obliquely, from all around, 35 to 50 degrees steep. */
+static void place_terrain(const settings *set, int split, int i, double turn, const float u[4],
+                          cln_camera *camera)
+{
+    const int down = (set->views[split] + 1) / 2, side = (int)ceil(sqrt(down));
+
+    if (i < down) {
+        const double x = 2.4 * ((i % side + 0.4 + 0.2 * u[0]) / side - 0.5);
+        const double y = 2.4 * ((i / side + 0.4 + 0.2 * u[1]) / side - 0.5);
+        const double way = i / side % 2 ? -1 : 1; /* of flight, and the picture's up */
+
+        look(camera, vec3(x, y, 4.5), vec3(0.04 * way * (u[2] + 0.2), 0.01 * (u[3] - 0.5), -1));
+    } else {
+        const double steep = 0.61 + 0.26 * u[0], far = 5.2;
+        const vec at = vec3(1.2 * (u[1] - 0.5), 1.2 * (u[2] - 0.5), -0.2);
+        const vec to = vec3(-cos(turn) * cos(steep), -sin(turn) * cos(steep), -sin(steep));
+
+        look(camera, along(at, -far, to), to);
+    }
+}
+
 /* Object: evenly over the sphere, from a little below the horizon to nearly overhead, by the golden
  * angle. Room: anywhere in its middle, looking all around. Each split has its own sequence. */
 static void place_camera(const settings *set, int split, int i, cln_camera *camera)
 {
     const double golden = pi * (3 - sqrt(5));
-    double fov = set->kind == ROOM ? 1.25 : 0.76;
+    static const double fovs[] = {
+        [OBJECT] = 0.76, [ROOM] = 1.25, [FORWARD] = 0.56, [TERRAIN] = 0.3};
+    const double fov = fovs[set->kind];
     float start[4], u[4];
 
     *camera = (cln_camera){.width = set->size, .height = set->size};
@@ -101,7 +156,11 @@ static void place_camera(const settings *set, int split, int i, cln_camera *came
     cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 1, (uint32_t)split, 0, start);
     cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 2 + (uint32_t)split, (uint32_t)i, 0, u);
     double yaw = 2 * pi * start[0] + golden * i;
-    if (set->kind == ROOM) {
+    if (set->kind == FORWARD) {
+        place_forward(set, split, i, u, camera);
+    } else if (set->kind == TERRAIN) {
+        place_terrain(set, split, i, yaw, u, camera);
+    } else if (set->kind == ROOM) {
         double pitch = 0.8 * (u[0] - 0.55);
         look(camera, vec3(1.1 * (u[1] - 0.5), 1.1 * (u[2] - 0.5), 0.7 * (u[3] - 0.4)),
              vec3(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch)));
@@ -115,18 +174,38 @@ static void place_camera(const settings *set, int split, int i, cln_camera *came
 
 /* ---- JSON ---- */
 
-static json_t *matrix_json(const cln_camera *camera)
+/* What the files say: with the fault, if it is one of cameras. */
+static cln_camera written(const job *j, int view)
+{
+    cln_camera camera = j->cameras[view];
+
+    fault_camera((fault)j->set->fault, view < j->set->views[0] ? view : -1, &camera);
+    return camera;
+}
+
+static json_t *matrix_json(const job *j, int view)
 {
     /* From OpenCV's camera axes (ours) to OpenGL's (the formats'): y and z change sign. */
-    static const double flip[4] = {1, -1, -1, 1};
+    const double sign = j->set->fault == FAULT_axes ? 1 : -1, flip[4] = {1, sign, sign, 1};
+    const cln_camera camera = written(j, view);
+    double m[12];
     json_t *rows = json_array();
+
+    for (int i = 0; i < 12; i++)
+        m[i] = flip[i % 4] * camera.c2w[i];
+    if (j->set->fault == FAULT_inverse)
+        for (int r = 0; r < 3; r++) {
+            m[4 * r + 3] = 0;
+            for (int c = 0; c < 3; c++) {
+                m[4 * r + c] = flip[r] * camera.c2w[4 * c + r];
+                m[4 * r + 3] -= m[4 * r + c] * camera.c2w[4 * c + 3];
+            }
+        }
 
     for (int r = 0; r < 4; r++) {
         json_t *row = json_array();
         for (int c = 0; c < 4; c++)
-            json_array_append_new(row, json_real(r < 3    ? flip[c] * camera->c2w[4 * r + c]
-                                                 : c == 3 ? 1
-                                                          : 0));
+            json_array_append_new(row, json_real(r < 3 ? m[4 * r + c] : c == 3 ? 1 : 0));
         json_array_append_new(rows, row);
     }
     return rows;
@@ -158,16 +237,15 @@ static cln_status write_blender(const job *j)
     for (int split = 0, view = 0; split < CLN_SPLITS && st == CLN_OK; split++) {
         if (!j->set->views[split])
             continue;
-        const cln_camera *camera = &j->cameras[view];
+        const cln_camera camera = written(j, view);
         json_t *frames = json_array();
         for (int i = 0; i < j->set->views[split]; i++, view++) {
             snprintf(path, sizeof path, "./%s", j->names[view]);
-            json_array_append_new(frames,
-                                  json_pack("{s:s, s:o}", "file_path", path, "transform_matrix",
-                                            matrix_json(&j->cameras[view])));
+            json_array_append_new(frames, json_pack("{s:s, s:o}", "file_path", path,
+                                                    "transform_matrix", matrix_json(j, view)));
         }
         json_t *document = json_pack("{s:f, s:o}", "camera_angle_x",
-                                     2 * atan(0.5 * camera->width / camera->fx), "frames", frames);
+                                     2 * atan(0.5 * camera.width / camera.fx), "frames", frames);
         snprintf(name, sizeof name, "transforms_%s.json", cln_split_names[split]);
         st = write_json(j->set->out, name, document);
         json_decref(document);
@@ -178,7 +256,7 @@ static cln_status write_blender(const job *j)
 /* nerfstudio and ngp: one file. */
 static cln_status write_single(const job *j)
 {
-    const cln_camera *c = &j->cameras[0];
+    const cln_camera first = written(j, 0), *c = &first;
     const cln_lens_model *lens = &cln_lens_models[c->lens];
     json_t *frames = json_array();
     json_t *document =
@@ -193,9 +271,13 @@ static cln_status write_single(const job *j)
         for (int i = 0; i < j->set->views[split]; i++, view++) {
             snprintf(path, sizeof path, "%s.png", j->names[view]);
             json_array_append_new(names, json_string(path));
-            json_array_append_new(frames,
-                                  json_pack("{s:s, s:o}", "file_path", path, "transform_matrix",
-                                            matrix_json(&j->cameras[view])));
+            json_t *frame = json_pack("{s:s, s:o}", "file_path", path, "transform_matrix",
+                                      matrix_json(j, view));
+            if (j->set->masks) {
+                snprintf(path, sizeof path, "masks/%s.png", strchr(j->names[view], '/') + 1);
+                json_object_set_new(frame, "mask_path", json_string(path));
+            }
+            json_array_append_new(frames, frame);
         }
         snprintf(key, sizeof key, "%s_filenames", cln_split_names[split]);
         if (j->set->format == NERFSTUDIO)
@@ -210,6 +292,64 @@ static cln_status write_single(const job *j)
     return st;
 }
 
+/* The nearest and the farthest thing of a picture along its axis, from the exact geometry. */
+static void find_depths(const job *j, int view, double *near, double *far)
+{
+    const cln_camera *camera = &j->cameras[view];
+
+    *near = INFINITY;
+    *far = 0;
+    for (int k = 0; k < camera->width * camera->height; k++) {
+        double o[3], d[3], depth = 0;
+        hit h;
+
+        if (!cln_camera_ray(camera, k % camera->width + 0.5, k / camera->width + 0.5, o, d) ||
+            !shapes_hit(&j->world.shapes, vec3(o[0], o[1], o[2]), vec3(d[0], d[1], d[2]), 0,
+                        INFINITY, &h))
+            continue;
+        for (int a = 0; a < 3; a++)
+            depth += h.t * d[a] * camera->c2w[4 * a + 2];
+        *near = fmin(*near, depth);
+        *far = fmax(*far, depth);
+    }
+}
+
+/* Rows of 17 numbers: columns down, right, backwards, position and (height, width, focal length) of
+ * a 3 x 5 matrix, row-major; near and far. */
+static cln_status write_llff(const job *j)
+{
+    cln_status st = CLN_OK;
+    enum { ROW = 17 };
+    const int sides[2] = {j->view_count, ROW};
+    float *rows = NULL;
+    char *path = NULL;
+
+    CLN_TRY(cln_alloc(&rows, (size_t)j->view_count * ROW, sizeof *rows, "poses"));
+    for (int v = 0; v < j->view_count; v++) {
+        const cln_camera c = written(j, v);
+        const double last[3] = {c.height, c.width, c.fx};
+        float *row = rows + (size_t)v * ROW;
+        double near = 0, far = 0;
+
+        for (int i = 0; i < 3; i++) {
+            const double columns[5] = {c.c2w[4 * i + 1], c.c2w[4 * i], -c.c2w[4 * i + 2],
+                                       c.c2w[4 * i + 3], last[i]};
+
+            for (int k = 0; k < 5; k++)
+                row[5 * i + k] = (float)columns[k];
+        }
+        find_depths(j, v, &near, &far);
+        row[15] = (float)near;
+        row[16] = (float)far;
+    }
+    CLN_TRY(cln_path_join(&path, j->set->out, "poses_bounds.npy"));
+    CLN_TRY(cln_npy_write_f32(path, 2, sides, rows));
+done:
+    free(rows);
+    free(path);
+    return st;
+}
+
 /* generator.json records the options, and marks the folder as one that may be overwritten. */
 static cln_status write_marker(const settings *set)
 {
@@ -217,11 +357,12 @@ static cln_status write_marker(const settings *set)
 
     for (int i = 0; i < cln_lens_models[set->lens].count; i++)
         json_array_append_new(distortion, json_real(set->distortion[i]));
-    json_t *document = json_pack(
-        "{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:o, s:b, s:i}", "generator", "make-scene", "kind",
-        kinds[set->kind], "format", formats[set->format], "size", set->size, "views", set->views[0],
-        set->views[1], set->views[2], "lens", cln_lens_models[set->lens].name, "distortion",
-        distortion, "depth", set->depth, "seed", set->seed);
+    json_t *document =
+        json_pack("{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:o, s:b, s:b, s:s, s:i}", "generator",
+                  "make-scene", "kind", kinds[set->kind], "format", formats[set->format], "size",
+                  set->size, "views", set->views[0], set->views[1], set->views[2], "lens",
+                  cln_lens_models[set->lens].name, "distortion", distortion, "depth", set->depth,
+                  "masks", set->masks, "fault", fault_names[set->fault], "seed", set->seed);
     cln_status st = write_json(set->out, "generator.json", document);
     json_decref(document);
     return st;
@@ -229,10 +370,32 @@ static cln_status write_marker(const settings *set)
 
 /* ---- rendering ---- */
 
+/* White where at least half of the pixel is covered. */
+static cln_status write_mask(const job *j, int view, const uint8_t *rgba)
+{
+    cln_status st = CLN_OK;
+    const int size = j->set->size;
+    const size_t pixels = (size_t)size * (size_t)size;
+    uint8_t *mask = NULL;
+    char *path = NULL;
+
+    CLN_TRY(cln_alloc(&mask, pixels, 3, "a mask"));
+    for (size_t i = 0; i < pixels; i++)
+        memset(mask + 3 * i, (rgba[4 * i + 3] > 127) == (j->set->fault != FAULT_mask) ? 255 : 0, 3);
+    CLN_TRY(cln_asprintf(&path, "%s/masks/%s.png", j->set->out, strchr(j->names[view], '/') + 1));
+    CLN_TRY(cln_image_write_png(path, size, size, 3, mask));
+done:
+    free(mask);
+    free(path);
+    return st;
+}
+
 static cln_status render_view(const job *j, int view)
 {
     cln_status st = CLN_OK;
-    const cln_camera *camera = &j->cameras[view];
+    const int train = j->set->views[0], trained = view < train ? view : -1;
+    const int shown = trained < 0 ? view : fault_photo((fault)j->set->fault, view, train);
+    const cln_camera *camera = &j->cameras[shown];
     int size = j->set->size, sides[2] = {size, size};
     size_t pixels = (size_t)size * (size_t)size;
     uint8_t *rgba = NULL;
@@ -245,8 +408,12 @@ static cln_status render_view(const job *j, int view)
     CLN_TRY(cln_asprintf(&path, "%s.png", stem));
     CLN_TRY(cln_asprintf(&depth_path, "%s.depth.npy", stem));
     picture_render(&j->world, camera, rgba, depth);
+    if (j->set->masks)
+        CLN_TRY(write_mask(j, view, rgba));
     if (j->set->format != BLENDER)
         picture_over_white((int)pixels, rgba);
+    CLN_TRY(fault_pixels((fault)j->set->fault, trained, size, size,
+                         j->set->format == BLENDER ? 4 : 3, rgba));
     CLN_TRY(cln_image_write_png(path, size, size, j->set->format == BLENDER ? 4 : 3, rgba));
     if (j->set->depth)
         CLN_TRY(cln_npy_write_f32(depth_path, 2, sides, depth));
@@ -333,6 +500,10 @@ static cln_status make_folders(const settings *set)
         free(path);
         path = NULL;
     }
+    if (set->masks) {
+        CLN_TRY(cln_path_join(&path, set->out, "masks"));
+        CLN_TRY(cln_make_dirs(path));
+    }
 done:
     free(path);
     return st;
@@ -359,13 +530,15 @@ static cln_status make_scene(const settings *set)
                 CLN_TRY(cln_asprintf(&j->names[view], "images/frame_%05d", view + 1));
         }
     world_noise(&j->world, (uint64_t)set->seed);
-    CLN_TRY(set->kind == ROOM ? scene_room(&j->world) : scene_object(&j->world));
+    CLN_TRY(scenes[set->kind](&j->world));
     CLN_TRY(check_folder(set->out));
     CLN_TRY(make_folders(set));
     CLN_TRY(write_marker(set));
     CLN_TRY(render_all(j));
     /* Last, so that a folder with transforms is complete. */
-    CLN_TRY(set->format == BLENDER ? write_blender(j) : write_single(j));
+    CLN_TRY(set->format == BLENDER ? write_blender(j)
+            : set->format == LLFF  ? write_llff(j)
+                                   : write_single(j));
 done:
     if (j) {
         for (int i = 0; i < j->view_count; i++)
@@ -397,7 +570,7 @@ static cln_status parse_int(const char *option, const char *text, int min, int m
 static cln_status parse_word(const char *option, const char *text, const char *const *words,
                              int *out)
 {
-    char list[64] = "";
+    char list[128] = "";
 
     for (int i = 0; words[i]; i++) {
         if (!strcmp(text, words[i])) {
@@ -420,6 +593,8 @@ static cln_status parse(int argc, char **argv, settings *set)
                                             {"distortion", required_argument, NULL, 'd'},
                                             {"lens", required_argument, NULL, 'l'},
                                             {"depth", no_argument, NULL, 'z'},
+                                            {"masks", no_argument, NULL, 'm'},
+                                            {"fault", required_argument, NULL, 'x'},
                                             {"seed", required_argument, NULL, 'r'},
                                             {NULL, 0, NULL, 0}};
     cln_status st = CLN_OK;
@@ -455,6 +630,12 @@ static cln_status parse(int argc, char **argv, settings *set)
         case 'z':
             set->depth = true;
             break;
+        case 'm':
+            set->masks = true;
+            break;
+        case 'x':
+            CLN_TRY(parse_word("fault", optarg, fault_names, &set->fault));
+            break;
         case 'r':
             CLN_TRY(parse_int("seed", optarg, 0, 2147483647, &set->seed));
             break;
@@ -466,10 +647,19 @@ static cln_status parse(int argc, char **argv, settings *set)
     set->out = argv[optind];
     if (set->bent_by)
         CLN_TRY(cln_parse_reals(set->bent_by, cln_lens_models[set->lens].count, set->distortion));
-    if (!cln_lens_is_pinhole(set->lens, set->distortion) && set->format == BLENDER)
+    if (!cln_lens_is_pinhole(set->lens, set->distortion) &&
+        (set->format == BLENDER || set->format == LLFF))
         return cln_fail(CLN_USAGE,
-                        "--lens, --distortion: the blender format has none; add --format "
-                        "nerfstudio");
+                        "--lens, --distortion: the %s format has none; add --format "
+                        "nerfstudio",
+                        formats[set->format]);
+    if (set->masks && set->format != NERFSTUDIO)
+        return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
+    if (set->fault == FAULT_mask && !set->masks)
+        return cln_fail(CLN_USAGE, "--fault mask: add --masks");
+    if (set->format == LLFF && (set->fault == FAULT_axes || set->fault == FAULT_inverse))
+        return cln_fail(CLN_USAGE, "--fault %s: choose another --format than llff",
+                        fault_names[set->fault]);
 done:
     return st;
 }

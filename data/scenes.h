@@ -19,6 +19,9 @@ void add_box(builder *b, int material, vec low, vec high);
 /* A box of half sides hx, hy, hz turned around z by `turn` radians. */
 void add_turned_box(builder *b, int material, vec centre, double hx, double hy, double hz,
                     double turn);
+/* A roof with its ridge along the turned x axis: half of a square bar, whose lower edges are at the
+ * height of `eaves`, hx and hy away from it. */
+void add_gable(builder *b, int material, vec eaves, double hx, double hy, double turn);
 /* From p (radius rp) to q (radius rq), flat ends. */
 void add_frustum(builder *b, int material, vec p, vec q, double rp, double rq);
 void add_cylinder(builder *b, int material, vec p, vec q, double r);
@@ -33,5 +36,11 @@ cln_status scene_object(world *w);
 
 /* A furnished room seen from inside, lit by a lamp under its ceiling. */
 cln_status scene_room(world *w);
+
+/* A still life before a wall with a window, seen from the front. */
+cln_status scene_forward(world *w);
+
+/* Fields and a village seen from the air. */
+cln_status scene_terrain(world *w);
 
 #endif

@@ -280,12 +280,49 @@ static void test_over_white(void **state)
     assert_memory_equal(image, expected, 9);
 }
 
+/* Distances along rays of which the scene's own numbers tell where they end, by hand. */
+static void test_depths_of_scenes(void **state)
+{
+    static const struct {
+        cln_status (*build)(world *);
+        double from[3], way[3], depth;
+        const char *what;
+    } cases[] = {
+        {scene_terrain, {0.37, -1.3, 4.5}, {0, 0, -1}, 4.697, "the second road, 0.003 high"},
+        {scene_terrain, {-0.3, -0.95, 4.5}, {0, 0, -1}, 4.54, "the hall, 0.16 high"},
+        {scene_terrain, {-1.25, -0.26, 4.5}, {0, 0, -1}, 4.502, "a ridge, 0.11 + 1.1 * 0.08 high"},
+        {scene_terrain, {0.705, -0.28, 5}, {0, 0, -1}, 4.77, "the tower's roof, half way to 0.5"},
+        {scene_terrain, {-3.6, -0.5, 4.7}, {0.6, 0, -0.8}, 6.125, "a field, obliquely: 4.9 / 0.8"},
+        {scene_forward, {-1.2, -3.3, 1.2}, {0, 1, 0}, 4.3, "the wall at y = 1"},
+        {scene_forward, {0.3, -3.3, 0.75}, {0, 1, 0}, 4.79, "the sky at y = 1.49, by the window"},
+        {scene_forward, {0.12, -3.3, 0.5}, {0, 1, 0}, 4.27, "the window's frame, 0.03 before it"},
+        {scene_forward, {-0.3, -3.3, -0.6}, {0, 1, 0}, 2.1, "the edge of the table"},
+        {scene_forward, {-0.2, -2, 0.44}, {0, 0.8, -0.6}, 5. / 3, "the cloth, obliquely: 1 / 0.6"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        world *w = calloc(1, sizeof *w);
+        const double *o = cases[i].from, *d = cases[i].way;
+        hit h = {0};
+
+        assert_non_null(w);
+        assert_int_equal(cases[i].build(w), CLN_OK);
+        assert_true(shapes_hit(&w->shapes, vec3(o[0], o[1], o[2]), vec3(d[0], d[1], d[2]), 0,
+                               INFINITY, &h));
+        if (fabs(h.t - cases[i].depth) > 1e-6)
+            fail_msg("%s: %.9g instead of %.9g", cases[i].what, h.t, cases[i].depth);
+        shapes_free(&w->shapes);
+        free(w);
+    }
+}
+
 int test_group_trace(void)
 {
     static const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_shapes),         cmocka_unit_test(test_tree_is_brute_force),
         cmocka_unit_test(test_sphere_picture), cmocka_unit_test(test_scenes),
-        cmocka_unit_test(test_over_white),
+        cmocka_unit_test(test_over_white),     cmocka_unit_test(test_depths_of_scenes),
     };
 
     return cmocka_run_group_tests_name("trace", tests, NULL, NULL);

@@ -1,0 +1,75 @@
+/* See faults.h. What `axes` and `inverse` do to a matrix, make_scene.c does where it writes it. */
+#include "faults.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+
+const char *const fault_names[FAULTS + 1] = {
+#define X(name, what) #name,
+    FAULT_LIST(X)
+#undef X
+        NULL};
+
+void fault_camera(fault which, int view, cln_camera *camera)
+{
+    const double by = which == FAULT_scale ? 8 : which == FAULT_far && view == FAULT_VIEW ? 40 : 1;
+
+    if (which == FAULT_focal) {
+        camera->fx *= 1.3;
+        camera->fy *= 1.3;
+    }
+    for (int a = 0; a < 3; a++)
+        camera->c2w[4 * a + 3] *= by;
+    if (which == FAULT_pose &&
+        view == FAULT_VIEW) /* rows: world x and y, so a half turn around z */
+        for (int k = 0; k < 8; k++)
+            camera->c2w[k] *= -1;
+}
+
+int fault_photo(fault which, int view, int train)
+{
+    const int other = FAULT_OTHER(train);
+
+    if ((which == FAULT_swap || which == FAULT_copy) && view == other && other < train)
+        return FAULT_VIEW;
+    if (which == FAULT_swap && view == FAULT_VIEW && other < train)
+        return other;
+    return view;
+}
+
+cln_status fault_pixels(fault which, int view, int width, int height, int channels, uint8_t *pixels)
+{
+    cln_status st = CLN_OK;
+    const int reach = 1 + width / 60;
+    const size_t bytes = (size_t)width * (size_t)height * (size_t)channels;
+    uint8_t *sharp = NULL;
+
+    if (view != FAULT_VIEW || (which != FAULT_exposure && which != FAULT_blur))
+        return CLN_OK;
+    if (which == FAULT_exposure) { /* half of the light: 0.5^(1 / 2.2) of the value */
+        for (size_t i = 0; i < bytes; i++)
+            if (channels == 3 || i % 4 < 3)
+                pixels[i] = (uint8_t)(pixels[i] * 73 / 100);
+        return CLN_OK;
+    }
+    CLN_TRY(cln_alloc(&sharp, bytes, 1, "an image"));
+    memcpy(sharp, pixels, bytes);
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++)
+            for (int c = 0; c < channels; c++) {
+                int sum = 0, count = 0;
+
+                for (int k = y - reach; k <= y + reach; k++)
+                    for (int i = x - reach; i <= x + reach; i++)
+                        if (k >= 0 && i >= 0 && k < height && i < width) {
+                            sum += sharp[(size_t)(k * width + i) * (size_t)channels + (size_t)c];
+                            count++;
+                        }
+                pixels[(size_t)(y * width + x) * (size_t)channels + (size_t)c] =
+                    (uint8_t)(sum / count);
+            }
+done:
+    free(sharp);
+    return st;
+}
