@@ -353,6 +353,40 @@ CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *re
 CLN_API cln_status cln_info_scene(const char *scene, const cln_settings *settings, char **json);
 CLN_API cln_status cln_info_run(const char *run, char **json);
 
+typedef struct cln_check_desc {
+    const char *scene;
+    const cln_settings *settings; /* how to read it, and of the training to come */
+    cln_device_desc device;
+    double probe;     /* seconds to measure the time of a step in; 0 = not */
+    const char *page; /* an HTML file that shows it; NULL = none */
+    bool overwrite;   /* else an existing file is CLN_OUTPUT */
+} cln_check_desc;
+
+/* Looks for mistakes in a scene, by its poses, its photos, and both together, before hours are
+ * spent on it; *json (docs/formats.md) has what was found, likely faults first, and what a training
+ * would need. The caller frees it. What is found is no error. */
+CLN_API cln_status cln_check(const cln_check_desc *desc, char **json);
+
+/* ---- poses ---- */
+
+typedef struct cln_poses_desc {
+    const char *photos; /* a folder of PNG and JPEG photos, or a video */
+    const char *out;    /* the scene's folder; made if it is not there */
+    const char *match;  /* "auto", "all" pairs, or each with the "next" ones; NULL = "auto" */
+    int frames;         /* of a video; 0 = 150 */
+    cln_callbacks callbacks;
+} cln_poses_desc;
+
+typedef struct cln_poses_result {
+    int photos, registered; /* all, and those with a pose */
+    int focal_lengths;      /* photos whose EXIF data tells it */
+} cln_poses_result;
+
+/* Finds where photos were taken, by COLMAP's own program (`colmap`, and `ffmpeg` for a video), if
+ * it is installed: CLN_FAILED if not, or if it finds nothing, with what it said in out/colmap.log.
+ * CLN_OUTPUT if the folder has poses already. */
+CLN_API cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result);
+
 /* ---- tuning ---- */
 
 typedef enum cln_tune_verdict {

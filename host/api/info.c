@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/needs.h"
 #include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
@@ -11,58 +12,12 @@
 #include "cl_nascent.h"
 #include "io/run_folder.h"
 #include "model/model.h"
-#include "pipeline/plan.h"
 #include "scene/scene.h"
-#include "train/coverage.h"
 
 static cln_status to_text(const json_t *document, const char *what, char **json)
 {
     *json = json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17));
     return *json ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot make JSON", what);
-}
-
-/* What a training with these settings would need: steps, and memory on the device that it would
- * choose. Times are not foretold: how long a step takes is known when it has been taken. */
-static json_t *describe_training(const cln_scene *scene, const cln_settings *settings)
-{
-    const cln_config *c = &settings->config;
-    const bool timed = c->steps > 0 || c->time_limit > 0;
-    cln_device *device = NULL;
-    cln_pipeline pipeline;
-    cln_plan plan, host;
-    double pixels = 0;
-    json_t *about = json_pack("{s:s}", "preset", settings->preset);
-
-    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
-        const cln_camera *camera =
-            &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
-
-        pixels += (double)camera->width * camera->height;
-    }
-    if (!timed) {
-        json_object_set_new(about, "epochs", json_integer(c->epochs));
-        json_object_set_new(about, "steps", json_integer(cln_config_epoch_steps(c, pixels)));
-    }
-    if (cln_device_open(&(cln_device_desc){0}, &device) == CLN_OK &&
-        cln_pipeline_outline(device, c, scene->lenses, scene->has_alpha, &pipeline) == CLN_OK) {
-        const cln_plan_desc desc = {&pipeline, scene, cln_config_most_leaves(c), true,
-                                    cln_coverage_bytes(scene)};
-
-        cln_plan_device(&desc, &plan);
-        cln_plan_host(&desc, &plan, &host);
-        json_object_set_new(about, "device", json_string(device->info.name));
-        json_object_set_new(about, "most_leaves", json_integer(desc.leaves));
-        json_object_set_new(about, "device_memory", json_real(plan.total));
-        json_object_set_new(about, "device_memory_limit", json_real(plan.limit));
-        json_object_set_new(about, "host_memory", json_real(host.total));
-        json_object_set_new(about, "host_memory_limit", json_real(host.limit));
-    } else {
-        json_object_set_new(about, "device", json_null());
-        json_object_set_new(about, "no_device", json_string(cln_error_text()));
-        cln_clear_error();
-    }
-    cln_device_close(device);
-    return about;
 }
 
 cln_status cln_info_scene(const char *path, const cln_settings *settings, char **json)
@@ -78,7 +33,8 @@ cln_status cln_info_scene(const char *path, const cln_settings *settings, char *
     CLN_TRY(cln_scene_describe(scene, &document));
     cameras = json_incref(json_object_get(document, "cameras"));
     json_object_del(document, "cameras");
-    json_object_set_new(document, "training", describe_training(scene, settings));
+    json_object_set_new(document, "training",
+                        cln_needs_describe(scene, settings, &(cln_device_desc){0}, 0));
     json_object_set_new(document, "cameras", cameras); /* the longest list comes last */
     CLN_TRY(to_text(document, path, json));
 done:

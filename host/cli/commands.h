@@ -13,6 +13,8 @@ cln_status cln_cmd_eval(const struct cln_options *options);
 cln_status cln_cmd_render(const struct cln_options *options);
 cln_status cln_cmd_view(const struct cln_options *options);
 cln_status cln_cmd_info(const struct cln_options *options);
+cln_status cln_cmd_poses(const struct cln_options *options);
+cln_status cln_cmd_check(const struct cln_options *options);
 cln_status cln_cmd_export(const struct cln_options *options);
 cln_status cln_cmd_devices(const struct cln_options *options);
 cln_status cln_cmd_selftest(const struct cln_options *options);

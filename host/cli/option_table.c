@@ -40,6 +40,17 @@ const cln_command cln_commands[] = {
      "A folder with a run.json of ours is a run, anything else a scene, read as train would "
      "read it.",
      cln_cmd_info},
+    {"poses", CLN_POSES, "PHOTOS", true, "poses PHOTOS -o SCENE [OPTIONS]",
+     "Finds where photos were taken, with COLMAP's program",
+     "PHOTOS is a folder of PNG and JPEG files, or a video (with ffmpeg). Needs the program colmap "
+     "(Debian: apt install colmap). What it says goes to SCENE/colmap.log.",
+     cln_cmd_poses},
+    {"check", CLN_CHECK_SCENE, "SCENE", true, "check SCENE [OPTIONS]",
+     "What is likely wrong with a scene, and what a training would need",
+     "Compares photos and poses with each other, and measures the time of training steps here. "
+     "Takes the options of train, for the training to come. What is found is no error: the exit "
+     "code is 0.",
+     cln_cmd_check},
     {"export", CLN_EXPORT, "RUN", true, "export RUN --octree FILE.ply [OPTIONS]",
      "The octree of a run as boxes, for programs that show meshes",
      "The active leaves of the newest checkpoint, in the scene's coordinates. Needs no device.",
@@ -67,8 +78,9 @@ const cln_command cln_commands[] = {
 /* clang-format on */
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
-#define ON_DEVICE (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_SELFTEST | CLN_TUNE)
-#define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES | CLN_BUGREPORT)
+#define ON_DEVICE \
+    (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_SELFTEST | CLN_TUNE | CLN_CHECK_SCENE)
+#define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES | CLN_BUGREPORT | CLN_POSES)
 #define AT(field) offsetof(cln_options, field)
 
 /* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env,
@@ -102,7 +114,16 @@ const cln_arg cln_args[] = {
          "folder for the pictures", .letter = 'o', .shown = "RUN/render/SPLIT or RUN/render/orbit"),
     TEXT(CLN_TUNE, "output", output, "FILE",
          "file to put the row in", .letter = 'o', .shown = "that of --tune-file"),
-    WORD(CLN_TRAIN | CLN_TUNE, "preset", preset, CLN_PRESETS,
+    TEXT(CLN_CHECK_SCENE, "output", output, "FILE.html",
+         "a page that shows cameras, points, photos and the cube, too", .letter = 'o'),
+    TEXT(CLN_POSES, "output", output, "SCENE",
+         "folder of the scene; made if it is not there", .letter = 'o'),
+    WORD(CLN_POSES, "match", match, "auto|all|next",
+         "which photos to compare: all with all, or each with the next ones; auto: the latter for "
+         "more than 120 that are numbered, or frames", .standard = "auto"),
+    INT(CLN_POSES, "frames", frames, "N", 3, 10000,
+        "frames to take from a video", .standard = "150"),
+    WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE, "preset", preset, CLN_PRESETS,
          "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
          "inside the same program: one network, a uniform grid of small ones", .standard = "fast"),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
@@ -161,8 +182,8 @@ const cln_arg cln_args[] = {
          "image height; 0 = as the photos, or by --width", .standard = "0"),
     REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
          "orbit: horizontal field of view (0 = as the training images)", .standard = "0"),
-    FLAG(CLN_RENDER | CLN_EXPORT, "overwrite", overwrite,
-         "replace files that exist; otherwise render skips such frames, and export refuses"),
+    FLAG(CLN_RENDER | CLN_EXPORT | CLN_CHECK_SCENE, "overwrite", overwrite,
+         "replace files that exist; otherwise render skips such frames, and the others refuse"),
     FLAG(CLN_RENDER, "z-depth", z_depth,
          "depth along the optical axis instead of along the ray"),
 
@@ -190,13 +211,18 @@ const cln_arg cln_args[] = {
     FLAG(CLN_SELFTEST, "quick", quick,
          "only the checks that take about a second"),
 
-    FLAG(CLN_TRAIN | CLN_INFO, "conf", conf,
+    REAL(CLN_CHECK_SCENE, "probe", probe, "SECONDS", 0, 600,
+         "time to measure training steps in, for an estimate; 0 = none", .standard = "2",
+         .seconds = true),
+
+    FLAG(CLN_TRAIN | CLN_INFO | CLN_CHECK_SCENE, "conf", conf,
          "take settings from cl-nascent.conf beside the scene, if it is there",
          .standard = "yes", .negatable = true),
 
     FLAG(EVERY & ~(CLN_BUGREPORT | CLN_VIEW), "json", json,
          "results as one JSON document on standard output"),
-    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE, "progress", progress, "auto|bar|line|none",
+    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE | CLN_POSES, "progress", progress,
+         "auto|bar|line|none",
          "a live line on a terminal, plain lines now and then, or neither", .standard = "auto"),
     WORD(EVERY, "color", color, "auto|always|never",
          "colour of errors and warnings; auto: on a terminal, unless NO_COLOR is set",
@@ -225,6 +251,7 @@ bool cln_command_takes_row(const cln_command *command, const cln_config_row *row
 {
     switch (command ? command->bit : 0) {
     case CLN_TRAIN:
+    case CLN_CHECK_SCENE:
         return true;
     case CLN_INFO:
         return row->flags & CLN_ROW_SCENE;

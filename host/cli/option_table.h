@@ -19,7 +19,9 @@ enum {
     CLN_EXPORT = 64,
     CLN_TUNE = 128,
     CLN_BUGREPORT = 256,
-    CLN_VIEW = 512
+    CLN_VIEW = 512,
+    CLN_CHECK_SCENE = 1024,
+    CLN_POSES = 2048
 };
 
 typedef struct cln_command {

@@ -15,21 +15,22 @@ typedef struct cln_options {
     char *tune_path;     /* the user's rows, there or not; NULL without a home */
 
     const char *output, *resume, *scene, *like, *preset, *split, *progress, *color;
-    const char *dump_program, *colour;
+    const char *dump_program, *colour, *match;
     const char *export_what, *export_file; /* "octree" */
     cln_device_desc device;
     bool conf;       /* cl-nascent.conf beside the scene is read */
     char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
     bool circle, json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
-    int verbose, max_images, antialias;
+    int verbose, max_images, antialias, frames;
     int orbit_frames; /* 0 = no orbit */
-    double elevation, radius, fov, min_psnr, budget;
+    double elevation, radius, fov, min_psnr, budget, probe;
     int image_width, image_height;
     const char *listen;
     int port;
     bool open;
 
-    cln_settings *settings; /* train, info, tune: preset or resumed run, then the options given */
+    cln_settings
+        *settings; /* train, check, info, tune: preset or resumed run, then the options given */
 } cln_options;
 
 #endif

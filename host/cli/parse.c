@@ -483,9 +483,11 @@ static cln_status settle(parser *p)
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(
             cln_fail(CLN_USAGE, "%s: %s is missing", out->command->name, out->command->operand));
+    if (bit == CLN_POSES && !out->output)
+        CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)
         CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give --octree FILE.ply"));
-    if (bit & (CLN_TRAIN | CLN_INFO | CLN_TUNE))
+    if (bit & (CLN_TRAIN | CLN_CHECK_SCENE | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:
     return st;

@@ -280,8 +280,10 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
     bool sane = true;
 
     gather_axes(scene, &e.mean);
-    for (size_t i = 0; i < sizeof rules / sizeof *rules && !scene->bounds_rule; i++)
+    for (size_t i = 0; i < sizeof rules / sizeof *rules && !scene->bounds_rule; i++) {
         CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
+        scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
+    }
     sane = space->half >= HALF_MIN && space->half <= HALF_MAX;
     for (int i = 0; i < 3; i++)
         sane = sane && fabs(space->centre[i]) <= HALF_MAX; /* false for NaN, too */

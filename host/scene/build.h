@@ -59,5 +59,7 @@ cln_status cln_scene_check_seen(const cln_scene *scene);
 
 /* doubts.c: fills cube_share, spread and apart_share. */
 void cln_scene_find_doubts(cln_scene *scene);
+/* What they make doubtful, as findings (inspect.h). */
+void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings);
 
 #endif

@@ -1,6 +1,6 @@
 /* What in a scene looks like a mistake in its poses. Each fault has a number and a bound between
  * what captures have and what the fault makes of them (tests/scene/test_doubts.c); as captures of
- * other kinds may pass the bound, too, the warnings say "likely".
+ * other kinds may pass the bound, too, the sentences say "likely".
  *   cube_share   of the training rays, those that meet the cube: small where translations are too
  *                large for a cube that the dataset or --bbox fixes
  *   spread       of the training cameras, in half sides of the cube: small where they are too small
@@ -11,6 +11,7 @@
 
 #include <math.h>
 #include "base/log.h"
+#include "scene/inspect.h"
 
 enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3 };
 static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, APART_MAX = 0.8;
@@ -107,29 +108,44 @@ void cln_scene_find_doubts(cln_scene *scene)
     scene->apart_share = apart_share(scene);
 }
 
-void cln_scene_warn_doubts(const cln_scene *scene)
+void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
 {
     const cln_space *space = &scene->space;
 
     if (scene->apart_share > APART_MAX)
-        cln_warn(
-            "%s: the cameras look apart: of pairs of them, %.0f%% have what they look at behind "
+        cln_found_fault(
+            findings, "axes", true, NULL,
+            "the cameras look apart: of pairs of them, %.0f%% have what they look at behind "
             "both. Likely the axes of the poses: in a transforms file they are OpenGL's (y up, "
             "z backwards); if this one has OpenCV's (y down, z forward), negate the second and "
             "third column of each matrix. Photos taken outwards from one place are right as "
             "they are",
-            scene->folder, 100 * scene->apart_share);
+            100 * scene->apart_share);
     if (scene->cube_share < CUBE_SHARE_MIN)
-        cln_warn(
-            "%s: only %.1f%% of the training rays meet the cube (centre %g, %g, %g, half side "
+        cln_found_fault(
+            findings, "scale", true, NULL,
+            "only %.1f%% of the training rays meet the cube (centre %g, %g, %g, half side "
             "%g; %s), so that there is little to learn from. Likely the scale: translations in "
             "another unit than the cube; scale them, or give a larger box with --bbox",
-            scene->folder, 100 * scene->cube_share, space->centre[0], space->centre[1],
-            space->centre[2], space->half, scene->bounds_rule);
+            100 * scene->cube_share, space->centre[0], space->centre[1], space->centre[2],
+            space->half, scene->bounds_rule);
     if (scene->spread > 0 && scene->spread < SPREAD_MIN &&
         cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > PAIRS_MIN)
-        cln_warn("%s: the training cameras stand within %.2g half sides of the cube of each other, "
-                 "too near to tell distances. Likely the scale: translations in another unit than "
-                 "the cube (half side %g; %s); scale them, or give a smaller box with --bbox",
-                 scene->folder, scene->spread, space->half, scene->bounds_rule);
+        cln_found_fault(findings, "scale", true, NULL,
+                        "the training cameras stand within %.2g half sides of the cube of each "
+                        "other, too near to tell distances. Likely the scale: translations in "
+                        "another unit than the cube (half side %g; %s); scale them, or give a "
+                        "smaller box with --bbox",
+                        scene->spread, space->half, scene->bounds_rule);
+}
+
+void cln_scene_warn_doubts(const cln_scene *scene)
+{
+    json_t *findings = json_array();
+
+    cln_scene_tell_doubts(scene, findings);
+    for (size_t i = 0; i < json_array_size(findings); i++)
+        cln_warn("%s: %s", scene->folder,
+                 json_string_value(json_object_get(json_array_get(findings, i), "text")));
+    json_decref(findings);
 }

@@ -11,7 +11,7 @@
 #include "base/memory.h"
 #include "scene/build.h"
 
-#define WITH_POSES "for example with COLMAP, whose sparse models are read"
+#define WITH_POSES "with `cl-nascent poses` or COLMAP, whose models are read"
 
 /* Folders of other programs, by a file or folder in them. */
 static const struct {

@@ -199,7 +199,8 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
     CLN_TRY(cln_scene_find_kept(scene));
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config->bbox));
-    CLN_TRY(cln_scene_check_seen(scene));
+    if (!desc->unseen)
+        CLN_TRY(cln_scene_check_seen(scene));
     cln_scene_find_doubts(scene);
     CLN_TRY(cln_scene_check_memory(scene, desc->pixels, desc->config->host_mem));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));

@@ -89,6 +89,7 @@ typedef struct cln_scene {
     unsigned lenses;     /* so: cln_camera_lenses */
     cln_space space;     /* its cube */
     char *bounds_rule;   /* where the cube comes from, a phrase */
+    bool cube_guessed;   /* from the cameras alone */
     double cube_share;   /* of the training rays, those that meet the cube */
     double spread;       /* of the training cameras about their middle, half sides */
     double apart_share;  /* of pairs of them, those that look apart; NaN: too few to tell */
@@ -100,6 +101,7 @@ typedef struct cln_scene_desc {
     const char *path;         /* scene folder, or its transforms JSON file */
     const cln_config *config; /* downscale, bbox, background, holdout, missing */
     bool pixels[CLN_SPLITS];  /* load the images of these splits; cameras and sizes always */
+    bool unseen;              /* no error if no camera sees the cube */
 } cln_scene_desc;
 
 /* Reads a scene. Limits: 100,000 frames, 32,768 pixels a side, 2^28 pixels an image. Errors

@@ -283,4 +283,137 @@ section_doubts() {
     check "nothing is doubted" [ ! -s "$work/err" ]
 }
 
-run_sections "missing moved second orbit frames evals disk doubts" "$@"
+# planted FAULT WHAT GRADE OPTIONS...: make-scene with this fault; check finds WHAT (a word, spaces
+# are _) as a likely fault (true) or a remark (false)
+planted() {
+    local fault=$1 what=${2//_/ } grade=$3 i=0 found=no
+    shift 3
+    rm -rf "$work/planted"
+    "$make_scene" "$work/planted" "$@" --fault "$fault" >/dev/null || bad "make-scene $fault"
+    run "$cln" check "$work/planted" --probe 0 --json
+    while [ -n "$(json "findings.$i.what")" ]; do
+        [ "$(json "findings.$i.what") $(json "findings.$i.likely_fault")" = "$what $grade" ] &&
+            found=yes
+        i=$((i + 1))
+    done
+    check "planted: $fault, found: $what" [ $rc$found = 0yes ]
+}
+
+section_check() {
+    local front="--kind forward --size 64 --train 12 --test 2"
+    local air="--kind terrain --size 64 --train 24 --test 0 --format nerfstudio"
+    local all="--size 64 --train 28 --test 1"
+
+    # shellcheck disable=SC2086
+    "$make_scene" "$work/sound" $front >/dev/null
+    expect "check of a sound scene" 0 "" "$cln" check "$work/sound" --probe 0
+    check "nothing is found" grep -q '^0 likely faults, 0 remarks$' "$work/out"
+    check "it says the memory" grep -q '^memory .* on the device' "$work/out"
+    expect "with a probe" 0 "" "$cln" check "$work/sound" --probe 0.1 --json --width 16 --depth 2
+    check "a step has a time" number_above "$(json training.time.step_seconds)" 0
+    check "no likely fault as JSON, too" [ -z "$(json findings.0.what)" ]
+    check "photos agree with poses" number_above "$(json measures.agreeing_share)" 0.8
+    expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
+    check "it shows 14 photos" [ "$(grep -c 'base64,' "$work/page.html")" = 14 ]
+    check "and every camera from three sides" [ "$(grep -c '<circle' "$work/page.html")" = 42 ]
+    check "it refers to nothing elsewhere" \
+        eval '! grep -qE "(src|href)=.?(http|/)" "$work/page.html"'
+    expect "a page that is there" 7 "page.html --overwrite" \
+        "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
+    expect "a page of another kind" 2 "html" "$cln" check "$work/sound" -o "$work/page.pdf"
+    expect "options of train are known" 2 "steps" "$cln" check "$work/sound" --steps x
+
+    # shellcheck disable=SC2086
+    {
+        planted axes axes true $front
+        planted inverse axes true $front
+        planted far far_camera true $front
+        planted pose pose true $front
+        planted swap swapped true $front
+        planted copy duplicates true $front
+        planted exposure exposure true $front
+        planted blur blur false $front
+        planted focal focal_length true $air
+        planted mask masks true $all --format nerfstudio --masks
+        planted scale scale true $all --format ngp
+    }
+    check "the box of what the photos show is named" grep -q -- "--bbox=" "$work/out"
+}
+
+section_poses() {
+    local path
+    baseline
+    mkdir "$work/bin" "$work/none"
+    cp tests/support/colmap "$work/bin/colmap"
+    path=$work/bin:$PATH
+    expect "poses without COLMAP: what to install" 1 "apt colmap" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/posed"
+    check "nothing is written" [ ! -e "$work/posed" ]
+    expect "no folder to write" 2 "-o" "$cln" poses "$work/photos/train"
+    expect "poses: who has none, and what EXIF tells" 0 "~1.of.24.photos r_023 ~of.23.photos" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed" --progress none
+    check "it counts" grep -q "registered  23 of 24" "$work/out"
+    check "it ends with the next command" grep -q "cl-nascent train .*posed'* -o" "$work/out"
+    check "all are matched with all" grep -q "colmap exhaustive_matcher" "$work/posed/colmap.log"
+    check "the scene is read" [ "$("$cln" info "$work/posed" --json | "$query" views)" = 23 ]
+    expect "a second time: nothing is replaced" 7 "posed sparse -o" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed"
+
+    expect "two parts: the larger one" 0 "~2.parts" env PATH="$path" STAND_IN=parts "$cln" \
+        poses "$work/photos/train" -o "$work/parts" --progress none --json
+    check "its photos" [ "$(json registered)" = 21 ]
+    expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
+        env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
+    expect "it can be tried again" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
+        -o "$work/hopeless" --match next --progress none
+    check "as it was told" grep -q sequential_matcher "$work/hopeless/colmap.log"
+    mkdir "$work/many" "$work/two"
+    for i in $(seq 1000 1121); do
+        ln "$work/photos/train/r_000.png" "$work/many/IMG_$i.png"
+    done
+    expect "many in a row: each with the next" 0 "~next.12" \
+        env PATH="$path" "$cln" poses "$work/many" -o "$work/row" --progress none
+    cp "$work/photos/train/r_000.png" "$work/photos/train/r_001.png" "$work/two"
+    expect "two photos" 3 "three" env PATH="$path" "$cln" poses "$work/two" -o "$work/of two"
+
+    echo >"$work/walk.mp4"
+    expect "a video without ffmpeg" 1 "apt ffmpeg" env PATH="$work/bin:$work/perl" "$cln" poses \
+        "$work/walk.mp4" -o "$work/walk"
+    printf '#!/bin/sh\necho 10.0\n' >"$work/bin/ffprobe"
+    cat >"$work/bin/ffmpeg" <<END
+#!/bin/sh
+case "\$*" in *"-vf fps=1.200000 "*) ;; *) exit 1 ;; esac
+for i in 1 2 3 4; do cp "$work/photos/train/r_00\$i.png" "$work/walk/images/frame_0000\$i.png"; done
+END
+    chmod +x "$work/bin/ffprobe" "$work/bin/ffmpeg"
+    expect "a video" 0 "" env PATH="$path" "$cln" poses "$work/walk.mp4" -o "$work/walk" \
+        --frames 12 --progress none --json
+    check "its frames" [ "$(json registered) $(json photos)" = "3 4" ]
+}
+
+# numbers FILE.npy: of float32, one a line
+numbers() {
+    tail -c +$((11 + $(od -An -tu2 -j8 -N2 "$1"))) "$1" | od -An -v -f -w4
+}
+
+# depth_error RENDERED TRUTH: the median over pixels that show something of |rendered - truth|,
+# over the truth
+depth_error() {
+    paste <(numbers "$1") <(numbers "$2") |
+        awk '$2 > 0 { d = $1 - $2; print (d < 0 ? -d : d) / $2 }' | sort -g |
+        awk '{ all[NR] = $1 } END { print NR ? all[int((NR + 1) / 2)] : "none" }'
+}
+
+# A village from the air: its cube begins at two thirds of the way to the ground, so that a model
+# that paints the photos on its face is a third off.
+section_depth() {
+    "$make_scene" "$work/air" --kind terrain --size 40 --train 30 --test 1 --depth >/dev/null
+    expect "train on a village from the air" 0 "" "$cln" train "$work/air" -o "$work/air run" \
+        "${small[@]}" --bands 4 --start-level 2 --level-at 3:0.3 --rays 2048 \
+        --batch-samples 32768 --n1 16 --steps 400
+    expect "render a test view" 0 "" "$cln" render "$work/air run" -o "$work/air views"
+    check "its depth is the exact one to 6 % in the median" number_above 0.06 \
+        "$(depth_error "$work/air views/test_r_000.depth.npy" "$work/air/test/r_000.depth.npy")"
+}
+
+run_sections "missing moved second orbit frames evals disk doubts check poses depth" "$@"

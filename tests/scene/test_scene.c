@@ -344,7 +344,8 @@ static void test_wanted_splits(void **state)
 {
     const char *folder = *state;
     const cln_config config = default_config();
-    const cln_scene_desc train = {folder, &config, {true, false, false}};
+    const cln_scene_desc train = {
+        .path = folder, .config = &config, .pixels = {true, false, false}};
     cln_scene *all = NULL, *some = NULL;
 
     put_image(folder, "0.png", 8, 8, 3, 0);

@@ -57,7 +57,8 @@ static inline cln_config default_config(void)
 static inline cln_status try_load(const char *path, const cln_config *config, cln_scene **scene)
 {
     const cln_config defaults = default_config();
-    const cln_scene_desc desc = {path, config ? config : &defaults, {true, true, true}};
+    const cln_scene_desc desc = {
+        .path = path, .config = config ? config : &defaults, .pixels = {true, true, true}};
 
     *scene = (cln_scene *)1;
     return cln_scene_load(&desc, scene);

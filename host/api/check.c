@@ -1,0 +1,72 @@
+/* cln_check: what `check` tells of a scene, as JSON and as a page. Decodes all images; needs no
+ * device, but tells memory and time only with one. */
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+
+#include "api/needs.h"
+#include "base/config.h"
+#include "cl_nascent.h"
+#include "report/scene_page.h"
+#include "scene/inspect.h"
+
+static cln_status check_page(const cln_check_desc *desc)
+{
+    const char *ending = desc->page ? strrchr(desc->page, '.') : NULL;
+    struct stat info;
+
+    if (!desc->page)
+        return CLN_OK;
+    if (!ending || strcasecmp(ending, ".html") != 0)
+        return cln_fail(CLN_USAGE, "%s: the page is HTML; end the name with .html", desc->page);
+    if (lstat(desc->page, &info) != 0)
+        return CLN_OK;
+    if (!S_ISREG(info.st_mode))
+        return cln_fail(CLN_OUTPUT,
+                        "%s: already exists and is not a plain file; choose another name",
+                        desc->page);
+    if (!desc->overwrite)
+        return cln_fail(CLN_OUTPUT, "%s: already exists; choose another name, or give --overwrite",
+                        desc->page);
+    return CLN_OK;
+}
+
+cln_status cln_check(const cln_check_desc *desc, char **json)
+{
+    cln_status st = CLN_OK;
+    const cln_scene_desc wanted = {.path = desc->scene,
+                                   .config = &desc->settings->config,
+                                   .pixels = {true, true, true},
+                                   .unseen = true};
+    cln_scene *scene = NULL;
+    json_t *document = NULL, *about = NULL, *inspected = NULL;
+
+    *json = NULL;
+    CLN_TRY(check_page(desc));
+    CLN_TRY(cln_scene_load(&wanted, &scene));
+    CLN_TRY(cln_scene_describe(scene, &about));
+    json_object_del(about, "cameras"); /* "views" tells more of them */
+    CLN_TRY(cln_scene_inspect(scene, &inspected));
+    document = json_pack("{s:s, s:O, s:O, s:O, s:o, s:O, s:O}", "schema", "cl-nascent.check/1",
+                         "findings", json_object_get(inspected, "findings"), "measures",
+                         json_object_get(inspected, "measures"), "scene", about, "training",
+                         cln_needs_describe(scene, desc->settings, &desc->device, desc->probe),
+                         "views", json_object_get(inspected, "views"), "points",
+                         json_object_get(inspected, "points"));
+    *json = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
+    if (!*json)
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", desc->scene));
+    if (desc->page)
+        CLN_TRY(cln_scene_page(desc->page, scene, document));
+done:
+    json_decref(document);
+    json_decref(about);
+    json_decref(inspected);
+    cln_scene_free(scene);
+    if (st != CLN_OK) {
+        free(*json);
+        *json = NULL;
+    }
+    return st;
+}

@@ -1,0 +1,559 @@
+/* cln_find_poses: photos or a video in, a scene with poses out, by COLMAP's own program and ffmpeg,
+ * where they are installed. What it leaves:
+ *
+ *   SCENE/images/       hard links to the photos (copies on another disk), or the video's frames
+ *   SCENE/sparse/0/     the largest model, which readers take
+ *   SCENE/colmap.db     COLMAP's features and matches
+ *   SCENE/colmap.log    every command with its output
+ *
+ * Photos are matched all with all, or each with the next ones where there are many and their
+ * names are numbered without many gaps, as cameras and videos number them. */
+#include <ctype.h>
+#include <errno.h>
+#include <ftw.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#include "base/config.h"
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/settings.h"
+#include "cl_nascent.h"
+#include "io/command.h"
+#include "io/image.h"
+#include "scene/build.h"
+#include "scene/dataset.h"
+
+enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, FRAMES = 150, NAMED = 12, MODELS = 64 };
+static const size_t FILE_MOST = (size_t)1 << 30;
+static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
+
+typedef struct work {
+    const cln_poses_desc *desc;
+    cln_poses_result *result;
+    cln_names photos;
+    char *images, *database, *sparse, *log_path;
+    FILE *log;
+    const char *stage; /* what the lines are of */
+    int done;
+    double duration;                   /* of a video; seconds */
+    const char *extraction, *matching; /* how this COLMAP calls its options */
+} work;
+
+/* ---- COLMAP's words ---- */
+
+/* Progress: "Processed file [3/14]", "Matching block [1/2, 1/2]", "Matching image [3/14]",
+ * "Registering image #5 (7)". Newer versions begin lines with time and place. */
+static void read_line(const char *line, void *user)
+{
+    work *w = user;
+    const cln_callbacks *c = &w->desc->callbacks;
+    const char *at = NULL;
+    int a = 0, b = 0, of_a = 0, of_b = 0;
+
+    if (strstr(line, "(Prior)"))
+        w->result->focal_lengths++;
+    if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
+        sscanf(at, "(%d)", &a) == 1) {
+        w->done = a;
+    } else if ((at = strstr(line, "Matching block ["))) {
+        const int found = sscanf(at, "Matching block [%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
+
+        if (found == 4 && of_a > 0 && of_b > 0)
+            w->done = (int)((double)((a - 1) * of_b + b - 1) / (of_a * of_b) * w->photos.count);
+    } else if ((at = strstr(line, "Processed file [")) &&
+               sscanf(at, "Processed file [%d", &a) == 1) {
+        w->done = a;
+    } else if ((at = strstr(line, "Matching image [")) &&
+               sscanf(at, "Matching image [%d", &a) == 1) {
+        w->done = a;
+    } else {
+        return;
+    }
+    if (c->work)
+        c->work(w->stage, w->done, w->photos.count, c->user);
+}
+
+static int is_interrupted(void *user)
+{
+    const cln_callbacks *c = &((work *)user)->desc->callbacks;
+
+    return c->interrupted ? c->interrupted(c->user) : 0;
+}
+
+static cln_status run(work *w, const char *stage, const char *const *argv)
+{
+    const cln_command_watch watch = {read_line, is_interrupted, w, w->log};
+    const cln_callbacks *c = &w->desc->callbacks;
+    cln_status st = CLN_OK;
+
+    w->stage = stage;
+    w->done = 0;
+    if (c->work)
+        c->work(stage, 0, w->photos.count, c->user);
+    st = cln_command_run(argv, &watch);
+    if (st == CLN_FAILED)
+        cln_note("finding poses; %s has all that it said", w->log_path);
+    return st;
+}
+
+/* COLMAP 3.13 renamed SiftExtraction.use_gpu to FeatureExtraction.use_gpu, and so for matching. */
+static void learn_names(const char *line, void *user)
+{
+    work *w = user;
+
+    if (strstr(line, "--FeatureExtraction.use_gpu"))
+        w->extraction = "--FeatureExtraction.use_gpu";
+    if (strstr(line, "--FeatureMatching.use_gpu"))
+        w->matching = "--FeatureMatching.use_gpu";
+}
+
+static void ask_names(work *w)
+{
+    const cln_command_watch watch = {learn_names, NULL, w, NULL};
+
+    w->extraction = "--SiftExtraction.use_gpu";
+    w->matching = "--SiftMatching.use_gpu";
+    if (cln_command_run((const char *const[]){"colmap", "feature_extractor", "-h", NULL}, &watch) !=
+            CLN_OK ||
+        cln_command_run((const char *const[]){"colmap", "exhaustive_matcher", "-h", NULL},
+                        &watch) != CLN_OK)
+        cln_clear_error(); /* some versions end help with another code than 0 */
+}
+
+/* ---- photos ---- */
+
+static bool is_video(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+    char word[16];
+
+    if (!dot || strlen(dot) > 6)
+        return false;
+    snprintf(word, sizeof word, " %s ", dot + 1);
+    for (char *c = word; *c; c++)
+        *c = (char)tolower((unsigned char)*c);
+    return strstr(videos, word) != NULL;
+}
+
+static void read_duration(const char *line, void *user)
+{
+    double seconds = 0;
+
+    if (sscanf(line, "%lf", &seconds) == 1 && seconds > 0)
+        ((work *)user)->duration = seconds;
+}
+
+static cln_status take_frames(work *w)
+{
+    cln_status st = CLN_OK;
+    const char *video = w->desc->photos;
+    const int frames = w->desc->frames > 0 ? w->desc->frames : FRAMES;
+    const cln_command_watch watch = {read_duration, is_interrupted, w, w->log};
+    char *rate = NULL, *names = NULL;
+
+    if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
+        CLN_TRY(
+            cln_fail(CLN_FAILED,
+                     "%s: frames are taken from a video by ffmpeg, which is not installed "
+                     "(Debian: apt install ffmpeg); or take pictures from it in another way and "
+                     "give their folder",
+                     video));
+    CLN_TRY(cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
+                                                  "format=duration", "-of", "csv=p=0", video, NULL},
+                            &watch));
+    if (!(w->duration > 0))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?", video));
+    CLN_TRY(cln_asprintf(&rate, "fps=%.6f", frames / w->duration));
+    CLN_TRY(cln_path_join(&names, w->images, "frame_%05d.jpg"));
+    CLN_TRY(run(w, "poses: frames",
+                (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", video, "-vf",
+                                      rate, "-qscale:v", "2", names, NULL}));
+done:
+    free(rate);
+    free(names);
+    return st;
+}
+
+/* Links or copies a photo; one that is there already must be the same. */
+static cln_status copy_file(const char *from, const char *to)
+{
+    cln_status st = CLN_OK;
+    char *data = NULL, *there = NULL;
+    size_t bytes = 0, there_bytes = 0;
+
+    if (link(from, to) == 0)
+        return CLN_OK;
+    CLN_TRY(cln_read_file(from, FILE_MOST, &data, &bytes));
+    if (cln_is_file(to)) {
+        CLN_TRY(cln_read_file(to, FILE_MOST, &there, &there_bytes));
+        if (bytes != there_bytes || memcmp(data, there, bytes) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s: already there, and is another photo; give an empty folder with "
+                             "-o",
+                             to));
+        goto done;
+    }
+    CLN_TRY(cln_write_file(to, data, bytes));
+done:
+    free(data);
+    free(there);
+    return st;
+}
+
+/* Links the photos into the scene, unless they are there. */
+static cln_status take_photos(work *w)
+{
+    cln_status st = CLN_OK;
+    char *from = NULL, *to = NULL, *there = NULL, *here = NULL;
+    cln_names photos = {0};
+
+    CLN_TRY(cln_path_absolute(&there, w->desc->photos));
+    CLN_TRY(cln_path_absolute(&here, w->images));
+    if (strcmp(there, here) == 0)
+        goto done;
+    CLN_TRY(cln_dataset_images(there, &photos));
+    for (int i = 0; i < photos.count; i++) {
+        char *slash = NULL;
+
+        free(from);
+        free(to);
+        from = to = NULL;
+        CLN_TRY(cln_path_join(&from, there, photos.name[i]));
+        CLN_TRY(cln_path_join(&to, w->images, photos.name[i]));
+        slash = strrchr(to, '/');
+        *slash = 0;
+        CLN_TRY(cln_make_dirs(to));
+        *slash = '/';
+        CLN_TRY(copy_file(from, to));
+    }
+done:
+    cln_dataset_free_names(&photos);
+    free(from);
+    free(to);
+    free(there);
+    free(here);
+    return st;
+}
+
+/* The number at the end of a name, before its extension; -1 without. */
+static long number_of(const char *name)
+{
+    const char *dot = strrchr(name, '.'), *at = dot ? dot : name + strlen(name);
+    const char *end = at;
+
+    while (at > name && isdigit((unsigned char)at[-1]))
+        at--;
+    return at == end || end - at > 9 ? -1 : strtol(at, NULL, 10);
+}
+
+static int by_name(const void *a, const void *b)
+{
+    return cln_natural_compare(*(char *const *)a, *(char *const *)b);
+}
+
+/* Are the photos numbered in the order of their names, with few gaps? */
+static bool in_sequence(const cln_names *photos)
+{
+    int steps = 0;
+
+    for (int i = 1; i < photos->count; i++) {
+        const long before = number_of(photos->name[i - 1]), now = number_of(photos->name[i]);
+
+        steps += before >= 0 && now > before && now <= before + 3;
+    }
+    return steps >= 0.9 * (photos->count - 1);
+}
+
+static cln_status same_sizes(const work *w, bool *same)
+{
+    cln_status st = CLN_OK;
+    int first[2] = {0}, width = 0, height = 0, channels = 0;
+    char *path = NULL;
+
+    *same = true;
+    for (int i = 0; i < w->photos.count; i++) {
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, w->images, w->photos.name[i]));
+        CLN_TRY(cln_image_info(path, &width, &height, &channels));
+        if (i == 0) {
+            first[0] = width;
+            first[1] = height;
+        }
+        *same = *same && width == first[0] && height == first[1];
+    }
+done:
+    free(path);
+    return st;
+}
+
+/* ---- the scene ---- */
+
+static cln_status check_folder(const work *w)
+{
+    const char *out = w->desc->out;
+    cln_status st = CLN_OK;
+
+    if (cln_dataset_has_folder(out, "sparse"))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: it has poses already (sparse); give another folder with -o, or "
+                         "remove that one",
+                         out));
+    if (!cln_is_dir(w->desc->photos) && !is_video(w->desc->photos))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video", w->desc->photos));
+    if (!cln_command_found("colmap"))
+        CLN_TRY(cln_fail(CLN_FAILED,
+                         "poses are found by COLMAP, which is not installed (Debian: apt install "
+                         "colmap; https://colmap.github.io); or bring poses of another program "
+                         "(`cl-nascent help`)"));
+done:
+    return st;
+}
+
+static int remove_one(const char *path, const struct stat *info, int kind, struct FTW *where)
+{
+    (void)info;
+    (void)kind;
+    (void)where;
+    return remove(path);
+}
+
+/* Of an attempt before this one: no poses came of it. */
+static void remove_rest(const work *w)
+{
+    enum { OPEN = 8 };
+
+    (void)unlink(w->database);
+    if (cln_is_dir(w->sparse))
+        (void)nftw(w->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS);
+}
+
+static cln_status set_up(work *w)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_path_join(&w->images, w->desc->out, "images"));
+    CLN_TRY(cln_path_join(&w->database, w->desc->out, "colmap.db"));
+    CLN_TRY(cln_path_join(&w->log_path, w->desc->out, "colmap.log"));
+    CLN_TRY(cln_path_join(&w->sparse, w->desc->out, "sparse.new"));
+    CLN_TRY(cln_make_dirs(w->images));
+    remove_rest(w);
+    w->log = fopen(w->log_path, "w");
+    if (!w->log)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));
+    if (is_video(w->desc->photos))
+        CLN_TRY(take_frames(w));
+    else
+        CLN_TRY(take_photos(w));
+    CLN_TRY(cln_dataset_images(w->images, &w->photos));
+    qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
+    w->result->photos = w->photos.count;
+    if (w->photos.count < 3)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d PNG or JPEG photos; poses need three at least",
+                         w->desc->photos, w->photos.count));
+done:
+    return st;
+}
+
+static cln_status find_features(work *w)
+{
+    cln_status st = CLN_OK;
+    bool same = false;
+
+    CLN_TRY(same_sizes(w, &same));
+    cln_info("%d photos, %s", w->photos.count,
+             same ? "all of one size: one camera" : "of several sizes: a camera for each");
+    /* few photos do not tell four parameters of a lens */
+    CLN_TRY(run(w, "poses: features",
+                (const char *const[]){"colmap", "feature_extractor", "--database_path", w->database,
+                                      "--image_path", w->images, "--ImageReader.camera_model",
+                                      w->photos.count < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
+                                      "--ImageReader.single_camera", same ? "1" : "0",
+                                      w->extraction, "0", NULL}));
+    if (w->result->focal_lengths)
+        cln_info("EXIF tells the focal length of %d photos", w->result->focal_lengths);
+    else
+        cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
+done:
+    return st;
+}
+
+static cln_status match(work *w)
+{
+    const char *how = w->desc->match ? w->desc->match : "auto";
+    const bool automatic = strcmp(how, "auto") == 0;
+    const bool ordered = is_video(w->desc->photos) || in_sequence(&w->photos);
+    const bool next = automatic ? w->photos.count > FEW && ordered : strcmp(how, "next") == 0;
+    char overlap[16];
+
+    snprintf(overlap, sizeof overlap, "%d", NEXT);
+    if (next) {
+        cln_info("matching each photo with the next %d, as there are many and they are numbered",
+                 NEXT);
+        return run(w, "poses: matches",
+                   (const char *const[]){"colmap", "sequential_matcher", "--database_path",
+                                         w->database, "--SequentialMatching.overlap", overlap,
+                                         w->matching, "0", NULL});
+    }
+    cln_info("matching all photos with all: %lld pairs",
+             (long long)w->photos.count * (w->photos.count - 1) / 2);
+    if (w->photos.count > MANY)
+        cln_warn("%d photos in no order take hours to match; --match next, if they were taken one "
+                 "after the other",
+                 w->photos.count);
+    return run(w, "poses: matches",
+               (const char *const[]){"colmap", "exhaustive_matcher", "--database_path", w->database,
+                                     w->matching, "0", NULL});
+}
+
+/* Number of images of a model: the first number of images.bin. */
+static int images_of(const char *model)
+{
+    char *path = NULL, *data = NULL;
+    size_t bytes = 0;
+    uint64_t count = 0;
+
+    if (cln_path_join(&path, model, "images.bin") == CLN_OK &&
+        cln_read_file(path, FILE_MOST, &data, &bytes) == CLN_OK && bytes >= sizeof count)
+        memcpy(&count, data, sizeof count);
+    cln_clear_error();
+    free(path);
+    free(data);
+    return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
+}
+
+/* COLMAP writes a model for each part of the photos that hangs together: the largest becomes 0. */
+static cln_status choose_model(work *w)
+{
+    cln_status st = CLN_OK;
+    char *model[2] = {0}, *kept = NULL, *final = NULL;
+    int best = -1, most = 0, models = 0;
+
+    for (int i = 0; i < MODELS; i++) {
+        char name[16];
+        int count = 0;
+
+        snprintf(name, sizeof name, "%d", i);
+        free(model[0]);
+        model[0] = NULL;
+        CLN_TRY(cln_path_join(&model[0], w->sparse, name));
+        count = images_of(model[0]);
+        models += count > 0;
+        if (count > most) {
+            most = count;
+            best = i;
+        }
+    }
+    if (best < 0)
+        CLN_TRY(cln_fail(CLN_FAILED,
+                         "%s: COLMAP found no poses: the photos show too little in common. Take "
+                         "more, at most 20 degrees apart, sharp, of something with texture that "
+                         "does not move (%s)",
+                         w->desc->photos, w->log_path));
+    if (models > 1)
+        cln_warn("the photos fall into %d parts without a link: the largest is taken; the others "
+                 "are beside it in sparse",
+                 models);
+    if (best > 0) {
+        char name[16];
+
+        snprintf(name, sizeof name, "%d", best);
+        CLN_TRY(cln_path_join(&model[1], w->sparse, name));
+        free(model[0]);
+        model[0] = NULL;
+        CLN_TRY(cln_path_join(&model[0], w->sparse, "0"));
+        CLN_TRY(cln_path_join(&kept, w->sparse, "aside"));
+        if (rename(model[0], kept) || rename(model[1], model[0]) || rename(kept, model[1]))
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->sparse, strerror(errno)));
+    }
+    CLN_TRY(cln_path_join(&final, w->desc->out, "sparse"));
+    if (rename(w->sparse, final))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", final, strerror(errno)));
+done:
+    free(model[0]);
+    free(model[1]);
+    free(kept);
+    free(final);
+    return st;
+}
+
+static cln_status map(work *w)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_make_dirs(w->sparse));
+    st = run(w, "poses: registered photos",
+             (const char *const[]){"colmap", "mapper", "--database_path", w->database,
+                                   "--image_path", w->images, "--output_path", w->sparse, NULL});
+    if (st == CLN_FAILED && strstr(cln_error_text(), "failed to create sparse model")) {
+        cln_clear_error(); /* what that means, and what to do, is told better below */
+        st = CLN_OK;
+    }
+    CLN_TRY(st);
+    CLN_TRY(choose_model(w));
+done:
+    return st;
+}
+
+/* Reads the scene as train will, and finds the photos without a pose. */
+static cln_status count_registered(work *w)
+{
+    cln_status st = CLN_OK;
+    cln_settings *settings = NULL;
+    cln_scene *scene = NULL;
+    char names[1024] = "";
+    int missing = 0;
+
+    CLN_TRY(cln_settings_create(NULL, &settings));
+    CLN_TRY(cln_settings_set(settings, "format", "colmap"));
+    CLN_TRY(cln_settings_set(settings, "holdout", "0"));
+    CLN_TRY(cln_scene_load(
+        &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
+        &scene));
+    w->result->registered = scene->view_count;
+    for (int i = 0; i < w->photos.count; i++) {
+        bool there = false;
+
+        for (int k = 0; k < scene->view_count && !there; k++)
+            there = strcmp(scene->views[k].name, w->photos.name[i]) == 0;
+        if (!there && missing++ < NAMED)
+            snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s",
+                     *names ? ", " : "", w->photos.name[i]);
+    }
+    if (missing)
+        cln_warn("%d of %d photos have no pose and are left out: %s%s", missing, w->photos.count,
+                 names, missing > NAMED ? ", ..." : "");
+done:
+    cln_scene_free(scene);
+    cln_settings_free(settings);
+    return st;
+}
+
+cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
+{
+    cln_status st = CLN_OK;
+    work w = {.desc = desc, .result = result};
+
+    memset(result, 0, sizeof *result);
+    CLN_TRY(check_folder(&w));
+    ask_names(&w);
+    CLN_TRY(set_up(&w));
+    CLN_TRY(find_features(&w));
+    CLN_TRY(match(&w));
+    CLN_TRY(map(&w));
+    CLN_TRY(count_registered(&w));
+done:
+    if (w.log)
+        fclose(w.log);
+    cln_dataset_free_names(&w.photos);
+    free(w.images);
+    free(w.database);
+    free(w.sparse);
+    free(w.log_path);
+    return st;
+}

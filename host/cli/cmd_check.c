@@ -1,0 +1,169 @@
+/* `cl-nascent check`: the library's JSON about a scene, as it is or as sentences: what was found,
+ * likely faults first, then the measures that people look for. */
+#include "cli/commands.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/log.h"
+#include "base/text.h"
+#include "cli/console.h"
+
+enum { COLUMNS = 96 };
+
+/* A text in lines of at most COLUMNS, all but the first indented. */
+static void print_wrapped(int column, int indent, const char *text)
+{
+    bool first = true;
+
+    while (*text) {
+        const int word = (int)strcspn(text, " ");
+
+        if (!first && column + 1 + word > COLUMNS) {
+            printf("\n%*s", indent, "");
+            column = indent;
+        } else if (!first) {
+            column += printf(" ");
+        }
+        column += printf("%.*s", word, text);
+        text += word + strspn(text + word, " ");
+        first = false;
+    }
+    putchar('\n');
+}
+
+static double number(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+
+    return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
+static const char *text_of(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+
+    return text ? text : "-";
+}
+
+static void print_findings(const json_t *findings)
+{
+    const size_t count = json_array_size(findings);
+    size_t faults = 0;
+
+    for (size_t i = 0; i < count; i++)
+        faults += json_is_true(json_object_get(json_array_get(findings, i), "likely_fault"));
+    printf("%zu likely fault%s, %zu remark%s\n", faults, faults == 1 ? "" : "s", count - faults,
+           count - faults == 1 ? "" : "s");
+    for (size_t i = 0; i < count; i++) {
+        const json_t *one = json_array_get(findings, i);
+        const bool fault = json_is_true(json_object_get(one, "likely_fault"));
+        const int column = printf("  %s %s: ", fault ? "FAULT " : "remark", text_of(one, "what"));
+
+        print_wrapped(column, 9, text_of(one, "text"));
+    }
+}
+
+static void print_measures(const json_t *document)
+{
+    const json_t *measures = json_object_get(document, "measures");
+    const json_t *scene = json_object_get(document, "scene");
+    const json_t *splits = json_object_get(scene, "splits");
+    char line[512];
+
+    snprintf(line, sizeof line, "%.0f train, %.0f val, %.0f test, as %s; %s",
+             number(splits, "train"), number(splits, "val"), number(splits, "test"),
+             text_of(scene, "dialect"), text_of(scene, "split_rule"));
+    print_wrapped(printf("photos   "), 9, line);
+    snprintf(line, sizeof line, "%.0f inside the cube, %.0f outside; field of view %.3g to %.3g",
+             number(measures, "cameras_inside"), number(measures, "cameras_outside"),
+             number(measures, "fov_least"), number(measures, "fov_most"));
+    print_wrapped(printf("cameras  "), 9, line);
+    snprintf(line, sizeof line,
+             "half side %.6g, %s; %.1f%% of the training rays meet it, it holds %.0f%% of what the "
+             "photos show",
+             number(scene, "half"), text_of(scene, "bounds_rule"),
+             100 * number(measures, "cube_share"), 100 * number(measures, "points_inside"));
+    print_wrapped(printf("cube     "), 9, line);
+    snprintf(line, sizeof line,
+             "%.0f%% of %.0f marks that two photos share lie where both poses put them; a photo "
+             "shares much with %.2g of those that it was compared with",
+             100 * number(measures, "agreeing_share"), number(measures, "ties"),
+             number(measures, "mean_partners"));
+    print_wrapped(printf("overlap  "), 9, line);
+}
+
+static void print_training(const json_t *training)
+{
+    const json_t *time = json_object_get(training, "time");
+    char line[768], need[2][32], limit[2][32], duration[2][32], range[128] = "";
+
+    if (json_is_string(json_object_get(training, "no_device"))) {
+        print_wrapped(printf("training "), 9, text_of(training, "no_device"));
+        return;
+    }
+    cln_format_bytes(number(training, "device_memory"), need[0]);
+    cln_format_bytes(number(training, "device_memory_limit"), limit[0]);
+    cln_format_bytes(number(training, "host_memory"), need[1]);
+    cln_format_bytes(number(training, "host_memory_limit"), limit[1]);
+    snprintf(line, sizeof line,
+             "%s on the device (of %s), %s on the host (of %s), at the largest "
+             "tree of %.0f leaves, on %s",
+             need[0], limit[0], need[1], limit[1], number(training, "most_leaves"),
+             text_of(training, "device"));
+    print_wrapped(printf("memory   "), 9, line);
+    if (json_is_string(json_object_get(training, "no_time"))) {
+        print_wrapped(printf("time     "), 9, text_of(training, "no_time"));
+        return;
+    }
+    if (!time)
+        return;
+    cln_format_duration(number(time, "seconds_least"), duration[0]);
+    cln_format_duration(number(time, "seconds_most"), duration[1]);
+    if (!isnan(number(time, "seconds_least")))
+        snprintf(range, sizeof range, "%s to %s of training, ", duration[0], duration[1]);
+    if (!isnan(number(time, "steps_in_time_limit")))
+        snprintf(range, sizeof range, "at most about %.0f steps within --time-limit, ",
+                 number(time, "steps_in_time_limit"));
+    snprintf(line, sizeof line, "%s%.3g ms a step (%.3g to %.3g in %.0f steps). How good: %s",
+             range, 1e3 * number(time, "step_seconds"), 1e3 * number(time, "step_seconds_least"),
+             1e3 * number(time, "step_seconds_most"), number(time, "steps_timed"),
+             text_of(time, "how_good"));
+    print_wrapped(printf("time     "), 9, line);
+}
+
+cln_status cln_cmd_check(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    const cln_check_desc desc = {.scene = options->operand,
+                                 .settings = options->settings,
+                                 .device = options->device,
+                                 .probe = options->probe,
+                                 .page = options->output,
+                                 .overwrite = options->overwrite};
+    char *text = NULL;
+    json_t *document = NULL;
+
+    if (options->conf_said)
+        cln_info("settings %s", options->conf_said);
+    CLN_TRY(cln_check(&desc, &text));
+    if (options->json) {
+        CLN_TRY(cln_write_stdout(text, strlen(text)));
+        CLN_TRY(cln_write_stdout("\n", 1));
+        goto done;
+    }
+    document = json_loads(text, 0, NULL);
+    if (!json_is_object(document))
+        CLN_TRY(
+            cln_fail(CLN_INTERNAL, "%s: what was found is not a JSON object", options->operand));
+    print_findings(json_object_get(document, "findings"));
+    print_measures(document);
+    print_training(json_object_get(document, "training"));
+    if (options->output)
+        printf("page     %s\n", options->output);
+done:
+    json_decref(document);
+    free(text);
+    return st;
+}

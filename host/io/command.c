@@ -1,0 +1,156 @@
+/* See command.h. The program is this one's child with its own output in a pipe; it shares the
+ * terminal, so that it hears Ctrl-C, too. */
+#include "io/command.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "base/memory.h"
+#include "base/text.h"
+
+enum { POLL_MS = 200, LINE = 1024 };
+
+bool cln_command_found(const char *program)
+{
+    const char *path = getenv("PATH");
+    char *file = NULL;
+    bool found = false;
+
+    while (path && *path && !found) {
+        const size_t length = strcspn(path, ":");
+
+        if (length && cln_asprintf(&file, "%.*s/%s", (int)length, path, program) == CLN_OK)
+            found = access(file, X_OK) == 0;
+        free(file);
+        file = NULL;
+        path += length + (path[length] == ':');
+    }
+    return found;
+}
+
+static void write_command(FILE *log, const char *const *argv)
+{
+    char quoted[CLN_QUOTED_BYTES];
+
+    fputs("$", log);
+    for (int i = 0; argv[i]; i++)
+        fprintf(log, " %s", cln_shell_quote(argv[i], quoted, sizeof quoted));
+    fputc('\n', log);
+}
+
+static void child(const char *const *argv, int out)
+{
+    const int null = open("/dev/null", O_RDONLY);
+
+    dup2(null, STDIN_FILENO);
+    dup2(out, STDOUT_FILENO);
+    dup2(out, STDERR_FILENO);
+    close(out);
+    signal(SIGPIPE, SIG_DFL);
+    setenv("QT_QPA_PLATFORM", "offscreen", 0); /* COLMAP asks for a display otherwise */
+    execvp(argv[0], (char *const *)argv);
+    dprintf(STDERR_FILENO, "%s: %s\n", argv[0], strerror(errno));
+    _exit(127);
+}
+
+/* Lines of what is read; the last one that is not empty stays in last[]. */
+typedef struct lines {
+    char now[LINE], last[LINE];
+    size_t used;
+} lines;
+
+static void end_line(lines *l, const cln_command_watch *watch)
+{
+    l->now[l->used] = 0;
+    if (l->now[strspn(l->now, " \t")])
+        memcpy(l->last, l->now, sizeof l->last);
+    if (watch->line)
+        watch->line(l->now, watch->user);
+    l->used = 0;
+}
+
+static void take(lines *l, const char *bytes, size_t count, const cln_command_watch *watch)
+{
+    if (watch->log)
+        fwrite(bytes, 1, count, watch->log);
+    for (size_t i = 0; i < count; i++) {
+        if (bytes[i] == '\n' || bytes[i] == '\r')
+            end_line(l, watch);
+        else if (l->used < LINE - 1)
+            l->now[l->used++] = bytes[i];
+    }
+}
+
+/* Reads until the program closes its output. *stop: the signal that ended it before. */
+static void read_output(int from, pid_t pid, lines *l, const cln_command_watch *watch, int *stop)
+{
+    struct pollfd wait = {.fd = from, .events = POLLIN};
+    char bytes[4096];
+
+    for (;;) {
+        const int ready = poll(&wait, 1, POLL_MS);
+
+        if (watch->interrupted && !*stop) {
+            const int number = watch->interrupted(watch->user);
+
+            if (number == SIGINT || number == SIGTERM) {
+                *stop = number;
+                kill(pid, SIGTERM);
+            }
+        }
+        if (ready > 0) {
+            const ssize_t count = read(from, bytes, sizeof bytes);
+
+            if (count == 0 || (count < 0 && errno != EINTR))
+                break;
+            if (count > 0)
+                take(l, bytes, (size_t)count, watch);
+        }
+    }
+    if (l->used)
+        end_line(l, watch);
+}
+
+cln_status cln_command_run(const char *const *argv, const cln_command_watch *watch)
+{
+    lines l = {.used = 0};
+    int pipes[2], code = 0, stop = 0;
+    pid_t pid = 0;
+
+    if (watch->log) {
+        write_command(watch->log, argv);
+        fflush(watch->log);
+    }
+    if (pipe2(pipes, O_CLOEXEC) != 0)
+        return cln_fail(CLN_FAILED, "%s: no pipe: %s", argv[0], strerror(errno));
+    pid = fork();
+    if (pid == 0)
+        child(argv, pipes[1]);
+    close(pipes[1]);
+    if (pid < 0) {
+        close(pipes[0]);
+        return cln_fail(CLN_FAILED, "%s: cannot be started: %s", argv[0], strerror(errno));
+    }
+    read_output(pipes[0], pid, &l, watch, &stop);
+    close(pipes[0]);
+    while (waitpid(pid, &code, 0) < 0 && errno == EINTR)
+        ;
+    if (watch->log)
+        fflush(watch->log);
+    if (stop)
+        return cln_fail(stop == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal in `%s`",
+                        argv[0]);
+    if (WIFSIGNALED(code))
+        return cln_fail(CLN_FAILED, "%s %s: ended by signal %d%s", argv[0], argv[1] ? argv[1] : "",
+                        WTERMSIG(code), WTERMSIG(code) == SIGKILL ? ", maybe for memory" : "");
+    if (WEXITSTATUS(code) != 0)
+        return cln_fail(CLN_FAILED, "%s %s: ended with code %d: %s", argv[0],
+                        argv[1] ? argv[1] : "", WEXITSTATUS(code), l.last);
+    return CLN_OK;
+}

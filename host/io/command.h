@@ -1,0 +1,22 @@
+/* Other programs: found on PATH, run without a shell, their output read line by line. */
+#ifndef CLN_COMMAND_H
+#define CLN_COMMAND_H
+
+#include <stdio.h>
+#include "base/status.h"
+
+/* Is there a program of that name on PATH? */
+bool cln_command_found(const char *program);
+
+typedef struct cln_command_watch {
+    void (*line)(const char *line, void *user); /* each line of its output and errors; or NULL */
+    int (*interrupted)(void *user);             /* as cln_callbacks.interrupted; or NULL */
+    void *user;
+    FILE *log; /* gets the command and its output; or NULL */
+} cln_command_watch;
+
+/* Runs argv, NULL at its end, and waits. CLN_FAILED with its last line if it ends with another code
+ * than 0, CLN_SIGINT or CLN_SIGTERM if it was stopped for `interrupted`. */
+cln_status cln_command_run(const char *const *argv, const cln_command_watch *watch);
+
+#endif

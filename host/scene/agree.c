@@ -1,0 +1,623 @@
+/* Ties between neighbouring views and how far they agree with the poses; see agree.h.
+ *
+ * A tie agrees if its two rays meet, up to TOLERANCE pixels: if d1, d2 are their directions and b
+ * is the way from one camera to the other, (b x d1) . d2 = 0, whatever the distance is, and the
+ * place lies before both cameras. A false tie does so by chance in a few cases of a hundred. */
+#include "scene/agree.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "base/number.h"
+
+/* Views that are compared with others, and with how many; ties of all that other readings are tried
+ * on; photos that are compared with all others. */
+enum { ASKED = 96, NEIGHBOURS = 3, TRIED = 12000, STRAYS = 8 };
+/* Fewest ties that tell anything of a set; of a view; agreeing ties of partners. */
+enum { FEWEST = 100, FEWEST_OF_VIEW = 8, PARTNERS_SHARE = 6 };
+static const double TOLERANCE = 2;    /* pixels of the size that was looked at */
+static const double STRICT = 0.25;    /* share of it for focal lengths, which change little */
+static const double GOOD = 0.5;       /* share of agreeing ties of a set that tells of its views */
+static const double BAD = 0.2;        /* of a view among others that are good; their gain */
+static const double STRAY = 0.7;      /* of a view over that of all */
+static const double FAR_APART = 3e-4; /* squared sine of the angle that tells a distance: 1 deg */
+
+const cln_reading cln_readings[CLN_READINGS] = {
+    {"as given", "", {1, 0, 0, 0, 1, 0, 0, 0, 1}, false},
+    {"with the axes of the other convention",
+     "in a transforms file, axes are OpenGL's (y up, z backwards); if this one has OpenCV's (y "
+     "down, z forward), negate the second and third column of each matrix",
+     {1, 0, 0, 0, -1, 0, 0, 0, -1},
+     false},
+    {"as world-to-camera matrices", "invert each matrix", {1, 0, 0, 0, 1, 0, 0, 0, 1}, true},
+    {"as world-to-camera matrices in the other convention's axes",
+     "invert each matrix",
+     {1, 0, 0, 0, -1, 0, 0, 0, -1},
+     true},
+    {"of photos upside down", "turn the photos", {-1, 0, 0, 0, -1, 0, 0, 0, 1}, false},
+    {"of photos turned to the left", "turn the photos", {0, -1, 0, 1, 0, 0, 0, 0, 1}, false},
+    {"of photos turned to the right", "turn the photos", {0, 1, 0, -1, 0, 0, 0, 0, 1}, false},
+    {"of mirrored photos", "mirror the photos", {-1, 0, 0, 0, 1, 0, 0, 0, 1}, false},
+};
+
+typedef struct work {
+    const cln_scene *scene;
+    cln_agreement *out;
+    cln_features *features; /* [view]; list NULL: not found yet */
+    double reach;           /* typical distance of a camera from the middle of all */
+    int capacity;
+} work;
+
+static const cln_camera *camera_of(const work *w, int view)
+{
+    return &w->scene->views[view].camera;
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++)
+        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
+/* ---- two rays ---- */
+
+/* Where two rays come nearest to each other, along them; false if they are too parallel to tell. */
+static bool nearest(const double b[3], const double d1[3], const double d2[3], double *s, double *t)
+{
+    const double c = dot(d1, d2), far = 1 - c * c;
+
+    *s = (dot(d1, b) - c * dot(d2, b)) / far;
+    *t = (c * dot(d1, b) - dot(d2, b)) / far;
+    return far > FAR_APART;
+}
+
+static bool agrees(const double o1[3], const double d1[3], const double o2[3], const double d2[3],
+                   double tolerance)
+{
+    const double b[3] = {o2[0] - o1[0], o2[1] - o1[1], o2[2] - o1[2]};
+    double n1[3], n2[3], s = 0, t = 0, size = 0;
+
+    cross(b, d1, n1);
+    cross(b, d2, n2);
+    size = sqrt(dot(n1, n1) + dot(n2, n2));
+    if (!(fabs(dot(n1, d2)) <= tolerance * size) || size <= 1e-9 * sqrt(dot(b, b)))
+        return false;
+    return !nearest(b, d1, d2, &s, &t) || (s > 0 && t > 0);
+}
+
+static void read_pose(const cln_reading *reading, const double given[12], double out[12])
+{
+    double turned[12];
+
+    memcpy(turned, given, sizeof turned);
+    if (reading->inverse) {
+        double m[12];
+
+        /* the reader has turned the axes of the file's matrix already, maybe */
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 4; k++)
+                m[4 * i + k] = given[4 * i + k] * (k < 3 ? reading->axes[4 * k] : 1);
+        for (int i = 0; i < 3; i++) {
+            turned[4 * i + 3] = 0;
+            for (int k = 0; k < 3; k++) {
+                turned[4 * i + k] = m[4 * k + i];
+                turned[4 * i + 3] -= m[4 * k + i] * m[4 * k + 3];
+            }
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        out[4 * i + 3] = turned[4 * i + 3];
+        for (int k = 0; k < 3; k++) {
+            out[4 * i + k] = 0;
+            for (int j = 0; j < 3; j++)
+                out[4 * i + k] += turned[4 * i + j] * reading->axes[3 * j + k];
+        }
+    }
+}
+
+static cln_camera as_read(const cln_camera *given, const cln_reading *reading, double focal)
+{
+    cln_camera c = *given;
+
+    read_pose(reading, given->c2w, c.c2w);
+    c.fx *= focal;
+    c.fy *= focal;
+    return c;
+}
+
+static double tolerance_of(const work *w, int view)
+{
+    return TOLERANCE * w->features[view].pixel / camera_of(w, view)->fx;
+}
+
+/* strict: the share of the tolerance that counts. */
+static bool tie_agrees(const work *w, const cln_tie *tie, const cln_reading *reading, double focal,
+                       double strict)
+{
+    const cln_camera a = as_read(camera_of(w, tie->a), reading, focal);
+    const cln_camera b = as_read(camera_of(w, tie->b), reading, focal);
+    double o1[3], d1[3], o2[3], d2[3];
+
+    return cln_camera_ray(&a, tie->ua, tie->va, o1, d1) &&
+           cln_camera_ray(&b, tie->ub, tie->vb, o2, d2) &&
+           agrees(o1, d1, o2, d2, strict * tolerance_of(w, tie->a) / focal);
+}
+
+/* ---- neighbours ---- */
+
+/* How unlike two views are: by places, in typical distances, and by directions, in 45 degrees.
+ * INFINITY for two in one place, whose rays meet for any distance. */
+static double unlike(const work *w, int a, int b)
+{
+    const double *m = camera_of(w, a)->c2w, *n = camera_of(w, b)->c2w;
+    double way = 0, cosine = 0;
+
+    for (int i = 0; i < 3; i++) {
+        way += (m[4 * i + 3] - n[4 * i + 3]) * (m[4 * i + 3] - n[4 * i + 3]);
+        cosine += m[4 * i + 2] * n[4 * i + 2];
+    }
+    if (sqrt(way) <= 1e-6 * w->reach)
+        return INFINITY;
+    return sqrt(way) / w->reach + acos(fmax(-1, fmin(1, cosine))) / 0.7853981633974483;
+}
+
+static cln_status find_reach(work *w)
+{
+    cln_status st = CLN_OK;
+    const int count = w->scene->view_count;
+    double *values = NULL, middle[3];
+
+    CLN_TRY(cln_alloc(&values, (size_t)count, sizeof *values, "cameras"));
+    for (int a = 0; a < 3; a++) {
+        for (int i = 0; i < count; i++)
+            values[i] = camera_of(w, i)->c2w[4 * a + 3];
+        cln_reals_sort(values, count);
+        middle[a] = values[count / 2];
+    }
+    for (int i = 0; i < count; i++) {
+        values[i] = 0;
+        for (int a = 0; a < 3; a++)
+            values[i] += pow(camera_of(w, i)->c2w[4 * a + 3] - middle[a], 2);
+    }
+    cln_reals_sort(values, count);
+    w->reach = sqrt(values[count / 2]);
+    if (!(w->reach > 0))
+        w->reach = 1;
+done:
+    free(values);
+    return st;
+}
+
+static void find_neighbours(const work *w, int view, int out[NEIGHBOURS], int *count)
+{
+    double best[NEIGHBOURS];
+
+    *count = 0;
+    for (int i = 0; i < w->scene->view_count; i++) {
+        const double here = i == view ? INFINITY : unlike(w, view, i);
+        int place = *count;
+
+        if (here == INFINITY)
+            continue;
+        for (; place > 0 && best[place - 1] > here; place--)
+            if (place < NEIGHBOURS) {
+                best[place] = best[place - 1];
+                out[place] = out[place - 1];
+            }
+        if (place < NEIGHBOURS) {
+            best[place] = here;
+            out[place] = i;
+            *count += *count < NEIGHBOURS;
+        }
+    }
+}
+
+static cln_status need_features(work *w, int view)
+{
+    if (w->features[view].list)
+        return CLN_OK;
+    return cln_features_find(&w->scene->views[view], &w->features[view]);
+}
+
+/* ---- ties ---- */
+
+static cln_status add_ties(work *w, int a, int b, const cln_match *matches, int count)
+{
+    cln_status st = CLN_OK;
+    cln_agreement *out = w->out;
+
+    if (out->tie_count + count > w->capacity) {
+        const int capacity = 2 * (out->tie_count + count);
+        cln_tie *longer = NULL;
+
+        CLN_TRY(cln_alloc(&longer, (size_t)capacity, sizeof *longer, "ties"));
+        if (out->tie_count)
+            memcpy(longer, out->ties, (size_t)out->tie_count * sizeof *longer);
+        free(out->ties);
+        out->ties = longer;
+        w->capacity = capacity;
+    }
+    for (int i = 0; i < count; i++) {
+        const cln_feature *f = &w->features[a].list[matches[i].a];
+        const cln_feature *g = &w->features[b].list[matches[i].b];
+
+        out->ties[out->tie_count++] = (cln_tie){.a = a,
+                                                .b = b,
+                                                .ua = f->u,
+                                                .va = f->v,
+                                                .ub = g->u,
+                                                .vb = g->v,
+                                                .value_a = f->value,
+                                                .value_b = g->value,
+                                                .kept_a = f->kept,
+                                                .kept_b = g->kept};
+    }
+done:
+    return st;
+}
+
+static cln_status compare(work *w, int a, int b)
+{
+    cln_status st = CLN_OK;
+    cln_match matches[CLN_FEATURES_MOST];
+
+    for (int i = 0; i < w->out->tie_count; i++) /* this pair was compared before */
+        if ((w->out->ties[i].a == a && w->out->ties[i].b == b) ||
+            (w->out->ties[i].a == b && w->out->ties[i].b == a))
+            return CLN_OK;
+    CLN_TRY(need_features(w, a));
+    CLN_TRY(need_features(w, b));
+    w->out->views[a].looked_at = w->out->views[b].looked_at = true;
+    CLN_TRY(
+        add_ties(w, a, b, matches, cln_features_match(&w->features[a], &w->features[b], matches)));
+    w->out->pairs++;
+done:
+    return st;
+}
+
+/* Each view that is asked with its neighbours by pose, and with the next by name: photos are mostly
+ * taken in order, and poses may be wrong. */
+static cln_status find_ties(work *w)
+{
+    cln_status st = CLN_OK;
+    const int count = w->scene->view_count, asked = count < ASKED ? count : ASKED;
+
+    for (int i = 0; i < asked; i++) {
+        const int view = (int)((int64_t)i * count / asked);
+        int neighbours[NEIGHBOURS], found = 0;
+
+        find_neighbours(w, view, neighbours, &found);
+        for (int k = 0; k < found; k++)
+            CLN_TRY(compare(w, view, neighbours[k]));
+        if (view + 1 < count && unlike(w, view, view + 1) < INFINITY)
+            CLN_TRY(compare(w, view, view + 1));
+    }
+    for (int i = 0; i < count; i++) {
+        w->out->looked_at += w->out->views[i].looked_at;
+        w->out->views[i].features = w->features[i].count;
+    }
+done:
+    return st;
+}
+
+/* ---- what agrees ---- */
+
+static double share_of_reading(const work *w, const cln_reading *reading, double focal,
+                               double strict)
+{
+    const int step = w->out->tie_count / TRIED + 1;
+    int met = 0, asked = 0;
+
+    for (int i = 0; i < w->out->tie_count; i += step) {
+        met += tie_agrees(w, &w->out->ties[i], reading, focal, strict);
+        asked++;
+    }
+    return asked ? (double)met / asked : 0;
+}
+
+static void try_readings(work *w)
+{
+    cln_agreement *out = w->out;
+
+    for (int i = 0; i < CLN_READINGS; i++) {
+        const double share = share_of_reading(w, &cln_readings[i], 1, 1);
+
+        if (i == 0 || share > out->reading_share) {
+            out->reading = i;
+            out->reading_share = share;
+        }
+    }
+    out->focal = 1;
+    out->strict_share = out->focal_share =
+        share_of_reading(w, &cln_readings[out->reading], 1, STRICT);
+    for (int i = -20; i <= 20; i++) { /* 1/2.65 to 2.65 */
+        const double focal = pow(1.05, i);
+        const double share = share_of_reading(w, &cln_readings[out->reading], focal, STRICT);
+
+        if (share > out->focal_share) {
+            out->focal = focal;
+            out->focal_share = share;
+        }
+    }
+}
+
+static void count_agreeing(work *w)
+{
+    cln_agreement *out = w->out;
+    int before = -1, good = 0;
+    int64_t kept = 0;
+
+    for (int i = 0; i < out->tie_count; i++) {
+        cln_tie *t = &out->ties[i];
+        cln_agree_view *a = &out->views[t->a], *b = &out->views[t->b];
+
+        t->agrees = tie_agrees(w, t, &cln_readings[0], 1, 1);
+        a->ties++;
+        b->ties++;
+        a->agreeing += t->agrees;
+        b->agreeing += t->agrees;
+        out->agreeing += t->agrees;
+        kept += t->agrees * (t->kept_a + t->kept_b);
+        good = before == t->a * w->scene->view_count + t->b ? good + t->agrees : t->agrees;
+        before = t->a * w->scene->view_count + t->b; /* ties of a pair follow each other */
+        if (t->agrees && good == PARTNERS_SHARE) {
+            a->partners++;
+            b->partners++;
+        }
+    }
+    out->share = out->tie_count < FEWEST ? NAN : (double)out->agreeing / out->tie_count;
+    out->kept_share = out->agreeing < FEWEST ? NAN : (double)kept / (2 * out->agreeing);
+}
+
+/* ---- single views ---- */
+
+/* Ties of this photo with the neighbours of the pose, if it were taken there: how many agree. */
+static cln_status try_pose(work *w, int photo, int pose, int *ties, int *agreeing)
+{
+    cln_status st = CLN_OK;
+    const cln_camera *there = camera_of(w, pose);
+    cln_match matches[CLN_FEATURES_MOST];
+    int neighbours[NEIGHBOURS], found = 0;
+
+    *ties = *agreeing = 0;
+    find_neighbours(w, pose, neighbours, &found);
+    CLN_TRY(need_features(w, photo));
+    for (int k = 0; k < found; k++) {
+        int count = 0;
+
+        if (neighbours[k] == photo || w->out->views[neighbours[k]].bad)
+            continue;
+        CLN_TRY(need_features(w, neighbours[k]));
+        count = cln_features_match(&w->features[photo], &w->features[neighbours[k]], matches);
+        for (int i = 0; i < count; i++) {
+            const cln_feature *f = &w->features[photo].list[matches[i].a];
+            const cln_feature *g = &w->features[neighbours[k]].list[matches[i].b];
+            double o1[3], d1[3], o2[3], d2[3];
+
+            *agreeing += cln_camera_ray(there, f->u, f->v, o1, d1) &&
+                         cln_camera_ray(camera_of(w, neighbours[k]), g->u, g->v, o2, d2) &&
+                         agrees(o1, d1, o2, d2, tolerance_of(w, photo));
+        }
+        *ties += count;
+    }
+done:
+    return st;
+}
+
+/* Does the photo show what other photos show, wherever those are? */
+static bool is_related(const work *w, int photo)
+{
+    enum { MANY = 24 };
+    cln_match matches[CLN_FEATURES_MOST];
+
+    for (int i = 0; i < w->scene->view_count; i++)
+        if (i != photo && w->features[i].list &&
+            cln_features_match(&w->features[photo], &w->features[i], matches) >= MANY)
+            return true;
+    return false;
+}
+
+static double share_of_view(const cln_agree_view *v)
+{
+    return (double)v->agreeing / (v->ties + 1);
+}
+
+/* The views whose ties agree less than most, the worst first. */
+static int find_strays(const work *w, int strays[STRAYS])
+{
+    const cln_agreement *out = w->out;
+    int count = 0;
+
+    for (int i = 0; i < w->scene->view_count; i++) {
+        const double share = share_of_view(&out->views[i]);
+        int place = count;
+
+        if (!out->views[i].looked_at || out->views[i].features < FEWEST_OF_VIEW ||
+            share > STRAY * out->share)
+            continue;
+        for (; place > 0 && share_of_view(&out->views[strays[place - 1]]) > share; place--)
+            if (place < STRAYS)
+                strays[place] = strays[place - 1];
+        if (place < STRAYS) {
+            strays[place] = i;
+            count += count < STRAYS;
+        }
+    }
+    return count;
+}
+
+/* A view is bad if hardly any of its ties agree although its photo is related to others; or if its
+ * photo fits the pose of another stray and not its own. A neighbour of a bad one has bad ties with
+ * it, but good ones with others. */
+static cln_status find_bad(work *w)
+{
+    cln_status st = CLN_OK;
+    cln_agreement *out = w->out;
+    int strays[STRAYS], count = 0;
+
+    for (int i = 0; i < w->scene->view_count; i++)
+        out->views[i].pose_of = -1;
+    if (!(out->share >= GOOD))
+        goto done;
+    count = find_strays(w, strays);
+    for (int i = 0; i < count; i++) {
+        cln_agree_view *v = &out->views[strays[i]];
+        int ties = 0, agreeing = 0;
+        double own = 0, best = 0;
+
+        v->bad = v->partners == 0 && share_of_view(v) < BAD && is_related(w, strays[i]);
+        CLN_TRY(try_pose(w, strays[i], strays[i], &ties, &agreeing));
+        own = (double)agreeing / (ties + 1);
+        for (int k = 0; k < count; k++) {
+            if (i == k)
+                continue;
+            CLN_TRY(try_pose(w, strays[i], strays[k], &ties, &agreeing));
+            if (agreeing >= FEWEST_OF_VIEW &&
+                (double)agreeing / (ties + 1) > fmax(best, own + BAD)) {
+                best = (double)agreeing / (ties + 1);
+                v->pose_of = strays[k];
+            }
+        }
+    }
+    for (int i = 0; i < count; i++) { /* both ways, else the one is just near the other */
+        cln_agree_view *v = &out->views[strays[i]];
+
+        if (v->pose_of >= 0 && out->views[v->pose_of].pose_of == strays[i])
+            v->bad = out->views[v->pose_of].bad = true;
+    }
+done:
+    return st;
+}
+
+/* ---- brightness ---- */
+
+/* Of each pair, the median ratio of brightness of what both show; then one value for each view, so
+ * that their differences are nearest to the pairs', by relaxation. */
+static cln_status find_exposures(work *w)
+{
+    cln_status st = CLN_OK;
+    enum { ROUNDS = 200, FEWEST_RATIOS = 8 };
+    cln_agreement *out = w->out;
+    const int views = w->scene->view_count;
+    struct {
+        int a, b;
+        double ratio;
+    } *pairs = NULL;
+    double *ratios = NULL, *sum = NULL, *weight = NULL;
+    int count = 0, pair_count = 0;
+
+    CLN_TRY(cln_alloc(&pairs, (size_t)out->pairs + 1, sizeof *pairs, "pairs"));
+    CLN_TRY(cln_alloc(&ratios, CLN_FEATURES_MOST + (size_t)out->pairs, sizeof *ratios, "ratios"));
+    CLN_TRY(cln_alloc(&sum, (size_t)views, sizeof *sum, "views"));
+    CLN_TRY(cln_alloc(&weight, (size_t)views, sizeof *weight, "views"));
+    for (int i = 0; i < out->tie_count; i++) {
+        const cln_tie *t = &out->ties[i];
+        const bool last = i + 1 == out->tie_count || t[1].a != t->a || t[1].b != t->b;
+
+        if (t->agrees)
+            ratios[count++] = 2.2 * log2(((double)t->value_a + .01) / ((double)t->value_b + .01));
+        if (last && count >= FEWEST_RATIOS) {
+            cln_reals_sort(ratios, count);
+            pairs[pair_count].a = t->a;
+            pairs[pair_count].b = t->b;
+            pairs[pair_count++].ratio = ratios[count / 2];
+        }
+        count = last ? 0 : count;
+    }
+    for (int v = 0; v < views; v++)
+        out->views[v].exposure = NAN;
+    for (int p = 0; p < pair_count; p++)
+        out->views[pairs[p].a].exposure = out->views[pairs[p].b].exposure = 0;
+    for (int round = 0; round < ROUNDS; round++) {
+        memset(sum, 0, (size_t)views * sizeof *sum);
+        memset(weight, 0, (size_t)views * sizeof *weight);
+        for (int p = 0; p < pair_count; p++) {
+            cln_agree_view *a = &out->views[pairs[p].a], *b = &out->views[pairs[p].b];
+
+            sum[pairs[p].a] += b->exposure + pairs[p].ratio;
+            sum[pairs[p].b] += a->exposure - pairs[p].ratio;
+            weight[pairs[p].a]++;
+            weight[pairs[p].b]++;
+        }
+        for (int v = 0; v < views; v++)
+            if (weight[v] > 0)
+                out->views[v].exposure = 0.5 * out->views[v].exposure + 0.5 * sum[v] / weight[v];
+    }
+    for (int v = 0; v < views; v++) {
+        count = 0;
+        for (int p = 0; p < pair_count; p++)
+            if (pairs[p].a == v || pairs[p].b == v)
+                ratios[count++] = pairs[p].a == v ? pairs[p].ratio : -pairs[p].ratio;
+        cln_reals_sort(ratios, count);
+        out->views[v].jump = count ? ratios[count / 2] : NAN;
+    }
+done:
+    free(pairs);
+    free(ratios);
+    free(sum);
+    free(weight);
+    return st;
+}
+
+/* ---- places ---- */
+
+static cln_status find_points(work *w)
+{
+    cln_status st = CLN_OK;
+    cln_agreement *out = w->out;
+
+    CLN_TRY(cln_alloc(&out->points, (size_t)out->agreeing, sizeof *out->points, "points"));
+    for (int i = 0; i < out->tie_count; i++) {
+        const cln_tie *tie = &out->ties[i];
+        double o1[3], d1[3], o2[3], d2[3], s = 0, t = 0;
+
+        if (!tie->agrees || !cln_camera_ray(camera_of(w, tie->a), tie->ua, tie->va, o1, d1) ||
+            !cln_camera_ray(camera_of(w, tie->b), tie->ub, tie->vb, o2, d2))
+            continue;
+        if (!nearest((const double[3]){o2[0] - o1[0], o2[1] - o1[1], o2[2] - o1[2]}, d1, d2, &s,
+                     &t))
+            continue;
+        for (int a = 0; a < 3; a++)
+            out->points[out->point_count][a] = .5 * (o1[a] + s * d1[a] + o2[a] + t * d2[a]);
+        out->point_count++;
+    }
+done:
+    return st;
+}
+
+cln_status cln_agree(const cln_scene *scene, cln_agreement *out)
+{
+    cln_status st = CLN_OK;
+    work w = {.scene = scene, .out = out};
+
+    *out = (cln_agreement){.share = NAN, .kept_share = NAN, .focal = 1};
+    CLN_TRY(cln_alloc(&out->views, (size_t)scene->view_count, sizeof *out->views, "views"));
+    CLN_TRY(cln_alloc(&w.features, (size_t)scene->view_count, sizeof *w.features, "features"));
+    CLN_TRY(find_reach(&w));
+    CLN_TRY(find_ties(&w));
+    count_agreeing(&w);
+    if (out->tie_count >= FEWEST)
+        try_readings(&w);
+    CLN_TRY(find_bad(&w));
+    CLN_TRY(find_exposures(&w));
+    CLN_TRY(find_points(&w));
+done:
+    for (int i = 0; w.features && i < scene->view_count; i++)
+        free(w.features[i].list);
+    free(w.features);
+    return st;
+}
+
+void cln_agreement_free(cln_agreement *a)
+{
+    free(a->views);
+    free(a->ties);
+    free(a->points);
+    *a = (cln_agreement){0};
+}

@@ -1,0 +1,58 @@
+/* Do the photos agree with their poses? Features that two photos share (features.h) must lie on
+ * rays that meet: here is how many do, of each photo and of all; what other axes, order or focal
+ * length would make more of them meet; and where they meet. Needs loaded pixels. */
+#ifndef CLN_AGREE_H
+#define CLN_AGREE_H
+
+#include "scene/features.h"
+
+/* A feature in two views. */
+typedef struct cln_tie {
+    int a, b; /* views */
+    float ua, va, ub, vb, value_a, value_b;
+    bool kept_a, kept_b, agrees;
+} cln_tie;
+
+/* Other readings of the poses that are tried, besides the given one. */
+typedef struct cln_reading {
+    const char *name, *advice;
+    double axes[9]; /* row-major; the camera's axes are turned by it */
+    bool inverse;   /* the matrix is inverted before */
+} cln_reading;
+
+enum { CLN_READINGS = 8 }; /* the first is the given one */
+extern const cln_reading cln_readings[CLN_READINGS];
+
+typedef struct cln_agree_view {
+    bool looked_at;     /* else the set was too large for it */
+    int features;       /* of its photo */
+    int ties, agreeing; /* with other views */
+    int partners;       /* other views with which several ties agree */
+    double exposure;    /* brightness against all others, in factors of 2 (linear); NaN */
+    double jump;        /* and against those that it was compared with; NaN */
+    bool bad;           /* its pose does not fit its photo, while others' do */
+    int pose_of;        /* the view whose pose fits this photo better; -1 */
+} cln_agree_view;
+
+typedef struct cln_agreement {
+    cln_agree_view *views; /* [view_count] */
+    int tie_count;
+    cln_tie *ties;
+    int looked_at, pairs;
+    int agreeing; /* ties */
+    double share; /* of the ties, those that agree; NaN if they are too few to tell */
+    int reading;  /* the one that most ties agree with */
+    double reading_share;
+    double focal;        /* the factor on all focal lengths that most ties agree with */
+    double focal_share;  /* share of those, within a quarter of the tolerance; and with focal */
+    double strict_share; /* lengths as given */
+    double kept_share;   /* of features that agree, those that masks and alpha keep; NaN */
+    int point_count;     /* places where the rays of agreeing ties meet at some angle */
+    double (*points)[3]; /* scene units */
+} cln_agreement;
+
+/* CLN_MEMORY. Free *out in any case. */
+cln_status cln_agree(const cln_scene *scene, cln_agreement *out);
+void cln_agreement_free(cln_agreement *a);
+
+#endif

@@ -1,0 +1,616 @@
+/* The findings of inspect.h: measures against bounds, and sentences. Bounds lie between what sound
+ * captures have and what the fault makes of them (tests/cli/captures.sh plants them). Where photos
+ * and poses can be compared (agree.h), that decides: what the poses alone make doubtful is taken
+ * back if the photos agree with them. */
+#include "scene/inspect.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "base/number.h"
+#include "io/json.h"
+#include "scene/agree.h"
+#include "scene/build.h"
+#include "scene/photos.h"
+
+static const double SOUND = 0.5;       /* share of agreeing ties above which poses are right */
+static const double UNSOUND = 0.3;     /* below which they are not */
+static const double READING = 0.6;     /* the given reading's share over another's */
+static const double FOCAL_GAIN = 1.15; /* share with other focal lengths over the given ones' */
+static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2;
+static const double FAR_OFF = 8;       /* distance from the middle, in median distances */
+static const double KEPT_LEAST = 0.25; /* of what several photos show, over that of the pixels */
+static const double MASKS_LEAST = 0.1; /* of the pixels */
+static const double BLURRED = 0.7;     /* sharpness over its neighbours' */
+static const double COPY = 0.004, FLAT = 0.02;
+static const double EXPOSURE_JUMP = 0.7, EXPOSURE_RANGE = 0.6; /* factors of 2 */
+static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube; theirs of it */
+static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
+enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800 };
+
+typedef struct inspection {
+    const cln_scene *scene;
+    cln_agreement agreement;
+    cln_photo *photos; /* [view] */
+    json_t *findings, *measures;
+    bool posed; /* photos and poses go together, as far as can be told */
+} inspection;
+
+void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json_t *views,
+                     const char *fmt, ...)
+{
+    char text[2048];
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(text, sizeof text, fmt, args);
+    va_end(args);
+    json_array_append_new(findings, json_pack("{s:s, s:b, s:o, s:s}", "what", what, "likely_fault",
+                                              likely_fault, "views", views ? views : json_array(),
+                                              "text", text));
+}
+
+static void take_back(json_t *findings, const char *what)
+{
+    for (size_t i = json_array_size(findings); i-- > 0;)
+        if (!strcmp(json_string_value(json_object_get(json_array_get(findings, i), "what")), what))
+            json_array_remove(findings, i);
+}
+
+static void measure(const inspection *in, const char *name, double value)
+{
+    json_object_set_new(in->measures, name, cln_json_real(value));
+}
+
+/* The first names of a list: "a, b, c and 4 more". */
+static const char *name_some(const json_t *views, char *out, size_t bytes)
+{
+    const size_t count = json_array_size(views);
+    size_t used = 0;
+
+    out[0] = 0;
+    for (size_t i = 0; i < count && i < NAMED && used < bytes; i++)
+        used += (size_t)snprintf(out + used, bytes - used, "%s%s", i ? ", " : "",
+                                 json_string_value(json_array_get(views, i)));
+    if (count > NAMED && used < bytes)
+        snprintf(out + used, bytes - used, " and %zu more", count - NAMED);
+    return out;
+}
+
+static void add_view(json_t *views, const inspection *in, int view)
+{
+    json_array_append_new(views, json_string(in->scene->views[view].name));
+}
+
+static double median(double *values, int count)
+{
+    if (!count)
+        return NAN;
+    cln_reals_sort(values, count);
+    return values[count / 2];
+}
+
+/* ---- poses and photos ---- */
+
+static void check_agreement(inspection *in)
+{
+    const cln_agreement *a = &in->agreement;
+    const cln_reading *reading = &cln_readings[a->reading];
+
+    measure(in, "compared_views", a->looked_at);
+    measure(in, "compared_pairs", a->pairs);
+    measure(in, "ties", a->tie_count);
+    measure(in, "agreeing_share", a->share);
+    in->posed = !(a->share < UNSOUND);
+    if (isnan(a->share)) {
+        cln_found_fault(in->findings, "overlap", false, NULL,
+                        "the photos show too little in common (%d marks in %d pairs of neighbours) "
+                        "to compare them with their poses: they stand far apart, or show little "
+                        "texture",
+                        a->tie_count, a->pairs);
+        return;
+    }
+    if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {
+        take_back(in->findings, "axes");
+        take_back(in->findings, "scale"); /* rays pass the cube for this reason, likely */
+        in->posed = false;
+        cln_found_fault(in->findings, "axes", true, NULL,
+                        "the photos do not fit the poses as given (%.0f%% of what two photos show "
+                        "lies where both poses put it), but %s (%.0f%%): %s",
+                        100 * a->share, reading->name, 100 * a->reading_share, reading->advice);
+        return;
+    }
+    if (a->focal_share > FOCAL_GAIN * a->strict_share && a->focal_share > LEAST_STRICT &&
+        fmax(a->focal, 1 / a->focal) > FOCAL_LEAST) {
+        in->posed = a->share > SOUND;
+        cln_found_fault(
+            in->findings, "focal length", true, NULL,
+            "the photos fit focal lengths %.2f times as long better than the given "
+            "ones (%.0f%% of what two photos show lies exactly where both poses put it, "
+            "with the given ones %.0f%%). Likely the image size that the focal length is "
+            "given for, or a field of view across the wrong side",
+            a->focal, 100 * a->focal_share, 100 * a->strict_share);
+        return;
+    }
+    if (a->share < UNSOUND)
+        cln_found_fault(in->findings, "poses", true, NULL,
+                        "the photos do not fit their poses: only %.0f%% of what two photos show "
+                        "lies where both poses put it. Likely names and poses in different orders, "
+                        "or poses of other photos",
+                        100 * a->share);
+    else if (a->share > SOUND)
+        take_back(in->findings, "axes");
+}
+
+static void check_strays(inspection *in)
+{
+    const cln_agree_view *views = in->agreement.views;
+    char names[512];
+    json_t *astray = json_array();
+
+    for (int i = 0; i < in->scene->view_count; i++) {
+        const int k = views[i].pose_of;
+
+        if (!views[i].bad)
+            continue;
+        if (k >= 0 && views[k].pose_of == i) {
+            if (i < k) {
+                json_t *both = json_array();
+
+                add_view(both, in, i);
+                add_view(both, in, k);
+                cln_found_fault(in->findings, "swapped", true, both,
+                                "the photos of %s and %s are swapped: each fits the other's pose",
+                                in->scene->views[i].name, in->scene->views[k].name);
+            }
+        } else {
+            add_view(astray, in, i);
+        }
+    }
+    if (json_array_size(astray))
+        cln_found_fault(in->findings, "pose", true, json_incref(astray),
+                        "photos that show what others show, but not from where their poses are: "
+                        "%s; leave them out or find their poses again",
+                        name_some(astray, names, sizeof names));
+    json_decref(astray);
+}
+
+static cln_status check_far(inspection *in)
+{
+    cln_status st = CLN_OK;
+    const int count = in->scene->view_count;
+    double *values = NULL, middle[3], typical = 0, farthest = 0;
+    char names[512];
+    json_t *far = json_array();
+
+    CLN_TRY(cln_alloc(&values, 2 * (size_t)count, sizeof *values, "cameras"));
+    for (int a = 0; a < 3; a++) {
+        for (int i = 0; i < count; i++)
+            values[i] = in->scene->views[i].camera.c2w[4 * a + 3];
+        middle[a] = median(values, count);
+    }
+    for (int i = 0; i < count; i++) {
+        const double *m = in->scene->views[i].camera.c2w;
+
+        values[i] =
+            sqrt(pow(m[3] - middle[0], 2) + pow(m[7] - middle[1], 2) + pow(m[11] - middle[2], 2));
+    }
+    memcpy(values + count, values, (size_t)count * sizeof *values);
+    typical = median(values + count, count);
+    for (int i = 0; i < count; i++)
+        if (count > 3 && values[i] > FAR_OFF * typical && typical > 0) {
+            add_view(far, in, i);
+            farthest = fmax(farthest, values[i] / typical);
+        }
+    if (json_array_size(far))
+        cln_found_fault(in->findings, "far camera", true, json_incref(far),
+                        "far off: %s, up to %.3g times as far from the middle of the cameras as "
+                        "most; a wrong pose also makes the cube too large: leave such frames out",
+                        name_some(far, names, sizeof names), farthest);
+done:
+    json_decref(far);
+    free(values);
+    return st;
+}
+
+static void check_overlap(inspection *in)
+{
+    const cln_agreement *a = &in->agreement;
+    json_t *alone = json_array();
+    char names[512];
+    double partners = 0;
+
+    for (int i = 0; i < in->scene->view_count; i++) {
+        partners += a->looked_at ? (double)a->views[i].partners / a->looked_at : 0;
+        if (a->views[i].looked_at && a->views[i].partners == 0 && !a->views[i].bad)
+            add_view(alone, in, i);
+    }
+    measure(in, "mean_partners", a->looked_at ? partners : NAN);
+    measure(in, "views_alone", (double)json_array_size(alone));
+    if (in->posed && !isnan(a->share) && json_array_size(alone))
+        cln_found_fault(in->findings, "overlap", false, json_incref(alone),
+                        "%zu of %d photos share hardly anything with their neighbours: %s; what "
+                        "they alone show is learnt badly. %s",
+                        json_array_size(alone), a->looked_at, name_some(alone, names, sizeof names),
+                        (double)json_array_size(alone) > ALONE_DOUBT * a->looked_at
+                            ? "Take more photos, at most 20 degrees apart"
+                            : "Photos between them and the others would help");
+    if (cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN) < FEW_PHOTOS)
+        cln_found_fault(in->findings, "overlap", false, NULL,
+                        "only %d training photos: surfaces that fewer than three of them show are "
+                        "learnt badly",
+                        cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN));
+    json_decref(alone);
+}
+
+/* ---- the cube ---- */
+
+static cln_status check_cube(inspection *in)
+{
+    cln_status st = CLN_OK;
+    const cln_agreement *a = &in->agreement;
+    const cln_space *space = &in->scene->space;
+    const int count = a->point_count;
+    double *values = NULL, low[3], high[3], span = 0, inside = 0, cameras = 0;
+
+    CLN_TRY(cln_alloc(&values, (size_t)count + 1, sizeof *values, "points"));
+    for (int i = 0; i < in->scene->view_count; i++) {
+        const double *m = in->scene->views[i].camera.c2w;
+
+        cameras += cln_space_holds(space, (const double[3]){m[3], m[7], m[11]});
+    }
+    measure(in, "cameras_inside", cameras);
+    measure(in, "cameras_outside", in->scene->view_count - cameras);
+    measure(in, "cube_share", in->scene->cube_share);
+    json_object_set_new(in->measures, "cube_guessed", json_boolean(in->scene->cube_guessed));
+    if (count < FEW_POINTS || !in->posed) {
+        if (in->scene->cube_guessed)
+            cln_found_fault(in->findings, "cube", false, NULL,
+                            "the cube is a guess (%s): half side %g, and %.0f%% of the rays meet "
+                            "it",
+                            in->scene->bounds_rule, space->half, 100 * in->scene->cube_share);
+        goto done;
+    }
+    for (int i = 0; i < count; i++)
+        inside += cln_space_holds(space, a->points[i]) / (double)count;
+    for (int axis = 0; axis < 3; axis++) {
+        for (int i = 0; i < count; i++)
+            values[i] = a->points[i][axis];
+        cln_reals_sort(values, count);
+        low[axis] = values[count / 20];
+        high[axis] = values[count - 1 - count / 20];
+        span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
+    }
+    measure(in, "points", count);
+    measure(in, "points_inside", inside);
+    measure(in, "points_span", span);
+    for (int axis = 0; axis < 3; axis++) { /* a tenth more to either side */
+        const double margin = 0.1 * (high[axis] - low[axis]);
+
+        low[axis] -= margin;
+        high[axis] += margin;
+    }
+    json_object_set_new(
+        in->measures, "points_box",
+        json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
+    if (inside < INSIDE_LEAST)
+        cln_found_fault(in->findings, "cube", true, NULL,
+                        "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "
+                        "Around it would be --bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",
+                        space->half, in->scene->bounds_rule, 100 * inside, low[0], low[1], low[2],
+                        high[0], high[1], high[2]);
+    else if (span < SPAN_LEAST || in->scene->cube_guessed)
+        cln_found_fault(in->findings, "cube", span < SPAN_LEAST, NULL,
+                        "%s (half side %g; %s): it holds %.0f%% of what the photos show, which "
+                        "spans %.0f%% of its side. Tighter would be "
+                        "--bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",
+                        span < SPAN_LEAST ? "the cube is much too large" : "the cube is a guess",
+                        space->half, in->scene->bounds_rule, 100 * inside, 100 * span, low[0],
+                        low[1], low[2], high[0], high[1], high[2]);
+done:
+    free(values);
+    return st;
+}
+
+/* ---- cameras ---- */
+
+static void check_intrinsics(inspection *in)
+{
+    const cln_fold fold = cln_scene_fold(in->scene);
+    double narrowest = INFINITY, widest = 0, off = 0, ratio = 1;
+    bool planes = true;
+
+    for (int i = 0; i < in->scene->view_count; i++) {
+        const cln_camera *c = &in->scene->views[i].camera;
+        const double fov = 2 * atan(.5 * fmax(c->width, c->height) / c->fx) * 57.29577951308232;
+
+        planes = planes && c->lens != CLN_LENS_EQUIRECTANGULAR;
+        narrowest = fmin(narrowest, fov);
+        widest = fmax(widest, fov);
+        off = fmax(off, fmax(fabs(c->cx / c->width - .5), fabs(c->cy / c->height - .5)));
+        ratio = fmax(ratio, fmax(c->fx / c->fy, c->fy / c->fx));
+    }
+    if (planes) {
+        measure(in, "fov_least", narrowest);
+        measure(in, "fov_most", widest);
+    }
+    measure(in, "beyond_fold", fold.share);
+    if (planes && (narrowest < 5 || widest > 130))
+        cln_found_fault(in->findings, "focal length", true, NULL,
+                        "the field of view is %.3g to %.3g degrees along the longer side: unusual "
+                        "for photos. Likely a focal length of another image size, or in "
+                        "millimetres",
+                        narrowest, widest);
+    if (planes && off > 0.2)
+        cln_found_fault(in->findings, "intrinsics", true, NULL,
+                        "the principal point is up to %.0f%% of the image's side off its middle. "
+                        "Likely cx, cy of another image size, unless photos were cropped",
+                        100 * off);
+    if (planes && ratio > 1.1)
+        cln_found_fault(in->findings, "intrinsics", true, NULL,
+                        "fx and fy differ by a factor of up to %.3g, as if pixels were no squares. "
+                        "Likely width and height are exchanged in one of them",
+                        ratio);
+    if (fold.views)
+        cln_found_fault(in->findings, "lens", fold.share > FOLD_DOUBT, NULL,
+                        "the lens model folds within %d photos: %.2g%% of their pixels have no ray "
+                        "and are left out%s",
+                        fold.views, 100 * fold.share,
+                        fold.share > FOLD_DOUBT ? ". Likely distortion parameters that were fitted "
+                                                  "to the middle of the photos alone"
+                                                : "");
+}
+
+/* ---- photos ---- */
+
+/* Of a grid of pixels, those that masks and alpha keep. */
+static double kept_pixels(const cln_view *view)
+{
+    enum { STEPS = 64 };
+    int kept = 0;
+
+    for (int i = 0; i < STEPS * STEPS; i++) {
+        const int x = i % STEPS * view->camera.width / STEPS;
+        const int y = i / STEPS * view->camera.height / STEPS;
+        const float black[3] = {0};
+        float rgb[3], alpha = 1;
+
+        cln_view_pixel(view, x, y, black, rgb, &alpha);
+        kept += cln_view_keeps(view, x, y) && alpha > 0.5f;
+    }
+    return (double)kept / (STEPS * STEPS);
+}
+
+/* What several photos show alike is what is to be learnt: masks that keep much less of it than of
+ * the pixels keep the wrong side. */
+static void check_masks(inspection *in)
+{
+    const double agreeing = in->agreement.kept_share;
+    double area = 0;
+    int masks = 0;
+
+    for (int i = 0; i < in->scene->view_count; i++) {
+        area += kept_pixels(&in->scene->views[i]) / in->scene->view_count;
+        masks += in->scene->views[i].masked != NULL;
+    }
+    if (!masks && !in->scene->has_alpha)
+        return;
+    measure(in, "kept", area);
+    measure(in, "agreeing_kept", agreeing);
+    if (in->posed && agreeing < KEPT_LEAST * area)
+        cln_found_fault(in->findings, "masks", true, NULL,
+                        "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
+                        "show alike. Likely the wrong colour counts: invert them",
+                        masks ? "masks" : "alpha channels", 100 * area, 100 * agreeing);
+    else if (masks && (area < MASKS_LEAST || area == 1))
+        cln_found_fault(in->findings, "masks", false, NULL,
+                        "masks of %d photos leave %.2g%% of the pixels; if the wrong colour "
+                        "counts, invert them",
+                        masks, 100 * area);
+}
+
+/* A photo that differs from its neighbours at once; else slow changes over the whole set. */
+static void check_exposure(inspection *in)
+{
+    double low = INFINITY, high = -INFINITY, most = 0;
+    json_t *views = json_array();
+    char names[512];
+
+    for (int i = 0; i < in->scene->view_count; i++) {
+        const cln_agree_view *v = &in->agreement.views[i];
+
+        if (isnan(v->exposure) || !in->posed)
+            continue;
+        low = fmin(low, v->exposure);
+        high = fmax(high, v->exposure);
+        if (fabs(v->jump) > EXPOSURE_JUMP) {
+            add_view(views, in, i);
+            most = fmax(most, fabs(v->jump));
+        }
+    }
+    measure(in, "exposure_range", high > -INFINITY ? high - low : NAN);
+    if (json_array_size(views))
+        cln_found_fault(in->findings, "exposure", true, json_incref(views),
+                        "brighter or darker than photos of the same things, by up to %.2g stops: "
+                        "%s; take photos with fixed exposure, or leave these out",
+                        most, name_some(views, names, sizeof names));
+    else if (high - low > EXPOSURE_RANGE)
+        cln_found_fault(in->findings, "exposure", false, NULL,
+                        "exposure changes over the set, by %.2g stops in all: the model will blend "
+                        "it; fixed exposure and white balance are better",
+                        high - low);
+    json_decref(views);
+}
+
+static cln_status check_blur(inspection *in)
+{
+    cln_status st = CLN_OK;
+    double *values = NULL, typical = 0;
+    int count = 0;
+    json_t *views = json_array();
+    char names[512];
+
+    CLN_TRY(cln_alloc(&values, (size_t)in->scene->view_count, sizeof *values, "photos"));
+    for (int i = 0; i < in->scene->view_count; i++)
+        if (!isnan(in->photos[i].sharpness))
+            values[count++] = in->photos[i].sharpness;
+    typical = median(values, count);
+    measure(in, "sharpness", typical);
+    for (int i = 0; i < in->scene->view_count; i++)
+        if (in->photos[i].sharpness < BLURRED * typical)
+            add_view(views, in, i);
+    if (json_array_size(views))
+        cln_found_fault(in->findings, "blur", false, json_incref(views),
+                        "less sharp than most: %s; blurred photos make what they show soft: leave "
+                        "them out if others show it, too",
+                        name_some(views, names, sizeof names));
+done:
+    json_decref(views);
+    free(values);
+    return st;
+}
+
+static bool same_pose(const cln_scene *scene, int a, int b)
+{
+    const double *m = scene->views[a].camera.c2w, *n = scene->views[b].camera.c2w;
+
+    for (int i = 0; i < 12; i++)
+        if (fabs(m[i] - n[i]) > 1e-6 * (i % 4 < 3 ? 1 : scene->space.half))
+            return false;
+    return true;
+}
+
+static void check_duplicates(inspection *in)
+{
+    json_t *photos = json_array(), *poses = json_array();
+    char names[512];
+    bool across = false;
+
+    for (int i = 0; i < in->scene->view_count; i++)
+        for (int k = 0; k < i; k++) {
+            const bool photo = in->photos[i].contrast > (float)FLAT &&
+                               cln_photo_difference(&in->photos[i], &in->photos[k]) < COPY;
+            const bool pose = same_pose(in->scene, i, k);
+            json_t *list = photo ? photos : poses;
+
+            if (!photo && !pose)
+                continue;
+            add_view(list, in, k);
+            add_view(list, in, i);
+            across |= in->scene->views[i].split != in->scene->views[k].split;
+        }
+    if (json_array_size(photos))
+        cln_found_fault(in->findings, "duplicates", true, json_incref(photos),
+                        "the same photo more than once (pairs): %s; leave the copies out%s",
+                        name_some(photos, names, sizeof names),
+                        across ? ". One of a pair is held out: its figure would be too good" : "");
+    if (json_array_size(poses))
+        cln_found_fault(
+            in->findings, "duplicates", true, json_incref(poses),
+            "different photos with the same pose (pairs): %s; one of each pair is wrong",
+            name_some(poses, names, sizeof names));
+    json_decref(photos);
+    json_decref(poses);
+}
+
+static void check_files(inspection *in)
+{
+    const cln_scene *scene = in->scene;
+
+    if (scene->missing)
+        cln_found_fault(in->findings, "missing", true, NULL,
+                        "%d of %d photos are not there; their frames are left out", scene->missing,
+                        scene->view_count + scene->missing);
+    if (!cln_scene_split_count(scene, CLN_SPLIT_TEST))
+        cln_found_fault(in->findings, "split", false, NULL,
+                        "no photo is held out: how good views between the photos are will not be "
+                        "known");
+}
+
+/* ---- together ---- */
+
+static json_t *describe_views(const inspection *in)
+{
+    json_t *views = json_array();
+
+    for (int i = 0; i < in->scene->view_count; i++) {
+        const cln_view *view = &in->scene->views[i];
+        const cln_agree_view *a = &in->agreement.views[i];
+        const double *m = view->camera.c2w, place[3] = {m[3], m[7], m[11]};
+
+        json_array_append_new(
+            views, json_pack("{s:s, s:s, s:[f,f,f], s:[f,f,f], s:b, s:o, s:o, s:o, s:i, s:i, s:i}",
+                             "name", view->name, "split", cln_split_names[view->split], "place",
+                             m[3], m[7], m[11], "axis", m[2], m[6], m[10], "inside_cube",
+                             cln_space_holds(&in->scene->space, place), "sharpness",
+                             cln_json_real(in->photos[i].sharpness), "exposure",
+                             cln_json_real(a->exposure), "exposure_jump", cln_json_real(a->jump),
+                             "partners", a->partners, "ties", a->ties, "agreeing", a->agreeing));
+    }
+    return views;
+}
+
+/* At most POINTS of the places where rays of two photos meet. */
+static json_t *describe_points(const cln_agreement *a)
+{
+    json_t *points = json_array();
+    const int step = a->point_count / POINTS + 1;
+
+    for (int i = 0; i < a->point_count; i += step)
+        json_array_append_new(
+            points, json_pack("[f,f,f]", a->points[i][0], a->points[i][1], a->points[i][2]));
+    return points;
+}
+
+/* Likely faults first; else in the order in which they were found. */
+static json_t *by_weight(const json_t *findings)
+{
+    json_t *sorted = json_array();
+
+    for (int pass = 0; pass < 2; pass++)
+        for (size_t i = 0; i < json_array_size(findings); i++) {
+            json_t *one = json_array_get(findings, i);
+
+            if (json_is_true(json_object_get(one, "likely_fault")) == (pass == 0))
+                json_array_append(sorted, one);
+        }
+    return sorted;
+}
+
+cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
+{
+    cln_status st = CLN_OK;
+    inspection in = {.scene = scene, .findings = json_array(), .measures = json_object()};
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&in.photos, (size_t)scene->view_count, sizeof *in.photos, "photos"));
+    for (int i = 0; i < scene->view_count; i++)
+        cln_photo_measure(&scene->views[i], &in.photos[i]);
+    CLN_TRY(cln_agree(scene, &in.agreement));
+    cln_scene_tell_doubts(scene, in.findings);
+    check_agreement(&in);
+    check_strays(&in);
+    CLN_TRY(check_far(&in));
+    check_overlap(&in);
+    CLN_TRY(check_cube(&in));
+    check_intrinsics(&in);
+    check_masks(&in);
+    check_exposure(&in);
+    CLN_TRY(check_blur(&in));
+    check_duplicates(&in);
+    check_files(&in);
+    *out = json_pack("{s:o, s:O, s:o, s:o}", "findings", by_weight(in.findings), "measures",
+                     in.measures, "views", describe_views(&in), "points",
+                     describe_points(&in.agreement));
+    if (!*out)
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot describe the findings as JSON", scene->folder));
+done:
+    cln_agreement_free(&in.agreement);
+    json_decref(in.findings);
+    json_decref(in.measures);
+    free(in.photos);
+    return st;
+}

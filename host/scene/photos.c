@@ -1,0 +1,70 @@
+/* See photos.h. */
+#include "scene/photos.h"
+
+#include <math.h>
+#include <string.h>
+
+static const float STRONG = 6; /* gradients that count, of 255 */
+
+static float grey(const cln_view *view, int x, int y)
+{
+    const uint8_t *p = view->pixels + ((size_t)y * (size_t)view->camera.width + (size_t)x) *
+                                          (size_t)view->channels;
+
+    return 0.299f * p[0] + 0.587f * p[1] + 0.114f * p[2];
+}
+
+static double sharpness(const cln_view *view)
+{
+    const int wide = view->camera.width, high = view->camera.height;
+    const int step = wide > 1200 || high > 1200 ? 2 : 1; /* every second row is enough */
+    double bends = 0, slopes = 0;
+
+    for (int y = 1; y < high - 1; y += step)
+        for (int x = 1; x < wide - 1; x++) {
+            const float here = grey(view, x, y);
+            const float left = grey(view, x - 1, y), right = grey(view, x + 1, y);
+            const float above = grey(view, x, y - 1), below = grey(view, x, y + 1);
+            const float slope = .5f * hypotf(right - left, below - above);
+
+            if (slope < STRONG || !cln_view_keeps(view, x, y))
+                continue;
+            bends += (double)fabsf(left + right + above + below - 4 * here);
+            slopes += (double)slope;
+        }
+    return slopes > 0 ? bends / slopes : NAN;
+}
+
+void cln_photo_measure(const cln_view *view, cln_photo *out)
+{
+    const int wide = view->camera.width, high = view->camera.height;
+    float mean = 0, square = 0;
+
+    memset(out, 0, sizeof *out);
+    for (int cell = 0; cell < CLN_THUMB * CLN_THUMB; cell++) {
+        const int i = cell % CLN_THUMB, k = cell / CLN_THUMB;
+        const int x1 = (i + 1) * wide / CLN_THUMB, y1 = (k + 1) * high / CLN_THUMB;
+        float sum = 0;
+        int count = 0;
+
+        for (int y = k * high / CLN_THUMB; y < y1; y++)
+            for (int x = i * wide / CLN_THUMB; x < x1; x++) {
+                sum += grey(view, x, y);
+                count++;
+            }
+        out->thumb[cell] = count ? sum / (float)count / 255 : 0;
+        mean += out->thumb[cell] / (CLN_THUMB * CLN_THUMB);
+        square += out->thumb[cell] * out->thumb[cell] / (CLN_THUMB * CLN_THUMB);
+    }
+    out->contrast = sqrtf(fmaxf(square - mean * mean, 0));
+    out->sharpness = sharpness(view);
+}
+
+double cln_photo_difference(const cln_photo *a, const cln_photo *b)
+{
+    double sum = 0;
+
+    for (int i = 0; i < CLN_THUMB * CLN_THUMB; i++)
+        sum += pow((double)a->thumb[i] - (double)b->thumb[i], 2);
+    return sqrt(sum / (CLN_THUMB * CLN_THUMB));
+}

@@ -1,0 +1,22 @@
+/* Measures of single photos, without their poses: sharpness, and a thumbnail to find copies by. */
+#ifndef CLN_PHOTOS_H
+#define CLN_PHOTOS_H
+
+#include "scene/scene.h"
+
+enum { CLN_THUMB = 16 };
+
+typedef struct cln_photo {
+    double sharpness;                   /* NaN where there is no contrast */
+    float thumb[CLN_THUMB * CLN_THUMB]; /* mean grey of its parts, 0..1 */
+    float contrast;                     /* their standard deviation */
+} cln_photo;
+
+/* Of a loaded view. Sharpness: the mean change of the gradient from pixel to pixel over the mean
+ * gradient, where the gradient is strong; a blur makes both smaller, the former more. */
+void cln_photo_measure(const cln_view *view, cln_photo *out);
+
+/* Root mean square difference of two thumbnails. */
+double cln_photo_difference(const cln_photo *a, const cln_photo *b);
+
+#endif
