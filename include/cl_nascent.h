@@ -328,12 +328,25 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 
 /* ---- exports and facts ---- */
 
+/* What to write, and where. Fields that the export does not read must be 0. */
 typedef struct cln_export_desc {
     const char *run;
-    const char *what;   /* "octree": the active leaves as boxes, a PLY file */
-    const char *file;   /* the file to write; octree: NAME.ply, or a NAME without any ending */
+    /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
+     * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms JSON,
+     * or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
+    const char *what;
+    const char *file;   /* its ending says the format; without any, the first of those above (of
+                           cameras the folder) */
     const char *colour; /* octree: "level" or "error"; NULL = "level" */
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
+    const char *scene;  /* NULL = the run's own; volume and octree need none */
+    /* In scene units: of points on the surface (0: by count), of the grid that a mesh is made on (0:
+     * as fine as leaves and views allow), of a volume's grid (0: a 256th of the cube). */
+    double spacing;
+    int64_t count;          /* points: how many; 0 = 200,000 */
+    bool closed;            /* points, mesh: also the parts that no training view sees */
+    cln_device_desc device; /* points, mesh, volume */
+    cln_callbacks callbacks;
 } cln_export_desc;
 
 enum { CLN_LEVELS = 6 }; /* a tree has levels 0 to 5 */
@@ -341,10 +354,14 @@ enum { CLN_LEVELS = 6 }; /* a tree has levels 0 to 5 */
 typedef struct cln_export_result {
     int64_t step;
     int leaves, levels[CLN_LEVELS]; /* active leaves, in all and by level */
+    int64_t vertices, faces;        /* points, mesh */
+    int shape[3];                   /* volume: of the grid, z, y, x */
+    int views;                      /* cameras */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
- * programs (docs/formats.md). Needs no device. CLN_USAGE for an unknown `what`. */
+ * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
+ * for fields that it does not read, and for a grid that is too fine. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text about a scene or a run; the caller frees it. settings: how to read the scene;

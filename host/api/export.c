@@ -1,35 +1,83 @@
-/* cln_export: what a run holds for other programs, one function for each row of export.h. Reads the
- * newest checkpoint; opens no device and no scene. */
-#include <math.h>
+/* cln_export: what a run holds for other programs. Checks what is asked for and where it goes, opens
+ * what the export needs, and calls its function (export/list.h). */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "api/export.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "cl_nascent.h"
-#include "render/tree_picture.h"
-#include "io/disk.h"
-#include "io/palette.h"
-#include "io/ply.h"
+#include "export/export.h"
 #include "io/run_folder.h"
-#include "model/model.h"
+#include "render/tree_picture.h"
+
+typedef struct export_row {
+    const char *what, *form;
+    cln_export_needs needs;
+    cln_status (*write)(cln_export_job *job);
+} export_row;
+
+static const export_row exports[] = {
+#define X(what, needs, form, help) {#what, form, CLN_EXPORT_##needs, cln_export_##what},
+    CLN_EXPORT_LIST(X)
+#undef X
+};
+
+enum { EXPORTS = sizeof exports / sizeof exports[0] };
+
+/* ---- for the exports ---- */
+
+cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text)
+{
+    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units", what,
+                        (long long)job->opened.model.step);
+}
+
+static const char *ending_of(const char *file)
+{
+    const char *slash = strrchr(file, '/');
+
+    return strrchr(slash ? slash : file, '.');
+}
+
+bool cln_export_ends(const char *file, const char *ending)
+{
+    const char *its = ending_of(file);
+
+    return its && strcasecmp(its, ending) == 0;
+}
+
+/* ---- what is asked for ---- */
+
+/* form: "FILE.ply|.obj". */
+static bool may_end_so(const char *form, const char *ending)
+{
+    const size_t bytes = strlen(ending);
+
+    for (const char *at = strchr(form, '.'); at; at = strchr(at + 1, '.'))
+        if (strncasecmp(at, ending, bytes) == 0 && (at[bytes] == 0 || at[bytes] == '|'))
+            return true;
+    return false;
+}
 
 /* Nothing that is there is replaced unasked, and nothing but a plain file ever; and no file is
- * called what it is not. form: "FILE.ply". */
-static cln_status check_target(const cln_export_desc *desc, const char *form)
+ * called what it is not. A folder's files are its export's to check. */
+static cln_status check_target(const cln_export_desc *desc, const export_row *row)
 {
-    const char *slash = strrchr(desc->file, '/');
-    const char *ending = strrchr(slash ? slash : desc->file, '.'), *wanted = strchr(form, '.');
+    const char *ending = ending_of(desc->file), *wanted = strchr(row->form, '.');
+    const bool folders = strstr(row->form, "FOLDER") != NULL;
     struct stat info;
+    const bool there = lstat(desc->file, &info) == 0;
 
-    if (ending && strcasecmp(ending, wanted) != 0)
-        return cln_fail(CLN_USAGE, "%s: --%s writes %s files; end the name with %s", desc->file,
-                        desc->what, wanted, wanted);
-    if (lstat(desc->file, &info) != 0)
+    if (folders && there && S_ISDIR(info.st_mode))
+        return CLN_OK;
+    if (ending && !may_end_so(row->form, ending))
+        return cln_fail(CLN_USAGE, "%s: --%s writes %s%s; end the name with %.*s", desc->file,
+                        desc->what, wanted, folders ? "" : " files", (int)strcspn(wanted, "|"),
+                        wanted);
+    if (!there)
         return CLN_OK;
     if (!S_ISREG(info.st_mode))
         return cln_fail(CLN_OUTPUT,
@@ -41,78 +89,14 @@ static cln_status check_target(const cln_export_desc *desc, const char *form)
     return CLN_OK;
 }
 
-/* The leaves' boxes in scene units. */
-static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box **out)
-{
-    cln_status st = CLN_OK;
-    const cln_octree *tree = &model->tree;
-    double low = NAN, high = NAN;
-
-    CLN_TRY(cln_alloc(out, (size_t)tree->leaf_count, sizeof **out, "boxes of the leaves"));
-    if (!cln_palette_range(model->error ? tree->leaf_count : 0, model->error, &low, &high) &&
-        by_error && tree->leaf_count > 0)
-        cln_warn("no leaf has a measured error yet: all boxes are grey");
-    for (int s = 0; s < tree->leaf_count; s++) {
-        cln_ply_box *box = &(*out)[s];
-        const int node = tree->leaf[s], level = tree->level[node];
-        float cube[4];
-
-        cln_octree_box(tree, node, cube);
-        cln_space_box_to_scene(&model->space, cube, box->min, box->max);
-        box->level = (uint8_t)level;
-        box->error = model->error ? model->error[s] : NAN;
-        if (by_error)
-            cln_palette_error(box->error, low, high, box->colour);
-        else
-            cln_palette_level(level, box->colour);
-    }
-done:
-    return st;
-}
-
-/* ---- octree ---- */
-
-static cln_status write_octree(const cln_export_desc *desc, const cln_model *model)
-{
-    cln_status st = CLN_OK;
-    const char *colour = desc->colour ? desc->colour : "level";
-    const bool by_error = strcmp(colour, "error") == 0;
-    cln_ply_box *boxes = NULL;
-    char *comment = NULL;
-
-    CLN_TRY(make_boxes(model, by_error, &boxes));
-    CLN_TRY(cln_asprintf(&comment,
-                         "cl-nascent " CLN_VERSION ": leaves of the octree at step %lld, coloured "
-                         "by %s; scene units",
-                         (long long)model->step, colour));
-    CLN_TRY(cln_ply_write_boxes(desc->file, model->tree.leaf_count, boxes, comment));
-done:
-    free(boxes);
-    free(comment);
-    return st;
-}
-
-/* ---- the list ---- */
-
-static const struct {
-    const char *what, *form;
-    cln_status (*write)(const cln_export_desc *desc, const cln_model *model);
-} exports[] = {
-#define X(what, form, help) {#what, form, write_##what},
-    CLN_EXPORT_LIST(X)
-#undef X
-};
-
-enum { EXPORTS = sizeof exports / sizeof exports[0] };
-
-static cln_status find_export(const char *what, int *found)
+static cln_status find_export(const char *what, const export_row **found)
 {
     char known[256] = "";
 
     for (int i = 0; i < EXPORTS; i++) {
         const size_t used = strlen(known);
 
-        *found = i;
+        *found = &exports[i];
         if (what && strcmp(what, exports[i].what) == 0)
             return CLN_OK;
         snprintf(known + used, sizeof known - used, "%s%s", i ? "|" : "", exports[i].what);
@@ -120,29 +104,66 @@ static cln_status find_export(const char *what, int *found)
     return cln_fail(CLN_USAGE, "export: '%s' is not one of %s", what ? what : "", known);
 }
 
+/* An option that this export does not read is a mistake. */
+static cln_status check_options(const cln_export_desc *desc)
+{
+    static const struct {
+        const char *option, *of; /* the exports that read it */
+    } rows[] = {{"spacing", "points mesh volume"}, {"count", "points"}, {"closed", "points mesh"}};
+    const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed};
+
+    if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
+        return cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour);
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+        if (given[i] && !strstr(rows[i].of, desc->what))
+            return cln_fail(CLN_USAGE, "--%s: --%s does not read it (%s do); leave it out",
+                            rows[i].option, desc->what, rows[i].of);
+    if (desc->spacing != 0 && desc->count != 0)
+        return cln_fail(CLN_USAGE, "--spacing and --count: one gives the other; leave one out");
+    if (!(desc->spacing >= 0) || desc->count < 0)
+        return cln_fail(CLN_USAGE, "export: spacing %g and count %lld must not be below 0",
+                        desc->spacing, (long long)desc->count);
+    return CLN_OK;
+}
+
+/* ---- the work ---- */
+
+static cln_status open_for(const export_row *row, const cln_export_desc *desc, cln_open_run *opened)
+{
+    cln_status st = CLN_OK;
+    const bool pixels[CLN_SPLITS] = {false};
+
+    if (row->needs & CLN_EXPORT_SCENE)
+        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, opened));
+    else
+        CLN_TRY(cln_open_run_model(desc->run, opened));
+    if (row->needs & CLN_EXPORT_DEVICE)
+        CLN_TRY(
+            cln_open_run_start(opened, &desc->device, opened->scene ? opened->scene->lenses : 0));
+done:
+    return st;
+}
+
 cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
 {
     cln_status st = CLN_OK;
-    int wanted = 0;
+    const export_row *row = NULL;
+    cln_export_job job = {.desc = desc, .result = result};
+    const cln_model *model = &job.opened.model;
     json_t *run = NULL;
-    cln_model model = {0};
 
     memset(result, 0, sizeof *result);
-    CLN_TRY(find_export(desc->what, &wanted));
-    if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
-        CLN_TRY(cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour));
-    /* tells a folder that is no run from one without checkpoint */
+    CLN_TRY(find_export(desc->what, &row));
+    CLN_TRY(check_options(desc));
     CLN_TRY(cln_run_read(desc->run, &run));
-    CLN_TRY(check_target(desc, exports[wanted].form));
-    CLN_TRY(cln_checkpoint_read(desc->run, false, &model));
-    CLN_TRY(cln_disk_check_file(
-        desc->file, 1024 + (double)CLN_PLY_BOX_BYTES * model.tree.leaf_count, "the boxes"));
-    CLN_TRY(exports[wanted].write(desc, &model));
-    result->step = model.step;
-    result->leaves = model.tree.leaf_count;
-    cln_tree_levels(&model.tree, result->levels);
+    CLN_TRY(check_target(desc, row));
+    CLN_TRY(open_for(row, desc, &job.opened));
+    CLN_TRY(row->write(&job));
+    result->step = model->step;
+    result->leaves = model->tree.leaf_count;
+    cln_tree_levels(&model->tree, result->levels);
 done:
     json_decref(run);
-    cln_model_free(&model);
+    cln_open_run_close(&job.opened);
     return st;
 }

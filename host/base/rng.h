@@ -16,7 +16,8 @@ enum {
     CLN_STREAM_BACKGROUND = 5, /* host: random background */
     CLN_STREAM_POINTS = 6,     /* device: random points of the regularisers */
     CLN_STREAM_SCENE = 7,      /* host: generated scenes */
-    CLN_STREAM_DISTIL = 8      /* host: points that merged leaves learn from */
+    CLN_STREAM_DISTIL = 8,     /* host: points that merged leaves learn from */
+    CLN_STREAM_SURFACE = 9     /* host: exported points of a surface */
 };
 
 /* out[4] = philox4x32-10(counter, key). */

@@ -1,4 +1,4 @@
-/* `cl-nascent export`: the octree of a run as a file for other programs. */
+/* `cl-nascent export`: what a run holds as a file for other programs. */
 #include "cli/commands.h"
 
 #include <errno.h>
@@ -9,25 +9,47 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "cli/console.h"
+#include "export/list.h"
+
+/* The numbers of this export: its words in the document and behind the file's name. */
+static json_t *counts_of(const cln_export_result *r)
+{
+    json_t *counts = json_object();
+
+    if (r->vertices > 0)
+        json_object_set_new(counts, r->faces > 0 ? "vertices" : "points",
+                            json_integer((json_int_t)r->vertices));
+    if (r->faces > 0)
+        json_object_set_new(counts, "triangles", json_integer((json_int_t)r->faces));
+    if (r->shape[0] > 0)
+        json_object_set_new(counts, "grid",
+                            json_pack("[i,i,i]", r->shape[0], r->shape[1], r->shape[2]));
+    if (r->views > 0)
+        json_object_set_new(counts, "cameras", json_integer(r->views));
+    return counts;
+}
 
 static cln_status print_document(const cln_options *options, const cln_export_result *r)
 {
-    json_t *levels = json_array();
+    json_t *levels = json_array(), *counts = counts_of(r), *document = NULL;
 
     for (int level = 0; level < CLN_LEVELS; level++)
         json_array_append_new(levels, json_integer(r->levels[level]));
-    return cln_print_json(json_pack("{s:s s:s s:s s:I s:i s:o}", "schema", "cl-nascent.export/1",
-                                    "run", options->operand, "file", options->export_file, "step",
-                                    (json_int_t)r->step, "leaves", r->leaves, "levels", levels));
+    document = json_pack("{s:s s:s s:s s:I s:i s:o}", "schema", "cl-nascent.export/1", "run",
+                         options->operand, "file", options->export_file, "step",
+                         (json_int_t)r->step, "leaves", r->leaves, "levels", levels);
+    json_object_update(document, counts);
+    json_decref(counts);
+    return cln_print_json(document);
 }
 
-static void print_sentence(FILE *to, const char *file, const cln_export_result *r)
+static void print_leaves(FILE *to, const cln_export_result *r)
 {
     const char *before = " (";
     char text[32];
 
     cln_format_count(r->leaves, text);
-    fprintf(to, "%s: %s leaves", file, text);
+    fprintf(to, "%s leaves", text);
     for (int level = 0; level < CLN_LEVELS; level++) {
         if (r->levels[level] == 0)
             continue;
@@ -35,8 +57,50 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
         fprintf(to, "%slevel %d: %s", before, level, text);
         before = ", ";
     }
+    fprintf(to, "%s", r->leaves > 0 ? ")" : "");
+}
+
+static void print_sentence(FILE *to, const char *file, const cln_export_result *r)
+{
+    json_t *counts = counts_of(r), *value = NULL;
+    const char *key = NULL, *before = "";
+    char text[32];
+
+    fprintf(to, "%s: ", file);
+    if (json_object_size(counts) == 0)
+        print_leaves(to, r);
+    json_object_foreach(counts, key, value)
+    {
+        if (json_is_array(value)) {
+            fprintf(to, "a grid of %d x %d x %d", r->shape[2], r->shape[1], r->shape[0]);
+        } else {
+            cln_format_count((double)json_integer_value(value), text);
+            fprintf(to, "%s%s %s", before, text, key);
+        }
+        before = ", ";
+    }
+    json_decref(counts);
     cln_format_count((double)r->step, text);
-    fprintf(to, "%s of step %s\n", r->leaves > 0 ? ")" : "", text);
+    fprintf(to, " of step %s\n", text);
+}
+
+/* The first ending of an export's files: ".ply". */
+static void ending_of(const char *what, char *out, size_t bytes)
+{
+    static const struct {
+        const char *what, *form;
+    } forms[] = {
+#define X(name, needs, form, help) {#name, form},
+        CLN_EXPORT_LIST(X)
+#undef X
+    };
+
+    for (size_t i = 0; i < sizeof forms / sizeof *forms; i++) {
+        const char *dot = strchr(forms[i].form, '.');
+
+        if (strcmp(what, forms[i].what) == 0)
+            snprintf(out, bytes, "%.*s", (int)strcspn(dot, "|"), dot);
+    }
 }
 
 /* "-": to a file that only we know, and from there to standard output. */
@@ -45,7 +109,7 @@ static cln_status export_to_stdout(const cln_options *options, cln_export_desc *
 {
     cln_status st = CLN_OK;
     const char *folder = getenv("TMPDIR");
-    char *path = NULL, *bytes = NULL;
+    char *path = NULL, *bytes = NULL, ending[16] = "";
     size_t count = 0;
     int file = -1;
 
@@ -57,8 +121,14 @@ static cln_status export_to_stdout(const cln_options *options, cln_export_desc *
                         "--%s -: standard output is a terminal, and the file is not text; add "
                         "> FILE, or | and a program that reads it",
                         desc->what);
-    CLN_TRY(cln_asprintf(&path, "%s/cl-nascent-XXXXXX", folder && *folder ? folder : "/tmp"));
-    file = mkstemp(path);
+    if (strcmp(desc->what, "volume") == 0)
+        return cln_fail(CLN_USAGE,
+                        "--volume -: a volume is two files, the array and where it lies; name a "
+                        "file");
+    ending_of(desc->what, ending, sizeof ending);
+    CLN_TRY(
+        cln_asprintf(&path, "%s/cl-nascent-XXXXXX%s", folder && *folder ? folder : "/tmp", ending));
+    file = mkstemps(path, (int)strlen(ending));
     if (file < 0)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s; set TMPDIR to a folder that can be written", path,
                          strerror(errno)));
@@ -81,24 +151,34 @@ done:
 cln_status cln_cmd_export(const cln_options *options)
 {
     cln_status st = CLN_OK;
+    const bool to_stdout = strcmp(options->export_file, "-") == 0;
+    cln_console console = {0};
     cln_export_result result = {0};
     cln_export_desc desc = {.run = options->operand,
                             .what = options->export_what,
                             .file = options->export_file,
                             .colour = options->colour,
-                            .overwrite = options->overwrite};
+                            .overwrite = options->overwrite,
+                            .scene = options->scene,
+                            .spacing = options->spacing,
+                            .count = options->count,
+                            .closed = options->closed,
+                            .device = options->device};
 
-    if (strcmp(options->export_file, "-") == 0) {
+    CLN_TRY(cln_console_open(options, &console));
+    desc.callbacks = console.callbacks;
+    if (to_stdout)
         CLN_TRY(export_to_stdout(options, &desc, &result));
-        if (!options->quiet)
-            print_sentence(stderr, "standard output", &result);
-        goto done;
-    }
-    CLN_TRY(cln_export(&desc, &result));
+    else
+        CLN_TRY(cln_export(&desc, &result));
+    cln_console_close(&console);
     if (options->json)
         CLN_TRY(print_document(options, &result));
-    else
+    else if (!to_stdout)
         print_sentence(stdout, options->export_file, &result);
+    else if (!options->quiet)
+        print_sentence(stderr, "standard output", &result);
 done:
+    cln_console_close(&console);
     return st;
 }

@@ -1,15 +1,15 @@
 /* The tables of option_table.h and the look-ups in them. To add an option: a row in cln_args and a
  * field in cln_options; a command: a row in cln_commands and its cmd_*.c; an export: a row in
- * api/export.h. */
+ * export/list.h. */
 #include "cli/option_table.h"
 
 #include <limits.h>
 #include <stdio.h>
 #include <string.h>
-#include "api/export.h"
 #include "base/text.h"
 #include "cli/commands.h"
 #include "cli/options.h"
+#include "export/list.h"
 
 /* clang-format off */
 const cln_command cln_commands[] = {
@@ -51,9 +51,9 @@ const cln_command cln_commands[] = {
      "Takes the options of train, for the training to come. What is found is no error: the exit "
      "code is 0.",
      cln_cmd_check},
-    {"export", CLN_EXPORT, "RUN", true, "export RUN --octree FILE.ply [OPTIONS]",
-     "The octree of a run as boxes, for programs that show meshes",
-     "The active leaves of the newest checkpoint, in the scene's coordinates. Needs no device.",
+    {"export", CLN_EXPORT, "RUN", true, "export RUN --mesh FILE.ply [OPTIONS]",
+     "Surface, volume, cameras, octree of a run, for other programs",
+     "Of the newest checkpoint, in the scene's coordinates. The octree and cameras need no device.",
      cln_cmd_export},
     {"devices", CLN_DEVICES, NULL, false, "devices [OPTIONS]",
      "The OpenCL devices, and whether they compute correctly",
@@ -79,8 +79,9 @@ const cln_command cln_commands[] = {
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
 #define ON_DEVICE \
-    (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_SELFTEST | CLN_TUNE | CLN_CHECK_SCENE)
-#define EVERY     (ON_DEVICE | CLN_INFO | CLN_EXPORT | CLN_DEVICES | CLN_BUGREPORT | CLN_POSES)
+    (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_EXPORT | CLN_SELFTEST | CLN_TUNE | \
+     CLN_CHECK_SCENE)
+#define EVERY (ON_DEVICE | CLN_INFO | CLN_DEVICES | CLN_BUGREPORT | CLN_POSES)
 #define AT(field) offsetof(cln_options, field)
 
 /* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env,
@@ -152,7 +153,7 @@ const cln_arg cln_args[] = {
 
     WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test",
          "which views of the scene; render: their poses", .standard = "test"),
-    TEXT(CLN_EVAL | CLN_RENDER | CLN_VIEW, "scene", scene, "SCENE",
+    TEXT(CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_EXPORT, "scene", scene, "SCENE",
          "where the scene is now, if it has moved since training"),
     TEXT(CLN_INFO, "like", like, "RUN",
          "of a scene: how long a training would take, at the pace of this run"),
@@ -187,11 +188,19 @@ const cln_arg cln_args[] = {
     FLAG(CLN_RENDER, "z-depth", z_depth,
          "depth along the optical axis instead of along the ray"),
 
-#define X(what, form, help) TEXT(CLN_EXPORT, #what, export_file, form, help, .exports = true),
+#define X(what, needs, form, help) \
+    TEXT(CLN_EXPORT, #what, export_file, form, help, .exports = true),
     CLN_EXPORT_LIST(X)
 #undef X
+    REAL(CLN_EXPORT, "spacing", spacing, "D", 1e-12, 1e12,
+         "in scene units: of points, in place of --count; of the grid for a mesh or volume",
+         .shown = "mesh: as fine as leaves and views allow; volume: a 256th of the cube"),
+    INT(CLN_EXPORT, "count", count, "N", 1, 100000000,
+         "points: how many", .shown = "200000"),
+    FLAG(CLN_EXPORT, "closed", closed,
+         "points, mesh: also the parts that no training view sees; the mesh is closed then"),
     WORD(CLN_EXPORT, "colour", colour, "level|error",
-         "what the boxes' colours show: the level, or the error on a logarithmic scale",
+         "octree: what the boxes' colours show: the level, or the error on a logarithmic scale",
          .standard = "level"),
 
     INT(CLN_VIEW, "port", port, "N", 1, 65535,

@@ -16,7 +16,7 @@ typedef struct cln_options {
 
     const char *output, *resume, *scene, *like, *preset, *split, *progress, *color;
     const char *dump_program, *colour, *match;
-    const char *export_what, *export_file; /* "octree" */
+    const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;
     bool conf;       /* cl-nascent.conf beside the scene is read */
     char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
@@ -24,6 +24,9 @@ typedef struct cln_options {
     int verbose, max_images, antialias, frames;
     int orbit_frames; /* 0 = no orbit */
     double elevation, radius, fov, min_psnr, budget, probe;
+    double spacing; /* 0 = not given */
+    int count;      /* 0 = not given */
+    bool closed;
     int image_width, image_height;
     const char *listen;
     int port;

@@ -486,7 +486,8 @@ static cln_status settle(parser *p)
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)
-        CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give --octree FILE.ply"));
+        CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give --mesh FILE.ply, "
+                                    "or --points, --volume, --cameras, --octree"));
     if (bit & (CLN_TRAIN | CLN_CHECK_SCENE | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:

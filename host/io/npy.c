@@ -31,16 +31,15 @@ static bool element_count(int dims, const int *shape, size_t *count)
     return true;
 }
 
-cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const float *data)
+cln_status cln_npy_begin_f32(const char *path, int dims, const int *shape, cln_atomic_file **out)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     char header[PREFIX_BYTES + HEADER_MAX];
-    size_t used = PREFIX_BYTES, padded = 0, count = 0;
+    size_t used = PREFIX_BYTES, padded = 0;
 
+    *out = NULL;
     CLN_ASSERT(dims >= 0 && dims <= MAX_DIMS);
-    if (!element_count(dims, shape, &count))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: array too large for a .npy file of ours", path));
     memcpy(header, magic, sizeof magic);
     used += (size_t)snprintf(header + used, HEADER_MAX,
                              "{'descr': '<f4', 'fortran_order': False, 'shape': (");
@@ -58,6 +57,23 @@ cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const
 
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(cln_atomic_write(file, header, padded));
+    *out = file;
+    file = NULL;
+done:
+    cln_atomic_abandon(file);
+    return st;
+}
+
+cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const float *data)
+{
+    cln_status st = CLN_OK;
+    cln_atomic_file *file = NULL, *finished = NULL;
+    size_t count = 0;
+
+    CLN_ASSERT(dims >= 0 && dims <= MAX_DIMS);
+    if (!element_count(dims, shape, &count))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: array too large for a .npy file of ours", path));
+    CLN_TRY(cln_npy_begin_f32(path, dims, shape, &file));
     CLN_TRY(cln_atomic_write(file, data, count * sizeof(float)));
     finished = file;
     file = NULL;

@@ -371,10 +371,11 @@ static void what_cannot_be_exported_is_said(void **state)
     assert_fails(cln_export(&desc, &result), CLN_CHECKPOINT, "no checkpoint");
     desc.colour = "red";
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "'red'");
-    desc.what = "mesh";
-    assert_fails(cln_export(&desc, &result), CLN_USAGE, "'mesh' is not one of octree");
+    desc.what = "trees";
+    assert_fails(cln_export(&desc, &result), CLN_USAGE,
+                 "'trees' is not one of points|mesh|volume|cameras|octree");
     desc.what = NULL;
-    assert_fails(cln_export(&desc, &result), CLN_USAGE, "not one of octree");
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "not one of points");
     assert_false(cln_is_file(file));
 }
 

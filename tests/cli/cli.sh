@@ -608,6 +608,13 @@ section_results() {
     expect "export by error" 0 "" \
         "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error --overwrite
     check "it says so" grep -aq "coloured by error" "$work/tree.ply"
+    expect "export of points" 0 "1,500 points" "$cln" export "$work/whole" --points - --count 1500
+    check "on standard output" grep -aqx "element vertex 1500" "$work/out"
+    expect "export of the cameras, without any device" 0 "" env OCL_ICD_VENDORS="$work/nowhere" \
+        "$cln" export "$work/whole" --cameras "$work/cameras" --json
+    check "as many as there are" [ "$(json cameras)" = \
+        "$(grep -c '\.png$' "$work/cameras/images.txt")" ]
+    expect "a volume is two files" 2 "--volume" "$cln" export "$work/whole" --volume -
     expect "export of what is no run" 3 "blender" "$cln" export "$work/blender" \
         --octree "$work/none.ply"
     expect "export of a run that is not there" 3 "nowhere" \

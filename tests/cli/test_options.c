@@ -286,6 +286,17 @@ static void every_other_option_is_read(void **state)
     assert_true(o->overwrite);
     done(&l);
 
+    o = parsed(&l, "export run --mesh m.glb --spacing 0.05 --closed --scene s -d 1");
+    assert_string_equal(o->export_what, "mesh");
+    assert_string_equal(o->export_file, "m.glb");
+    assert_string_equal(o->scene, "s");
+    assert_string_equal(o->device.spec, "1");
+    assert_true(o->spacing == 0.05 && o->closed && o->count == 0);
+    done(&l);
+    o = parsed(&l, "export run --points p.ply --count 1000");
+    assert_true(o->spacing == 0 && !o->closed && o->count == 1000);
+    done(&l);
+
     o = parsed(&l, "devices --no-test");
     assert_false(o->test);
     done(&l);
@@ -572,10 +583,11 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train s t -o r", "'t'|one SCENE|'s'"},
         {"eval", "eval: RUN is missing"},
         {"export --octree f", "export: RUN is missing"},
-        {"export r", "--octree FILE"},
+        {"export r", "--mesh FILE|--points|--octree"},
         {"export r --octree", "--octree needs a value"},
         {"export r --octree f --colour red", "--colour|'red'|level|error"},
-        {"export r --octree f -d cpu", "unknown option -d"},
+        {"export r --octree f --mesh g", "--octree and --mesh|one at a time"},
+        {"export r --mesh f --spacing 0", "--spacing|'0'"},
         {"eval r --octree f", "--octree is not an option of eval|only of export"},
         {"devices here", "'here'"},
         {"eval r --max-images many", "--max-images|'many'"},

@@ -1,0 +1,279 @@
+/* export --cameras: the scene's cameras, in its frame and at the size of its image files, as a
+ * transforms JSON file in nerfstudio's form, or as a folder with COLMAP's three text files. */
+#include <jansson.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/files.h"
+#include "base/memory.h"
+#include "export/export.h"
+#include "io/disk.h"
+
+enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
+
+/* A view's camera for its file: --downscale made it smaller. */
+static cln_camera camera_of(const cln_view *view)
+{
+    cln_camera c = view->camera;
+    const double x = (double)view->file_width / c.width, y = (double)view->file_height / c.height;
+
+    c.fx *= x;
+    c.cx *= x;
+    c.fy *= y;
+    c.cy *= y;
+    c.width = view->file_width;
+    c.height = view->file_height;
+    return c;
+}
+
+/* Its file from the scene's folder: names may lack the ending. */
+static cln_status name_of(const cln_view *view, char **name)
+{
+    const char *last = strrchr(view->name, '/'), *file = strrchr(view->path, '/');
+    size_t bytes = 0;
+
+    last = last ? last + 1 : view->name;
+    file = file ? file + 1 : view->path;
+    bytes = strlen(last);
+    return cln_asprintf(name, "%s%s", view->name,
+                        strncmp(last, file, bytes) == 0 ? file + bytes : "");
+}
+
+/* ---- transforms JSON ---- */
+
+static json_t *frame_of(const cln_view *view, const char *name)
+{
+    static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
+    const cln_camera c = camera_of(view);
+    const cln_lens_model *lens = &cln_lens_models[c.lens];
+    json_t *rows = json_array();
+    json_t *frame = json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:s, s:o}", "file_path", name,
+                              "w", c.width, "h", c.height, "fl_x", c.fx, "fl_y", c.fy, "cx", c.cx,
+                              "cy", c.cy, "camera_model", lens->name, "transform_matrix", rows);
+
+    for (int i = 0; i < lens->count; i++)
+        json_object_set_new(frame, lens->params[i], json_real(c.distortion[i]));
+    for (int r = 0; r < 4; r++) {
+        const double *row = r < 3 ? c.c2w + 4 * r : (const double[4]){0, 0, 0, 1};
+
+        json_array_append_new(rows, json_pack("[f,f,f,f]", row[0] * flip[0], row[1] * flip[1],
+                                              row[2] * flip[2], row[3] * flip[3]));
+    }
+    return frame;
+}
+
+static cln_status write_transforms(const cln_export_job *job, const cln_scene *scene)
+{
+    static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
+                                                 "test_filenames"};
+    cln_status st = CLN_OK;
+    json_t *frames = json_array(), *lists[CLN_SPLITS] = {NULL};
+    json_t *document = json_pack("{s:o}", "frames", frames);
+    char *text = NULL, *name = NULL;
+
+    for (int split = 0; split < CLN_SPLITS; split++)
+        lists[split] = json_array();
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+
+        free(name);
+        name = NULL;
+        CLN_TRY(name_of(view, &name));
+        json_array_append_new(frames, frame_of(view, name));
+        json_array_append_new(lists[view->split], json_string(name));
+    }
+    for (int split = 0; split < CLN_SPLITS; split++)
+        if (json_array_size(lists[split]) > 0)
+            json_object_set(document, keys[split], lists[split]);
+    text = document ? json_dumps(document, JSON_INDENT(1)) : NULL;
+    if (!text)
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", job->desc->file));
+    CLN_TRY(cln_write_file(job->desc->file, text, strlen(text)));
+done:
+    for (int split = 0; split < CLN_SPLITS; split++)
+        json_decref(lists[split]);
+    json_decref(document);
+    free(text);
+    free(name);
+    return st;
+}
+
+/* ---- COLMAP ---- */
+
+enum { CAMERAS, IMAGES, POINTS, FILES };
+static const char *const names[FILES] = {"cameras.txt", "images.txt", "points3D.txt"};
+
+/* The shortest list of parameters that has all of a camera: its model and their number; CLN_INPUT
+ * if COLMAP has none. */
+static cln_status list_of(const cln_view *view, const cln_camera *c, const cln_colmap_model **model,
+                          double values[CLN_COLMAP_PARAMS])
+{
+    const cln_colmap_model *best = NULL;
+    int used = CLN_LENS_PARAMS;
+
+    while (used > 0 && c->distortion[used - 1] == 0)
+        used--;
+    for (int i = 0; i < CLN_COLMAP_MODELS; i++) {
+        const cln_colmap_model *m = &cln_colmap_models[i];
+
+        if (m->lens != c->lens || (m->focals == 1 && c->fx != c->fy) ||
+            (m->focals > 0 && m->count - m->focals - 2 < used) || (best && best->count <= m->count))
+            continue;
+        best = m;
+    }
+    if (!best)
+        return cln_fail(CLN_INPUT,
+                        "%s: none of COLMAP's camera models has its lens %s; write transforms JSON "
+                        "(--cameras FILE.json)",
+                        view->name, cln_lens_models[c->lens].name);
+    *model = best;
+    if (best->focals == 0) {
+        values[0] = c->width;
+        values[1] = c->height;
+        return CLN_OK;
+    }
+    values[0] = c->fx;
+    values[best->focals - 1] = best->focals == 1 ? c->fx : c->fy;
+    values[best->focals] = c->cx;
+    values[best->focals + 1] = c->cy;
+    memcpy(values + best->focals + 2, c->distortion,
+           (size_t)(best->count - best->focals - 2) * sizeof *values);
+    return CLN_OK;
+}
+
+static cln_status put_camera(FILE *to, int id, const cln_view *view)
+{
+    cln_status st = CLN_OK;
+    const cln_camera c = camera_of(view);
+    const cln_colmap_model *model = NULL;
+    double values[CLN_COLMAP_PARAMS] = {0};
+
+    CLN_TRY(list_of(view, &c, &model, values));
+    fprintf(to, "%d %s %d %d", id, model->name, c.width, c.height);
+    for (int i = 0; i < model->count; i++)
+        fprintf(to, " %.17g", values[i]);
+    fprintf(to, "\n");
+done:
+    return st;
+}
+
+/* From the world to the camera: unit quaternion w, x, y, z and translation. By the largest of the
+ * four, so that nothing small is divided by. */
+static void pose_of(const double c2w[12], double q[4], double t[3])
+{
+    double r[3][3], sums[4], most = 0;
+    int k = 0;
+
+    for (int i = 0; i < 3; i++) {
+        t[i] = 0;
+        for (int j = 0; j < 3; j++) {
+            r[i][j] = c2w[4 * j + i];
+            t[i] -= r[i][j] * c2w[4 * j + 3];
+        }
+    }
+    sums[0] = r[0][0] + r[1][1] + r[2][2];
+    for (int i = 0; i < 3; i++)
+        sums[i + 1] = 2 * r[i][i] - sums[0];
+    for (int i = 1; i < 4; i++)
+        k = sums[i] > sums[k] ? i : k;
+    most = sqrt(1 + sums[k]) / 2;
+    q[k] = most;
+    if (k == 0) {
+        for (int i = 0; i < 3; i++)
+            q[i + 1] = (r[(i + 2) % 3][(i + 1) % 3] - r[(i + 1) % 3][(i + 2) % 3]) / (4 * most);
+        return;
+    }
+    k--;
+    q[0] = (r[(k + 2) % 3][(k + 1) % 3] - r[(k + 1) % 3][(k + 2) % 3]) / (4 * most);
+    for (int i = 1; i < 3; i++) {
+        const int other = (k + i) % 3;
+
+        q[other + 1] = (r[k][other] + r[other][k]) / (4 * most);
+    }
+}
+
+static bool same_camera(const cln_view *a, const cln_view *b)
+{
+    return a->file_width == b->file_width && a->file_height == b->file_height &&
+           cln_camera_is_like(&a->camera, &b->camera);
+}
+
+/* cameras.txt and images.txt; views of one camera in a row share its entry. */
+static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
+{
+    cln_status st = CLN_OK;
+    int cameras = 0;
+    char *name = NULL;
+
+    fprintf(to[CAMERAS], "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
+    fprintf(to[IMAGES], "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+                        "# POINTS2D[] as (X, Y, POINT3D_ID): none\n");
+    fprintf(to[POINTS], "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[]: none\n");
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        double q[4], t[3];
+
+        free(name);
+        name = NULL;
+        CLN_TRY(name_of(view, &name));
+        if (i == 0 || !same_camera(view, &scene->views[i - 1]))
+            CLN_TRY(put_camera(to[CAMERAS], ++cameras, view));
+        pose_of(view->camera.c2w, q, t);
+        fprintf(to[IMAGES], "%d %.17g %.17g %.17g %.17g %.17g %.17g %.17g %d %s\n\n", i + 1, q[0],
+                q[1], q[2], q[3], t[0], t[1], t[2], cameras, name);
+    }
+done:
+    free(name);
+    return st;
+}
+
+static cln_status write_colmap(const cln_export_job *job, const cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    cln_atomic_file *files[FILES] = {NULL}, *finished = NULL;
+    FILE *streams[FILES] = {NULL};
+    char *paths[FILES] = {NULL};
+
+    for (int i = 0; i < FILES; i++) {
+        CLN_TRY(cln_path_join(&paths[i], job->desc->file, names[i]));
+        if (cln_is_file(paths[i]) && !job->desc->overwrite)
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s: already exists; choose another folder, or give --overwrite",
+                             paths[i]));
+    }
+    CLN_TRY(cln_make_dirs(job->desc->file));
+    for (int i = 0; i < FILES; i++) {
+        CLN_TRY(cln_atomic_open(paths[i], &files[i]));
+        streams[i] = cln_atomic_stream(files[i]);
+    }
+    CLN_TRY(put_views(scene, streams));
+    for (int i = 0; i < FILES; i++) {
+        finished = files[i];
+        files[i] = NULL;
+        CLN_TRY(cln_atomic_commit(finished));
+    }
+done:
+    for (int i = 0; i < FILES; i++) {
+        cln_atomic_abandon(files[i]);
+        free(paths[i]);
+    }
+    return st;
+}
+
+cln_status cln_export_cameras(cln_export_job *job)
+{
+    cln_status st = CLN_OK;
+    const cln_scene *scene = job->opened.scene;
+    const double bytes = (double)FRAME_BYTES * scene->view_count;
+
+    CLN_TRY(cln_disk_check_file(job->desc->file, bytes, "the cameras"));
+    if (cln_export_ends(job->desc->file, ".json"))
+        CLN_TRY(write_transforms(job, scene));
+    else
+        CLN_TRY(write_colmap(job, scene));
+    job->result->views = scene->view_count;
+done:
+    return st;
+}

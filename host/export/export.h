@@ -1,0 +1,34 @@
+/* What the exports of list.h share: what each gets from api/export.c, which checks what is asked for
+ * and opens the run. */
+#ifndef CLN_EXPORT_H
+#define CLN_EXPORT_H
+
+#include "export/list.h"
+#include "render/open_run.h"
+
+/* The checkpoint is always read. DEVICE: the field on a device; SCENE: the scene, without its
+ * images; VIEWS: both. */
+typedef enum {
+    CLN_EXPORT_CHECKPOINT = 0,
+    CLN_EXPORT_DEVICE = 1,
+    CLN_EXPORT_SCENE = 2,
+    CLN_EXPORT_VIEWS = 3
+} cln_export_needs;
+
+typedef struct cln_export_job {
+    const cln_export_desc *desc;
+    cln_open_run opened;
+    cln_export_result *result;
+} cln_export_job;
+
+#define X(what, needs, form, help) cln_status cln_export_##what(cln_export_job *job);
+CLN_EXPORT_LIST(X)
+#undef X
+
+/* "cl-nascent VERSION: WHAT at step N; scene units", for a file's comment; the caller frees it. */
+cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text);
+
+/* Has the file's name this ending (".obj"), in any case of letters? */
+bool cln_export_ends(const char *file, const char *ending);
+
+#endif

@@ -1,0 +1,24 @@
+/* The list of exports: what cln_export can write, and an option of `export` each. To add one: a row
+ * here and its function in a file of this room (export.h); api/export.c checks and calls. */
+#ifndef CLN_EXPORT_LIST_H
+#define CLN_EXPORT_LIST_H
+
+/* X(what, needs, form, help): what = the name in cln_export_desc.what and of the option that takes
+ * the file; needs = what of the run is opened for it; form = how help names the file, with the
+ * endings that a name must have if it has any. */
+#define CLN_EXPORT_LIST(X)                                                                         \
+    X(points, VIEWS, "FILE.ply",                                                                   \
+      "write points of the surface that training views see, evenly by area, with colours and "     \
+      "normals")                                                                                   \
+    X(mesh, VIEWS, "FILE.ply|.obj|.glb",                                                           \
+      "write that surface as triangles with colours and normals; the ending says how")             \
+    X(volume, DEVICE, "FILE.npy",                                                                  \
+      "write colour and density on a grid: float32 [z][y][x][r, g, b, density]; FILE.json beside " \
+      "it says where the grid lies")                                                               \
+    X(cameras, SCENE, "FILE.json|FOLDER",                                                          \
+      "write the scene's cameras: a transforms JSON file, or for a FOLDER COLMAP's text files")    \
+    X(octree, CHECKPOINT, "FILE.ply",                                                              \
+      "write the active leaves to this PLY file, as boxes with level and error; - is standard "    \
+      "output")
+
+#endif

@@ -1,0 +1,78 @@
+/* export --mesh: the surface as triangles. */
+#include "export/mesh.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "io/disk.h"
+
+cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)
+{
+    cln_status st = CLN_OK;
+
+    mesh->vertices = vertices;
+    CLN_TRY(cln_alloc(&mesh->at, vertices, sizeof *mesh->at, "vertices"));
+    CLN_TRY(cln_alloc(&mesh->normal, vertices, sizeof *mesh->normal, "vertices"));
+    CLN_TRY(cln_alloc(&mesh->colour, vertices, sizeof *mesh->colour, "vertices"));
+done:
+    return st;
+}
+
+void cln_export_mesh_free(cln_mesh *mesh)
+{
+    free(mesh->at);
+    free(mesh->normal);
+    free(mesh->colour);
+}
+
+cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
+{
+    cln_status st = CLN_OK;
+    const cln_space *space = &job->opened.model.space;
+    const char *file = job->desc->file;
+    char *comment = NULL;
+
+    CLN_TRY(cln_export_comment(job, what, &comment));
+    mesh->comment = comment;
+    mesh->fine = cln_space_distance_to_scene(space, cln_surface_cell(&job->opened.model));
+    memcpy(mesh->origin, space->centre, sizeof mesh->origin);
+    CLN_TRY(cln_disk_check_file(file, cln_mesh_bytes(mesh), what));
+    if (cln_export_ends(file, ".obj"))
+        CLN_TRY(cln_mesh_write_obj(file, mesh));
+    else if (cln_export_ends(file, ".glb"))
+        CLN_TRY(cln_mesh_write_glb(file, mesh));
+    else
+        CLN_TRY(cln_mesh_write_ply(file, mesh));
+    job->result->vertices = (int64_t)mesh->vertices;
+    job->result->faces = (int64_t)mesh->faces;
+done:
+    mesh->comment = NULL;
+    free(comment);
+    return st;
+}
+
+cln_status cln_export_mesh(cln_export_job *job)
+{
+    cln_status st = CLN_OK;
+    const cln_export_desc *desc = job->desc;
+    const cln_surface_desc how = {&job->opened, desc->spacing, desc->closed, &desc->callbacks};
+    cln_surface surface = {0};
+    cln_mesh mesh = {0};
+
+    CLN_TRY(cln_surface_make(&how, &surface));
+    CLN_TRY(cln_export_mesh_make(&mesh, surface.vertices));
+    for (size_t i = 0; i < mesh.vertices; i++) {
+        const double cube[3] = {surface.at[i][0], surface.at[i][1], surface.at[i][2]};
+
+        cln_space_point_to_scene(&job->opened.model.space, cube, mesh.at[i]);
+    }
+    memcpy(mesh.normal, surface.normal, mesh.vertices * sizeof *mesh.normal);
+    memcpy(mesh.colour, surface.colour, mesh.vertices * sizeof *mesh.colour);
+    mesh.face = surface.face;
+    mesh.faces = surface.faces;
+    CLN_TRY(cln_export_mesh_write(job, "the surface", &mesh));
+done:
+    cln_export_mesh_free(&mesh);
+    cln_surface_free(&surface);
+    return st;
+}

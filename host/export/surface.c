@@ -1,0 +1,308 @@
+/* The surface of a run. See surface.h. The training views' rendered depths say where it is
+ * (fusion.h), marching cubes makes triangles of it, and the field colours it as the view that sees
+ * it most from the front would. */
+#include "export/surface.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "export/fusion.h"
+#include "export/marching.h"
+#include "io/image.h"
+#include "pipeline/field.h"
+
+enum {
+    CHUNK = 65536,
+    MOST_CELLS = 2048,
+    BAND = 6,          /* cells or pixels */
+    VERTEX_BYTES = 136 /* with its two faces, a third of them to grow by, and what a writer takes */
+};
+
+/* ---- arrays ---- */
+
+void cln_surface_free(cln_surface *surface)
+{
+    free(surface->at);
+    free(surface->normal);
+    free(surface->towards);
+    free(surface->colour);
+    free(surface->face);
+    memset(surface, 0, sizeof *surface);
+}
+
+static cln_status grow(void *pointer, size_t *room, size_t row, const char *what)
+{
+    const size_t more = *room ? *room + *room / 2 : 4096;
+    void *old, *new;
+
+    memcpy(&old, pointer, sizeof old);
+    new = realloc(old, more * row);
+    if (!new)
+        return cln_fail(CLN_MEMORY, "surface: no memory for %zu %s; give a larger --spacing", more,
+                        what);
+    memcpy(pointer, &new, sizeof new);
+    *room = more;
+    return CLN_OK;
+}
+
+cln_status cln_surface_grow_vertices(cln_surface *surface)
+{
+    const size_t most = surface->most ? surface->most : UINT32_MAX;
+
+    if (surface->vertices >= most)
+        return cln_fail(CLN_MEMORY,
+                        "surface: more than %zu vertices, for which memory is too small; give a "
+                        "larger --spacing",
+                        most);
+    if (surface->vertices < surface->vertex_room)
+        return CLN_OK;
+    return grow(&surface->at, &surface->vertex_room, sizeof *surface->at, "vertices");
+}
+
+cln_status cln_surface_grow_faces(cln_surface *surface)
+{
+    if (surface->faces < surface->face_room)
+        return CLN_OK;
+    return grow(&surface->face, &surface->face_room, sizeof *surface->face, "triangles");
+}
+
+cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep)
+{
+    cln_status st = CLN_OK;
+    uint32_t *to = NULL;
+    size_t faces = 0, vertices = 0;
+
+    CLN_TRY(cln_alloc(&to, surface->vertices, sizeof *to, "vertices"));
+    for (size_t f = 0; f < surface->faces; f++) {
+        const uint32_t *v = surface->face[f];
+
+        if (!keep[v[0]] && !keep[v[1]] && !keep[v[2]])
+            continue;
+        for (int k = 0; k < 3; k++)
+            to[v[k]] = 1;
+        memmove(surface->face[faces++], v, sizeof surface->face[0]);
+    }
+    for (size_t v = 0; v < surface->vertices; v++) {
+        if (!to[v])
+            continue;
+        memmove(surface->at[vertices], surface->at[v], sizeof surface->at[0]);
+        memmove(surface->normal[vertices], surface->normal[v], sizeof surface->normal[0]);
+        memmove(surface->towards[vertices], surface->towards[v], sizeof surface->towards[0]);
+        to[v] = (uint32_t)vertices++;
+    }
+    for (size_t f = 0; f < faces; f++)
+        for (int k = 0; k < 3; k++)
+            surface->face[f][k] = to[surface->face[f][k]];
+    surface->faces = faces;
+    surface->vertices = vertices;
+done:
+    free(to);
+    return st;
+}
+
+/* ---- the surface ---- */
+
+typedef struct job {
+    cln_fusion *fusion;
+    const cln_callbacks *callbacks;
+} job;
+
+static cln_status poll(const cln_callbacks *callbacks)
+{
+    const int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+
+    if (signal == SIGINT)
+        return cln_fail(CLN_SIGINT, "stopped by a signal; nothing was written");
+    if (signal == SIGTERM)
+        return cln_fail(CLN_SIGTERM, "stopped by a signal; nothing was written");
+    return CLN_OK;
+}
+
+double cln_surface_cell(const cln_model *model)
+{
+    return 2.0 / ((double)(1 << cln_octree_depth(&model->tree)) * model->config.n1);
+}
+
+static cln_status ask_fusion(void *user, size_t n, const float (*at)[4], float *values)
+{
+    const job *j = user;
+
+    for (size_t i = 0; i < n; i++)
+        values[i] = cln_fusion_at(j->fusion, at[i]);
+    return poll(j->callbacks);
+}
+
+static cln_status report(void *user, int done, int total)
+{
+    const cln_callbacks *callbacks = ((job *)user)->callbacks;
+
+    if (callbacks->work)
+        callbacks->work("surface", done, total, callbacks->user);
+    return CLN_OK;
+}
+
+static double make_unit(float v[3])
+{
+    const double length = sqrt((double)v[0] * v[0] + (double)v[1] * v[1] + (double)v[2] * v[2]);
+
+    for (int a = 0; a < 3 && length > 0; a++)
+        v[a] = (float)(v[a] / length);
+    return length;
+}
+
+/* The normals of the faces, by area. */
+static void add_face_normals(cln_surface *s)
+{
+    for (size_t f = 0; f < s->faces; f++) {
+        const uint32_t *v = s->face[f];
+        double p[2][3], n[3];
+
+        for (int k = 0; k < 2; k++)
+            for (int a = 0; a < 3; a++)
+                p[k][a] = (double)s->at[v[k + 1]][a] - s->at[v[0]][a];
+        for (int a = 0; a < 3; a++)
+            n[a] = p[0][(a + 1) % 3] * p[1][(a + 2) % 3] - p[0][(a + 2) % 3] * p[1][(a + 1) % 3];
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++)
+                s->normal[v[k]][a] += (float)n[a];
+    }
+}
+
+/* Differences of the function to both sides; where these are 0, the faces'. */
+static cln_status find_normals(const job *j, double step, cln_surface *s)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_alloc(&s->normal, s->vertices, sizeof *s->normal, "normals"));
+    add_face_normals(s);
+    for (size_t i = 0; i < s->vertices; i++) {
+        float normal[3];
+
+        if (i % CHUNK == 0)
+            CLN_TRY(poll(j->callbacks));
+        for (int a = 0; a < 3; a++) {
+            float low[3], high[3];
+
+            memcpy(low, s->at[i], sizeof low);
+            memcpy(high, s->at[i], sizeof high);
+            low[a] -= (float)step;
+            high[a] += (float)step;
+            normal[a] = cln_fusion_at(j->fusion, low) - cln_fusion_at(j->fusion, high);
+        }
+        if (make_unit(normal) > 1e-6)
+            memcpy(s->normal[i], normal, sizeof normal);
+        else
+            make_unit(s->normal[i]);
+    }
+done:
+    return st;
+}
+
+/* Who sees it; what none does is dropped. */
+static cln_status look(const job *j, bool closed, cln_surface *s)
+{
+    cln_status st = CLN_OK;
+    uint8_t *seen = NULL;
+
+    CLN_TRY(cln_alloc(&s->towards, s->vertices, sizeof *s->towards, "directions"));
+    CLN_TRY(cln_alloc(&seen, s->vertices, sizeof *seen, "vertices"));
+    for (size_t i = 0; i < s->vertices; i++)
+        seen[i] = cln_fusion_seen(j->fusion, s->at[i], s->normal[i], s->towards[i]);
+    if (!closed)
+        CLN_TRY(cln_surface_keep(s, seen));
+done:
+    free(seen);
+    return st;
+}
+
+/* As seen from the best view; what none sees, from the front. */
+static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
+{
+    cln_status st = CLN_OK;
+    float(*at)[4] = NULL, (*looks)[4] = NULL, (*out)[4] = NULL;
+
+    CLN_TRY(cln_alloc(&at, CHUNK, sizeof *at, "points"));
+    CLN_TRY(cln_alloc(&looks, CHUNK, sizeof *looks, "points"));
+    CLN_TRY(cln_alloc(&out, CHUNK, sizeof *out, "points"));
+    CLN_TRY(cln_alloc(&s->colour, s->vertices, sizeof *s->colour, "colours"));
+    for (size_t first = 0; first < s->vertices; first += CHUNK) {
+        const size_t n = s->vertices - first < CHUNK ? s->vertices - first : CHUNK;
+
+        CLN_TRY(poll(desc->callbacks));
+        for (size_t i = 0; i < n; i++) {
+            const float *towards = s->towards[first + i], *normal = s->normal[first + i];
+            const bool seen = towards[0] != 0 || towards[1] != 0 || towards[2] != 0;
+
+            for (int a = 0; a < 3; a++) {
+                at[i][a] = s->at[first + i][a];
+                looks[i][a] = seen ? towards[a] : -normal[a];
+            }
+            at[i][3] = 0;
+            looks[i][3] = 1;
+        }
+        CLN_TRY(cln_field_points(&desc->opened->pipeline, &desc->opened->model.tree, n,
+                                 (const float(*)[4])at, (const float(*)[4])looks, out));
+        for (size_t i = 0; i < n; i++)
+            for (int c = 0; c < 3; c++)
+                s->colour[first + i][c] = cln_to_u8(out[i][c]);
+    }
+done:
+    free(at);
+    free(looks);
+    free(out);
+    return st;
+}
+
+/* ---- the work ---- */
+
+cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool closed,
+                             const cln_callbacks *callbacks, cln_surface *out)
+{
+    cln_status st = CLN_OK;
+    const job j = {fusion, callbacks};
+    const double finest = fmax(cell, fusion->pixel), wanted = ceil(2 / finest * (1 - 1e-9));
+    cln_marching marching = {.ask = ask_fusion, .progress = report, .user = (void *)&j};
+
+    marching.cells = cells > 0 ? cells : wanted < MOST_CELLS ? (int)fmax(wanted, 2) : MOST_CELLS;
+    fusion->band = BAND * fmax(2.0 / marching.cells, fusion->pixel);
+    memset(out, 0, sizeof *out);
+    out->most = (size_t)fmin(UINT32_MAX, cln_host_memory() / 2 / VERTEX_BYTES);
+    CLN_TRY(cln_marching_run(&marching, out));
+    CLN_TRY(find_normals(&j, 2.0 / marching.cells, out));
+    CLN_TRY(look(&j, closed, out));
+done:
+    if (st != CLN_OK)
+        cln_surface_free(out);
+    return st;
+}
+
+cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
+{
+    cln_status st = CLN_OK;
+    const cln_model *model = &desc->opened->model;
+    const double side = 2 * model->space.half, spacing = desc->spacing;
+    const double wanted = spacing > 0 ? fmax(2, ceil(side / spacing * (1 - 1e-9))) : 0;
+    cln_fusion fusion = {0};
+
+    memset(out, 0, sizeof *out);
+    if (wanted > MOST_CELLS)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--spacing %g: that is %.0f cells across the cube of side %g, of which %d "
+                         "are the most; give %g or more",
+                         spacing, wanted, side, MOST_CELLS, side / MOST_CELLS));
+    CLN_TRY(cln_fusion_make(desc->opened, desc->callbacks, &fusion));
+    CLN_TRY(cln_surface_trace(&fusion, (int)wanted, cln_surface_cell(model), desc->closed,
+                              desc->callbacks, out));
+    if (out->faces == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no training view sees a surface in its field; train it longer",
+                         desc->opened->run));
+    CLN_TRY(paint(desc, out));
+done:
+    if (st != CLN_OK)
+        cln_surface_free(out);
+    cln_fusion_free(&fusion);
+    return st;
+}

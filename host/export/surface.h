@@ -1,0 +1,49 @@
+/* The surface of a run, as its training views see it, as a coloured mesh. What the exports of points
+ * and meshes have in common. */
+#ifndef CLN_SURFACE_H
+#define CLN_SURFACE_H
+
+#include "export/fusion.h"
+
+typedef struct cln_surface {
+    size_t vertices, faces, vertex_room, face_room;
+    size_t most;          /* vertices that it may have; 0 = as many as an index can name */
+    float (*at)[3];       /* [vertex] in the cube */
+    float (*normal)[3];   /* [vertex] unit, outwards */
+    float (*towards)[3];  /* [vertex] unit, from the eye that saw it best; 0: none did */
+    uint8_t (*colour)[3]; /* [vertex] sRGB */
+    uint32_t (*face)[3];  /* [face] counter-clockwise as seen from outside */
+} cln_surface;
+
+void cln_surface_free(cln_surface *surface); /* accepts a zeroed one */
+
+/* Make room for one more; CLN_MEMORY. */
+cln_status cln_surface_grow_vertices(cln_surface *surface);
+cln_status cln_surface_grow_faces(cln_surface *surface);
+
+/* Keeps the faces that have a vertex with keep[vertex] != 0, and the vertices of these. */
+cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep);
+
+/* Width of a cell of the finest leaves' cached densities, in the cube. */
+double cln_surface_cell(const cln_model *model);
+
+/* Marching cubes (marching.h) of the depths of views (fusion.h), whose band it sets, on a uniform
+ * grid: all but colours. `cells` along an axis of the cube, 0: as many as `cell` (the width of the
+ * finest detail to expect, in the cube) and the views' pixels ask for. `closed`: also what no view
+ * sees. CLN_MEMORY for more vertices than memory has room for; no face is no error. */
+cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool closed,
+                             const cln_callbacks *callbacks, cln_surface *out);
+
+typedef struct cln_surface_desc {
+    cln_open_run *opened; /* started, with a scene; the cameras of the pipeline are replaced */
+    double spacing;       /* of the grid, scene units; 0 = as fine as leaves and views */
+    bool closed;          /* also what no training view sees */
+    const cln_callbacks *callbacks;
+} cln_surface_desc;
+
+/* cln_surface_trace of the training views' rendered depths, and colours as the view that sees a
+ * place most from the front would see it. CLN_USAGE for a grid that is too fine, CLN_MEMORY,
+ * CLN_INPUT if no view sees a surface. */
+cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out);
+
+#endif

@@ -1,0 +1,33 @@
+/* Meshes of triangles and clouds of points as files for other programs: PLY, OBJ and GLB (binary
+ * glTF 2.0). docs/formats.md says what each has. */
+#ifndef CLN_MESH_H
+#define CLN_MESH_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include "base/status.h"
+
+typedef struct cln_mesh {
+    size_t vertices, faces; /* faces 0: points */
+    double (*at)[3];
+    float (*normal)[3];   /* unit */
+    uint8_t (*colour)[3]; /* sRGB */
+    uint32_t (*face)[3];  /* counter-clockwise as seen from outside */
+    double origin[3];     /* a point near all of them */
+    double fine;          /* length that positions have to tell apart */
+    const char *comment;  /* one line */
+} cln_mesh;
+
+/* Do floats keep its positions to a hundredth of `fine`? Else files have doubles, or positions
+ * relative to the origin (GLB). */
+bool cln_mesh_fits_floats(const cln_mesh *mesh);
+
+/* The most bytes that the file may have. */
+double cln_mesh_bytes(const cln_mesh *mesh);
+
+/* Writes atomically. CLN_OUTPUT, also for more than the format can count. */
+cln_status cln_mesh_write_ply(const char *path, const cln_mesh *mesh);
+cln_status cln_mesh_write_obj(const char *path, const cln_mesh *mesh);
+cln_status cln_mesh_write_glb(const char *path, const cln_mesh *mesh);
+
+#endif

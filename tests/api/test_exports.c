@@ -1,0 +1,286 @@
+/* cln_export of a trained run: points and mesh of a ball of radius 1, the three formats of a mesh
+ * against each other, a volume against the field at its places, cameras read back by the scene's
+ * readers, what is refused. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <unistd.h>
+#include "io/npy.h"
+#include "near.h"
+#include "run_fixture.h"
+#include "scene/scene.h"
+#include "tests.h"
+
+static cln_export_desc export_desc(const char *what, const char *file)
+{
+    return (cln_export_desc){.run = fixture_path("whole"),
+                             .what = what,
+                             .file = fixture_path(file),
+                             .device = fixture_device()};
+}
+
+typedef struct vertex {
+    float at[3], normal[3];
+    uint8_t colour[3];
+} __attribute__((packed)) vertex;
+
+/* The vertices of a PLY file with float positions; the caller frees *text. */
+static const vertex *read_ply(const char *path, char **text, int *count)
+{
+    size_t bytes = 0;
+    const char *body = NULL;
+
+    *text = scratch_get(path, &bytes);
+    assert_int_equal(sscanf(strstr(*text, "element vertex "), "element vertex %d", count), 1);
+    assert_non_null(strstr(*text, "property float x\n"));
+    body = strstr(*text, "end_header\n") + strlen("end_header\n");
+    assert_true((size_t)(body - *text) + (size_t)*count * sizeof(vertex) <= bytes);
+    return (const vertex *)body;
+}
+
+static void points_are_on_the_ball(void **state)
+{
+    cln_config config = fixture_config();
+    cln_train_result trained;
+    cln_export_desc desc = export_desc("points", "points.ply");
+    cln_export_result result;
+    double distance = 0, cosine = 0, shade = 0, height = 0;
+    const vertex *v = NULL;
+    char *text = NULL;
+    int n = 0;
+
+    NEED_DEVICE();
+    config.steps = 200;
+    assert_ok(fixture_train("longer", false, &config, NULL, &trained));
+    desc.run = fixture_path("longer");
+    desc.count = 3000;
+    assert_ok(cln_export(&desc, &result));
+    assert_int_equal(result.vertices, 3000);
+    assert_int_equal(result.faces, 0);
+    v = read_ply(desc.file, &text, &n);
+    assert_int_equal(n, 3000);
+    for (int i = 0; i < n; i++) {
+        const double r = sqrt(pow(v[i].at[0], 2) + pow(v[i].at[1], 2) + pow(v[i].at[2], 2));
+
+        distance += fabs(r - 1) / n;
+        for (int a = 0; a < 3; a++) {
+            cosine += (double)v[i].at[a] * v[i].normal[a] / r / n;
+            shade += fabs(v[i].colour[a] / 255.0 - (0.5 + 0.5 * v[i].at[a] / r)) / (3 * n);
+        }
+        height += v[i].at[2] / n;
+    }
+    print_message("    distance %.4f, cosine %.4f, colour %.4f, height %.4f\n", distance, cosine,
+                  shade, height);
+    assert_true(distance < 0.1); /* 24 x 24 pixels, 200 steps */
+    assert_true(cosine > 0.9);
+    assert_true(shade < 0.15);
+    free(text);
+}
+
+static void formats_of_a_mesh_agree(void **state)
+{
+    static const char *const files[] = {"mesh.ply", "mesh.obj", "mesh.glb"};
+    cln_export_result results[3];
+    const vertex *v = NULL;
+    char *text = NULL, *obj = NULL, *line = NULL;
+    int n = 0, lines = 0;
+    size_t bytes = 0;
+
+    NEED_DEVICE();
+    for (int i = 0; i < 3; i++) {
+        const cln_export_desc desc = export_desc("mesh", files[i]);
+
+        assert_ok(cln_export(&desc, &results[i]));
+        assert_true(results[i].faces > 100);
+        assert_int_equal(results[i].vertices, results[0].vertices);
+        assert_int_equal(results[i].faces, results[0].faces);
+    }
+    v = read_ply(fixture_path("mesh.ply"), &text, &n);
+    assert_int_equal(n, results[0].vertices);
+    obj = scratch_get(fixture_path("mesh.obj"), &bytes);
+    for (line = strstr(obj, "\nv "); line; line = strstr(line + 1, "\nv "), lines++) {
+        double p[3];
+
+        assert_int_equal(sscanf(line, "\nv %lf %lf %lf", &p[0], &p[1], &p[2]), 3);
+        for (int a = 0; a < 3; a++)
+            assert_near(p[a], v[lines].at[a], 1e-6);
+    }
+    assert_int_equal(lines, n);
+    free(text);
+    free(obj);
+}
+
+static void a_coarser_and_a_closed_mesh(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "coarse.ply");
+    cln_export_result fine, coarse, closed;
+
+    NEED_DEVICE();
+    desc.spacing = 0.1;
+    assert_ok(cln_export(&desc, &fine));
+    desc.spacing = 0.2;
+    assert_fails(cln_export(&desc, &coarse), CLN_OUTPUT, "--overwrite");
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &coarse));
+    print_message("    %lld and %lld triangles\n", (long long)fine.faces, (long long)coarse.faces);
+    assert_true(coarse.faces < fine.faces / 2 && coarse.faces > fine.faces / 8);
+    desc.closed = true;
+    assert_ok(cln_export(&desc, &closed));
+    assert_true(closed.faces >= coarse.faces);
+}
+
+static void volumes_are_the_field(void **state)
+{
+    cln_export_desc desc = export_desc("volume", "volume.npy");
+    const cln_device_desc device = fixture_device();
+    cln_export_result result;
+    cln_field *field = NULL;
+    json_t *about = NULL;
+    float *values = NULL, sigma = 0;
+    int dims = 0, shape[4];
+    double spacing = 0, densest = 0;
+
+    NEED_DEVICE();
+    desc.spacing = 0.17;
+    assert_ok(cln_export(&desc, &result));
+    assert_ok(cln_npy_read_f32(desc.file, &dims, shape, &values));
+    about = fixture_json("volume.json");
+    assert_int_equal(dims, 4);
+    assert_int_equal(shape[3], 4);
+    assert_memory_equal(shape, result.shape, sizeof result.shape);
+    spacing = json_number_value(fixture_at(about, "spacing"));
+    assert_near(spacing, 0.17, 1e-12);
+    assert_ok(cln_field_open(desc.run, &device, &field));
+    for (int i = 0; i < shape[0] * shape[1] * shape[2]; i += 37) {
+        const int cell[3] = {i % shape[2], i / shape[2] % shape[1], i / shape[2] / shape[1]};
+        double at[1][3], mean[3] = {0};
+
+        for (int a = 0; a < 3; a++)
+            at[0][a] = json_number_value(json_array_get(fixture_at(about, "first"), (size_t)a)) +
+                       cell[a] * spacing;
+        for (int look = 0; look < 6; look++) {
+            float towards[1][3] = {{0}}, rgb[1][3];
+
+            towards[0][look / 2] = look % 2 ? 1 : -1;
+            assert_ok(cln_field_at(field, 1, (const double(*)[3])at, (const float(*)[3])towards,
+                                   rgb, &sigma));
+            for (int c = 0; c < 3; c++)
+                mean[c] += rgb[0][c] / 6.0;
+        }
+        assert_near(values[4 * i + 3], sigma, 1e-3 * (1 + sigma));
+        for (int c = 0; c < 3 && sigma * spacing > 1e-3; c++)
+            assert_near(values[4 * i + c], mean[c], 2e-3);
+        densest = fmax(densest, sigma);
+    }
+    assert_true(densest > 1);
+    cln_field_close(field);
+    json_decref(about);
+    free(values);
+}
+
+/* Is "images/train/r_0.png" the view "train/r_0"? */
+static bool same_name(const char *is, const char *was)
+{
+    is += strncmp(is, "images/", 7) == 0 ? 7 : 0;
+    return strncmp(is, was, strlen(was)) == 0 &&
+           (is[strlen(was)] == 0 || strcmp(is + strlen(was), ".png") == 0);
+}
+
+/* Every view of the scene is in the other with the same camera. */
+static void assert_same_cameras(const char *path)
+{
+    const cln_config config = fixture_config();
+    cln_scene_desc desc = {.path = fixture_path("scene"), .config = &config};
+    cln_scene *was = NULL, *is = NULL;
+
+    assert_ok(cln_scene_load(&desc, &was));
+    desc.path = path;
+    assert_ok(cln_scene_load(&desc, &is));
+    assert_int_equal(is->view_count, was->view_count);
+    for (int i = 0; i < was->view_count; i++) {
+        const cln_camera *a = &was->views[i].camera, *b = NULL;
+
+        for (int k = 0; k < is->view_count; k++)
+            if (same_name(is->views[k].name, was->views[i].name))
+                b = &is->views[k].camera;
+        if (!b)
+            fail_msg("%s: no %s, but %s", path, was->views[i].name, is->views[0].name);
+        assert_true(cln_camera_is_like(a, b));
+        for (int m = 0; m < 12; m++)
+            assert_near(b->c2w[m], a->c2w[m], 1e-12);
+    }
+    cln_scene_free(was);
+    cln_scene_free(is);
+}
+
+static void cameras_come_back(void **state)
+{
+    cln_export_desc desc = export_desc("cameras", "scene/cameras.json");
+    cln_export_result result;
+
+    NEED_DEVICE();
+    desc.device.spec = "no such device"; /* needs none */
+    assert_ok(cln_export(&desc, &result));
+    assert_int_equal(result.views, TRAIN_VIEWS + TEST_VIEWS);
+    assert_same_cameras(desc.file);
+    assert_ok(cln_make_dirs(fixture_path("colmap")));
+    assert_int_equal(symlink(fixture_path("scene"), fixture_path("colmap/images")), 0);
+    desc.file = fixture_path("colmap/sparse/0");
+    assert_ok(cln_export(&desc, &result));
+    assert_fails(cln_export(&desc, &result), CLN_OUTPUT, "cameras.txt");
+    assert_same_cameras(fixture_path("colmap"));
+}
+
+static void mistakes_are_named(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "x.stl");
+    cln_export_result result;
+
+    NEED_DEVICE();
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, ".ply|.obj|.glb");
+    desc = export_desc("mesh", "x.obj");
+    desc.spacing = 1e-5;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "or more");
+    desc = export_desc("volume", "x.npy");
+    desc.spacing = 1e-5;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "or more");
+    desc = export_desc("points", "x.ply");
+    desc.spacing = 1e-5;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "larger --spacing");
+    desc.count = 10;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "one gives the other");
+    desc = export_desc("octree", "x.ply");
+    desc.spacing = 1;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "--octree does not read it");
+    desc = export_desc("mesh", "x.ply");
+    desc.scene = fixture_path("nowhere");
+    assert_fails(cln_export(&desc, &result), CLN_INPUT, "nowhere");
+    assert_false(cln_is_file(fixture_path("x.ply")) || cln_is_file(fixture_path("x.obj")) ||
+                 cln_is_file(fixture_path("x.npy")));
+}
+
+static void a_signal_leaves_no_file(void **state)
+{
+    fixture_stop stop = {.signal = SIGINT, .pictures = 3};
+    cln_export_desc desc = export_desc("mesh", "stopped.ply");
+    cln_export_result result;
+
+    NEED_DEVICE();
+    desc.callbacks = fixture_callbacks(&stop);
+    assert_fails(cln_export(&desc, &result), CLN_SIGINT, "signal");
+    assert_false(cln_is_file(desc.file));
+}
+
+int test_group_exports(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(points_are_on_the_ball),      cmocka_unit_test(formats_of_a_mesh_agree),
+        cmocka_unit_test(a_coarser_and_a_closed_mesh), cmocka_unit_test(volumes_are_the_field),
+        cmocka_unit_test(cameras_come_back),           cmocka_unit_test(mistakes_are_named),
+        cmocka_unit_test(a_signal_leaves_no_file),
+    };
+
+    return cmocka_run_group_tests_name("exports", tests, fixture_setup, fixture_teardown);
+}

@@ -1,0 +1,369 @@
+/* The surface that exports write, away from any training: marching cubes of functions whose surface
+ * is known (closed, oriented, in its place), and exact depths of generated shapes, fused and traced,
+ * against these shapes: distances both ways, normals, what is hidden. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <stdio.h>
+#include <string.h>
+#include "base/rng.h"
+#include "export/marching.h"
+#include "model/octree.h"
+#include "near.h"
+#include "tests.h"
+#include "truth.h"
+
+/* ---- marching cubes ---- */
+
+static const double ball = 0.61;
+
+static cln_status ask_ball(void *user, size_t n, const float (*at)[4], float *values)
+{
+    size_t *asked = user;
+
+    assert_in_range(n, 1, 65536);
+    *asked += n;
+    for (size_t i = 0; i < n; i++)
+        values[i] = (float)(ball - sqrt((double)at[i][0] * at[i][0] + at[i][1] * at[i][1] +
+                                        at[i][2] * at[i][2]));
+    return CLN_OK;
+}
+
+/* Another sign in every cell of 1/7: all the cases, and all pairs of neighbouring ones. */
+static cln_status ask_noise(void *user, size_t n, const float (*at)[4], float *values)
+{
+    const uint32_t *seed = user;
+
+    for (size_t i = 0; i < n; i++) {
+        uint32_t hash = *seed;
+
+        for (int a = 0; a < 3; a++)
+            hash = cln_hash(hash ^ (uint32_t)(int)floor(7 * (double)at[i][a] + 100.5));
+        values[i] = (hash >> 8 & 3) == 0 ? 0.5f : -0.5f;
+        if (*seed % 2)
+            values[i] = -values[i];
+    }
+    return CLN_OK;
+}
+
+static int by_edge(const void *a, const void *b)
+{
+    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+/* Each side of a triangle has exactly one that runs the other way: no crack, no side of more than
+ * two. */
+static void assert_closed(const cln_surface *s)
+{
+    const size_t n = 3 * s->faces;
+    uint64_t *edges = malloc(2 * n * sizeof *edges), *back = edges + n;
+
+    assert_non_null(edges);
+    for (size_t f = 0; f < s->faces; f++)
+        for (int k = 0; k < 3; k++) {
+            const uint64_t a = s->face[f][k], b = s->face[f][(k + 1) % 3];
+
+            assert_true(a < s->vertices && b < s->vertices && a != b);
+            edges[3 * f + (size_t)k] = a << 32 | b;
+            back[3 * f + (size_t)k] = b << 32 | a;
+        }
+    qsort(edges, n, sizeof *edges, by_edge);
+    qsort(back, n, sizeof *back, by_edge);
+    for (size_t i = 0; i < n; i++) {
+        if (edges[i] != back[i])
+            fail_msg("side %zu of %zu has no other triangle", i, n);
+        if (i > 0 && edges[i] == edges[i - 1])
+            fail_msg("side %zu of %zu is in two triangles of one direction", i, n);
+    }
+    free(edges);
+}
+
+static double volume_of(const cln_surface *s)
+{
+    double sum = 0;
+
+    for (size_t f = 0; f < s->faces; f++) {
+        const float *a = s->at[s->face[f][0]], *b = s->at[s->face[f][1]], *c = s->at[s->face[f][2]];
+
+        for (int k = 0; k < 3; k++)
+            sum += (double)a[k] * ((double)b[(k + 1) % 3] * c[(k + 2) % 3] -
+                                   (double)b[(k + 2) % 3] * c[(k + 1) % 3]);
+    }
+    return sum / 6;
+}
+
+static void a_ball_is_a_ball(void **state)
+{
+    size_t asked = 0;
+    const cln_marching marching = {.cells = 20, .ask = ask_ball, .user = &asked};
+    cln_surface s = {0};
+
+    (void)state;
+    assert_int_equal(cln_marching_run(&marching, &s), CLN_OK);
+    assert_in_range(s.vertices, 500, 2000);
+    assert_closed(&s);
+    for (size_t i = 0; i < s.vertices; i++) {
+        const float *p = s.at[i];
+
+        assert_near(sqrt((double)p[0] * p[0] + p[1] * p[1] + p[2] * p[2]), ball, 1e-5);
+    }
+    /* outwards; triangles cut off what bends, about (cell / r)^2 / 2 */
+    assert_near(volume_of(&s) / (4 * 3.14159265 / 3 * ball * ball * ball), 1, 0.02);
+    assert_int_equal(s.vertices + s.faces, 3 * s.faces / 2 + 2); /* Euler's 2: one ball */
+    cln_surface_free(&s);
+}
+
+static void whatever_the_signs_there_is_no_crack(void **state)
+{
+    (void)state;
+    for (uint32_t seed = 0; seed < 4; seed++) {
+        const cln_marching marching = {.cells = 14, .ask = ask_noise, .user = &seed};
+        cln_surface s = {0};
+
+        assert_int_equal(cln_marching_run(&marching, &s), CLN_OK);
+        assert_true(s.faces > 1000);
+        assert_closed(&s);
+        cln_surface_free(&s);
+    }
+}
+
+static void cases_cut_what_they_must(void **state)
+{
+    static cln_marching_case cases[256];
+    int triangles = 0;
+
+    (void)state;
+    cln_marching_cases(cases);
+    assert_int_equal(cases[0].count + cases[255].count, 0);
+    for (int inside = 0; inside < 256; inside++) {
+        bool used[12] = {false};
+
+        for (int t = 0; t < cases[inside].count; t++)
+            for (int k = 0; k < 3; k++)
+                used[cases[inside].edge[t][k]] = true;
+        for (int e = 0; e < 12; e++) {
+            const int axis = e / 4, low = axis == 0 ? 1 : 0, high = axis == 2 ? 1 : 2;
+            const int from = (e & 1) << low | (e >> 1 & 1) << high;
+            const bool cut = (inside >> from & 1) != (inside >> (from | 1 << axis) & 1);
+
+            assert_int_equal(used[e], cut);
+        }
+        triangles += cases[inside].count;
+    }
+    assert_int_equal(cases[1].count, 1);
+    assert_int_equal(cases[15].count, 2);
+    assert_in_range(triangles, 700, 900);
+}
+
+static void too_many_vertices_are_refused(void **state)
+{
+    size_t asked = 0;
+    const cln_marching marching = {.cells = 20, .ask = ask_ball, .user = &asked};
+    cln_surface s = {.most = 100};
+
+    (void)state;
+    assert_int_equal(cln_marching_run(&marching, &s), CLN_MEMORY);
+    assert_non_null(strstr(cln_error_text(), "--spacing"));
+    cln_clear_error();
+    cln_surface_free(&s);
+}
+
+static void what_is_not_kept_goes(void **state)
+{
+    size_t asked = 0;
+    const cln_marching marching = {.cells = 10, .ask = ask_ball, .user = &asked};
+    cln_surface s = {0};
+    uint8_t *keep = NULL;
+    size_t before = 0;
+
+    (void)state;
+    assert_int_equal(cln_marching_run(&marching, &s), CLN_OK);
+    before = s.vertices;
+    keep = calloc(s.vertices, 1);
+    s.normal = calloc(s.vertices, sizeof *s.normal);
+    s.towards = calloc(s.vertices, sizeof *s.towards);
+    for (size_t i = 0; i < s.vertices; i++) {
+        keep[i] = s.at[i][2] > 0;
+        s.normal[i][0] = s.at[i][0];
+        s.towards[i][1] = s.at[i][1];
+    }
+    assert_int_equal(cln_surface_keep(&s, keep), CLN_OK);
+    assert_in_range(s.vertices, before / 2, before * 2 / 3);
+    for (size_t i = 0; i < s.vertices; i++) {
+        assert_true(s.at[i][2] > -0.3f);
+        assert_true(s.normal[i][0] == s.at[i][0] && s.towards[i][1] == s.at[i][1]);
+    }
+    for (size_t f = 0; f < s.faces; f++)
+        assert_true(s.at[s.face[f][0]][2] > 0 || s.at[s.face[f][1]][2] > 0 ||
+                    s.at[s.face[f][2]][2] > 0);
+    free(keep);
+    cln_surface_free(&s);
+}
+
+/* ---- generated shapes ---- */
+
+enum { VIEWS = 30, WIDTH = 100 };
+
+/* A ball on a block, with a ring, and a small ball inside the block that nothing sees. */
+static void make_shapes(shapes *scene)
+{
+    static world w;
+    builder b = {.world = &w};
+
+    memset(&w, 0, sizeof w);
+    add_box(&b, 0, vec3(-0.7, -0.6, -0.6), vec3(0.7, 0.6, 0));
+    add_sphere(&b, 0, vec3(-0.2, 0.1, 0.35), 0.4);
+    add_torus(&b, 0, vec3(0.45, -0.2, 0.12), vec3(0, 0.3, 1), 0.25, 0.08);
+    assert_int_equal(b.st, CLN_OK);
+    assert_int_equal(shapes_finish(&w.shapes), CLN_OK);
+    *scene = w.shapes;
+}
+
+static void make_camera(int i, const cln_space *space, cln_camera *c)
+{
+    const double height = -0.95 + 1.9 * (i + 0.5) / VIEWS, yaw = 2.399963 * i;
+    const double r = sqrt(1 - height * height);
+    const double z[3] = {-r * cos(yaw), -r * sin(yaw), -height}; /* forward */
+    const double x[3] = {-sin(yaw), cos(yaw), 0};
+    const double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2],
+                         z[0] * x[1] - z[1] * x[0]};
+
+    *c = (cln_camera){.width = WIDTH, .height = WIDTH, .cx = WIDTH / 2, .cy = WIDTH / 2};
+    c->fx = c->fy = 1.3 * WIDTH;
+    for (int a = 0; a < 3; a++) {
+        c->c2w[4 * a] = x[a];
+        c->c2w[4 * a + 1] = y[a];
+        c->c2w[4 * a + 2] = z[a];
+        c->c2w[4 * a + 3] = space->centre[a] - 3.2 * space->half * z[a];
+    }
+}
+
+/* Exact depths, through the middle of each pixel; rays are traced in the cube. */
+static void fuse(const shapes *scene, const cln_space *space, const cln_octree *tree,
+                 cln_fusion *fusion)
+{
+    double pixel = 0;
+
+    assert_int_equal(cln_fusion_start(space, tree, VIEWS, fusion), CLN_OK);
+    for (int i = 0; i < VIEWS; i++) {
+        float *depth = malloc(sizeof(float) * WIDTH * WIDTH);
+        cln_camera camera;
+
+        make_camera(i, space, &camera);
+        for (int k = 0; k < WIDTH * WIDTH; k++) {
+            double o[3], d[3], origin[3], direction[3];
+            hit h;
+
+            assert_true(cln_camera_ray(&camera, k % WIDTH + 0.5, k / WIDTH + 0.5, o, d));
+            cln_space_ray_to_cube(space, o, d, origin, direction);
+            depth[k] = shapes_hit(scene, vec3(origin[0], origin[1], origin[2]),
+                                  vec3(direction[0], direction[1], direction[2]), 0, 100, &h)
+                           ? (float)h.t
+                           : -1;
+        }
+        assert_int_equal(cln_fusion_set(fusion, i, &camera, depth, &pixel), CLN_OK);
+    }
+    fusion->pixel = pixel;
+}
+
+/* Least distance from a point to a surface's vertices. */
+static double nearest(const cln_surface *s, vec p)
+{
+    double best = DBL_MAX;
+
+    for (size_t i = 0; i < s->vertices; i++) {
+        const vec d = sub(vec3(s->at[i][0], s->at[i][1], s->at[i][2]), p);
+
+        best = fmin(best, dot(d, d));
+    }
+    return sqrt(best);
+}
+
+static void check_surface(const shapes *scene, const cln_surface *s, double pixel)
+{
+    double sum = 0, cosines = 0, missing = 0;
+    size_t far = 0;
+    int hits = 0, bare = 0;
+
+    for (size_t i = 0; i < s->vertices; i++) {
+        const vec p = vec3(s->at[i][0], s->at[i][1], s->at[i][2]);
+        const vec n = vec3(s->normal[i][0], s->normal[i][1], s->normal[i][2]);
+        const double distance = fabs(truth_distance(scene, p));
+
+        sum += distance;
+        far += distance > 0.02; /* a hundredth of the cube */
+        cosines += dot(n, truth_normal(scene, p));
+    }
+    for (int i = 0; i < 300; i++) { /* what is seen from new places */
+        const double height = -0.9 + 1.8 * (i + 0.5) / 300, yaw = 2.4 * i,
+                     r = sqrt(1 - height * height);
+        const vec from = scale(vec3(r * cos(yaw), r * sin(yaw), height), 3);
+        const vec to = vec3(0.6 * sin(1.7 * i), 0.5 * sin(2.3 * i), 0.4 * sin(3.1 * i));
+        const vec direction = unit(sub(to, from));
+        double distance = 0;
+        hit h;
+
+        if (!shapes_hit(scene, from, direction, 0, 100, &h))
+            continue;
+        distance = nearest(s, add(from, scale(direction, h.t)));
+        missing += distance;
+        hits++;
+        bare += distance > 0.03;
+    }
+    print_message("    %zu vertices, pixel %.4f: distance %.5f, far %.4f, cosine %.4f; back %.5f, "
+                  "bare %d of %d\n",
+                  s->vertices, pixel, sum / (double)s->vertices, (double)far / (double)s->vertices,
+                  cosines / (double)s->vertices, missing / hits, bare, hits);
+    assert_true(hits > 200);
+    assert_true(sum / (double)s->vertices < 0.2 * pixel);
+    assert_true((double)far / (double)s->vertices < 0.002);
+    assert_true(cosines / (double)s->vertices > 0.96);
+    assert_true(missing / hits < pixel);
+    assert_true(bare <= hits / 50);
+}
+
+static void depths_give_the_surface_back(void **state)
+{
+    static const cln_space spaces[] = {{{0, 0, 0}, 1}, {{500000, 4100000, 120}, 250}};
+    const cln_callbacks none = {0};
+    cln_octree tree;
+    shapes scene;
+
+    (void)state;
+    make_shapes(&scene);
+    assert_int_equal(cln_octree_create(0, &tree), CLN_OK);
+    for (int i = 0; i < 2; i++) {
+        cln_fusion fusion = {0};
+        cln_surface s = {0}, whole = {0};
+
+        fuse(&scene, &spaces[i], &tree, &fusion);
+        assert_near(fusion.pixel, 3 / (1.3 * WIDTH), 0.005);
+        assert_int_equal(cln_surface_trace(&fusion, 0, 0.01, false, &none, &s), CLN_OK);
+        check_surface(&scene, &s, fusion.pixel);
+        assert_int_equal(cln_surface_trace(&fusion, 60, 0, true, &none, &whole), CLN_OK);
+        assert_closed(&whole);
+        cln_surface_free(&s);
+        cln_surface_free(&whole);
+        cln_fusion_free(&fusion);
+    }
+    cln_octree_free(&tree);
+    shapes_free(&scene);
+}
+
+int test_group_surface(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(cases_cut_what_they_must),
+        cmocka_unit_test(a_ball_is_a_ball),
+        cmocka_unit_test(whatever_the_signs_there_is_no_crack),
+        cmocka_unit_test(too_many_vertices_are_refused),
+        cmocka_unit_test(what_is_not_kept_goes),
+        cmocka_unit_test(depths_give_the_surface_back),
+    };
+
+    return cmocka_run_group_tests_name("surface", tests, NULL, NULL);
+}

@@ -1,0 +1,187 @@
+/* Meshes as files (host/io/mesh.h): PLY, OBJ and GLB read back by the formats' own rules; large
+ * coordinates keep their digits in each. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <jansson.h>
+#include "io/mesh.h"
+#include "near.h"
+#include "scratch.h"
+#include "tests.h"
+
+/* A triangle and a lone vertex, about a place 4,100 km from the origin. */
+static double at[4][3] = {{500000.125, 4100000.5, 90.0625},
+                          {500001.375, 4100000.5, 90.0625},
+                          {500000.125, 4100002.75, 90.0625},
+                          {500000.125, 4100000.5, 93.001953125}};
+static float normal[4][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {1, 0, 0}};
+static uint8_t colour[4][3] = {{255, 0, 128}, {0, 255, 0}, {10, 20, 30}, {1, 2, 3}};
+static uint32_t face[1][3] = {{0, 1, 2}};
+
+static cln_mesh make(double x, double y)
+{
+    static double moved[4][3];
+    cln_mesh mesh = {.vertices = 4,
+                     .faces = 1,
+                     .at = moved,
+                     .normal = normal,
+                     .colour = colour,
+                     .face = face,
+                     .origin = {500000 - x, 4100000 - y, 90},
+                     .fine = 0.01,
+                     .comment = "a test; scene units"};
+
+    for (int i = 0; i < 4; i++) {
+        moved[i][0] = at[i][0] - x;
+        moved[i][1] = at[i][1] - y;
+        moved[i][2] = at[i][2];
+    }
+    return mesh;
+}
+
+static void ply_is_wide_where_it_must_be(void **state)
+{
+    const char *file = scratch_path(*state, "x.ply");
+    size_t bytes = 0;
+
+    for (int wide = 0; wide < 2; wide++) {
+        const cln_mesh mesh = wide ? make(0, 0) : make(500000, 4100000);
+        const size_t row = (wide ? 24u : 12u) + 15;
+        char *text = NULL, *body = NULL;
+        uint32_t index = 0;
+
+        assert_int_equal(cln_mesh_fits_floats(&mesh), !wide);
+        assert_int_equal(cln_mesh_write_ply(file, &mesh), CLN_OK);
+        text = scratch_get(file, &bytes);
+        assert_non_null(strstr(text, "comment a test; scene units\nelement vertex 4\n"));
+        assert_non_null(strstr(text, wide ? "property double x\n" : "property float x\n"));
+        assert_non_null(strstr(text, "element face 1\nproperty list uchar int vertex_indices\n"));
+        body = strstr(text, "end_header\n") + strlen("end_header\n");
+        assert_int_equal(bytes - (size_t)(body - text), 4 * row + 13);
+        for (size_t i = 0; i < 4; i++) {
+            for (size_t a = 0; a < 3; a++) {
+                double value = 0;
+                float narrow = 0;
+
+                memcpy(&value, body + i * row + 8 * a, 8);
+                memcpy(&narrow, body + i * row + 4 * a, 4);
+                assert_true((wide ? value : (double)narrow) == mesh.at[i][a]);
+            }
+            assert_memory_equal(body + i * row + row - 15, normal[i], 12);
+            assert_memory_equal(body + i * row + row - 3, colour[i], 3);
+        }
+        assert_int_equal(body[4 * row], 3);
+        memcpy(&index, body + 4 * row + 9, 4);
+        assert_int_equal(index, 2);
+        free(text);
+    }
+}
+
+static void points_have_no_faces(void **state)
+{
+    const char *file = scratch_path(*state, "x.ply");
+    cln_mesh mesh = make(500000, 4100000);
+    size_t bytes = 0;
+    char *text = NULL;
+
+    mesh.faces = 0;
+    assert_int_equal(cln_mesh_write_ply(file, &mesh), CLN_OK);
+    text = scratch_get(file, &bytes);
+    assert_null(strstr(text, "element face"));
+    free(text);
+}
+
+static void obj_has_digits_and_colours(void **state)
+{
+    const char *file = scratch_path(*state, "x.obj");
+    const cln_mesh mesh = make(0, 0);
+    size_t bytes = 0;
+    char *text = NULL, *line = NULL;
+
+    assert_int_equal(cln_mesh_write_obj(file, &mesh), CLN_OK);
+    text = scratch_get(file, &bytes);
+    line = strstr(text, "v ");
+    for (int i = 0; i < 4; i++, line = strstr(line + 1, "\nv ")) {
+        double p[3], c[3];
+
+        line += line[0] == '\n';
+        assert_int_equal(
+            sscanf(line, "v %lf %lf %lf %lf %lf %lf", &p[0], &p[1], &p[2], &c[0], &c[1], &c[2]), 6);
+        for (int a = 0; a < 3; a++) {
+            assert_near(p[a], at[i][a], 1e-8);
+            assert_near(c[a], colour[i][a] / 255.0, 1e-4);
+        }
+    }
+    assert_non_null(strstr(text, "\nf 1//1 2//2 3//3\n"));
+    free(text);
+}
+
+static uint32_t word_at(const char *bytes, size_t offset)
+{
+    uint32_t word = 0;
+
+    memcpy(&word, bytes + offset, sizeof word);
+    return word;
+}
+
+static void glb_is_gltf(void **state)
+{
+    const char *file = scratch_path(*state, "x.glb");
+    const cln_mesh mesh = make(0, 0);
+    size_t bytes = 0, numbers = 0;
+    char *data = NULL;
+    const json_t *accessors = NULL, *node = NULL, *moved = NULL;
+    json_t *document = NULL;
+
+    assert_int_equal(cln_mesh_write_glb(file, &mesh), CLN_OK);
+    data = scratch_get(file, &bytes);
+    assert_memory_equal(data, "glTF", 4);
+    assert_int_equal(word_at(data, 4), 2);
+    assert_int_equal(word_at(data, 8), bytes);
+    assert_int_equal(word_at(data, 12) % 4, 0);
+    assert_memory_equal(data + 16, "JSON", 4);
+    document = json_loadb(data + 20, word_at(data, 12), 0, NULL);
+    assert_non_null(document);
+    numbers = 20 + word_at(data, 12);
+    assert_memory_equal(data + numbers + 4, "BIN", 4);
+    assert_int_equal(numbers + 8 + word_at(data, numbers), bytes);
+    numbers += 8;
+    assert_int_equal(bytes - numbers, 4 * (12 + 12 + 8) + 12);
+    accessors = json_object_get(document, "accessors");
+    assert_int_equal(json_array_size(accessors), 4);
+    node = json_array_get(json_object_get(document, "nodes"), 0);
+    moved = json_object_get(node, "translation");
+    for (size_t i = 0; i < 4; i++)
+        for (size_t a = 0; a < 3; a++) {
+            float value = 0;
+
+            memcpy(&value, data + numbers + 12 * i + 4 * a, 4);
+            assert_near((double)value + json_number_value(json_array_get(moved, a)), at[i][a],
+                        1e-7);
+        }
+    assert_near(
+        json_number_value(json_array_get(json_object_get(json_array_get(accessors, 0), "max"), 1)),
+        2.75, 1e-6);
+    /* colours are linear: of 128, (128 / 255 + 0.055)^2.4 / 1.055^2.4 */
+    assert_int_equal(word_at(data, numbers + 96) & 0xffff, 65535);
+    assert_near((double)(word_at(data, numbers + 100) & 0xffff), 0.2158605 * 65535, 1);
+    assert_int_equal(word_at(data, bytes - 4), 2);
+    json_decref(document);
+    free(data);
+}
+
+#define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
+
+int test_group_mesh(void)
+{
+    const struct CMUnitTest tests[] = {
+        ON_DISK(ply_is_wide_where_it_must_be),
+        ON_DISK(points_have_no_faces),
+        ON_DISK(obj_has_digits_and_colours),
+        ON_DISK(glb_is_gltf),
+    };
+
+    return cmocka_run_group_tests_name("mesh", tests, NULL, NULL);
+}
