@@ -332,16 +332,16 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 typedef struct cln_export_desc {
     const char *run;
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
-     * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms JSON,
-     * or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
+     * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms
+     * JSON, or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
     const char *what;
     const char *file;   /* its ending says the format; without any, the first of those above (of
                            cameras the folder) */
     const char *colour; /* octree: "level" or "error"; NULL = "level" */
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
     const char *scene;  /* NULL = the run's own; volume and octree need none */
-    /* In scene units: of points on the surface (0: by count), of the grid that a mesh is made on (0:
-     * as fine as leaves and views allow), of a volume's grid (0: a 256th of the cube). */
+    /* In scene units: of points on the surface (0: by count), of the grid that a mesh is made on
+     * (0: as fine as leaves and views allow), of a volume's grid (0: a 256th of the cube). */
     double spacing;
     int64_t count;          /* points: how many; 0 = 200,000 */
     bool closed;            /* points, mesh: also the parts that no training view sees */

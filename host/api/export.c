@@ -1,5 +1,5 @@
-/* cln_export: what a run holds for other programs. Checks what is asked for and where it goes, opens
- * what the export needs, and calls its function (export/list.h). */
+/* cln_export: what a run holds for other programs. Checks what is asked for and where it goes,
+ * opens what the export needs, and calls its function (export/list.h). */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

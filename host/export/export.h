@@ -1,5 +1,5 @@
-/* What the exports of list.h share: what each gets from api/export.c, which checks what is asked for
- * and opens the run. */
+/* What the exports of list.h share: what each gets from api/export.c, which checks what is asked
+ * for and opens the run. */
 #ifndef CLN_EXPORT_H
 #define CLN_EXPORT_H
 

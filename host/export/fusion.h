@@ -1,8 +1,8 @@
 /* Rendered depths of many views as one function of space, whose zero is the surface: truncated
  * signed distances along the rays, averaged (Curless, Levoy, "A Volumetric Method for Building
  * Complex Models from Range Images", SIGGRAPH 1996), asked at single points instead of kept on a
- * grid. A level of density would be another surface with every training: how soft a field is where it
- * becomes opaque depends on the photos, while depths are what training fits. */
+ * grid. A level of density would be another surface with every training: how soft a field is where
+ * it becomes opaque depends on the photos, while depths are what training fits. */
 #ifndef CLN_FUSION_H
 #define CLN_FUSION_H
 

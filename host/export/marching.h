@@ -7,11 +7,11 @@
 #ifndef CLN_MARCHING_H
 #define CLN_MARCHING_H
 
-#include "export/surface.h"
+#include "export/triangles.h"
 
 /* How a cell is cut. Corner c of a cell has the upper x for bit 0, y for bit 1, z for bit 2; case
- * number: bit c is set if corner c is inside. Edge 4 a + k runs along axis a; bits of k: upper along
- * the lower, and the higher of the other axes. Triangles are counter-clockwise as seen from
+ * number: bit c is set if corner c is inside. Edge 4 a + k runs along axis a; bits of k: upper
+ * along the lower, and the higher of the other axes. Triangles are counter-clockwise as seen from
  * outside. */
 enum { CLN_MARCHING_TRIANGLES = 5 };
 typedef struct cln_marching_case {

@@ -1,6 +1,6 @@
 /* The surface that exports write, away from any training: marching cubes of functions whose surface
- * is known (closed, oriented, in its place), and exact depths of generated shapes, fused and traced,
- * against these shapes: distances both ways, normals, what is hidden. */
+ * is known (closed, oriented, in its place), and exact depths of generated shapes, fused and
+ * traced, against these shapes: distances both ways, normals, what is hidden. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -10,6 +10,7 @@
 #include <string.h>
 #include "base/rng.h"
 #include "export/marching.h"
+#include "export/surface.h"
 #include "model/octree.h"
 #include "near.h"
 #include "tests.h"

@@ -1,0 +1,28 @@
+/* Triangles that share vertices, as they grow: the arrays of a surface. Knows no field. */
+#ifndef CLN_TRIANGLES_H
+#define CLN_TRIANGLES_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include "base/status.h"
+
+typedef struct cln_surface {
+    size_t vertices, faces, vertex_room, face_room;
+    size_t most;          /* vertices that it may have; 0 = as many as an index can name */
+    float (*at)[3];       /* [vertex] in the cube */
+    float (*normal)[3];   /* [vertex] unit, outwards */
+    float (*towards)[3];  /* [vertex] unit, from the eye that saw it best; 0: none did */
+    uint8_t (*colour)[3]; /* [vertex] sRGB */
+    uint32_t (*face)[3];  /* [face] counter-clockwise as seen from outside */
+} cln_surface;
+
+void cln_surface_free(cln_surface *surface); /* accepts a zeroed one */
+
+/* Make room for one more; CLN_MEMORY. */
+cln_status cln_surface_grow_vertices(cln_surface *surface);
+cln_status cln_surface_grow_faces(cln_surface *surface);
+
+/* Keeps the faces that have a vertex with keep[vertex] != 0, and the vertices of these. */
+cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep);
+
+#endif
