@@ -78,7 +78,7 @@ const cln_command cln_commands[] = {
 /* clang-format on */
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 
-#define ON_DEVICE \
+#define ON_DEVICE                                                                          \
     (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_EXPORT | CLN_SELFTEST | CLN_TUNE | \
      CLN_CHECK_SCENE)
 #define EVERY     (ON_DEVICE | CLN_INFO | CLN_DEVICES | CLN_BUGREPORT | CLN_POSES)
