@@ -18,8 +18,10 @@ HELPER ushort bfloat16_nearest(float value)
     return (ushort)(isnan(value) ? 0x7FC0u : (bits + 0x7FFFu + (bits >> 16 & 1u)) >> 16);
 }
 
-/* Stochastic rounding, right on average. chance: 16 random bits. */
+/* Stochastic rounding, right on average; a NaN stays NaN. chance: 16 random bits. */
 HELPER vh bfloat16_by_chance(vf value, vu chance)
 {
-    return V_TO_USHORT((V_AS_UINT(value) + chance) >> 16);
+    const vu rounded = (V_AS_UINT(value) + chance) >> 16;
+
+    return V_TO_USHORT(select(rounded, (vu)(0x7FC0u), value != value));
 }

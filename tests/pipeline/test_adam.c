@@ -302,10 +302,48 @@ static void test_updates(void **state)
     test_report("Adam");
 }
 
+/* A NaN whose bits are all set, as some devices make them, stays one in moments of 16 bits. */
+static void test_nan(void **state)
+{
+    const cln_config config = config_of(&cases[0], CLN_MOMENTS_BFLOAT16);
+    cln_pipeline *p = test_pipeline(&tune_sets[cases[0].set], &config, 0, false);
+    const size_t n = (size_t)p->net.params;
+    uint32_t begin[LEAVES], end[LEAVES], starts[LEAVES + 1];
+    const uint32_t slices = make_slices(p, begin, end, starts);
+    float *grads = test_alloc(slices * n, sizeof *grads);
+    uint16_t *moments = test_alloc(LEAVES * n, sizeof *moments);
+    cln_model model;
+
+    (void)state;
+    memset(grads, 0xFF, slices * n * sizeof *grads);
+    for (size_t i = 0; i < slices * n; i++) /* of both signs */
+        ((unsigned char *)grads)[4 * i + 3] = i % 2 ? 0xFF : 0x7F;
+    assert_ok(cln_model_create(&config, &model));
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_buffer_write(p->device, &p->begin, 0, begin, sizeof begin));
+    assert_ok(cln_buffer_write(p->device, &p->end, 0, end, sizeof end));
+    assert_ok(cln_buffer_write(p->device, &p->slice_starts, 0, starts, sizeof starts));
+    test_fill(p->device, &p->slices, NULL, slices * sizeof(cln_slice));
+    test_fill(p->device, &p->grads, grads, slices * n * sizeof *grads);
+    assert_ok(cln_stage_adam(p, LEAST, 0.01));
+    for (int second = 0; second < 2; second++) {
+        assert_ok(cln_buffer_read(p->device, second ? &p->adam_v : &p->adam_m, 0, moments,
+                                  LEAVES * n * sizeof *moments));
+        for (size_t s = 0; s < LEAVES; s++)
+            for (size_t i = 0; i < n && end[s] - begin[s] >= LEAST; i++)
+                if ((moments[s * n + i] & 0x7FFF) <= 0x7F80)
+                    fail_msg("a moment of NaN is %04x", moments[s * n + i]);
+    }
+    cln_model_free(&model);
+    free(grads);
+    free(moments);
+}
+
 int test_group_adam(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_updates),
+        cmocka_unit_test(test_nan),
     };
 
     return cmocka_run_group_tests_name("adam", tests, NULL, test_device_close);
