@@ -43,10 +43,12 @@ HELPER void load_samples(block b, sample_source from, float4 box, __local float 
         const cln_sample sample = from.samples[b.ids[s]];
 
         at[s] = sample.t;
-        at[NB + s] = as_float(sample.ray);
+        /* as values: the bits of a small integer are a denormal float, which a device may flush */
+        at[NB + s] = convert_float(sample.ray & 0xFFFFu);
+        at[2 * NB + s] = convert_float(sample.ray >> 16);
     }
     for (int s = b.lid; s < b.rows; s += LS) {
-        const uint ray = as_uint(at[NB + s]);
+        const uint ray = convert_uint(at[NB + s]) | convert_uint(at[2 * NB + s]) << 16;
         const float4 d = from.ray_d[ray];
         const float4 p = leaf_local(MAD((float4)(at[s]), d, from.ray_o[ray]), box);
 

@@ -3,6 +3,7 @@
 # N failed[, N skipped]". Run from the repository's root.
 #   warnings    every C file compiles with gcc's warnings as errors
 #   kernels     every kernels/*.cl compiles with clang as OpenCL C 1.2, with no device involved
+#   floats      kernels keep no integers in the bits of floats, which a device may flush to zero
 #   rooms       host/ folders include only themselves and lower folders (ORDER, DOWN)
 #   circles     no file of host/ includes itself through others (a.c and a.h count as one)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
@@ -92,6 +93,11 @@ kernels() {
     done
     grep -n '#include' kernels/* | sed \
         's/$/: kernels include nothing, the prelude is put before them/'
+}
+
+# Small integers are denormal floats. bfloat16's and the sort key's bits are those of floats.
+floats() {
+    grep -n 'as_float\|AS_FLOAT' kernels/* | grep -v '^kernels/\(bfloat16.h\|splat.cl\|lanes.h\):'
 }
 
 rooms() {
@@ -194,6 +200,7 @@ clang_format=$(first_of clang-format-14 clang-format)
 
 check warnings warnings
 if [ -n "$clang" ]; then check kernels kernels; else skip kernels "no clang"; fi
+check floats floats
 check rooms rooms
 check circles circles
 check CL/cl.h opencl_header
