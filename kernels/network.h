@@ -95,13 +95,15 @@
 
 /* Kept pre-activations in memory: OpenCL 1.2 can load and store halves without half arithmetic. */
 #if HALF
-#define kept_type half
+#define kept_type   half
+#define HALF_MOST   65504.0f /* beyond is infinity, which the backward pass makes NaN */
+#define IN_HALF(v)  fmax(fmin(v, (vf)(HALF_MOST)), (vf)(-HALF_MOST))
 #if VW == 1
 #define KEPT_LOAD(p)     vload_half(0, p)
-#define KEPT_STORE(v, p) vstore_half(v, 0, p)
+#define KEPT_STORE(v, p) vstore_half(IN_HALF(v), 0, p)
 #else
 #define KEPT_LOAD(p)     CLN_PASTE(vload_half, VW)(0, p)
-#define KEPT_STORE(v, p) CLN_PASTE(vstore_half, VW)(v, 0, p)
+#define KEPT_STORE(v, p) CLN_PASTE(vstore_half, VW)(IN_HALF(v), 0, p)
 #endif
 #else
 #define kept_type        float
@@ -167,7 +169,7 @@ HELPER vf density_value(vf z)
 #elif DENSITY == 1
     return KAPPA * select((vf)(0.0f), z, !(z <= 0.0f));
 #else
-    return KAPPA * EXP(select(z, (vf)(80.0f), z > 80.0f));
+    return KAPPA * EXP(select(z, (vf)(70.0f), z > 70.0f)); /* finite for every KAPPA */
 #endif
 }
 

@@ -9,7 +9,7 @@ enum { MAX_DEPTH = 8, MAX_WIDTH = 256, MAX_ENC = 64, MAX_DIR = 28 };
 
 /* Clamps of the exponential density: its value stays finite in float32; its derivative is bounded
  * as in nerfacc and instant-ngp. */
-static const double exp_value_max = 80, exp_gradient_max = 15;
+static const double exp_value_max = 70, exp_gradient_max = 15;
 
 /* Results of a forward pass: pre-activations x, activations h, heads. */
 typedef struct pass {
