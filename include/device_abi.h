@@ -43,9 +43,16 @@ typedef enum cln_lens {
 
 #define CLN_LENS_PARAMS 12 /* the most that a model has */
 
-/* A view's camera in normalised space (scene/scene.h has the model and the units). */
+/* Cameras further than this from the cube's centre, in normalised units, have a start. */
+#define CLN_FAR 32.0f
+
+/* A view's camera in normalised space (scene/scene.h has the model and the units). Rays begin where
+ * they cross the plane at depth `start` of the camera's frame, which is 0 or, for a far camera, in
+ * front of the cube: positions in float32 relative to a far point would be coarse. c2w's origin is
+ * the point (start_x, start_y, 1) * start of the frame. */
 typedef struct cln_device_camera {
     cln_f32 c2w[12]; /* 3x4 row-major, origin normalised */
+    cln_f32 start, start_x, start_y, pad;
     cln_f32 fx, fy, cx, cy;
     cln_i32 width, height;
     cln_i32 lens;               /* cln_lens; what follows is the lens model's */
@@ -131,7 +138,7 @@ _Static_assert(6 * CLN_MAX_LEVEL < 32, "the box of an empty cell fits beside the
 _Static_assert(CLN_MAX_LEVEL < 1 << CLN_MAP_LEVEL_BITS, "a level fits a leaf's entry");
 _Static_assert(3 * CLN_MAX_LEVEL + 1 + CLN_MAP_LEVEL_BITS < 32, "slot + 1 fits beside the level");
 _Static_assert(CLN_MAX_LEVEL < 1 << 8, "a level fits above an interval's samples");
-_Static_assert(sizeof(cln_device_camera) == 128, "layout shared with kernels");
+_Static_assert(sizeof(cln_device_camera) == 144, "layout shared with kernels");
 _Static_assert(sizeof(cln_pixel) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_interval) == 20, "layout shared with kernels");
 _Static_assert(sizeof(cln_grid) == 24, "layout shared with kernels");

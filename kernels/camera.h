@@ -3,23 +3,37 @@
  * host/scene/camera.c (host/scene/scene.h has the model). Its frame is space.h's, which is what
  * kernels go through. */
 
+/* The vector (x, y, z) of the camera's frame. */
+HELPER float3 camera_turn(cln_device_camera c, float x, float y, float z)
+{
+    return (float3)(c.c2w[0] * x + c.c2w[1] * y + c.c2w[2] * z,
+                    c.c2w[4] * x + c.c2w[5] * y + c.c2w[6] * z,
+                    c.c2w[8] * x + c.c2w[9] * y + c.c2w[10] * z);
+}
+
 HELPER float3 camera_origin(cln_device_camera c)
 {
     return (float3)(c.c2w[3], c.c2w[7], c.c2w[11]);
 }
 
-/* Unit direction through pixel position (u, v); w: its z in the camera's frame. False if the lens
- * has none there. */
-HELPER bool camera_direction(cln_device_camera c, float u, float v, float4 *direction)
+/* Ray through pixel position (u, v): where it begins, and how far that is from the camera; unit
+ * direction, and its z in the camera's frame. False if the lens has none there, or if it does not
+ * cross the plane where rays begin. */
+HELPER bool camera_ray(cln_device_camera c, float u, float v, float4 *origin, float4 *direction)
 {
     float3 p;
     const bool found = lens_undistort(c, (float2)((u - c.cx) / c.fx, (v - c.cy) / c.fy), &p);
-    const float3 d = (float3)(c.c2w[0] * p.x + c.c2w[1] * p.y + c.c2w[2] * p.z,
-                              c.c2w[4] * p.x + c.c2w[5] * p.y + c.c2w[6] * p.z,
-                              c.c2w[8] * p.x + c.c2w[9] * p.y + c.c2w[10] * p.z);
     const float scale = rsqrt(p.x * p.x + p.y * p.y + p.z * p.z);
 
-    *direction = (float4)(d * scale, p.z * scale);
+    *origin = (float4)(camera_origin(c), 0.0f);
+    *direction = (float4)(camera_turn(c, p.x, p.y, p.z) * scale, p.z * scale);
+    if (c.start > 0.0f) {
+        if (!(p.z > 0.0f))
+            return false;
+        origin->xyz += camera_turn(c, c.start * (p.x / p.z - c.start_x),
+                                   c.start * (p.y / p.z - c.start_y), 0.0f);
+        origin->w = c.start / (p.z * scale);
+    }
     return found;
 }
 
@@ -27,9 +41,9 @@ HELPER bool camera_direction(cln_device_camera c, float u, float v, float4 *dire
 HELPER bool camera_project(cln_device_camera c, float3 point, float2 *pixel)
 {
     const float3 q = point - camera_origin(c);
-    const float z = c.c2w[2] * q.x + c.c2w[6] * q.y + c.c2w[10] * q.z;
-    float2 p = (float2)(c.c2w[0] * q.x + c.c2w[4] * q.y + c.c2w[8] * q.z,
-                        c.c2w[1] * q.x + c.c2w[5] * q.y + c.c2w[9] * q.z);
+    const float z = c.c2w[2] * q.x + c.c2w[6] * q.y + c.c2w[10] * q.z + c.start;
+    float2 p = (float2)(c.c2w[0] * q.x + c.c2w[4] * q.y + c.c2w[8] * q.z + c.start * c.start_x,
+                        c.c2w[1] * q.x + c.c2w[5] * q.y + c.c2w[9] * q.z + c.start * c.start_y);
 
     if (!lens_distort(c, (float3)(p, z), &p))
         return false;

@@ -3,7 +3,8 @@
  * (method.md 9, 10; twin: host/reference/composite.c). One work-item per ray, samples front to
  * back.
  *
- *   w_i = T_i alpha_i, alpha_i = 1 - exp(-sigma_i delta_i), T_{i+1} = T_i (1 - alpha_i)
+ *   w_i = T_i alpha_i, alpha_i = 1 - exp(-x_i), x_i = sigma_i delta_i, T_i = exp(-sum_{j<i} x_j):
+ *   a product of 1 - alpha would lose small x
  *   C = sum w_i c_i + T_end background
  *   with G_i = dL/dw_i:  dL/dc_i = w_i g,  dL/dsigma_i = delta_i (T_{i+1} G_i - S_i),
  *   S_i = sum_{j>i} w_j G_j + T_end g.background, a true backward sweep (no cancellation)
@@ -45,11 +46,12 @@ __kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 
                         const __global cln_sample *restrict samples,  /* [sample] */
                         const __global float4 *restrict out,          /* [sample] r, g, b, sigma */
                         const __global float4 *restrict backgrounds,  /* [1] or [ray] */
-                        const __global float4 *restrict ray_d,        /* [ray] for ray_depth() */
+                        const __global float4 *restrict ray_o,        /* [ray] for ray_depth() */
+                        const __global float4 *restrict ray_d,        /* [ray] */
                         __global cln_ray_result *restrict results, uint n, uint axis_depth)
 {
     const uint r = get_global_id(0);
-    float through = 1.0f, depth = 0.0f, opacity = 0.0f;
+    float tau = 0.0f, through = 1.0f, depth = 0.0f, opacity = 0.0f;
     float4 colour = (float4)(0.0f);
 
     if (r >= n)
@@ -63,13 +65,16 @@ __kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 
         colour = MAD((float4)(weight), o, colour);
         depth = MAD(weight, samples[i].t, depth);
         opacity += weight;
-        through *= 1.0f - alpha;
+        tau += depth_here;
+        through = EXP(-tau);
     }
     colour = MAD((float4)(through), BACKGROUND(r), colour);
+    /* its mean over the weights, 0 without any */
+    const float share = opacity / fmax(opacity, 1e-10f);
     const float t = depth / fmax(opacity, 1e-10f);
     const cln_ray_result result = {
         colour.x, colour.y, colour.z,
-        axis_depth ? ray_depth(t, ray_d[r]) : t, opacity, 0.0f, 0.0f, 0.0f};
+        ray_depth(t, ray_o[r] * share, ray_d[r], axis_depth), opacity, 0.0f, 0.0f, 0.0f};
 
     results[r] = result;
 }
@@ -90,23 +95,28 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         return;
     const uint begin = sample_starts[r], end = sample_starts[r + 1u];
     const float4 back = BACKGROUND(r);
-    float through = 1.0f, opacity = 0.0f, moment = 0.0f, loss, extra = 0.0f;
+    /* moments are about the first sample: differences of those about 0 would cancel far away */
+    const float start = begin < end ? samples[begin].t : 0.0f;
+    float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f, loss, extra = 0.0f;
     float4 colour = (float4)(0.0f), g, difference;
 #if MEASURES > 0
     float length = 0.0f; /* of the ray in the leaves with samples: their deltas sum to it */
 #endif
 
-    for (uint i = begin; i < end; i++) { /* dout keeps T_i and alpha_i for the backward sweep */
+    for (uint i = begin; i < end; i++) { /* dout keeps T_i, alpha_i, T_(i+1) for what follows */
         const float4 o = out[i];
         const float depth_here = OPTICAL_DEPTH(o.w * samples[i].delta);
         const float alpha = ONE_MINUS_EXP(float, depth_here);
         const float weight = through * alpha;
 
-        dout[i] = (float4)(through, alpha, 0.0f, 0.0f);
         colour = MAD((float4)(weight), o, colour);
         opacity += weight;
-        moment = MAD(weight, samples[i].t, moment);
-        through *= 1.0f - alpha;
+        moment = MAD(weight, samples[i].t - start, moment);
+        tau += depth_here;
+        const float behind = EXP(-tau);
+
+        dout[i] = (float4)(through, alpha, behind, 0.0f);
+        through = behind;
 #if MEASURES > 0
         length += samples[i].delta;
 #endif
@@ -154,7 +164,7 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         gain += g_opacity;
 #endif
 #if DISTORT
-        const float t = samples[i].t;
+        const float t = samples[i].t - start;
         const float before = opacity - weight - behind;
         const float moment_before = moment - weight * t - moment_behind;
         const float spread = t * (before - behind) - (moment_before - moment_behind);
@@ -165,12 +175,15 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         moment_behind = MAD(weight, t, moment_behind);
 #endif
 #if CAUCHY
-        direct = cauchy * 4.0f * o.w / (1.0f + 2.0f * o.w * o.w);
-        extra += cauchy * log1p(2.0f * o.w * o.w);
+        /* sigma = few * times: the square of few is finite, and 1 beside it nothing if times > 1 */
+        const float few = fmin(o.w, 1e6f), times = fmax(o.w, 1e6f) * 1e-6f;
+
+        direct = cauchy * 4.0f * few / ((1.0f + 2.0f * few * few) * times);
+        extra += cauchy * (log1p(2.0f * few * few) + 2.0f * log(times));
 #endif
         float4 d = weight * g;
 
-        d.w = delta * (kept.x * (1.0f - kept.y) * gain - rest) + direct;
+        d.w = delta * (kept.z * gain - rest) + direct;
         rest = MAD(weight, gain, rest);
         dout[i] = d * scale;
 #if MEASURES > 0
@@ -182,7 +195,8 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         measures[i * 3u + 2u] = kept.x * delta;
 #endif
     }
-    const cln_ray_result result = {colour.x, colour.y,     colour.z, moment / fmax(opacity, 1e-10f),
+    const float depth = MAD(start, opacity, moment) / fmax(opacity, 1e-10f);
+    const cln_ray_result result = {colour.x, colour.y,     colour.z, depth,
                                    opacity,  loss + extra, square,   0.0f};
 
     results[r] = result;

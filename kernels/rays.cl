@@ -4,7 +4,7 @@
 
 __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [view] */
                         const __global cln_pixel *restrict pixels,         /* [ray] */
-                        __global float4 *restrict ray_o, /* [ray] origin, 0 */
+                        __global float4 *restrict ray_o, /* [ray] origin, for ray_depth() */
                         __global float4 *restrict ray_d, /* [ray] direction, for ray_depth() */
                         uint n)
 {

@@ -13,12 +13,12 @@
 
 /* ---- scene and cube ---- */
 
-/* The ray through pixel position (u, v): origin, 0; unit direction, factor for ray_depth(). False
- * if the lens has no direction there; the direction is then any. */
+/* The ray through pixel position (u, v), for ray_depth(): where it begins, and its distance from
+ * the camera there; unit direction, and factor of depths along the axis. False if it has none, or
+ * none that meets the cube; the direction is then any. */
 HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
 {
-    *o = (float4)(camera_origin(c), 0.0f);
-    return camera_direction(c, u, v, d);
+    return camera_ray(c, u, v, o, d);
 }
 
 /* The pixel position of a point of the cube; false if the camera does not see it. */
@@ -27,10 +27,10 @@ HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
     return camera_project(c, point, pixel);
 }
 
-/* Depth along the camera's axis at t of a ray with direction d. */
-HELPER float ray_depth(float t, float4 d)
+/* Depth at t of a ray, along its camera's axis or itself. */
+HELPER float ray_depth(float t, float4 o, float4 d, bool axis)
 {
-    return t * d.w;
+    return (t + o.w) * (axis ? d.w : 1.0f);
 }
 
 /* ---- cube and leaf; box: min x, y, z, side ---- */

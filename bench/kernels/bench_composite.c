@@ -19,7 +19,7 @@ typedef struct batch {
     int rays;
     uint32_t samples, *starts;
     cln_sample *sample;
-    float (*out)[4], (*targets)[4], (*ray_d)[4], background[4];
+    float (*out)[4], (*targets)[4], (*ray_o)[4], (*ray_d)[4], background[4];
 } batch;
 
 /* Rays of 16 samples: empty, faint and opaque. */
@@ -35,6 +35,7 @@ static cln_status make_batch(batch *t)
     CLN_TRY(cln_alloc(&t->sample, t->samples, sizeof *t->sample, "bench"));
     CLN_TRY(cln_alloc(&t->out, t->samples, sizeof *t->out, "bench"));
     CLN_TRY(cln_alloc(&t->targets, rays, sizeof *t->targets, "bench"));
+    CLN_TRY(cln_alloc(&t->ray_o, rays, sizeof *t->ray_o, "bench"));
     CLN_TRY(cln_alloc(&t->ray_d, rays, sizeof *t->ray_d, "bench"));
     for (uint32_t r = 0; r < (uint32_t)t->rays; r++) {
         double along = cln_check_uniform(8, r, 0, 2);
@@ -64,6 +65,7 @@ static cln_status make_batch(batch *t)
     CLN_TRY(cln_check_put(device, &t->p->out, t->out, t->samples * sizeof *t->out));
     CLN_TRY(cln_check_put(device, &t->p->targets, t->targets, rays * sizeof *t->targets));
     CLN_TRY(cln_check_put(device, &t->p->backgrounds, t->background, sizeof t->background));
+    CLN_TRY(cln_check_put(device, &t->p->ray_o, t->ray_o, rays * sizeof *t->ray_o));
     CLN_TRY(cln_check_put(device, &t->p->ray_d, t->ray_d, rays * sizeof *t->ray_d));
     CLN_TRY(cln_check_spoil(device, &t->p->results, rays * sizeof(cln_ray_result)));
 done:
@@ -76,6 +78,7 @@ static void free_batch(batch *t)
     free(t->sample);
     free(t->out);
     free(t->targets);
+    free(t->ray_o);
     free(t->ray_d);
 }
 

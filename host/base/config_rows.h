@@ -164,7 +164,7 @@ enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
     ENUM(lists, "lists", CLN_LISTS_CSR, CLN_LISTS_CSR, "csr|padded",                               \
          "splat: lists by offset, or padded to one length (the paper's)")                          \
     REAL(splat_per_ray, "splat-per-ray", 8, 8, 0.1, 1000,                                          \
-         "splat: coarsen the image until a ray meets this many samples in a leaf")                 \
+         "splat: join pixels, at most 64 x 64, until a ray meets this many samples in a leaf")     \
     REAL(splat_min_alpha, "splat-min-alpha", 0, 1e-4, 0, 1,                                        \
          "splat: leave out samples with density x spacing below this")                             \
     INT(views_per_batch, "views-per-batch", 4, 4, 1, 1000000, "splat: views that share a batch")   \

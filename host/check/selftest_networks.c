@@ -509,7 +509,7 @@ typedef struct batch {
     uint32_t starts[RAYS + 1];
     cln_sample samples[RAYS * MOST];
     float out[RAYS * MOST][4], dout[RAYS * MOST][4], targets[RAYS][4], backgrounds[RAYS][4];
-    float ray_d[RAYS][4];
+    float ray_o[RAYS][4], ray_d[RAYS][4];
     cln_ray_result pictures[RAYS], results[RAYS];
     float got[RAYS * MOST * 4], shares[RAYS * MOST];
     double want[RAYS * MOST * 4], ref_out[MOST][4], ref_t[MOST], ref_delta[MOST], ref_grad[MOST][4];
@@ -541,6 +541,7 @@ static void make_batch(batch *b)
             b->targets[r][k] = (float)cln_check_uniform(12, 3 * r + k, 0, 1);
             b->backgrounds[r][k] = (float)cln_check_uniform(13, 3 * r + k, 0, 1);
         }
+        b->ray_o[r][3] = (float)cln_check_uniform(14, r, 0, 3);
         b->ray_d[r][3] = 1;
     }
     b->starts[RAYS] = at;
@@ -557,6 +558,7 @@ static cln_status run_batch(cln_pipeline *p, batch *b)
     CLN_TRY(cln_check_put(device, &p->out, b->out, n * sizeof *b->out));
     CLN_TRY(cln_check_put(device, &p->targets, b->targets, sizeof b->targets));
     CLN_TRY(cln_check_put(device, &p->backgrounds, b->backgrounds, sizeof b->backgrounds));
+    CLN_TRY(cln_check_put(device, &p->ray_o, b->ray_o, sizeof b->ray_o));
     CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, sizeof b->ray_d));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
     CLN_TRY(cln_stage_composite(p, RAYS, false));
@@ -611,6 +613,7 @@ static void compare_batch(cln_checks *c, batch *b)
 
         ref_composite(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta, background, want,
                       want + 3, want + 4, NULL);
+        want[3] += (double)b->ray_o[r][3] * want[4] / fmax(want[4], 1e-10); /* where it begins */
         memcpy(b->got + 5 * r, (const float[5]){got->r, got->g, got->b, got->depth, got->opacity},
                5 * sizeof(float));
     }

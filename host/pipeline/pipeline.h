@@ -69,6 +69,9 @@ struct cln_pipeline {
     cln_device_camera *host_cameras;
 };
 
+/* Where a camera is, in the cube's space: its rays may begin elsewhere (device_abi.h). */
+void cln_device_camera_origin(const cln_device_camera *c, double origin[3]);
+
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
  * (cln_camera_lenses). alpha: the images have it; otherwise opaque_loss takes alpha_loss's place.
  * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones

@@ -20,8 +20,9 @@ enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level)
 {
     const double n1 = p->config.n1, spacing = 2.0 / (1 << level) / n1;
-    const double x = c->c2w[3], y = c->c2w[7], z = c->c2w[11];
-    const double distance = fmax(sqrt(x * x + y * y + z * z), 0.5);
+    double o[3];
+    cln_device_camera_origin(c, o);
+    const double distance = fmax(sqrt(o[0] * o[0] + o[1] * o[1] + o[2] * o[2]), 0.5);
     const double footprint = distance / (c->fx * spacing);
     const double per_pixel = n1 * footprint * footprint;
     const double per_area = spacing * spacing * spacing * c->fx * c->fy;
@@ -30,10 +31,14 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
     /* a power of two, so that bands of rows never cut a coarse pixel */
     while (k < MAX_COARSENING && k * k * per_pixel < p->config.splat_per_ray)
         k *= 2;
+    const double spread = per_area / (k * k);
+    const bool far = c->start > 0; /* t begins at the cube */
+
     return (cln_grid){.coarse = k,
                       .row = ((cl_uint)c->width + k - 1) / k,
-                      .cell = (float)spacing,
-                      .spread = (float)(per_area / (k * k))};
+                      .cell =
+                          (float)(far ? fmax(spacing, spread / (distance * distance)) : spacing),
+                      .spread = far ? 0 : (float)spread};
 }
 
 /* grids[batch view][level] for all views of the batch; returns the number of lists. */

@@ -2,6 +2,7 @@
  * state back. */
 #include "pipeline/stage1.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -106,6 +107,31 @@ done:
     return st;
 }
 
+/* Sets the start of a camera that is far away and sees the cube less than 60 degrees off its axis:
+ * a plane in front of the cube, on which c2w's origin is the point towards the cube's centre. */
+static void begin_near_cube(const double c2w[12], const cln_space *space, cln_device_camera *out)
+{
+    const double in_scene[3] = {c2w[3], c2w[7], c2w[11]};
+    double o[3], centre[3] = {0, 0, 0}, distance = 0;
+
+    cln_space_point_to_cube(space, in_scene, o);
+    for (int a = 0; a < 3; a++) {
+        distance = hypot(distance, o[a]);
+        for (int k = 0; k < 3; k++) /* of the cube, in the camera's frame */
+            centre[k] -= c2w[4 * a + k] * o[a];
+    }
+    if (!(distance > (double)CLN_FAR) || centre[2] < distance / 2)
+        return;
+    out->start = (float)(centre[2] - 2);
+    out->start_x = (float)(centre[0] / centre[2]);
+    out->start_y = (float)(centre[1] / centre[2]);
+    for (int a = 0; a < 3; a++)
+        out->c2w[4 * a + 3] =
+            (float)(o[a] +
+                    (double)out->start * (c2w[4 * a] * (double)out->start_x +
+                                          c2w[4 * a + 1] * (double)out->start_y + c2w[4 * a + 2]));
+}
+
 static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
 {
     cln_device_camera out = {.fx = (float)c->fx,
@@ -120,7 +146,19 @@ static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
     for (int i = 0; i < CLN_LENS_PARAMS; i++)
         out.k[i] = (float)c->distortion[i];
     cln_space_pose_to_cube(space, c->c2w, out.c2w);
+    begin_near_cube(c->c2w, space, &out);
     return out;
+}
+
+void cln_device_camera_origin(const cln_device_camera *c, double origin[3])
+{
+    for (int a = 0; a < 3; a++) {
+        const float *row = c->c2w + 4 * a;
+
+        origin[a] =
+            row[3] - (double)c->start * ((double)row[0] * (double)c->start_x +
+                                         (double)row[1] * (double)c->start_y + (double)row[2]);
+    }
 }
 
 /* The same camera with n x n pixels for each. */

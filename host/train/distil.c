@@ -33,7 +33,7 @@ static void draw(const cln_trainer *t, int32_t node, uint32_t index, uint32_t wh
 /* Returns whether the point is in front of the camera and inside its image, as a pinhole. */
 static bool sees(const cln_device_camera *c, const float point[3])
 {
-    float local[3] = {0, 0, 0}, u, v;
+    float local[3] = {c->start * c->start_x, c->start * c->start_y, c->start}, u, v;
 
     for (int k = 0; k < 3; k++)
         for (int a = 0; a < 3; a++)
@@ -73,8 +73,11 @@ static void direct(const cln_trainer *t, int view, const float point[3], const f
     float length = 0;
 
     if (view >= 0) {
+        double origin[3];
+
+        cln_device_camera_origin(&t->pipeline.host_cameras[view], origin);
         for (int a = 0; a < 3; a++)
-            out[a] = point[a] - t->pipeline.host_cameras[view].c2w[4 * a + 3];
+            out[a] = (float)(point[a] - origin[a]);
     } else { /* no view sees it: uniform on the sphere */
         const float z = 2 * u[0] - 1, r = sqrtf(fmaxf(1 - z * z, 0));
 

@@ -15,7 +15,7 @@ enum { RAYS = 203, MOST = 61 };
 typedef struct batch {
     uint32_t starts[RAYS + 1], samples;
     cln_sample *sample;
-    float (*out)[4], (*targets)[4], (*backgrounds)[4], (*ray_d)[4];
+    float (*out)[4], (*targets)[4], (*backgrounds)[4], (*ray_o)[4], (*ray_d)[4];
 } batch;
 
 /* sigma * delta of sample i of ray r: every kind of ray that the way there can make. */
@@ -47,6 +47,7 @@ static void make_batch(batch *b)
     b->out = test_alloc(at, sizeof *b->out);
     b->targets = test_alloc(RAYS, sizeof *b->targets);
     b->backgrounds = test_alloc(RAYS, sizeof *b->backgrounds);
+    b->ray_o = test_alloc(RAYS, sizeof *b->ray_o);
     b->ray_d = test_alloc(RAYS, sizeof *b->ray_d);
     for (int r = 0; r < RAYS; r++) {
         const int n = (int)(b->starts[r + 1] - b->starts[r]);
@@ -71,6 +72,7 @@ static void make_batch(batch *b)
         }
         b->targets[r][3] = r % 3 ? (float)test_uniform(8, r, 0, 1) : (float)(r % 2);
         b->ray_d[r][3] = (float)test_uniform(7, r, 0.5, 1);
+        b->ray_o[r][3] = r % 4 ? 0 : (float)test_uniform(9, r, 0, 20);
     }
 }
 
@@ -80,6 +82,7 @@ static void free_batch(batch *b)
     free(b->out);
     free(b->targets);
     free(b->backgrounds);
+    free(b->ray_o);
     free(b->ray_d);
 }
 
@@ -93,6 +96,7 @@ static void upload(cln_pipeline *p, const batch *b, bool per_ray)
     test_fill(device, &p->targets, b->targets, RAYS * sizeof *b->targets);
     test_fill(device, &p->backgrounds, b->backgrounds,
               (per_ray ? RAYS : 1) * sizeof *b->backgrounds);
+    test_fill(device, &p->ray_o, b->ray_o, RAYS * sizeof *b->ray_o);
     test_fill(device, &p->ray_d, b->ray_d, RAYS * sizeof *b->ray_d);
     test_fill(device, &p->results, NULL, RAYS * sizeof(cln_ray_result));
     test_fill(device, &p->dout, NULL, b->samples * sizeof *b->out);
@@ -141,6 +145,7 @@ static void check_pictures(cln_pipeline *p, const batch *b, bool per_ray, bool a
             want[k][r] = rgb[k];
             got[k][r] = (&results[r].r)[k];
         }
+        depth += b->ray_o[r][3] * opacity / fmax(opacity, 1e-10); /* where the ray begins */
         want[3][r] = depth * (axis ? b->ray_d[r][3] : 1);
         got[3][r] = results[r].depth;
         want[4][r] = opacity;
@@ -262,6 +267,130 @@ static void test_losses(void **state)
     test_report("losses and gradients");
 }
 
+/* ---- extremes, with relative bounds for every ray and sample ---- */
+
+enum { LONG = 20000, KINDS = 17, MOST_SAMPLES = LONG + KINDS * 50 };
+
+static void assert_relative(const char *what, int i, double got, double want, double bound)
+{
+    if (!(fabs(got - want) <= bound * fabs(want) + 1e-36)) /* denormals aside */
+        fail_msg("%s %d is %.9g, not %.9g", what, i, got, want);
+}
+
+/* Rays of equal samples: 50 of each optical depth from 1e-12 to 1e30, at a distance of 1000, and
+ * many of a depth that 1 - x rounds away. Opacity, transmittance (the colour behind dark samples),
+ * depth, and the gradient of a loss that nothing cancels. Densities up to the largest that an
+ * activation has, with deltas down to 0. */
+static void check_extremes(const tune_set *set, double cauchy)
+{
+    static const double depths[KINDS] = {2.9e-8, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2, 0.149, 0.151,
+                                         1,      3,     10,    79,   81,   1e3,  1e6,  1e30};
+    const double density = 2.5e34; /* 1e4 exp(70) */
+    const float behind[4] = {1, 1, 1, 1};
+    cln_config config = small_config();
+    cln_sample *samples = test_alloc(MOST_SAMPLES, sizeof *samples);
+    float(*out)[4] = test_alloc(MOST_SAMPLES, sizeof *out), (*dout)[4] = NULL;
+    float targets[KINDS + 1][4], ray_o[KINDS + 1][4], ray_d[KINDS + 1][4];
+    uint32_t starts[KINDS + 2] = {0}, n = 0;
+    cln_ray_result *pictures = NULL, *results = NULL;
+    cln_device *device = NULL;
+    cln_pipeline *p = NULL;
+
+    memset(ray_o, 0, sizeof ray_o);
+    config.loss = CLN_LOSS_L2;
+    config.alpha_loss = 0;
+    config.cauchy = cauchy;
+    config.random_background = false;
+    p = test_pipeline(set, &config, 0, true);
+    device = p->device;
+    for (int r = 0; r <= KINDS; r++) {
+        const int count = r == 0 ? LONG : 50;
+
+        for (int i = 0; i < count && r < KINDS; i++, n++) {
+            const double delta = r == KINDS - 1 ? 1e-4 : 0.01;
+
+            samples[n] = (cln_sample){.t = (float)(1000 + delta * i), .ray = (uint32_t)r};
+            samples[n].delta = (float)delta;
+            out[n][3] = (float)(depths[r] / delta);
+        }
+        for (int i = 0; i < 3 && r == KINDS; i++, n++) { /* a delta of 0 */
+            samples[n] = (cln_sample){.t = 3, .ray = (uint32_t)r, .delta = i == 2 ? 1 : 0};
+            out[n][3] = i == 2 ? 0 : (float)density;
+        }
+        starts[r + 1] = n;
+        for (int k = 0; k < 4; k++) {
+            targets[r][k] = 0;
+            ray_d[r][k] = 1;
+        }
+    }
+    for (int train = 0; train < 2; train++) {
+        test_fill(device, &p->sample_starts, starts, sizeof starts);
+        test_fill(device, &p->samples, samples, n * sizeof *samples);
+        test_fill(device, &p->out, out, n * sizeof *out);
+        test_fill(device, &p->targets, targets, sizeof targets);
+        test_fill(device, &p->backgrounds, behind, sizeof behind);
+        test_fill(device, &p->ray_o, ray_o, sizeof ray_o);
+        test_fill(device, &p->ray_d, ray_d, sizeof ray_d);
+        test_fill(device, &p->results, NULL, (KINDS + 1) * sizeof *results);
+        test_fill(device, &p->dout, NULL, n * sizeof *dout);
+        if (train)
+            assert_ok(cln_stage_composite_train(p, KINDS + 1, n));
+        else
+            assert_ok(cln_stage_composite(p, KINDS + 1, false));
+        results = test_read(device, &p->results, (KINDS + 1) * sizeof *results, "results");
+        if (!train)
+            pictures = results;
+    }
+    dout = test_read(device, &p->dout, n * sizeof *dout, "dout");
+    for (int r = 0; r <= KINDS; r++) {
+        const double sums = r == 0 ? 5e-9 * LONG : 1e-5; /* of equal numbers, in float32 */
+        double tau = 0, opacity = 0, depth = 0, regular = 0, through = 1;
+
+        for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
+            const double sigma = out[i][3], x = fmin(sigma * (double)samples[i].delta, 80);
+
+            opacity += exp(-tau) * -expm1(-x);
+            depth += exp(-tau) * -expm1(-x) * (double)samples[i].t;
+            tau += x;
+            regular += cauchy * log1p(2 * sigma * sigma);
+        }
+        through = exp(-tau);
+        for (int k = 0; k < 2; k++) {
+            const cln_ray_result *got = k ? &results[r] : &pictures[r];
+
+            assert_relative("opacity of ray", r, got->opacity, opacity, sums);
+            if (opacity > 1e-9)
+                assert_relative("depth of ray", r, got->depth, depth / opacity, sums);
+            if (through > 1e-30) /* exp(-tau) has the relative error of tau in absolute terms */
+                assert_relative("transmittance of ray", r, got->r, through, 1e-6 + 3e-7 * tau);
+        }
+        assert_relative("loss of ray", r, results[r].loss, through * through + regular, sums);
+        for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
+            const double sigma = out[i][3], delta = samples[i].delta;
+            const double slope =
+                -2 * through * through * delta + cauchy * 4 * sigma / (1 + 2 * sigma * sigma);
+
+            for (int k = 0; k < 4; k++)
+                assert_true(isfinite(dout[i][k]));
+            if (through > 1e-15)
+                assert_relative("density gradient of sample", (int)i, dout[i][3],
+                                slope / (KINDS + 1), 1e-5 + 1e-6 * tau);
+        }
+    }
+    free(pictures);
+    free(results);
+    free(dout);
+    free(samples);
+    free(out);
+}
+
+static void test_extremes(void **state)
+{
+    (void)state;
+    check_extremes(&tune_sets[0], 0);
+    check_extremes(&tune_sets[4], 1e-3);
+}
+
 /* No rays at all: nothing is launched, nothing written. */
 static void test_no_rays(void **state)
 {
@@ -284,6 +413,7 @@ int test_group_composite(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_pictures),
         cmocka_unit_test(test_losses),
+        cmocka_unit_test(test_extremes),
         cmocka_unit_test(test_no_rays),
     };
 

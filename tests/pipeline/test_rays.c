@@ -258,12 +258,104 @@ static void test_beyond_fold(void **state)
     free(d);
 }
 
+/* Cameras 10 to 10^6 half-cubes away, in the middle of the image and off its axis, with a pinhole
+ * and behind lenses: near the cube, rays are where the double camera's are, to a fraction of the
+ * deepest leaf and of a pixel; depths are right; points project to their pixels. */
+static void test_far_cameras(void **state)
+{
+    enum { FAR = 12, EACH = 60 };
+    const cln_config config = small_config();
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, (1u << CLN_LENSES) - 1, false);
+    static const cln_lens kinds[] = {CLN_LENS_OPENCV, CLN_LENS_OPENCV_FISHEYE, CLN_LENS_EUCM};
+    const cln_space space = {{4.5e5, 5.4e6, 120}, 0.5}; /* metres of UTM */
+    const float white[4] = {1, 1, 1, 1};
+    cln_camera cameras[FAR];
+    const cln_camera *list[FAR];
+    cln_pixel pixels[FAR * EACH];
+    float(*o)[4] = NULL, (*d)[4] = NULL;
+
+    (void)state;
+    for (int i = 0; i < FAR; i++) {
+        const double distance = pow(10, 1 + i / 2), aside = i % 2 ? 0.6 : 0;
+        cln_camera *c = &cameras[i];
+        double axis[3], x[3];
+
+        make_camera(1, 0, &cln_space_unit, c);
+        for (int a = 0; a < 3; a++) {
+            axis[a] = c->c2w[4 * a + 2];
+            x[a] = c->c2w[4 * a];
+        }
+        for (int a = 0; a < 3; a++)
+            c->c2w[4 * a + 3] = space.centre[a] - space.half * distance * (axis[a] + aside * x[a]);
+        c->width = c->height = 500;
+        c->fx = c->fy = 100 * distance; /* the cube has 200 to 350 pixels */
+        c->cx = c->cy = 250;
+        c->lens = kinds[i % 3];
+        memset(c->distortion, 0, sizeof c->distortion);
+        if (c->lens == CLN_LENS_EUCM) {
+            c->distortion[0] = 0.5;
+            c->distortion[1] = 1;
+        }
+        if (aside > 0) { /* the image is a part of a larger one */
+            double u = 0, v = 0, z = 0;
+
+            assert_true(cln_camera_project(c, space.centre, &u, &v, &z));
+            c->cx += 250 - u;
+            c->cy += 250 - v;
+        }
+        list[i] = c;
+    }
+    for (int r = 0; r < FAR * EACH; r++) {
+        pixels[r] = (cln_pixel){.view = (uint32_t)(r / EACH)};
+        pixels[r].x = (uint32_t)test_uniform(4, r, 150, 350);
+        pixels[r].y = (uint32_t)test_uniform(5, r, 150, 350);
+    }
+    assert_ok(cln_pipeline_cameras(p, list, FAR, &space));
+    assert_ok(cln_pipeline_batch(p, pixels, FAR * EACH, NULL, white));
+    test_fill(p->device, &p->ray_o, NULL, sizeof *o * FAR * EACH);
+    test_fill(p->device, &p->ray_d, NULL, sizeof *d * FAR * EACH);
+    assert_ok(cln_stage_rays(p, FAR * EACH));
+    o = test_read(p->device, &p->ray_o, sizeof *o * FAR * EACH, "ray_o");
+    d = test_read(p->device, &p->ray_d, sizeof *d * FAR * EACH, "ray_d");
+    for (int r = 0; r < FAR * EACH; r++) {
+        const int i = (int)pixels[r].view;
+        const double distance = pow(10, 1 + i / 2);
+        /* of positions of size 4; and the pixel's own place, which float32 has to 6e-8 of its
+         * distance from the principal point */
+        const double most = 2e-6 + 2e-7 * fabs(cameras[i].cx) / 100;
+        double origin[3], direction[3], near = 0, t = 0, lateral = 0;
+
+        assert_true(
+            cln_camera_ray(&cameras[i], pixels[r].x + 0.5, pixels[r].y + 0.5, origin, direction));
+        for (int a = 0; a < 3; a++) {
+            origin[a] = (origin[a] - space.centre[a]) / space.half;
+            near -= (double)o[r][a] * (double)d[r][a]; /* t where the ray is nearest the centre */
+        }
+        for (int a = 0; a < 3; a++)
+            t += (o[r][a] + near * (double)d[r][a] - origin[a]) * direction[a];
+        for (int a = 0; a < 3; a++)
+            lateral =
+                hypot(lateral, o[r][a] + near * (double)d[r][a] - origin[a] - t * direction[a]);
+        if (!(lateral < most))
+            fail_msg("%g half-cubes away, view %d: a ray is off by %.3g, allowed %.3g", distance, i,
+                     lateral, most);
+        if (!(fabs(near + (double)o[r][3] - t) < 1e-6 * distance))
+            fail_msg("%g half-cubes away: depth %.9g, not %.9g", distance, near + (double)o[r][3],
+                     t);
+        if (distance > 40) /* t begins at the cube */
+            assert_true(near > 0 && near < 8);
+    }
+    free(o);
+    free(d);
+}
+
 int test_group_rays(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_cameras),
         cmocka_unit_test(test_few_rays),
         cmocka_unit_test(test_beyond_fold),
+        cmocka_unit_test(test_far_cameras),
     };
 
     return cmocka_run_group_tests_name("rays", tests, NULL, test_device_close);
