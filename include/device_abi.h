@@ -98,6 +98,11 @@ typedef struct cln_ray_result {
     cln_f32 opacity, loss, square_error, pad;
 } cln_ray_result;
 
+/* Depth of pictures: along the ray, where half of its opacity lies before; or along the camera's
+ * axis, and the mean. Bits. */
+#define CLN_DEPTH_AXIS 1u
+#define CLN_DEPTH_MEAN 2u
+
 /* `number` of a ray's random values (base/rng.h): the interval's number for its samples, plus this
  * for its roulette. */
 #define CLN_DRAW_ROULETTE 0x800000u

@@ -9,6 +9,9 @@
  *   with G_i = dL/dw_i:  dL/dc_i = w_i g,  dL/dsigma_i = delta_i (T_{i+1} G_i - S_i),
  *   S_i = sum_{j>i} w_j G_j + T_end g.background, a true backward sweep (no cancellation)
  *
+ * A picture's depth is the median of the weights: where half of the opacity lies before. `depth`
+ * has the bits of CLN_DEPTH_*: along the camera's axis; the mean instead.
+ *
  *   RAY_BACKGROUND 0 | 1   one background for all rays, or one each
  *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
  *     alpha_weight (T_end - (1 - a))^2;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built
@@ -19,12 +22,12 @@
  */
 #ifndef LOSS
 #define RAY_BACKGROUND 1
-#define LOSS 1
-#define ALPHA 1
-#define CAUCHY 1
-#define OPACITY 1
-#define DISTORT 1
-#define MEASURES 3
+#define LOSS           1
+#define ALPHA          1
+#define CAUCHY         1
+#define OPACITY        1
+#define DISTORT        1
+#define MEASURES       3
 #endif
 
 #if MEASURES > 0
@@ -42,16 +45,36 @@
 #define BACKGROUND(r) (backgrounds[0])
 #endif
 
-__kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 1] */
-                        const __global cln_sample *restrict samples,  /* [sample] */
-                        const __global float4 *restrict out,          /* [sample] r, g, b, sigma */
-                        const __global float4 *restrict backgrounds,  /* [1] or [ray] */
-                        const __global float4 *restrict ray_o,        /* [ray] for ray_depth() */
-                        const __global float4 *restrict ray_d,        /* [ray] */
-                        __global cln_ray_result *restrict results, uint n, uint axis_depth)
+/* Where half of the opacity lies before, the samples being as long as their deltas: there the
+ * optical depth is -log(1 - opacity / 2). */
+HELPER float median_depth(const __global cln_sample *samples, const __global float4 *out,
+                          uint begin, uint end, float opacity)
+{
+    const float half_way = -log1p(-0.5f * opacity);
+    float tau = 0.0f, t = 0.0f;
+
+    for (uint i = begin; i < end; i++) {
+        const float depth_here = OPTICAL_DEPTH(out[i].w * samples[i].delta);
+
+        if (tau + depth_here >= half_way && depth_here > 0.0f) {
+            t = MAD(samples[i].delta, (half_way - tau) / depth_here - 0.5f, samples[i].t);
+            break;
+        }
+        tau += depth_here;
+    }
+    return t;
+}
+
+__kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1] */
+                        const __global cln_sample *restrict samples, /* [sample] */
+                        const __global float4 *restrict out,         /* [sample] r, g, b, sigma */
+                        const __global float4 *restrict backgrounds, /* [1] or [ray] */
+                        const __global float4 *restrict ray_o,       /* [ray] for ray_depth() */
+                        const __global float4 *restrict ray_d,       /* [ray] */
+                        __global cln_ray_result *restrict results, uint n, uint depth)
 {
     const uint r = get_global_id(0);
-    float tau = 0.0f, through = 1.0f, depth = 0.0f, opacity = 0.0f;
+    float tau = 0.0f, through = 1.0f, moment = 0.0f, opacity = 0.0f;
     float4 colour = (float4)(0.0f);
 
     if (r >= n)
@@ -63,18 +86,22 @@ __kernel void composite(const __global uint *restrict sample_starts,  /* [ray + 
         const float weight = through * alpha;
 
         colour = MAD((float4)(weight), o, colour);
-        depth = MAD(weight, samples[i].t, depth);
+        moment = MAD(weight, samples[i].t, moment);
         opacity += weight;
         tau += depth_here;
         through = EXP(-tau);
     }
     colour = MAD((float4)(through), BACKGROUND(r), colour);
-    /* its mean over the weights, 0 without any */
+    /* where the ray begins counts as much as the weights, not at all without any */
     const float share = opacity / fmax(opacity, 1e-10f);
-    const float t = depth / fmax(opacity, 1e-10f);
+    const float t = depth & CLN_DEPTH_MEAN ? moment / fmax(opacity, 1e-10f)
+                                           : median_depth(samples, out, sample_starts[r],
+                                                          sample_starts[r + 1u], opacity);
     const cln_ray_result result = {
-        colour.x, colour.y, colour.z,
-        ray_depth(t, ray_o[r] * share, ray_d[r], axis_depth), opacity, 0.0f, 0.0f, 0.0f};
+        colour.x, colour.y,
+        colour.z, ray_depth(t, ray_o[r] * share, ray_d[r], depth & CLN_DEPTH_AXIS),
+        opacity,  0.0f,
+        0.0f,     0.0f};
 
     results[r] = result;
 }
@@ -86,8 +113,8 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
                               const __global float4 *restrict targets,     /* [ray] r, g, b, a */
                               __global float4 *restrict dout,              /* [sample] */
                               __global cln_ray_result *restrict results, uint n, float scale,
-                              float huber, float alpha_weight, float cauchy,
-                              float opacity_weight, float distort MEASURE_ARGUMENT)
+                              float huber, float alpha_weight, float cauchy, float opacity_weight,
+                              float distort MEASURE_ARGUMENT)
 {
     const uint r = get_global_id(0);
 
@@ -149,8 +176,7 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
     const float miss = 1.0f - opacity;
 
     extra += opacity_weight * log1p(opacity * miss / 0.11f);
-    const float g_opacity =
-        opacity_weight * (1.0f - 2.0f * opacity) / (0.11f + opacity * miss);
+    const float g_opacity = opacity_weight * (1.0f - 2.0f * opacity) / (0.11f + opacity * miss);
 #endif
 #if DISTORT
     float behind = 0.0f, moment_behind = 0.0f; /* sums of w and w t over j > i */

@@ -86,7 +86,7 @@ static cln_status picture_body(void *context)
 {
     const batch *t = context;
 
-    return cln_stage_composite(t->p, t->rays, false);
+    return cln_stage_composite(t->p, t->rays, 0);
 }
 
 static cln_status train_body(void *context)
@@ -156,6 +156,7 @@ static cln_status check_batch(const batch *t, bool train, bench_errors *errors)
         if (!train) {
             ref_composite(PER_RAY, (const double(*)[4])w.out, w.t, w.delta, w.background, rgb,
                           rgb + 3, rgb + 4, NULL);
+            rgb[3] = ref_median_depth(PER_RAY, (const double(*)[4])w.out, w.t, w.delta);
             memcpy(want + 5 * k, rgb, sizeof rgb);
             memcpy(got + 5 * k,
                    (const float[5]){results[r].r, results[r].g, results[r].b, results[r].depth,

@@ -561,7 +561,7 @@ static cln_status run_batch(cln_pipeline *p, batch *b)
     CLN_TRY(cln_check_put(device, &p->ray_o, b->ray_o, sizeof b->ray_o));
     CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, sizeof b->ray_d));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
-    CLN_TRY(cln_stage_composite(p, RAYS, false));
+    CLN_TRY(cln_stage_composite(p, RAYS, 0));
     CLN_TRY(cln_buffer_read(device, &p->results, 0, b->pictures, sizeof b->pictures));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
     CLN_TRY(cln_check_spoil(device, &p->dout, n * sizeof *b->dout));
@@ -613,6 +613,7 @@ static void compare_batch(cln_checks *c, batch *b)
 
         ref_composite(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta, background, want,
                       want + 3, want + 4, NULL);
+        want[3] = ref_median_depth(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta);
         want[3] += (double)b->ray_o[r][3] * want[4] / fmax(want[4], 1e-10); /* where it begins */
         memcpy(b->got + 5 * r, (const float[5]){got->r, got->g, got->b, got->depth, got->opacity},
                5 * sizeof(float));

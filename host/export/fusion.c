@@ -188,7 +188,7 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
 
         if (callbacks->work)
             callbacks->work("depths", i, f->count, callbacks->user);
-        CLN_TRY(cln_render_view(&opened->pipeline, i, opened->model.background, false, callbacks,
+        CLN_TRY(cln_render_view(&opened->pipeline, i, opened->model.background, 0, callbacks,
                                 &picture));
         for (size_t k = 0; k < (size_t)picture.width * (size_t)picture.height; k++)
             if (picture.opacity[k] < opaque)

@@ -98,15 +98,15 @@ done:
     return st;
 }
 
-cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth)
+cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth)
 {
-    const cl_uint rays = (cl_uint)n, axis = axis_depth;
+    const cl_uint rays = (cl_uint)n, kind = depth;
     const size_t wg = (size_t)p->tune.wg;
 
     return CLN_LAUNCH(p->device, p->k.composite, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
                       CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem),
                       CLN_ARG(p->backgrounds.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
-                      CLN_ARG(p->results.mem), CLN_ARG(rays), CLN_ARG(axis));
+                      CLN_ARG(p->results.mem), CLN_ARG(rays), CLN_ARG(kind));
 }
 
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count)

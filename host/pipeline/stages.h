@@ -56,7 +56,8 @@ cln_status cln_stage_fill(cln_pipeline *p, double *leaf_samples, double *padding
 /* step_key: any number that differs between steps (slopes of RReLU, density noise). */
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                              bool training, uint32_t step_key);
-cln_status cln_stage_composite(cln_pipeline *p, int n, bool axis_depth);
+/* depth: 0, or bits CLN_DEPTH_*. */
+cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth);
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
 /* Chooses the samples of the backward pass (kernels/roulette.cl) in leaves with at least
  * min_samples samples, into p->heads, p->chosen and p->chosen_counts. The backward passes below

@@ -37,6 +37,23 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
     *opacity = sum;
 }
 
+double ref_median_depth(int n, const double (*out)[4], const double *t, const double *delta)
+{
+    double tau = 0, all = 0, goal = 0;
+
+    for (int i = 0; i < n; i++)
+        all += optical_depth(out[i][3], delta[i]);
+    goal = -log1p(0.5 * expm1(-all)); /* optical depth that half of the opacity has */
+    for (int i = 0; i < n && all > 0; i++) {
+        const double x = optical_depth(out[i][3], delta[i]);
+
+        if (x > 0 && tau + x >= goal)
+            return t[i] + delta[i] * ((goal - tau) / x - 0.5);
+        tau += x;
+    }
+    return 0;
+}
+
 /* Loss of a channel's error d; *slope = its derivative. */
 static double channel_loss(const ref_loss *loss, double d, double *slope)
 {

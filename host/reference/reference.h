@@ -177,6 +177,9 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
                    const double background[3], double rgb[3], double *depth, double *opacity,
                    double *weights);
 
+/* Where half of the weights' sum lies before; 0 without any. Sample i is t[i] +- delta[i] / 2. */
+double ref_median_depth(int n, const double (*out)[4], const double *t, const double *delta);
+
 /* Loss of a ray, not yet averaged over rays. l2: mean_c (C - target)^2; huber: mean_c of d^2/2
  * below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum log(1 + 2 sigma^2)
  * + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i - t_j| + 1/3 sum

@@ -27,7 +27,7 @@ cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *b, cln_ray_resu
     CLN_TRY(cln_stage_sample(p, b->n, &b->sampling, rendered, &samples));
     CLN_TRY(cln_stage_group(p, samples, &slices));
     CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
-    CLN_TRY(cln_stage_composite(p, *rendered, b->axis_depth));
+    CLN_TRY(cln_stage_composite(p, *rendered, b->depth));
     CLN_TRY(
         cln_buffer_read(p->device, &p->results, 0, results, (size_t)*rendered * sizeof *results));
     CLN_TRY(cln_device_finish(p->device));

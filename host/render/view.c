@@ -20,7 +20,7 @@ void cln_render_release(cln_pipeline *p)
 }
 
 cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3],
-                               bool axis_depth, cln_rendering *out)
+                               unsigned depth, cln_rendering *out)
 {
     cln_status st = CLN_OK;
     const cln_device_camera *camera = &p->host_cameras[view];
@@ -44,7 +44,7 @@ cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background
         memcpy(out->backgrounds[i], background, 3 * sizeof(float));
     out->batch = (cln_ray_batch){.pixels = out->pixels,
                                  .backgrounds = (const float(*)[4])out->backgrounds,
-                                 .axis_depth = axis_depth,
+                                 .depth = depth,
                                  .sampling = cln_render_sampling(p)};
 done:
     if (st != CLN_OK)
@@ -220,14 +220,14 @@ done:
     return st;
 }
 
-cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
+cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_picture *out)
 {
     cln_status st = CLN_OK;
     cln_rendering r = {0};
 
     memset(out, 0, sizeof *out);
-    CLN_TRY(cln_rendering_begin(p, view, background, axis_depth, &r));
+    CLN_TRY(cln_rendering_begin(p, view, background, depth, &r));
     while (r.done < r.picture.width * r.picture.height) {
         CLN_TRY(poll_signal(callbacks));
         CLN_TRY(cln_rendering_step(p, &r));

@@ -15,11 +15,11 @@ cln_status cln_render_prepare(cln_pipeline *p);
 /* Gives back the memory of the densities of pictures. */
 void cln_render_release(cln_pipeline *p);
 
-/* View number `view` of the cameras given to cln_pipeline_cameras. axis_depth: depth along the
- * optical axis instead of along the ray. `interrupted` (may be NULL) is polled between batches and
+/* View number `view` of the cameras given to cln_pipeline_cameras. depth: 0, or bits
+ * CLN_DEPTH_*. `interrupted` (may be NULL) is polled between batches and
  * ends the picture with CLN_SIGINT / CLN_SIGTERM. With p->antialias n > 1, pixels at edges
  * (antialias.h) are the mean of n x n rays. */
-cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], bool axis_depth,
+cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_picture *out);
 
 /* The same batch by batch, one ray a pixel, for those who do something else in between: begin, step
@@ -37,7 +37,7 @@ typedef struct cln_rendering {
 } cln_rendering;
 
 cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3],
-                               bool axis_depth, cln_rendering *out);
+                               unsigned depth, cln_rendering *out);
 cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
 void cln_rendering_end(cln_pipeline *p, cln_rendering *r); /* accepts a zeroed one */
 

@@ -1,5 +1,5 @@
 /* What reader_transforms.c (documents, splits, bounds) and transforms_frame.c (one frame) share;
- * private to the two. `file` and `where` begin the sentences of errors. */
+ * private to them and to render/pose_file.c. `file` and `where` begin the sentences of errors. */
 #ifndef CLN_SCENE_TRANSFORMS_H
 #define CLN_SCENE_TRANSFORMS_H
 
@@ -18,5 +18,11 @@ cln_status cln_transforms_ignored(const json_t *object, json_t **list);
  * looked for from `folder`. On failure the view may be partly filled. */
 cln_status cln_transforms_frame(const char *folder, const char *file, const json_t *root, int index,
                                 cln_view *view);
+
+/* Name and camera of frames[index], checked, for a picture to be rendered: no image need be there.
+ * *camera has the size to take where neither file nor image tells one. Without a file_path its name
+ * is pose_0000. The caller frees *name, also on failure. */
+cln_status cln_transforms_camera(const char *folder, const char *file, const json_t *root,
+                                 int index, char **name, cln_camera *camera);
 
 #endif

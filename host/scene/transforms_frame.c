@@ -1,7 +1,7 @@
 /* One frame of a transforms JSON document -> a view: name, image file, camera. Values are looked up
  * in the frame first, then in the document, so shared and per-frame intrinsics are one case. The
  * pose changes from OpenGL's camera axes to ours. Ranges are checked by camera.c, for every format.
- * Used by reader_transforms.c alone. */
+ * Used by reader_transforms.c, and for poses to render, which need no image (cln_pose_file). */
 #include "scene/transforms.h"
 
 #include <math.h>
@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "io/image.h"
+#include "scene/build.h"
 #include "scene/dataset.h"
 
 /* Names tried behind a file_path, in this order. */
@@ -155,16 +156,22 @@ done:
     return st;
 }
 
+/* Of a size that is told nowhere, it keeps the camera's own, if it has one. */
 static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera)
 {
     cln_status st = CLN_OK;
+    const int own[2] = {camera->width, camera->height};
     int channels = 0;
 
     CLN_TRY(read_lens(src, camera));
     CLN_TRY(read_side(src, "w", &camera->width));
     CLN_TRY(read_side(src, "h", &camera->height));
-    if (!camera->width || !camera->height)
-        CLN_TRY(cln_image_info(image, &camera->width, &camera->height, &channels));
+    if (!camera->width || !camera->height) {
+        camera->width = own[0];
+        camera->height = own[1];
+        if (!own[0] || cln_is_file(image))
+            CLN_TRY(cln_image_info(image, &camera->width, &camera->height, &channels));
+    }
     if (camera->lens == CLN_LENS_EQUIRECTANGULAR) {
         cln_camera_span_sphere(camera);
         goto done;
@@ -301,5 +308,34 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
     }
 done:
     free(src.where);
+    return st;
+}
+
+cln_status cln_transforms_camera(const char *folder, const char *file, const json_t *root,
+                                 int index, char **name, cln_camera *camera)
+{
+    cln_status st = CLN_OK;
+    source src = {.folder = folder, .root = root};
+    const json_t *file_path = NULL;
+    char *image = NULL;
+
+    src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
+    file_path = json_object_get(src.frame, "file_path");
+    if (!json_is_object(src.frame))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d is not an object", file, index));
+    CLN_TRY(cln_asprintf(&src.where, "%s: frame %d", file, index));
+    if (json_string_length(file_path) > 0) {
+        CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), name));
+        CLN_TRY(find_image(&src, json_string_value(file_path), &image));
+    } else {
+        CLN_TRY(cln_asprintf(name, "pose_%04d", index));
+        CLN_TRY(cln_strdup(&image, ""));
+    }
+    CLN_TRY(read_pose(&src, camera->c2w));
+    CLN_TRY(read_intrinsics(&src, image, camera));
+    CLN_TRY(cln_camera_check(camera, src.where));
+done:
+    free(src.where);
+    free(image);
     return st;
 }

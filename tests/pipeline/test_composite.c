@@ -125,15 +125,15 @@ static void widen(const batch *b, int r, bool per_ray, wide_ray *w)
         w->target[k] = b->targets[r][k];
 }
 
-/* Pictures: colour, depth (along the ray or the axis), opacity. */
-static void check_pictures(cln_pipeline *p, const batch *b, bool per_ray, bool axis)
+/* Pictures: colour, depth of each kind, opacity. */
+static void check_pictures(cln_pipeline *p, const batch *b, bool per_ray, unsigned kind)
 {
     cln_ray_result *results = NULL;
     float got[5][RAYS];
     double want[5][RAYS];
 
     upload(p, b, per_ray);
-    assert_ok(cln_stage_composite(p, RAYS, axis));
+    assert_ok(cln_stage_composite(p, RAYS, kind));
     results = test_read(p->device, &p->results, RAYS * sizeof *results, "results");
     for (int r = 0; r < RAYS; r++) {
         wide_ray w;
@@ -145,8 +145,10 @@ static void check_pictures(cln_pipeline *p, const batch *b, bool per_ray, bool a
             want[k][r] = rgb[k];
             got[k][r] = (&results[r].r)[k];
         }
+        if (!(kind & CLN_DEPTH_MEAN))
+            depth = ref_median_depth(w.n, (const double(*)[4])w.out, w.t, w.delta);
         depth += b->ray_o[r][3] * opacity / fmax(opacity, 1e-10); /* where the ray begins */
-        want[3][r] = depth * (axis ? b->ray_d[r][3] : 1);
+        want[3][r] = depth * (kind & CLN_DEPTH_AXIS ? b->ray_d[r][3] : 1);
         got[3][r] = results[r].depth;
         want[4][r] = opacity;
         got[4][r] = results[r].opacity;
@@ -172,8 +174,10 @@ static void test_pictures(void **state)
 
         config.random_background = per_ray;
         p = test_pipeline(&tune_sets[set], &config, false, true);
-        check_pictures(p, &b, per_ray, false);
-        check_pictures(p, &b, per_ray, true);
+        check_pictures(p, &b, per_ray, 0);
+        check_pictures(p, &b, per_ray, CLN_DEPTH_AXIS);
+        check_pictures(p, &b, per_ray, CLN_DEPTH_MEAN);
+        check_pictures(p, &b, per_ray, CLN_DEPTH_MEAN | CLN_DEPTH_AXIS);
     }
     free_batch(&b);
     test_report("pictures");
@@ -292,7 +296,9 @@ static void check_extremes(const tune_set *set, double cauchy)
     float(*out)[4] = test_alloc(MOST_SAMPLES, sizeof *out), (*dout)[4] = NULL;
     float targets[KINDS + 1][4], ray_o[KINDS + 1][4], ray_d[KINDS + 1][4];
     uint32_t starts[KINDS + 2] = {0}, n = 0;
-    cln_ray_result *pictures = NULL, *results = NULL;
+    cln_ray_result *results[3] = {NULL}; /* with the median depth, the mean, and of training */
+    double(*wide)[4] = test_alloc(LONG, sizeof *wide), *t = test_alloc(LONG, sizeof *t);
+    double *deltas = test_alloc(LONG, sizeof *deltas);
     cln_device *device = NULL;
     cln_pipeline *p = NULL;
 
@@ -323,7 +329,7 @@ static void check_extremes(const tune_set *set, double cauchy)
             ray_d[r][k] = 1;
         }
     }
-    for (int train = 0; train < 2; train++) {
+    for (int pass = 0; pass < 3; pass++) {
         test_fill(device, &p->sample_starts, starts, sizeof starts);
         test_fill(device, &p->samples, samples, n * sizeof *samples);
         test_fill(device, &p->out, out, n * sizeof *out);
@@ -331,40 +337,43 @@ static void check_extremes(const tune_set *set, double cauchy)
         test_fill(device, &p->backgrounds, behind, sizeof behind);
         test_fill(device, &p->ray_o, ray_o, sizeof ray_o);
         test_fill(device, &p->ray_d, ray_d, sizeof ray_d);
-        test_fill(device, &p->results, NULL, (KINDS + 1) * sizeof *results);
+        test_fill(device, &p->results, NULL, (KINDS + 1) * sizeof **results);
         test_fill(device, &p->dout, NULL, n * sizeof *dout);
-        if (train)
+        if (pass == 2)
             assert_ok(cln_stage_composite_train(p, KINDS + 1, n));
         else
-            assert_ok(cln_stage_composite(p, KINDS + 1, false));
-        results = test_read(device, &p->results, (KINDS + 1) * sizeof *results, "results");
-        if (!train)
-            pictures = results;
+            assert_ok(cln_stage_composite(p, KINDS + 1, pass ? CLN_DEPTH_MEAN : 0));
+        results[pass] = test_read(device, &p->results, (KINDS + 1) * sizeof **results, "results");
     }
     dout = test_read(device, &p->dout, n * sizeof *dout, "dout");
     for (int r = 0; r <= KINDS; r++) {
         const double sums = r == 0 ? 5e-9 * LONG : 1e-5; /* of equal numbers, in float32 */
-        double tau = 0, opacity = 0, depth = 0, regular = 0, through = 1;
+        double tau = 0, opacity = 0, depth = 0, regular = 0, through = 1, median;
 
-        for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
+        for (uint32_t i = starts[r], j = 0; i < starts[r + 1]; i++, j++) {
             const double sigma = out[i][3], x = fmin(sigma * (double)samples[i].delta, 80);
 
             opacity += exp(-tau) * -expm1(-x);
             depth += exp(-tau) * -expm1(-x) * (double)samples[i].t;
             tau += x;
             regular += cauchy * log1p(2 * sigma * sigma);
+            wide[j][3] = sigma;
+            t[j] = samples[i].t;
+            deltas[j] = samples[i].delta;
         }
         through = exp(-tau);
-        for (int k = 0; k < 2; k++) {
-            const cln_ray_result *got = k ? &results[r] : &pictures[r];
+        median =
+            ref_median_depth((int)(starts[r + 1] - starts[r]), (const double(*)[4])wide, t, deltas);
+        for (int k = 0; k < 3; k++) {
+            const cln_ray_result *got = &results[k][r];
 
             assert_relative("opacity of ray", r, got->opacity, opacity, sums);
             if (opacity > 1e-9)
-                assert_relative("depth of ray", r, got->depth, depth / opacity, sums);
+                assert_relative("depth of ray", r, got->depth, k ? depth / opacity : median, sums);
             if (through > 1e-30) /* exp(-tau) has the relative error of tau in absolute terms */
                 assert_relative("transmittance of ray", r, got->r, through, 1e-6 + 3e-7 * tau);
         }
-        assert_relative("loss of ray", r, results[r].loss, through * through + regular, sums);
+        assert_relative("loss of ray", r, results[2][r].loss, through * through + regular, sums);
         for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
             const double sigma = out[i][3], delta = samples[i].delta;
             const double slope =
@@ -377,11 +386,14 @@ static void check_extremes(const tune_set *set, double cauchy)
                                 slope / (KINDS + 1), 1e-5 + 1e-6 * tau);
         }
     }
-    free(pictures);
-    free(results);
+    for (int k = 0; k < 3; k++)
+        free(results[k]);
     free(dout);
     free(samples);
     free(out);
+    free(wide);
+    free(t);
+    free(deltas);
 }
 
 static void test_extremes(void **state)
@@ -402,7 +414,7 @@ static void test_no_rays(void **state)
     test_fill(p->device, &p->sample_starts, &start, sizeof start);
     test_fill(p->device, &p->results, NULL, 0);
     test_fill(p->device, &p->dout, NULL, 0);
-    assert_ok(cln_stage_composite(p, 0, false));
+    assert_ok(cln_stage_composite(p, 0, 0));
     assert_ok(cln_stage_composite_train(p, 0, 0));
     free(test_read(p->device, &p->results, 0, "results"));
     free(test_read(p->device, &p->dout, 0, "dout"));

@@ -502,6 +502,10 @@ static void test_composite_by_hand(void **state)
     assert_near(rgb[2], 0.5 * 0.6 + 0.25 * 0.5, 1e-15);
     assert_near(depth, (0.5 * 1 + 0.25 * 3) / 0.75, 1e-15);
     assert_near(opacity, 0.75, 1e-15);
+    /* half of 0.5 has passed after log(4/3) of the first sample's log(2); half of 0.75 likewise */
+    assert_near(ref_median_depth(1, out, t, delta), 1 + 0.5 * (log(4. / 3) / half - 0.5), 1e-15);
+    assert_near(ref_median_depth(2, out, t, delta), 1 + 0.5 * (log(1.6) / half - 0.5), 1e-15);
+    assert_true(ref_median_depth(0, NULL, NULL, NULL) == 0);
 
     plain = ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL);
     assert_near(plain, 0, 1e-30);
