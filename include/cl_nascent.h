@@ -260,18 +260,25 @@ CLN_API void cln_eval_free(cln_eval_result *result);
 typedef struct cln_render_desc {
     const char *run, *out;
     const char *scene; /* NULL = the run's own; an orbit needs none then */
-    const char *split; /* the poses of a split, or NULL for an orbit */
-    int orbit_frames;
+    /* Where from: a file of poses (nerfstudio's camera_path.json, or transforms JSON), else the poses
+     * of a split, else a spiral of so many frames within the training cameras' poses, else an
+     * orbit. */
+    const char *poses, *split;
+    int spiral_frames, orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis; NaN: as
                                these stand in the mean */
-    double orbit_radius;    /* in units of the mean training camera distance */
+    double orbit_radius;    /* in units of the mean training camera distance; of a spiral of
+                               forward-facing cameras, of the extent of their poses */
+    int interpolate;        /* so many frames of a smooth path through file's or split's poses, in
+                               their order; 0 = these themselves */
     bool orbit_circle;      /* all around, also where the training cameras cover an arc alone */
     int width, height;      /* image size; 0 = as the photos, or by the other one */
-    double fov;             /* orbit: horizontal, degrees; 0 = as the training images */
-    int max_images;         /* split: evenly chosen; 0 = all */
+    double fov;             /* orbit, spiral: horizontal, degrees; 0 = as the training images */
+    int max_images;         /* file, split: evenly chosen; 0 = all */
     int antialias;          /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
+    bool mean_depth;        /* the mean over the ray; else where half of its opacity lies before */
     cln_device_desc device;
     cln_callbacks callbacks;
 } cln_render_desc;
@@ -282,7 +289,7 @@ typedef struct cln_render_result {
 } cln_render_result;
 
 /* Writes OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (for
- * viewing), NAME.opacity.png; names are the dataset's, or orbit_0000. */
+ * viewing), NAME.opacity.png; names are the dataset's, or orbit_0000, spiral_0000, path_0000. */
 CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
 
 /* ---- looking at it live ---- */

@@ -1,6 +1,5 @@
-/* cln_render: pictures of a run from the poses of a split or from an orbit, as files. Which
- * cameras, which files, what is there already; a view itself is render/view.c's. Per frame, in this
- * order, each atomically:
+/* cln_render: pictures of a run as files. Which files, what is there already; which cameras is
+ * render/frames.c's, a view itself render/view.c's. Per frame, in this order, each atomically:
  *
  *   NAME.depth.npy  NAME.opacity.png  NAME.png
  *
@@ -19,9 +18,9 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "render/depth_picture.h"
-#include "render/quality.h"
-#include "render/orbit.h"
+#include "render/frames.h"
 #include "render/open_run.h"
+#include "render/view.h"
 #include "io/disk.h"
 #include "io/image.h"
 #include "io/npy.h"
@@ -33,7 +32,7 @@ static const char *const suffixes[] = {".depth.npy", ".opacity.png", ".png", ".d
 enum { DEPTH_NPY, OPACITY_PNG, COLOUR_PNG, FILES, DEPTH_PNG = FILES };
 
 typedef struct frame {
-    char *name;
+    const char *name;
     cln_camera camera;
     char made_from[17]; /* digest of all that its pictures depend on */
     bool there;
@@ -42,6 +41,7 @@ typedef struct frame {
 typedef struct job {
     const cln_render_desc *desc;
     cln_open_run opened;
+    cln_frames cameras;
     frame *frames;
     int count, there, pictured; /* frames; of these rendered, and with a depth picture */
     json_t *run;                /* run.json */
@@ -55,45 +55,15 @@ static cln_status path_of(const job *j, const frame *f, int file, char **path)
 
 /* ---- which frames ---- */
 
-static cln_status frames_of_split(job *j)
+static cln_status list_frames(job *j)
 {
     cln_status st = CLN_OK;
-    const cln_scene *scene = j->opened.scene;
-    cln_split split = CLN_SPLIT_TEST;
-    int *views = NULL;
 
-    CLN_TRY(cln_open_run_split(scene, j->desc->split, &split));
-    CLN_TRY(cln_quality_choose(scene, split, j->desc->max_images, &views, &j->count));
+    j->count = j->cameras.count;
     CLN_TRY(cln_alloc(&j->frames, (size_t)j->count, sizeof *j->frames, "frames"));
     for (int i = 0; i < j->count; i++) {
-        CLN_TRY(cln_orbit_resize(&scene->views[views[i]].camera, j->desc->width, j->desc->height,
-                                 &j->frames[i].camera));
-        CLN_TRY(cln_strdup(&j->frames[i].name, scene->views[views[i]].file));
-    }
-done:
-    free(views);
-    return st;
-}
-
-static cln_status frames_of_orbit(job *j)
-{
-    cln_status st = CLN_OK;
-    const int count = j->desc->orbit_frames;
-    cln_orbit_frame seen;
-    cln_orbit orbit;
-
-    if (count < 1)
-        CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d frames are too few; give 1 or more", count));
-    if (j->opened.scene)
-        CLN_TRY(cln_orbit_frame_of(j->opened.scene, &seen));
-    else
-        CLN_TRY(cln_orbit_frame_read(json_object_get(j->run, "orbit"), &seen));
-    CLN_TRY(cln_orbit_make(&seen, j->desc, &orbit));
-    CLN_TRY(cln_alloc(&j->frames, (size_t)count, sizeof *j->frames, "frames"));
-    j->count = count;
-    for (int i = 0; i < count; i++) {
-        cln_orbit_camera(&orbit, i, count, &j->frames[i].camera);
-        CLN_TRY(cln_asprintf(&j->frames[i].name, "orbit_%04d", i));
+        j->frames[i].name = j->cameras.frame[i].name;
+        j->frames[i].camera = j->cameras.frame[i].camera;
     }
 done:
     return st;
@@ -105,7 +75,9 @@ static void find_identity(const job *j, frame *f)
     const cln_camera *c = &f->camera;
     const uint64_t digest = cln_model_digest(model);
     const double lengths[4] = {c->fx, c->fy, c->cx, c->cy};
-    const int32_t numbers[4] = {c->width, c->height, (int32_t)c->lens, j->desc->z_depth};
+    /* files from before the median was there have the mean, as 0 or 1 */
+    const int32_t kind = j->desc->z_depth | (j->desc->mean_depth ? 0 : 4);
+    const int32_t numbers[4] = {c->width, c->height, (int32_t)c->lens, kind};
     uint64_t d = CLN_DIGEST_START;
 
     d = cln_digest(d, &digest, sizeof digest);
@@ -168,15 +140,18 @@ static json_t *describe(const job *j)
         json_object_set_new(frames, j->frames[i].name, json_string(j->frames[i].made_from));
     snprintf(digest, sizeof digest, "%016llx",
              (unsigned long long)cln_model_digest(&j->opened.model));
-    about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s, s:o}", "schema", SCHEMA, "tool",
+    about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s, s:s, s:o}", "schema", SCHEMA, "tool",
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
-                      "poses", d->split ? d->split : "orbit", "frames", frames);
+                      "depth_of", d->mean_depth ? "mean" : "median", "poses", j->cameras.poses,
+                      "frames", frames);
     if (about && d->antialias > 1)
         json_object_set_new(about, "antialias", json_integer(d->antialias));
-    if (about && d->split && (d->width > 0 || d->height > 0))
+    if (about && d->poses)
+        json_object_set_new(about, "file", json_string(d->poses));
+    if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))
         json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
-    if (about && !d->split)
+    if (about && strcmp(j->cameras.poses, "orbit") == 0)
         json_object_set_new(about, "orbit",
                             json_pack("{s:i, s:o, s:f, s:b, s:i, s:i, s:f}", "frames", j->count,
                                       "elevation", cln_json_real(d->orbit_elevation), "radius",
@@ -415,6 +390,8 @@ static cln_status render_frames(job *j, cln_render_result *result)
 {
     cln_status st = CLN_OK;
     const cln_callbacks *callbacks = &j->desc->callbacks;
+    const unsigned depth =
+        (j->desc->z_depth ? CLN_DEPTH_AXIS : 0) | (j->desc->mean_depth ? CLN_DEPTH_MEAN : 0);
     cln_picture picture = {0};
 
     for (int i = 0; i < j->count; i++) {
@@ -425,8 +402,8 @@ static cln_status render_frames(job *j, cln_render_result *result)
         if (callbacks->work)
             callbacks->work("render", result->skipped + result->rendered, j->count,
                             callbacks->user);
-        st = cln_render_view(&j->opened.pipeline, i, j->opened.model.background, j->desc->z_depth,
-                             callbacks, &picture);
+        st = cln_render_view(&j->opened.pipeline, i, j->opened.model.background, depth, callbacks,
+                             &picture);
         if (st == CLN_SIGINT || st == CLN_SIGTERM)
             cln_note(
                 "rendering into %s: %d of %d frames are there, the same command renders the others",
@@ -452,14 +429,12 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_run_read(desc->run, &j.run));
-    if (desc->split || desc->scene || !json_object_get(j.run, "orbit"))
+    if (cln_frames_need_scene(desc, j.run))
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
-    if (desc->split)
-        CLN_TRY(frames_of_split(&j));
-    else
-        CLN_TRY(frames_of_orbit(&j));
+    CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
+    CLN_TRY(list_frames(&j));
     CLN_TRY(check_folder(desc->out, &j.before));
     CLN_TRY(find_there(&j));
     result->skipped = j.there;
@@ -471,9 +446,8 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     if (j.there < j.count || j.pictured < j.count)
         CLN_TRY(draw_depths(&j));
 done:
-    for (int i = 0; j.frames && i < j.count; i++)
-        free(j.frames[i].name);
     free(j.frames);
+    cln_frames_free(&j.cameras);
     json_decref(j.run);
     json_decref(j.before);
     cln_open_run_close(&j.opened);

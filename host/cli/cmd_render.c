@@ -1,12 +1,29 @@
-/* `cl-nascent render`: a split's poses or an orbit into a folder, by default one of the run's
- * own. */
+/* `cl-nascent render`: frames into a folder, by default one of the run's own. */
 #include "cli/commands.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include "base/memory.h"
 #include "cli/console.h"
 #include "io/json.h"
+
+/* RUN/render/ and the split, orbit, spiral, or name of the file of poses; of a path through poses
+ * with -path. */
+static cln_status standard_folder(const cln_options *options, char **out)
+{
+    const char *slash = options->poses ? strrchr(options->poses, '/') : NULL;
+    const char *name = slash ? slash + 1 : options->poses;
+    const char *dot = name ? strrchr(name, '.') : NULL;
+    const int length = dot && dot > name ? (int)(dot - name) : name ? (int)strlen(name) : 0;
+
+    if (options->orbit_frames > 0 || options->spiral_frames > 0)
+        return cln_asprintf(out, "%s/render/%s", options->operand,
+                            options->orbit_frames > 0 ? "orbit" : "spiral");
+    return cln_asprintf(out, "%s/render/%.*s%s", options->operand,
+                        name ? length : (int)strlen(options->split), name ? name : options->split,
+                        options->interpolate ? "-path" : "");
+}
 
 cln_status cln_cmd_render(const cln_options *options)
 {
@@ -15,11 +32,14 @@ cln_status cln_cmd_render(const cln_options *options)
     cln_render_result result = {0};
     char *standard_out = NULL;
     char duration[32];
-    bool orbit = options->orbit_frames > 0;
+    const bool path = options->orbit_frames > 0 || options->spiral_frames > 0;
     cln_render_desc desc = {.run = options->operand,
                             .out = options->output,
                             .scene = options->scene,
-                            .split = orbit ? NULL : options->split,
+                            .poses = options->poses,
+                            .split = path || options->poses ? NULL : options->split,
+                            .interpolate = options->interpolate,
+                            .spiral_frames = options->spiral_frames,
                             .orbit_frames = options->orbit_frames,
                             .orbit_elevation = options->elevation,
                             .orbit_circle = options->circle,
@@ -31,11 +51,11 @@ cln_status cln_cmd_render(const cln_options *options)
                             .antialias = options->antialias,
                             .overwrite = options->overwrite,
                             .z_depth = options->z_depth,
+                            .mean_depth = strcmp(options->depth, "mean") == 0,
                             .device = options->device};
 
     if (!desc.out) {
-        CLN_TRY(cln_asprintf(&standard_out, "%s/render/%s", options->operand,
-                             orbit ? "orbit" : options->split));
+        CLN_TRY(standard_folder(options, &standard_out));
         desc.out = standard_out;
     }
     CLN_TRY(cln_console_open(options, &console));

@@ -26,7 +26,7 @@ const cln_command cln_commands[] = {
      "RUN/report.html. Figures of another scene than the run's go only where -o says.",
      cln_cmd_eval},
     {"render", CLN_RENDER, "RUN", true, "render RUN [OPTIONS]",
-     "Colour, depth and opacity images from a split's poses or an orbit",
+     "Pictures and depth from a split's poses, a file's, or a path",
      "Writes NAME.png, NAME.depth.npy (float32, scene units), NAME.depth.png and NAME.opacity.png. "
      "Frames that exist already are skipped, so an interrupted render goes on where it stopped.",
      cln_cmd_render},
@@ -153,6 +153,9 @@ const cln_arg cln_args[] = {
 
     WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test",
          "which views of the scene; render: their poses", .standard = "test"),
+    TEXT(CLN_RENDER, "poses", poses, "FILE.json",
+         "the poses of a file instead: nerfstudio's camera_path.json, or transforms JSON, with any "
+         "lens and size"),
     TEXT(CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_EXPORT, "scene", scene, "SCENE",
          "where the scene is now, if it has moved since training"),
     TEXT(CLN_INFO, "like", like, "RUN",
@@ -176,17 +179,27 @@ const cln_arg cln_args[] = {
          "orbit: degrees above the horizon of the training cameras",
          .shown = "as these stand in the mean"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
-         "orbit: distance, in mean training camera distances", .standard = "1"),
+         "orbit, spiral: distance, in mean training camera distances; a spiral in front of the "
+         "scene: its width, by that of the cameras", .standard = "1"),
+    NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "spiral", spiral_frames, "FRAMES", 1, 100000,
+         "two turns within the training cameras' poses: in front of the scene, or all around, up "
+         "and down", .standard = "120"),
+    NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "interpolate", interpolate, "FRAMES", 1, 100000,
+         "a smooth path through the poses of --split or --poses, or --max-images of them",
+         .standard = "120"),
     INT(CLN_RENDER, "width", image_width, "PX", 0, 32768,
          "image width; 0 = as the photos, or by --height", .standard = "0"),
     INT(CLN_RENDER, "height", image_height, "PX", 0, 32768,
          "image height; 0 = as the photos, or by --width", .standard = "0"),
     REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
-         "orbit: horizontal field of view (0 = as the training images)", .standard = "0"),
+         "orbit, spiral: horizontal field of view (0 = as the training images)", .standard = "0"),
     FLAG(CLN_RENDER | CLN_EXPORT | CLN_CHECK_SCENE, "overwrite", overwrite,
          "replace files that exist; otherwise render skips such frames, and the others refuse"),
     FLAG(CLN_RENDER, "z-depth", z_depth,
          "depth along the optical axis instead of along the ray"),
+    WORD(CLN_RENDER, "depth", depth, "median|mean",
+         "of a ray's depth: where half of its opacity lies before, or the mean",
+         .standard = "median"),
 
 #define X(what, needs, form, help) \
     TEXT(CLN_EXPORT, #what, export_file, form, help, .exports = true),

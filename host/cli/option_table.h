@@ -64,7 +64,7 @@ typedef struct cln_arg {
     const char *help;
 } cln_arg;
 
-enum { CLN_ARGS_MAX = 64 };
+enum { CLN_ARGS_MAX = 96 };
 
 extern const cln_arg cln_args[];
 extern const int cln_arg_count;

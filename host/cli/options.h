@@ -22,7 +22,8 @@ typedef struct cln_options {
     char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
     bool circle, json, quiet, test, quick, skip_selftest, save_images, overwrite, z_depth;
     int verbose, max_images, antialias, frames;
-    int orbit_frames; /* 0 = no orbit */
+    int orbit_frames, spiral_frames, interpolate; /* 0 = none */
+    const char *poses, *depth;
     double elevation, radius, fov, min_psnr, budget, probe;
     double spacing; /* 0 = not given */
     int count;      /* 0 = not given */

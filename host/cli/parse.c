@@ -420,17 +420,34 @@ static cln_status check_train(const parser *p)
 
 static cln_status check_render(const parser *p)
 {
-    static const char *const of_orbit[] = {"elevation", "radius", "fov"};
+    static const char *const sources[] = {"orbit", "spiral", "poses", "split"};
+    static const char *const of_path[] = {"radius", "fov"};
+    static const char *const of_orbit[] = {"elevation", "circle"};
     const cln_options *out = p->out;
+    const bool path = out->orbit_frames || out->spiral_frames;
+    const char *source = NULL;
 
-    if (out->orbit_frames && is_given(p, "split"))
-        return cln_fail(CLN_USAGE, "--orbit and --split cannot be combined; give one of them");
-    for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++) {
+    for (size_t i = 0; i < sizeof sources / sizeof sources[0]; i++) {
+        if (!is_given(p, sources[i]))
+            continue;
+        if (source)
+            return cln_fail(CLN_USAGE, "--%s and --%s cannot be combined; give one of them", source,
+                            sources[i]);
+        source = sources[i];
+    }
+    for (size_t i = 0; i < sizeof of_path / sizeof of_path[0]; i++)
+        if (!path && is_given(p, of_path[i]))
+            return cln_fail(CLN_USAGE, "--%s requires --orbit or --spiral", of_path[i]);
+    for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++)
         if (!out->orbit_frames && is_given(p, of_orbit[i]))
             return cln_fail(CLN_USAGE, "--%s requires --orbit", of_orbit[i]);
-    }
-    if (out->orbit_frames && out->max_images)
-        return cln_fail(CLN_USAGE, "--max-images cannot be combined with --orbit; give --orbit N");
+    if (path && out->max_images)
+        return cln_fail(CLN_USAGE, "--max-images cannot be combined with --%s; give --%s N", source,
+                        source);
+    if (path && out->interpolate)
+        return cln_fail(CLN_USAGE,
+                        "--interpolate cannot be combined with --%s; give --split or --poses",
+                        source);
     return CLN_OK;
 }
 

@@ -8,6 +8,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "io/image.h"
+#include "render/vectors.h"
 
 static const double PI = 3.14159265358979323846, DEGREE = 3.14159265358979323846 / 180;
 static const double LEVEL = 1e-3; /* of find_up: the square of how level they are held */
@@ -15,38 +16,14 @@ static const double POLE = 80;    /* degrees: above, an azimuth says nothing */
 static const double GAP = 120;    /* degrees: three cameras all around still make a circle */
 static const double ARC_MIN = 10; /* degrees: of a single camera, too, a path moves */
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-/* False if there is nothing to normalise. */
-static bool normalise(double v[3])
-{
-    const double length = sqrt(dot(v, v));
-
-    if (!(length > 1e-9))
-        return false;
-    for (int a = 0; a < 3; a++)
-        v[a] /= length;
-    return true;
-}
-
 /* v without its part along the unit vector `up`, normalised. */
 static bool flatten(const double up[3], double v[3])
 {
-    const double height = dot(v, up);
+    const double height = cln_dot(v, up);
 
     for (int a = 0; a < 3; a++)
         v[a] -= height * up[a];
-    return normalise(v);
+    return cln_normalise(v);
 }
 
 static void find_target(const cln_scene *scene, double target[3])
@@ -87,10 +64,10 @@ static void find_up(const cln_scene *scene, int count, double up[3])
     for (int a = 0; a < 3; a++) { /* Cramer, but for the determinant, which is above 0 */
         double n[3];
 
-        cross(column[(a + 1) % 3], column[(a + 2) % 3], n);
-        up[a] = dot(mean, n);
+        cln_cross(column[(a + 1) % 3], column[(a + 2) % 3], n);
+        up[a] = cln_dot(mean, n);
     }
-    if (!normalise(mean) || !normalise(up))
+    if (!cln_normalise(mean) || !cln_normalise(up))
         memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
 }
 
@@ -103,7 +80,7 @@ static void find_axes(const cln_scene *scene, int count, cln_orbit_frame *out)
     find_up(scene, count, out->up);
     for (int i = 0; i < count; i++) {
         find_away(scene, out, i, away);
-        distance += sqrt(dot(away, away)) / count;
+        distance += sqrt(cln_dot(away, away)) / count;
     }
     find_away(scene, out, 0, out->east);
     out->distance = distance > 1e-6 * scene->space.half ? distance : scene->space.half;
@@ -114,7 +91,7 @@ static void find_axes(const cln_scene *scene, int count, cln_orbit_frame *out)
         out->east[least] = 1;
         flatten(out->up, out->east);
     }
-    cross(out->up, out->east, out->north);
+    cln_cross(out->up, out->east, out->north);
 }
 
 static int ascending(const void *a, const void *b)
@@ -139,12 +116,12 @@ static cln_status find_arc(const cln_scene *scene, int count, cln_orbit_frame *o
         double away[3], height = 0;
 
         find_away(scene, out, i, away);
-        if (!normalise(away))
+        if (!cln_normalise(away))
             continue;
-        height = asin(fmax(-1, fmin(1, dot(away, out->up)))) / DEGREE;
+        height = asin(fmax(-1, fmin(1, cln_dot(away, out->up)))) / DEGREE;
         out->elevation += height / count;
         if (fabs(height) < POLE)
-            azimuth[n++] = atan2(dot(away, out->north), dot(away, out->east)) / DEGREE;
+            azimuth[n++] = atan2(cln_dot(away, out->north), cln_dot(away, out->east)) / DEGREE;
     }
     if (n == 0)
         goto done;
@@ -236,12 +213,12 @@ cln_status cln_orbit_resize(const cln_camera *like, int wanted_width, int wanted
     out->fy = like->fy * scale;
     out->cx = like->cx * scale;
     out->cy = like->cy * scale + 0.5 * (height - like->height * scale);
+    if (out->lens == CLN_LENS_EQUIRECTANGULAR)
+        cln_camera_span_sphere(out);
     return CLN_OK;
 }
 
-/* Of the training view, without its lens and with its axis in the middle. */
-static cln_status find_lens(const cln_orbit_frame *like, const cln_render_desc *desc,
-                            cln_camera *out)
+cln_status cln_orbit_lens(const cln_orbit_frame *like, const cln_render_desc *desc, cln_camera *out)
 {
     cln_status st = CLN_OK;
     const cln_camera view = {
@@ -249,6 +226,7 @@ static cln_status find_lens(const cln_orbit_frame *like, const cln_render_desc *
     cln_camera resized;
 
     CLN_TRY(cln_orbit_resize(&view, desc->width, desc->height, &resized));
+    memset(out, 0, sizeof *out);
     out->width = resized.width;
     out->height = resized.height;
     out->fx = desc->fov > 0 ? 0.5 * resized.width / tan(desc->fov * PI / 360) : resized.fx;
@@ -275,7 +253,7 @@ cln_status cln_orbit_make(const cln_orbit_frame *frame, const cln_render_desc *d
         cln_warn("the training cameras stand in an arc of %.0f degrees: a whole circle also shows "
                  "what no photo saw",
                  arc);
-    return find_lens(frame, desc, &out->lens);
+    return cln_orbit_lens(frame, desc, &out->lens);
 }
 
 void cln_orbit_camera(const cln_orbit *o, int i, int count, cln_camera *out)
@@ -284,7 +262,7 @@ void cln_orbit_camera(const cln_orbit *o, int i, int count, cln_camera *out)
     const double turn = 2 * PI * i / count;
     const double angle = o->circle ? turn : o->middle - o->swing * cos(turn);
     const double c = cos(angle), s = sin(angle);
-    double away[3], right[3], down[3], forward[3];
+    double away[3], right[3], down[3], forward[3], at[3];
 
     for (int a = 0; a < 3; a++) {
         away[a] =
@@ -293,12 +271,9 @@ void cln_orbit_camera(const cln_orbit *o, int i, int count, cln_camera *out)
             c * f->north[a] - s * f->east[a]; /* along the circle: defined at the pole, too */
         forward[a] = -away[a];
     }
-    cross(forward, right, down);
+    cln_cross(forward, right, down);
+    for (int a = 0; a < 3; a++)
+        at[a] = f->target[a] + o->distance * away[a];
     *out = o->lens;
-    for (int a = 0; a < 3; a++) {
-        out->c2w[4 * a] = right[a];
-        out->c2w[4 * a + 1] = down[a];
-        out->c2w[4 * a + 2] = forward[a];
-        out->c2w[4 * a + 3] = f->target[a] + o->distance * away[a];
-    }
+    cln_pose_of_axes(right, down, forward, at, out->c2w);
 }

@@ -38,6 +38,11 @@ typedef struct cln_orbit {
     cln_camera lens; /* size and intrinsics; its pose is not used */
 } cln_orbit;
 
+/* Size and intrinsics of desc's pictures on a path: of the training view, without its lens and with
+ * its axis in the middle. CLN_USAGE for a picture that is too large. */
+cln_status cln_orbit_lens(const cln_orbit_frame *like, const cln_render_desc *desc,
+                          cln_camera *out);
+
 /* A circle where the frame's cameras stand all around or desc->orbit_circle wants one, with a
  * warning if they do not; else to and fro in their arc. Size and field of view 0: as the first
  * training view; of a size with one 0, the shape is kept. CLN_USAGE for a picture that is too
@@ -47,7 +52,7 @@ cln_status cln_orbit_make(const cln_orbit_frame *frame, const cln_render_desc *d
 
 /* The camera with another size of its picture, and the same horizontal field of view; 0 = as it is,
  * or by the other with the shape kept. In another shape more or less is seen above and below.
- * CLN_USAGE for a picture that is too large. */
+ * Equirectangular pictures stay whole spheres. CLN_USAGE for a picture that is too large. */
 cln_status cln_orbit_resize(const cln_camera *like, int width, int height, cln_camera *out);
 
 /* Camera `i` of `count`; after the last one the first follows smoothly. */

@@ -19,8 +19,8 @@ void cln_render_release(cln_pipeline *p)
     cln_stage_picture_release(p);
 }
 
-cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3],
-                               unsigned depth, cln_rendering *out)
+cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                               cln_rendering *out)
 {
     cln_status st = CLN_OK;
     const cln_device_camera *camera = &p->host_cameras[view];

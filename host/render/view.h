@@ -36,8 +36,8 @@ typedef struct cln_rendering {
     cln_ray_batch batch;
 } cln_rendering;
 
-cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3],
-                               unsigned depth, cln_rendering *out);
+cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                               cln_rendering *out);
 cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
 void cln_rendering_end(cln_pipeline *p, cln_rendering *r); /* accepts a zeroed one */
 

@@ -179,6 +179,13 @@ static void test_render_files(void **state)
     assert_ok(cln_image_load(fixture_path("whole/eval/00000030-test/test_r_0.png"), &width, &height,
                              &channels, &evaluated));
     assert_memory_equal(picture, evaluated, SIDE * SIDE * 3);
+    /* the same poses from a file */
+    desc = render_desc("of a file", &none);
+    desc.split = NULL;
+    desc.poses = fixture_path("scene/transforms_test.json");
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    assert_true(digest_of(fixture_path("of a file/test_r_0.png")) ==
+                digest_of(fixture_path("along/test_r_0.png")));
     free(ray);
     free(axis);
     free(opacity);

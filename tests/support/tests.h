@@ -18,6 +18,7 @@ int test_group_export(void);
 int test_group_exports(void);
 int test_group_field(void);
 int test_group_formats(void);
+int test_group_frames(void);
 int test_group_help(void);
 int test_group_image(void);
 int test_group_integer_program(void);

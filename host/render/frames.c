@@ -1,0 +1,155 @@
+/* Chooses among the ways to frames. See frames.h. */
+#include "render/frames.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "render/open_run.h"
+#include "render/quality.h"
+
+cln_status cln_frames_room(int count, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_alloc(&out->frame, (size_t)count, sizeof *out->frame, "frames"));
+    out->count = count;
+done:
+    return st;
+}
+
+void cln_frames_free(cln_frames *frames)
+{
+    for (int i = 0; i < frames->count; i++)
+        free(frames->frame[i].name);
+    free(frames->frame);
+    memset(frames, 0, sizeof *frames);
+}
+
+/* No poses of a list: an orbit. */
+static bool is_orbit(const cln_render_desc *desc)
+{
+    return !desc->split && !desc->poses && desc->spiral_frames == 0;
+}
+
+bool cln_frames_need_scene(const cln_render_desc *desc, const json_t *run)
+{
+    return desc->split || desc->scene || desc->spiral_frames > 0 || !json_object_get(run, "orbit");
+}
+
+static cln_status of_split(const cln_render_desc *desc, const cln_scene *scene, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    cln_split split = CLN_SPLIT_TEST;
+    int *views = NULL, count = 0;
+
+    CLN_TRY(cln_open_run_split(scene, desc->split, &split));
+    CLN_TRY(cln_quality_choose(scene, split, desc->max_images, &views, &count));
+    CLN_TRY(cln_frames_room(count, out));
+    for (int i = 0; i < count; i++) {
+        out->frame[i].camera = scene->views[views[i]].camera;
+        CLN_TRY(cln_strdup(&out->frame[i].name, scene->views[views[i]].file));
+    }
+done:
+    free(views);
+    return st;
+}
+
+/* Evenly chosen max_images of the file's. */
+static cln_status of_file(const cln_render_desc *desc, const cln_orbit_frame *seen, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    int kept = 0;
+
+    CLN_TRY(cln_frames_read(desc->poses, seen->width, seen->height, out));
+    if (desc->max_images <= 0 || desc->max_images >= out->count)
+        return CLN_OK;
+    for (int i = 0; i < out->count; i++) {
+        cln_frame *f = &out->frame[i];
+
+        if (kept < desc->max_images && i == (int)((int64_t)kept * out->count / desc->max_images)) {
+            const cln_frame chosen = *f;
+
+            f->name = NULL;
+            out->frame[kept++] = chosen;
+        } else {
+            free(f->name);
+            f->name = NULL;
+        }
+    }
+    out->count = kept;
+done:
+    return st;
+}
+
+static cln_status of_orbit(const cln_render_desc *desc, const cln_orbit_frame *seen,
+                           cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    const int count = desc->orbit_frames;
+    cln_orbit orbit;
+
+    if (count < 1)
+        CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d frames are too few; give 1 or more", count));
+    CLN_TRY(cln_orbit_make(seen, desc, &orbit));
+    CLN_TRY(cln_frames_room(count, out));
+    for (int i = 0; i < count; i++) {
+        cln_orbit_camera(&orbit, i, count, &out->frame[i].camera);
+        CLN_TRY(cln_asprintf(&out->frame[i].name, "orbit_%04d", i));
+    }
+done:
+    return st;
+}
+
+/* Of poses that have a size: desc's. */
+static cln_status resize(const cln_render_desc *desc, cln_frames *frames)
+{
+    cln_status st = CLN_OK;
+
+    for (int i = 0; i < frames->count; i++) {
+        const cln_camera own = frames->frame[i].camera;
+
+        CLN_TRY(cln_orbit_resize(&own, desc->width, desc->height, &frames->frame[i].camera));
+    }
+done:
+    return st;
+}
+
+cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, const json_t *run,
+                           cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    cln_orbit_frame seen;
+    cln_frames keys = {0};
+
+    memset(out, 0, sizeof *out);
+    if (scene)
+        CLN_TRY(cln_orbit_frame_of(scene, &seen));
+    else
+        CLN_TRY(cln_orbit_frame_read(json_object_get(run, "orbit"), &seen));
+    if (desc->poses)
+        CLN_TRY(of_file(desc, &seen, out));
+    else if (desc->split)
+        CLN_TRY(of_split(desc, scene, out));
+    else if (desc->spiral_frames > 0)
+        CLN_TRY(cln_frames_spiral(scene, desc, out));
+    else
+        CLN_TRY(of_orbit(desc, &seen, out));
+    if (desc->poses || desc->split)
+        CLN_TRY(resize(desc, out));
+    out->poses = desc->poses      ? "file"
+                 : desc->split    ? desc->split
+                 : is_orbit(desc) ? "orbit"
+                                  : "spiral";
+    if (desc->interpolate > 0) {
+        keys = *out;
+        memset(out, 0, sizeof *out);
+        CLN_TRY(cln_frames_through(&keys, desc->interpolate,
+                                   seen.to - seen.from >= 360 ? &seen : NULL, out));
+        out->poses = "path";
+        out->fps = keys.fps;
+    }
+done:
+    cln_frames_free(&keys);
+    return st;
+}

@@ -1,0 +1,58 @@
+/* What `render` shows: a list of cameras with names, from a split, a file of poses, an orbit, a
+ * spiral, or a path through poses. Geometry and reading only; files of pictures are
+ * api/render.c's. */
+#ifndef CLN_FRAMES_H
+#define CLN_FRAMES_H
+
+#include <jansson.h>
+#include "cl_nascent.h"
+#include "render/orbit.h"
+
+typedef struct cln_frame {
+    char *name; /* of its files, without ending */
+    cln_camera camera;
+} cln_frame;
+
+typedef struct cln_frames {
+    int count;
+    cln_frame *frame;  /* [count] */
+    const char *poses; /* where they come from: "test", "orbit", "spiral", "file", "path" */
+    double fps;        /* that their file tells; 0 = none */
+} cln_frames;
+
+/* Whether desc's frames need the scene; an orbit only where run.json has no frame for it. */
+bool cln_frames_need_scene(const cln_render_desc *desc, const json_t *run);
+
+/* The frames that desc asks for. scene: NULL if they need none. CLN_USAGE, CLN_INPUT,
+ * CLN_MEMORY. */
+cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, const json_t *run,
+                           cln_frames *out);
+void cln_frames_free(cln_frames *frames); /* accepts a zeroed one */
+
+/* Room for `count` frames, zeroed, in an empty list. */
+cln_status cln_frames_room(int count, cln_frames *out);
+
+/* ---- pose_file.c ---- */
+
+/* Reads nerfstudio's camera_path.json, or the frames of a transforms JSON file with its lenses.
+ * width, height: where the file tells no size and no photo is there. CLN_INPUT. */
+cln_status cln_frames_read(const char *path, int width, int height, cln_frames *out);
+
+/* ---- path.c ---- */
+
+/* A smooth path of `count` frames through the keys, in their order, at an even pace, from the first
+ * to the last: cubic splines of positions and quaternions. Size and lens are the first key's, the
+ * latter only if all have it; focal lengths go evenly from key to key. around: what the keys stand
+ * around, to which the path keeps distance and direction; NULL = nothing. CLN_USAGE for fewer than two
+ * keys. */
+cln_status cln_frames_through(const cln_frames *keys, int count, const cln_orbit_frame *around,
+                              cln_frames *out);
+
+/* ---- spiral.c ---- */
+
+/* A closed path of two turns. Cameras that stand all around: around the target, up and down within
+ * their elevations. Others, as forward-facing ones: about their mean pose, as wide as they stand,
+ * looking at the target's distance. desc: frames, size, field of view, radius. */
+cln_status cln_frames_spiral(const cln_scene *scene, const cln_render_desc *desc, cln_frames *out);
+
+#endif

@@ -1,0 +1,258 @@
+/* A smooth path through poses. See frames.h. Knots are as far apart as the poses are, so that the
+ * pace is even; tangents are those of the parabola through a key and its neighbours. */
+#include "render/frames.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "render/vectors.h"
+
+/* Of a key: position, unit quaternion w x y z, distance from the target (0 without one). Around a target, the
+ * quaternion is that of the pose as seen by a level camera that looks at it from there. */
+enum { DISTANCE = 7, PARTS };
+
+typedef struct key {
+    double at, part[PARTS], slope[PARTS];
+} key;
+
+/* By the largest of the four, so that nothing small is divided by. */
+static void quaternion_of(const double c2w[12], double q[4])
+{
+    const double m[3] = {c2w[0], c2w[5], c2w[10]};
+    double sums[4] = {m[0] + m[1] + m[2], 0, 0, 0}, most = 0;
+    int k = 0;
+
+    for (int i = 1; i < 4; i++)
+        sums[i] = 2 * m[i - 1] - sums[0];
+    for (int i = 1; i < 4; i++)
+        k = sums[i] > sums[k] ? i : k;
+    most = sqrt(1 + sums[k]) / 2;
+    q[k] = most;
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+        const double odd = c2w[4 * c + b] - c2w[4 * b + c];  /* 4 q0 q(a + 1) */
+        const double even = c2w[4 * b + c] + c2w[4 * c + b]; /* 4 q(b + 1) q(c + 1) */
+
+        if (k == 0)
+            q[a + 1] = odd / (4 * most);
+        else if (k == a + 1)
+            q[0] = odd / (4 * most);
+        else
+            q[k == b + 1 ? c + 1 : b + 1] = even / (4 * most);
+    }
+}
+
+static void rotation_of(const double q[4], double c2w[12])
+{
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        const double *v = q + 1;
+
+        c2w[4 * i + i] = 1 - 2 * (v[j] * v[j] + v[k] * v[k]);
+        c2w[4 * i + j] = 2 * (v[i] * v[j] - q[0] * v[k]);
+        c2w[4 * i + k] = 2 * (v[i] * v[k] + q[0] * v[j]);
+    }
+}
+
+/* The axes of a level camera that looks at the target, as columns. At the pole any will do. */
+static void look(const cln_orbit_frame *around, const double c2w[12], double axes[3][3])
+{
+    double forward[3], right[3], down[3];
+
+    for (int a = 0; a < 3; a++)
+        forward[a] = around->target[a] - c2w[4 * a + 3];
+    cln_normalise(forward);
+    cln_cross(forward, around->up, right);
+    if (!cln_normalise(right))
+        memcpy(right, around->north, sizeof right);
+    cln_cross(forward, right, down);
+    for (int a = 0; a < 3; a++) {
+        axes[a][0] = right[a];
+        axes[a][1] = down[a];
+        axes[a][2] = forward[a];
+    }
+}
+
+/* Turns the rotation of a pose: axes^T R to see it from there, axes R to come back. */
+static void turn(double axes[3][3], bool back, double c2w[12])
+{
+    double from[12];
+
+    memcpy(from, c2w, sizeof from);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            c2w[4 * i + j] = 0;
+            for (int k = 0; k < 3; k++)
+                c2w[4 * i + j] += (back ? axes[i][k] : axes[k][i]) * from[4 * k + j];
+        }
+}
+
+/* Distances between neighbours: of positions and of directions, each in its mean. */
+static cln_status place_keys(int n, key *keys)
+{
+    cln_status st = CLN_OK;
+    double(*apart)[2] = NULL, mean[2] = {0};
+
+    CLN_TRY(cln_alloc(&apart, (size_t)n, sizeof *apart, "path"));
+    for (int i = 1; i < n; i++) {
+        double square = 0, cosine = 0;
+
+        for (int a = 0; a < PARTS; a++) {
+            const double d = keys[i].part[a] - keys[i - 1].part[a];
+
+            square += a < 3 ? d * d : 0;
+            cosine += a < 3 || a == DISTANCE ? 0 : keys[i].part[a] * keys[i - 1].part[a];
+        }
+        apart[i][0] = sqrt(square);
+        apart[i][1] = 2 * acos(fmin(1, fabs(cosine)));
+        for (int k = 0; k < 2; k++)
+            mean[k] += apart[i][k] / (n - 1);
+    }
+    for (int i = 1; i < n; i++) {
+        double length = 0;
+
+        for (int k = 0; k < 2; k++)
+            length += mean[k] > 1e-12 ? apart[i][k] / mean[k] : 0;
+        keys[i].at = keys[i - 1].at + fmax(length, 1e-3); /* poses that are there twice: a halt */
+    }
+done:
+    free(apart);
+    return st;
+}
+
+static void find_slopes(int n, key *keys)
+{
+    for (int i = 0; i < n; i++) {
+        const key *before = &keys[i > 0 ? i - 1 : i], *after = &keys[i < n - 1 ? i + 1 : i];
+        const double h = keys[i].at - before->at, g = after->at - keys[i].at;
+
+        for (int a = 0; a < PARTS; a++) {
+            const double back = h > 0 ? (keys[i].part[a] - before->part[a]) / h : 0;
+            const double on = g > 0 ? (after->part[a] - keys[i].part[a]) / g : 0;
+
+            keys[i].slope[a] = (back * g + on * h) / (h + g);
+            if (i == 0 || i == n - 1)
+                keys[i].slope[a] = back + on; /* the one that is there */
+        }
+    }
+}
+
+static void pose_at(const key *a, const key *b, double at, const cln_orbit_frame *around,
+                    double c2w[12])
+{
+    const double h = b->at - a->at, u = (at - a->at) / h, v = 1 - u;
+    double part[PARTS], axes[3][3], square = 0;
+
+    for (int k = 0; k < PARTS; k++)
+        part[k] = v * v * ((1 + 2 * u) * a->part[k] + u * h * a->slope[k]) +
+                  u * u * ((1 + 2 * v) * b->part[k] - v * h * b->slope[k]);
+    for (int k = 3; k < DISTANCE; k++)
+        square += part[k] * part[k];
+    if (!(square > 1e-6)) { /* opposite directions: a jump, half way */
+        memcpy(part + 3, (u < 0.5 ? a : b)->part + 3, 4 * sizeof *part);
+        square = 1;
+    }
+    for (int k = 3; k < DISTANCE; k++)
+        part[k] /= sqrt(square);
+    rotation_of(part + 3, c2w);
+    square = 0;
+    for (int k = 0; k < 3 && around; k++)
+        square += (part[k] - around->target[k]) * (part[k] - around->target[k]);
+    for (int k = 0; k < 3; k++) {
+        c2w[4 * k + 3] = part[k];
+        if (square > 1e-12 * part[DISTANCE] * part[DISTANCE])
+            c2w[4 * k + 3] =
+                around->target[k] + part[DISTANCE] / sqrt(square) * (part[k] - around->target[k]);
+    }
+    if (around) {
+        look(around, c2w, axes);
+        turn(axes, true, c2w);
+    }
+}
+
+static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *around, key *keys)
+{
+    for (int i = 0; i < from->count; i++) {
+        double cosine = 0, square = 0, axes[3][3], c2w[12];
+
+        memcpy(c2w, from->frame[i].camera.c2w, sizeof c2w);
+
+        if (around) {
+            look(around, c2w, axes);
+            turn(axes, false, c2w);
+        }
+        for (int a = 0; a < 3; a++) {
+            const double away = around ? c2w[4 * a + 3] - around->target[a] : 0;
+
+            keys[i].part[a] = c2w[4 * a + 3];
+            square += away * away;
+        }
+        keys[i].part[DISTANCE] = sqrt(square);
+        quaternion_of(c2w, keys[i].part + 3);
+        for (int a = 3; a < DISTANCE && i > 0; a++)
+            cosine += keys[i].part[a] * keys[i - 1].part[a];
+        for (int a = 3; a < DISTANCE && cosine < 0; a++) /* the shorter way round */
+            keys[i].part[a] = -keys[i].part[a];
+    }
+    return place_keys(from->count, keys);
+}
+
+/* Of the first key; as a pinhole, if others have another lens. */
+static cln_camera lens_of(const cln_frames *keys)
+{
+    cln_camera c = keys->frame[0].camera;
+    bool same = true;
+
+    for (int i = 1; i < keys->count; i++) {
+        const cln_camera *other = &keys->frame[i].camera;
+
+        same = same && other->lens == c.lens &&
+               memcmp(other->distortion, c.distortion, sizeof c.distortion) == 0;
+    }
+    if (!same) {
+        c.lens = CLN_LENS_OPENCV;
+        memset(c.distortion, 0, sizeof c.distortion);
+    }
+    return c;
+}
+
+cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit_frame *around,
+                              cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    const int n = from->count;
+    key *keys = NULL;
+    int segment = 0;
+
+    if (n < 2)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--interpolate: a path needs two poses or more, here is %d; "
+                         "choose others with --split or --poses",
+                         n));
+    CLN_TRY(cln_alloc(&keys, (size_t)n, sizeof *keys, "path"));
+    CLN_TRY(make_keys(from, around, keys));
+    find_slopes(n, keys);
+    CLN_TRY(cln_frames_room(count, out));
+    for (int i = 0; i < count; i++) {
+        const double at = count > 1 ? keys[n - 1].at * i / (count - 1) : 0;
+        const cln_camera *a = NULL, *b = NULL;
+        cln_camera *c = &out->frame[i].camera;
+        double u = 0;
+
+        while (segment < n - 2 && keys[segment + 1].at <= at)
+            segment++;
+        a = &from->frame[segment].camera;
+        b = &from->frame[segment + 1].camera;
+        u = (at - keys[segment].at) / (keys[segment + 1].at - keys[segment].at);
+        *c = lens_of(from);
+        c->fx = c->width * ((1 - u) * a->fx / a->width + u * b->fx / b->width);
+        c->fy = c->height * ((1 - u) * a->fy / a->height + u * b->fy / b->height);
+        pose_at(&keys[segment], &keys[segment + 1], at, around, c->c2w);
+        CLN_TRY(cln_asprintf(&out->frame[i].name, "path_%04d", i));
+    }
+done:
+    free(keys);
+    return st;
+}

@@ -1,0 +1,191 @@
+/* Files of poses for `render --poses`. See frames.h. camera_path.json, as nerfstudio and its viewer
+ * write it: one size, camera-to-world matrices of 16 numbers row by row with OpenGL's axes,
+ * vertical fields of view in degrees. Transforms JSON: read as a scene's. Both in the scene's own
+ * frame and units. Nothing of stereo panoramas, times, crops. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/files.h"
+#include "base/memory.h"
+#include "io/json.h"
+#include "io/names.h"
+#include "render/frames.h"
+#include "scene/build.h"
+#include "scene/transforms.h"
+
+static const double PI = 3.14159265358979323846;
+enum { MOST = 100000 };
+
+/* ---- camera_path.json ---- */
+
+typedef struct film {
+    const char *path;
+    cln_camera lens; /* size, centre, lens; not the focal length */
+} film;
+
+static cln_status read_film(const json_t *root, int width, int height, film *f, double *fps)
+{
+    cln_status st = CLN_OK;
+    const json_t *type = json_object_get(root, "camera_type");
+    const char *word = json_is_string(type) ? json_string_value(type) : "perspective";
+    double sides[2] = {width, height};
+    bool found = false;
+
+    CLN_TRY(cln_transforms_number(f->path, root, "render_width", &sides[0], &found));
+    CLN_TRY(cln_transforms_number(f->path, root, "render_height", &sides[1], &found));
+    CLN_TRY(cln_transforms_number(f->path, root, "fps", fps, &found));
+    for (int i = 0; i < 2; i++)
+        if (!(sides[i] >= 1 && sides[i] <= 1e6))
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s is %g; it must be a size in pixels", f->path,
+                             i ? "render_height" : "render_width", sides[i]));
+    if (!(*fps >= 0 && *fps <= 1000))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: fps is %g; it must be at most 1000", f->path, *fps));
+    f->lens.width = (int)lround(sides[0]);
+    f->lens.height = (int)lround(sides[1]);
+    f->lens.cx = 0.5 * f->lens.width;
+    f->lens.cy = 0.5 * f->lens.height;
+    if (strcmp(word, "perspective") == 0)
+        f->lens.lens = CLN_LENS_OPENCV;
+    else if (strcmp(word, "fisheye") == 0)
+        f->lens.lens = CLN_LENS_OPENCV_FISHEYE;
+    else if (strcmp(word, "equirectangular") == 0)
+        cln_camera_span_sphere(&f->lens);
+    else
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: camera_type '%s' cannot be rendered, only perspective, fisheye and "
+                         "equirectangular",
+                         f->path, word));
+done:
+    return st;
+}
+
+static cln_status read_station(const film *f, const json_t *entry, int i, cln_camera *camera)
+{
+    cln_status st = CLN_OK;
+    const json_t *matrix = json_object_get(entry, "camera_to_world");
+    double m[16], fov = 0;
+    bool found = false;
+    char *where = NULL;
+
+    CLN_TRY(cln_asprintf(&where, "%s: camera_path[%d]", f->path, i));
+    *camera = f->lens;
+    for (size_t k = 0; k < 16; k++) { /* flat, or as four rows */
+        const json_t *row = json_array_get(matrix, k / 4);
+        const json_t *value =
+            json_is_array(row) ? json_array_get(row, k % 4) : json_array_get(matrix, k);
+
+        if (!json_is_number(value))
+            CLN_TRY(
+                cln_fail(CLN_INPUT, "%s: camera_to_world must be 16 numbers, row by row", where));
+        m[k] = json_number_value(value);
+    }
+    for (int k = 0; k < 12; k++)
+        camera->c2w[k] = k % 4 == 1 || k % 4 == 2 ? -m[k] : m[k];
+    if (camera->lens != CLN_LENS_EQUIRECTANGULAR) {
+        CLN_TRY(cln_transforms_number(where, entry, "fov", &fov, &found));
+        if (!found || !(fov > 0 && fov < 180))
+            CLN_TRY(
+                cln_fail(CLN_INPUT, "%s: fov must be an angle between 0 and 180 degrees", where));
+        camera->fx = camera->fy = 0.5 * camera->height / tan(0.5 * fov * PI / 180);
+    }
+    CLN_TRY(cln_camera_check(camera, where));
+done:
+    free(where);
+    return st;
+}
+
+static cln_status read_path(const char *path, const json_t *root, const json_t *stations, int width,
+                            int height, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    film f = {.path = path};
+
+    CLN_TRY(read_film(root, width, height, &f, &out->fps));
+    for (int i = 0; i < out->count; i++) {
+        CLN_TRY(read_station(&f, json_array_get(stations, (size_t)i), i, &out->frame[i].camera));
+        CLN_TRY(cln_asprintf(&out->frame[i].name, "path_%04d", i));
+    }
+done:
+    return st;
+}
+
+/* ---- transforms JSON ---- */
+
+/* Names of files; a frame that is there again gets its number. */
+static cln_status name_frames(char *const *names, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    json_t *known = json_object();
+    char **files = NULL;
+
+    CLN_TRY(cln_alloc(&files, (size_t)out->count, sizeof *files, "poses"));
+    CLN_TRY(cln_view_file_names(out->count, (const char *const *)names, files));
+    for (int i = 0; i < out->count; i++) {
+        if (json_object_get(known, files[i])) {
+            CLN_TRY(cln_asprintf(&out->frame[i].name, "%s-%04d", files[i], i));
+        } else {
+            out->frame[i].name = files[i];
+            files[i] = NULL;
+            json_object_set_new(known, out->frame[i].name, json_true());
+        }
+    }
+done:
+    for (int i = 0; files && i < out->count; i++)
+        free(files[i]);
+    free(files);
+    json_decref(known);
+    return st;
+}
+
+static cln_status read_frames(const char *path, const json_t *root, int width, int height,
+                              cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    char **names = NULL, *folder = NULL;
+
+    CLN_TRY(cln_scene_folder(path, &folder));
+    CLN_TRY(cln_alloc(&names, (size_t)out->count, sizeof *names, "poses"));
+    for (int i = 0; i < out->count; i++) {
+        cln_camera *camera = &out->frame[i].camera;
+
+        camera->width = width;
+        camera->height = height;
+        CLN_TRY(cln_transforms_camera(folder, path, root, i, &names[i], camera));
+    }
+    CLN_TRY(name_frames(names, out));
+done:
+    for (int i = 0; names && i < out->count; i++)
+        free(names[i]);
+    free(names);
+    free(folder);
+    return st;
+}
+
+cln_status cln_frames_read(const char *path, int width, int height, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    json_t *root = NULL;
+    const json_t *stations = NULL, *frames = NULL;
+    size_t count = 0;
+
+    CLN_TRY(cln_json_read(path, true, &root));
+    stations = json_object_get(root, "camera_path");
+    frames = stations ? stations : json_object_get(root, "frames");
+    count = json_array_size(frames);
+    if (!json_is_array(frames))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: it has neither camera_path, as nerfstudio writes it, nor frames, as "
+                         "transforms JSON has",
+                         path));
+    if (count < 1 || count > MOST)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: it has %zu poses; give 1 to %d", path, count, (int)MOST));
+    CLN_TRY(cln_frames_room((int)count, out));
+    if (stations)
+        CLN_TRY(read_path(path, root, stations, width, height, out));
+    else
+        CLN_TRY(read_frames(path, root, width, height, out));
+done:
+    json_decref(root);
+    return st;
+}

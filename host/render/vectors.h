@@ -1,0 +1,44 @@
+/* Vectors of three doubles: what the geometry of camera paths shares. */
+#ifndef CLN_VECTORS_H
+#define CLN_VECTORS_H
+
+#include <math.h>
+#include <stdbool.h>
+
+static inline double cln_dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static inline void cln_cross(const double a[3], const double b[3], double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* False if there is nothing to normalise. */
+static inline bool cln_normalise(double v[3])
+{
+    const double length = sqrt(cln_dot(v, v));
+
+    if (!(length > 1e-9))
+        return false;
+    for (int a = 0; a < 3; a++)
+        v[a] /= length;
+    return true;
+}
+
+/* A camera's pose (OpenCV axes) from its unit axes and position. */
+static inline void cln_pose_of_axes(const double right[3], const double down[3],
+                                    const double forward[3], const double at[3], double c2w[12])
+{
+    for (int a = 0; a < 3; a++) {
+        c2w[4 * a] = right[a];
+        c2w[4 * a + 1] = down[a];
+        c2w[4 * a + 2] = forward[a];
+        c2w[4 * a + 3] = at[a];
+    }
+}
+
+#endif

@@ -1,0 +1,343 @@
+/* What `render` shows: files of poses against cameras worked out by hand, and paths by what they
+ * must keep: ends, pace, distance, direction. No device. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <cmocka.h>
+#include "render/frames.h"
+#include "render/vectors.h"
+#include "scratch.h"
+#include "tests.h"
+
+static const double DEGREE = 3.14159265358979323846 / 180;
+
+static const char *put(void **state, const char *text)
+{
+    const char *path = scratch_path(*state, "poses.json");
+
+    scratch_put(path, text, strlen(text));
+    return path;
+}
+
+static void refuses(void **state, const char *text, const char *word)
+{
+    cln_frames frames = {0};
+    const cln_status st = cln_frames_read(put(state, text), 40, 30, &frames);
+
+    if (st != CLN_INPUT || !strstr(cln_error_text(), word))
+        fail_msg("%s: '%s', not with '%s'", cln_status_phrase(st), cln_error_text(), word);
+    cln_clear_error();
+    cln_frames_free(&frames);
+}
+
+#define POSE(matrix, rest) "{\"camera_to_world\": [" matrix "]" rest "}"
+#define PLAIN              "1,0,0,2, 0,1,0,3, 0,0,1,4, 0,0,0,1"
+#define FILM(poses)        "{\"render_width\": 200, \"render_height\": 100, " poses "}"
+
+static void test_camera_path(void **state)
+{
+    static const double want[12] = {1, 0, 0, 2, 0, -1, 0, 3, 0, 0, -1, 4}; /* OpenCV's axes */
+    cln_frames f = {0};
+
+    assert_int_equal(
+        cln_frames_read(
+            put(state, FILM("\"fps\": 30, \"camera_path\": [" POSE(PLAIN, ", \"fov\": 90, "
+                                                                          "\"aspect\": 2") "," POSE(
+                           "[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]", ", \"fov\": 60") "]")),
+            0, 0, &f),
+        CLN_OK);
+    assert_int_equal(f.count, 2);
+    assert_true(f.fps == 30);
+    assert_string_equal(f.frame[1].name, "path_0001");
+    for (int i = 0; i < 2; i++) {
+        const cln_camera *c = &f.frame[i].camera;
+
+        assert_memory_equal(c->c2w, want, sizeof want);
+        assert_true(c->width == 200 && c->height == 100 && c->cx == 100 && c->cy == 50);
+        assert_true(fabs(c->fx - 50 / tan((i ? 30 : 45) * DEGREE)) < 1e-9 && c->fy == c->fx);
+        assert_false(cln_camera_is_distorted(c));
+    }
+    cln_frames_free(&f);
+    assert_int_equal(cln_frames_read(put(state, FILM("\"camera_type\": \"fisheye\", \"camera_path\""
+                                                     ": [" POSE(PLAIN, ", \"fov\": 90") "]")),
+                                     0, 0, &f),
+                     CLN_OK);
+    assert_int_equal(f.frame[0].camera.lens, CLN_LENS_OPENCV_FISHEYE);
+    cln_frames_free(&f);
+    assert_int_equal(
+        cln_frames_read(put(state, "{\"camera_type\": \"equirectangular\", \"camera_path\": [" POSE(
+                                       PLAIN, "") "]}"),
+                        40, 30, &f),
+        CLN_OK);
+    assert_int_equal(f.frame[0].camera.lens, CLN_LENS_EQUIRECTANGULAR);
+    assert_true(f.frame[0].camera.width == 40 && f.fps == 0);
+    cln_frames_free(&f);
+}
+
+static void test_broken_paths(void **state)
+{
+    refuses(state, "{\"a\": 1}", "camera_path");
+    refuses(state, "{\"camera_path\": []}", "0 poses");
+    refuses(state, "{\"camera_path\": [" POSE("1,0,0", ", \"fov\": 50") "]}", "16 numbers");
+    refuses(state, "{\"camera_path\": [" POSE(PLAIN, "") "]}", "fov");
+    refuses(state, "{\"camera_path\": [" POSE(PLAIN, ", \"fov\": 180") "]}", "fov");
+    refuses(state,
+            "{\"camera_path\": [" POSE("2,0,0,2, 0,1,0,3, 0,0,1,4, 0,0,0,1", ", \"fov\": 50") "]}",
+            "camera_path[0]: the pose is not rigid");
+    refuses(state, "{\"camera_type\": \"vr180\", \"camera_path\": [1]}", "vr180");
+    refuses(state, "{\"render_width\": -1, \"camera_path\": [1]}", "render_width");
+    refuses(state, "{\"fps\": \"x\", \"camera_path\": [1]}", "fps");
+    refuses(state, "{\"frames\": [{\"file_path\": \"a\"}]}", "transform_matrix");
+    refuses(state, "{\"frames\": [3]}", "not an object");
+}
+
+#define FRAME(rest) \
+    "{\"transform_matrix\": [[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]], \"fl_x\": 50" rest "}"
+
+/* Each with its own size and lens, without any photo. */
+static void test_transforms(void **state)
+{
+    cln_frames f = {0};
+
+    assert_int_equal(
+        cln_frames_read(
+            put(state, "{\"frames\": [" FRAME("") "," FRAME(
+                           ", \"file_path\": \"a/b.png\", \"w\": 64, \"h\": 48, \"camera_model\": "
+                           "\"OPENCV_FISHEYE\", \"k1\": 0.1") "," FRAME(", \"file_path\": "
+                                                                        "\"./a/b.png\"") "]}"),
+            40, 30, &f),
+        CLN_OK);
+    assert_int_equal(f.count, 3);
+    assert_string_equal(f.frame[0].name, "pose_0000");
+    assert_string_equal(f.frame[1].name, "a_b");
+    assert_string_equal(f.frame[2].name, "a_b-0002");
+    assert_true(f.frame[0].camera.width == 40 && f.frame[0].camera.height == 30);
+    assert_true(f.frame[0].camera.cx == 20 && f.frame[0].camera.fx == 50);
+    assert_true(f.frame[1].camera.width == 64 && f.frame[1].camera.height == 48);
+    assert_int_equal(f.frame[1].camera.lens, CLN_LENS_OPENCV_FISHEYE);
+    assert_true(f.frame[1].camera.distortion[0] == 0.1);
+    assert_true(f.frame[2].camera.c2w[5] == -1 && f.frame[2].camera.c2w[11] == 4);
+    cln_frames_free(&f);
+}
+
+/* ---- paths ---- */
+
+/* At `at`, looking at `to`, held level about z and then turned around its axis. */
+static void aim(const double at[3], const double to[3], double roll, cln_camera *c)
+{
+    double forward[3], right[3], down[3], turned[2][3];
+    const double up[3] = {0, 0, 1};
+
+    for (int a = 0; a < 3; a++)
+        forward[a] = to[a] - at[a];
+    cln_normalise(forward);
+    cln_cross(forward, up, right);
+    cln_normalise(right);
+    cln_cross(forward, right, down);
+    for (int a = 0; a < 3; a++) {
+        turned[0][a] = cos(roll) * right[a] + sin(roll) * down[a];
+        turned[1][a] = cos(roll) * down[a] - sin(roll) * right[a];
+    }
+    cln_pose_of_axes(turned[0], turned[1], forward, at, c->c2w);
+    c->width = 40;
+    c->height = 30;
+    c->fx = c->fy = 50;
+}
+
+static double distance(const cln_camera *a, const cln_camera *b)
+{
+    const double d[3] = {a->c2w[3] - b->c2w[3], a->c2w[7] - b->c2w[7], a->c2w[11] - b->c2w[11]};
+
+    return sqrt(cln_dot(d, d));
+}
+
+static double most_apart(const cln_camera *a, const cln_camera *b)
+{
+    double most = 0;
+
+    for (int i = 0; i < 12; i++)
+        most = fmax(most, fabs(a->c2w[i] - b->c2w[i]));
+    return most;
+}
+
+static void assert_rigid(const cln_camera *c)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double sum = 0;
+
+            for (int k = 0; k < 3; k++)
+                sum += c->c2w[4 * k + i] * c->c2w[4 * k + j];
+            assert_true(fabs(sum - (i == j)) < 1e-9);
+        }
+}
+
+/* A straight walk with a turn of the head: ends and keys are met, steps are even, focal lengths go
+ * along; keys that are there twice are no harm. */
+static void test_through(void **state)
+{
+    enum { KEYS = 5, COUNT = 41 };
+    cln_frame keys[KEYS];
+    const cln_frames from = {.count = KEYS, .frame = keys};
+    cln_frames f = {0};
+
+    (void)state;
+    memset(keys, 0, sizeof keys);
+    for (int i = 0; i < KEYS; i++) {
+        const double at[3] = {i, 0, 0}, to[3] = {i + sin(0.2 * i), cos(0.2 * i), 0};
+
+        aim(at, to, 0.1 * i, &keys[i].camera);
+        keys[i].camera.fx = 50 + i;
+    }
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    assert_int_equal(f.count, COUNT);
+    for (int i = 0; i < KEYS; i++)
+        assert_true(most_apart(&f.frame[10 * i].camera, &keys[i].camera) < 1e-9);
+    assert_true(fabs(f.frame[15].camera.fx - 51.5) < 1e-9);
+    for (int i = 0; i < COUNT; i++) {
+        assert_rigid(&f.frame[i].camera);
+        if (i > 0)
+            assert_true(fabs(distance(&f.frame[i].camera, &f.frame[i - 1].camera) - 0.1) < 0.01);
+    }
+    assert_string_equal(f.frame[40].name, "path_0040");
+    cln_frames_free(&f);
+    keys[2].camera = keys[1].camera;
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    for (int i = 0; i < COUNT; i++)
+        assert_rigid(&f.frame[i].camera);
+    cln_frames_free(&f);
+    assert_int_equal(cln_frames_through(&(cln_frames){.count = 1, .frame = keys}, 5, NULL, &f),
+                     CLN_USAGE);
+    cln_clear_error();
+}
+
+/* Of four views a quarter turn apart, none comes nearer, and all look at what they stand around;
+ * as a straight line the path would cut through it. */
+static void test_around(void **state)
+{
+    enum { KEYS = 4, COUNT = 31 };
+    const cln_orbit_frame around = {.target = {1, 2, 3}, .north = {0, 1, 0}, .up = {0, 0, 1}};
+    cln_frame keys[KEYS];
+    const cln_frames from = {.count = KEYS, .frame = keys};
+    cln_camera middle = {0};
+    cln_frames f = {0};
+
+    (void)state;
+    memset(keys, 0, sizeof keys);
+    for (int i = 0; i < KEYS; i++) {
+        const double at[3] = {1 + 4 * cos(90 * i * DEGREE), 2 + 4 * sin(90 * i * DEGREE), 4};
+
+        aim(at, around.target, 0.2, &keys[i].camera);
+    }
+    for (int a = 0; a < 3; a++)
+        middle.c2w[4 * a + 3] = around.target[a];
+    assert_int_equal(cln_frames_through(&from, COUNT, &around, &f), CLN_OK);
+    for (int i = 0; i < COUNT; i++) {
+        const cln_camera *c = &f.frame[i].camera;
+        const double away[3] = {1 - c->c2w[3], 2 - c->c2w[7], 3 - c->c2w[11]};
+        const double axis[3] = {c->c2w[2], c->c2w[6], c->c2w[10]};
+
+        assert_rigid(c);
+        assert_true(fabs(distance(c, &middle) - sqrt(17)) < 1e-6);
+        assert_true(cln_dot(away, axis) / sqrt(17) > 0.99999);
+    }
+    assert_true(most_apart(&f.frame[COUNT - 1].camera, &keys[KEYS - 1].camera) < 1e-9);
+    cln_frames_free(&f);
+}
+
+static void put_scene(cln_scene *scene, cln_view *views, int count)
+{
+    memset(scene, 0, sizeof *scene);
+    memset(views, 0, (size_t)count * sizeof *views);
+    scene->views = views;
+    scene->view_count = count;
+    scene->space.half = 8;
+}
+
+/* 3 x 3 cameras in a plane: the spiral stays as wide as they stand, in the plane, and all of it
+ * looks at one point. */
+static void test_spiral_in_front(void **state)
+{
+    const cln_render_desc desc = {.spiral_frames = 24, .orbit_radius = 1};
+    cln_view views[9];
+    cln_scene scene;
+    cln_frames f = {0};
+    double wide = 0, high = 0;
+
+    (void)state;
+    put_scene(&scene, views, 9);
+    for (int i = 0; i < 9; i++) {
+        const double at[3] = {i % 3 - 1, -5, 0.5 * (i / 3 - 1)}, to[3] = {0, 0, 0};
+
+        aim(at, to, 0, &views[i].camera);
+    }
+    assert_int_equal(cln_frames_spiral(&scene, &desc, &f), CLN_OK);
+    assert_int_equal(f.count, 24);
+    for (int i = 0; i < f.count; i++) {
+        const cln_camera *c = &f.frame[i].camera;
+        const double to[3] = {-c->c2w[3], -c->c2w[7], -c->c2w[11]};
+        const double axis[3] = {c->c2w[2], c->c2w[6], c->c2w[10]};
+
+        assert_rigid(c);
+        assert_true(cln_dot(to, axis) / sqrt(cln_dot(to, to)) > 0.9999);
+        assert_true(fabs(c->c2w[7] - -5) < 0.01);
+        wide = fmax(wide, fabs(c->c2w[3]));
+        high = fmax(high, fabs(c->c2w[11]));
+        if (i > 0)
+            assert_true(distance(c, &f.frame[i - 1].camera) < 1);
+    }
+    assert_true(fabs(wide - 1) < 0.02 && fabs(high - 0.5) < 0.02);
+    assert_true(distance(&f.frame[0].camera, &f.frame[23].camera) < 1); /* it is closed */
+    cln_frames_free(&f);
+}
+
+static void test_spiral_around(void **state)
+{
+    const cln_render_desc desc = {.spiral_frames = 40, .orbit_radius = 1, .width = 80};
+    cln_view views[12];
+    cln_scene scene;
+    cln_frames f = {0};
+    double low = 90, high = -90;
+
+    (void)state;
+    put_scene(&scene, views, 12);
+    for (int i = 0; i < 12; i++) {
+        const double turn = 30 * i * DEGREE, height = 10 * (i % 4) * DEGREE, to[3] = {0, 0, 0};
+        const double at[3] = {4 * cos(turn) * cos(height), 4 * sin(turn) * cos(height),
+                              4 * sin(height)};
+
+        aim(at, to, 0, &views[i].camera);
+    }
+    assert_int_equal(cln_frames_spiral(&scene, &desc, &f), CLN_OK);
+    for (int i = 0; i < f.count; i++) {
+        const double *m = f.frame[i].camera.c2w, at[3] = {m[3], m[7], m[11]};
+        const double axis[3] = {-m[2], -m[6], -m[10]};
+        const double height = asin(at[2] / 4) / DEGREE;
+
+        assert_rigid(&f.frame[i].camera);
+        assert_true(fabs(sqrt(cln_dot(at, at)) - 4) < 1e-6);
+        assert_true(cln_dot(at, axis) > 3.9999);
+        low = fmin(low, height);
+        high = fmax(high, height);
+    }
+    assert_true(low > -0.5 && low < 5 && high < 30.5 && high > 25);
+    assert_true(f.frame[0].camera.width == 80 && f.frame[0].camera.height == 60);
+    cln_frames_free(&f);
+}
+
+int test_group_frames(void)
+{
+#define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
+    const struct CMUnitTest tests[] = {ON_DISK(test_camera_path),
+                                       ON_DISK(test_broken_paths),
+                                       ON_DISK(test_transforms),
+                                       cmocka_unit_test(test_through),
+                                       cmocka_unit_test(test_around),
+                                       cmocka_unit_test(test_spiral_in_front),
+                                       cmocka_unit_test(test_spiral_around)};
+
+    return cmocka_run_group_tests_name("frames", tests, NULL, NULL);
+}
