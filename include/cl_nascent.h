@@ -276,6 +276,7 @@ typedef struct cln_render_desc {
     double fov;             /* orbit, spiral: horizontal, degrees; 0 = as the training images */
     int max_images;         /* file, split: evenly chosen; 0 = all */
     int antialias;          /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
+    double fps;             /* film: frames a second; 0 = the file of poses', or 24 */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     bool mean_depth;        /* the mean over the ray; else where half of its opacity lies before */
@@ -289,7 +290,9 @@ typedef struct cln_render_result {
 } cln_render_result;
 
 /* Writes OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (for
- * viewing), NAME.opacity.png; names are the dataset's, or orbit_0000, spiral_0000, path_0000. */
+ * viewing), NAME.opacity.png. If OUT ends in .mp4, .mov, .mkv, .webm, .gif or .y4m, it is a film of
+ * the colours instead, by ffmpeg (.y4m without; if ffmpeg is not installed, OUT with that ending),
+ * from the first frame on. Names are the dataset's, or orbit_0000, spiral_0000, path_0000. */
 CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
 
 /* ---- looking at it live ---- */

@@ -22,6 +22,7 @@
 #include "render/open_run.h"
 #include "render/view.h"
 #include "io/disk.h"
+#include "io/film.h"
 #include "io/image.h"
 #include "io/npy.h"
 #include "io/run_folder.h"
@@ -378,15 +379,29 @@ static cln_status start(job *j)
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     v->pipeline.antialias = j->desc->antialias;
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, &v->model.space));
-    CLN_TRY(drop_stale(j));
-    CLN_TRY(write_about(j, NULL));
     CLN_TRY(cln_render_prepare(&v->pipeline));
 done:
     free(cameras);
     return st;
 }
 
-static cln_status render_frames(job *j, cln_render_result *result)
+static cln_status add_frame(cln_film *film, const cln_picture *p)
+{
+    cln_status st = CLN_OK;
+    const size_t n = 3 * (size_t)p->width * (size_t)p->height;
+    uint8_t *rgb = NULL;
+
+    CLN_TRY(cln_alloc(&rgb, n, 1, "picture"));
+    for (size_t i = 0; i < n; i++)
+        rgb[i] = cln_to_u8(p->rgb[i]);
+    CLN_TRY(cln_film_add(film, rgb));
+done:
+    free(rgb);
+    return st;
+}
+
+/* film: NULL, or what gets the pictures instead of files. */
+static cln_status render_frames(job *j, cln_film *film, cln_render_result *result)
 {
     cln_status st = CLN_OK;
     const cln_callbacks *callbacks = &j->desc->callbacks;
@@ -404,12 +419,18 @@ static cln_status render_frames(job *j, cln_render_result *result)
                             callbacks->user);
         st = cln_render_view(&j->opened.pipeline, i, j->opened.model.background, depth, callbacks,
                              &picture);
-        if (st == CLN_SIGINT || st == CLN_SIGTERM)
+        if ((st == CLN_SIGINT || st == CLN_SIGTERM) && film)
+            cln_note("rendering %s: %d of %d frames were done; a film is made anew each time",
+                     j->desc->out, i, j->count);
+        else if (st == CLN_SIGINT || st == CLN_SIGTERM)
             cln_note(
                 "rendering into %s: %d of %d frames are there, the same command renders the others",
                 j->desc->out, result->skipped + result->rendered, j->count);
         CLN_TRY(st);
-        CLN_TRY(write_frame(j, &j->frames[i], &picture));
+        if (film)
+            CLN_TRY(add_frame(film, &picture));
+        else
+            CLN_TRY(write_frame(j, &j->frames[i], &picture));
         cln_picture_free(&picture);
         result->rendered++;
         result->seconds += cln_now() - began;
@@ -418,6 +439,35 @@ static cln_status render_frames(job *j, cln_render_result *result)
         callbacks->work("render", j->count, j->count, callbacks->user);
 done:
     cln_picture_free(&picture);
+    return st;
+}
+
+static cln_status render_film(job *j, cln_render_result *result)
+{
+    cln_status st = CLN_OK;
+    const cln_camera *first = &j->frames[0].camera;
+    const double told = j->desc->fps > 0 ? j->desc->fps : j->cameras.fps;
+    cln_film *film = NULL, *finished = NULL;
+
+    for (int i = 1; i < j->count; i++) {
+        const cln_camera *c = &j->frames[i].camera;
+
+        if (c->width != first->width || c->height != first->height)
+            CLN_TRY(cln_fail(CLN_USAGE,
+                             "%s: frame %s has %d x %d pixels, the first one %d x %d; give --width "
+                             "and --height for a film",
+                             j->desc->out, j->frames[i].name, c->width, c->height, first->width,
+                             first->height));
+    }
+    CLN_TRY(cln_film_begin(j->desc->out, first->width, first->height, told > 0 ? told : 24,
+                           j->desc->overwrite, &film));
+    CLN_TRY(start(j));
+    CLN_TRY(render_frames(j, film, result));
+    finished = film;
+    film = NULL;
+    CLN_TRY(cln_film_end(finished));
+done:
+    cln_film_abandon(film);
     return st;
 }
 
@@ -435,13 +485,19 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
     CLN_TRY(list_frames(&j));
+    if (cln_film_named(desc->out)) {
+        CLN_TRY(render_film(&j, result));
+        goto done;
+    }
     CLN_TRY(check_folder(desc->out, &j.before));
     CLN_TRY(find_there(&j));
     result->skipped = j.there;
     CLN_TRY(check_disk(&j));
     if (j.there < j.count) {
         CLN_TRY(start(&j));
-        CLN_TRY(render_frames(&j, result));
+        CLN_TRY(drop_stale(&j));
+        CLN_TRY(write_about(&j, NULL));
+        CLN_TRY(render_frames(&j, NULL, result));
     }
     if (j.there < j.count || j.pictured < j.count)
         CLN_TRY(draw_depths(&j));

@@ -47,6 +47,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .width = options->image_width,
                             .height = options->image_height,
                             .fov = options->fov,
+                            .fps = options->fps,
                             .max_images = options->max_images,
                             .antialias = options->antialias,
                             .overwrite = options->overwrite,

@@ -8,6 +8,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -153,4 +154,117 @@ cln_status cln_command_run(const char *const *argv, const cln_command_watch *wat
         return cln_fail(CLN_FAILED, "%s %s: ended with code %d: %s", argv[0],
                         argv[1] ? argv[1] : "", WEXITSTATUS(code), l.last);
     return CLN_OK;
+}
+
+/* ---- a program that is written to ---- */
+
+struct cln_command_feed {
+    const char *name;
+    pid_t pid;
+    int to;     /* a socket, so that a reader that has gone is an error and no signal */
+    FILE *said; /* its output and errors */
+};
+
+static void free_feed(cln_command_feed *f)
+{
+    if (f->to >= 0)
+        close(f->to);
+    if (f->said)
+        fclose(f->said);
+    free(f);
+}
+
+/* Waits for its end; the sentence has the last line that it said. */
+static cln_status reap(cln_command_feed *f, bool early)
+{
+    char line[LINE] = "", last[LINE] = "";
+    int code = 0;
+
+    while (waitpid(f->pid, &code, 0) < 0 && errno == EINTR)
+        ;
+    f->pid = 0;
+    if (!early && WIFEXITED(code) && WEXITSTATUS(code) == 0)
+        return CLN_OK;
+    rewind(f->said);
+    while (fgets(line, sizeof line, f->said)) {
+        line[strcspn(line, "\r\n")] = 0;
+        if (line[strspn(line, " \t")])
+            memcpy(last, line, sizeof last);
+    }
+    return cln_fail(CLN_FAILED, "%s: ended with code %d: %s", f->name,
+                    WIFEXITED(code) ? WEXITSTATUS(code) : 128 + WTERMSIG(code), last);
+}
+
+cln_status cln_command_open(const char *const *argv, cln_command_feed **out)
+{
+    cln_status st = CLN_OK;
+    cln_command_feed *f = NULL;
+    int ends[2] = {-1, -1};
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&f, 1, sizeof *f, argv[0]));
+    f->name = argv[0];
+    f->to = -1;
+    f->said = tmpfile();
+    if (!f->said || socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
+        CLN_TRY(cln_fail(CLN_FAILED, "%s: no pipe: %s", argv[0], strerror(errno)));
+    f->to = ends[0];
+    f->pid = fork();
+    if (f->pid == 0) {
+        dup2(ends[1], STDIN_FILENO);
+        dup2(fileno(f->said), STDOUT_FILENO);
+        dup2(fileno(f->said), STDERR_FILENO);
+        execvp(argv[0], (char *const *)argv);
+        dprintf(STDERR_FILENO, "%s\n", strerror(errno));
+        _exit(127);
+    }
+    close(ends[1]);
+    if (f->pid < 0)
+        CLN_TRY(cln_fail(CLN_FAILED, "%s: cannot be started: %s", argv[0], strerror(errno)));
+    *out = f;
+    f = NULL;
+done:
+    if (f)
+        free_feed(f);
+    return st;
+}
+
+cln_status cln_command_write(cln_command_feed *f, const void *data, size_t bytes)
+{
+    const char *at = data;
+
+    while (bytes > 0) {
+        const ssize_t sent = send(f->to, at, bytes, MSG_NOSIGNAL);
+
+        if (sent < 0 && errno == EINTR)
+            continue;
+        if (sent <= 0)
+            return reap(f, true);
+        at += sent;
+        bytes -= (size_t)sent;
+    }
+    return CLN_OK;
+}
+
+cln_status cln_command_end(cln_command_feed *f)
+{
+    cln_status st = CLN_OK;
+
+    close(f->to);
+    f->to = -1;
+    st = reap(f, false);
+    free_feed(f);
+    return st;
+}
+
+void cln_command_kill(cln_command_feed *f)
+{
+    if (!f)
+        return;
+    if (f->pid > 0) {
+        kill(f->pid, SIGKILL);
+        while (waitpid(f->pid, NULL, 0) < 0 && errno == EINTR)
+            ;
+    }
+    free_feed(f);
 }

@@ -19,4 +19,13 @@ typedef struct cln_command_watch {
  * than 0, CLN_SIGINT or CLN_SIGTERM if it was stopped for `interrupted`. */
 cln_status cln_command_run(const char *const *argv, const cln_command_watch *watch);
 
+/* A program that reads what is written to it: open, write, then end (closes its input and waits) or
+ * kill, exactly one of them; both free it. Write and end: CLN_FAILED with the last line that it
+ * said, if it ended early or with another code than 0. */
+typedef struct cln_command_feed cln_command_feed;
+cln_status cln_command_open(const char *const *argv, cln_command_feed **out);
+cln_status cln_command_write(cln_command_feed *feed, const void *data, size_t bytes);
+cln_status cln_command_end(cln_command_feed *feed);
+void cln_command_kill(cln_command_feed *feed); /* accepts NULL */
+
 #endif

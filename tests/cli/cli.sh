@@ -584,6 +584,19 @@ section_results() {
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
+    expect "render --spiral to a film" 0 "" "$cln" render "$work/whole" --spiral 2 --width 40 \
+        --height 30 -o "$work/film.y4m" --fps 12 --json
+    check "of that size and pace" \
+        [ "$(head -1 "$work/film.y4m")" = "YUV4MPEG2 W40 H30 F12000:1000 Ip A1:1 C444" ]
+    check "two frames of it" [ "$(json rendered)$(grep -ac FRAME "$work/film.y4m")" = 22 ]
+    expect "a film that is there stays" 7 "film.y4m --overwrite" "$cln" render "$work/whole" \
+        --spiral 2 -o "$work/film.y4m"
+    expect "render --interpolate" 0 "" "$cln" render "$work/whole" --split train --max-images 2 \
+        --interpolate 3 --width 40 -o "$work/path" --json
+    check "three frames of it" [ "$(json rendered)" = 3 -a -s "$work/path/path_0002.png" ]
+    run "$cln" render "$work/whole" --split train --max-images 2 --width 40 -o "$work/ends"
+    check "it begins with the first pose" cmp -s "$work/path/path_0000.png" \
+        "$work/ends/train_r_000.png"
     expect "eval of what is no run" 3 "blender" "$cln" eval "$work/blender"
 
     expect "export, without any device" 0 "" env OCL_ICD_VENDORS="$work/nowhere" \

@@ -1,0 +1,208 @@
+/* Films. See film.h. Colours are turned to YCbCr as BT.709 has it, in its narrow range; y4m cannot
+ * say so, ffmpeg's files do. */
+#include "io/film.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "io/command.h"
+
+struct cln_film {
+    int width, height;
+    char *path, *part; /* part: where ffmpeg writes; NULL for y4m */
+    cln_command_feed *feed;
+    cln_atomic_file *file;
+    uint8_t *planes; /* y4m: [3][height][width] */
+};
+
+static const char *ending(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+
+    return dot && dot > path && !strchr(dot, '/') && dot[-1] != '/' ? dot : "";
+}
+
+bool cln_film_named(const char *path)
+{
+    static const char *const endings[] = {".mp4", ".mov", ".mkv", ".webm", ".gif", ".y4m"};
+
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
+        if (strcasecmp(ending(path), endings[i]) == 0)
+            return true;
+    return false;
+}
+
+static cln_status start_ffmpeg(cln_film *f, double fps)
+{
+    /* most players want even sides and halved colours */
+    static const char even[] = "pad=ceil(iw/2)*2:ceil(ih/2)*2,"
+                               "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
+    static const char palette[] = "split[a][b];[a]palettegen[p];[b][p]paletteuse";
+    cln_status st = CLN_OK;
+    const bool gif = strcasecmp(ending(f->path), ".gif") == 0;
+    const bool webm = strcasecmp(ending(f->path), ".webm") == 0;
+    char size[32], rate[32];
+
+    snprintf(size, sizeof size, "%dx%d", f->width, f->height);
+    snprintf(rate, sizeof rate, "%.6f", fps);
+    CLN_TRY(cln_asprintf(&f->part, "%.*s.part%s", (int)(ending(f->path) - f->path), f->path,
+                         ending(f->path)));
+    {
+        const char *argv[40] = {"ffmpeg",
+                                "-nostdin",
+                                "-y",
+                                "-v",
+                                "error",
+                                "-f",
+                                "rawvideo",
+                                "-pix_fmt",
+                                "rgb24",
+                                "-s",
+                                size,
+                                "-r",
+                                rate,
+                                "-i",
+                                "pipe:0",
+                                "-vf",
+                                gif ? palette : even};
+        int n = 17;
+
+        if (!gif) {
+            static const char *const about[] = {"-colorspace", "bt709",      "-color_primaries",
+                                                "bt709",       "-color_trc", "iec61966-2-1",
+                                                "-crf"};
+
+            for (size_t i = 0; i < sizeof about / sizeof *about; i++)
+                argv[n++] = about[i];
+            argv[n++] = webm ? "24" : "18";
+        }
+        if (webm) {
+            argv[n++] = "-b:v";
+            argv[n++] = "0";
+        }
+        argv[n++] = f->part;
+        CLN_TRY(cln_command_open(argv, &f->feed));
+    }
+done:
+    return st;
+}
+
+static cln_status start_y4m(cln_film *f, double fps)
+{
+    cln_status st = CLN_OK;
+    char head[128];
+    const int bytes = snprintf(head, sizeof head, "YUV4MPEG2 W%d H%d F%ld:1000 Ip A1:1 C444\n",
+                               f->width, f->height, lround(1000 * fps));
+
+    CLN_TRY(cln_alloc(&f->planes, (size_t)f->width * (size_t)f->height, 3, "film"));
+    CLN_TRY(cln_atomic_open(f->path, &f->file));
+    CLN_TRY(cln_atomic_write(f->file, head, (size_t)bytes));
+done:
+    return st;
+}
+
+cln_status cln_film_begin(const char *path, int width, int height, double fps, bool overwrite,
+                          cln_film **out)
+{
+    cln_status st = CLN_OK;
+    cln_film *f = NULL;
+    bool plain = strcasecmp(ending(path), ".y4m") == 0;
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&f, 1, sizeof *f, "film"));
+    f->width = width;
+    f->height = height;
+    if (!plain && !cln_command_found("ffmpeg")) {
+        plain = true;
+        CLN_TRY(cln_asprintf(&f->path, "%.*s.y4m", (int)(ending(path) - path), path));
+        cln_warn("%s: ffmpeg is not installed (Debian: apt install ffmpeg), so the film is written "
+                 "to %s, uncompressed",
+                 path, f->path);
+    } else {
+        CLN_TRY(cln_strdup(&f->path, path));
+    }
+    if (cln_is_file(f->path) && !overwrite)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: already exists; choose another file, or give --overwrite",
+                         f->path));
+    if (plain)
+        CLN_TRY(start_y4m(f, fps));
+    else
+        CLN_TRY(start_ffmpeg(f, fps));
+    *out = f;
+    f = NULL;
+done:
+    cln_film_abandon(f);
+    return st;
+}
+
+/* BT.709, 16..235 and 16..240. */
+static void to_planes(const cln_film *f, const uint8_t *rgb)
+{
+    const size_t n = (size_t)f->width * (size_t)f->height;
+
+    for (size_t i = 0; i < n; i++) {
+        const double r = rgb[3 * i], g = rgb[3 * i + 1], b = rgb[3 * i + 2];
+        const double y = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+
+        f->planes[i] = (uint8_t)lround(16 + 219 * y / 255);
+        f->planes[n + i] = (uint8_t)lround(128 + 224 * (b - y) / (1.8556 * 255));
+        f->planes[2 * n + i] = (uint8_t)lround(128 + 224 * (r - y) / (1.5748 * 255));
+    }
+}
+
+cln_status cln_film_add(cln_film *f, const uint8_t *rgb)
+{
+    cln_status st = CLN_OK;
+    const size_t bytes = (size_t)f->width * (size_t)f->height * 3;
+
+    if (f->feed)
+        return cln_command_write(f->feed, rgb, bytes);
+    to_planes(f, rgb);
+    CLN_TRY(cln_atomic_write(f->file, "FRAME\n", 6));
+    CLN_TRY(cln_atomic_write(f->file, f->planes, bytes));
+done:
+    return st;
+}
+
+cln_status cln_film_end(cln_film *f)
+{
+    cln_status st = CLN_OK;
+    cln_command_feed *feed = f->feed;
+    cln_atomic_file *file = f->file;
+
+    f->feed = NULL;
+    f->file = NULL;
+    if (file)
+        CLN_TRY(cln_atomic_commit(file));
+    if (feed)
+        CLN_TRY(cln_command_end(feed));
+    if (f->part && rename(f->part, f->path) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", f->path, strerror(errno)));
+    free(f->part);
+    f->part = NULL;
+done:
+    cln_film_abandon(f);
+    return st;
+}
+
+void cln_film_abandon(cln_film *f)
+{
+    if (!f)
+        return;
+    cln_command_kill(f->feed);
+    cln_atomic_abandon(f->file);
+    if (f->part)
+        (void)unlink(f->part);
+    free(f->part);
+    free(f->path);
+    free(f->planes);
+    free(f);
+}

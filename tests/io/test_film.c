@@ -1,0 +1,110 @@
+/* Films: the bytes of .y4m against values worked out by hand; of others, what a stand-in for ffmpeg
+ * is given. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <cmocka.h>
+#include "io/film.h"
+#include "scratch.h"
+#include "tests.h"
+
+/* black, white; red, blue */
+static const uint8_t pictures[2][6] = {{0, 0, 0, 255, 255, 255}, {255, 0, 0, 0, 0, 255}};
+
+static void assert_bytes(const char *path, const void *want, size_t bytes)
+{
+    char *text = NULL;
+    size_t got = 0;
+
+    assert_int_equal(cln_read_file(path, 4096, &text, &got), CLN_OK);
+    assert_int_equal(got, bytes);
+    assert_memory_equal(text, want, bytes);
+    free(text);
+}
+
+static cln_status make(const char *path, bool overwrite)
+{
+    cln_film *film = NULL;
+    cln_status st = cln_film_begin(path, 2, 1, 12.5, overwrite, &film);
+
+    for (int i = 0; i < 2 && st == CLN_OK; i++)
+        st = cln_film_add(film, pictures[i]);
+    if (st == CLN_OK)
+        return cln_film_end(film);
+    cln_film_abandon(film);
+    return st;
+}
+
+/* BT.709 in the narrow range: red is Y 63, Cb 102, Cr 240; blue Y 32, Cb 240, Cr 118. */
+static const char y4m[] = "YUV4MPEG2 W2 H1 F12500:1000 Ip A1:1 C444\n"
+                          "FRAME\n\x10\xEB\x80\x80\x80\x80"
+                          "FRAME\n\x3F\x20\x66\xF0\xF0\x76";
+
+static void test_y4m(void **state)
+{
+    const char *path = scratch_path(*state, "a.y4m");
+
+    assert_int_equal(make(path, false), CLN_OK);
+    assert_bytes(path, y4m, sizeof y4m - 1);
+    assert_int_equal(make(path, false), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "--overwrite"));
+    cln_clear_error();
+    assert_int_equal(make(path, true), CLN_OK);
+}
+
+/* A program "ffmpeg" alone on PATH, of these lines of shell. */
+static void put_ffmpeg(void **state, const char *script)
+{
+    const char *path = scratch_path(*state, "ffmpeg");
+
+    scratch_put(path, script, strlen(script));
+    assert_int_equal(chmod(path, 0755), 0);
+}
+
+static void test_ffmpeg(void **state)
+{
+    const char *path = scratch_path(*state, "a.mp4"), *part = scratch_path(*state, "a.part.mp4");
+    char *own = strdup(getenv("PATH"));
+    int warnings = 0;
+
+    assert_int_equal(setenv("PATH", *state, 1), 0);
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    assert_int_equal(make(path, false), CLN_OK); /* there is none */
+    assert_int_equal(warnings, 1);
+    assert_bytes(scratch_path(*state, "a.y4m"), y4m, sizeof y4m - 1);
+    assert_false(cln_is_file(path));
+    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\n/bin/cat >\"$to\"\n");
+    assert_int_equal(make(path, false), CLN_OK);
+    assert_bytes(path, pictures, sizeof pictures);
+    assert_int_equal(make(path, false), CLN_OUTPUT);
+    cln_clear_error();
+    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\necho part >\"$to\"\n/bin/cat >/dev/null\n"
+                      "echo no such encoder >&2\nexit 3\n");
+    assert_int_equal(make(path, true), CLN_FAILED);
+    assert_non_null(strstr(cln_error_text(), "code 3: no such encoder"));
+    cln_clear_error();
+    assert_false(cln_is_file(part));
+    assert_bytes(path, pictures, sizeof pictures); /* the film before stays */
+    setenv("PATH", own, 1);
+    free(own);
+}
+
+static void test_names(void **state)
+{
+    (void)state;
+    assert_true(cln_film_named("a.mp4") && cln_film_named("x/b.WEBM") && cln_film_named("c.y4m"));
+    assert_false(cln_film_named("mp4") || cln_film_named("a.mp4/b") || cln_film_named("d/.mp4") ||
+                 cln_film_named("a.png"));
+}
+
+int test_group_film(void)
+{
+#define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
+    const struct CMUnitTest tests[] = {ON_DISK(test_y4m), ON_DISK(test_ffmpeg),
+                                       cmocka_unit_test(test_names)};
+
+    return cmocka_run_group_tests_name("film", tests, NULL, NULL);
+}
