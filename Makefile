@@ -10,12 +10,16 @@
 #   make bench-peers        build/bench-peers: leaf networks beside installed libraries
 #   make bench              install missing packages, time every kernel (docs/benches.md)
 #   make bench-sort         the sort beside other sorts (needs g++)
-#   make install            program and library: PREFIX=/usr/local DESTDIR= LIBDIR=
+#   make install            program and library: PREFIX=/usr/local DESTDIR= LIBDIR=; uninstall
+#   make deb                a Debian package of the program, in build/
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
 
 PREFIX ?= /usr/local
 LIBDIR ?= $(PREFIX)/lib
+BASHDIR ?= $(PREFIX)/share/bash-completion/completions
+ZSHDIR ?= $(PREFIX)/share/zsh/site-functions
+FISHDIR ?= $(PREFIX)/share/fish/vendor_completions.d
 B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
 # the viewer's server; without it `view` says what is missing
@@ -286,6 +290,23 @@ install: all
 	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	install -m 644 docs/api.md "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
+	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
+	$B/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"
+	$B/cl-nascent completion zsh >"$(DESTDIR)$(ZSHDIR)/_cl-nascent"
+	$B/cl-nascent completion fish >"$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
+
+# The same variables as for install. Folders that others use, too, stay.
+uninstall:
+	rm -f "$(DESTDIR)$(PREFIX)/bin/cl-nascent" "$(DESTDIR)$(PREFIX)/include/cl_nascent.h" \
+	    "$(DESTDIR)$(LIBDIR)/libcl-nascent.a" "$(DESTDIR)$(LIBDIR)/$(SONAME)" \
+	    "$(DESTDIR)$(LIBDIR)/libcl-nascent.so" "$(DESTDIR)$(LIBDIR)/pkgconfig/cl-nascent.pc" \
+	    "$(DESTDIR)$(PREFIX)/share/man/man1/cl-nascent.1" \
+	    "$(DESTDIR)$(BASHDIR)/cl-nascent" "$(DESTDIR)$(ZSHDIR)/_cl-nascent" \
+	    "$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
+	rm -rf "$(DESTDIR)$(PREFIX)/share/cl-nascent" "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent"
+
+deb: all
+	@MAKE="$(MAKE)" packaging/deb.sh
 
 clean:
 	rm -rf build
@@ -294,4 +315,4 @@ clean:
 .DELETE_ON_ERROR:
 FORCE:
 .PHONY: all FORCE deps demo test test-devices test-browser grind lint fmt bench bench-programs \
-        bench-peers bench-sort install clean
+        bench-peers bench-sort install uninstall deb clean

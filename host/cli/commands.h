@@ -20,6 +20,7 @@ cln_status cln_cmd_devices(const struct cln_options *options);
 cln_status cln_cmd_selftest(const struct cln_options *options);
 cln_status cln_cmd_tune(const struct cln_options *options);
 cln_status cln_cmd_bugreport(const struct cln_options *options);
+cln_status cln_cmd_completion(const struct cln_options *options);
 
 /* A device as `devices` shows it. */
 void cln_print_device(FILE *to, int index, const cln_device_info *device);

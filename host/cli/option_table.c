@@ -74,6 +74,11 @@ const cln_command cln_commands[] = {
      "A text on standard output: versions, devices with a quick self-test, and of RUN its settings "
      "and where it stands. Nothing is sent anywhere.",
      cln_cmd_bugreport},
+    {"completion", CLN_COMPLETION, "SHELL", true, "completion " CLN_SHELLS,
+     "Completion of command lines for a shell",
+     "On standard output. `make install` puts it where bash, zsh and fish look; for one session of "
+     "bash: source <(cl-nascent completion bash).",
+     cln_cmd_completion},
 };
 /* clang-format on */
 const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
@@ -81,7 +86,7 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 #define ON_DEVICE                                                                          \
     (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW | CLN_EXPORT | CLN_SELFTEST | CLN_TUNE | \
      CLN_CHECK_SCENE)
-#define EVERY     (ON_DEVICE | CLN_INFO | CLN_DEVICES | CLN_BUGREPORT | CLN_POSES)
+#define EVERY     (ON_DEVICE | CLN_INFO | CLN_DEVICES | CLN_BUGREPORT | CLN_POSES | CLN_COMPLETION)
 #define AT(field) offsetof(cln_options, field)
 
 /* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env,
@@ -244,7 +249,7 @@ const cln_arg cln_args[] = {
          "take settings from cl-nascent.conf beside the scene, if it is there",
          .standard = "yes", .negatable = true),
 
-    FLAG(EVERY & ~(CLN_BUGREPORT | CLN_VIEW), "json", json,
+    FLAG(EVERY & ~(CLN_BUGREPORT | CLN_VIEW | CLN_COMPLETION), "json", json,
          "results as one JSON document on standard output"),
     WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE | CLN_POSES, "progress", progress,
          "auto|bar|line|none",

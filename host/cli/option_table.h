@@ -21,8 +21,11 @@ enum {
     CLN_BUGREPORT = 256,
     CLN_VIEW = 512,
     CLN_CHECK_SCENE = 1024,
-    CLN_POSES = 2048
+    CLN_POSES = 2048,
+    CLN_COMPLETION = 4096
 };
+
+#define CLN_SHELLS "bash|zsh|fish" /* that completion knows */
 
 typedef struct cln_command {
     const char *name;

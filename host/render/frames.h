@@ -43,8 +43,8 @@ cln_status cln_frames_read(const char *path, int width, int height, cln_frames *
 /* A smooth path of `count` frames through the keys, in their order, at an even pace, from the first
  * to the last: cubic splines of positions and quaternions. Size and lens are the first key's, the
  * latter only if all have it; focal lengths go evenly from key to key. around: what the keys stand
- * around, to which the path keeps distance and direction; NULL = nothing. CLN_USAGE for fewer than two
- * keys. */
+ * around, to which the path keeps distance and direction; NULL = nothing. CLN_USAGE for fewer than
+ * two keys. */
 cln_status cln_frames_through(const cln_frames *keys, int count, const cln_orbit_frame *around,
                               cln_frames *out);
 

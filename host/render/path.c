@@ -9,8 +9,9 @@
 #include "base/memory.h"
 #include "render/vectors.h"
 
-/* Of a key: position, unit quaternion w x y z, distance from the target (0 without one). Around a target, the
- * quaternion is that of the pose as seen by a level camera that looks at it from there. */
+/* Of a key: position, unit quaternion w x y z, distance from the target (0 without one). Around a
+ * target, the quaternion is that of the pose as seen by a level camera that looks at it from
+ * there. */
 enum { DISTANCE = 7, PARTS };
 
 typedef struct key {

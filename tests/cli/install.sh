@@ -1,7 +1,8 @@
 #!/bin/bash
-# The installed library: `make install` into a folder of its own; the header alone, what the shared
-# library exports, pkg-config, and examples/ compiled against the installed files alone, once shared
-# and once static, and run on a tiny generated scene. Runs on any OpenCL device (PoCL is enough).
+# `make install` into a folder of its own, and back; completion; `make deb`; the header alone, what
+# the shared library exports, pkg-config, and examples/ compiled against the installed files alone,
+# once shared and once static, and run on a tiny generated scene. Runs on any OpenCL device (PoCL is
+# enough).
 #   tests/cli/install.sh
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -30,6 +31,67 @@ for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-na
     share/man/man1/cl-nascent.1 share/doc/cl-nascent/api.md; do
     check "$file is there" [ -s "$usr/$file" ]
 done
+
+# ---- completion ----
+
+bash_completion=$usr/share/bash-completion/completions/cl-nascent
+zsh_completion=$usr/share/zsh/site-functions/_cl-nascent
+fish_completion=$usr/share/fish/vendor_completions.d/cl-nascent.fish
+
+# completes WORD...: what bash offers for the last word
+completes() {
+    # shellcheck disable=SC2016
+    bash -c '. "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _cl_nascent
+        echo "${COMPREPLY[*]}"' bash "$bash_completion" "$@"
+}
+check "bash completes commands" [ "$(completes cl-nascent tr)" = train ]
+check "options of the command" [ "$(completes cl-nascent render r --spir)" = --spiral ]
+check "none of another one" [ -z "$(completes cl-nascent eval r --spir)" ]
+check "settings, too" [ "$(completes cl-nascent train s --uniform-sh)" = --uniform-share ]
+check "switches both ways" [ "$(completes cl-nascent train s --no-conf)" = --no-conf ]
+check "values" [ "$(completes cl-nascent render r --depth mea)" = mean ]
+check "values after =" [ "$(completes cl-nascent eval r --split = tr)" = train ]
+check "and shells" [ "$(completes cl-nascent completion z)" = zsh ]
+check "zsh has every command" [ "$(grep -cE '^[a-z]+\)$' "$zsh_completion")" = \
+    "$(completes cl-nascent "" | wc -w | awk '{ print $1 - 1 }')" ]
+for file in "$zsh_completion" "$fish_completion"; do
+    shell=$([ "$file" = "$zsh_completion" ] && echo zsh || echo fish)
+    if command -v "$shell" >/dev/null; then
+        run "$shell" -n "$file"
+        check "$shell reads its completion" [ $rc = 0 ]
+    else
+        skip "$shell reads its completion" "no $shell"
+    fi
+done
+
+# ---- a Debian package, and the way back ----
+
+if command -v dpkg-shlibdeps >/dev/null && command -v dpkg-deb >/dev/null; then
+    run "${MAKE:-make}" --no-print-directory deb
+    check "make deb" [ $rc = 0 ]
+    deb=$PWD/$(tail -1 "$work/out")
+    run dpkg-deb -x "$deb" "$work/deb"
+    check "it can be unpacked" [ $rc = 0 ]
+    check "its program runs" [ "$("$work/deb/usr/bin/cl-nascent" --version)" = \
+        "$("$usr/bin/cl-nascent" --version)" ]
+    check "it depends on OpenCL's loader" grep -q ocl-icd <<<"$(dpkg-deb -f "$deb" Depends)"
+    (cd "$work/deb" && dpkg-deb --ctrl-tarfile "$deb" | tar -xO ./md5sums | md5sum -c --quiet)
+    check "its checksums are right" [ $? = 0 ]
+    if command -v lintian >/dev/null; then
+        lintian --allow-root "$deb" >"$work/out" 2>&1
+        check "lintian finds nothing" [ ! -s "$work/out" ]
+    else
+        skip "lintian finds nothing" "not installed"
+    fi
+else
+    skip "make deb" "no dpkg-dev"
+fi
+run "${MAKE:-make}" --no-print-directory install DESTDIR="$work/gone" PREFIX=/usr
+touch "$work/gone/usr/bin/other"
+run "${MAKE:-make}" --no-print-directory uninstall DESTDIR="$work/gone" PREFIX=/usr
+check "make uninstall" [ $rc = 0 ]
+check "leaves nothing but what others own" [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
+    ./usr/bin/other ]
 
 # From here on nothing of the source tree but the examples' own text.
 cp "$sources"/*.c "$work"

@@ -44,9 +44,11 @@ static void test_camera_path(void **state)
 
     assert_int_equal(
         cln_frames_read(
-            put(state, FILM("\"fps\": 30, \"camera_path\": [" POSE(PLAIN, ", \"fov\": 90, "
-                                                                          "\"aspect\": 2") "," POSE(
-                           "[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]", ", \"fov\": 60") "]")),
+            put(state,
+                FILM("\"fps\": 30, \"camera_path\": [" POSE(
+                    PLAIN, ", \"fov\": 90, "
+                           "\"aspect\": 2") "," POSE("[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]",
+                                                     ", \"fov\": 60") "]")),
             0, 0, &f),
         CLN_OK);
     assert_int_equal(f.count, 2);
