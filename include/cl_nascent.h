@@ -279,6 +279,9 @@ typedef struct cln_render_desc {
     double fps;             /* film: frames a second; 0 = the file of poses', or 24 */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
+    bool pfm;               /* also NAME.depth.pfm */
+    double depth_unit;      /* also NAME.depth16.png, 16-bit grey in steps of so many scene units;
+                               0 = not */
     bool mean_depth;        /* the mean over the ray; else where half of its opacity lies before */
     cln_device_desc device;
     cln_callbacks callbacks;

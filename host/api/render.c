@@ -1,7 +1,7 @@
 /* cln_render: pictures of a run as files. Which files, what is there already; which cameras is
  * render/frames.c's, a view itself render/view.c's. Per frame, in this order, each atomically:
  *
- *   NAME.depth.npy  NAME.opacity.png  NAME.png
+ *   NAME.depth.npy  (NAME.depth.pfm  NAME.depth16.png)  NAME.opacity.png  NAME.png
  *
  * NAME.png goes first and comes back last, so a frame that was cut short is rendered again; the
  * depth pictures follow when all frames are there, on one scale. OUT/render.json tells of every
@@ -21,6 +21,7 @@
 #include "render/frames.h"
 #include "render/open_run.h"
 #include "render/view.h"
+#include "io/depth_file.h"
 #include "io/disk.h"
 #include "io/film.h"
 #include "io/image.h"
@@ -29,8 +30,9 @@
 
 #define SCHEMA "cl-nascent.frames/1"
 
-static const char *const suffixes[] = {".depth.npy", ".opacity.png", ".png", ".depth.png"};
-enum { DEPTH_NPY, OPACITY_PNG, COLOUR_PNG, FILES, DEPTH_PNG = FILES };
+static const char *const suffixes[] = {".depth.npy",   ".depth.pfm", ".depth16.png",
+                                       ".opacity.png", ".png",       ".depth.png"};
+enum { DEPTH_NPY, DEPTH_PFM, DEPTH_PNG16, OPACITY_PNG, COLOUR_PNG, FILES, DEPTH_PNG = FILES };
 
 typedef struct frame {
     const char *name;
@@ -89,6 +91,8 @@ static void find_identity(const job *j, frame *f)
     d = cln_digest(d, c->distortion, sizeof c->distortion);
     if (j->desc->antialias > 1)
         d = cln_digest(d, &j->desc->antialias, sizeof j->desc->antialias);
+    if (j->desc->depth_unit > 0)
+        d = cln_digest(d, &j->desc->depth_unit, sizeof j->desc->depth_unit);
     snprintf(f->made_from, sizeof f->made_from, "%016llx", (unsigned long long)d);
 }
 
@@ -104,6 +108,11 @@ done:
     return st;
 }
 
+static bool is_wanted(const job *j, int file)
+{
+    return file == DEPTH_PFM ? j->desc->pfm : file == DEPTH_PNG16 ? j->desc->depth_unit > 0 : true;
+}
+
 static cln_status find_there(job *j)
 {
     cln_status st = CLN_OK;
@@ -117,7 +126,8 @@ static cln_status find_there(job *j)
         find_identity(j, f);
         f->there = !j->desc->overwrite && made_from && strcmp(made_from, f->made_from) == 0;
         for (int file = 0; file < FILES && f->there; file++)
-            CLN_TRY(has_file(j, f, file, &f->there));
+            if (is_wanted(j, file))
+                CLN_TRY(has_file(j, f, file, &f->there));
         CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
         j->there += f->there;
         j->pictured += pictured;
@@ -146,6 +156,8 @@ static json_t *describe(const job *j)
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
                       "depth_of", d->mean_depth ? "mean" : "median", "poses", j->cameras.poses,
                       "frames", frames);
+    if (about && d->depth_unit > 0)
+        json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
     if (about && d->antialias > 1)
         json_object_set_new(about, "antialias", json_integer(d->antialias));
     if (about && d->poses)
@@ -261,6 +273,7 @@ static cln_status write_frame(const job *j, const frame *f, const cln_picture *p
     const int shape[2] = {p->height, p->width};
     char *path[FILES] = {NULL};
     uint8_t *bytes = NULL;
+    int beyond = 0;
 
     for (int file = 0; file < FILES; file++)
         CLN_TRY(path_of(j, f, file, &path[file]));
@@ -269,6 +282,14 @@ static cln_status write_frame(const job *j, const frame *f, const cln_picture *p
         p->depth[i] =
             p->opacity[i] > 0 ? cln_space_depth_to_scene(&j->opened.model.space, p->depth[i]) : 0;
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
+    if (is_wanted(j, DEPTH_PFM))
+        CLN_TRY(cln_depth_write_pfm(path[DEPTH_PFM], p->width, p->height, p->depth));
+    if (is_wanted(j, DEPTH_PNG16))
+        CLN_TRY(cln_depth_write_png16(path[DEPTH_PNG16], p->width, p->height, p->depth,
+                                      j->desc->depth_unit, &beyond));
+    if (beyond > 0)
+        cln_warn("%s: %d pixels are farther than 65535 x %g; give a larger --depth-unit",
+                 path[DEPTH_PNG16], beyond, j->desc->depth_unit);
     for (size_t i = 0; i < n; i++)
         bytes[i] = cln_to_u8(p->opacity[i]);
     CLN_TRY(cln_image_write_png(path[OPACITY_PNG], p->width, p->height, 1, bytes));
@@ -360,7 +381,9 @@ static cln_status check_disk(const job *j)
 
     for (int i = 0; i < j->count; i++)
         if (!j->frames[i].there)
-            bytes += (sizeof(float) + 5.0) * j->frames[i].camera.width * j->frames[i].camera.height;
+            bytes +=
+                (sizeof(float) + 5.0 + 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0)) *
+                j->frames[i].camera.width * j->frames[i].camera.height;
     return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;
 }
 

@@ -52,6 +52,8 @@ cln_status cln_cmd_render(const cln_options *options)
                             .antialias = options->antialias,
                             .overwrite = options->overwrite,
                             .z_depth = options->z_depth,
+                            .pfm = options->pfm,
+                            .depth_unit = options->depth_unit,
                             .mean_depth = strcmp(options->depth, "mean") == 0,
                             .device = options->device};
 

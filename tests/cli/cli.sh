@@ -584,6 +584,14 @@ section_results() {
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
+    expect "render as PFM and 16-bit PNG" 0 "" "$cln" render "$work/whole" --max-images 1 \
+        --pfm --depth-unit 0.001 -o "$work/depths"
+    d=$work/depths/test_r_000
+    check "PFM has npy's numbers, from the bottom up" [ \
+        "$(tail -c 192 "$d.depth.pfm" | cksum)" = \
+        "$(tail -c +129 "$d.depth.npy" | head -c 192 | cksum)" ]
+    check "the PNG has 16 bits of grey" [ \
+        "$(od -An -tu1 -j24 -N2 "$d.depth16.png" | tr -s ' ')" = " 16 0" ]
     expect "render --spiral to a film" 0 "" "$cln" render "$work/whole" --spiral 2 --width 40 \
         --height 30 -o "$work/film.y4m" --fps 12 --json
     check "of that size and pace" \
