@@ -14,6 +14,7 @@
 #   make deb                a Debian package of the program, in build/
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
+#            MPI=1: build/mpi/cl-nascent and library, for training by several processes (libopenmpi-dev)
 
 PREFIX ?= /usr/local
 LIBDIR ?= $(PREFIX)/lib
@@ -37,7 +38,7 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
              $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
-LDLIBS_ALL = $(shell pkg-config --libs $(PKGS)) -lm -lpthread \
+LDLIBS_ALL = $(shell pkg-config --libs $(PKGS) $(MPI_PKG)) -lm -lpthread \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
 
 LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
@@ -53,8 +54,12 @@ PEER_MAIN := bench/peers/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
 GROWTH_SRC := bench/growth/growth.c bench/common/plot.c
 BENCH_SRC := $(wildcard bench/kernels/*.c)
-LIB_OBJ := $(LIB_SRC:%.c=$B/obj/%.o) $B/obj/kernels_embed.o \
-           $B/obj/pages_embed.o
+# MPI=1: one object differs, and what is linked goes to a folder of its own
+MPI_PKG := $(if $(MPI),ompi-c)
+P := $B$(if $(MPI),/mpi)
+RANKS_OBJ := $(if $(MPI),$B/obj/mpi/ranks.o,$B/obj/host/ranks/ranks.o)
+LIB_OBJ := $(filter-out %/ranks/ranks.o,$(LIB_SRC:%.c=$B/obj/%.o)) $(RANKS_OBJ) \
+           $B/obj/kernels_embed.o $B/obj/pages_embed.o
 CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
@@ -72,22 +77,24 @@ EXAMPLES := $(wildcard examples/*.c)
 
 SAY = $(if $V,,@echo "  $1";)
 
-all: $B/cl-nascent $B/libcl-nascent.a $B/$(SONAME) $B/cl-nascent.pc
+all: $P/cl-nascent $P/libcl-nascent.a $P/$(SONAME) $P/cl-nascent.pc
 
-$B/cl-nascent: $(CLI_OBJ) $B/libcl-nascent.a
+$P/cl-nascent: $(CLI_OBJ) $P/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
-$B/libcl-nascent.a: $(LIB_OBJ)
+$P/libcl-nascent.a: $(LIB_OBJ)
+	@mkdir -p $(@D)
 	@rm -f $@
 	$(call SAY,AR $@)ar rcs $@ $^
 
 # It exports only what cl_nascent.h marks CLN_API.
-$B/$(SONAME): $(LIB_OBJ)
+$P/$(SONAME): $(LIB_OBJ)
+	@mkdir -p $(@D)
 	$(call SAY,LINK $@)$(CC) -shared -Wl,-soname,$(SONAME) -Wl,-z,defs $^ $(LDLIBS_ALL) -o $@
 
 # Static linking also needs the library's dependencies (pkg-config --static); libmicrohttpd by name,
 # as its own file asks for static dependencies that Debian's package does not bring.
-$B/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
+$P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	@mkdir -p $(@D)
 	@{ echo 'prefix=$(PREFIX)'; \
 	   echo 'libdir=$(patsubst $(PREFIX)/%,$${prefix}/%,$(LIBDIR))'; \
@@ -96,7 +103,7 @@ $B/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	   echo 'Name: cl-nascent'; \
 	   echo 'Description: Posed photos in, views from anywhere out, on any OpenCL device'; \
 	   echo 'Version: $(VERSION)'; \
-	   echo 'Requires.private: $(filter-out libmicrohttpd,$(PKGS))'; \
+	   echo 'Requires.private: $(filter-out libmicrohttpd,$(PKGS)) $(MPI_PKG)'; \
 	   echo 'Libs: -L$${libdir} -lcl-nascent'; \
 	   echo 'Libs.private: $(if $(MICROHTTPD),-lmicrohttpd )-lm -lpthread'; \
 	   echo 'Cflags: -I$${includedir}'; } > $@.new
@@ -186,6 +193,11 @@ $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	     n=$$(basename $$f); echo "{\"$$n\", $$(echo $$n | tr . _)},"; \
 	   done; \
 	   echo '{0, 0}};'; } > $@
+
+$B/obj/mpi/ranks.o: host/ranks/ranks.c host/ranks/ranks.h
+	@mkdir -p $(@D)
+	$(call SAY,CC $< with MPI)$(CC) $(CFLAGS_ALL) -DCLN_WITH_MPI \
+	    $(shell pkg-config --cflags-only-I ompi-c) -c $< -o $@
 
 $B/obj/kernels_embed.o: $B/kernels_embed.c
 	@mkdir -p $(@D)
@@ -280,12 +292,12 @@ install: all
 	    "$(DESTDIR)$(LIBDIR)/pkgconfig" \
 	    "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune" "$(DESTDIR)$(PREFIX)/share/man/man1" \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples"
-	install -m 755 $B/cl-nascent "$(DESTDIR)$(PREFIX)/bin/"
+	install -m 755 $P/cl-nascent "$(DESTDIR)$(PREFIX)/bin/"
 	install -m 644 include/cl_nascent.h "$(DESTDIR)$(PREFIX)/include/"
-	install -m 644 $B/libcl-nascent.a "$(DESTDIR)$(LIBDIR)/"
-	install -m 755 $B/$(SONAME) "$(DESTDIR)$(LIBDIR)/"
+	install -m 644 $P/libcl-nascent.a "$(DESTDIR)$(LIBDIR)/"
+	install -m 755 $P/$(SONAME) "$(DESTDIR)$(LIBDIR)/"
 	ln -sf $(SONAME) "$(DESTDIR)$(LIBDIR)/libcl-nascent.so"
-	install -m 644 $B/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
+	install -m 644 $P/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
 	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
 	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	install -m 644 docs/api.md "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"

@@ -33,14 +33,16 @@ __kernel void group_bounds(const __global uint *restrict keys, __global uint *re
         end[keys[i]] = i + 1u;
 }
 
+/* Slices of the leaves from `first` on whose weights are here. */
 __kernel void group_slice_counts(const __global uint *restrict begin,
                                  const __global uint *restrict end,
-                                 __global uint *restrict counts, uint leaves, uint slice)
+                                 __global uint *restrict counts, uint leaves, uint slice,
+                                 uint first, uint own)
 {
     const uint leaf = get_global_id(0);
 
     if (leaf < leaves)
-        counts[leaf] = (end[leaf] - begin[leaf] + slice - 1u) / slice;
+        counts[leaf] = leaf - first < own ? (end[leaf] - begin[leaf] + slice - 1u) / slice : 0u;
 }
 
 __kernel void group_slices(const __global uint *restrict begin, const __global uint *restrict end,

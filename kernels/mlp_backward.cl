@@ -46,10 +46,10 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
  * than min_samples samples stay as they are; of the others, leaves of one slice are updated, and
  * the rest write their gradients: LEAF 0 as above, LEAF 1 to grads [slice start /
  * half_slice][PARAMS], as starts of slices that share a leaf are at least half_slice apart
- * (group.cl). */
+ * (group.cl). Leaf `first` has row 0 of the arrays of weights. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
-             LEAF_ARRAY(float, transposed),               /* [leaf][WT_PARAMS], LEAF 0 */
+mlp_backward(LEAF_ARRAY(float, params),                   /* [row][PARAMS] */
+             LEAF_ARRAY(float, transposed),               /* [row][WT_PARAMS], LEAF 0 */
              const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
              const __global cln_slice *restrict slices,   /* [slice] */
              const __global uint *restrict order,         /* [grouped sample] -> sample */
@@ -63,10 +63,10 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
              LEAF_ARRAY(float, grads), uint n_slices, uint step_key, uint update, uint half_slice,
              uint min_samples, float lr, const __global uint *restrict begin,
              const __global uint *restrict end,   /* [leaf] */
-             const __global int *restrict steps,  /* [leaf] */
-             const __global float *restrict norms, /* [leaf] */
-             LEAF_ARRAY(moment_type, moment1), /* [leaf][PARAMS], both */
-             LEAF_ARRAY(moment_type, moment2))
+             const __global int *restrict steps,  /* [row] */
+             const __global float *restrict norms, /* [row] */
+             LEAF_ARRAY(moment_type, moment1), /* [row][PARAMS], both */
+             LEAF_ARRAY(moment_type, moment2), int first)
 {
     __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
     __local float4 dhead[NB];
@@ -87,10 +87,11 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
         return;
     const cln_slice slice = slices[group];
     const uint whole = end[slice.slot] - begin[slice.slot];
+    const int at_row = slice.slot - first;
 
     if (slice.count == 0u || (update && whole < min_samples))
         return;
-    const __global float *w = LEAF_ROW(params, slice.slot, PARAMS);
+    const __global float *w = LEAF_ROW(params, at_row, PARAMS);
 #if LEAF
     for (int i = 1; i < DEPTH; i++)
         transpose_layer(w + TRUNK_W(i), WIDTH, wt + WT_TRUNK(i), lid);
@@ -98,7 +99,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     transpose_layer(w + VIEW_W, VIEW, wt + WT_VIEW, lid);
 #endif
 #else
-    __global float *wt = LEAF_ROW(transposed, slice.slot, WT_PARAMS);
+    __global float *wt = LEAF_ROW(transposed, at_row, WT_PARAMS);
     __global float *grad = SLICE_ROW(grads, group, PARAMS);
 #endif
 
@@ -106,7 +107,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
     const uint group_after = min(group + 1u, n_slices - 1u);
     const cln_slice after = slices[group_after];
     const int count_after = (int)min((uint)NB, chosen_counts[group_after]);
-    const __global float *w_after = LEAF_ROW(params, after.slot, PARAMS);
+    const __global float *w_after = LEAF_ROW(params, max(after.slot, first) - first, PARAMS);
     const kept_block kept_after = {acts + (size_t)after.start * ACTS, places_after};
 
     const uint all = chosen_counts[group];
@@ -203,10 +204,10 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [leaf][PARAMS] */
 
     /* this is the leaf's whole gradient: take Adam's step */
     if (update && slice.count == whole) {
-        const adam_leaf a = adam_leaf_of(lr, steps[slice.slot], norms[slice.slot], slice.slot);
-        __global float *w_row = LEAF_ROW(params, slice.slot, PARAMS);
-        __global moment_type *m_row = LEAF_ROW(moment1, slice.slot, PARAMS);
-        __global moment_type *v_row = LEAF_ROW(moment2, slice.slot, PARAMS);
+        const adam_leaf a = adam_leaf_of(lr, steps[at_row], norms[at_row], slice.slot);
+        __global float *w_row = LEAF_ROW(params, at_row, PARAMS);
+        __global moment_type *m_row = LEAF_ROW(moment1, at_row, PARAMS);
+        __global moment_type *v_row = LEAF_ROW(moment2, at_row, PARAMS);
 
         for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N) {
             const vf g = VLOAD(grad + p);

@@ -9,17 +9,18 @@
 
 /* Group g takes cells [g % per_leaf * cells, ...) of leaf first + g / per_leaf. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_density(LEAF_ARRAY(const float, params),       /* [leaf][PARAMS] */
+mlp_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], of leaves from `own` on */
             const __global float4 *restrict boxes, /* [leaf] min x, y, z, side */
             LEAF_ARRAY(ushort, density),           /* [leaf][n1^3] bfloat16 */
-            uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first)
+            uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first,
+            uint own)
 {
     __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB];
     __local uint ids[NB];
     const uint group = get_group_id(0), leaf = first + group / per_leaf;
     const uint total = n1 * n1 * n1, begin = group % per_leaf * cells;
     const uint end = min(begin + cells, total);
-    const __global float *w = LEAF_ROW(params, leaf, PARAMS);
+    const __global float *w = LEAF_ROW(params, leaf - own, PARAMS);
     __global ushort *cached = LEAF_ROW(density, leaf, total);
     const float4 box = boxes[leaf];
 

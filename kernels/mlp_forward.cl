@@ -27,7 +27,7 @@ HELPER void fetch_samples(const __global cln_sample *samples, const __global uin
 }
 
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
+mlp_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], of leaves from `first` on */
             const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
             const __global cln_slice *restrict slices,   /* [slice] */
             const __global uint *restrict order,         /* [grouped sample] -> sample */
@@ -36,7 +36,7 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
             const __global float4 *restrict ray_d,       /* [ray] */
             __global float4 *restrict out,               /* [sample] r, g, b, sigma */
             __global kept_type *restrict acts, /* [grouped sample][ACTS], in training */
-            uint n_slices, uint step_key)
+            uint n_slices, uint step_key, int first)
 {
     __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB], raw[4 * NB];
     __local uint ids[NB];
@@ -51,8 +51,8 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [leaf][PARAMS] */
         return;
     const cln_slice slice = slices[group], after = slices[min(group + 1u, n_slices - 1u)];
     const float4 box = boxes[slice.slot];
-    const __global float *w = LEAF_ROW(params, slice.slot, PARAMS);
-    const __global float *w_after = LEAF_ROW(params, after.slot, PARAMS);
+    const __global float *w = LEAF_ROW(params, slice.slot - first, PARAMS);
+    const __global float *w_after = LEAF_ROW(params, max(after.slot, first) - first, PARAMS);
     const sample_source source = {samples, ray_o, ray_d};
 
     for (uint done = 0; done < slice.count; done += NB) {

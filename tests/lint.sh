@@ -15,7 +15,7 @@
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
-ORDER="cli api export train view render check pipeline report model scene device io reference base"
+ORDER="cli api export train view render check pipeline report model scene device ranks io reference base"
 passed=0 failed=0 skipped=0
 c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c \
     bench/kernels/*.c bench/scenes/*.c 2>/dev/null)

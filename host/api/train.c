@@ -16,6 +16,7 @@
 #include "io/disk.h"
 #include "io/progress.h"
 #include "io/run_folder.h"
+#include "ranks/ranks.h"
 #include "render/quality.h"
 #include "render/recorded.h"
 #include "train/loop.h"
@@ -233,6 +234,51 @@ done:
     return st;
 }
 
+/* What all ranks must have in common, by digests. Training goes wrong without a word, or waits
+ * forever, where they differ. */
+static cln_status check_ranks(const cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const cln_model *m = &t->model;
+    const cln_scene *scene = t->scene;
+    char text[CLN_TUNE_TEXT], *settings = NULL;
+    json_t *config = NULL;
+    uint64_t photos = CLN_DIGEST_START, device = CLN_DIGEST_START;
+
+    if (cln_ranks_count() == 1)
+        return CLN_OK;
+    CLN_TRY(cln_config_to_json(&m->config, &config));
+    settings = json_dumps(config, JSON_COMPACT);
+    if (!settings)
+        CLN_TRY(cln_fail(CLN_MEMORY, "settings: cannot make JSON"));
+    CLN_TRY(cln_ranks_agree(cln_digest(CLN_DIGEST_START, CLN_VERSION, strlen(CLN_VERSION)),
+                            "version of this program"));
+    CLN_TRY(cln_ranks_agree(cln_digest(CLN_DIGEST_START, settings, strlen(settings)),
+                            "choice of settings"));
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+
+        photos = cln_digest(photos, v->camera.c2w, sizeof v->camera.c2w);
+        if (v->pixels)
+            photos = cln_digest(photos, v->pixels,
+                                (size_t)v->camera.width * (size_t)v->camera.height *
+                                    (size_t)v->channels);
+    }
+    CLN_TRY(cln_ranks_agree(photos, "scene"));
+    CLN_TRY(cln_ranks_agree(cln_model_digest(m) + (uint64_t)m->step, "checkpoint"));
+    cln_tune_text(&t->pipeline.tune, text);
+    device = cln_digest(device, text, strlen(text));
+    device = cln_digest(device, t->device->info.name, strlen(t->device->info.name));
+    device = cln_digest(device, &t->plan.max_samples, sizeof t->plan.max_samples);
+    device = cln_digest(device, &t->plan.batch_samples, sizeof t->plan.batch_samples);
+    device = cln_digest(device, &t->plan.max_rays, sizeof t->plan.max_rays);
+    CLN_TRY(cln_ranks_agree(device, "device, or room on it for batches,"));
+done:
+    json_decref(config);
+    free(settings);
+    return st;
+}
+
 static cln_status prepare(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -244,8 +290,9 @@ static cln_status prepare(cln_trainer *t)
 
     if (t->desc->resume) { /* before anything is read that another process could still change */
         CLN_TRY(cln_run_open(t->desc->run, true));
-        CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
-    } else {
+        if (t->writes)
+            CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
+    } else if (t->writes) {
         CLN_TRY(cln_run_check(t->desc->run, false, &empty));
     }
     CLN_TRY(cln_config_check(&config));
@@ -268,7 +315,8 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                &t->eval_count));
     CLN_TRY(cln_quality_check(t->scene, t->eval_views, t->eval_count));
-    CLN_TRY(check_disk(t, &config));
+    if (t->writes)
+        CLN_TRY(check_disk(t, &config));
     if (t->desc->dump_program)
         CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
     cln_scene_warn_doubts(t->scene);
@@ -290,9 +338,11 @@ static cln_status prepare(cln_trainer *t)
     cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
                                 &t->pipeline));
+    CLN_TRY(cln_pipeline_share(&t->pipeline));
     CLN_TRY(plan(t));
     say_what_runs(t);
-    if (!t->desc->resume) {
+    CLN_TRY(check_ranks(t));
+    if (t->writes && !t->desc->resume) {
         CLN_TRY(cln_run_open(t->desc->run, false));
         CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
     }
@@ -301,8 +351,10 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
     CLN_TRY(cln_stage_seen(&t->pipeline));
     cln_step_cover(t);
-    CLN_TRY(cln_record_start(t));
-    CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
+    if (t->writes) {
+        CLN_TRY(cln_record_start(t));
+        CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
+    }
 done:
     return st;
 }
@@ -312,6 +364,7 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
     cln_status st = CLN_OK;
     cln_trainer t = {.desc = desc,
                      .lock = -1,
+                     .writes = cln_ranks_me() == 0,
                      .began = cln_now(),
                      .psnr_train = NAN,
                      .psnr_test = NAN,
@@ -334,7 +387,7 @@ done:
     result->leaves = t.model.tree.leaf_count;
     result->device_peak = t.device ? (double)t.device->peak : 0;
     result->host_peak = cln_peak_rss();
-    if (t.model.params)
+    if (t.model.params && t.writes)
         result->digest = cln_model_digest(&t.model);
     state = st == CLN_OK                            ? "done"
             : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted"

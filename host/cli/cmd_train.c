@@ -8,6 +8,7 @@
 #include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"
+#include "ranks/ranks.h"
 
 static const char *state_of(cln_status st)
 {
@@ -77,15 +78,23 @@ cln_status cln_cmd_train(const cln_options *options)
                            .device = options->device,
                            .command = options->line};
 
+    CLN_TRY(cln_ranks_open());
+    if (cln_ranks_me() > 0)
+        cln_log_set_level(CLN_LOG_WARN);
     if (options->conf_said)
         cln_info("settings %s", options->conf_said);
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
+    if (cln_ranks_me() > 0) { /* one of them speaks */
+        desc.callbacks.train = NULL;
+        desc.callbacks.work = NULL;
+    }
     trained = cln_train(&desc, &result);
     cln_console_close(&console);
     if (trained != CLN_OK && trained != CLN_SIGINT && trained != CLN_SIGTERM)
         return trained;
-    CLN_TRY(print_result(options, run, trained, &result));
+    if (cln_ranks_me() == 0)
+        CLN_TRY(print_result(options, run, trained, &result));
     st = trained;
 done:
     cln_console_close(&console);

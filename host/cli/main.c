@@ -8,6 +8,7 @@
 #include "cli/help.h"
 #include "cli/option_table.h"
 #include "cli/parse.h"
+#include "ranks/ranks.h"
 
 static void print_error(cln_status st, const cln_options *options)
 {
@@ -16,8 +17,8 @@ static void print_error(cln_status st, const cln_options *options)
     const char *text = cln_error_text();
 
     fflush(stdout);
-    fprintf(stderr, "%scl-nascent:%s %s\n", colour ? "\033[1;31m" : "", colour ? "\033[0m" : "",
-            *text ? text : cln_status_phrase(st));
+    fprintf(stderr, "%scl-nascent:%s %s%s\n", colour ? "\033[1;31m" : "", colour ? "\033[0m" : "",
+            cln_ranks_name(), *text ? text : cln_status_phrase(st));
     if (st == CLN_USAGE)
         fprintf(stderr, "try `cl-nascent %s%s--help`\n", command ? command->name : "",
                 command ? " " : "");
@@ -53,5 +54,7 @@ done:
         print_error(st, &options);
     }
     cln_options_free(&options);
+    cln_ranks_close(st != CLN_OK && st != CLN_SIGINT && st != CLN_SIGTERM,
+                    cln_status_exit_code(st));
     return cln_status_exit_code(st);
 }

@@ -13,6 +13,7 @@
 #include "base/number.h"
 #include "base/text.h"
 #include "device/cl_error.h"
+#include "ranks/ranks.h"
 
 const char *const cln_stage_names[CLN_STAGES] = {
 #define X(name, text) text,
@@ -145,32 +146,34 @@ static bool matches(const char *spec, int row, const cln_device_info *info)
            contains(info->platform, spec);
 }
 
+/* The first device that matches; of several, ranks of this machine take one each, in turn. */
 static cln_status pick(const char *spec, const cl_device_id *ids, int count, int *out)
 {
     static const char *const preference[] = {"gpu", "accelerator", "cpu"};
+    int found[64 * 16], found_count = 0; /* as many as cln_device_ids lists */
 
     if (!spec || !*spec || strcasecmp(spec, "auto") == 0) {
-        for (int p = 0; p < 3; p++)
+        for (int p = 0; p < 3 && found_count == 0; p++)
             for (int i = 0; i < count; i++) {
                 cln_device_info info;
 
                 cln_device_describe(ids[i], &info);
-                if (strcmp(info.type, preference[p]) == 0) {
-                    *out = i;
-                    return CLN_OK;
-                }
+                if (strcmp(info.type, preference[p]) == 0)
+                    found[found_count++] = i;
             }
-        *out = 0;
+        *out = found_count > 0 ? found[cln_ranks_me_here() % found_count] : 0;
         return CLN_OK;
     }
     for (int i = 0; i < count; i++) {
         cln_device_info info;
 
         cln_device_describe(ids[i], &info);
-        if (matches(spec, i, &info)) {
-            *out = i;
-            return CLN_OK;
-        }
+        if (matches(spec, i, &info))
+            found[found_count++] = i;
+    }
+    if (found_count > 0) {
+        *out = found[cln_ranks_me_here() % found_count];
+        return CLN_OK;
     }
     return cln_fail(
         CLN_NO_DEVICE,

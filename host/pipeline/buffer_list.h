@@ -71,6 +71,7 @@ typedef enum cln_when {
     CLN_WHEN_MEASURED,   /* training that measures leaves */
     CLN_WHEN_DISTILLING, /* training in which leaves may merge */
     CLN_WHEN_SPLATTING,
+    CLN_WHEN_SHARED,  /* by ranks */
     CLN_WHEN_INSTEAD, /* replaces another row, never beside it: not planned */
 } cln_when;
 
@@ -118,6 +119,7 @@ typedef enum cln_when {
     X(out, cl_float4, 1, SAMPLE, SAMPLES, ALWAYS, "sample colours")                              \
     X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                         \
     X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                \
+    X(packed, cl_float4, 1, SAMPLE, SAMPLES, SHARED, "messages")                                 \
     PAIR(keys, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group keys")                                \
     PAIR(values, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group order")                             \
     X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                    \

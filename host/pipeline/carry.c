@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "pipeline/share.h"
 
 _Static_assert(CLN_COPIED == -1 && CLN_MERGED == -2, "as kernels/carry.cl has them");
 
@@ -172,30 +173,50 @@ done:
     return st;
 }
 
+/* The change of this rank's leaves alone, by rows of its arrays. The caller frees out->from. */
+static cln_status take_own(const cln_pipeline *p, const cln_octree_change *change, int old_first,
+                           cln_octree_change *out)
+{
+    cln_status st = CLN_OK;
+
+    *out = (cln_octree_change){.count = p->own, .octant = change->octant + p->first};
+    CLN_TRY(cln_alloc(&out->from, (size_t)p->own, sizeof *out->from, "change of the tree"));
+    for (int row = 0; row < p->own; row++)
+        out->from[row] = change->from[p->first + row] - old_first;
+done:
+    return st;
+}
+
 cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
                               const cln_octree_change *change)
 {
     cln_status st = CLN_OK;
-    const carry c = {.p = p, .change = change};
-    const int old_leaves = p->leaves;
+    const int old_leaves = p->leaves, old_own = p->own, old_first = p->first;
+    const carry all = {.p = p, .change = change};
+    cln_octree_change own = {0};
+    const carry c = {.p = p, .change = &own}; /* of this rank's leaves */
 
     CLN_ASSERT(change->count == tree->leaf_count);
     cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
     cln_buffer_free(p->device, &p->seen);
     cln_buffer_free(p->device, &p->transposed);
+    cln_share_change(p, change);
     CLN_TRY(cln_pipeline_tree(p, tree));
+    CLN_TRY(take_own(p, change, old_first, &own));
     CLN_TRY(put_places(&c));
     CLN_TRY(carry_weights(&c));
     CLN_TRY(carry_rows(&c, CLN_BUFFER_adam_m));
     CLN_TRY(carry_rows(&c, CLN_BUFFER_adam_v));
-    CLN_TRY(carry_densities(&c));
-    CLN_TRY(carry_numbers(&c, CLN_BUFFER_adam_steps, old_leaves));
+    CLN_TRY(carry_numbers(&c, CLN_BUFFER_adam_steps, old_own));
+    CLN_TRY(put_places(&all));
+    CLN_TRY(carry_densities(&all));
     if (cln_pipeline_measures(&p->config) > 0) {
-        CLN_TRY(carry_numbers(&c, CLN_BUFFER_leaf_sums, old_leaves));
-        CLN_TRY(carry_numbers(&c, CLN_BUFFER_leaf_met, old_leaves));
+        CLN_TRY(carry_numbers(&all, CLN_BUFFER_leaf_sums, old_leaves));
+        CLN_TRY(carry_numbers(&all, CLN_BUFFER_leaf_met, old_leaves));
     }
     CLN_TRY(cln_pipeline_derive(p));
 done:
+    free(own.from);
     cln_buffer_free(p->device, &p->places);
     return st;
 }

@@ -10,7 +10,8 @@
  *   TRAIN, EVAL   PARTS, and whether the pass is for training (mlp_*.cl)
  *   WIDE    64-bit keys (scan.cl)
  * when (programs.c decides by settings and tuning parameters): ALWAYS; SPLATTING: stage 1 splats;
- * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge. */
+ * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge;
+ * SHARED: ranks share the pipeline. */
 #define CLN_PROGRAM_LIST(X)                          \
     X(scan, scan, PLAIN, ALWAYS)                     \
     X(sort64, scan, WIDE, SPLATTING)                 \
@@ -28,7 +29,8 @@
     X(stats, stats, PARTS, ALWAYS)                   \
     X(carry, carry, PARTS, ALWAYS)                   \
     X(regularise, regularise, PLAIN, REGULARISED)    \
-    X(distil, distil, PLAIN, MEASURED)
+    X(distil, distil, PLAIN, MEASURED)               \
+    X(share, share, PLAIN, SHARED)
 
 /* X(member, kernel, program, when): created with its program if `when` holds, too. SERIAL: tune.sg
  * is 1. */
@@ -71,6 +73,8 @@
     X(leaf_measure, leaf_measure, stats, MEASURED)                  \
     X(regularise_points, regularise_points, regularise, ALWAYS)     \
     X(regularise_gradient, regularise_gradient, regularise, ALWAYS) \
-    X(distil_gradient, distil_gradient, distil, ALWAYS)
+    X(distil_gradient, distil_gradient, distil, ALWAYS)             \
+    X(share_pack, share_pack, share, ALWAYS)                        \
+    X(share_unpack, share_unpack, share, ALWAYS)
 
 #endif

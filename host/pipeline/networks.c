@@ -8,13 +8,14 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "pipeline/share.h"
 
 cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const cl_uint n = sample_count, leaves = (cl_uint)p->leaves, slice = (cl_uint)p->tune.sl;
-    const cl_uint block = (cl_uint)p->tune.nb;
+    const cl_uint block = (cl_uint)p->tune.nb, first = (cl_uint)p->first, own = (cl_uint)p->own;
     const size_t wg = (size_t)p->tune.wg;
     const cl_uint most = (n < leaves ? n : leaves) + n / slice;
     int bits = 1;
@@ -35,7 +36,7 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
                        CLN_ARG(n)));
     CLN_TRY(CLN_LAUNCH(device, p->k.group_slice_counts, CLN_STAGE_GROUP, cln_groups(leaves, wg), wg,
                        CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->slice_counts.mem),
-                       CLN_ARG(leaves), CLN_ARG(slice)));
+                       CLN_ARG(leaves), CLN_ARG(slice), CLN_ARG(first), CLN_ARG(own)));
     CLN_TRY(cln_stage_scan(p, &p->slice_counts, &p->slice_starts, leaves, CLN_STAGE_GROUP, NULL));
     CLN_TRY(CLN_RESERVE(p, slices, most));
     CLN_TRY(CLN_LAUNCH(device, p->k.group_slices, CLN_STAGE_GROUP,
@@ -86,6 +87,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const cl_uint slices = slice_count, key = step_key;
+    const cl_int first = p->first;
 
     CLN_TRY(CLN_RESERVE(p, out, sample_count));
     CLN_TRY(CLN_RESERVE(p, acts, training ? sample_count : 0));
@@ -93,7 +95,9 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                        CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
                        CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
                        CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
-                       CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key)));
+                       CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key),
+                       CLN_ARG(first)));
+    CLN_TRY(cln_share_samples(p, sample_count));
 done:
     return st;
 }
@@ -213,6 +217,7 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
     const cl_uint slices = slice_count, key = step_key, updates = update;
     const cl_uint half = (cl_uint)p->tune.sl / 2, least = min_samples;
     const cl_float rate = (float)lr;
+    const cl_int first = p->first;
 
     CLN_TRY(CLN_RESERVE(p, grads, (size_t)gradients));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
@@ -223,7 +228,7 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
                        CLN_LEAF_ARG(p, grads), CLN_ARG(slices), CLN_ARG(key), CLN_ARG(updates),
                        CLN_ARG(half), CLN_ARG(least), CLN_ARG(rate), CLN_ARG(p->begin.mem),
                        CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem), CLN_ARG(p->norms.mem),
-                       CLN_LEAF_ARG(p, adam_m), CLN_LEAF_ARG(p, adam_v)));
+                       CLN_LEAF_ARG(p, adam_m), CLN_LEAF_ARG(p, adam_v), CLN_ARG(first)));
 done:
     return st;
 }
@@ -231,12 +236,12 @@ done:
 static cln_status count_updates(cln_pipeline *p, uint32_t min_samples)
 {
     const size_t wg = (size_t)p->tune.wg;
-    const cl_uint leaves = (cl_uint)p->leaves, least = min_samples;
+    const cl_uint leaves = (cl_uint)p->own, least = min_samples, first = (cl_uint)p->first;
 
     return CLN_LAUNCH(p->device, p->k.adam_count, CLN_STAGE_ADAM, cln_groups(leaves, wg), wg,
                       CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem), CLN_ARG(p->adam_steps.mem),
                       CLN_LEAF_ARG(p, params), CLN_ARG(p->norms.mem), CLN_ARG(leaves),
-                      CLN_ARG(least));
+                      CLN_ARG(least), CLN_ARG(first));
 }
 
 /* Updates leaves of at least min_slices slices. half_slice: where gradients lie
@@ -244,8 +249,8 @@ static cln_status count_updates(cln_pipeline *p, uint32_t min_samples)
 static cln_status launch_adam(cln_pipeline *p, uint32_t min_samples, cl_uint min_slices,
                               cl_uint half_slice, double lr)
 {
-    const size_t leaves = (size_t)p->leaves;
-    const cl_uint count = (cl_uint)leaves, least = min_samples;
+    const size_t leaves = (size_t)p->own;
+    const cl_uint count = (cl_uint)leaves, least = min_samples, first = (cl_uint)p->first;
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
     const cl_float rate = (float)lr;
 
@@ -256,7 +261,7 @@ static cln_status launch_adam(cln_pipeline *p, uint32_t min_samples, cl_uint min
                       CLN_ARG(p->norms.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
                       CLN_LEAF_ARG(p, adam_v), CLN_LEAF_ARG(p, transposed), CLN_ARG(count),
                       CLN_ARG(parts), CLN_ARG(least), CLN_ARG(min_slices), CLN_ARG(half_slice),
-                      CLN_ARG(rate));
+                      CLN_ARG(rate), CLN_ARG(first));
 }
 
 cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
@@ -299,15 +304,22 @@ done:
 static cln_status refresh(cln_pipeline *p, const cln_buffer *density, int first, int count,
                           bool jitter, uint64_t seed, uint32_t step)
 {
-    const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, begin = (cl_uint)first, key = step,
-                  shake = jitter;
+    cln_status st = CLN_OK;
+    const int own_end = p->first + p->own, end = first + count < own_end ? first + count : own_end;
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, key = step, shake = jitter;
+    const cl_uint own = (cl_uint)p->first, begin = first > p->first ? (cl_uint)first : own;
     const cl_uint per_leaf = (cl_uint)cln_groups((size_t)n1 * n1 * n1, cells);
     const cl_uint2 words = {{(cl_uint)seed, (cl_uint)(seed >> 32)}};
 
-    return CLN_LAUNCH(p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)count * per_leaf,
-                      (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
-                      CLN_LEAF_ARG_OF(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
-                      CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin));
+    if (end > (int)begin)
+        CLN_TRY(CLN_LAUNCH(
+            p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)(end - (int)begin) * per_leaf,
+            (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
+            CLN_LEAF_ARG_OF(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
+            CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin), CLN_ARG(own)));
+    CLN_TRY(cln_share_densities(p, density, first, count));
+done:
+    return st;
 }
 
 cln_status cln_stage_refresh(cln_pipeline *p, int first, int count, bool jitter, uint64_t seed,

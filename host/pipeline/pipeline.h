@@ -7,6 +7,7 @@
  *   carry                 a change of the tree on the device
  *   networks, sampling    the stages (stages.h)
  *   transfer              tree, weights, cameras and batches, in and out
+ *   share                 what ranks tell each other
  *   stage1_methods        the table of stage-1 methods (stage1.h)
  *   splat                 one of them
  *   sort                  scan and sort
@@ -52,10 +53,18 @@ struct cln_pipeline {
 #undef PAIR
 
     int leaves, depth;              /* of the uploaded tree */
+    int first, own;                 /* leaves whose weights are here: all, unless shared by ranks */
     int view_count, training_views; /* the first ones are for training */
     int max_rays;                   /* of a batch (memory plan); 0 = any number */
     size_t max_samples;             /* likewise */
     uint32_t sample_total;          /* of the newest batch, once cln_stage_sample has returned */
+
+    /* Shared by ranks (share.h): how many, 0 or 1 if not; where each begins; samples of leaves since
+     * they were dealt; room for messages. */
+    int ranks, *rank_first; /* [ranks + 1] */
+    double *load;           /* [leaf] */
+    char *message;
+    size_t message_bytes;
 
     /* Splatting: most projected samples at a time (memory plan), the largest number of them that a
      * kernel counts, number in the last batch, and host copies for planning it. */
@@ -82,6 +91,9 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
  * freeing. */
 cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
                                 bool alpha, cln_pipeline *out);
+/* Shares it between the ranks of this process (share.h), if there are several: builds the kernels
+ * for that. Before the memory plan. */
+cln_status cln_pipeline_share(cln_pipeline *p);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
 
 /* An array P as an argument of a kernel. */

@@ -10,6 +10,7 @@
 #include "base/memory.h"
 #include "io/progress.h"
 #include "pipeline/carry.h"
+#include "pipeline/share.h"
 #include "pipeline/splat.h"
 #include "pipeline/stages.h"
 
@@ -107,6 +108,8 @@ static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
         return s->distil;
     case CLN_WHEN_SPLATTING:
         return d->pipeline->config.stage1 == CLN_STAGE1_SPLAT;
+    case CLN_WHEN_SHARED:
+        return d->pipeline->ranks > 1;
     case CLN_WHEN_INSTEAD:
         return false;
     }
@@ -275,7 +278,9 @@ static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
         for (int id = 0; id < CLN_BUFFERS; id++) {
             const cln_buffer_row *buffer = &cln_buffer_rows[id];
-            const double rows = most_rows(d, s, buffer->per);
+            const bool own = purpose == CLN_FOR_WEIGHTS || purpose == CLN_FOR_OPTIMISER;
+            const double rows =
+                own ? cln_share_most(d->pipeline, (int)s->leaves) : most_rows(d, s, buffer->per);
             const double bytes = bytes_of(d, (cln_buffer_id)id);
 
             if ((int)buffer->purpose != purpose || !is_there(d, s, buffer->when))

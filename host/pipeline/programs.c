@@ -10,6 +10,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "ranks/ranks.h"
 
 /* Local memory of a work-group of mlp_backward, the largest: bytes per sample of a block of NB. */
 static size_t bytes_per_sample(const cln_network *net)
@@ -210,7 +211,7 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
 /* Lines that follow the pipeline's "#define" lines, and when programs and kernels are built
  * (kernel_list.h). */
 enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, TEXTS };
-enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL };
+enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
 
 enum program_id {
 #define X(member, file, text, when) PROGRAM_##member,
@@ -256,6 +257,8 @@ static bool is_true(const cln_pipeline *p, enum when when)
         return cln_pipeline_measures(&p->config) > 0;
     case SERIAL:
         return p->tune.sg == 1;
+    case SHARED:
+        return p->ranks > 1;
     }
     return false;
 }
@@ -327,6 +330,19 @@ cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
     p->part_slices = cln_pipeline_part_slices(p);
     p->parts = CLN_PARTS;
     free_programs(p, false);
+    CLN_TRY(build(p));
+done:
+    return st;
+}
+
+cln_status cln_pipeline_share(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+
+    if (cln_ranks_count() == 1)
+        return CLN_OK;
+    p->ranks = cln_ranks_count();
+    CLN_TRY(cln_alloc(&p->rank_first, (size_t)p->ranks + 1, sizeof *p->rank_first, "ranks"));
     CLN_TRY(build(p));
 done:
     return st;
@@ -432,5 +448,8 @@ void cln_pipeline_free(cln_pipeline *p)
     free_programs(p, true);
     free(p->host_pixels);
     free(p->host_cameras);
+    free(p->rank_first);
+    free(p->load);
+    free(p->message);
     memset(p, 0, sizeof *p);
 }

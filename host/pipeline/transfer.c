@@ -1,5 +1,6 @@
 /* Brings tree, weights, cameras and batches to the pipeline's buffers, and weights and training
  * state back. */
+#include "pipeline/share.h"
 #include "pipeline/stage1.h"
 
 #include <math.h>
@@ -11,7 +12,7 @@
 cln_status cln_pipeline_derive(cln_pipeline *p)
 {
     cln_status st = CLN_OK;
-    const size_t leaves = (size_t)p->leaves;
+    const size_t leaves = (size_t)p->own;
     const cl_uint parts = (cl_uint)cln_groups((size_t)p->net.params, CLN_ADAM_PART);
 
     CLN_TRY(CLN_RESERVE(p, norms, leaves));
@@ -24,14 +25,22 @@ done:
     return st;
 }
 
+/* Uploads this rank's rows of [leaf] rows. */
+static cln_status put_own(cln_pipeline *p, cln_buffer_id id, const void *array)
+{
+    const size_t row = cln_buffer_row_bytes(p, id);
+
+    return cln_pipeline_put(p, id, (const char *)array + (size_t)p->first * row, (size_t)p->own);
+}
+
 static cln_status upload_training(cln_pipeline *p, const cln_model *model)
 {
     cln_status st = CLN_OK;
     const size_t leaves = (size_t)p->leaves;
 
-    CLN_TRY(CLN_PUT(p, adam_m, model->adam_m, leaves));
-    CLN_TRY(CLN_PUT(p, adam_v, model->adam_v, leaves));
-    CLN_TRY(CLN_PUT(p, adam_steps, model->adam_steps, leaves));
+    CLN_TRY(put_own(p, CLN_BUFFER_adam_m, model->adam_m));
+    CLN_TRY(put_own(p, CLN_BUFFER_adam_v, model->adam_v));
+    CLN_TRY(put_own(p, CLN_BUFFER_adam_steps, model->adam_steps));
     if (cln_pipeline_measures(&p->config) > 0) {
         CLN_TRY(CLN_PUT(p, leaf_sums, model->sums, leaves));
         CLN_TRY(CLN_PUT(p, leaf_met, model->met, leaves));
@@ -54,6 +63,7 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
         return cln_fail(CLN_INTERNAL, "%zu leaves need parts: cln_pipeline_rebuild was not called",
                         leaves);
     p->leaves = (int)leaves;
+    CLN_TRY(cln_share_begin(p));
     p->depth = cln_octree_depth(tree);
     CLN_TRY(cln_octree_boxes(tree, &boxes));
     CLN_TRY(cln_octree_map(tree, p->depth, &map));
@@ -73,8 +83,9 @@ cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool tra
 {
     cln_status st = CLN_OK;
 
+    cln_share_evenly(p, model->tree.leaf_count);
     CLN_TRY(cln_pipeline_tree(p, &model->tree));
-    CLN_TRY(CLN_PUT(p, params, model->params, (size_t)p->leaves));
+    CLN_TRY(put_own(p, CLN_BUFFER_params, model->params));
     if (model->density)
         CLN_TRY(CLN_PUT(p, density, model->density, (size_t)p->leaves));
     else if (training)
@@ -92,11 +103,11 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
 
     CLN_ASSERT(model->tree.leaf_count == p->leaves);
     CLN_TRY(cln_model_make_room(model, training));
-    CLN_TRY(CLN_GET(p, params, model->params, leaves));
+    CLN_TRY(cln_share_get(p, CLN_BUFFER_params, model->params));
     if (training) {
-        CLN_TRY(CLN_GET(p, adam_m, model->adam_m, leaves));
-        CLN_TRY(CLN_GET(p, adam_v, model->adam_v, leaves));
-        CLN_TRY(CLN_GET(p, adam_steps, model->adam_steps, leaves));
+        CLN_TRY(cln_share_get(p, CLN_BUFFER_adam_m, model->adam_m));
+        CLN_TRY(cln_share_get(p, CLN_BUFFER_adam_v, model->adam_v));
+        CLN_TRY(cln_share_get(p, CLN_BUFFER_adam_steps, model->adam_steps));
         CLN_TRY(CLN_GET(p, density, model->density, leaves));
         if (cln_pipeline_measures(&p->config) > 0) {
             CLN_TRY(CLN_GET(p, leaf_sums, model->sums, leaves));

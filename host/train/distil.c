@@ -9,6 +9,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "pipeline/field.h"
+#include "pipeline/share.h"
 
 enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
 
@@ -266,12 +267,14 @@ static cln_status forget_moments(cln_trainer *t, const cln_distil *d)
 
     CLN_TRY(cln_alloc(&zeros, bytes, 1, "Adam's state"));
     for (int n = 0; n < d->nets; n++) {
-        const size_t slot = (size_t)t->model.tree.slot[d->nodes[n]];
+        const int row = cln_share_row(p, t->model.tree.slot[d->nodes[n]]);
+        const size_t at = (size_t)row;
 
-        CLN_TRY(cln_buffer_write(p->device, &p->adam_m, slot * bytes, zeros, bytes));
-        CLN_TRY(cln_buffer_write(p->device, &p->adam_v, slot * bytes, zeros, bytes));
-        CLN_TRY(
-            cln_buffer_write(p->device, &p->adam_steps, slot * sizeof none, &none, sizeof none));
+        if (row < 0)
+            continue;
+        CLN_TRY(cln_buffer_write(p->device, &p->adam_m, at * bytes, zeros, bytes));
+        CLN_TRY(cln_buffer_write(p->device, &p->adam_v, at * bytes, zeros, bytes));
+        CLN_TRY(cln_buffer_write(p->device, &p->adam_steps, at * sizeof none, &none, sizeof none));
     }
 done:
     free(zeros);

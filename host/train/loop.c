@@ -17,6 +17,7 @@
 #include "base/text.h"
 #include "device/queue.h"
 #include "io/progress.h"
+#include "ranks/ranks.h"
 #include "render/quality.h"
 #include "train/maintain.h"
 #include "train/record.h"
@@ -63,13 +64,17 @@ static void say_used_up(const cln_trainer *t)
 
 /* ---- evaluation, checkpoints ---- */
 
-/* Polls the caller for a signal, and keeps it for the loop: it may come during an evaluation. */
+/* Polls the caller for a signal, and keeps it for the loop: it may come during an evaluation. All
+ * ranks poll at the same places, and each obeys a signal to any of them. */
 static int poll_signal(void *user)
 {
     cln_trainer *t = user;
     const cln_callbacks *callbacks = &t->desc->callbacks;
-    const int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+    int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+    double most = signal;
 
+    cln_ranks_largest(&most, 1);
+    signal = (int)most;
     if (signal == SIGUSR1)
         t->save_wanted = true;
     else if (signal == SIGINT || signal == SIGTERM)
@@ -99,7 +104,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         return CLN_OK;
     cln_queue_book(t->device, CLN_STAGE_EVALUATION);
     rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
-                                   folder, &callbacks, &result);
+                                   t->writes ? folder : NULL, &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
         cln_clear_error();
     else
@@ -114,7 +119,8 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         result.digest = cln_model_digest(&t->model);
         result.step = t->model.step;
         result.train_seconds = t->model.train_seconds;
-        CLN_TRY(cln_record_eval(folder, &result));
+        if (t->writes)
+            CLN_TRY(cln_record_eval(folder, &result));
     }
 done:
     cln_queue_book(t->device, CLN_STAGES);
@@ -140,7 +146,8 @@ static cln_status checkpoint(cln_trainer *t)
     /* the error since the last decision, for exports and reports; decisions measure it anew */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
-    CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
+    if (t->writes)
+        CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
     t->saved_at = cln_now();
 done:
     return st;
@@ -326,6 +333,17 @@ done:
     return st;
 }
 
+/* Rank 0's clock decides for all: about budgets, and when to save. */
+static void agree(cln_trainer *t)
+{
+    double clock[2] = {t->model.train_seconds,
+                       cln_now() - t->saved_at >= t->model.config.save_every};
+
+    cln_ranks_tell(clock, sizeof clock);
+    t->model.train_seconds = clock[0];
+    t->save_wanted |= clock[1] > 0;
+}
+
 cln_status cln_loop_run(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -349,6 +367,7 @@ cln_status cln_loop_run(cln_trainer *t)
         CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(cln_step(t, fraction));
         t->model.train_seconds += cln_now() - began;
+        agree(t);
         report_progress(t, fraction_used(t));
         evaluated = false;
         row = t->model.step % c->log_every == 0 || fraction_used(t) >= 1;
@@ -366,7 +385,7 @@ cln_status cln_loop_run(cln_trainer *t)
             break;
         }
         poll_signal(t);
-        if (t->save_wanted || cln_now() - t->saved_at >= c->save_every) {
+        if (t->save_wanted) {
             CLN_TRY(wait_for_step(t));
             CLN_TRY(checkpoint(t));
             t->save_wanted = false;

@@ -15,7 +15,9 @@
 #include "model/integer_program.h"
 #include "model/structure.h"
 #include "pipeline/carry.h"
+#include "pipeline/share.h"
 #include "pipeline/stage1.h"
+#include "ranks/ranks.h"
 #include "render/ray_batch.h"
 
 /* ---- changes of the tree ---- */
@@ -143,13 +145,16 @@ static cln_status grow(cln_trainer *t, bool *grown)
     uint8_t *marks = NULL;
     int leaves = p->leaves;
     plans next;
+    double full = 0;
     char text[1536];
 
     *grown = false;
     CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
     leaves -= cln_structure_marked(&t->model.tree, &t->model.config, marks);
     make_plans(t, 8 * leaves, &next);
-    if (check_plans(t, &next) != CLN_OK) {
+    full = check_plans(t, &next) != CLN_OK;
+    cln_ranks_largest(&full, 1); /* one for all: they grow together */
+    if (full) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
         if (!t->full)
@@ -517,6 +522,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
     cln_pipeline *p = &t->pipeline;
     const bool fixed = c->tree_from[0] != 0;
     bool grown = false, full = false, decision = false;
+    int moved = 0;
 
     if (!fixed && t->model.level < cln_structure_level(c, fraction))
         CLN_TRY(grow(t, &grown));
@@ -539,6 +545,11 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         CLN_TRY(cull(t, decision));
     if (decision)
         CLN_TRY(wait_or_decide(t));
+    if (full && t->model.step > 0) {
+        CLN_TRY(cln_share_balance(p, &moved));
+        if (moved > 0)
+            cln_debug("step %lld: %d leaves moved to other ranks", (long long)t->model.step, moved);
+    }
 done:
     return st;
 }

@@ -211,6 +211,8 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
     double leaf_samples = 0, padding = 0;
     json_t *stages = NULL, *row = NULL;
 
+    if (!t->writes)
+        return CLN_OK;
     if (!evaluated && !t->signal) /* else the newest grouping may be a picture's */
         CLN_TRY(cln_stage_fill(&t->pipeline, &leaf_samples, &padding));
     stages = json_object();
@@ -265,7 +267,8 @@ cln_status cln_record_decision(cln_trainer *t, const cln_decision *d)
 
     if (!row)
         return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
-    CLN_TRY(cln_metrics_add(t->metrics, row));
+    if (t->writes)
+        CLN_TRY(cln_metrics_add(t->metrics, row));
 done:
     json_decref(row);
     return st;

@@ -13,7 +13,8 @@ enum { CLN_EVAL_POINTS = 32 };
 
 typedef struct cln_trainer {
     const cln_train_desc *desc;
-    int lock; /* on the run folder (io/run_folder.h) */
+    int lock;    /* on the run folder (io/run_folder.h) */
+    bool writes; /* the run folder: rank 0 (ranks/ranks.h) */
     cln_device *device;
     cln_scene *scene;
     cln_model model;

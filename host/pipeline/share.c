@@ -1,0 +1,287 @@
+/* A pipeline shared by ranks. See share.h. */
+#include "pipeline/share.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "ranks/ranks.h"
+
+/* ---- who has which leaves ---- */
+
+static void take_own(cln_pipeline *p)
+{
+    const int me = cln_ranks_me();
+
+    p->first = p->rank_first[me];
+    p->own = p->rank_first[me + 1] - p->first;
+}
+
+void cln_share_evenly(cln_pipeline *p, int leaves)
+{
+    for (int r = 0; p->ranks > 1 && r <= p->ranks; r++)
+        p->rank_first[r] = (int)((int64_t)leaves * r / p->ranks);
+}
+
+void cln_share_change(cln_pipeline *p, const cln_octree_change *change)
+{
+    int next = 1;
+
+    if (p->ranks <= 1)
+        return;
+    for (int s = 0; s < change->count; s++) /* old slots ascend with the new ones */
+        while (next < p->ranks && change->from[s] >= p->rank_first[next])
+            p->rank_first[next++] = s;
+    while (next <= p->ranks)
+        p->rank_first[next++] = change->count;
+}
+
+cln_status cln_share_begin(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+
+    p->own = p->leaves;
+    if (p->ranks <= 1)
+        return CLN_OK;
+    CLN_ASSERT(p->rank_first[p->ranks] == p->leaves);
+    take_own(p);
+    free(p->load);
+    CLN_TRY(cln_alloc(&p->load, (size_t)p->leaves, sizeof *p->load, "load of leaves"));
+done:
+    return st;
+}
+
+/* ---- samples and densities ---- */
+
+/* Room on the host for messages. */
+static cln_status make_room(cln_pipeline *p, size_t bytes)
+{
+    cln_status st = CLN_OK;
+
+    if (bytes <= p->message_bytes)
+        return CLN_OK;
+    free(p->message);
+    p->message = NULL;
+    p->message_bytes = 0;
+    CLN_TRY(cln_alloc(&p->message, bytes, 1, "messages to other ranks"));
+    p->message_bytes = bytes;
+done:
+    return st;
+}
+
+/* first[r]: grouped samples before those of rank r. Leaves' samples are added to p->load. */
+static cln_status find_runs(cln_pipeline *p, int *first)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->leaves;
+    uint32_t *ends = NULL;
+
+    CLN_TRY(make_room(p, 2 * leaves * sizeof *ends));
+    ends = (uint32_t *)p->message;
+    CLN_TRY(cln_buffer_read(p->device, &p->begin, 0, ends, leaves * sizeof *ends));
+    CLN_TRY(cln_buffer_read(p->device, &p->end, 0, ends + leaves, leaves * sizeof *ends));
+    first[0] = 0;
+    for (int r = 0; r < p->ranks; r++) {
+        uint32_t sum = 0;
+
+        for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++) {
+            const uint32_t n = ends[leaves + (size_t)s] - ends[s];
+
+            p->load[s] += n;
+            sum += n;
+        }
+        first[r + 1] = first[r] + (int)sum;
+    }
+done:
+    return st;
+}
+
+/* All ranks have placed the same samples: a difference would let them wait forever. */
+static cln_status check_same(uint32_t samples)
+{
+    double both[2] = {samples, -(double)samples};
+
+    cln_ranks_largest(both, 2);
+    if (both[0] == -both[1])
+        return CLN_OK;
+    return cln_fail(CLN_CL,
+                    "ranks placed different samples on the same rays (%.0f and %.0f): their "
+                    "devices differ in the last bits; give all ranks devices of one kind, with one "
+                    "driver",
+                    -both[1], both[0]);
+}
+
+cln_status cln_share_samples(cln_pipeline *p, uint32_t samples)
+{
+    cln_status st = CLN_OK;
+    const int me = cln_ranks_me();
+    const size_t wg = (size_t)p->tune.wg, each = sizeof(cl_float4);
+    int runs[CLN_RANKS_MOST + 1];
+    cl_uint first = 0, end = 0, count = 0;
+    const cl_uint n = samples;
+
+    if (p->ranks <= 1)
+        return CLN_OK;
+    CLN_TRY(check_same(samples));
+    CLN_TRY(find_runs(p, runs));
+    CLN_ASSERT(runs[p->ranks] == (int)samples);
+    first = (cl_uint)runs[me];
+    end = (cl_uint)runs[me + 1];
+    count = end - first;
+    CLN_TRY(CLN_RESERVE(p, packed, samples));
+    CLN_TRY(make_room(p, samples * each));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.share_pack, CLN_STAGE_COMPOSITE, cln_groups(count, wg), wg,
+                       CLN_ARG(p->out.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->packed.mem),
+                       CLN_ARG(first), CLN_ARG(count)));
+    CLN_TRY(cln_buffer_read(p->device, &p->packed, first * each, p->message + first * each,
+                            count * each));
+    cln_ranks_gather(p->message, each, runs, true);
+    CLN_TRY(cln_buffer_write(p->device, &p->packed, 0, p->message, first * each));
+    CLN_TRY(cln_buffer_write(p->device, &p->packed, end * each, p->message + end * each,
+                             (samples - end) * each));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.share_unpack, CLN_STAGE_COMPOSITE, cln_groups(n, wg), wg,
+                       CLN_ARG(p->out.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->packed.mem),
+                       CLN_ARG(first), CLN_ARG(end), CLN_ARG(n)));
+done:
+    return st;
+}
+
+cln_status cln_share_densities(cln_pipeline *p, const cln_buffer *density, int first, int count)
+{
+    cln_status st = CLN_OK;
+    const size_t row = cln_buffer_row_bytes(p, CLN_BUFFER_density);
+    int runs[CLN_RANKS_MOST + 1];
+    size_t mine = 0, after = 0;
+
+    if (p->ranks <= 1)
+        return CLN_OK;
+    for (int r = 0; r <= p->ranks; r++) {
+        const int from = p->rank_first[r] - first;
+
+        runs[r] = from < 0 ? 0 : from > count ? count : from;
+    }
+    mine = (size_t)runs[cln_ranks_me()] * row;
+    after = (size_t)runs[cln_ranks_me() + 1] * row;
+    CLN_TRY(make_room(p, (size_t)count * row));
+    CLN_TRY(cln_buffer_read(p->device, density, (size_t)first * row + mine, p->message + mine,
+                            after - mine));
+    cln_ranks_gather(p->message, row, runs, true);
+    CLN_TRY(cln_buffer_write(p->device, density, (size_t)first * row, p->message, mine));
+    CLN_TRY(cln_buffer_write(p->device, density, (size_t)first * row + after, p->message + after,
+                             (size_t)count * row - after));
+done:
+    return st;
+}
+
+cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array)
+{
+    cln_status st = CLN_OK;
+    const size_t row = cln_buffer_row_bytes(p, id);
+
+    CLN_TRY(cln_pipeline_get(p, id, (char *)array + (size_t)p->first * row, (size_t)p->own));
+    if (p->ranks > 1)
+        cln_ranks_gather(array, row, p->rank_first, false);
+done:
+    return st;
+}
+
+/* ---- balance ---- */
+
+/* More than this share over the mean, and leaves move; a rank gets at most so many times the mean
+ * number of leaves, which memory plans count on. */
+static const double LIMIT = 1.2;
+
+int cln_share_most(const cln_pipeline *p, int leaves)
+{
+    return p->ranks > 1 ? (int)ceil(1.5 * leaves / p->ranks) : leaves;
+}
+
+/* Where ranks begin if each has about the same load; a leaf counts for its samples and, because its
+ * densities are computed anew, for a share of the mean of all. */
+static void find_balance(const cln_pipeline *p, int *first)
+{
+    const int most = cln_share_most(p, p->leaves);
+    double total = 0, sum = 0;
+    int rank = 1;
+
+    for (int s = 0; s < p->leaves; s++)
+        total += p->load[s];
+    const double each = 0.1 * total / p->leaves;
+
+    total *= 1.1;
+    first[0] = 0;
+    for (int s = 0; s < p->leaves && rank < p->ranks; s++) {
+        const double half = (p->load[s] + each) / 2;
+        const int left = p->leaves - s; /* the ranks after must be able to hold them */
+
+        if ((sum + half > total * rank / p->ranks || s - first[rank - 1] >= most) &&
+            left <= most * (p->ranks - rank))
+            first[rank++] = s;
+        sum += 2 * half;
+    }
+    while (rank <= p->ranks)
+        first[rank++] = p->leaves;
+}
+
+/* Load of the busiest rank over the mean. */
+static double imbalance(const cln_pipeline *p, const int *first)
+{
+    double most = 0, total = 0;
+
+    for (int r = 0; r < p->ranks; r++) {
+        double sum = 0;
+
+        for (int s = first[r]; s < first[r + 1]; s++)
+            sum += p->load[s];
+        most = fmax(most, sum);
+        total += sum;
+    }
+    return total > 0 ? most * p->ranks / total : 1;
+}
+
+static cln_status move(cln_pipeline *p, cln_buffer_id id, const int *new_first)
+{
+    cln_status st = CLN_OK;
+    const int me = cln_ranks_me();
+    const size_t row = cln_buffer_row_bytes(p, id);
+    const size_t rows = (size_t)(new_first[me + 1] - new_first[me]);
+    char *old = NULL, *new = NULL;
+
+    CLN_TRY(cln_alloc(&old, (size_t)p->own, row, "leaves to other ranks"));
+    CLN_TRY(cln_alloc(&new, rows, row, "leaves from other ranks"));
+    CLN_TRY(cln_pipeline_get(p, id, old, (size_t)p->own));
+    cln_ranks_deal(old, p->rank_first, new, new_first, row);
+    CLN_TRY(cln_pipeline_put(p, id, new, rows));
+done:
+    free(old);
+    free(new);
+    return st;
+}
+
+cln_status cln_share_balance(cln_pipeline *p, int *moved)
+{
+    cln_status st = CLN_OK;
+    static const cln_buffer_id arrays[] = {CLN_BUFFER_params, CLN_BUFFER_adam_m, CLN_BUFFER_adam_v,
+                                           CLN_BUFFER_adam_steps};
+    int next[CLN_RANKS_MOST + 1];
+
+    *moved = 0;
+    if (p->ranks <= 1)
+        return CLN_OK;
+    find_balance(p, next);
+    if (imbalance(p, p->rank_first) > LIMIT && imbalance(p, next) < imbalance(p, p->rank_first)) {
+        for (size_t i = 0; i < sizeof arrays / sizeof arrays[0]; i++)
+            CLN_TRY(move(p, arrays[i], next));
+        for (int r = 0; r < p->ranks; r++) /* what rank r keeps */
+            for (int s = next[r]; s < next[r + 1]; s++)
+                *moved += s < p->rank_first[r] || s >= p->rank_first[r + 1];
+        memcpy(p->rank_first, next, sizeof *next * ((size_t)p->ranks + 1));
+        take_own(p);
+        cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
+        CLN_TRY(cln_pipeline_derive(p));
+    }
+    memset(p->load, 0, sizeof *p->load * (size_t)p->leaves);
+done:
+    return st;
+}

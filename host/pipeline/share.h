@@ -1,0 +1,47 @@
+/* A pipeline shared by ranks (host/ranks): which leaves' weights are here, and what the ranks tell
+ * each other about the rest. With one rank nothing is done.
+ *
+ *   every rank has        the tree, stage 1's densities, rays, samples, measures: of all leaves
+ *   only its rank has     weights, their gradients, Adam's state: of leaves [first, first + own)
+ *   after forward         each sample's colour and density go to all ranks, which composite all rays
+ *   after a refresh       the leaves' densities go to all ranks
+ *
+ * So all ranks draw the same rays, place the same samples and composite them alike, and each takes
+ * its own leaves' gradients, bit for bit those of one rank. No weight or gradient travels, except
+ * weights of leaves that are dealt to another rank. */
+#ifndef CLN_SHARE_H
+#define CLN_SHARE_H
+
+#include "pipeline/pipeline.h"
+
+/* Where ranks begin, p->rank_first: leaves dealt evenly; after a change of the tree: new leaves stay
+ * with the old ones that they come from. */
+void cln_share_evenly(cln_pipeline *p, int leaves);
+void cln_share_change(cln_pipeline *p, const cln_octree_change *change);
+
+/* Takes up this rank's leaves of the p->leaves of a new tree; without ranks, all. */
+cln_status cln_share_begin(cln_pipeline *p);
+
+/* Row of a leaf's weights in the arrays here, -1 if another rank has it. */
+static inline int cln_share_row(const cln_pipeline *p, int slot)
+{
+    return slot >= p->first && slot < p->first + p->own ? slot - p->first : -1;
+}
+
+/* After the forward pass: p->out of all samples. */
+cln_status cln_share_samples(cln_pipeline *p, uint32_t samples);
+/* After a refresh of leaves [first, first + count) by the ranks that have them. */
+cln_status cln_share_densities(cln_pipeline *p, const cln_buffer *density, int first, int count);
+
+/* Brings this rank's rows of an array P or of adam_steps to [leaf] in `array`; rank 0's then has all
+ * ranks' rows. */
+cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array);
+
+/* The most leaves of a rank, of so many. */
+int cln_share_most(const cln_pipeline *p, int leaves);
+
+/* Moves leaves between ranks, weights and all, if the busiest rank had more than LIMIT times the
+ * mean number of samples since the last time; *moved: leaves that changed their rank. */
+cln_status cln_share_balance(cln_pipeline *p, int *moved);
+
+#endif

@@ -1,0 +1,236 @@
+/* Ranks by MPI, or one rank. See ranks.h. Compiled with CLN_WITH_MPI by `make MPI=1`. */
+#include "ranks/ranks.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/memory.h"
+
+static struct {
+    int count, me, me_here;
+    char name[128];
+    cln_ranks_traffic sent;
+} self = {.count = 1};
+
+int cln_ranks_count(void)
+{
+    return self.count;
+}
+
+int cln_ranks_me(void)
+{
+    return self.me;
+}
+
+int cln_ranks_me_here(void)
+{
+    return self.me_here;
+}
+
+const char *cln_ranks_name(void)
+{
+    return self.name;
+}
+
+cln_ranks_traffic cln_ranks_sent(void)
+{
+    return self.sent;
+}
+
+cln_status cln_ranks_agree(uint64_t digest, const char *what)
+{
+    uint64_t digests[CLN_RANKS_MOST] = {0};
+    int first[CLN_RANKS_MOST + 1];
+
+    for (int r = 0; r <= self.count; r++)
+        first[r] = r;
+    digests[self.me] = digest;
+    cln_ranks_gather(digests, sizeof digest, first, true);
+    for (int r = 1; r < self.count; r++)
+        if (digests[r] != digests[0])
+            return cln_fail(CLN_USAGE,
+                            "rank %d has another %s than rank 0; start all ranks with the same "
+                            "program, scene, options and kind of device",
+                            r, what);
+    return CLN_OK;
+}
+
+#ifdef CLN_WITH_MPI
+
+#include <mpi.h>
+
+static double now(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* Rows as MPI's elements, so that its counts, which are ints, count rows. */
+static MPI_Datatype type_of(size_t row_bytes)
+{
+    MPI_Datatype type;
+
+    MPI_Type_contiguous((int)row_bytes, MPI_BYTE, &type);
+    MPI_Type_commit(&type);
+    return type;
+}
+
+static void account(double began, double bytes)
+{
+    self.sent.seconds += now() - began;
+    self.sent.bytes += bytes;
+}
+
+/* MPI's own errors end all ranks with a sentence of MPI's (MPI_ERRORS_ARE_FATAL, the default). */
+cln_status cln_ranks_open(void)
+{
+    int there = 0, level = 0;
+    char host[64] = "";
+    MPI_Comm here;
+
+    MPI_Initialized(&there);
+    if (there)
+        return CLN_OK;
+    MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &level);
+    MPI_Comm_size(MPI_COMM_WORLD, &self.count);
+    MPI_Comm_rank(MPI_COMM_WORLD, &self.me);
+    if (self.count > CLN_RANKS_MOST)
+        return cln_fail(CLN_USAGE, "%d ranks: at most %d", self.count, CLN_RANKS_MOST);
+    MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &here);
+    MPI_Comm_rank(here, &self.me_here);
+    MPI_Comm_free(&here);
+    gethostname(host, sizeof host - 1);
+    if (self.count > 1)
+        snprintf(self.name, sizeof self.name, "rank %d of %d on %s: ", self.me, self.count, host);
+    return CLN_OK;
+}
+
+void cln_ranks_close(bool failed, int exit_code)
+{
+    int there = 0;
+
+    MPI_Initialized(&there);
+    if (!there)
+        return;
+    if (failed && self.count > 1)
+        MPI_Abort(MPI_COMM_WORLD, exit_code);
+    MPI_Finalize();
+}
+
+void cln_ranks_largest(double *values, int n)
+{
+    const double began = now();
+
+    if (self.count > 1)
+        MPI_Allreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD);
+    account(began, (double)n * sizeof *values);
+}
+
+void cln_ranks_tell(void *data, size_t bytes)
+{
+    const double began = now();
+
+    if (self.count > 1)
+        MPI_Bcast(data, (int)bytes, MPI_BYTE, 0, MPI_COMM_WORLD);
+    account(began, self.me == 0 ? (double)bytes : 0);
+}
+
+void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
+{
+    const double began = now();
+    const int mine = first[self.me + 1] - first[self.me];
+    int counts[CLN_RANKS_MOST];
+    MPI_Datatype type;
+
+    if (self.count == 1)
+        return;
+    type = type_of(row_bytes);
+    for (int r = 0; r < self.count; r++)
+        counts[r] = first[r + 1] - first[r];
+    if (all)
+        MPI_Allgatherv(MPI_IN_PLACE, 0, type, rows, counts, first, type, MPI_COMM_WORLD);
+    else if (self.me == 0)
+        MPI_Gatherv(MPI_IN_PLACE, 0, type, rows, counts, first, type, 0, MPI_COMM_WORLD);
+    else
+        MPI_Gatherv((char *)rows + (size_t)first[self.me] * row_bytes, mine, type, NULL, NULL, NULL,
+                    type, 0, MPI_COMM_WORLD);
+    MPI_Type_free(&type);
+    account(began, (double)mine * (double)row_bytes * (all ? self.count - 1 : 1));
+}
+
+/* How many rows two ranges share; *at: where they begin, counted from `from`. */
+static int common(int from, int end, int other_from, int other_end, int *at)
+{
+    const int begin = from > other_from ? from : other_from;
+    const int last = end < other_end ? end : other_end;
+
+    *at = last > begin ? begin - from : 0;
+    return last > begin ? last - begin : 0;
+}
+
+void cln_ranks_deal(const void *from, const int *old_first, void *to, const int *new_first,
+                    size_t row_bytes)
+{
+    const double began = now();
+    const int me = self.me;
+    int sent[CLN_RANKS_MOST], got[CLN_RANKS_MOST], sent_at[CLN_RANKS_MOST], got_at[CLN_RANKS_MOST];
+    double bytes = 0;
+    MPI_Datatype type = type_of(row_bytes);
+
+    for (int r = 0; r < self.count; r++) {
+        sent[r] =
+            common(old_first[me], old_first[me + 1], new_first[r], new_first[r + 1], &sent_at[r]);
+        got[r] =
+            common(new_first[me], new_first[me + 1], old_first[r], old_first[r + 1], &got_at[r]);
+        bytes += r == me ? 0 : (double)sent[r] * (double)row_bytes;
+    }
+    MPI_Alltoallv(from, sent, sent_at, type, to, got, got_at, type, MPI_COMM_WORLD);
+    MPI_Type_free(&type);
+    account(began, bytes);
+}
+
+#else
+
+cln_status cln_ranks_open(void)
+{
+    return CLN_OK;
+}
+
+void cln_ranks_close(bool failed, int exit_code)
+{
+    (void)failed;
+    (void)exit_code;
+}
+
+void cln_ranks_largest(double *values, int n)
+{
+    (void)values;
+    (void)n;
+}
+
+void cln_ranks_tell(void *data, size_t bytes)
+{
+    (void)data;
+    (void)bytes;
+}
+
+void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
+{
+    (void)rows;
+    (void)row_bytes;
+    (void)first;
+    (void)all;
+}
+
+void cln_ranks_deal(const void *from, const int *old_first, void *to, const int *new_first,
+                    size_t row_bytes)
+{
+    memcpy(to, from, (size_t)(new_first[1] - old_first[0]) * row_bytes);
+}
+
+#endif

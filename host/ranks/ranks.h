@@ -1,0 +1,55 @@
+/* The processes of one training, by MPI: who this one is, and what they say to each other. Each is
+ * a rank, with a device of its own; rank 0 writes what is written. Built without MPI (the default),
+ * or started alone, there is one rank, and every function here is trivial. No OpenCL, no model.
+ *
+ * All ranks call these in the same order with the same sizes. If one fails, it says so and ends all
+ * (cln_ranks_close); a rank that dies without a word is named by mpirun. */
+#ifndef CLN_RANKS_H
+#define CLN_RANKS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "base/status.h"
+
+enum { CLN_RANKS_MOST = 1024 };
+
+/* Joins the ranks that this process was started with (mpirun, srun); once per process. CLN_USAGE
+ * with more than CLN_RANKS_MOST. */
+cln_status cln_ranks_open(void);
+
+/* Leaves them at the end of the process: with an error, ends all ranks with this exit code. Does
+ * not return then. */
+void cln_ranks_close(bool failed, int exit_code);
+
+int cln_ranks_count(void);        /* 1 before cln_ranks_open */
+int cln_ranks_me(void);           /* 0 .. count - 1 */
+int cln_ranks_me_here(void);      /* among the ranks of this machine, 0 .. */
+const char *cln_ranks_name(void); /* "rank 1 of 2 on HOST: "; "" if alone */
+
+/* The largest of all ranks' values, of each of n; everyone gets it. */
+void cln_ranks_largest(double *values, int n);
+
+/* Rank 0's bytes to all. */
+void cln_ranks_tell(void *data, size_t bytes);
+
+/* CLN_USAGE on all ranks, and names the first that differs, unless all have the same digest. what:
+ * "settings", "scene". */
+cln_status cln_ranks_agree(uint64_t digest, const char *what);
+
+/* Rows [first[r], first[r + 1]) of an array are rank r's; after it, everyone (or, if not `all`, rank
+ * 0) has all rows. first: [count + 1]. */
+void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all);
+
+/* The same rows dealt anew: `from` has this rank's rows by old_first, `to` gets those by new_first;
+ * both begin with the rank's first row. */
+void cln_ranks_deal(const void *from, const int *old_first, void *to, const int *new_first,
+                    size_t row_bytes);
+
+/* What this rank has sent so far, and how long it has waited for others. */
+typedef struct cln_ranks_traffic {
+    double bytes, seconds;
+} cln_ranks_traffic;
+cln_ranks_traffic cln_ranks_sent(void);
+
+#endif
