@@ -14,7 +14,8 @@
 #   make deb                a Debian package of the program, in build/
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
-#            MPI=1: build/mpi/cl-nascent and library, for training by several processes (libopenmpi-dev)
+#            MPI=1: build/mpi/cl-nascent and library, for training by several processes
+#            (docs/scale-out.md; libopenmpi-dev)
 
 PREFIX ?= /usr/local
 LIBDIR ?= $(PREFIX)/lib

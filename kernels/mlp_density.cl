@@ -9,7 +9,7 @@
 
 /* Group g takes cells [g % per_leaf * cells, ...) of leaf first + g / per_leaf. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], of leaves from `own` on */
+mlp_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], row 0: leaf `own` */
             const __global float4 *restrict boxes, /* [leaf] min x, y, z, side */
             LEAF_ARRAY(ushort, density),           /* [leaf][n1^3] bfloat16 */
             uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first,

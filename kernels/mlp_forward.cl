@@ -27,7 +27,7 @@ HELPER void fetch_samples(const __global cln_sample *samples, const __global uin
 }
 
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
-mlp_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], of leaves from `first` on */
+mlp_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row 0: leaf first */
             const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
             const __global cln_slice *restrict slices,   /* [slice] */
             const __global uint *restrict order,         /* [grouped sample] -> sample */

@@ -15,7 +15,8 @@
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
-ORDER="cli api export train view render check pipeline report model scene device ranks io reference base"
+ORDER="cli api export train view render check pipeline report model scene device ranks io \
+    reference base"
 passed=0 failed=0 skipped=0
 c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c \
     bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
@@ -57,7 +58,9 @@ warnings() {
     flags="-std=c11 -D_GNU_SOURCE -O2 -Wall -Wextra -Wshadow -Wstrict-prototypes
            -Wmissing-prototypes -Werror -Iinclude -Ihost -Ibench -Itests/support
            -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)
-           $(pkg-config --exists libmicrohttpd && echo -DCLN_WITH_MICROHTTPD)"
+           $(pkg-config --exists libmicrohttpd && echo -DCLN_WITH_MICROHTTPD)
+           $(pkg-config --exists ompi-c && echo -DCLN_WITH_MPI "$(pkg-config \
+               --cflags-only-I ompi-c)")"
     # shellcheck disable=SC2086
     printf '%s\n' $c_files | xargs -P 2 -n 4 ${CC:-gcc} $flags -fsyntax-only
 }

@@ -59,8 +59,8 @@ struct cln_pipeline {
     size_t max_samples;             /* likewise */
     uint32_t sample_total;          /* of the newest batch, once cln_stage_sample has returned */
 
-    /* Shared by ranks (share.h): how many, 0 or 1 if not; where each begins; samples of leaves since
-     * they were dealt; room for messages. */
+    /* Shared by ranks (share.h): how many, 0 or 1 if not; where each begins; samples of leaves
+     * since they were dealt; room for messages. */
     int ranks, *rank_first; /* [ranks + 1] */
     double *load;           /* [leaf] */
     char *message;

@@ -3,7 +3,7 @@
  *
  *   every rank has        the tree, stage 1's densities, rays, samples, measures: of all leaves
  *   only its rank has     weights, their gradients, Adam's state: of leaves [first, first + own)
- *   after forward         each sample's colour and density go to all ranks, which composite all rays
+ *   after forward         each sample's colour and density go to all ranks; all composite all rays
  *   after a refresh       the leaves' densities go to all ranks
  *
  * So all ranks draw the same rays, place the same samples and composite them alike, and each takes
@@ -14,8 +14,8 @@
 
 #include "pipeline/pipeline.h"
 
-/* Where ranks begin, p->rank_first: leaves dealt evenly; after a change of the tree: new leaves stay
- * with the old ones that they come from. */
+/* Where ranks begin, p->rank_first: leaves dealt evenly; after a change of the tree: new leaves
+ * stay with the old ones that they come from. */
 void cln_share_evenly(cln_pipeline *p, int leaves);
 void cln_share_change(cln_pipeline *p, const cln_octree_change *change);
 
@@ -33,8 +33,8 @@ cln_status cln_share_samples(cln_pipeline *p, uint32_t samples);
 /* After a refresh of leaves [first, first + count) by the ranks that have them. */
 cln_status cln_share_densities(cln_pipeline *p, const cln_buffer *density, int first, int count);
 
-/* Brings this rank's rows of an array P or of adam_steps to [leaf] in `array`; rank 0's then has all
- * ranks' rows. */
+/* Brings this rank's rows of an array P or of adam_steps to [leaf] in `array`; rank 0's then has
+ * all ranks' rows. */
 cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array);
 
 /* The most leaves of a rank, of so many. */

@@ -37,8 +37,8 @@ void cln_ranks_tell(void *data, size_t bytes);
  * "settings", "scene". */
 cln_status cln_ranks_agree(uint64_t digest, const char *what);
 
-/* Rows [first[r], first[r + 1]) of an array are rank r's; after it, everyone (or, if not `all`, rank
- * 0) has all rows. first: [count + 1]. */
+/* Rows [first[r], first[r + 1]) of an array are rank r's; after it, everyone (or, if not `all`,
+ * rank 0) has all rows. first: [count + 1]. */
 void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all);
 
 /* The same rows dealt anew: `from` has this rank's rows by old_first, `to` gets those by new_first;
