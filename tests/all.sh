@@ -88,6 +88,7 @@ part "command line" tests/cli/cli.sh
 part "first hour" tests/cli/first_hour.sh
 part captures tests/cli/captures.sh
 part viewer tests/cli/view.sh
+part ranks tests/cli/ranks.sh
 part install tests/cli/install.sh
 part devices tests/device/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \

@@ -19,7 +19,8 @@ static const bench_family *const families[] = {
 };
 enum { FAMILIES = sizeof families / sizeof families[0], ONLY = 32 };
 
-/* Kernels that some family's list must contain. */
+/* Kernels that some family's list must contain; not those for ranks, which a bench of one process
+ * does not run. */
 static const char *const all_kernels[] = {
 #define X(member, kernel, program, when) #member,
     CLN_KERNEL_LIST(X)
@@ -172,7 +173,7 @@ static cln_status check_coverage(void)
 {
     for (size_t k = 0; k < sizeof all_kernels / sizeof all_kernels[0]; k++) {
         const size_t length = strlen(all_kernels[k]);
-        bool covered = false;
+        bool covered = begins(all_kernels[k], "share_");
 
         for (int f = 0; f < FAMILIES; f++)
             for (int p = 0; p < families[f]->part_count; p++)

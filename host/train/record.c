@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
+#include "ranks/ranks.h"
 #include "render/orbit.h"
 #include "render/recorded.h"
 #include "report/report.h"
@@ -235,6 +236,11 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
     if (!row) {
         st = cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
         goto done;
+    }
+    if (cln_ranks_count() > 1) {
+        json_object_set_new(row, "ranks", json_integer(cln_ranks_count()));
+        json_object_set_new(row, "sent_bytes", json_real(cln_ranks_sent().bytes));
+        json_object_set_new(row, "message_seconds", json_real(cln_ranks_sent().seconds));
     }
     if (evaluated) {
         json_object_set_new(row, "psnr_test", cln_json_real(t->psnr_test));

@@ -1,0 +1,108 @@
+#!/bin/bash
+# Training by several processes (docs/scale-out.md): the same model as by one, bit for bit, also
+# when resumed by another number of them; what differs between them, and one that dies, end all.
+#   tests/cli/ranks.sh [SECTION...]    sections are in the last line
+# Skipped without OpenMPI (libopenmpi-dev openmpi-bin), which neither build nor tests install.
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+cln=$PWD/build/cl-nascent
+ranked=$PWD/build/mpi/cl-nascent
+make_scene=$PWD/build/make-scene
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln ranks XXXXXX")
+trap 'rm -rf "$work"' EXIT
+. tests/support/checks.sh
+
+if ! command -v mpirun >/dev/null || ! pkg-config --exists ompi-c; then
+    skip ranks "no OpenMPI (apt-get install libopenmpi-dev openmpi-bin)"
+    count
+    exit
+fi
+${MAKE:-make} --no-print-directory MPI=1 build/mpi/cl-nascent >"$work/out" 2>&1 ||
+    bad "make MPI=1"
+
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1
+mpi=(mpirun --oversubscribe --bind-to none)
+
+# a tree that grows, is culled, splits and merges on the way
+small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
+    --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60 --structure-from 0.5
+    --structure-every 0.1 --structure-until 0.95 --split-samples 0 --distil-steps 20)
+
+digest() {
+    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
+}
+
+# same RUN RUN: their models, bit for bit
+same() {
+    local d
+    d=$(digest "$1")
+    [ -n "$d" ] && [ "$d" = "$(digest "$2")" ]
+}
+
+baseline() {
+    [ -d "$work/scene" ] && return
+    "$make_scene" "$work/scene" --size 48 --train 8 --test 2 >/dev/null || bad "make-scene"
+    expect "train with one process" 0 "" "$cln" train "$work/scene" -o "$work/one" "${small[@]}" \
+        --steps 200
+}
+
+section_same() {
+    baseline
+    expect "train with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
+        -o "$work/two" "${small[@]}" --steps 200 -v
+    check "leaves moved between them" said "moved to other ranks"
+    check "the model is that of one process" same "$work/one" "$work/two"
+    check "one of them speaks" [ "$(grep -c '^run ' "$work/out")" = 1 ]
+    check "rows tell what was sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
+    local more=(--steps 60 --distortion-loss 0.01 --edge 0.01 --sparsity 0.01 --stage1 splat
+        --moments bfloat16)
+    run "$cln" train "$work/scene" -o "$work/more" "${small[@]}" "${more[@]}"
+    expect "three ranks, with regularisers and splatting" 0 "" "${mpi[@]}" -n 3 "$ranked" train \
+        "$work/scene" -o "$work/three" "${small[@]}" "${more[@]}"
+    check "their model is that of one process" same "$work/more" "$work/three"
+}
+
+# start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
+start() {
+    local on=$1 end=$((SECONDS + 60))
+    shift
+    "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$on" "${small[@]}" "$@" >"$work/out" \
+        2>"$work/err" &
+    child=$!
+    until [ -s "$on/metrics.jsonl" ] || [ $SECONDS -ge $end ]; do
+        sleep 0.02
+    done
+}
+
+section_resume() {
+    baseline
+    start "$work/on" --steps 200
+    kill -TERM "$(pgrep -P "$child" | tail -n 1)" # any of them
+    wait "$child"
+    check "a signal to one stops all, after a checkpoint" said "stopped by a signal"
+    check "before the end" [ "$(digest "$work/on")" != "$(digest "$work/one")" ]
+    expect "three ranks go on with the run of two" 0 "resumed" "${mpi[@]}" -n 3 "$ranked" train \
+        --resume "$work/on" --skip-selftest --progress none
+    check "the model is that of one process" same "$work/one" "$work/on"
+}
+
+section_dies() {
+    baseline
+    start "$work/dies" --steps 1000000
+    kill -9 "$(pgrep -P "$child" | tail -n 1)"
+    wait "$child"
+    check "a rank that dies ends all" [ $? != 0 ]
+    check "and is named" grep -qE 'process rank [01] with PID' "$work/err" "$work/out"
+}
+
+section_differ() {
+    baseline
+    expect "ranks of different settings are refused" 2 "rank settings" "${mpi[@]}" -n 1 "$ranked" \
+        train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 : -n 1 "$ranked" \
+        train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 --seed 7
+    check "nothing is written" [ ! -e "$work/no" ]
+}
+
+run_sections "same resume dies differ" "$@"
