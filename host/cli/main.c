@@ -3,6 +3,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 #include "base/log.h"
 #include "cli/console.h"
 #include "cli/help.h"
@@ -16,6 +17,8 @@ static void print_error(cln_status st, const cln_options *options)
     const bool colour = cln_options_colour(options);
     const char *text = cln_error_text();
 
+    if (cln_ranks_me() > 0) /* an error of all ranks is told by rank 0, which ends the others */
+        sleep(1);
     fflush(stdout);
     fprintf(stderr, "%scl-nascent:%s %s%s\n", colour ? "\033[1;31m" : "", colour ? "\033[0m" : "",
             cln_ranks_name(), *text ? text : cln_status_phrase(st));
