@@ -5,6 +5,7 @@
 #   make test-devices       the cases of docs/devices.md on every OpenCL device found
 #   make test-browser       the viewer's page in headless Chromium (a large download; not in test)
 #   make grind              the kernels under Oclgrind, for races and bad accesses
+#   make fuzz               the readers of foreign bytes under libFuzzer: SECONDS=600 each, TARGETS=
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
 #   make bench-peers        build/bench-peers: leaf networks beside installed libraries
@@ -28,6 +29,7 @@ B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 MICROHTTPD := $(shell pkg-config --exists libmicrohttpd && echo libmicrohttpd)
 PKGS := OpenCL jansson zlib $(MICROHTTPD)
 CC ?= gcc
+CLANG ?= $(firstword $(shell command -v clang-14 clang))
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
 OPT := $(if $(DEBUG),-O0,-O2) -g
 VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)
@@ -45,8 +47,9 @@ LDLIBS_ALL = $(shell pkg-config --libs $(PKGS) $(MPI_PKG)) -lm -lpthread \
 LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
 CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
-# json_query.c and device_cases.c are separate programs, for cli.sh and devices.sh
-TEST_OWN := tests/support/json_query.c tests/device/device_cases.c
+# separate programs and a library, for cli.sh, devices.sh, fuzz.sh and faults.sh
+TEST_OWN := tests/support/json_query.c tests/device/device_cases.c tests/support/faults.c \
+            $(wildcard tests/fuzz/*.c)
 TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/scenes/table.c bench/common/plot.c
@@ -66,6 +69,9 @@ DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
             $(filter-out %/make_scene.o,$(DATA_OBJ))
+# the fuzz targets: digests and checksums are 0 in them, see tests/fuzz/fuzz.c
+FUZZ_OBJ := $B/obj/tests/fuzz/fuzz.o $(filter-out %/main.o,$(CLI_OBJ)) $B/libcl-nascent.a
+FUZZ_LINK := -Wl,--wrap=cln_digest,--wrap=crc32 -lcmocka
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/common/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
@@ -113,8 +119,17 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -lcmocka -o $@
 
+$B/fuzz: $(FUZZ_OBJ)
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -fsanitize=fuzzer $(FUZZ_LINK) -o $@
+
+$B/fuzz-alone: $B/obj/tests/fuzz/alone.o $(FUZZ_OBJ)
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) $(FUZZ_LINK) -o $@
+
 $B/json-query: $B/obj/tests/support/json_query.o
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/faults.so: $B/obj/tests/support/faults.o
+	$(call SAY,LINK $@)$(CC) -shared $^ -ldl -o $@
 
 $B/device-cases: $B/obj/tests/device/device_cases.o $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
@@ -260,6 +275,12 @@ test-devices grind:
 	    build/device-cases build/tests
 	@tests/device/devices.sh $(if $(filter grind,$@),grind)
 
+fuzz:
+	@tests/deps.sh build test fuzz
+	@$(MAKE) --no-print-directory B=build/fuzz CC=$(CLANG) OPT="-O1 -g" \
+	    SANITIZE=address,undefined,fuzzer-no-link build/fuzz/fuzz
+	@tests/fuzz/fuzz.sh $(or $(SECONDS),600) $(TARGETS)
+
 test-browser:
 	@tests/deps.sh build test browser
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query
@@ -327,5 +348,5 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test test-devices test-browser grind lint fmt bench bench-programs \
+.PHONY: all FORCE deps demo test test-devices test-browser grind fuzz lint fmt bench bench-programs \
         bench-peers bench-sort install uninstall deb clean

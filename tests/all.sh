@@ -92,8 +92,10 @@ part ranks tests/cli/ranks.sh
 part install tests/cli/install.sh
 part devices tests/device/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
-    build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests
+    build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests \
+    build/sanitize/fuzz-alone
 part "sanitized unit" sanitized
+part "fuzz corpus" tests/fuzz/fuzz.sh replay
 part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage scenes resume
 rm -f "$log"
 

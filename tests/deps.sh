@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs missing Debian packages for: build, test, lint, peers, browser (any of them as
+# Installs missing Debian packages for: build, test, fuzz, lint, peers, browser (any of them as
 # arguments). Names them first; prints nothing if all are installed. "a|b": either will do, installs
 # the first. On other systems it only names the required packages.
 set -eu
@@ -7,6 +7,7 @@ set -eu
 build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libmicrohttpd-dev libstb-dev
     zlib1g-dev pkg-config|pkgconf"
 test="curl libcmocka-dev glpk-utils oclgrind"
+fuzz="clang-14|clang libclang-rt-14-dev"
 lint="clang-14|clang clang-format-14|clang-format"
 peers="g++"
 browser="chromium chromium-driver python3"
@@ -18,9 +19,10 @@ for what in "$@"; do
     test) wanted="$wanted $test" ;;
     lint) wanted="$wanted $lint" ;;
     peers) wanted="$wanted $peers" ;;
+    fuzz) wanted="$wanted $fuzz" ;;
     browser) wanted="$wanted $browser" ;;
     *)
-        echo "usage: tests/deps.sh [build] [test] [lint] [peers] [browser]" >&2
+        echo "usage: tests/deps.sh [build] [test] [fuzz] [lint] [peers] [browser]" >&2
         exit 2
         ;;
     esac

@@ -1,0 +1,658 @@
+/* Fuzz targets: every reader of bytes from outside, in one program. The name that it is called by
+ * (a link) chooses the target; `NAME --seeds FOLDER` writes the target's good inputs instead.
+ * Linked with libFuzzer (make fuzz) or with alone.c, which replays a corpus (make test).
+ *
+ * An input is the contents of the target's file; if it has several files, a first byte '0', '1', ...
+ * says which of them, and the others are good. Digests and checksums are 0 in this program
+ * (-Wl,--wrap), so that inputs get past them; a seed's are 0, too.
+ *
+ * Besides crashes and what the sanitizers find, an input fails that is refused without a sentence
+ * or by a status of our own mistakes, or accepted with cameras or a cube that nobody can use. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include "cli/parse.h"
+#include "device/tune.h"
+#include "format_fixture.h"
+#include "io/json.h"
+#include "io/npy.h"
+#include "io/run_folder.h"
+#include "io/safetensors.h"
+#include "model/model.h"
+#include "report/report.h"
+#include "view/request.h"
+
+int LLVMFuzzerInitialize(int *argc, char ***argv);
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes);
+uint64_t __wrap_cln_digest(uint64_t digest, const void *data, size_t bytes);
+uLong __wrap_crc32(uLong sum, const Bytef *data, uInt bytes);
+
+uint64_t __wrap_cln_digest(uint64_t digest, const void *data, size_t bytes)
+{
+    (void)digest, (void)data, (void)bytes;
+    return 0;
+}
+
+uLong __wrap_crc32(uLong sum, const Bytef *data, uInt bytes)
+{
+    (void)sum, (void)data, (void)bytes;
+    return 0;
+}
+
+enum { MOST_FILES = 8, MOST_WORDS = 64, MOST_PIXELS = 1 << 22 };
+
+/* make: writes the good files into the current folder; read: reads what lies there, with so many
+ * calls that accept it. */
+typedef struct target {
+    const char *name;
+    const char *files[MOST_FILES];
+    void (*make)(void);
+    void (*read)(void);
+    int accepts;
+} target;
+
+static const target *chosen;
+static struct {
+    char *data;
+    size_t bytes;
+} good[MOST_FILES];
+static int damaged = -1; /* the file that is not good */
+static int accepted;
+
+static void require(bool condition, const char *what)
+{
+    if (!condition) {
+        fprintf(stderr, "fuzz: %s: %s\n", what, cln_error_text());
+        abort();
+    }
+}
+
+/* Forgets the error, which must be one of the input. */
+static bool refused(cln_status st)
+{
+    require(st == CLN_OK || cln_error_text()[0], "refused without a sentence");
+    require(st != CLN_INTERNAL && st != CLN_OUTPUT, "refused as our mistake");
+    if (st != CLN_OK && getenv("FUZZ_TELL"))
+        fprintf(stderr, "%s\n", cln_error_text());
+    cln_clear_error();
+    accepted += st == CLN_OK;
+    return st != CLN_OK;
+}
+
+static void put(const char *name, const char *text)
+{
+    scratch_put(name, text, strlen(text));
+}
+
+/* ---- scenes ---- */
+
+static void read_scene(void)
+{
+    cln_config config = *plain();
+    const cln_scene_desc desc = {.path = ".", .config = &config};
+    cln_scene *scene = NULL;
+    json_t *about = NULL;
+
+    config.missing = CLN_MISSING_SKIP;
+    if (refused(cln_scene_load(&desc, &scene))) {
+        require(!scene, "a refused scene");
+        return;
+    }
+    require(scene->space.half > 0 && isfinite(scene->space.half), "a cube without size");
+    for (int v = 0; v < scene->view_count; v++) {
+        const cln_camera *c = &scene->views[v].camera;
+        double origin[3], direction[3], norm = 0;
+
+        require(c->width > 0 && c->height > 0, "a camera without pixels");
+        cln_camera_ray(c, 0.5 * c->width, 0.5, origin, direction);
+        for (int i = 0; i < 3; i++) {
+            require(isfinite(origin[i]) && isfinite(scene->space.centre[i]), "a place nowhere");
+            norm += direction[i] * direction[i];
+        }
+        require(fabs(norm - 1) < 0.01, "a ray without direction");
+    }
+    cln_scene_warn_doubts(scene);
+    if (!refused(cln_scene_describe(scene, &about)))
+        json_decref(about);
+    cln_scene_free(scene);
+}
+
+static const cln_point points[2] = {{{1, 2, 3}, {4, 5, 6}, 2}, {{2, 2, 3}, {4, 5, 6}, 3}};
+
+static void make_colmap(void)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    cameras[1].k1 = 0.1;
+    cameras[1].lens = CLN_LENS_OPENCV;
+    format_images("images", 1);
+    format_colmap("sparse/0", strcmp(chosen->name, "colmap") == 0, cameras, NULL, points, 2);
+}
+
+static void make_llff(void)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images("images", 1);
+    format_llff(".", cameras, 1, false);
+}
+
+static void make_neus(void)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images("image", 1);
+    format_neus(".", cameras, true);
+}
+
+static void make_nsvf(void)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_nsvf(".", cameras, "", 1);
+}
+
+static void make_opensfm(void)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images("images", 1);
+    format_opensfm(".", cameras, "brown", points, 2);
+}
+
+static void make_blender(void)
+{
+    format_images("train", 1);
+    put("transforms_train.json",
+        "{\"camera_angle_x\": 0.7, \"frames\": [" FRAME("./train/view_00", POSE_FRONT) ", " FRAME(
+            "./train/view_01", "[[0,0,1,4],[0,1,0,0],[-1,0,0,0],[0,0,0,1]]") "]}");
+    put("transforms_test.json",
+        "{\"camera_angle_x\": 0.7, \"frames\": [" FRAME("./train/view_02", POSE_FRONT) "]}");
+}
+
+static void make_transforms(void)
+{
+    format_images("images", 1);
+    put("transforms.json",
+        "{ // a comment\n\"camera_model\": \"OPENCV\", \"fl_x\": 20, \"fl_y\": 21.5, \"cx\": 8, "
+        "\"cy\": 6, \"w\": 16, \"h\": 12, \"k1\": 0.1, \"k2\": -0.01, \"p1\": 0.001, \"p2\": 0,\n"
+        "\"aabb_scale\": 2, \"scale\": 0.5, \"offset\": [0.5, 0.5, 0.5], \"frames\": [" FRAME(
+            "images/view_00.png",
+            POSE_FRONT) ", /* another */ " FRAME("./images/view_01.png",
+                                                 POSE_FRONT) ", "
+                                                             "{\"file_path\": "
+                                                             "\"images/view_02.png\", \"fl_x\": "
+                                                             "30, \"mask_path\": "
+                                                             "\"images/view_03.png\", "
+                                                             "\"transform_matrix\": " POSE_FRONT
+                                                             "},],\n"
+                                                             "\"train_filenames\": "
+                                                             "[\"images/view_00.png\", "
+                                                             "\"images/view_02.png\"],\n"
+                                                             "\"test_filenames\": "
+                                                             "[\"images/view_01.png\"]}\n");
+}
+
+/* ---- files ---- */
+
+static char *contents(const char *name, size_t *bytes)
+{
+    return scratch_get(name, bytes);
+}
+
+static void make_images(void)
+{
+    static const uint8_t crc[4];
+    uint8_t pixels[9 * 5 * 4], *file = NULL;
+    size_t bytes = 0, at = 8;
+
+    for (size_t i = 0; i < sizeof pixels; i++)
+        pixels[i] = (uint8_t)(i * i);
+    require(!cln_image_encode_png(9, 5, 4, pixels, &file, &bytes), "a PNG");
+    while (at + 12 <= bytes) {
+        at += 12 + ((size_t)file[at] << 24 | file[at + 1] << 16 | file[at + 2] << 8 | file[at + 3]);
+        memcpy(file + at - 4, crc, 4);
+    }
+    scratch_put("a.png", file, bytes);
+    free(file);
+    require(!cln_image_encode_jpeg(9, 5, 3, pixels, 70, &file, &bytes), "a JPEG");
+    scratch_put("a.jpg", file, bytes);
+    free(file);
+}
+
+static void read_images(void)
+{
+    for (int i = 0; i < 2; i++) {
+        const char *name = chosen->files[i];
+        int width = 0, height = 0, channels = 0;
+        size_t bytes = 0;
+        char *file = contents(name, &bytes);
+        uint8_t *pixels = NULL;
+
+        if (!refused(cln_image_info(name, &width, &height, &channels))) {
+            require(width > 0 && height > 0 && (channels == 3 || channels == 4), "a size");
+            if ((int64_t)width * height <= MOST_PIXELS &&
+                !refused(cln_image_load(name, &width, &height, &channels, &pixels)) && width > 1 &&
+                height > 1)
+                refused(cln_image_downscale(2, &width, &height, channels, &pixels));
+        }
+        free(pixels);
+        free(file);
+    }
+}
+
+static void make_json(void)
+{
+    put("a.json", "{\"a\": [1, -2.5e3, true, null], // b\n \"c\": {\"d\": \"\\u00e4\"}, /* e */ }");
+}
+
+static void read_json(void)
+{
+    json_t *document = NULL;
+
+    if (!refused(cln_json_read("a.json", true, &document)))
+        json_decref(document);
+    if (!refused(cln_json_read("a.json", false, &document)))
+        json_decref(document);
+}
+
+static void make_npy(void)
+{
+    const float values[6] = {1, 2, 3, 4, 5, 6};
+
+    require(!cln_npy_write_f32("a.npy", 2, (const int[2]){2, 3}, values), "a.npy");
+}
+
+static void read_npy(void)
+{
+    int dims = 0, shape[4];
+    size_t bytes = 0, count = 1;
+    char *file = contents("a.npy", &bytes);
+    float *narrow = NULL;
+    double *wide = NULL, sum = 0;
+
+    if (!refused(cln_npy_read_f32("a.npy", &dims, shape, &narrow)))
+        free(narrow);
+    if (!refused(cln_npy_decode("a.npy", file, bytes, &dims, shape, &wide))) {
+        for (int i = 0; i < dims; i++)
+            count *= (size_t)shape[i];
+        for (size_t i = 0; i < count; i++) /* they are all there */
+            sum += wide[i];
+        require(sum != 4711, "the numbers");
+        free(wide);
+    }
+    free(file);
+}
+
+static void make_safetensors(void)
+{
+    const float values[4] = {1, 2, 3, 4};
+    const int32_t whole[3] = {1, 2, 3};
+    const cln_tensor tensors[2] = {{"a", CLN_DTYPE_F32, 2, {2, 2}, values},
+                                   {"b", CLN_DTYPE_I32, 1, {3}, whole}};
+
+    require(!cln_safetensors_write("a.safetensors", 2, tensors, NULL), "a.safetensors");
+}
+
+static void read_safetensors(void)
+{
+    static const char *const names[3] = {"a", "b", ""};
+    cln_safetensors *file = NULL;
+
+    if (refused(cln_safetensors_read("a.safetensors", &file)))
+        return;
+    for (int i = 0; i < 3; i++)
+        for (int dtype = CLN_DTYPE_F32; dtype <= CLN_DTYPE_BF16; dtype++) {
+            cln_tensor tensor;
+
+            if (refused(cln_safetensors_get(file, names[i], (cln_dtype)dtype, &tensor)))
+                continue;
+            void *copy = malloc(cln_tensor_bytes(&tensor) + 1);
+            require(copy, "memory");
+            memcpy(copy, tensor.data, cln_tensor_bytes(&tensor));
+            free(copy);
+        }
+    cln_safetensors_free(file);
+}
+
+/* ---- runs ---- */
+
+/* A checkpoint of the smallest network, with what training needs. */
+static void make_run(void)
+{
+    cln_config config = *plain();
+    cln_model model;
+    json_t *run = NULL, *settings = NULL;
+
+    config.start_level = 0;
+    config.width = config.view_width = 16;
+    config.depth = 2;
+    config.bands = 1;
+    config.view_bands = 0;
+    config.n1 = 2;
+    require(!cln_model_create(&config, &model), "a model");
+    model.space.half = 1;
+    model.step = 5;
+    require(!cln_checkpoint_write("run", &model), "a checkpoint");
+    cln_model_free(&model);
+    require(!cln_config_to_json(&config, &settings), "settings");
+    run = json_pack("{s:s, s:s, s:o, s:{s:i, s:f}, s:{s:s}}", "schema", "cl-nascent.run/1",
+                    "version", CLN_VERSION, "config", settings, "training", "steps", 5, "seconds",
+                    1.5, "scene", "path", "scene");
+    require(!cln_run_write("run", run), "run.json");
+    json_decref(run);
+    put("run/metrics.jsonl", "{\"step\": 1, \"psnr\": 10.5, \"leaves\": 8}\n"
+                             "{\"step\": 2, \"event\": \"growth\", \"level\": 1}\n"
+                             "{\"step\": 5, \"psnr\": 12.5, \"loss\": 0.01}\n");
+}
+
+static void read_run(void)
+{
+    cln_model model;
+    cln_settings *settings = NULL;
+    cln_metrics *metrics = NULL;
+    char *text = NULL;
+
+    for (int training = 0; training < 2; training++)
+        if (!refused(cln_checkpoint_read("run", training, &model))) {
+            require(model.tree.leaf_count >= 0 && model.net.params > 0, "a model");
+            cln_model_free(&model);
+        }
+    if (!refused(cln_info_run("run", &text)))
+        free(text);
+    if (!refused(cln_settings_of_run("run", &settings)))
+        cln_settings_free(settings);
+    refused(cln_report_write("run"));
+    if (!refused(cln_metrics_open("run", 2, &metrics)))
+        cln_metrics_close(metrics);
+}
+
+/* ---- texts ---- */
+
+static void make_tune(void)
+{
+    put("tune.txt", "# DEVICE | DRIVER | NETWORK | LIST\n"
+                    "* | * | * | VW=8,NV=2\ncpu-* | [3-9].* | w32* | TS=6,HALF=1 # fast\n");
+}
+
+static void read_tune(void)
+{
+    cln_tune_rows *rows = NULL;
+    cln_tune tune;
+
+    cln_tune_plain(&tune);
+    if (!refused(cln_tune_rows_read("tune.txt", &rows))) {
+        const cln_tune_row *row = cln_tune_rows_find(rows, "cpu-haswell", "3.1", "w32d3");
+
+        if (row)
+            cln_tune_row_apply(row, &tune);
+    }
+    cln_tune_rows_free(rows);
+    refused(cln_tune_row_put("tune.txt", "a | b | c | VW=4"));
+    damaged = 0;
+}
+
+static void make_options(void)
+{
+    make_transforms();
+    make_run();
+    put("command", "train\n.\n-o\nout\n--steps=5\n--no-adaptive\n--rays\n2048\n-q\n");
+    put("cl-nascent.conf", "# settings\nrays = 2048\n--width=32\nlevel-at = \"\"\n");
+}
+
+/* The command's words, a line each; those of `train .` with cl-nascent.conf. */
+static void read_options(void)
+{
+    size_t bytes = 0;
+    char *text = contents("command", &bytes), *words[MOST_WORDS + 1] = {NULL}, *at = text;
+    char *plain_words[] = {"cl-nascent", "train", ".", "-o", "out", NULL};
+    cln_options options;
+    int count = 1;
+
+    words[0] = "cl-nascent";
+    while (count < MOST_WORDS && at && *at) {
+        words[count++] = at;
+        at = strchr(at, '\n');
+        if (at)
+            *at++ = 0;
+    }
+    refused(cln_options_parse(count, words, &options));
+    (void)cln_options_colour(&options);
+    cln_options_free(&options);
+    refused(cln_options_parse(5, plain_words, &options));
+    cln_options_free(&options);
+    free(text);
+}
+
+static void make_request(void)
+{
+    put("query", "pose=1,0,0,4,0,1,0,5,0,0,1,6\nfocal=50\nwidth=64\nheight=32\nms=45\nshow=depth\n"
+                 "background=1,0,0.25\nformat=png\nx=1\ny=2\n"
+                 "host=127.0.0.1:8080\norigin=http://127.0.0.1:8080\nsite=same-origin\n");
+}
+
+static const char *value_of(void *query, const char *name)
+{
+    const size_t length = strlen(name);
+
+    for (char **line = query; *line; line++)
+        if (strncmp(*line, name, length) == 0 && (*line)[length] == '=')
+            return *line + length + 1;
+    return NULL;
+}
+
+static void read_request(void)
+{
+    static const float grey[3] = {0.5f, 0.5f, 0.5f};
+    size_t bytes = 0;
+    char *text = contents("query", &bytes), *lines[MOST_WORDS + 1] = {NULL}, *at = text;
+    cln_view view = {0};
+    cln_scene scene = {.views = &view, .view_count = 1};
+    const char *reason = NULL;
+
+    view.camera = (cln_camera){.c2w = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+                               .fx = 100,
+                               .fy = 110,
+                               .cx = 40,
+                               .cy = 30,
+                               .width = 80,
+                               .height = 60};
+    for (int count = 0; count < MOST_WORDS && at && *at; count++) {
+        lines[count] = at;
+        at = strchr(at, '\n');
+        if (at)
+            *at++ = 0;
+    }
+    for (int kind = CLN_ASK_PICTURE; kind <= CLN_ASK_POINT; kind++) {
+        cln_ask ask;
+
+        if (refused(cln_ask_read((cln_ask_kind)kind, &scene, grey, value_of, lines, &ask)))
+            continue;
+        if (kind == CLN_ASK_PHOTO) {
+            require(ask.view == 0 && ask.side > 0, "a photo");
+            continue;
+        }
+        require(ask.camera.width > 0 && ask.camera.height > 0 &&
+                    (int64_t)ask.camera.width * ask.camera.height <= CLN_ASK_PIXELS,
+                "a picture's size");
+        for (int i = 0; i < 12; i++)
+            require(isfinite(ask.camera.c2w[i]), "a pose");
+        require(isfinite(ask.camera.fx) && ask.camera.fx > 0, "a focal length");
+    }
+    for (int far = 0; far < 2; far++)
+        require(cln_ask_allowed(value_of(lines, "host"), value_of(lines, "origin"),
+                                value_of(lines, "site"), far, "here", &reason) ||
+                    reason,
+                "sent away without a reason");
+    free(text);
+}
+
+static const target targets[] = {
+    {"blender", {"transforms_train.json", "transforms_test.json"}, make_blender, read_scene, 2},
+    {"transforms", {"transforms.json"}, make_transforms, read_scene, 2},
+    {"colmap",
+     {"sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin"},
+     make_colmap,
+     read_scene,
+     2},
+    {"colmap-text",
+     {"sparse/0/cameras.txt", "sparse/0/images.txt", "sparse/0/points3D.txt"},
+     make_colmap,
+     read_scene,
+     2},
+    {"llff", {"poses_bounds.npy"}, make_llff, read_scene, 2},
+    {"neus", {"cameras_sphere.npz"}, make_neus, read_scene, 2},
+    {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
+    {"opensfm", {"reconstruction.json"}, make_opensfm, read_scene, 2},
+    {"image", {"a.png", "a.jpg"}, make_images, read_images, 6},
+    {"json", {"a.json"}, make_json, read_json, 1},
+    {"npy", {"a.npy"}, make_npy, read_npy, 2},
+    {"safetensors", {"a.safetensors"}, make_safetensors, read_safetensors, 3},
+    {"run",
+     {"run/checkpoint/00000005.json", "run/checkpoint/00000005.safetensors", "run/run.json",
+      "run/metrics.jsonl"},
+     make_run,
+     read_run,
+     6},
+    {"tune", {"tune.txt"}, make_tune, read_tune, 2},
+    {"options", {"command", "cl-nascent.conf"}, make_options, read_options, 2},
+    {"request", {"query"}, make_request, read_request, 2},
+};
+
+/* ---- what libFuzzer calls ---- */
+
+static char *folder;
+
+static void leave(void)
+{
+    char *command = NULL;
+
+    if (asprintf(&command, "rm -rf '%s'", folder) > 0 && system(command) != 0)
+        fprintf(stderr, "fuzz: %s remains\n", folder);
+    free(command);
+    free(folder);
+    for (int i = 0; i < MOST_FILES; i++)
+        free(good[i].data);
+}
+
+static int file_count(void)
+{
+    int count = 0;
+
+    while (count < MOST_FILES && chosen->files[count])
+        count++;
+    return count;
+}
+
+static void no_log(cln_log_level level, const char *line, void *user)
+{
+    (void)level, (void)line, (void)user;
+}
+
+static void write_seeds(const char *where)
+{
+    for (int i = 0; i < file_count(); i++) {
+        const char *slash = strrchr(chosen->files[i], '/');
+        char *path = NULL;
+
+        require(asprintf(&path, "%s/%s/%s", where, chosen->name,
+                         slash ? slash + 1 : chosen->files[i]) > 0,
+                "memory");
+        *strrchr(path, '/') = 0;
+        require(!cln_make_dirs(path), "a folder of seeds");
+        path[strlen(path)] = '/';
+        FILE *f = fopen(path, "wb");
+        require(f, path);
+        if (file_count() > 1)
+            fputc('0' + i, f);
+        fwrite(good[i].data, 1, good[i].bytes, f);
+        require(fclose(f) == 0, path);
+        free(path);
+    }
+}
+
+int LLVMFuzzerInitialize(int *argc, char ***argv)
+{
+    const char *slash = strrchr((*argv)[0], '/'), *name = slash ? slash + 1 : (*argv)[0];
+    const bool seeds = *argc == 3 && strcmp((*argv)[1], "--seeds") == 0;
+    char *where = seeds ? realpath((*argv)[2], NULL) : NULL;
+    const char *base = getenv("TMPDIR");
+    int home = open(".", O_RDONLY | O_DIRECTORY);
+
+    for (size_t i = 0; i < sizeof targets / sizeof targets[0]; i++)
+        if (strcmp(targets[i].name, name) == 0)
+            chosen = &targets[i];
+    if (!chosen) { /* called by its own name: lists the targets */
+        for (size_t i = 0; i < sizeof targets / sizeof targets[0]; i++)
+            puts(targets[i].name);
+        exit(0);
+    }
+    cln_log_set_sink(no_log, NULL);
+    require(asprintf(&folder, "%s/cln-fuzz-XXXXXX", base ? base : "/tmp") > 0 && mkdtemp(folder) &&
+                home >= 0 && chdir(folder) == 0,
+            "a folder for the files");
+    atexit(leave);
+    setenv("HOME", folder, 1);
+    unsetenv("XDG_CONFIG_HOME");
+    chosen->make();
+    for (int i = 0; i < file_count(); i++)
+        good[i].data = contents(chosen->files[i], &good[i].bytes);
+    if (seeds) {
+        require(where, (*argv)[2]);
+        write_seeds(where);
+        free(where);
+        exit(0);
+    }
+    chosen->read();
+    if (accepted != chosen->accepts) {
+        fprintf(stderr, "fuzz: %d calls accept good files, not %d\n", accepted, chosen->accepts);
+        abort();
+    }
+    require(fchdir(home) == 0, "the way home");
+    close(home);
+    return 0;
+}
+
+static void write_file(const char *name, const void *data, size_t bytes)
+{
+    int fd = open(name, O_WRONLY | O_CREAT | O_TRUNC, 0666);
+
+    require(fd >= 0 && write(fd, data, bytes) == (ssize_t)bytes && close(fd) == 0, name);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes)
+{
+    static int work = -1, home = -1;
+    const int count = file_count();
+    int which = 0;
+
+    if (work < 0) {
+        work = open(folder, O_RDONLY | O_DIRECTORY);
+        home = open(".", O_RDONLY | O_DIRECTORY);
+    }
+    if (count > 1) {
+        which = bytes ? *data - '0' : -1;
+        if (which < 0 || which >= count)
+            return -1;
+        data++;
+        bytes--;
+    }
+    require(fchdir(work) == 0, "the folder of the files");
+    if (damaged >= 0 && damaged != which)
+        write_file(chosen->files[damaged], good[damaged].data, good[damaged].bytes);
+    write_file(chosen->files[which], data, bytes);
+    damaged = which;
+    chosen->read();
+    require(fchdir(home) == 0, "the way home");
+    return 0;
+}
