@@ -386,13 +386,16 @@ done:
     return st;
 }
 
+/* *unfit: whether it failed for its kernel parameters. */
 static cln_status create(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
-                         const cln_tune *tune, cln_pipeline *out)
+                         const cln_tune *tune, cln_pipeline *out, bool *unfit)
 {
     cln_status st = CLN_OK;
 
+    *unfit = false;
     CLN_TRY(outline(device, config, lenses, alpha, tune, out));
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
+        *unfit = true;
         st =
             cln_fail(CLN_MEMORY,
                      "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
@@ -403,6 +406,7 @@ static cln_status create(cln_device *device, const cln_config *config, unsigned 
     }
     CLN_TRY(build(out));
 done:
+    *unfit = *unfit || st == CLN_BUILD;
     if (st != CLN_OK)
         cln_pipeline_free(out);
     return st;
@@ -414,14 +418,15 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
     cln_status st = CLN_OK;
     cln_network net;
     cln_tune tune;
+    bool unfit = false;
     char network[32], from[CLN_TUNE_FROM], list[CLN_TUNE_TEXT];
 
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    st = create(device, config, lenses, alpha, &tune, out);
-    if ((st == CLN_BUILD || st == CLN_MEMORY) && !device->tune_exact) {
+    st = create(device, config, lenses, alpha, &tune, out, &unfit);
+    if (unfit && !device->tune_exact) {
         cln_tune_text(&tune, list);
         cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
                  "used, which are slower",
@@ -429,7 +434,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
         cln_clear_error();
         cln_tune_plain(&tune);
         snprintf(from, sizeof from, "plain, because others could not be used");
-        st = create(device, config, lenses, alpha, &tune, out);
+        st = create(device, config, lenses, alpha, &tune, out, &unfit);
     }
     CLN_TRY(st);
     snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,

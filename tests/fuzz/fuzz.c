@@ -356,18 +356,23 @@ static void make_run(void)
                              "{\"step\": 5, \"psnr\": 12.5, \"loss\": 0.01}\n");
 }
 
-static void read_run(void)
+static void read_checkpoint(void)
 {
     cln_model model;
-    cln_settings *settings = NULL;
-    cln_metrics *metrics = NULL;
-    char *text = NULL;
 
     for (int training = 0; training < 2; training++)
         if (!refused(cln_checkpoint_read("run", training, &model))) {
             require(model.tree.leaf_count >= 0 && model.net.params > 0, "a model");
             cln_model_free(&model);
         }
+}
+
+static void read_run(void)
+{
+    cln_settings *settings = NULL;
+    cln_metrics *metrics = NULL;
+    char *text = NULL;
+
     if (!refused(cln_info_run("run", &text)))
         free(text);
     if (!refused(cln_settings_of_run("run", &settings)))
@@ -518,12 +523,12 @@ static const target targets[] = {
     {"json", {"a.json"}, make_json, read_json, 1},
     {"npy", {"a.npy"}, make_npy, read_npy, 2},
     {"safetensors", {"a.safetensors"}, make_safetensors, read_safetensors, 3},
-    {"run",
-     {"run/checkpoint/00000005.json", "run/checkpoint/00000005.safetensors", "run/run.json",
-      "run/metrics.jsonl"},
+    {"checkpoint",
+     {"run/checkpoint/00000005.json", "run/checkpoint/00000005.safetensors"},
      make_run,
-     read_run,
-     6},
+     read_checkpoint,
+     2},
+    {"run", {"run/run.json", "run/metrics.jsonl"}, make_run, read_run, 4},
     {"tune", {"tune.txt"}, make_tune, read_tune, 2},
     {"options", {"command", "cl-nascent.conf"}, make_options, read_options, 2},
     {"request", {"query"}, make_request, read_request, 2},
