@@ -6,6 +6,7 @@
 #   make test-browser       the viewer's page in headless Chromium (a large download; not in test)
 #   make grind              the kernels under Oclgrind, for races and bad accesses
 #   make fuzz               the readers of foreign bytes under libFuzzer: SECONDS=600 each, TARGETS=
+#   make faults             kill -9, full disks, failing memory and devices: FAULTS=50 of each kind
 #   make lint | fmt         check, or apply, the house style
 #   make bench-programs     what the scripts in bench/ need (docs/benches.md)
 #   make bench-peers        build/bench-peers: leaf networks beside installed libraries
@@ -275,6 +276,12 @@ test-devices grind:
 	    build/device-cases build/tests
 	@tests/device/devices.sh $(if $(filter grind,$@),grind)
 
+faults:
+	@tests/deps.sh build
+	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
+	    build/faults.so
+	@FAULTS=$(or $(FAULTS),50) tests/faults.sh $(SECTIONS)
+
 fuzz:
 	@tests/deps.sh build test fuzz
 	@$(MAKE) --no-print-directory B=build/fuzz CC=$(CLANG) OPT="-O1 -g" \
@@ -348,5 +355,5 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d)
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test test-devices test-browser grind fuzz lint fmt bench bench-programs \
-        bench-peers bench-sort install uninstall deb clean
+.PHONY: all FORCE deps demo test test-devices test-browser grind faults fuzz lint fmt bench \
+        bench-programs bench-peers bench-sort install uninstall deb clean

@@ -81,7 +81,7 @@ export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:suppressions=$PWD/tests/
 export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions=0
 
 part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent build/make-scene \
-    build/json-query build/device-cases build/tests build/bench-kernels
+    build/json-query build/device-cases build/tests build/bench-kernels build/faults.so
 part lint tests/lint.sh
 part unit unit
 part "command line" tests/cli/cli.sh
@@ -89,6 +89,7 @@ part "first hour" tests/cli/first_hour.sh
 part captures tests/cli/captures.sh
 part viewer tests/cli/view.sh
 part ranks tests/cli/ranks.sh
+part faults env FAULTS=1 tests/faults.sh kill disk memory device clock
 part install tests/cli/install.sh
 part devices tests/device/devices.sh -q
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \

@@ -1,11 +1,12 @@
 #!/bin/bash
 # Faults: the program is killed, the disk is full, memory or the device fails, files vanish, signals
-# storm, clocks jump; each at the k-th call of the program that it concerns (support/faults.c). After
-# each: an exit code and a sentence, a last checkpoint that is whole, and a training that goes on
-# from there to the very weights of one that nothing happened to.
+# storm, clocks jump; each at the k-th call of the program that it concerns (support/faults.c).
+# After each: an exit code and a sentence, a last checkpoint that is whole, and a training that goes
+# on from there to the very weights of one that nothing happened to.
 #
 #   tests/faults.sh [SECTION...]   sections: kill disk memory device files signals clock
-#   FAULTS=50                      moments in each section; make test takes 2
+#                                  results small
+#   FAULTS=50                      moments for each kind of fault; make test takes 1
 #   FAULT_SEED=1                   chooses them
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -28,7 +29,9 @@ small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --vi
     --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --split-samples 0
     --distil-steps 5 --save-every 1)
 steps=40
-whole="" total=0
+whole="" total=0 rc=0 query=""
+fresh=("$cln" train "$work/scene" -o "$work/run" "${small[@]}" --steps "$steps")
+again=("$cln" train --resume "$work/run" --skip-selftest --progress none)
 
 . tests/support/checks.sh
 
@@ -44,32 +47,27 @@ faulty() {
         FAULT_SPEED=20 FAULT_LOG="$work/log" "$@"; } 2>/dev/null
 }
 
-train() {
-    echo "$cln" train "$work/scene" -o "$1" "${small[@]}" --steps $steps
-}
-
-resume() {
-    echo "$cln" train --resume "$1" --skip-selftest --progress none
-}
-
 digest() {
     "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
+}
+
+step_rows() {
+    grep -v '"event"' "$work/run/metrics.jsonl"
 }
 
 # The run that others are compared with; total: its calls of a kind.
 whole_run() {
     [ -d "$work/scene" ] || "$make_scene" "$work/scene" --size 24 --train 8 --test 2 >/dev/null
-    if [ ! -d "$work/whole" ]; then
-        run $(train "$work/whole")
-        whole=$(digest "$work/whole")
-        check "a run that nothing happens to" grep -qxE '[0-9a-f]{16}' <<<"$whole"
-    fi
+    run "${fresh[@]}"
+    mv "$work/run" "$work/whole"
+    whole=$(digest "$work/whole")
+    check "a run that nothing happens to" grep -qxE '[0-9a-f]{16}' <<<"$whole"
 }
 
 # total: the calls of a kind in a training
 count_calls() {
     rm -rf "$work/run"
-    faulty "$1" 0 once $(train "$work/run")
+    faulty "$1" 0 once "${fresh[@]}"
     read -r total _ <"$work/log"
     [ "${total:-0}" -gt 0 ]
 }
@@ -86,28 +84,28 @@ ended_well() {
 }
 
 # The run goes on, or is begun anew if it says that it has no checkpoint, and ends as the whole one.
-# $1: the run; $2: a name.
+# $1: a name.
 goes_on() {
-    local again="" step
-    run $(resume "$1")
-    if [ $rc != 0 ] && ! ls "$1"/checkpoint/*.json >/dev/null 2>&1; then
-        again=", begun anew"
+    local anew="" step
+    run "${again[@]}"
+    if [ $rc != 0 ] && ! ls "$work/run"/checkpoint/*.json >/dev/null 2>&1; then
+        anew=", begun anew"
         if ! said "cl-nascent: "; then
-            bad "$2: resumed" "exit code $rc"
+            bad "$1: resumed" "exit code $rc"
             return
         fi
-        rm -rf "$1"
-        run $(train "$1")
+        rm -rf "$work/run"
+        run "${fresh[@]}"
     fi
-    step=$(digest "$1")
+    step=$(digest "$work/run")
     if [ $rc != 0 ] || [ "$step" != "$whole" ]; then
-        bad "$2$again: it goes on to the same weights" "exit code $rc, digest $step, not $whole"
-    elif ! cmp -s <(grep -v '"event"' "$1/metrics.jsonl" | "$query" -l step) <(seq $steps); then
-        bad "$2$again: every step has a row" "$(grep -v '"event"' "$1/metrics.jsonl" | wc -l) rows"
-    elif ls "$1"/checkpoint/*.tmp.* >/dev/null 2>&1; then
-        bad "$2$again: no checkpoint is left half-written" "$(ls "$1"/checkpoint)"
+        bad "$1$anew: it goes on to the same weights" "exit code $rc, digest $step, not $whole"
+    elif ! cmp -s <(step_rows | "$query" -l step) <(seq $steps); then
+        bad "$1$anew: every step has a row" "$(step_rows | wc -l) rows"
+    elif ls "$work/run"/checkpoint/*.tmp.* >/dev/null 2>&1; then
+        bad "$1$anew: no checkpoint is left half-written" "$(ls "$work/run"/checkpoint)"
     else
-        ok "$2$again"
+        ok "$1$anew"
     fi
 }
 
@@ -119,16 +117,17 @@ each_moment() {
         for ((i = 0; i < moments; i++)); do
             rm -rf "$work/run"
             at=$(one_of "$total")
-            faulty "$kind" "$at" "$how" $(train "$work/run")
+            faulty "$kind" "$at" "$how" "${fresh[@]}"
             local name="$kind, $how at call $at of $total"
             [ ! -s "$work/log" ] || name="$name ($(cut -d' ' -f2- "$work/log"))"
             if ! ended_well; then
                 bad "$name: an exit code and a sentence" "exit code $rc"
-                cp -r "$work/run" "$work/err" /tmp/ft/bad 2>/dev/null
                 continue
             fi
             [ $rc = 0 ] && [ "$(digest "$work/run")" = "$whole" ] && ok "$name: in vain" && continue
-            goes_on "$work/run" "$name: exit code $rc"
+            # other kernel parameters, said so, sum in another order
+            [ $rc = 0 ] && said "plain ones are used" && ok "$name: told" && continue
+            goes_on "$name: exit code $rc"
         done
     done
 }
@@ -141,17 +140,17 @@ section_kill() {
     for ((i = 0; i < moments; i++)); do
         rm -rf "$work/run"
         place=""
-        faulty any "$(one_of "$total")" kill $(train "$work/run")
+        faulty any "$(one_of "$total")" kill "${fresh[@]}"
         while at=$(one_of $((2 * total))) && [ $rc = 137 ]; do
-            place="$place $(ls "$work/run/checkpoint" 2>/dev/null | grep -c json)"
+            place="$place $(find "$work/run" -path '*/checkpoint/*.json' | wc -l)"
             if ls "$work/run"/checkpoint/*.json >/dev/null 2>&1; then
-                faulty any "$at" kill $(resume "$work/run")
+                faulty any "$at" kill "${again[@]}"
             else
                 rm -rf "$work/run"
-                faulty any "$at" kill $(train "$work/run")
+                faulty any "$at" kill "${fresh[@]}"
             fi
         done
-        goes_on "$work/run" "killed (checkpoints then:$place)"
+        goes_on "killed (checkpoints then:$place)"
     done
 }
 
@@ -185,6 +184,80 @@ section_clock() {
     each_moment clock jump
 }
 
-all="kill disk memory device files signals clock"
+# How many pictures a folder has, and a digest of them.
+pictures() {
+    (cd "$1" && find . -name '*.png' | wc -l &&
+        find . -name '*.png' -exec md5sum {} + | sort | md5sum | cut -c -32) | tr '\n' ' '
+}
+
+# A command on the finished run, killed or with a fault, and then again, without one: the same
+# pictures and figures as if it had been the first time.
+results() {
+    local name=$1 out=$2 i at how kind sums
+    shift 2
+    rm -rf "$work/good"
+    cp -r "$work/whole" "$work/good"
+    run "$@"
+    check "$name" [ $rc = 0 ]
+    sums=$(pictures "$out")
+    check "$name: there are pictures" [ "${sums%% *}" -gt 1 ]
+    for kind in any:kill memory:once device:once write:full read:once; do
+        how=${kind#*:}
+        kind=${kind%:*}
+        rm -rf "$work/good"
+        cp -r "$work/whole" "$work/good"
+        faulty "$kind" 0 once "$@"
+        read -r total _ <"$work/log"
+        for ((i = 0; i < moments; i++)); do
+            at=$(one_of "$total")
+            rm -rf "$work/good"
+            cp -r "$work/whole" "$work/good"
+            faulty "$kind" "$at" "$how" "$@"
+            if [ "$how" != kill ] && ! ended_well; then
+                bad "$name: $kind, $how at call $at of $total" "exit code $rc"
+                continue
+            fi
+            run "$@"
+            check "$name: $kind, $how at call $at of $total, then again" \
+                [ "$rc $(pictures "$out")" = "0 $sums" ]
+        done
+    done
+}
+
+section_results() {
+    results eval "$work/good/eval" "$cln" eval "$work/good" --save-images --progress none
+    results render "$work/good/render" "$cln" render "$work/good" --progress none
+}
+
+# A real full disk: small file systems; a run that could not keep its checkpoints is refused at once.
+section_small() {
+    local ways=(unshare -rm --) kib
+    [ "$(id -u)" != 0 ] || ways=(unshare -m --)
+    mkdir -p "$work/small"
+    if ! "${ways[@]}" mount -t tmpfs none "$work/small" 2>/dev/null; then
+        skip "a small file system" "mounting is not allowed here"
+        return
+    fi
+    for kib in 100 1000 20000; do
+        rm -rf "$work/run"
+        run "${ways[@]}" bash -c 'mount -t tmpfs -o size=$2k none "$1" || exit 99
+            room=$1
+            shift 2
+            "$@"
+            rc=$?
+            mount -o remount,size=1g "$room"
+            cp -r "$room/run" "$room/../run" 2>/dev/null
+            exit $rc' small "$work/small" $kib \
+            "${fresh[@]/#"$work/run"/"$work/small/run"}"
+        if [ $rc = 0 ] || ended_well; then
+            goes_on "a file system of $kib KiB: exit code $rc"
+        else
+            bad "a file system of $kib KiB: an exit code and a sentence" "exit code $rc"
+        fi
+        rm -rf "$work/run"
+    done
+}
+
+all="kill disk memory device files signals clock results small"
 whole_run
 run_sections "$all" "$@"
