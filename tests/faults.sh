@@ -229,7 +229,7 @@ section_results() {
     results render "$work/good/render" "$cln" render "$work/good" --progress none
 }
 
-# A real full disk: small file systems; a run that could not keep its checkpoints is refused at once.
+# A real full disk: a run that could not keep its checkpoints is refused at once.
 section_small() {
     local ways=(unshare -rm --) kib
     [ "$(id -u)" != 0 ] || ways=(unshare -m --)

@@ -2,8 +2,8 @@
  * (a link) chooses the target; `NAME --seeds FOLDER` writes the target's good inputs instead.
  * Linked with libFuzzer (make fuzz) or with alone.c, which replays a corpus (make test).
  *
- * An input is the contents of the target's file; if it has several files, a first byte '0', '1', ...
- * says which of them, and the others are good. Digests and checksums are 0 in this program
+ * An input is the contents of the target's file; if it has several files, a first byte '0', '1' or
+ * so on says which of them, and the others are good. Digests and checksums are 0 in this program
  * (-Wl,--wrap), so that inputs get past them; a seed's are 0, too.
  *
  * Besides crashes and what the sanitizers find, an input fails that is refused without a sentence

@@ -6,8 +6,8 @@
 #   tests/fuzz/fuzz.sh replay                reads the corpus and always the same changes of it
 #                                            (make test)
 #
-# Prints a line for each target. Inputs that fail lie in build/fuzz/found; one that is mended belongs
-# into tests/fuzz/corpus/TARGET. The last line is "N passed, N failed".
+# Prints a line for each target. Inputs that fail lie in build/fuzz/found; one that is mended
+# belongs into tests/fuzz/corpus/TARGET. The last line is "N passed, N failed".
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 

@@ -1,6 +1,7 @@
-/* Faults on demand, for tests/faults.sh: a library for LD_PRELOAD that counts the program's calls of
- * a kind and makes one of them fail, or ends the process there. Calls of other libraries (drivers,
- * compilers) do not count and do not fail, except those of jansson and zlib for the program.
+/* Faults on demand, for tests/faults.sh: a library for LD_PRELOAD that counts the program's calls
+ * of a kind and makes one of them fail, or ends the process there. Calls of other libraries
+ * (drivers, compilers) do not count and do not fail, except those of jansson and zlib for the
+ * program.
  *
  *   FAULT_CALL=write|read|memory|device|clock|any   which calls; any: the first four
  *   FAULT_AT=K      the K-th of them; 0 or none: they are only counted
@@ -9,7 +10,7 @@
  *            kill   kill -9     term, int   that signal     storm   all that the program handles
  *            jump   the clock jumps by an hour, and the calendar by ten years, back and forth from
  *                   then on (FAULT_CALL=clock)
- *   FAULT_SPEED=N   the program's clock runs N times as fast, so that checkpoints by time come often
+ *   FAULT_SPEED=N   the program's clock runs N times as fast: checkpoints by time come often
  *   FAULT_LOG=FILE  written at the end: "KIND CALLS", of the failed call also its name
  *
  * write: opening for writing, writes, flushes, closes, renames, new folders; not of standard output
