@@ -32,7 +32,7 @@ PKGS := OpenCL jansson zlib $(MICROHTTPD)
 CC ?= gcc
 CLANG ?= $(firstword $(shell command -v clang-14 clang))
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
-OPT := $(if $(DEBUG),-O0,-O2) -g
+OPT := $(if $(DEBUG),-O0,$(if $(SANITIZE),-O1,-O2)) -g
 VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)
 # The shared library's name for the linker; changes when a function or struct of cl_nascent.h does
 SONAME := libcl-nascent.so.0

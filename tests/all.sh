@@ -1,79 +1,68 @@
 #!/bin/bash
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
 # AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed
-# library, and the devices side by side. Each part ends with a line "N passed, N failed[, N
-# skipped]"; the last line here is their sum, and the exit status is non-zero if anything failed. A
-# part that breaks without this line counts as one failure. Failures are repeated before the sum.
+# library, and the devices side by side. A driver compiles kernels with one thread, so as many parts
+# as there are processors run at once, long ones first; each is printed when it ends. Each part ends
+# with a line "N passed, N failed[, N skipped]"; the last line here is their sum, and the exit status
+# is non-zero if anything failed. A part that breaks without this line counts as one failure.
+# Failures are repeated before the sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
 make=${MAKE:-make}
 jobs=$(nproc 2>/dev/null || echo 2)
-passed=0 failed=0 skipped=0 failures=""
-mkdir -p build
-log=build/test-part.log
+logs=build/test-parts
+parts=0
+rm -rf "$logs"
+mkdir -p "$logs"
+trap 'kill $(jobs -p) 2>/dev/null' EXIT
 
 # lines that report a failure
 telling='FAILED|^failed|: failed|exit status|ended by|[1-9][0-9]* failed|^=='
 telling+='|SUMMARY: |leak of|^ +#[0-9]' # sanitizers
 
-# part NAME COMMAND...
-part() {
-    local name=$1 started=$SECONDS status counts p f s
-    shift
-    printf '\n== %s\n' "$name"
-    "$@" 2>&1 | tee "$log" | sed -u -E "s/^([0-9]+ passed, [0-9]+ failed)/$name: \1/"
-    status=${PIPESTATUS[0]}
-    counts=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$log" | tail -1)
+# finish NAME LOG COMMAND...: runs a part, prints its log in one piece, and leaves its counts and
+# its failures beside the log
+finish() {
+    local name=$1 at=$2 status counts p f s
+    shift 2
+    SECONDS=0
+    "$@" >"$at.log" 2>&1 </dev/null
+    status=$?
+    counts=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$at.log" | tail -1)
     p=$(echo "$counts" | sed -n 's/^\([0-9]*\) passed.*/\1/p')
     f=$(echo "$counts" | sed -n 's/.* \([0-9]*\) failed.*/\1/p')
     s=$(echo "$counts" | sed -n 's/.* \([0-9]*\) skipped.*/\1/p')
     if [ "$status" != 0 ] && [ "${f:-0}" = 0 ]; then
-        echo "$name: exit status $status" | tee -a "$log"
+        echo "$name: exit status $status" >>"$at.log"
         f=1
     fi
-    [ "${f:-0}" = 0 ] || failures+=$(grep -E "$telling" "$log" |
-        head -n 40 | sed "s/^/$name: /")$'\n'
-    passed=$((passed + ${p:-0}))
-    failed=$((failed + ${f:-0}))
-    skipped=$((skipped + ${s:-0}))
-    echo "$name: $((SECONDS - started)) s"
+    [ "${f:-0}" = 0 ] || grep -E "$telling" "$at.log" | head -n 40 | sed "s/^/$name: /" >"$at.failed"
+    {
+        flock 9
+        printf '\n== %s\n' "$name"
+        sed -E "s/^([0-9]+ passed, [0-9]+ failed)/$name: \1/" "$at.log"
+        echo "$name: $SECONDS s"
+    } 9>"$logs/lock"
+    echo "${p:-0} ${f:-0} ${s:-0}" >"$at.counts"
 }
 
-# halves PROGRAM GROUP...: runs the groups in two simultaneous processes, because a driver compiles
-# kernels with one thread. The last line is their sum.
-halves() {
-    local program=$1 status=0 other first second
-    shift
-    first=$(printf '%s\n' "$@" | grep -x -E 'mlp|scan_sort|sampling|composite|splat')
-    second=$(printf '%s\n' "$@" | grep -v -x -E 'mlp|scan_sort|sampling|composite|splat')
-    # shellcheck disable=SC2086
-    "$program" $first >build/test-first.log 2>&1 &
-    other=$!
-    # shellcheck disable=SC2086
-    "$program" $second >build/test-second.log 2>&1 || status=1
-    wait $other || status=1
-    cat build/test-first.log build/test-second.log | awk '
-        /^[0-9]+ passed, [0-9]+ failed/ { p += $1; f += $3; s += $5; n++; next }
-        { print }
-        END {
-            printf "%d passed, %d failed%s\n", p, f, s ? ", " s " skipped" : ""
-            exit n != 2
-        }' || status=1
-    rm -f build/test-first.log build/test-second.log
-    return $status
+# part NAME COMMAND...: starts it as soon as a processor is free
+part() {
+    while [ "$(jobs -rp | wc -l)" -ge "$jobs" ]; do wait -n; done
+    parts=$((parts + 1))
+    finish "$1" "$logs/$(printf '%02d' $parts)" "${@:2}" &
 }
 
-unit() {
+# groups PROGRAM NAME: a share of a program's test groups
+groups() {
+    local kernels='sampling|scan_sort|splat|composite|measure|adam|rays|roulette|carry|regularise'
     # shellcheck disable=SC2046
-    halves build/tests $(build/tests -l)
-}
-
-# Unit tests under sanitizers, without the groups that build many kernels: those would take minutes
-# and run the same host code.
-sanitized() {
-    # shellcheck disable=SC2046
-    halves build/sanitize/tests $(build/sanitize/tests -l | grep -v -x -E "mlp|tuner")
+    case $2 in
+    networks) "$1" mlp ;;
+    kernels) "$1" $("$1" -l | grep -x -E "$kernels") ;;
+    rest) "$1" $("$1" -l | grep -v -x -E "$kernels|mlp${3:+|$3}") ;;
+    esac
 }
 
 export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
@@ -82,25 +71,36 @@ export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions
 
 part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent build/make-scene \
     build/json-query build/device-cases build/tests build/bench-kernels build/faults.so
-part lint tests/lint.sh
-part unit unit
-part "command line" tests/cli/cli.sh
-part "first hour" tests/cli/first_hour.sh
-part captures tests/cli/captures.sh
-part viewer tests/cli/view.sh
-part ranks tests/cli/ranks.sh
-part faults env FAULTS=1 tests/faults.sh kill disk memory device clock
-part install tests/cli/install.sh
-part devices tests/device/devices.sh -q
+wait
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests \
     build/sanitize/fuzz-alone
-part "sanitized unit" sanitized
-part "fuzz corpus" tests/fuzz/fuzz.sh replay
+wait
+part "command line" tests/cli/cli.sh
+part "unit: networks" groups build/tests networks
+part "unit: kernels" groups build/tests kernels
+part "unit: rest" groups build/tests rest
+part devices tests/device/devices.sh -q
+part install tests/cli/install.sh
+# under sanitizers without the groups that build many kernels: they run the same host code
+part "sanitized unit: rest" groups build/sanitize/tests rest tuner
+part "sanitized unit: kernels" groups build/sanitize/tests kernels
+part captures tests/cli/captures.sh
+part ranks tests/cli/ranks.sh
+part lint tests/lint.sh
+part faults env FAULTS=1 tests/faults.sh kill disk memory device clock
+part viewer tests/cli/view.sh
 part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage scenes resume
-rm -f "$log"
+part "first hour" tests/cli/first_hour.sh
+part "fuzz corpus" tests/fuzz/fuzz.sh replay
+wait
 
-printf '\n%s' "$failures"
-printf '\n%d passed, %d failed%s\n' $passed $failed \
-    "$([ $skipped = 0 ] || echo ", $skipped skipped")"
-[ $failed = 0 ]
+cat "$logs"/*.failed 2>/dev/null | sed '1i\
+'
+cat "$logs"/*.counts | awk -v parts=$parts '
+    { p += $1; f += $2; s += $3; n++ }
+    END {
+        f += parts - n # ended without a count
+        printf "\n%d passed, %d failed%s\n", p, f, s ? ", " s " skipped" : ""
+        exit f > 0
+    }'

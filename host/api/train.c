@@ -335,6 +335,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
                       "ray results"));
+    CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
     cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
                                 &t->pipeline));
@@ -403,6 +404,7 @@ done:
     free(t.eval_views);
     free(t.results);
     cln_batch_free(&t.batch);
+    cln_exposure_free(&t.exposure);
     cln_pipeline_free(&t.pipeline);
     cln_model_free(&t.model);
     cln_scene_free(t.scene);

@@ -221,6 +221,9 @@ enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
          "weight of (opacity - alpha)^2 per ray, for images with alpha", .flags = CLN_ROW_LATER)   \
     REAL(opaque_loss, "opaque-loss", 0, 0.01, 0, 1e3,                                              \
          "weight of (1 - opacity)^2 per ray, for images without alpha", .flags = CLN_ROW_LATER)    \
+    BOOL(exposure, "exposure", false, false,                                                       \
+         "fit a gain to each training photo and channel, for images without alpha",                \
+         .flags = CLN_ROW_LATER)                                                                   \
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \
     REAL(sparsity, "sparsity", 0, 0, 0, 1e3, "weight of 1-exp(-0.05 sigma) at random points")      \

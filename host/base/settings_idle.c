@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 20 };
+enum { IDLE_ROWS = 21 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -43,6 +43,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "the images have no alpha; give --opaque-loss"},
         {"opaque-loss", c->opaque_loss > 0 && facts->has_alpha,
          "the images have alpha; give --alpha-loss"},
+        {"exposure", c->exposure && facts->has_alpha,
+         "images with alpha are taken as they are; leave it out"},
         {"epochs", c->steps > 0 || c->time_limit > 0,
          "epochs count when no other budget is set; leave out --steps and --time-limit"},
         {"lists splat-per-ray splat-min-alpha views-per-batch", c->stage1 == CLN_STAGE1_GATHER,

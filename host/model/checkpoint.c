@@ -32,7 +32,8 @@
 enum {
     KEEP = 2,
     SHOWN_TENSORS = 3,
-    MAX_TENSORS = 10,
+    TRAINING_TENSORS = 10,
+    MAX_TENSORS = 11,
     ROW = 8,
     NAME_BYTES = 64,
     JSON_BYTES = 16384
@@ -217,12 +218,13 @@ static cln_status write_tensors(const char *path, const cln_model *model, uint64
         {"density", CLN_DTYPE_BF16, 4, {leaves, n1, n1, n1}, model->density},
         {"leaf_sums", CLN_DTYPE_F32, 3, {leaves, CLN_MEASURES, 2}, model->sums},
         {"leaf_met", CLN_DTYPE_I32, 1, {leaves}, model->met},
-        {"leaf_saved", CLN_DTYPE_F32, 1, {leaves}, model->saved}};
+        {"leaf_saved", CLN_DTYPE_F32, 1, {leaves}, model->saved},
+        {"exposure", CLN_DTYPE_F32, 2, {model->exposure_views, 9}, model->exposure}};
 
     CLN_TRY(cln_octree_pack(&model->tree, &rows));
     tensors[0].data = rows;
     if (model->adam_m)
-        count = MAX_TENSORS;
+        count = model->exposure ? MAX_TENSORS : TRAINING_TENSORS;
     CLN_TRY(cln_safetensors_write(path, count, tensors, digest));
 done:
     free(rows);
@@ -272,6 +274,23 @@ done:
     return st;
 }
 
+/* Gains of the training photos, if there are any. */
+static cln_status read_exposure(const cln_safetensors *file, const char *path, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    cln_tensor tensor;
+    int64_t shape[2] = {0, 9};
+
+    if (!out->config.exposure || out->has_alpha)
+        return CLN_OK;
+    CLN_TRY(cln_safetensors_get(file, "exposure", CLN_DTYPE_F32, &tensor));
+    shape[0] = tensor.dims == 2 && tensor.shape[0] < INT32_MAX ? tensor.shape[0] : 0;
+    CLN_TRY(take_tensor(file, path, "exposure", CLN_DTYPE_F32, 2, shape, &out->exposure));
+    out->exposure_views = (int)shape[0];
+done:
+    return st;
+}
+
 static cln_status read_tensors(const char *path, const char *digest, bool training, cln_model *out)
 {
     cln_status st = CLN_OK;
@@ -297,6 +316,7 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
         CLN_TRY(take_tensor(file, path, "leaf_sums", CLN_DTYPE_F32, 3, sums, &out->sums));
         CLN_TRY(take_tensor(file, path, "leaf_met", CLN_DTYPE_I32, 1, shape, &out->met));
         CLN_TRY(take_tensor(file, path, "leaf_saved", CLN_DTYPE_F32, 1, shape, &out->saved));
+        CLN_TRY(read_exposure(file, path, out));
     }
 done:
     cln_safetensors_free(file);

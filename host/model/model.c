@@ -31,6 +31,7 @@ void cln_model_free(cln_model *model)
     cln_octree_free(&model->tree);
     free(model->error);
     free(model->saved);
+    free(model->exposure);
     memset(model, 0, sizeof *model);
 }
 

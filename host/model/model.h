@@ -36,6 +36,10 @@ typedef struct cln_model {
     double sum_square;  /* sum of their squared errors */
     double last_square; /* mean squared error of the interval before; 0 = none */
     int decisions;      /* structure decisions due so far */
+    /* Of training photos (train/exposure.h): gains r, g, b, then per channel the sums of rendered
+     * times photo's colour and of the rendered one's square; NULL without --exposure. */
+    float (*exposure)[9]; /* [exposure_views] */
+    int exposure_views;
 } cln_model;
 
 /* Of each leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */

@@ -318,13 +318,14 @@ static cln_status warm_up(cln_trainer *t)
     double psnr = 0;
     const cln_model before = t->model; /* scalars only: a step does not touch the arrays */
 
+    t->undone = true;
     CLN_TRY(cln_stage_refresh(&t->pipeline, 0, 1, true, 0, 0));
     CLN_TRY(cln_step(t, 0));
     CLN_TRY(cln_step_catch_up(t));
     if (t->model.config.adaptive)
         CLN_TRY(cln_maintain_probe(t, &psnr));
     t->model = before;
-    t->drawn = false;
+    t->undone = t->drawn = false;
     memset(&t->window, 0, sizeof t->window);
     memset(t->device->stage_seconds, 0, sizeof t->device->stage_seconds);
     CLN_TRY(cln_pipeline_upload(&t->pipeline, &t->model, true));
@@ -392,6 +393,7 @@ cln_status cln_loop_run(cln_trainer *t)
         }
     }
     CLN_TRY(wait_for_step(t));
+    cln_exposure_say(&t->exposure, &t->model);
     CLN_TRY(checkpoint(t));
     if (t->signal)
         CLN_TRY(stopped(t, "after a checkpoint"));

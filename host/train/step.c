@@ -56,6 +56,8 @@ static cln_status account(cln_trainer *t)
     }
     t->model.sum_square += square;
     t->model.sum_rays += (int64_t)rays;
+    if (!t->undone)
+        cln_exposure_add(&t->exposure, t->results, t->owed.step, t->owed.rays, &t->model);
     if (!isfinite(loss))
         return cln_fail(
             CLN_DIVERGED,
@@ -124,6 +126,11 @@ cln_status cln_step(cln_trainer *t, double fraction)
     if (!t->drawn)
         draw(t);
     t->drawn = false;
+    if (cln_exposure_due(&t->exposure, number) && !t->undone) {
+        CLN_TRY(cln_step_catch_up(t));
+        cln_exposure_update(&t->exposure, &t->model);
+    }
+    cln_exposure_apply(&t->exposure, &t->model, &t->batch, number, t->model.rays);
     CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],
                                t->batch.backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, t->model.rays));

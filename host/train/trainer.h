@@ -5,6 +5,7 @@
 
 #include <jansson.h>
 #include "train/batch.h"
+#include "train/exposure.h"
 #include "pipeline/plan.h"
 #include "pipeline/stages.h"
 #include "io/run_folder.h"
@@ -23,7 +24,9 @@ typedef struct cln_trainer {
     cln_batch batch;
     cln_ray_result *results; /* [config.rays] */
     bool drawn;              /* the next step's batch is drawn */
-    struct {                 /* results that the host has not read yet */
+    bool undone;             /* the step on its way will be undone */
+    cln_exposure exposure;
+    struct { /* results that the host has not read yet */
         bool due;
         int64_t step;
         int rays;

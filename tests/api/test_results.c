@@ -576,7 +576,7 @@ static void test_selftest_notices(void **state)
     NEED_DEVICE();
     if (!cln_is_file("kernels/composite.cl"))
         skip(); /* not run from the source tree */
-    check_wrong_kernel("composite.cl", "through *= 1.0f - alpha", "through *= 1.0f - 0.99f * alpha",
+    check_wrong_kernel("composite.cl", "through = EXP(-tau);", "through = EXP(-0.99f * tau);",
                        "composite");
     check_wrong_kernel("scan.cl", "at += value;", "at += value + 1u;", "scan");
     check_wrong_kernel("adam.h", "(1.0f - BETA1) * g", "(1.0f - BETA1 * 0.9f) * g", "adam");

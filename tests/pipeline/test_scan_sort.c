@@ -327,7 +327,7 @@ static void check_groups(cln_pipeline *p, const int *counts, int leaves)
         samples[i - 1] = samples[j];
         samples[j] = kept;
     }
-    p->leaves = leaves;
+    p->leaves = p->own = leaves;
     test_fill(p->device, &p->samples, samples, n * sizeof *samples);
     test_fill(p->device, &p->begin, NULL, (size_t)leaves * sizeof *begin);
     test_fill(p->device, &p->end, NULL, (size_t)leaves * sizeof *end);

@@ -1,0 +1,51 @@
+/* Gains of the training photos: how much brighter each is than the scene, by channel, so that
+ * exposure and white balance that change from photo to photo need not become fog or colours that
+ * depend on the direction (--exposure). A photo is compared with the scene as photo / gain.
+ * Rows lie in cln_model.exposure and in checkpoints.
+ *
+ * Every EXPOSURE_STEPS steps a gain becomes the least-squares factor from the rendered to the
+ * photo's colours of the rays drawn since, those before counting half as much each time; then all
+ * are divided by their geometric mean over the views, which the colours of the scene settle. Held-out
+ * views have gain 1. */
+#ifndef CLN_EXPOSURE_H
+#define CLN_EXPOSURE_H
+
+#include "model/model.h"
+#include "train/batch.h"
+
+/* What the rays of a step looked at. */
+typedef struct cln_exposure_rays {
+    int n;
+    int32_t *view;     /* [ray] training view; -1: the ray does not count */
+    float (*photo)[3]; /* [ray] the photo's colour */
+} cln_exposure_rays;
+
+typedef struct cln_exposure {
+    int capacity, views;
+    cln_exposure_rays rays[2]; /* of even and odd steps: results arrive a step late */
+    int32_t *number_of;        /* [view of the scene] which training view it is */
+} cln_exposure;
+
+/* Gains of 1 for every training view, if the model has none yet; nothing without
+ * config.exposure, or if the images have alpha: then none of the others does anything. CLN_CHECKPOINT if it has those of
+ * another number of views. */
+cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *model,
+                              cln_exposure *out);
+void cln_exposure_free(cln_exposure *exposure); /* accepts a zeroed one */
+
+/* Is the gains' turn before this step? All results must then have been added. */
+bool cln_exposure_due(const cln_exposure *exposure, int64_t step);
+void cln_exposure_update(const cln_exposure *exposure, cln_model *model);
+
+/* Divides the targets of a step's n rays by their photos' gains. */
+void cln_exposure_apply(cln_exposure *exposure, const cln_model *model, cln_batch *batch,
+                        int64_t step, int n);
+
+/* Adds the results of a step's first n rays to their photos' sums. */
+void cln_exposure_add(const cln_exposure *exposure, const cln_ray_result *results, int64_t step,
+                      int n, cln_model *model);
+
+/* Tells the range of the gains. */
+void cln_exposure_say(const cln_exposure *exposure, const cln_model *model);
+
+#endif

@@ -1,0 +1,143 @@
+/* Gains of the training photos (train/exposure.h): found from what is rendered beside the photos,
+ * late results go to their own step, and pixels that show nothing do not count. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <string.h>
+#include "base/rng.h"
+#include "model/model.h"
+#include "scene_fixture.h"
+#include "tests.h"
+#include "train/exposure.h"
+
+enum { VIEWS = 4, RAYS = 256 };
+static const double gains[VIEWS][3] = {{1, 1, 1}, {0.5, 0.6, 0.7}, {1.5, 1.4, 1.1}, {0.9, 1.2, 2}};
+
+static double colour(int step, int ray, int channel)
+{
+    const uint32_t bits = cln_hash((uint32_t)(3 * (RAYS * step + ray) + channel) + 1);
+
+    return 0.1 + 0.4 * (bits >> 8) / 16777216.0;
+}
+
+static cln_scene *photos(const char *folder)
+{
+    char json[2048] = "{\"camera_angle_x\":0.7,\"frames\":[";
+
+    for (int i = 0; i < VIEWS; i++) {
+        char name[32], frame[256];
+
+        snprintf(name, sizeof name, "v%d.png", i);
+        put_image(folder, name, 8, 8, 3, i);
+        snprintf(frame, sizeof frame,
+                 "%s{\"file_path\":\"v%d\",\"transform_matrix\":[[1,0,0,%d],[0,1,0,0],[0,0,1,4],"
+                 "[0,0,0,1]]}",
+                 i ? "," : "", i, i);
+        strcat(json, frame);
+    }
+    strcat(json, "]}");
+    put_text(folder, "transforms_train.json", json);
+    put_text(folder, "transforms_test.json", json);
+    return load(folder, NULL);
+}
+
+/* A step's rays, dealt to the views in turn; every seventh looks at a pixel that shows nothing. */
+static void make_targets(const cln_scene *scene, int step, cln_batch *batch)
+{
+    for (int i = 0; i < RAYS; i++) {
+        const int view = i % VIEWS;
+
+        batch->pixels[i].view = (uint32_t)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, view);
+        for (int c = 0; c < 3; c++)
+            batch->targets[i][c] = (float)(colour(step, i, c) * gains[view][c]);
+        batch->targets[i][3] = 1;
+        if (i % 7 == 0)
+            memset(batch->targets[i], 0, sizeof batch->targets[i]);
+    }
+}
+
+static void test_gains(void **state)
+{
+    cln_scene *scene = photos(*state);
+    cln_config config = default_config();
+    cln_model model = {0};
+    cln_exposure e = {0};
+    cln_batch batch = {0};
+    cln_ray_result results[2][RAYS];
+    double mean[3] = {1, 1, 1};
+
+    config.exposure = true;
+    model.config = config;
+    assert_int_equal(cln_batch_create(scene, &config, &batch), CLN_OK);
+    assert_true(batch.capacity >= RAYS);
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    assert_int_equal(model.exposure_views, VIEWS);
+    for (int step = 0; step < 640; step++) {
+        if (cln_exposure_due(&e, step)) {
+            cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
+            cln_exposure_update(&e, &model);
+        }
+        make_targets(scene, step, &batch);
+        cln_exposure_apply(&e, &model, &batch, step, RAYS);
+        for (int i = 0; i < RAYS; i++)
+            results[step % 2][i] = (cln_ray_result){.r = (float)colour(step, i, 0),
+                                                    .g = (float)colour(step, i, 1),
+                                                    .b = (float)colour(step, i, 2)};
+        if (step > 0 && !cln_exposure_due(&e, step)) /* a step late */
+            cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
+    }
+    for (int v = 0; v < VIEWS; v++)
+        for (int c = 0; c < 3; c++)
+            mean[c] *= pow(gains[v][c], 1.0 / VIEWS);
+    for (int v = 0; v < VIEWS; v++)
+        for (int c = 0; c < 3; c++)
+            if (fabs(model.exposure[v][c] / (gains[v][c] / mean[c]) - 1) > 0.05)
+                fail_msg("gain %d of view %d is %g, not %g", c, v, (double)model.exposure[v][c],
+                         gains[v][c] / mean[c]);
+    for (int i = 1; i < RAYS; i++) /* what training sees: the scene's colour but for one factor */
+        for (int c = 0; c < 3 && i % 7; c++)
+            assert_true(fabs(batch.targets[i][c] / (colour(639, i, c) * mean[c]) - 1) < 0.05);
+    assert_true(batch.targets[0][0] == 0);
+    cln_batch_free(&batch);
+    cln_exposure_free(&e);
+    cln_model_free(&model);
+    cln_scene_free(scene);
+}
+
+/* None without the option, and none of another number of photos. */
+static void test_no_gains(void **state)
+{
+    cln_scene *scene = photos(*state);
+    cln_model model = {.config = default_config()};
+    cln_exposure e = {0};
+
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    assert_true(!model.exposure && !cln_exposure_due(&e, 64));
+    cln_exposure_apply(&e, &model, NULL, 0, RAYS);
+    cln_exposure_add(&e, NULL, 0, RAYS, &model);
+    model.config.exposure = model.has_alpha = true;
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    assert_null(model.exposure);
+    model.has_alpha = false;
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    cln_exposure_free(&e);
+    model.exposure_views = VIEWS + 1;
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_CHECKPOINT);
+    assert_non_null(strstr(cln_error_text(), "--no-exposure"));
+    cln_clear_error();
+    cln_model_free(&model);
+    cln_scene_free(scene);
+}
+
+int test_group_exposure(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_gains, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_no_gains, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("exposure", tests, NULL, NULL);
+}
