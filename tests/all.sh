@@ -1,8 +1,8 @@
 #!/bin/bash
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
 # AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed
-# library, and the devices side by side. A driver compiles kernels with one thread, so as many parts
-# as there are processors run at once, long ones first; each is printed when it ends. Each part ends
+# library, and the devices side by side. A driver compiles kernels with one thread, so as many
+# parts as there are processors run at once, long ones first; each is printed when it ends. It ends
 # with a line "N passed, N failed[, N skipped]"; the last line here is their sum, and the exit status
 # is non-zero if anything failed. A part that breaks without this line counts as one failure.
 # Failures are repeated before the sum.
@@ -37,7 +37,8 @@ finish() {
         echo "$name: exit status $status" >>"$at.log"
         f=1
     fi
-    [ "${f:-0}" = 0 ] || grep -E "$telling" "$at.log" | head -n 40 | sed "s/^/$name: /" >"$at.failed"
+    [ "${f:-0}" = 0 ] ||
+        grep -E "$telling" "$at.log" | head -n 40 | sed "s/^/$name: /" >"$at.failed"
     {
         flock 9
         printf '\n== %s\n' "$name"

@@ -18,7 +18,7 @@ enum { FILES = 24, NAME = 32 };
 /* Texts for clCreateProgramWithSource; `owned` ones are freed. */
 typedef struct source {
     const char **text;
-    char *owned[2 * FILES + 1]; /* the defines; each file's mark, and its text if it was read */
+    char *owned[2 * FILES + 1]; /* each file's mark, and its text if it was read */
     char names[FILES][NAME];    /* files so far */
     int count, capacity, owned_count, files;
 } source;
@@ -119,6 +119,51 @@ done:
     return st;
 }
 
+static bool is_word(char c)
+{
+    return c == '_' || (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z');
+}
+
+/* Does a word occur in the files? */
+static bool mentions(const source *s, const char *word, size_t length)
+{
+    for (int i = 0; i < s->count; i++)
+        for (const char *at = s->text[i]; (at = strstr(at, word)); at += length)
+            if ((at == s->text[i] || !is_word(at[-1])) && !is_word(at[length]))
+                return true;
+    return false;
+}
+
+/* *out = the "#define NAME ..." lines whose names the files mention: a setting that a program does
+ * not read leaves its text as it is, and the driver's cache has it already. */
+static cln_status keep_defines(const source *s, const char *defines, char **out)
+{
+    static const char directive[] = "#define ";
+    cln_status st = CLN_OK;
+    char name[64], *end = NULL;
+
+    CLN_TRY(cln_alloc(out, strlen(defines) + 1, 1, "kernel defines"));
+    end = *out;
+    for (const char *line = defines, *next = NULL; *line; line = next) {
+        const char *word = line + sizeof directive - 1;
+        size_t length = 0;
+
+        next = strchr(line, '\n');
+        next = next ? next + 1 : line + strlen(line);
+        CLN_ASSERT(strncmp(line, directive, sizeof directive - 1) == 0);
+        while (is_word(word[length]))
+            length++;
+        snprintf(name, sizeof name, "%.*s", (int)length, word);
+        if (mentions(s, name, length)) {
+            memcpy(end, line, (size_t)(next - line));
+            end += next - line;
+        }
+    }
+    *end = 0;
+done:
+    return st;
+}
+
 static bool has_file(const char *folder, const char *name, const char *suffix)
 {
     char *path = NULL;
@@ -157,7 +202,7 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
                              cln_program *out)
 {
     cln_status st = CLN_OK;
-    char *copy = NULL, *file = NULL;
+    char *kept = NULL, *file = NULL;
     source s = {0};
     cl_int code = CL_SUCCESS;
 
@@ -173,12 +218,13 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
                          "--kernel-dir %s: no kernel file is in it (such as rays.cl); give the "
                          "folder of a copy of kernels/",
                          device->kernel_dir));
-    CLN_TRY(cln_strdup(&copy, defines ? defines : ""));
-    CLN_TRY(own(&s, copy));
+    CLN_TRY(append(&s, "")); /* place of the defines */
     CLN_TRY(append_file(device, &s, "device_abi.h"));
     CLN_TRY(append_file(device, &s, "lanes.h"));
     CLN_TRY(cln_asprintf(&file, "%s.cl", name));
     CLN_TRY(append_file(device, &s, file));
+    CLN_TRY(keep_defines(&s, defines ? defines : "", &kept));
+    s.text[0] = kept;
     out->program =
         clCreateProgramWithSource(device->context, (cl_uint)s.count, s.text, NULL, &code);
     CLN_CL(code);
@@ -197,6 +243,7 @@ done:
     for (int i = 0; i < s.owned_count; i++)
         free(s.owned[i]);
     free(s.text);
+    free(kept);
     free(file);
     if (st != CLN_OK)
         cln_program_free(out);

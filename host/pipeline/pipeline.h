@@ -24,6 +24,22 @@
 #include "pipeline/kernel_list.h"
 #include "scene/scene.h"
 
+typedef enum cln_program_id {
+#define X(member, file, text, when) CLN_PROGRAM_##member,
+    CLN_PROGRAM_LIST(X)
+#undef X
+        CLN_PROGRAMS
+} cln_program_id;
+
+/* Sets of programs: bits of cln_program_id. Pictures need no gradients and change no tree. */
+#define CLN_PROGRAM_BIT(member) (1u << CLN_PROGRAM_##member)
+#define CLN_PROGRAMS_ALL        (CLN_PROGRAM_BIT(share) * 2u - 1u)
+#define CLN_PROGRAMS_PICTURES                                                      \
+    (CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(sort64) | CLN_PROGRAM_BIT(rays) |     \
+     CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(splat) | CLN_PROGRAM_BIT(group) | \
+     CLN_PROGRAM_BIT(mlp_density) | CLN_PROGRAM_BIT(mlp_forward_eval) |            \
+     CLN_PROGRAM_BIT(composite))
+
 struct cln_pipeline {
     cln_device *device;
     cln_config config; /* alpha_loss is opaque_loss where images have no alpha */
@@ -31,6 +47,7 @@ struct cln_pipeline {
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
+    uint32_t wanted;     /* programs, of which those that settings and device need are built */
     unsigned lenses;     /* whose code is built in (cln_camera_lenses) */
     bool ray_background; /* one background per ray (random_background) */
     /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; where one array would
@@ -83,10 +100,11 @@ void cln_device_camera_origin(const cln_device_camera *c, double origin[3]);
 
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
  * (cln_camera_lenses). alpha: the images have it; otherwise opaque_loss takes alpha_loss's place.
+ * wanted: bits of cln_program_id; of these, what settings and device need is built.
  * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones
  * with a warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
-                               bool alpha, cln_pipeline *out);
+                               bool alpha, uint32_t wanted, cln_pipeline *out);
 /* The same without programs, for plans: only device, settings, network and parameters. Needs no
  * freeing. */
 cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,

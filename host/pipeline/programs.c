@@ -213,19 +213,12 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
 enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, TEXTS };
 enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
 
-enum program_id {
-#define X(member, file, text, when) PROGRAM_##member,
-    CLN_PROGRAM_LIST(X)
-#undef X
-        PROGRAMS
-};
-
 static const struct {
     const char *file;
     size_t at; /* in cln_pipeline */
     enum text_kind text;
     enum when when;
-} programs[PROGRAMS] = {
+} programs[CLN_PROGRAMS] = {
 #define X(member, file, text, when) {#file, offsetof(cln_pipeline, member), text, when},
     CLN_PROGRAM_LIST(X)
 #undef X
@@ -234,11 +227,11 @@ static const struct {
 static const struct {
     const char *name;
     size_t at;
-    enum program_id program;
+    cln_program_id program;
     enum when when;
 } kernels[] = {
 #define X(member, kernel, program, when) \
-    {#kernel, offsetof(cln_pipeline, k.member), PROGRAM_##program, when},
+    {#kernel, offsetof(cln_pipeline, k.member), CLN_PROGRAM_##program, when},
     CLN_KERNEL_LIST(X)
 #undef X
 };
@@ -279,7 +272,7 @@ static void free_programs(cln_pipeline *p, bool all)
     for (int i = 0; i < KERNELS; i++)
         if (all || programs[kernels[i].program].text >= PARTS)
             cln_kernel_free(kernel_of(p, i));
-    for (int i = 0; i < PROGRAMS; i++)
+    for (int i = 0; i < CLN_PROGRAMS; i++)
         if (all || programs[i].text >= PARTS)
             cln_program_free(program_of(p, i));
 }
@@ -297,8 +290,8 @@ static cln_status build(cln_pipeline *p)
                          texts[PLAIN], p->parts, p->part_leaves, p->part_slices));
     CLN_TRY(cln_asprintf(&texts[TRAIN], "%s#define TRAIN 1\n", texts[PARTS]));
     CLN_TRY(cln_asprintf(&texts[EVAL], "%s#define TRAIN 0\n", texts[PARTS]));
-    for (int i = 0; i < PROGRAMS; i++)
-        if (!program_of(p, i)->program && is_true(p, programs[i].when))
+    for (int i = 0; i < CLN_PROGRAMS; i++)
+        if (!program_of(p, i)->program && p->wanted >> i & 1 && is_true(p, programs[i].when))
             CLN_TRY(cln_program_build(p->device, programs[i].file, texts[programs[i].text],
                                       program_of(p, i)));
     for (int i = 0; i < KERNELS; i++) {
@@ -388,12 +381,13 @@ done:
 
 /* *unfit: whether it failed for its kernel parameters. */
 static cln_status create(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
-                         const cln_tune *tune, cln_pipeline *out, bool *unfit)
+                         uint32_t wanted, const cln_tune *tune, cln_pipeline *out, bool *unfit)
 {
     cln_status st = CLN_OK;
 
     *unfit = false;
     CLN_TRY(outline(device, config, lenses, alpha, tune, out));
+    out->wanted = wanted;
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         *unfit = true;
         st =
@@ -413,7 +407,7 @@ done:
 }
 
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
-                               bool alpha, cln_pipeline *out)
+                               bool alpha, uint32_t wanted, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
     cln_network net;
@@ -425,7 +419,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    st = create(device, config, lenses, alpha, &tune, out, &unfit);
+    st = create(device, config, lenses, alpha, wanted, &tune, out, &unfit);
     if (unfit && !device->tune_exact) {
         cln_tune_text(&tune, list);
         cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
@@ -434,7 +428,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
         cln_clear_error();
         cln_tune_plain(&tune);
         snprintf(from, sizeof from, "plain, because others could not be used");
-        st = create(device, config, lenses, alpha, &tune, out, &unfit);
+        st = create(device, config, lenses, alpha, wanted, &tune, out, &unfit);
     }
     CLN_TRY(st);
     snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,

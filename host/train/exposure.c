@@ -9,7 +9,7 @@
 #include "base/memory.h"
 
 enum { EXPOSURE_STEPS = 64 };
-static const float MOST = 8;    /* of a gain, and its inverse */
+static const float MOST = 8;  /* of a gain, and its inverse */
 static const float DOUBT = 5; /* rays of a white wall that speak for a gain of 1 */
 
 cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *model,

@@ -5,8 +5,8 @@
  *
  * Every EXPOSURE_STEPS steps a gain becomes the least-squares factor from the rendered to the
  * photo's colours of the rays drawn since, those before counting half as much each time; then all
- * are divided by their geometric mean over the views, which the colours of the scene settle. Held-out
- * views have gain 1. */
+ * are divided by their geometric mean over the views, as the scene's colours may have any common
+ * factor. Held-out views have gain 1. */
 #ifndef CLN_EXPOSURE_H
 #define CLN_EXPOSURE_H
 
@@ -26,9 +26,9 @@ typedef struct cln_exposure {
     int32_t *number_of;        /* [view of the scene] which training view it is */
 } cln_exposure;
 
-/* Gains of 1 for every training view, if the model has none yet; nothing without
- * config.exposure, or if the images have alpha: then none of the others does anything. CLN_CHECKPOINT if it has those of
- * another number of views. */
+/* Makes gains of 1 for every training view, if the model has none yet. Without config.exposure, and
+ * if the images have alpha, there are none, and the functions below do nothing. CLN_CHECKPOINT if
+ * the model has gains of another number of views. */
 cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *model,
                               cln_exposure *out);
 void cln_exposure_free(cln_exposure *exposure); /* accepts a zeroed one */

@@ -346,5 +346,6 @@ int test_group_adam(void)
         cmocka_unit_test(test_nan),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(adam);
     return cmocka_run_group_tests_name("adam", tests, NULL, test_device_close);
 }

@@ -429,5 +429,6 @@ int test_group_composite(void)
         cmocka_unit_test(test_no_rays),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(composite);
     return cmocka_run_group_tests_name("composite", tests, NULL, test_device_close);
 }

@@ -278,5 +278,7 @@ int test_group_measure(void)
         cmocka_unit_test(test_distil),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(composite) |
+                  CLN_PROGRAM_BIT(stats) | CLN_PROGRAM_BIT(distil) | CLN_PROGRAM_BIT(adam);
     return cmocka_run_group_tests_name("measure", tests, NULL, test_device_close);
 }

@@ -358,5 +358,6 @@ int test_group_rays(void)
         cmocka_unit_test(test_far_cameras),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(rays);
     return cmocka_run_group_tests_name("rays", tests, NULL, test_device_close);
 }

@@ -184,5 +184,6 @@ int test_group_regularise(void)
         cmocka_unit_test(test_gpu_shape),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(regularise);
     return cmocka_run_group_tests_name("regularise", tests, NULL, test_device_close);
 }

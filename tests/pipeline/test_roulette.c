@@ -269,5 +269,6 @@ int test_group_roulette(void)
         cmocka_unit_test(test_no_number),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(roulette);
     return cmocka_run_group_tests_name("roulette", tests, NULL, test_device_close);
 }

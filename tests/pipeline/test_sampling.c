@@ -455,5 +455,6 @@ int test_group_sampling(void)
         cmocka_unit_test(test_cut),         cmocka_unit_test(test_in_parts),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(sampling);
     return cmocka_run_group_tests_name("sampling", tests, NULL, test_device_close);
 }

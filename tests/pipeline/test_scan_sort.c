@@ -412,5 +412,6 @@ int test_group_scan_sort(void)
         cmocka_unit_test(test_grouping),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(sort64) | CLN_PROGRAM_BIT(group);
     return cmocka_run_group_tests_name("scan_sort", tests, NULL, test_device_close);
 }

@@ -763,5 +763,7 @@ int test_group_splat(void)
         cmocka_unit_test(test_stats),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(sort64) | CLN_PROGRAM_BIT(rays) |
+                  CLN_PROGRAM_BIT(splat) | CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(stats);
     return cmocka_run_group_tests_name("splat", tests, NULL, test_device_close);
 }
