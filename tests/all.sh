@@ -3,8 +3,8 @@
 # AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed
 # library, and the devices side by side. A driver compiles kernels with one thread, so as many
 # parts as there are processors run at once, long ones first; each is printed when it ends. It ends
-# with a line "N passed, N failed[, N skipped]"; the last line here is their sum, and the exit status
-# is non-zero if anything failed. A part that breaks without this line counts as one failure.
+# with a line "N passed, N failed[, N skipped]"; the last line here is their sum, and the exit
+# status is non-zero if anything failed. A part that breaks without this line counts as one failure.
 # Failures are repeated before the sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
