@@ -1,11 +1,13 @@
 /* cln_view_run: a run opened for a browser. What is asked of it and how it is painted is
  * host/view's; here is what it is opened with. */
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/log.h"
 #include "io/json.h"
 #include "io/run_folder.h"
+#include "render/open_run.h"
 #include "render/orbit.h"
 #include "view/facts.h"
 #include "view/server.h"
@@ -35,15 +37,19 @@ done:
     return st;
 }
 
-/* Where an orbit begins, or the middle of its arc. */
-static cln_status first_camera(const cln_orbit_frame *frame, cln_camera *out)
+/* Until a signal ends it. */
+static cln_status serve(cln_server *server, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
-    cln_render_desc desc = {.orbit_elevation = frame->elevation};
-    cln_orbit orbit;
+    bool painted = false;
 
-    CLN_TRY(cln_orbit_make(frame, &desc, &orbit));
-    cln_orbit_camera(&orbit, orbit.circle ? 0 : 1, 4, out);
+    for (;;) {
+        const int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+
+        if (signal == SIGINT || signal == SIGTERM)
+            CLN_TRY(cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal"));
+        CLN_TRY(cln_server_turn(server, 0.1, &painted));
+    }
 done:
     return st;
 }
@@ -53,22 +59,29 @@ cln_status cln_view_run(const cln_view_desc *desc)
     cln_status st = CLN_OK;
     cln_listener listener = {.socket = -1};
     cln_open_run opened = {0};
-    cln_painter painter;
+    cln_painter painter = {.pipeline = &opened.pipeline, .model = &opened.model};
+    cln_server *server = NULL;
     cln_orbit_frame frame;
     cln_camera first;
-    char *facts = NULL;
+    char *text = NULL;
+    cln_facts facts = {.run = desc->run, .model = &opened.model, .frame = &frame, .start = &first};
 
     CLN_TRY(cln_serve_possible());
     CLN_TRY(cln_listen_open(desc->listen, desc->port, &listener));
     CLN_TRY(open_run(desc, &opened, &frame));
-    CLN_TRY(first_camera(&frame, &first));
+    facts.scene = painter.scene = opened.scene;
+    CLN_TRY(cln_facts_camera(&frame, &first));
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene ? opened.scene->lenses : 0));
-    CLN_TRY(cln_painter_open(&opened, &first, &painter));
-    CLN_TRY(cln_view_facts(&opened, &frame, &first, &facts));
-    st = cln_serve(&listener, &painter, facts, &desc->callbacks, desc->ready, desc->callbacks.user);
+    CLN_TRY(cln_painter_open(&painter, &first));
+    CLN_TRY(cln_facts_text(&facts, &text));
+    CLN_TRY(cln_server_open(&(cln_server_desc){&listener, &painter, text}, &server));
+    if (desc->ready)
+        desc->ready(listener.address, desc->callbacks.user);
+    st = serve(server, &desc->callbacks);
 done:
+    cln_server_close(server);
     cln_listen_close(&listener);
     cln_open_run_close(&opened);
-    free(facts);
+    free(text);
     return st;
 }

@@ -19,28 +19,42 @@ static json_t *camera_json(const cln_view *view)
                      "width", c->width, "height", c->height);
 }
 
-cln_status cln_view_facts(const cln_open_run *opened, const cln_orbit_frame *frame,
-                          const cln_camera *start, char **out)
+cln_status cln_facts_text(const cln_facts *facts, char **out)
 {
     cln_status st = CLN_OK;
-    const cln_model *model = &opened->model;
+    const cln_model *model = facts->model;
+    const cln_orbit_frame *frame = facts->frame;
+    const cln_camera *start = facts->start;
     const double background[3] = {model->background[0], model->background[1], model->background[2]};
-    json_t *cameras = json_array(), *facts = NULL;
+    json_t *cameras = json_array(), *document = NULL;
 
     *out = NULL;
-    for (int i = 0; opened->scene && i < opened->scene->view_count; i++)
-        json_array_append_new(cameras, camera_json(&opened->scene->views[i]));
-    facts = json_pack("{s:s, s:I, s:i, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:i, s:i, s:f, s:o}",
-                      "run", opened->run, "step", (json_int_t)model->step, "leaves",
-                      model->tree.leaf_count, "background", numbers(background, 3), "target",
-                      numbers(frame->target, 3), "up", numbers(frame->up, 3), "distance",
-                      frame->distance, "centre", numbers(model->space.centre, 3), "half",
-                      model->space.half, "start", numbers(start->c2w, 12), "width", start->width,
-                      "height", start->height, "focal", start->fy, "cameras", cameras);
-    *out = facts ? json_dumps(facts, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
+    for (int i = 0; facts->scene && i < facts->scene->view_count; i++)
+        json_array_append_new(cameras, camera_json(&facts->scene->views[i]));
+    document = json_pack(
+        "{s:s, s:I, s:i, s:b, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:i, s:i, s:f, s:o}", "run",
+        facts->run, "step", (json_int_t)model->step, "leaves", model->tree.leaf_count, "training",
+        facts->training, "background", numbers(background, 3), "target", numbers(frame->target, 3),
+        "up", numbers(frame->up, 3), "distance", frame->distance, "centre",
+        numbers(model->space.centre, 3), "half", model->space.half, "start",
+        numbers(start->c2w, 12), "width", start->width, "height", start->height, "focal", start->fy,
+        "cameras", cameras);
+    *out = document ? json_dumps(document, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     if (!*out)
-        CLN_TRY(cln_fail(CLN_MEMORY, "the facts of %s: cannot be put into JSON", opened->run));
+        CLN_TRY(cln_fail(CLN_MEMORY, "the facts of %s: cannot be put into JSON", facts->run));
 done:
-    json_decref(facts);
+    json_decref(document);
+    return st;
+}
+
+cln_status cln_facts_camera(const cln_orbit_frame *frame, cln_camera *out)
+{
+    cln_status st = CLN_OK;
+    const cln_render_desc desc = {.orbit_elevation = frame->elevation};
+    cln_orbit orbit;
+
+    CLN_TRY(cln_orbit_make(frame, &desc, &orbit));
+    cln_orbit_camera(&orbit, orbit.circle ? 0 : 1, 4, out);
+done:
     return st;
 }

@@ -2,14 +2,25 @@
 #ifndef CLN_FACTS_H
 #define CLN_FACTS_H
 
-#include "render/open_run.h"
+#include "model/model.h"
 #include "render/orbit.h"
 
-/* {run, step, leaves, background, target, up, distance, centre, half, start, width, height, focal,
- * cameras: [{name, split, pose, focal, width, height}]}: scene units, poses row-major 3x4, OpenCV's
- * axes; focal: of the camera's vertical axis in pixels; cameras in the order of the scene's views,
- * none without a scene. start: the first camera. The caller frees *out. */
-cln_status cln_view_facts(const cln_open_run *opened, const cln_orbit_frame *frame,
-                          const cln_camera *start, char **out);
+typedef struct cln_facts {
+    const char *run;
+    const cln_model *model;
+    const cln_scene *scene; /* NULL: no cameras */
+    const cln_orbit_frame *frame;
+    const cln_camera *start; /* the first camera */
+    bool training;           /* it is under way */
+} cln_facts;
+
+/* {run, step, leaves, training, background, target, up, distance, centre, half, start, width,
+ * height, focal, cameras: [{name, split, pose, focal, width, height}]}: scene units, poses row-major
+ * 3x4, OpenCV's axes; focal: of the camera's vertical axis in pixels; cameras in the order of the
+ * scene's views. The caller frees *out. */
+cln_status cln_facts_text(const cln_facts *facts, char **out);
+
+/* A camera to begin with: where an orbit begins, or the middle of its arc. */
+cln_status cln_facts_camera(const cln_orbit_frame *frame, cln_camera *out);
 
 #endif

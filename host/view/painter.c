@@ -30,7 +30,7 @@ void cln_painting_say(cln_painting *g, int status, const char *sentence)
 
 void cln_painting_free(cln_painter *painter, cln_painting *g)
 {
-    cln_rendering_end(&painter->opened->pipeline, &g->rendering);
+    cln_rendering_end(painter->pipeline, &g->rendering);
     free(g->body);
     memset(g, 0, sizeof *g);
 }
@@ -39,8 +39,19 @@ void cln_painting_free(cln_painter *painter, cln_painting *g)
 
 static cln_status set_camera(cln_painter *painter, const cln_camera *camera)
 {
-    return cln_pipeline_cameras(&painter->opened->pipeline, &camera, 1,
-                                &painter->opened->model.space);
+    return cln_pipeline_cameras(painter->pipeline, &camera, 1, &painter->model->space);
+}
+
+/* A training has changed since the batch before, and with it its tree and memory plan. */
+static cln_status step_rendering(cln_painter *painter, cln_rendering *r)
+{
+    const cln_pipeline *p = painter->pipeline;
+
+    r->batch.sampling = cln_render_sampling(p);
+    r->batch.sampling.pictures = !painter->training;
+    if (p->max_rays > 0 && p->max_rays < r->most)
+        r->most = p->max_rays;
+    return cln_rendering_step(painter->pipeline, r);
 }
 
 /* The camera with as many pixels as the device renders in the time. */
@@ -67,7 +78,7 @@ static cln_status draw_depth(const cln_painter *painter, cln_painting *g, uint8_
     for (size_t i = 0; i < n; i++) {
         grey[i] = cln_to_u8(p->opacity[i]);
         p->depth[i] =
-            grey[i] > 0 ? cln_space_depth_to_scene(&painter->opened->model.space, p->depth[i]) : 0;
+            grey[i] > 0 ? cln_space_depth_to_scene(&painter->model->space, p->depth[i]) : 0;
     }
     CLN_TRY(cln_depth_scale_add(&scale, n, p->depth, grey));
     if (cln_depth_scale_make(&scale)) {
@@ -110,7 +121,7 @@ done:
 static cln_status step_picture(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = &painter->opened->pipeline;
+    cln_pipeline *p = painter->pipeline;
     cln_rendering *r = &g->rendering;
 
     if (!g->begun) {
@@ -126,7 +137,7 @@ static cln_status step_picture(cln_painter *painter, cln_painting *g)
     } else {
         CLN_TRY(set_camera(painter, &g->ask.camera)); /* another picture may have come between */
     }
-    CLN_TRY(cln_rendering_step(p, r));
+    CLN_TRY(step_rendering(painter, r));
     if (r->done == g->width * g->height)
         CLN_TRY(encode(painter, g));
 done:
@@ -157,7 +168,7 @@ static void over_background(const float background[3], size_t pixels, uint8_t *d
 static cln_status paint_photo(const cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
-    const cln_view *view = &painter->opened->scene->views[g->ask.view];
+    const cln_view *view = &painter->scene->views[g->ask.view];
     int width = 0, height = 0, channels = 0, longer = 0;
     uint8_t *pixels = NULL;
 
@@ -170,7 +181,7 @@ static cln_status paint_photo(const cln_painter *painter, cln_painting *g)
                                     &pixels));
     }
     if (channels == 4)
-        over_background(painter->opened->model.background, (size_t)width * (size_t)height, pixels);
+        over_background(painter->model->background, (size_t)width * (size_t)height, pixels);
     CLN_TRY(cln_image_encode_jpeg(width, height, 3, pixels, STILL, &g->body, &g->bytes));
     g->type = "image/jpeg";
     g->status = 200;
@@ -183,7 +194,7 @@ done:
 static cln_status paint_point(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
-    const cln_space *space = &painter->opened->model.space;
+    const cln_space *space = &painter->model->space;
     cln_camera one = g->ask.camera;
     double origin[3], direction[3], depth = 0;
     char text[256];
@@ -192,9 +203,8 @@ static cln_status paint_point(cln_painter *painter, cln_painting *g)
     one.cy -= fmin(floor(g->ask.y), one.height - 1);
     one.width = one.height = 1;
     CLN_TRY(set_camera(painter, &one));
-    CLN_TRY(cln_rendering_begin(&painter->opened->pipeline, 0, g->ask.background, false,
-                                &g->rendering));
-    CLN_TRY(cln_rendering_step(&painter->opened->pipeline, &g->rendering));
+    CLN_TRY(cln_rendering_begin(painter->pipeline, 0, g->ask.background, false, &g->rendering));
+    CLN_TRY(step_rendering(painter, &g->rendering));
     cln_camera_ray(&one, 0.5, 0.5, origin, direction);
     if (g->rendering.picture.opacity[0] > 0)
         depth = cln_space_distance_to_scene(space, g->rendering.picture.depth[0]);
@@ -236,26 +246,25 @@ cln_status cln_painter_step(cln_painter *painter, cln_painting *g)
     return CLN_OK;
 }
 
-cln_status cln_painter_open(cln_open_run *opened, const cln_camera *first, cln_painter *out)
+cln_status cln_painter_open(cln_painter *painter, const cln_camera *first)
 {
     cln_status st = CLN_OK;
     cln_painting g = {0};
 
-    memset(out, 0, sizeof *out);
-    out->opened = opened;
-    out->seconds_per_pixel = 1e-6;
-    CLN_TRY(cln_render_prepare(&opened->pipeline));
+    painter->seconds_per_pixel = 1e-6;
+    if (!painter->training)
+        CLN_TRY(cln_render_prepare(painter->pipeline));
     for (int i = 0; i < 3; i++) { /* the first one also warms the driver up */
         g.ask = (cln_ask){.kind = CLN_ASK_PICTURE, .view = -1};
         CLN_TRY(cln_orbit_resize(first, 128, 128, &g.ask.camera));
         while (g.status == 0)
-            CLN_TRY(cln_painter_step(out, &g));
+            CLN_TRY(cln_painter_step(painter, &g));
         if (g.status != 200)
             CLN_TRY(cln_fail(CLN_MEMORY, "no memory for a picture of 128 x 128"));
-        out->seconds_per_pixel = g.seconds / (128 * 128);
-        cln_painting_free(out, &g);
+        painter->seconds_per_pixel = g.seconds / (128 * 128);
+        cln_painting_free(painter, &g);
     }
 done:
-    cln_painting_free(out, &g);
+    cln_painting_free(painter, &g);
     return st;
 }

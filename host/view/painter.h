@@ -3,12 +3,15 @@
 #ifndef CLN_PAINTER_H
 #define CLN_PAINTER_H
 
-#include "render/open_run.h"
 #include "render/view.h"
 #include "view/request.h"
 
+/* The first ones are the caller's. */
 typedef struct cln_painter {
-    cln_open_run *opened;
+    cln_pipeline *pipeline; /* its cameras are others after a painting */
+    const cln_model *model; /* whose space and background count */
+    const cln_scene *scene; /* NULL: no photos */
+    bool training; /* the pipeline is a training's: pictures take its densities as they are */
     double seconds_per_pixel; /* of pictures, encoding included; from what they took */
 } cln_painter;
 
@@ -27,9 +30,9 @@ typedef struct cln_painting {
     double near, far;  /* depth picture: the ends of its greys, scene units; else 0 */
 } cln_painting;
 
-/* Prepares the densities of pictures and renders some small ones, of `first`, to learn the
- * device's speed. CLN_CL, CLN_MEMORY. */
-cln_status cln_painter_open(cln_open_run *opened, const cln_camera *first, cln_painter *out);
+/* Prepares the densities of pictures, unless `training`, and renders some small ones, of `first`, to
+ * learn the device's speed. CLN_CL, CLN_MEMORY. */
+cln_status cln_painter_open(cln_painter *painter, const cln_camera *first);
 
 /* Goes on with a painting by one batch; it is done when its status is not 0. What concerns one
  * painting alone (no memory for its size, a photo that cannot be read) becomes its answer; errors

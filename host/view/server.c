@@ -10,12 +10,29 @@ cln_status cln_serve_possible(void)
                     "install the Debian package libmicrohttpd-dev and run make again");
 }
 
-cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
-                     const cln_callbacks *callbacks, void (*ready)(const char *address, void *user),
-                     void *user)
+cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
 {
-    (void)listener, (void)painter, (void)facts, (void)callbacks, (void)ready, (void)user;
+    (void)desc;
+    *out = NULL;
     return cln_serve_possible();
+}
+
+cln_status cln_server_turn(cln_server *s, double wait, bool *painted)
+{
+    (void)s, (void)wait;
+    *painted = false;
+    return cln_serve_possible();
+}
+
+bool cln_server_asked(cln_server *s)
+{
+    (void)s;
+    return false;
+}
+
+void cln_server_close(cln_server *s)
+{
+    (void)s;
 }
 
 #else
@@ -23,7 +40,6 @@ cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const c
 #include <errno.h>
 #include <microhttpd.h>
 #include <pthread.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,9 +55,9 @@ enum {
     CONNECTIONS = 64,
     HEADER_BYTES = 32 * 1024, /* of a connection, for a request's line and headers */
     HEAD_SECONDS = 10,        /* from connecting to the end of the first request's headers */
-    SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
-    TURN_MS = 100             /* how often the painter looks for signals and late connections */
+    SEND_SECONDS = 60         /* for an answer, and from there to the next request */
 };
+static const double TEND_SECONDS = 0.1; /* how often late and vanished connections are looked for */
 
 /* A connection, for its limit in time. MHD's own counts from the last byte, which a slow client can
  * send for ever. */
@@ -62,20 +78,22 @@ typedef struct request {
     struct request *next;
 } request;
 
-typedef struct server {
+struct cln_server {
     const cln_listener *listener;
     cln_painter *painter;
     const char *facts;
     char *html, *css, *js;
     char cookie[32]; /* its name */
     struct MHD_Daemon *daemon;
+    double tended_at;     /* the painting thread's, as the next one */
+    bool small_before;    /* the piece painted before was a small request */
     pthread_mutex_t lock; /* of all below */
     pthread_cond_t came;
     bool closing;
     client clients[CONNECTIONS];
     request *waiting; /* in order of arrival */
     request *at_work; /* the painting that waits for small ones between its batches, or NULL */
-} server;
+};
 
 static const char policy[] =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
@@ -88,7 +106,7 @@ cln_status cln_serve_possible(void)
 
 /* ---- connections ---- */
 
-static void set_deadline(server *s, struct MHD_Connection *connection, double seconds)
+static void set_deadline(cln_server *s, struct MHD_Connection *connection, double seconds)
 {
     const union MHD_ConnectionInfo *info =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
@@ -104,7 +122,7 @@ static void set_deadline(server *s, struct MHD_Connection *connection, double se
 static void on_connection(void *user, struct MHD_Connection *connection, void **context,
                           enum MHD_ConnectionNotificationCode code)
 {
-    server *s = user;
+    cln_server *s = user;
     const union MHD_ConnectionInfo *info =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
     client *c = *context;
@@ -124,7 +142,7 @@ static void on_connection(void *user, struct MHD_Connection *connection, void **
 }
 
 /* MHD sees the end of the stream and closes it. */
-static void end_late(server *s)
+static void end_late(cln_server *s)
 {
     const double now = cln_now();
 
@@ -151,7 +169,7 @@ static bool is_gone(const request *r)
 /* ---- answers ---- */
 
 /* Takes the response. */
-static enum MHD_Result send_response(server *s, struct MHD_Connection *connection, int status,
+static enum MHD_Result send_response(cln_server *s, struct MHD_Connection *connection, int status,
                                      const char *type, struct MHD_Response *response)
 {
     enum MHD_Result sent;
@@ -171,7 +189,7 @@ static enum MHD_Result send_response(server *s, struct MHD_Connection *connectio
 }
 
 /* text lives as long as the server. */
-static enum MHD_Result send_text(server *s, struct MHD_Connection *connection, int status,
+static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connection, int status,
                                  const char *type, const char *text)
 {
     return send_response(
@@ -179,7 +197,7 @@ static enum MHD_Result send_text(server *s, struct MHD_Connection *connection, i
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
 }
 
-static enum MHD_Result refuse(server *s, struct MHD_Connection *connection, int status,
+static enum MHD_Result refuse(cln_server *s, struct MHD_Connection *connection, int status,
                               const char *sentence)
 {
     char text[512];
@@ -190,7 +208,7 @@ static enum MHD_Result refuse(server *s, struct MHD_Connection *connection, int 
         MHD_create_response_from_buffer(strlen(text), text, MHD_RESPMEM_MUST_COPY));
 }
 
-static enum MHD_Result send_painting(server *s, struct MHD_Connection *connection, request *r)
+static enum MHD_Result send_painting(cln_server *s, struct MHD_Connection *connection, request *r)
 {
     cln_painting *g = &r->painting;
     struct MHD_Response *response =
@@ -226,7 +244,7 @@ static bool is_viewer(const char *name)
 }
 
 /* Puts a request to the painter; an earlier picture of the same viewer is no longer wanted. */
-static enum MHD_Result put(server *s, struct MHD_Connection *connection, request *r)
+static enum MHD_Result put(cln_server *s, struct MHD_Connection *connection, request *r)
 {
     const union MHD_ConnectionInfo *info =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
@@ -252,16 +270,16 @@ static enum MHD_Result put(server *s, struct MHD_Connection *connection, request
     return taken ? MHD_YES : refuse(s, connection, 503, "the viewer is stopping");
 }
 
-static enum MHD_Result ask(server *s, struct MHD_Connection *connection, cln_ask_kind kind,
+static enum MHD_Result ask(cln_server *s, struct MHD_Connection *connection, cln_ask_kind kind,
                            request *r)
 {
     const char *viewer = header_of(connection, "X-Viewer");
-    const cln_open_run *opened = s->painter->opened;
+    const cln_painter *painter = s->painter;
     enum MHD_Result answered;
 
     if (kind != CLN_ASK_PHOTO && !is_viewer(viewer))
         return refuse(s, connection, 403, "a header X-Viewer with a name is wanted");
-    if (cln_ask_read(kind, opened->scene, opened->model.background, query_value, connection,
+    if (cln_ask_read(kind, painter->scene, painter->model->background, query_value, connection,
                      &r->painting.ask) == CLN_OK) {
         if (kind == CLN_ASK_PICTURE)
             snprintf(r->viewer, sizeof r->viewer, "%s", viewer);
@@ -274,7 +292,7 @@ static enum MHD_Result ask(server *s, struct MHD_Connection *connection, cln_ask
 
 /* With a token in the address the browser gets it as a cookie, and the address without it: it is
  * then neither in the history nor on the screen. */
-static enum MHD_Result let_in(server *s, struct MHD_Connection *connection)
+static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
 {
     struct MHD_Response *response =
         MHD_create_response_from_buffer(0, (void *)"", MHD_RESPMEM_PERSISTENT);
@@ -289,7 +307,7 @@ static enum MHD_Result let_in(server *s, struct MHD_Connection *connection)
     return send_response(s, connection, 303, "text/plain", response);
 }
 
-static enum MHD_Result route(server *s, struct MHD_Connection *connection, const char *path,
+static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, const char *path,
                              request *r)
 {
     static const struct {
@@ -335,7 +353,7 @@ static enum MHD_Result on_request(void *user, struct MHD_Connection *connection,
                                   const char *method, const char *version, const char *data,
                                   size_t *bytes, void **context)
 {
-    server *s = user;
+    cln_server *s = user;
     const char *length = header_of(connection, "Content-Length");
     request *r = *context;
 
@@ -370,9 +388,9 @@ static void on_completed(void *user, struct MHD_Connection *connection, void **c
 /* ---- painting ---- */
 
 /* Gives an answered request back to its connection. */
-static void hand_back(server *s, request *r)
+static void hand_back(cln_server *s, request *r)
 {
-    cln_rendering_end(&s->painter->opened->pipeline, &r->painting.rendering);
+    cln_rendering_end(s->painter->pipeline, &r->painting.rendering);
     MHD_resume_connection(r->connection);
 }
 
@@ -381,28 +399,64 @@ static bool is_small(const request *r)
     return r->painting.ask.kind != CLN_ASK_PICTURE || r->painting.ask.budget > 0;
 }
 
+/* Sends those away that nobody waits for: their connections are few. */
+static void drop_gone(cln_server *s)
+{
+    request *gone = NULL;
+
+    pthread_mutex_lock(&s->lock);
+    for (request **at = &s->waiting; *at;) {
+        request *r = *at;
+
+        if (r->cancelled || is_gone(r)) {
+            *at = r->next;
+            r->next = gone;
+            gone = r;
+        } else {
+            at = &r->next;
+        }
+    }
+    pthread_mutex_unlock(&s->lock);
+    for (request *next = NULL; gone; gone = next) {
+        next = gone->next;
+        cln_painting_say(&gone->painting, 409, "a later picture was asked for");
+        hand_back(s, gone);
+    }
+}
+
+static void tend(cln_server *s)
+{
+    const double now = cln_now();
+
+    if (now - s->tended_at < TEND_SECONDS)
+        return;
+    s->tended_at = now;
+    end_late(s);
+    drop_gone(s);
+}
+
 /* Takes the next one to paint: small ones in order, each whole; in between a batch of the large one
- * at work, so that neither waits for ever. NULL after a while without any. */
-static request *take(server *s, bool *small_before)
+ * at work, so that neither waits for ever. NULL after `wait` seconds without any. */
+static request *take(cln_server *s, double wait)
 {
     request *r = NULL;
     struct timespec until;
 
     clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_nsec += TURN_MS * 1000000L;
+    until.tv_nsec += (long)(wait * 1e9);
     until.tv_sec += until.tv_nsec / 1000000000;
     until.tv_nsec %= 1000000000;
     pthread_mutex_lock(&s->lock);
-    if (!s->waiting && !s->at_work)
+    if (wait > 0 && !s->waiting && !s->at_work)
         pthread_cond_timedwait(&s->came, &s->lock, &until);
-    if (!s->at_work || !*small_before)
+    if (!s->at_work || !s->small_before)
         for (request **at = &s->waiting; *at && !r; at = &(*at)->next)
             if ((*at)->cancelled || is_small(*at)) {
                 r = *at;
                 *at = r->next;
                 break;
             }
-    *small_before = r != NULL;
+    s->small_before = r != NULL;
     if (!r && !s->at_work && s->waiting) {
         s->at_work = s->waiting;
         s->waiting = s->waiting->next;
@@ -416,7 +470,7 @@ static request *take(server *s, bool *small_before)
 }
 
 /* Paints r: a small one to its end, of a large one a batch. */
-static cln_status paint(server *s, request *r)
+static cln_status paint(cln_server *s, request *r)
 {
     cln_status st = CLN_OK;
     bool cancelled = false;
@@ -444,7 +498,7 @@ done:
 }
 
 /* Nobody waits any more: MHD cannot stop while connections are suspended. */
-static void send_all_away(server *s)
+static void send_all_away(cln_server *s)
 {
     request *r = NULL;
 
@@ -487,7 +541,7 @@ done:
     return st;
 }
 
-static cln_status start(server *s)
+static cln_status start(cln_server *s)
 {
     cln_status st = CLN_OK;
     const int copy = dup(s->listener->socket); /* MHD closes it */
@@ -509,50 +563,73 @@ done:
     return st;
 }
 
-cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
-                     const cln_callbacks *callbacks, void (*ready)(const char *address, void *user),
-                     void *user)
+cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
 {
     cln_status st = CLN_OK;
-    server s = {.listener = listener, .painter = painter, .facts = facts};
+    cln_server *s = NULL;
     pthread_condattr_t monotonic;
-    bool small_before = false;
 
+    *out = NULL;
+    CLN_TRY(cln_alloc(&s, 1, sizeof *s, "viewer"));
+    s->listener = desc->listener;
+    s->painter = desc->painter;
+    s->facts = desc->facts;
     pthread_condattr_init(&monotonic);
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
-    pthread_cond_init(&s.came, &monotonic);
+    pthread_cond_init(&s->came, &monotonic);
     pthread_condattr_destroy(&monotonic);
-    pthread_mutex_init(&s.lock, NULL);
-    snprintf(s.cookie, sizeof s.cookie, "cl-nascent-%d", listener->port);
-    CLN_TRY(join(cln_page_html, &s.html));
-    CLN_TRY(join(cln_page_css, &s.css));
-    CLN_TRY(join(cln_page_js, &s.js));
-    CLN_TRY(start(&s));
-    if (ready)
-        ready(listener->address, user);
-    for (;;) {
-        const int signal =
-            callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
-        request *r = NULL;
-
-        if (signal == SIGINT || signal == SIGTERM)
-            CLN_TRY(cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal"));
-        end_late(&s);
-        r = take(&s, &small_before);
-        if (r)
-            CLN_TRY(paint(&s, r));
-    }
+    pthread_mutex_init(&s->lock, NULL);
+    snprintf(s->cookie, sizeof s->cookie, "cl-nascent-%d", desc->listener->port);
+    CLN_TRY(join(cln_page_html, &s->html));
+    CLN_TRY(join(cln_page_css, &s->css));
+    CLN_TRY(join(cln_page_js, &s->js));
+    CLN_TRY(start(s));
+    *out = s;
+    s = NULL;
 done:
-    if (s.daemon) {
-        send_all_away(&s);
-        MHD_stop_daemon(s.daemon);
-    }
-    pthread_mutex_destroy(&s.lock);
-    pthread_cond_destroy(&s.came);
-    free(s.html);
-    free(s.css);
-    free(s.js);
+    cln_server_close(s);
     return st;
+}
+
+cln_status cln_server_turn(cln_server *s, double wait, bool *painted)
+{
+    cln_status st = CLN_OK;
+    request *r = NULL;
+
+    tend(s);
+    r = take(s, wait);
+    *painted = r != NULL;
+    if (r)
+        CLN_TRY(paint(s, r));
+done:
+    return st;
+}
+
+bool cln_server_asked(cln_server *s)
+{
+    bool asked = false;
+
+    tend(s);
+    pthread_mutex_lock(&s->lock);
+    asked = s->waiting || s->at_work;
+    pthread_mutex_unlock(&s->lock);
+    return asked;
+}
+
+void cln_server_close(cln_server *s)
+{
+    if (!s)
+        return;
+    if (s->daemon) {
+        send_all_away(s);
+        MHD_stop_daemon(s->daemon);
+    }
+    pthread_mutex_destroy(&s->lock);
+    pthread_cond_destroy(&s->came);
+    free(s->html);
+    free(s->css);
+    free(s->js);
+    free(s);
 }
 
 #endif

@@ -16,10 +16,28 @@
 /* CLN_FAILED in a program that was built without libmicrohttpd: which package is missing. */
 cln_status cln_serve_possible(void);
 
-/* Serves until callbacks->interrupted returns SIGINT or SIGTERM (CLN_SIGINT, CLN_SIGTERM), or the
- * device fails. facts: JSON text. ready is called when requests are answered. */
-cln_status cln_serve(const cln_listener *listener, cln_painter *painter, const char *facts,
-                     const cln_callbacks *callbacks, void (*ready)(const char *address, void *user),
-                     void *user);
+/* All that it points to is the caller's and lives as long as the server. */
+typedef struct cln_server_desc {
+    const cln_listener *listener;
+    cln_painter *painter;
+    const char *facts; /* JSON text */
+} cln_server_desc;
+
+typedef struct cln_server cln_server;
+
+/* Requests are answered from here on; those for the painter wait for turns. CLN_FAILED,
+ * CLN_MEMORY. */
+cln_status cln_server_open(const cln_server_desc *desc, cln_server **out);
+
+/* Paints a piece of what was asked for: a small picture, a photo, a point, or a batch of a large
+ * picture. Waits up to `wait` seconds (below 1) for something; *painted: there was. On the thread
+ * that has the device, whose errors it returns: CLN_CL, CLN_BUILD, CLN_INTERNAL. */
+cln_status cln_server_turn(cln_server *s, double wait, bool *painted);
+
+/* Whether a turn would find something. The same thread. */
+bool cln_server_asked(cln_server *s);
+
+/* Sends away who waits. Accepts NULL. */
+void cln_server_close(cln_server *s);
 
 #endif
