@@ -179,6 +179,18 @@ typedef struct cln_callbacks {
     void *user;
 } cln_callbacks;
 
+/* A training that can be watched and steered from a browser while it runs: pictures as of
+ * cln_view_run, error against run time, stage times; pause, checkpoint, stop. What is trained does
+ * not depend on it, and its time is not training's. */
+typedef struct cln_live_desc {
+    const char *listen; /* a numeric address, which then wants a token; NULL = 127.0.0.1, without */
+    int port;           /* 0 = 7007, or a free one if that is taken */
+    double share; /* of the time, 0..0.9: what pictures may take, the first one aside; 0 = 0.2 */
+    /* Called once, when a browser can open the address (token included). May be NULL. */
+    void (*ready)(const char *address, void *user);
+    void *user;
+} cln_live_desc;
+
 typedef struct cln_train_desc {
     const char *scene; /* NULL with resume: the run's own */
     const char *run;
@@ -192,6 +204,8 @@ typedef struct cln_train_desc {
     /* File for each structure decision's integer program, in LP format, which overwrites the one
      * before; NULL = none. */
     const char *dump_program;
+    /* NULL = nobody can watch. CLN_FAILED if the library was built without libmicrohttpd. */
+    const cln_live_desc *live;
     cln_callbacks callbacks;
 } cln_train_desc;
 

@@ -22,6 +22,7 @@
 #include "train/loop.h"
 #include "train/record.h"
 #include "train/step.h"
+#include "train/watch.h"
 
 cln_status cln_settings_of_run(const char *run, cln_settings **out)
 {
@@ -296,6 +297,7 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_run_check(t->desc->run, false, &empty));
     }
     CLN_TRY(cln_config_check(&config));
+    CLN_TRY(cln_watch_open(t));
     CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
@@ -369,7 +371,8 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
                      .began = cln_now(),
                      .psnr_train = NAN,
                      .psnr_test = NAN,
-                     .eval_seconds = NAN};
+                     .eval_seconds = NAN,
+                     .saved_step = -1};
     const char *state = "failed";
 
     memset(result, 0, sizeof *result);
@@ -378,6 +381,7 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
 done:
     if (t.device) /* after a failure the queue may still have to do with our arrays */
         (void)cln_device_finish(t.device);
+    cln_watch_close(&t);
     result->step = t.model.step;
     result->seconds = t.model.train_seconds;
     result->wall_seconds = cln_now() - t.began;

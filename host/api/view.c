@@ -74,7 +74,8 @@ cln_status cln_view_run(const cln_view_desc *desc)
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene ? opened.scene->lenses : 0));
     CLN_TRY(cln_painter_open(&painter, &first));
     CLN_TRY(cln_facts_text(&facts, &text));
-    CLN_TRY(cln_server_open(&(cln_server_desc){&listener, &painter, text}, &server));
+    CLN_TRY(cln_server_open(
+        &(cln_server_desc){.listener = &listener, .painter = &painter, .facts = text}, &server));
     if (desc->ready)
         desc->ready(listener.address, desc->callbacks.user);
     st = serve(server, &desc->callbacks);

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include "base/log.h"
 #include "base/text.h"
+#include "cli/browser.h"
 #include "cli/console.h"
 #include "io/json.h"
 #include "ranks/ranks.h"
@@ -62,6 +63,19 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     return CLN_OK;
 }
 
+/* Not to standard output, which has the result. */
+static void show_address(const char *address, void *user)
+{
+    const cln_options *options = user;
+
+    if (options->quiet)
+        fprintf(stderr, "%s\n", address);
+    else
+        cln_info("watch it in a browser: %s", address);
+    if (options->open)
+        cln_open_browser(address);
+}
+
 cln_status cln_cmd_train(const cln_options *options)
 {
     cln_status st = CLN_OK;
@@ -69,11 +83,18 @@ cln_status cln_cmd_train(const cln_options *options)
     cln_console console = {0};
     cln_train_result result = {.psnr_train = NAN, .psnr_test = NAN};
     const char *run = options->resume ? options->resume : options->output;
+    const cln_live_desc live = {.listen = options->listen,
+                                .port = options->port,
+                                .share = options->view_share / 100,
+                                .ready = show_address,
+                                .user = (void *)options};
+    char quoted[CLN_QUOTED_BYTES];
     cln_train_desc desc = {.scene = options->operand,
                            .run = run,
                            .resume = options->resume != NULL,
                            .skip_selftest = options->skip_selftest,
                            .dump_program = options->dump_program,
+                           .live = options->watch ? &live : NULL,
                            .settings = options->settings,
                            .device = options->device,
                            .command = options->line};
@@ -93,6 +114,9 @@ cln_status cln_cmd_train(const cln_options *options)
     cln_console_close(&console);
     if (trained != CLN_OK && trained != CLN_SIGINT && trained != CLN_SIGTERM)
         return trained;
+    if (options->watch)
+        cln_info("the viewer ends with the training; go on looking with `cl-nascent view %s`",
+                 cln_shell_quote(run, quoted, sizeof quoted));
     if (cln_ranks_me() == 0)
         CLN_TRY(print_result(options, run, trained, &result));
     st = trained;

@@ -1,40 +1,15 @@
 /* `cl-nascent view`: a run in the browser. Prints the address and serves until a signal. */
 #include "cli/commands.h"
 
-#include <errno.h>
-#include <spawn.h>
 #include <stdio.h>
-#include <string.h>
-#include <sys/wait.h>
 #include "base/log.h"
+#include "cli/browser.h"
 #include "cli/console.h"
-
-extern char **environ;
 
 typedef struct shown {
     const cln_options *options;
     cln_console *console;
 } shown;
-
-/* In the background: where there is no desktop, xdg-open is the browser itself. */
-static void open_browser(const char *address)
-{
-    static const char script[] =
-        "command -v xdg-open >/dev/null || exit 1; xdg-open \"$0\" >/dev/null 2>&1 &";
-    char *const words[] = {"sh", "-c", (char *)script, (char *)address, NULL};
-    pid_t child = 0;
-    const int failed = posix_spawnp(&child, words[0], NULL, NULL, words, environ);
-    int status = 0;
-
-    if (failed == 0)
-        while (waitpid(child, &status, 0) < 0 && errno == EINTR)
-            ;
-    if (failed != 0 || status != 0)
-        cln_warn("no browser was opened (%s); open the address by hand",
-                 failed ? strerror(failed)
-                        : "xdg-open, of the Debian package xdg-utils, is "
-                          "missing");
-}
 
 static void show(const char *address, void *user)
 {
@@ -44,7 +19,7 @@ static void show(const char *address, void *user)
     fflush(stdout);
     cln_info("open this address in a browser; Ctrl-C ends the viewer");
     if (s->options->open)
-        open_browser(address);
+        cln_open_browser(address);
 }
 
 static int interrupted(void *user)

@@ -18,7 +18,8 @@ const cln_command cln_commands[] = {
      "Trains a scene from its posed photos",
      "SCENE is a folder or a transforms JSON file. Training ends when the first budget is used up "
      "(--steps, --time-limit, --target-psnr; else --epochs). Ctrl-C or SIGTERM writes a checkpoint "
-     "and stops, a second one leaves at once; SIGUSR1 writes a checkpoint and goes on.",
+     "and stops, a second one leaves at once; SIGUSR1 writes a checkpoint and goes on. With --view "
+     "it is watched, paused and stopped in a browser, too.",
      cln_cmd_train},
     {"eval", CLN_EVAL, "RUN", true, "eval RUN [OPTIONS]",
      "PSNR and SSIM of a run's renders against held-out photos",
@@ -229,13 +230,17 @@ const cln_arg cln_args[] = {
          "octree: what the boxes' colours show: the level, or the error on a logarithmic scale",
          .standard = "level"),
 
-    INT(CLN_VIEW, "port", port, "N", 1, 65535,
+    FLAG(CLN_TRAIN, "view", watch,
+         "watch and steer the training in a browser, at the address that is printed"),
+    REAL(CLN_TRAIN, "view-share", view_share, "PERCENT", 1, 90,
+         "of the time, the most that viewing takes from training", .standard = "20"),
+    INT(CLN_VIEW | CLN_TRAIN, "port", port, "N", 1, 65535,
         "port to listen on", .shown = "7007, or a free one if that is taken"),
-    TEXT(CLN_VIEW, "listen", listen, "ADDRESS",
+    TEXT(CLN_VIEW | CLN_TRAIN, "listen", listen, "ADDRESS",
          "numeric address to listen on, for other machines (0.0.0.0: all of this one's); the "
          "printed address then has a token, without which nothing is answered",
          .shown = "127.0.0.1, without a token"),
-    FLAG(CLN_VIEW, "open", open,
+    FLAG(CLN_VIEW | CLN_TRAIN, "open", open,
          "open the address in this desktop's browser (xdg-open)"),
 
     FLAG(CLN_DEVICES | CLN_BUGREPORT, "test", test,

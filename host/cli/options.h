@@ -32,7 +32,8 @@ typedef struct cln_options {
     int image_width, image_height;
     const char *listen;
     int port;
-    bool open;
+    bool open, watch;
+    double view_share; /* percent */
 
     cln_settings
         *settings; /* train, check, info, tune: preset or resumed run, then the options given */

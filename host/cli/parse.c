@@ -402,6 +402,7 @@ done:
 
 static cln_status check_train(const parser *p)
 {
+    static const char *const of_view[] = {"view-share", "port", "listen", "open"};
     const cln_options *out = p->out;
 
     if (out->resume && out->output)
@@ -415,6 +416,9 @@ static cln_status check_train(const parser *p)
         return cln_fail(CLN_USAGE, "train: SCENE is missing; give a folder, or --resume RUN");
     if (!out->resume && !out->output)
         return cln_fail(CLN_USAGE, "train: the folder to write is missing; give -o RUN");
+    for (size_t i = 0; i < sizeof of_view / sizeof of_view[0]; i++)
+        if (!out->watch && is_given(p, of_view[i]))
+            return cln_fail(CLN_USAGE, "--%s requires --view", of_view[i]);
     return CLN_OK;
 }
 

@@ -34,6 +34,7 @@
     X(STRUCTURE, "structure")        \
     X(PROBE, "probes")               \
     X(EVALUATION, "evaluation")      \
+    X(VIEWING, "viewing")            \
     X(OTHER, "other")
 
 typedef enum cln_stage {

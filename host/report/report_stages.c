@@ -60,7 +60,8 @@ static double wall_seconds(const cln_report_rows *r)
 static bool is_apart(const char *name)
 {
     return strcmp(name, cln_stage_names[CLN_STAGE_PROBE]) == 0 ||
-           strcmp(name, cln_stage_names[CLN_STAGE_EVALUATION]) == 0;
+           strcmp(name, cln_stage_names[CLN_STAGE_EVALUATION]) == 0 ||
+           strcmp(name, cln_stage_names[CLN_STAGE_VIEWING]) == 0;
 }
 
 static void put_apart(FILE *to, const cln_report_rows *r, double training)

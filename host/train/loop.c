@@ -1,7 +1,7 @@
 /* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way:
- * loop -> maintain -> step, and loop and maintain -> record. Every decision is a function of the
- * seed, the step and the model, so a resumed run equals an uninterrupted one bit for bit (except
- * with a budget in time). */
+ * loop -> maintain -> step, loop and maintain -> record, loop -> watch. Every decision is a function
+ * of the seed, the step and the model, so a resumed run equals an uninterrupted one bit for bit
+ * (except with a budget in time). */
 #include "train/loop.h"
 
 #include <math.h>
@@ -22,6 +22,7 @@
 #include "train/maintain.h"
 #include "train/record.h"
 #include "train/step.h"
+#include "train/watch.h"
 
 static const double TARGET_SECONDS = 15; /* between evaluations for --target-psnr */
 
@@ -64,15 +65,18 @@ static void say_used_up(const cln_trainer *t)
 
 /* ---- evaluation, checkpoints ---- */
 
-/* Polls the caller for a signal, and keeps it for the loop: it may come during an evaluation. All
- * ranks poll at the same places, and each obeys a signal to any of them. */
+/* Polls the caller and the browser for a signal, and keeps it for the loop: it may come during an
+ * evaluation. All ranks poll at the same places, and each obeys a signal to any of them. */
 static int poll_signal(void *user)
 {
     cln_trainer *t = user;
     const cln_callbacks *callbacks = &t->desc->callbacks;
     int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
-    double most = signal;
+    double most = 0;
 
+    if (signal == 0)
+        signal = cln_watch_orders(t);
+    most = signal;
     cln_ranks_largest(&most, 1);
     signal = (int)most;
     if (signal == SIGUSR1)
@@ -102,6 +106,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     *done = false;
     if (t->eval_count == 0)
         return CLN_OK;
+    cln_watch_say(t, "evaluating");
     cln_queue_book(t->device, CLN_STAGE_EVALUATION);
     rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
                                    t->writes ? folder : NULL, &callbacks, &result);
@@ -124,6 +129,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     }
 done:
     cln_queue_book(t->device, CLN_STAGES);
+    cln_watch_say(t, "training");
     cln_eval_free(&result);
     return st;
 }
@@ -134,6 +140,7 @@ static cln_status checkpoint(cln_trainer *t)
     const size_t weights = (size_t)t->pipeline.leaves * (size_t)t->pipeline.net.params;
     const bool measured = cln_pipeline_measures(&t->model.config) > 0;
 
+    cln_watch_say(t, "saving");
     CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
     for (size_t i = 0; i < weights; i++)
         if (!isfinite(t->model.params[i])) {
@@ -149,6 +156,8 @@ static cln_status checkpoint(cln_trainer *t)
     if (t->writes)
         CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
     t->saved_at = cln_now();
+    t->saved_step = t->model.step;
+    cln_watch_say(t, "training");
 done:
     return st;
 }
@@ -219,7 +228,7 @@ static void report_progress(cln_trainer *t, double fraction)
     cln_train_progress *p = &t->shown;
 
     keep_window(t);
-    if (!callbacks->train || !(p->rays_per_s > 0))
+    if ((!callbacks->train && !t->watch) || !(p->rays_per_s > 0))
         return;
     p->step = t->model.step;
     p->steps = t->steps;
@@ -240,7 +249,8 @@ static void report_progress(cln_trainer *t, double fraction)
     p->leaves = t->pipeline.leaves;
     p->params = (double)t->pipeline.leaves * t->pipeline.net.learned;
     p->device_bytes = (double)t->device->allocated;
-    callbacks->train(p, callbacks->user);
+    if (callbacks->train)
+        callbacks->train(p, callbacks->user);
 }
 
 /* Writes a row of metrics.jsonl and begins a new interval. */
@@ -270,10 +280,10 @@ static cln_status stopped(const cln_trainer *t, const char *when)
 {
     char run[CLN_QUOTED_BYTES];
 
-    return cln_fail(
-        t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
-        "stopped by a signal %s at step %lld; go on with `cl-nascent train --resume %s`", when,
-        (long long)t->model.step, cln_shell_quote(t->desc->run, run, sizeof run));
+    return cln_fail(t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
+                    "stopped %s %s at step %lld; go on with `cl-nascent train --resume %s`",
+                    cln_watch_stopped(t) ? "from the browser" : "by a signal", when,
+                    (long long)t->model.step, cln_shell_quote(t->desc->run, run, sizeof run));
 }
 
 /* After a write that failed: what is safe, and the way on. */
@@ -334,6 +344,44 @@ done:
     return st;
 }
 
+static cln_status save_if_wanted(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+
+    if (t->save_wanted) {
+        CLN_TRY(wait_for_step(t));
+        CLN_TRY(checkpoint(t));
+        t->save_wanted = false;
+    }
+done:
+    return st;
+}
+
+/* Paints for those who watch, and pauses if they want it; none of it is training time. */
+static cln_status let_watch(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const bool paused = cln_watch_paused(t);
+
+    if (!cln_watch_due(t))
+        return CLN_OK;
+    CLN_TRY(wait_for_step(t));
+    if (!paused) {
+        CLN_TRY(cln_watch_paint(t));
+        return CLN_OK;
+    }
+    cln_info("paused from the browser at step %lld", (long long)t->model.step);
+    while (cln_watch_paused(t) && t->signal == 0) {
+        cln_watch_say(t, "paused");
+        CLN_TRY(cln_watch_paint(t));
+        poll_signal(t);
+        CLN_TRY(save_if_wanted(t));
+    }
+    cln_watch_say(t, "training");
+done:
+    return st;
+}
+
 /* Rank 0's clock decides for all: about budgets, and when to save. */
 static void agree(cln_trainer *t)
 {
@@ -357,6 +405,7 @@ cln_status cln_loop_run(cln_trainer *t)
     if (t->desc->resume && fraction_used(t) >= 1)
         say_used_up(t);
     CLN_TRY(warm_up(t));
+    CLN_TRY(cln_watch_start(t));
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;
     t->saved_at = cln_now();
@@ -386,11 +435,8 @@ cln_status cln_loop_run(cln_trainer *t)
             break;
         }
         poll_signal(t);
-        if (t->save_wanted) {
-            CLN_TRY(wait_for_step(t));
-            CLN_TRY(checkpoint(t));
-            t->save_wanted = false;
-        }
+        CLN_TRY(save_if_wanted(t));
+        CLN_TRY(let_watch(t));
     }
     CLN_TRY(wait_for_step(t));
     cln_exposure_say(&t->exposure, &t->model);

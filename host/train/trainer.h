@@ -1,5 +1,5 @@
 /* The state of a training run. cln_train (api/train.c) makes it, loop.c runs it, step.c trains it,
- * maintain.c changes its tree, record.c writes its record. */
+ * maintain.c changes its tree, record.c writes its record, watch.c shows it to a browser. */
 #ifndef CLN_TRAINER_H
 #define CLN_TRAINER_H
 
@@ -41,6 +41,8 @@ typedef struct cln_trainer {
     cln_train_progress shown;     /* rates and means of the newest results */
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
     bool save_wanted;             /* SIGUSR1 came */
+    int64_t saved_step;           /* of the newest checkpoint of this process; -1 before */
+    struct cln_watch *watch;      /* NULL = nobody can watch */
 
     int *eval_views, eval_count; /* test views for evaluations during training */
     char *eval_folder;           /* of the final one */

@@ -1,5 +1,5 @@
 /* The viewer's page: a camera that follows mouse, touch and keys, requests for its pictures, the
- * scene's cameras with their photos, and a camera path. Poses are camera to world in the scene's
+ * scene's cameras with their photos, a camera path, and how a training stands. Poses are camera to world in the scene's
  * units with OpenCV's axes (right, down, forward), as the server takes them. */
 'use strict';
 
@@ -78,6 +78,12 @@ let photo = null;       /* its photo, when it is here */
 let last = null;        /* the newest picture: bitmap and numbers */
 let version = 0, moved = 0, busy = false, abort = null, flight = null;
 let keyframes = [], playing = 0;
+let training = null;    /* how it stands, as the server told it last */
+let ended = false;
+
+const gone = () => facts.training ? 'The training has ended, or the way to it is cut. ' +
+  `What it has made is shown by: cl-nascent view ${facts.run}` :
+  'The viewer does not answer: it has ended, or the way to it is cut.';
 
 function say(text) {
   $('message').textContent = text;
@@ -138,7 +144,7 @@ async function pump() {
   busy = true;
   for (;;) {
     const now = version, refining = last !== null && last.version === now;
-    if (refining && last.full) break;
+    if (refining && last.full && !(training && training.step > last.step)) break;
     const rest = STILL_MS - (performance.now() - moved);
     if (refining && rest > 0) {
       await new Promise((done) => setTimeout(done, rest));
@@ -149,7 +155,7 @@ async function pump() {
         refining);
     } catch (error) {
       if (error.name === 'AbortError') continue;
-      say(error.refused || 'The viewer does not answer: it has ended, or the way to it is cut.');
+      say(error.refused || gone());
       await new Promise((done) => setTimeout(done, 1500));
     }
   }
@@ -157,7 +163,7 @@ async function pump() {
 }
 
 async function fetchPicture(now, ms, refining) {
-  const f = frame(), began = performance.now();
+  const f = frame(), began = performance.now(), step = training ? training.step : 0;
   const box = at >= 0 ? inset(f) : {x: 0, y: 0, width: f.width, height: f.height};
   abort = new AbortController();
   abort.refining = refining;
@@ -168,7 +174,7 @@ async function fetchPicture(now, ms, refining) {
   const bitmap = await createImageBitmap(await answer.blob());
   const [width, height, took, near, far] = answer.headers.get('X-Picture').split(' ').map(Number);
   if (last) last.bitmap.close();
-  last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box,
+  last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box, step,
     full: width >= box.width, whole: performance.now() - began};
   say('');
   draw();
@@ -747,6 +753,123 @@ async function openPath(file) {
   }
 }
 
+/* ---- a training ---- */
+
+function duration(s) {
+  const two = (n) => String(Math.floor(n)).padStart(2, '0');
+  return s < 3600 ? `${Math.floor(s / 60)}:${two(s % 60)}` :
+    `${Math.floor(s / 3600)}:${two(s / 60 % 60)}:${two(s % 60)}`;
+}
+
+const short = (n) => n >= 1e6 ? `${(n / 1e6).toFixed(1)} M` :
+  n >= 1e4 ? `${(n / 1e3).toFixed(0)} k` : n.toFixed(0);
+
+function svg(name, values, text) {
+  const node = document.createElementNS('http://www.w3.org/2000/svg', name);
+  for (const [key, value] of Object.entries(values)) node.setAttribute(key, value);
+  if (text !== undefined) node.textContent = text;
+  return node;
+}
+
+/* Some round values between two. */
+function ticks(low, high) {
+  const raw = (high - low) / 4, power = 10 ** Math.floor(Math.log10(raw));
+  const step = power * [1, 2, 5, 10].find((k) => k * power >= raw);
+  const list = [];
+  for (let v = Math.ceil(low / step) * step; v <= high + 1e-9 * step; v += step) list.push(v);
+  return list;
+}
+
+/* PSNR against seconds of training. */
+function drawCurve(rows) {
+  const values = rows.flatMap((r) => [r[1], r[2]]).filter((v) => v !== null);
+  $('curve').replaceChildren();
+  if (rows.length < 2 || values.length < 2) return;
+  const end = rows[rows.length - 1][0], low = Math.min(...values) - 0.5;
+  const high = Math.max(...values) + 0.5;
+  const x = (v) => 28 + 246 * v / end, y = (v) => 112 - 106 * (v - low) / (high - low);
+  const put = (...all) => $('curve').append(svg(...all));
+  for (const v of ticks(low, high)) {
+    put('line', {class: 'grid', x1: 28, x2: 274, y1: y(v), y2: y(v)});
+    put('text', {x: 24, y: y(v) + 3, 'text-anchor': 'end'}, Number(v.toFixed(6)));
+  }
+  for (const v of [0, end / 2, end])
+    put('text', {x: x(v), y: 126, 'text-anchor': v === end ? 'end' : v ? 'middle' : 'start'},
+      duration(v));
+  const path = (column) => rows.filter((r) => r[column] !== null)
+    .map((r) => `${x(r[0]).toFixed(1)},${y(r[column]).toFixed(1)}`).join(' ');
+  put('polyline', {class: 'train', points: path(1)});
+  put('polyline', {class: 'test', points: path(2)});
+  for (const r of rows)
+    if (r[2] !== null) put('circle', {cx: x(r[0]), cy: y(r[2]), r: 2.5});
+}
+
+function showTraining() {
+  const t = training, real = (v, digits) => v === null ? '–' : v.toFixed(digits);
+  const left = t.eta === null ? '' : `, ${duration(t.eta)} left`;
+  $('title').textContent = `${facts.run}, step ${t.step.toLocaleString('en')}`;
+  $('training-state').textContent = `${t.state}: ${(100 * t.fraction).toFixed(0)} %` +
+    (t.state === 'paused' ? '' : left);
+  $('training-bar').value = t.fraction;
+  $('pause').textContent = t.state === 'paused' ? 'Continue' : 'Pause';
+  const list = [['PSNR, training', `${real(t.psnr_train, 2)} dB`],
+    ['PSNR, test', t.psnr_test === null ? 'not yet measured' : `${real(t.psnr_test, 2)} dB`],
+    ['trained', duration(t.seconds)], ['leaves', t.leaves.toLocaleString('en')],
+    ['rays a second', t.rays_per_s === null ? '–' : short(t.rays_per_s)],
+    ['saved', t.saved_step === null ? 'not yet' : `step ${t.saved_step.toLocaleString('en')}`],
+    ['viewing', `${(100 * t.viewing).toFixed(0)} % of the time`]];
+  $('training-facts').replaceChildren(...list.flatMap(([name, value]) => {
+    const dt = document.createElement('dt'), dd = document.createElement('dd');
+    dt.textContent = name;
+    dd.textContent = value;
+    return [dt, dd];
+  }));
+  drawCurve(t.curve);
+  const stages = Object.entries(t.stages).sort((a, b) => b[1] - a[1]);
+  const sum = stages.reduce((all, [, s]) => all + s, 0) || 1;
+  $('stages').replaceChildren(...stages.map(([name, s]) => {
+    const row = document.createElement('tr');
+    row.insertCell().textContent = name;
+    row.insertCell().textContent = `${(100 * s / sum).toFixed(1)} %`;
+    return row;
+  }));
+}
+
+async function watch() {
+  try {
+    const answer = await fetch('/training');
+    if (!answer.ok) throw new Error();
+    training = await answer.json();
+    if (ended) say('');
+    ended = false;
+    showTraining();
+    pump();
+  } catch (error) {
+    ended = true;
+    $('training-state').textContent = 'ended, or the way to it is cut';
+    say(gone());
+  }
+  for (const id of ['pause', 'checkpoint', 'stop']) $(id).disabled = ended;
+  setTimeout(watch, 1000);
+}
+
+async function order(what) {
+  try {
+    const answer = await fetch('/' + what, {method: 'POST', headers: {'X-Viewer': viewer}});
+    if (!answer.ok) say((await answer.text()).trim());
+  } catch (error) {
+    say(gone());
+  }
+}
+
+/* At the second click within a few seconds. */
+function stopTraining() {
+  const button = $('stop'), sure = button.textContent !== 'Stop';
+  button.textContent = sure ? 'Stop' : 'Really stop?';
+  if (sure) order('stop');
+  else setTimeout(() => { button.textContent = 'Stop'; }, 4000);
+}
+
 /* ---- the panel, the start ---- */
 
 function openPanel(open = document.body.classList.contains('closed')) {
@@ -773,6 +896,11 @@ async function begin() {
   camera = copy(home);
   showFov();
   listCameras();
+  $('training').hidden = !facts.training;
+  if (facts.training) {
+    $('cameras-part').open = false;
+    watch();
+  }
   touch();
 }
 
@@ -790,6 +918,9 @@ on('blend', 'input', draw);
 on('add-key', 'click', addKey);
 on('play', 'click', play);
 on('cycle', 'change', drawLines);
+on('pause', 'click', () => order(training && training.state === 'paused' ? 'continue' : 'pause'));
+on('checkpoint', 'click', () => order('save'));
+on('stop', 'click', stopTraining);
 on('save-path', 'click', savePath);
 on('open-path', 'change', () => {
   if ($('open-path').files[0]) openPath($('open-path').files[0]);

@@ -30,6 +30,17 @@ bool cln_server_asked(cln_server *s)
     return false;
 }
 
+void cln_server_tell(cln_server *s, char *text)
+{
+    (void)s, (void)text;
+}
+
+unsigned cln_server_orders(cln_server *s)
+{
+    (void)s;
+    return 0;
+}
+
 void cln_server_close(cln_server *s)
 {
     (void)s;
@@ -82,6 +93,7 @@ struct cln_server {
     const cln_listener *listener;
     cln_painter *painter;
     const char *facts;
+    bool training;
     char *html, *css, *js;
     char cookie[32]; /* its name */
     struct MHD_Daemon *daemon;
@@ -93,6 +105,8 @@ struct cln_server {
     client clients[CONNECTIONS];
     request *waiting; /* in order of arrival */
     request *at_work; /* the painting that waits for small ones between its batches, or NULL */
+    char *told;       /* what /training answers; NULL = nothing yet */
+    unsigned orders;  /* CLN_ORDER_*, not yet taken */
 };
 
 static const char policy[] =
@@ -197,7 +211,7 @@ static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connectio
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
 }
 
-static enum MHD_Result refuse(cln_server *s, struct MHD_Connection *connection, int status,
+static enum MHD_Result answer(cln_server *s, struct MHD_Connection *connection, int status,
                               const char *sentence)
 {
     char text[512];
@@ -267,7 +281,7 @@ static enum MHD_Result put(cln_server *s, struct MHD_Connection *connection, req
         pthread_cond_signal(&s->came);
     }
     pthread_mutex_unlock(&s->lock);
-    return taken ? MHD_YES : refuse(s, connection, 503, "the viewer is stopping");
+    return taken ? MHD_YES : answer(s, connection, 503, "the viewer has ended");
 }
 
 static enum MHD_Result ask(cln_server *s, struct MHD_Connection *connection, cln_ask_kind kind,
@@ -275,19 +289,61 @@ static enum MHD_Result ask(cln_server *s, struct MHD_Connection *connection, cln
 {
     const char *viewer = header_of(connection, "X-Viewer");
     const cln_painter *painter = s->painter;
-    enum MHD_Result answered;
+    enum MHD_Result refused;
 
     if (kind != CLN_ASK_PHOTO && !is_viewer(viewer))
-        return refuse(s, connection, 403, "a header X-Viewer with a name is wanted");
+        return answer(s, connection, 403, "a header X-Viewer with a name is wanted");
     if (cln_ask_read(kind, painter->scene, painter->model->background, query_value, connection,
                      &r->painting.ask) == CLN_OK) {
         if (kind == CLN_ASK_PICTURE)
             snprintf(r->viewer, sizeof r->viewer, "%s", viewer);
         return put(s, connection, r);
     }
-    answered = refuse(s, connection, 400, cln_error_text());
+    refused = answer(s, connection, 400, cln_error_text());
     cln_clear_error();
-    return answered;
+    return refused;
+}
+
+static enum MHD_Result send_told(cln_server *s, struct MHD_Connection *connection)
+{
+    struct MHD_Response *response = NULL;
+
+    pthread_mutex_lock(&s->lock);
+    if (s->told)
+        response = MHD_create_response_from_buffer(strlen(s->told), s->told, MHD_RESPMEM_MUST_COPY);
+    pthread_mutex_unlock(&s->lock);
+    if (!response)
+        return answer(s, connection, 503, "the training has not begun");
+    return send_response(s, connection, 200, "application/json", response);
+}
+
+static unsigned order_of(const cln_server *s, const char *path)
+{
+    static const struct {
+        const char *path;
+        unsigned order;
+    } orders[] = {{"/pause", CLN_ORDER_PAUSE},
+                  {"/continue", CLN_ORDER_CONTINUE},
+                  {"/save", CLN_ORDER_SAVE},
+                  {"/stop", CLN_ORDER_STOP}};
+
+    for (size_t i = 0; s->training && i < sizeof orders / sizeof *orders; i++)
+        if (strcmp(path, orders[i].path) == 0)
+            return orders[i].order;
+    return 0;
+}
+
+static enum MHD_Result take_order(cln_server *s, struct MHD_Connection *connection, unsigned order)
+{
+    const unsigned both = CLN_ORDER_PAUSE | CLN_ORDER_CONTINUE;
+
+    if (!is_viewer(header_of(connection, "X-Viewer")))
+        return answer(s, connection, 403, "a header X-Viewer with a name is wanted");
+    pthread_mutex_lock(&s->lock);
+    s->orders = (order & both ? s->orders & ~both : s->orders) | order;
+    pthread_cond_signal(&s->came);
+    pthread_mutex_unlock(&s->lock);
+    return answer(s, connection, 202, "it will be done");
 }
 
 /* With a token in the address the browser gets it as a cookie, and the address without it: it is
@@ -318,21 +374,24 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
     const char *token = s->listener->token;
     const char *mode = header_of(connection, "Sec-Fetch-Mode");
     const char *reason = NULL;
+    const unsigned order = order_of(s, path);
     /* a link on another page may lead here; what it leads to sees nothing of that page */
     const bool page = strcmp(path, "/") == 0 && mode && strcmp(mode, "navigate") == 0;
 
     if (!cln_ask_allowed(header_of(connection, "Host"), header_of(connection, "Origin"),
                          page ? NULL : header_of(connection, "Sec-Fetch-Site"), s->listener->far,
                          s->listener->own, &reason))
-        return refuse(s, connection, 403, reason);
+        return answer(s, connection, 403, reason);
     if (token[0]) {
         if (strcmp(path, "/") == 0 && cln_ask_same_token(query_value(connection, "token"), token))
             return let_in(s, connection);
         if (!cln_ask_same_token(MHD_lookup_connection_value(connection, MHD_COOKIE_KIND, s->cookie),
                                 token))
-            return refuse(s, connection, 403,
-                          "open the whole address that cl-nascent view printed, with its token");
+            return answer(s, connection, 403,
+                          "open the whole address that cl-nascent printed, with its token");
     }
+    if (order)
+        return take_order(s, connection, order);
     if (strcmp(path, "/") == 0)
         return send_text(s, connection, 200, "text/html; charset=utf-8", s->html);
     if (strcmp(path, "/view.css") == 0)
@@ -341,10 +400,12 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
         return send_text(s, connection, 200, "text/javascript; charset=utf-8", s->js);
     if (strcmp(path, "/facts") == 0)
         return send_text(s, connection, 200, "application/json", s->facts);
+    if (s->training && strcmp(path, "/training") == 0)
+        return send_told(s, connection);
     for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)
         if (strcmp(path, asks[i].path) == 0)
             return ask(s, connection, asks[i].kind, r);
-    return refuse(s, connection, 404, "nothing is here; the page is at /");
+    return answer(s, connection, 404, "nothing is here; the page is at /");
 }
 
 /* MHD calls this once when the headers are there, where an answer ends the connection, then to be
@@ -359,10 +420,12 @@ static enum MHD_Result on_request(void *user, struct MHD_Connection *connection,
 
     (void)version, (void)data, (void)bytes;
     if (!r) {
-        if (strcmp(method, MHD_HTTP_METHOD_GET) != 0)
-            return refuse(s, connection, 405, "only GET is answered");
+        if (order_of(s, path) && strcmp(method, MHD_HTTP_METHOD_POST) != 0)
+            return answer(s, connection, 405, "an order is given by POST");
+        if (!order_of(s, path) && strcmp(method, MHD_HTTP_METHOD_GET) != 0)
+            return answer(s, connection, 405, "only GET is answered");
         if ((length && strcmp(length, "0") != 0) || header_of(connection, "Transfer-Encoding"))
-            return refuse(s, connection, 413, "a request has no body here");
+            return answer(s, connection, 413, "a request has no body here");
         if (cln_alloc(&r, 1, sizeof *r, "request") != CLN_OK) {
             cln_clear_error();
             return MHD_NO;
@@ -515,7 +578,7 @@ static void send_all_away(cln_server *s)
     while (r) {
         request *next = r->next;
 
-        cln_painting_say(&r->painting, 503, "the viewer is stopping");
+        cln_painting_say(&r->painting, 503, "the viewer has ended");
         hand_back(s, r);
         r = next;
     }
@@ -574,6 +637,7 @@ cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
     s->listener = desc->listener;
     s->painter = desc->painter;
     s->facts = desc->facts;
+    s->training = desc->training;
     pthread_condattr_init(&monotonic);
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
     pthread_cond_init(&s->came, &monotonic);
@@ -616,6 +680,28 @@ bool cln_server_asked(cln_server *s)
     return asked;
 }
 
+void cln_server_tell(cln_server *s, char *text)
+{
+    char *before = NULL;
+
+    pthread_mutex_lock(&s->lock);
+    before = s->told;
+    s->told = text;
+    pthread_mutex_unlock(&s->lock);
+    free(before);
+}
+
+unsigned cln_server_orders(cln_server *s)
+{
+    unsigned orders = 0;
+
+    pthread_mutex_lock(&s->lock);
+    orders = s->orders;
+    s->orders = 0;
+    pthread_mutex_unlock(&s->lock);
+    return orders;
+}
+
 void cln_server_close(cln_server *s)
 {
     if (!s)
@@ -629,6 +715,7 @@ void cln_server_close(cln_server *s)
     free(s->html);
     free(s->css);
     free(s->js);
+    free(s->told);
     free(s);
 }
 

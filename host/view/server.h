@@ -6,7 +6,10 @@
  *   GET /facts                           facts.h
  *   GET /picture?...  /photo?...  /point?...   request.h; pictures and points want a header
  *                                        X-Viewer: NAME, which no page of another site can send; a
- *                                        later picture of the same viewer cancels an earlier one */
+ *                                        later picture of the same viewer cancels an earlier one
+ * and of a training:
+ *   GET /training                        how it stands (train/watch.h)
+ *   POST /pause /continue /save /stop    orders; they want X-Viewer, too */
 #ifndef CLN_SERVER_H
 #define CLN_SERVER_H
 
@@ -21,6 +24,7 @@ typedef struct cln_server_desc {
     const cln_listener *listener;
     cln_painter *painter;
     const char *facts; /* JSON text */
+    bool training;     /* answers /training and takes orders, too */
 } cln_server_desc;
 
 typedef struct cln_server cln_server;
@@ -36,6 +40,17 @@ cln_status cln_server_turn(cln_server *s, double wait, bool *painted);
 
 /* Whether a turn would find something. The same thread. */
 bool cln_server_asked(cln_server *s);
+
+/* Of a training. Tell: what GET /training answers from now on, JSON text; takes it. Orders: those
+ * that came since the last call; pause and continue never both. Any thread. */
+enum {
+    CLN_ORDER_PAUSE = 1,
+    CLN_ORDER_CONTINUE = 2,
+    CLN_ORDER_SAVE = 4, /* a checkpoint */
+    CLN_ORDER_STOP = 8
+};
+void cln_server_tell(cln_server *s, char *text);
+unsigned cln_server_orders(cln_server *s);
 
 /* Sends away who waits. Accepts NULL. */
 void cln_server_close(cln_server *s);

@@ -1,9 +1,10 @@
 #!/bin/bash
 # `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
-# points, who is refused and what, slow and vanishing clients, several viewers, and how it ends. On
-# a tiny generated scene, on any OpenCL device. How the page looks and behaves in a browser is
+# points, who is refused and what, slow and vanishing clients, several viewers, and how it ends; and
+# `train --view`: the same bits as without, orders, who may give them. On a tiny generated scene, on
+# any OpenCL device. How the page looks and behaves in a browser is
 # tests/browser/browser.sh's.
-#   tests/cli/view.sh [SECTION...]      sections: page pictures refused clients token end
+#   tests/cli/view.sh [SECTION...]      sections: page pictures refused clients token end training
 #   BUILD=build/sanitize                the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -149,6 +150,8 @@ section_refused() {
     gets "a picture without X-Viewer" 403 "/picture?view=6"
     gets "a question of another site" 405 "/picture?view=6" -X OPTIONS
     gets "POST" 405 /picture -d x=1
+    gets "an order, without a training" 405 /stop -X POST "${me[@]}"
+    gets "how a training stands, without one" 404 /training
     gets "a body" 413 /facts -X GET -d "$(printf '%01000d' 0)"
     gets "a chunked body" 413 /facts -X GET -H "Transfer-Encoding: chunked" -d x
     gets "a long address" 414 "/picture?view=$(printf '%040000d' 0)" "${me[@]}"
@@ -244,9 +247,117 @@ section_end() {
     check "and ends" [ $rc = 130 ]
 }
 
+# train RUN OPTIONS...: starts a training that is watched; $address as of a viewer
+train() {
+    local end=$((SECONDS + 60)) run=$1
+    shift
+    env --default-signal=INT,TERM "$cln" train "$work/photos" -o "$run" "${long[@]}" --view \
+        --json "$@" >"$work/result" 2>"$work/log" &
+    server=$!
+    until grep -q "in a browser: " "$work/log"; do
+        if [ $SECONDS -ge $end ] || ! kill -0 $server 2>/dev/null; then
+            bad "a watched training starts"
+            break
+        fi
+        sleep 0.05
+    done
+    address=$(sed -n 's|.*in a browser: \(http://[^/]*\)/.*|\1|p' "$work/log")
+}
+
+# orders NAME CODE PATH OPTIONS...
+orders() {
+    gets "$@" -X POST
+}
+
+# until_told MEMBER VALUE: until /training says so
+until_told() {
+    local i
+    for i in $(seq 300); do
+        get /training
+        [ "$(json "$1")" = "$2" ] && return
+        sleep 0.05
+    done
+    return 1
+}
+
+# ended: waits for the training; $rc is its exit code, its result the last stdout
+ended() {
+    wait $server
+    rc=$?
+    server=0
+    cp "$work/result" "$work/out"
+}
+
+section_training() {
+    local digest step pictures=0 large
+    local long=("${tiny[@]}" --level-at 2:0.5 --steps 240 --eval-every 100 --log-every 20)
+    [ $server = 0 ] || stop TERM
+    baseline
+    expect "train, unwatched" 0 "" "$cln" train "$work/photos" -o "$work/plain" "${long[@]}" --json
+    digest=$(json model_digest)
+
+    train "$work/watched"
+    exec {slow}<>"/dev/tcp/127.0.0.1/${address##*:}"
+    printf 'GET / HTTP/1.1\r\nHost: local' >&"$slow"
+    gets "an order by GET" 405 /pause "${me[@]}"
+    orders "an order without X-Viewer" 403 /pause
+    orders "an order from another Origin" 403 /pause "${me[@]}" -H "Origin: http://evil.example"
+    orders "an order of another site" 403 /pause "${me[@]}" -H "Sec-Fetch-Site: cross-site"
+    orders "pause" 202 /pause "${me[@]}"
+    check "it pauses" until_told state paused
+    step=$(json step)
+    check "in the middle" [ "$step" -gt 0 -a "$step" -lt 240 ]
+    gets "a large picture while it pauses" 200 "/picture?view=6&width=300&format=png" "${me[@]}"
+    check "is whole" has_header '^x-picture: 300 300 '
+    orders "save" 202 /save "${me[@]}"
+    check "it saves there" until_told saved_step "$step"
+    check "a checkpoint" grep -q "\"step\": $step\b" "$work/watched/checkpoints/"*"$step.json"
+    sleep 1
+    get /training
+    check "and stands still" [ "$(json step)" = "$step" ]
+    gets "facts" 200 /facts
+    check "say that it is a training" [ "$(json training)" = true ]
+    orders "continue" 202 /continue "${me[@]}"
+    curl -s -m 0.2 -o /dev/null -H "X-Viewer: gone" "$address/picture?view=6&width=2000"
+    while curl -sf -m 60 -H "X-Viewer: large" -o /dev/null "$address/picture?view=2&width=200"; do
+        :
+    done &
+    large=$!
+    while get "/picture?view=$((pictures % 8))&width=64&ms=20" "${me[@]}" && [ "$code" = 200 ]; do
+        pictures=$((pictures + 1))
+        get /training && [ "$code" = 200 ] && cp "$work/out" "$work/told"
+    done
+    ended
+    wait $large
+    exec {slow}>&-
+    check "the training ends well" [ $rc = 0 ]
+    check "pictures came meanwhile" [ $pictures -ge 3 ]
+    check "the same bits as unwatched" [ "$(json model_digest)" = "$digest" ]
+    check "a pause is not training time" number_above "$(json wall_seconds)" \
+        "$(awk -v s="$(json seconds)" 'BEGIN { print s + 1 }')"
+    cp "$work/told" "$work/out"
+    check "it told a test PSNR" number_above "$(json psnr_test)" 5
+    check "a curve" number_above "$(json curve.1.0)" "$(json curve.0.0)"
+    check "and times of stages" number_above "$(json stages.viewing)" 0
+    check "it says how to go on looking" grep -q "cl-nascent view" "$work/log"
+
+    train "$work/stopped" --listen 127.0.0.1
+    gets "an order without the token" 403 /stop -X POST "${me[@]}"
+    get "/?token=$(sed -n 's/.*in a browser: .*token=//p' "$work/log")" -c "$work/cookies"
+    orders "stop, with it" 202 /stop "${me[@]}" -b "$work/cookies"
+    ended
+    check "it stops with 130" [ $rc = 130 ]
+    check "it says from where" grep -q "stopped from the browser" "$work/log"
+    expect "it can be gone on with" 0 "" "$cln" train --resume "$work/stopped" --skip-selftest \
+        --progress none --json
+    check "to the same bits" [ "$(json model_digest)" = "$digest" ]
+    expect "no --port without --view" 2 "--port --view" "$cln" train "$work/photos" \
+        -o "$work/none" --port 7007
+}
+
 if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     skip view "built without libmicrohttpd"
     count
     exit
 fi
-run_sections "page pictures refused clients token end" "$@"
+run_sections "page pictures refused clients token end training" "$@"

@@ -1,0 +1,8 @@
+/* This desktop's browser, for --open. */
+#ifndef CLN_BROWSER_H
+#define CLN_BROWSER_H
+
+/* A warning where it cannot be opened. */
+void cln_open_browser(const char *address);
+
+#endif

@@ -1,0 +1,287 @@
+/* A training in the browser. See watch.h. Pictures take the densities that training has cached: their
+ * own would cost a pass over all leaves for every few steps. */
+#include "train/watch.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <signal.h>
+#include <stdlib.h>
+
+#include "base/memory.h"
+#include "device/queue.h"
+#include "io/json.h"
+#include "ranks/ranks.h"
+#include "render/orbit.h"
+#include "view/facts.h"
+#include "view/server.h"
+
+enum { POINTS = 256 }; /* most of the curve; thinned out by half when it is full */
+
+static const double STANDARD_SHARE = 0.2, MOST_SHARE = 0.9;
+static const double SAY_SECONDS = 0.5;
+static const double MOST_CREDIT = 1;    /* seconds of painting that can be saved up */
+static const double TURN_SECONDS = 0.2; /* of painting between two steps, at most */
+static const double WAIT_SECONDS = 0.1; /* for requests, while the training pauses */
+
+typedef struct point {
+    double seconds, train, test; /* PSNRs; NaN = none */
+    int leaves;
+} point;
+
+struct cln_watch {
+    cln_listener listener;
+    cln_painter painter;
+    cln_server *server;
+    char *facts;
+    double share;
+    double credit, earned_at; /* seconds that painting may take; below 0 it took more */
+    double began, spent;      /* viewing; painting since then, without pauses */
+    bool paused, stopped;
+    const char *state;
+    double said_at;
+    double test; /* newest test PSNR that is in the curve */
+    double every;
+    point points[POINTS];
+    int count;
+};
+
+/* ---- how it stands ---- */
+
+/* Drops every second point, or the other of the two if it has a test PSNR. */
+static void thin_out(struct cln_watch *w)
+{
+    for (int i = 0; i < POINTS / 2; i++)
+        w->points[i] = w->points[2 * i + isfinite(w->points[2 * i + 1].test)];
+    w->count = POINTS / 2;
+    w->every *= 2;
+}
+
+static void add_point(cln_trainer *t)
+{
+    struct cln_watch *w = t->watch;
+    const bool tested = isfinite(t->psnr_test) && t->psnr_test != w->test;
+    const double last = w->count > 0 ? w->points[w->count - 1].seconds : -w->every;
+
+    if (!(t->shown.rays_per_s > 0) || (!tested && t->model.train_seconds < last + w->every))
+        return;
+    if (w->count == POINTS)
+        thin_out(w);
+    w->test = tested ? t->psnr_test : w->test;
+    w->points[w->count++] = (point){.seconds = t->model.train_seconds,
+                                    .train = t->shown.psnr_train,
+                                    .test = tested ? t->psnr_test : NAN,
+                                    .leaves = t->pipeline.leaves};
+}
+
+static json_t *curve_json(const struct cln_watch *w)
+{
+    json_t *curve = json_array();
+
+    for (int i = 0; i < w->count; i++)
+        json_array_append_new(curve,
+                              json_pack("[f, o, o, i]", w->points[i].seconds,
+                                        cln_json_real(w->points[i].train),
+                                        cln_json_real(w->points[i].test), w->points[i].leaves));
+    return curve;
+}
+
+static json_t *stages_json(const cln_trainer *t)
+{
+    json_t *stages = json_object();
+
+    for (int i = 0; i < CLN_STAGES; i++)
+        if (t->device->stage_seconds[i] > 0)
+            json_object_set_new(stages, cln_stage_names[i], json_real(t->device->stage_seconds[i]));
+    return stages;
+}
+
+/* Without memory for it, the text before stays. */
+static void tell(cln_trainer *t)
+{
+    struct cln_watch *w = t->watch;
+    const cln_train_progress *p = &t->shown;
+    const bool known = p->rays_per_s > 0;
+    json_t *document = NULL;
+    char *text = NULL;
+
+    w->said_at = cln_now();
+    add_point(t);
+    document = json_pack(
+        "{s:s, s:I, s:I, s:f, s:f, s:f, s:o, s:i, s:o, s:o, s:o, s:o, s:o, s:i, s:f, s:f, s:o, "
+        "s:f, s:o, s:o}",
+        "state", w->state, "step", (json_int_t)t->model.step, "steps", (json_int_t)t->steps,
+        "fraction", p->fraction, "seconds", t->model.train_seconds, "wall_seconds",
+        cln_now() - t->began, "eta", cln_json_real(known ? p->eta : NAN), "unmeasured",
+        p->unmeasured, "rays_per_s", cln_json_real(known ? p->rays_per_s : NAN), "samples_per_ray",
+        cln_json_real(known ? p->samples_per_ray : NAN), "loss",
+        cln_json_real(known ? p->loss : NAN), "psnr_train",
+        cln_json_real(known ? p->psnr_train : NAN), "psnr_test", cln_json_real(t->psnr_test),
+        "leaves", t->pipeline.leaves, "params",
+        (double)t->pipeline.leaves * t->pipeline.net.learned, "device_bytes",
+        (double)t->device->allocated, "saved_step",
+        t->saved_step < 0 ? json_null() : json_integer(t->saved_step), "viewing",
+        w->spent / fmax(cln_now() - w->began, 1e-9), "stages", stages_json(t), "curve",
+        curve_json(w));
+    text = document ? json_dumps(document, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
+    json_decref(document);
+    if (text)
+        cln_server_tell(w->server, text);
+}
+
+void cln_watch_say(cln_trainer *t, const char *state)
+{
+    struct cln_watch *w = t->watch;
+
+    if (!w || !w->server || w->state == state)
+        return;
+    w->state = state;
+    tell(t);
+}
+
+/* ---- orders ---- */
+
+int cln_watch_orders(cln_trainer *t)
+{
+    struct cln_watch *w = t->watch;
+    const unsigned orders = w && w->server ? cln_server_orders(w->server) : 0;
+
+    if (orders & (CLN_ORDER_PAUSE | CLN_ORDER_CONTINUE))
+        w->paused = orders & CLN_ORDER_PAUSE;
+    if (orders & CLN_ORDER_STOP) {
+        w->stopped = true;
+        return SIGINT;
+    }
+    return orders & CLN_ORDER_SAVE ? SIGUSR1 : 0;
+}
+
+bool cln_watch_paused(const cln_trainer *t)
+{
+    return t->watch && t->watch->paused;
+}
+
+bool cln_watch_stopped(const cln_trainer *t)
+{
+    return t->watch && t->watch->stopped;
+}
+
+/* ---- painting ---- */
+
+bool cln_watch_due(cln_trainer *t)
+{
+    struct cln_watch *w = t->watch;
+    const double now = cln_now();
+    bool asked = false;
+
+    if (!w)
+        return false;
+    w->credit = fmin(w->credit + w->share * (now - w->earned_at), MOST_CREDIT);
+    w->earned_at = now;
+    if (now - w->said_at >= SAY_SECONDS)
+        tell(t);
+    asked = cln_server_asked(w->server);
+    return w->paused || (asked && w->credit >= 0);
+}
+
+cln_status cln_watch_paint(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    struct cln_watch *w = t->watch;
+    const double began = cln_now();
+    double before = began, now = began;
+    bool painted = false, any = false;
+
+    cln_queue_book(t->device, CLN_STAGE_VIEWING);
+    do {
+        CLN_TRY(cln_server_turn(w->server, w->paused ? WAIT_SECONDS : 0, &painted));
+        any |= painted;
+        now = cln_now();
+        if (painted && !w->paused) {
+            w->credit -= now - before;
+            w->spent += now - before;
+        }
+        before = now;
+    } while (painted && now - began < TURN_SECONDS && (w->paused || w->credit > 0));
+    if (any)
+        CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
+done:
+    cln_queue_book(t->device, CLN_STAGES);
+    return st;
+}
+
+/* ---- beginning and end ---- */
+
+cln_status cln_watch_open(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const cln_live_desc *live = t->desc->live;
+    struct cln_watch *w = NULL;
+
+    if (!live)
+        return CLN_OK;
+    CLN_TRY(cln_serve_possible());
+    if (cln_ranks_count() > 1)
+        CLN_TRY(cln_fail(CLN_USAGE, "--view: a training by several processes cannot be watched; "
+                                    "leave it out, and look at its checkpoints with `view`"));
+    if (!(live->share >= 0 && live->share <= MOST_SHARE))
+        CLN_TRY(cln_fail(CLN_USAGE, "--view-share: %g %% is not from 0 to %g %%", 100 * live->share,
+                         100 * MOST_SHARE));
+    CLN_TRY(cln_alloc(&w, 1, sizeof *w, "viewer"));
+    w->listener.socket = -1;
+    t->watch = w;
+    w->share = live->share > 0 ? live->share : STANDARD_SHARE;
+    w->every = SAY_SECONDS;
+    w->state = "training";
+    CLN_TRY(cln_listen_open(live->listen, live->port, &w->listener));
+done:
+    return st;
+}
+
+cln_status cln_watch_start(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    struct cln_watch *w = t->watch;
+    cln_orbit_frame frame;
+    cln_camera first;
+    const cln_facts facts = {.run = t->desc->run,
+                             .model = &t->model,
+                             .scene = t->scene,
+                             .frame = &frame,
+                             .start = &first,
+                             .training = true};
+
+    if (!w)
+        return CLN_OK;
+    w->painter = (cln_painter){
+        .pipeline = &t->pipeline, .model = &t->model, .scene = t->scene, .training = true};
+    CLN_TRY(cln_orbit_frame_of(t->scene, &frame));
+    CLN_TRY(cln_facts_camera(&frame, &first));
+    CLN_TRY(cln_facts_text(&facts, &w->facts));
+    cln_queue_book(t->device, CLN_STAGE_VIEWING);
+    CLN_TRY(cln_painter_open(&w->painter, &first));
+    CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
+    CLN_TRY(cln_server_open(
+        &(cln_server_desc){
+            .listener = &w->listener, .painter = &w->painter, .facts = w->facts, .training = true},
+        &w->server));
+    w->test = t->psnr_test;
+    w->began = w->earned_at = cln_now();
+    tell(t);
+    if (t->desc->live->ready)
+        t->desc->live->ready(w->listener.address, t->desc->live->user);
+done:
+    cln_queue_book(t->device, CLN_STAGES);
+    return st;
+}
+
+void cln_watch_close(cln_trainer *t)
+{
+    struct cln_watch *w = t->watch;
+
+    if (!w)
+        return;
+    cln_server_close(w->server);
+    cln_listen_close(&w->listener);
+    free(w->facts);
+    free(w);
+    t->watch = NULL;
+}
