@@ -377,6 +377,8 @@ static cln_status let_watch(cln_trainer *t)
         poll_signal(t);
         CLN_TRY(save_if_wanted(t));
     }
+    if (t->signal == 0)
+        cln_info("going on");
     cln_watch_say(t, "training");
 done:
     return st;

@@ -191,15 +191,29 @@ function draw() {
   pen.fillStyle = last.at >= 0 ? '#808080' : '#000';
   pen.fillRect(0, 0, f.width, f.height);
   pen.drawImage(last.bitmap, b.x, b.y, b.width, b.height);
-  if (last.at >= 0 && last.at === at && photo && Number($('blend').value) > 0) {
-    pen.globalAlpha = Number($('blend').value);
-    pen.drawImage(photo, b.x, b.y, b.width, b.height);
+  if (last.at >= 0 && last.at === at && photo) {
+    if ($('difference').checked) {
+      drawDifference(b);
+    } else if (Number($('blend').value) > 0) {
+      pen.globalAlpha = Number($('blend').value);
+      pen.drawImage(photo, b.x, b.y, b.width, b.height);
+    }
   }
   const digits = (x) => x < 10 ? x.toFixed(2) : x.toFixed(0);
   const of = last.full ? '' : ` of ${b.width}×${b.height}`;
   const depth = last.far > 0 ? ` · depth ${digits(last.near)} to ${digits(last.far)}` : '';
   $('numbers').textContent = `${last.width}×${last.height}${of} · ${last.took.toFixed(0)} ms ` +
     `render · ${last.whole.toFixed(0)} ms in all${depth}`;
+}
+
+/* |render - photo| times four, as in the pictures of an evaluation. */
+function drawDifference(b) {
+  pen.globalCompositeOperation = 'difference';
+  pen.drawImage(photo, b.x, b.y, b.width, b.height);
+  pen.globalCompositeOperation = 'lighter';
+  for (let k = 0; k < 2; k++)
+    pen.drawImage(picture, b.x, b.y, b.width, b.height, b.x, b.y, b.width, b.height);
+  pen.globalCompositeOperation = 'source-over';
 }
 
 async function savePicture() {
@@ -388,7 +402,7 @@ const keys = {
   h: () => fly(home), l: level, x: savePicture, m: () => openPanel(),
   c: () => toggle('frusta'), n: () => jumpBy(1), p: () => jumpBy(-1), k: addKey,
   g: () => focus(picture.clientWidth / 2, picture.clientHeight / 2),
-  b: () => toggleBlend(), ' ': play, '1': () => show('colour'), '2': () => show('depth'),
+  b: () => toggleBlend(), v: () => { toggle('difference'); draw(); }, ' ': play, '1': () => show('colour'), '2': () => show('depth'),
   '3': () => show('opacity'), '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
   '?': () => { openPanel(true); $('help').open = true; $('help').scrollIntoView(); },
 };
@@ -705,36 +719,69 @@ function fromNerfstudio(given) {
     m[4 * a + 3]]));
 }
 
-function savePath() {
+const rows4 = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
+
+/* The path's cameras frame by frame; null, and says it, if there is none. */
+function framesOfPath() {
   if (keyframes.length < 2) {
     play(); /* says it */
-    return;
+    return null;
   }
-  const f = frame(), aspect = f.width / f.height, count = Math.max(2,
-    Math.round(seconds() * perSecond()));
+  const count = Math.max(2, Math.round(seconds() * perSecond()));
+  const parts = $('cycle').checked ? count : count - 1;
+  return Array.from({length: count}, (_, i) => along(i / parts));
+}
+
+function saveText(document, name) {
+  download(new Blob([JSON.stringify(document, null, 1)], {type: 'application/json'}), name);
+}
+
+function savePath() {
+  const path = framesOfPath(), f = frame(), aspect = f.width / f.height;
+  if (!path) return;
   const vertical = (c) => 360 / Math.PI * Math.atan(Math.tan(c.fov * Math.PI / 360) *
     f.height / Math.min(f.width, f.height));
-  const path = [];
-  for (let i = 0; i < count; i++) {
-    const c = along(i / ($('cycle').checked ? count : count - 1));
-    path.push({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect});
-  }
-  download(new Blob([JSON.stringify({
+  saveText({
     camera_type: 'perspective', render_height: f.height, render_width: f.width,
     fps: perSecond(), seconds: seconds(), is_cycle: $('cycle').checked, smoothness_value: 0,
     keyframes: keyframes.map((c) => ({matrix: toNerfstudio(c), fov: vertical(c), aspect})),
-    camera_path: path, crop: null,
-  }, null, 1)], {type: 'application/json'}), 'camera_path.json');
+    camera_path: path.map((c) => ({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect})),
+    crop: null,
+  }, 'camera_path.json');
+}
+
+/* As `render --poses` and other programs read it; without the views that the path goes through. */
+function saveTransforms() {
+  const path = framesOfPath(), f = frame();
+  if (!path) return;
+  const focal = (c) => Math.min(f.width, f.height) / 2 / Math.tan(c.fov * Math.PI / 360);
+  saveText({
+    camera_model: 'OPENCV', w: f.width, h: f.height, cx: f.width / 2, cy: f.height / 2,
+    frames: path.map((c, i) => ({file_path: `path_${String(i).padStart(4, '0')}`, fl_x: focal(c),
+      fl_y: focal(c), transform_matrix: rows4(toNerfstudio(c))})),
+  }, 'transforms.json');
+}
+
+/* The vertical field of view of a frame of transforms JSON, in degrees. */
+function fovOf(read, k) {
+  const of = (name) => Number(k[name] ?? read[name]);
+  const h = of('h'), w = of('w'), fl = of('fl_y') || of('fl_x');
+  if (h > 0 && fl > 0) return 360 / Math.PI * Math.atan(h / 2 / fl);
+  const across = of('camera_angle_x');
+  return of('camera_angle_y') * 180 / Math.PI || (across > 0 ? 360 / Math.PI *
+    Math.atan(Math.tan(across / 2) * (h > 0 && w > 0 ? h / w : 1)) : 50);
 }
 
 async function openPath(file) {
   try {
     const read = JSON.parse(await file.text());
     const few = (list) => list.filter((_, i) => i % Math.ceil(list.length / 50) === 0);
-    const from = (read.keyframes || []).length > 1 ? read.keyframes : few(read.camera_path || []);
+    const from = (read.keyframes || []).length > 1 ? read.keyframes :
+      few(read.camera_path || read.frames || []);
     const found = from.map((k) => {
-      const c = fromNerfstudio(k.matrix || k.camera_to_world), high = Number(k.fov) || 50;
-      const shorter = Math.min(1, Number(k.aspect) || 1);
+      const c = fromNerfstudio(k.matrix || k.camera_to_world || k.transform_matrix);
+      const high = Number(k.fov) || fovOf(read, k);
+      const shorter = Math.min(1, Number(k.aspect) || Number(k.w ?? read.w) / (k.h ?? read.h) || 1);
       c.fov = 360 / Math.PI * Math.atan(Math.tan(high * Math.PI / 360) * shorter);
       c.distance = facts.distance;
       straighten(c);
@@ -915,6 +962,7 @@ on('level', 'click', level);
 on('save-picture', 'click', savePicture);
 on('frusta', 'change', drawLines);
 on('blend', 'input', draw);
+on('difference', 'change', draw);
 on('add-key', 'click', addKey);
 on('play', 'click', play);
 on('cycle', 'change', drawLines);
@@ -922,6 +970,7 @@ on('pause', 'click', () => order(training && training.state === 'paused' ? 'cont
 on('checkpoint', 'click', () => order('save'));
 on('stop', 'click', stopTraining);
 on('save-path', 'click', savePath);
+on('save-transforms', 'click', saveTransforms);
 on('open-path', 'change', () => {
   if ($('open-path').files[0]) openPath($('open-path').files[0]);
   $('open-path').value = '';

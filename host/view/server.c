@@ -68,6 +68,7 @@ enum {
     HEAD_SECONDS = 10,        /* from connecting to the end of the first request's headers */
     SEND_SECONDS = 60         /* for an answer, and from there to the next request */
 };
+static const double SMALL_SECONDS = 0.5; /* a picture that may take no longer is painted whole */
 static const double TEND_SECONDS = 0.1; /* how often late and vanished connections are looked for */
 
 /* A connection, for its limit in time. MHD's own counts from the last byte, which a slow client can
@@ -459,7 +460,9 @@ static void hand_back(cln_server *s, request *r)
 
 static bool is_small(const request *r)
 {
-    return r->painting.ask.kind != CLN_ASK_PICTURE || r->painting.ask.budget > 0;
+    const cln_ask *ask = &r->painting.ask;
+
+    return ask->kind != CLN_ASK_PICTURE || (ask->budget > 0 && ask->budget <= SMALL_SECONDS);
 }
 
 /* Sends those away that nobody waits for: their connections are few. */

@@ -2,8 +2,9 @@
 
     browser.py ADDRESS RENDERED FOLDER
 
-RENDERED is the PNG that `render` made of the first test view; screenshots go to FOLDER. A line per
-check on standard output, "ok" or "FAILED".
+RENDERED is the PNG that `render` made of the first test view, or "training": ADDRESS is that of a
+training, which is steered and stopped. Screenshots go to FOLDER. A line per check on standard
+output, "ok" or "FAILED".
 """
 import base64
 import json
@@ -15,6 +16,9 @@ import urllib.request
 
 ADDRESS, RENDERED, FOLDER = sys.argv[1:]
 TEST_VIEW = 20  # behind 20 training views
+MEAN = """
+    const b = last.box, data = pen.getImageData(b.x, b.y, b.width, b.height).data;
+    return data.reduce((s, v, i) => s + (i % 4 < 3 ? v : 0), 0) / data.length * 4 / 3;"""
 KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008'}
 
 
@@ -193,6 +197,12 @@ def see_cameras(page):
     page.js('$("blend").value = 0.5; draw()')
     page.shot('photo')
     page.key('b', 'b')
+    before = page.js(MEAN)
+    page.key('v')
+    page.check('V shows the error', page.js(MEAN) < 0.7 * before, page.js(MEAN))
+    page.shot('error')
+    page.key('v')
+    page.check('and V again the render', abs(page.js(MEAN) - before) < 1, page.js(MEAN))
     for key, what in (('2', 'depth'), ('3', 'opacity')):
         page.key(key)
         time.sleep(0.6)
@@ -228,6 +238,29 @@ def make_path(page):
         return toPose(c).map((v, i) => v - toPose(keyframes[1])[i])''',
                    saved['keyframes'][1]['matrix'])
     page.check('and is read back', max(map(abs, same)) < 1e-12, same)
+    other = page.later('''
+        const real = download;
+        download = (blob) => blob.text().then((t) => done(JSON.parse(t)));
+        saveTransforms();
+        download = real;''')
+    rows = other['frames'][0]['transform_matrix']
+    page.check('transforms JSON has the same frames', sum(rows, []) == first and
+               len(other['frames']) == 12, rows)
+    fov = page.js('return [keyframes[0].fov, fovOf(arguments[0], arguments[0].frames[0])]', other)
+    high = frames[0]['fov']
+    page.check('with their fields of view', abs(fov[1] - high) < 1e-6, fov)
+    count = page.later('''
+        const text = JSON.stringify(arguments[0]), before = keyframes;
+        openPath({name: 'transforms.json', text: async () => text}).then(() => {
+          const n = keyframes.length;
+          const c = toPose(keyframes[0]).map((v, i) => v - toPose(before[0])[i]);
+          const off = Math.abs(keyframes[0].fov - before[0].fov);
+          keyframes = before;
+          listKeys();
+          done([n, Math.max(...c.map(Math.abs)), off]);
+        });''', other)
+    page.check('which is opened again', count[0] == 12 and count[1] < 1e-12 and count[2] < 1e-6,
+               count)
     page.js('document.activeElement.blur()')
     page.key(' ')
     page.check('Space plays it', page.js('return playing > 0'))
@@ -250,8 +283,59 @@ def listen(page):
     page.check('the console has no errors', not said, said)
 
 
+def wait_for(page, script, seconds=30):
+    end = time.time() + seconds
+    while time.time() < end:
+        if page.js('return ' + script):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def steer(page, last):
+    page.js('openPanel(true)')
+    page.check('it says how the training stands', wait_for(page, 'training && training.step > 0'))
+    page.check('with a curve', wait_for(page, 'document.querySelector("#curve polyline")'))
+    step = page.js('return last.step')
+    page.check('the picture follows the training', wait_for(page, f'last.step > {step}'))
+    page.shot('training')
+    page.js('$("pause").click()')
+    page.check('a button pauses', wait_for(page, 'training.state === "paused"'))
+    page.settle()
+    page.check('and would continue', page.js('return $("pause").textContent') == 'Continue')
+    page.js('$("checkpoint").click()')
+    page.check('one saves', wait_for(page, 'training.saved_step === training.step'))
+    page.js('$("stages").parentNode.open = true')
+    page.shot('paused')
+    page.js('$("pause").click()')
+    page.check('it continues', wait_for(page, 'training.state === "training"'))
+    if last:
+        page.js('$("stop").click()')
+        page.check('stopping asks back', page.js('return $("stop").textContent') == 'Really stop?')
+        page.js('$("stop").click()')
+        page.check('and the end is told', wait_for(page, 'ended'))
+        page.shot('ended')
+
+
+def watch(driver):
+    for name, width, height, dark, phone in (('training-dark', 1000, 700, True, False),
+                                             ('training-phone', 390, 780, False, True),
+                                             ('training', 1200, 800, False, False)):
+        page = Page(driver, name, width, height, dark, phone)
+        steer(page, name == 'training')
+        if name != 'training':  # whose last requests fail
+            listen(page)
+        page.close()
+
+
 def main():
     driver = Driver()
+    if RENDERED == 'training':
+        try:
+            watch(driver)
+        finally:
+            driver.process.terminate()
+        return
     try:
         for name, width, height, dark, phone in (('desktop', 1200, 800, False, False),
                                                  ('dark', 1000, 700, True, False),

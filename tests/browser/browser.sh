@@ -1,6 +1,7 @@
 #!/bin/bash
 # The viewer's page in headless Chromium, through chromedriver: it loads, follows mouse, touch and
-# keys, shows what `render` makes, saves paths, asks nobody else, and says nothing on the console.
+# keys, shows what `render` makes, saves paths, asks nobody else, and says nothing on the console; of
+# a training, it follows and steers it.
 # On a small generated scene; screenshots to look at are left in build/browser/. Not part of `make
 # test`: Chromium is a large download.
 #   tests/browser/browser.sh
@@ -19,17 +20,34 @@ mkdir -p build/browser
 expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --time-limit 15s --skip-selftest \
     --progress none
 expect "render" 0 "" "$cln" render "$work/run" --split test -o "$work/rendered" --progress none
-"$cln" view "$work/run" >"$work/address" 2>"$work/err" &
+
+# drive RENDERED: the checks of browser.py at the server's address
+drive() {
+    local rc
+    for _ in $(seq 300); do
+        [ -s "$work/address" ] && break
+        sed -n 's/.*in a browser: //p' "$work/log" >"$work/address"
+        sleep 0.2
+    done
+    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser >"$work/checks" \
+        2>"$work/err"
+    rc=$?
+    cat "$work/checks"
+    passed=$((passed + $(grep -c '^ok' "$work/checks")))
+    failed=$((failed + $(grep -c '^FAILED' "$work/checks")))
+    check "the driver ran to its end" [ $rc = 0 ]
+}
+
+"$cln" view "$work/run" >"$work/address" 2>"$work/log" &
 server=$!
-for _ in $(seq 200); do
-    [ -s "$work/address" ] && break
-    sleep 0.2
-done
-python3 tests/browser/browser.py "$(cat "$work/address")" "$work/rendered/test_r_000.png" \
-    build/browser >"$work/checks" 2>"$work/err"
-rc=$?
-cat "$work/checks"
-passed=$((passed + $(grep -c '^ok' "$work/checks")))
-failed=$((failed + $(grep -c '^FAILED' "$work/checks")))
-check "the driver ran to its end" [ $rc = 0 ]
+drive "$work/rendered/test_r_000.png"
+kill $server
+: >"$work/address"
+"$cln" train "$work/photos" -o "$work/watched" --time-limit 10m --skip-selftest --view \
+    >"$work/out" 2>"$work/log" &
+server=$!
+drive training
+wait $server
+check "the training was stopped" [ $? = 130 ]
+server=0
 count
