@@ -12,21 +12,15 @@
 #include "io/json.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
+#include "train/curve.h"
 #include "view/facts.h"
 #include "view/server.h"
-
-enum { POINTS = 256 }; /* most of the curve; thinned out by half when it is full */
 
 static const double STANDARD_SHARE = 0.2, MOST_SHARE = 0.9;
 static const double SAY_SECONDS = 0.5;
 static const double MOST_CREDIT = 1;    /* seconds of painting that can be saved up */
 static const double TURN_SECONDS = 0.2; /* of painting between two steps, at most */
 static const double WAIT_SECONDS = 0.1; /* for requests, while the training pauses */
-
-typedef struct point {
-    double seconds, train, test; /* PSNRs; NaN = none */
-    int leaves;
-} point;
 
 struct cln_watch {
     cln_listener listener;
@@ -40,48 +34,34 @@ struct cln_watch {
     const char *state;
     double said_at;
     double test; /* newest test PSNR that is in the curve */
-    double every;
-    point points[POINTS];
-    int count;
+    cln_curve curve;
 };
 
 /* ---- how it stands ---- */
-
-/* Drops every second point, or the other of the two if it has a test PSNR. */
-static void thin_out(struct cln_watch *w)
-{
-    for (int i = 0; i < POINTS / 2; i++)
-        w->points[i] = w->points[2 * i + isfinite(w->points[2 * i + 1].test)];
-    w->count = POINTS / 2;
-    w->every *= 2;
-}
 
 static void add_point(cln_trainer *t)
 {
     struct cln_watch *w = t->watch;
     const bool tested = isfinite(t->psnr_test) && t->psnr_test != w->test;
-    const double last = w->count > 0 ? w->points[w->count - 1].seconds : -w->every;
 
-    if (!(t->shown.rays_per_s > 0) || (!tested && t->model.train_seconds < last + w->every))
+    if (!(t->shown.rays_per_s > 0))
         return;
-    if (w->count == POINTS)
-        thin_out(w);
+    cln_curve_add(&w->curve, &(cln_curve_point){.seconds = t->model.train_seconds,
+                                                .train = t->shown.psnr_train,
+                                                .test = tested ? t->psnr_test : NAN,
+                                                .leaves = t->pipeline.leaves});
     w->test = tested ? t->psnr_test : w->test;
-    w->points[w->count++] = (point){.seconds = t->model.train_seconds,
-                                    .train = t->shown.psnr_train,
-                                    .test = tested ? t->psnr_test : NAN,
-                                    .leaves = t->pipeline.leaves};
 }
 
-static json_t *curve_json(const struct cln_watch *w)
+static json_t *curve_json(const cln_curve *c)
 {
     json_t *curve = json_array();
 
-    for (int i = 0; i < w->count; i++)
+    for (int i = 0; i < c->count; i++)
         json_array_append_new(curve,
-                              json_pack("[f, o, o, i]", w->points[i].seconds,
-                                        cln_json_real(w->points[i].train),
-                                        cln_json_real(w->points[i].test), w->points[i].leaves));
+                              json_pack("[f, o, o, i]", c->points[i].seconds,
+                                        cln_json_real(c->points[i].train),
+                                        cln_json_real(c->points[i].test), c->points[i].leaves));
     return curve;
 }
 
@@ -121,7 +101,7 @@ static void tell(cln_trainer *t)
         (double)t->device->allocated, "saved_step",
         t->saved_step < 0 ? json_null() : json_integer(t->saved_step), "viewing",
         w->spent / fmax(cln_now() - w->began, 1e-9), "stages", stages_json(t), "curve",
-        curve_json(w));
+        curve_json(&w->curve));
     text = document ? json_dumps(document, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
     json_decref(document);
     if (text)
@@ -229,7 +209,7 @@ cln_status cln_watch_open(cln_trainer *t)
     w->listener.socket = -1;
     t->watch = w;
     w->share = live->share > 0 ? live->share : STANDARD_SHARE;
-    w->every = SAY_SECONDS;
+    w->curve.every = SAY_SECONDS;
     w->state = "training";
     CLN_TRY(cln_listen_open(live->listen, live->port, &w->listener));
 done:

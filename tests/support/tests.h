@@ -13,6 +13,7 @@ int test_group_checkpoint(void);
 int test_group_composite(void);
 int test_group_config(void);
 int test_group_coverage(void);
+int test_group_curve(void);
 int test_group_exposure(void);
 int test_group_doubts(void);
 int test_group_export(void);
