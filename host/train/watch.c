@@ -12,6 +12,7 @@
 #include "io/json.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
+#include "train/allowance.h"
 #include "train/curve.h"
 #include "view/facts.h"
 #include "view/server.h"
@@ -27,9 +28,8 @@ struct cln_watch {
     cln_painter painter;
     cln_server *server;
     char *facts;
-    double share;
-    double credit, earned_at; /* seconds that painting may take; below 0 it took more */
-    double began, spent;      /* viewing; painting since then, without pauses */
+    cln_allowance allowance; /* of painting */
+    double began, spent;     /* viewing; painting since then, without pauses */
     bool paused, stopped;
     const char *state;
     double said_at;
@@ -150,16 +150,15 @@ bool cln_watch_due(cln_trainer *t)
 {
     struct cln_watch *w = t->watch;
     const double now = cln_now();
-    bool asked = false;
+    bool asked = false, allowed = false;
 
     if (!w)
         return false;
-    w->credit = fmin(w->credit + w->share * (now - w->earned_at), MOST_CREDIT);
-    w->earned_at = now;
     if (now - w->said_at >= SAY_SECONDS)
         tell(t);
     asked = cln_server_asked(w->server);
-    return w->paused || (asked && w->credit >= 0);
+    allowed = cln_allowance_pass(&w->allowance, now);
+    return w->paused || (asked && allowed);
 }
 
 cln_status cln_watch_paint(cln_trainer *t)
@@ -168,19 +167,21 @@ cln_status cln_watch_paint(cln_trainer *t)
     struct cln_watch *w = t->watch;
     const double began = cln_now();
     double before = began, now = began;
-    bool painted = false, any = false;
+    bool painted = false, any = false, more = true;
 
     cln_queue_book(t->device, CLN_STAGE_VIEWING);
-    do {
+    while (more) {
         CLN_TRY(cln_server_turn(w->server, w->paused ? WAIT_SECONDS : 0, &painted));
         any |= painted;
         now = cln_now();
         if (painted && !w->paused) {
-            w->credit -= now - before;
+            cln_allowance_spend(&w->allowance, now - before);
             w->spent += now - before;
         }
+        more = painted && now - began < TURN_SECONDS &&
+               (cln_allowance_pass(&w->allowance, now) || w->paused);
         before = now;
-    } while (painted && now - began < TURN_SECONDS && (w->paused || w->credit > 0));
+    }
     if (any)
         CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
 done:
@@ -208,7 +209,8 @@ cln_status cln_watch_open(cln_trainer *t)
     CLN_TRY(cln_alloc(&w, 1, sizeof *w, "viewer"));
     w->listener.socket = -1;
     t->watch = w;
-    w->share = live->share > 0 ? live->share : STANDARD_SHARE;
+    w->allowance = (cln_allowance){.share = live->share > 0 ? live->share : STANDARD_SHARE,
+                                   .most = MOST_CREDIT};
     w->curve.every = SAY_SECONDS;
     w->state = "training";
     CLN_TRY(cln_listen_open(live->listen, live->port, &w->listener));
@@ -244,7 +246,7 @@ cln_status cln_watch_start(cln_trainer *t)
             .listener = &w->listener, .painter = &w->painter, .facts = w->facts, .training = true},
         &w->server));
     w->test = t->psnr_test;
-    w->began = w->earned_at = cln_now();
+    w->began = w->allowance.at = cln_now();
     tell(t);
     if (t->desc->live->ready)
         t->desc->live->ready(w->listener.address, t->desc->live->user);

@@ -291,7 +291,7 @@ ended() {
 
 section_training() {
     local digest step pictures=0 large
-    local long=("${tiny[@]}" --level-at 2:0.5 --steps 3000 --eval-every 1000 \
+    local long=("${tiny[@]}" --level-at 2:0.5 --steps 1500 --eval-every 500 \
         --log-every 100)
     [ $server = 0 ] || stop TERM
     baseline
@@ -308,7 +308,7 @@ section_training() {
     orders "pause" 202 /pause "${me[@]}"
     check "it pauses" until_told state paused
     step=$(json step)
-    check "in the middle" [ "$step" -gt 0 -a "$step" -lt 3000 ]
+    check "in the middle" [ "$step" -gt 0 -a "$step" -lt 1500 ]
     gets "a large picture while it pauses" 200 "/picture?view=6&width=300&format=png" "${me[@]}"
     check "is whole" has_header '^x-picture: 300 300 '
     orders "save" 202 /save "${me[@]}"

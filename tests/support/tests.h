@@ -13,7 +13,6 @@ int test_group_checkpoint(void);
 int test_group_composite(void);
 int test_group_config(void);
 int test_group_coverage(void);
-int test_group_curve(void);
 int test_group_exposure(void);
 int test_group_doubts(void);
 int test_group_export(void);
@@ -64,6 +63,7 @@ int test_group_tree_from(void);
 int test_group_tune(void);
 int test_group_tuner(void);
 int test_group_view_request(void);
+int test_group_watch(void);
 
 /* The table, in the files' order; ends with a NULL name. */
 typedef struct test_group {

@@ -1,5 +1,6 @@
-/* A training's curve (train/curve.h) stays bounded, in order, even, and keeps its few test PSNRs,
- * however long the training is. Oracle: the points that were added. */
+/* What a watched training counts: its curve (train/curve.h) stays bounded, in order, even, and keeps
+ * its few test PSNRs, however long the training is; viewing stays within its share of the time
+ * (train/allowance.h). Oracles: the points that were added; a clock that is made up. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -7,6 +8,7 @@
 #include <cmocka.h>
 #include <math.h>
 #include "tests.h"
+#include "train/allowance.h"
 #include "train/curve.h"
 
 static void stays_bounded_and_keeps_tests(void **state)
@@ -54,12 +56,52 @@ static void leaves_out_what_is_near(void **state)
     assert_int_equal(curve.count, 2);
 }
 
-int test_group_curve(void)
+/* Steps of 10 ms, and always somebody who asks for pieces of so many seconds. */
+static void viewing_stays_within_its_share(void **state)
+{
+    static const double pieces[] = {0.001, 0.045, 0.3, 4};
+
+    (void)state;
+    for (int share = 1; share <= 90; share += 89 / 3)
+        for (size_t k = 0; k < sizeof pieces / sizeof pieces[0]; k++) {
+            cln_allowance a = {.share = share / 100.0, .most = 1, .at = 1000};
+            double now = 1000, spent = 0;
+
+            assert_true(cln_allowance_pass(&a, now)); /* the first one at once */
+            while (now < 2000) {
+                while (cln_allowance_pass(&a, now)) {
+                    now += pieces[k];
+                    spent += pieces[k];
+                    cln_allowance_spend(&a, pieces[k]);
+                    assert_true(spent <= a.share * (now - 1000) + pieces[k] + 1e-9);
+                }
+                now += 0.01;
+            }
+            assert_true(spent >= a.share * 1000 - 2 * pieces[k] - 0.1);
+        }
+}
+
+static void a_rest_is_not_saved_up(void **state)
+{
+    cln_allowance a = {.share = 0.2, .most = 1};
+    double spent = 0;
+
+    (void)state;
+    while (cln_allowance_pass(&a, 1e6)) {
+        cln_allowance_spend(&a, 0.1);
+        spent += 0.1;
+    }
+    assert_true(spent > 0.9 && spent < 1.2);
+}
+
+int test_group_watch(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(stays_bounded_and_keeps_tests),
         cmocka_unit_test(leaves_out_what_is_near),
+        cmocka_unit_test(viewing_stays_within_its_share),
+        cmocka_unit_test(a_rest_is_not_saved_up),
     };
 
-    return cmocka_run_group_tests_name("curve", tests, NULL, NULL);
+    return cmocka_run_group_tests_name("watch", tests, NULL, NULL);
 }
