@@ -8,6 +8,7 @@ const picture = $('picture'), overlay = $('overlay');
 const pen = picture.getContext('2d', {alpha: false}), lines = overlay.getContext('2d');
 const MOVING_MS = 45;   /* what a picture may take at the server while the camera moves */
 const BETTER_MS = 300;  /* and the one after that, before the sharp one */
+const WHOLE_MS = 450;   /* of a training under way: one moment of it, instead of the sharp one */
 const STILL_MS = 160;   /* of no motion before a sharper one is asked for */
 const MOST_PIXELS = 1 << 22;
 const bytes = crypto.getRandomValues(new Uint8Array(8));
@@ -137,22 +138,32 @@ function ask(path, query, name, signal) {
   return fetch(path + '?' + new URLSearchParams(query), {headers: {'X-Viewer': name}, signal});
 }
 
+const underWay = () => training !== null && !ended && training.state !== 'paused';
+
+/* What the next picture may take; 0 = as long as the sharp one needs. */
+function nextMs(refining) {
+  if (!refining) return MOVING_MS;
+  return last.ms === MOVING_MS ? BETTER_MS : underWay() ? WHOLE_MS : 0;
+}
+
+const isNew = () => !(training && training.step > last.step) &&
+  (last.full || (underWay() && last.ms === WHOLE_MS));
+
 /* One request at a time: small pictures while the camera moves, then a better one, then the sharp
- * one, which a motion cancels. */
+ * one, which a motion cancels; of a training, again when it has gone on. */
 async function pump() {
   if (busy || !facts) return;
   busy = true;
   for (;;) {
     const now = version, refining = last !== null && last.version === now;
-    if (refining && last.full && !(training && training.step > last.step)) break;
+    if (refining && isNew()) break;
     const rest = STILL_MS - (performance.now() - moved);
     if (refining && rest > 0) {
       await new Promise((done) => setTimeout(done, rest));
       continue;
     }
     try {
-      await fetchPicture(now, !refining ? MOVING_MS : last.ms === MOVING_MS ? BETTER_MS : 0,
-        refining);
+      await fetchPicture(now, nextMs(refining), refining);
     } catch (error) {
       if (error.name === 'AbortError') continue;
       say(error.refused || gone());

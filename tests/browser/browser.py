@@ -17,7 +17,9 @@ import urllib.request
 ADDRESS, RENDERED, FOLDER = sys.argv[1:]
 TEST_VIEW = 20  # behind 20 training views
 MEAN = """
-    const b = last.box, data = pen.getImageData(b.x, b.y, b.width, b.height).data;
+    const b = last.box, c = new OffscreenCanvas(64, 64), p = c.getContext('2d');
+    p.drawImage(picture, b.x, b.y, b.width, b.height, 0, 0, 64, 64);
+    const data = p.getImageData(0, 0, 64, 64).data;
     return data.reduce((s, v, i) => s + (i % 4 < 3 ? v : 0), 0) / data.length * 4 / 3;"""
 KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008'}
 
@@ -81,10 +83,11 @@ class Page:
             'script': 'const done = arguments[arguments.length - 1];' + script, 'args': given})
 
     def settle(self, seconds=60):
-        """Until the picture is sharp."""
+        """Until the picture is sharp, or that of a moment of a training."""
         end = time.time() + seconds
         while time.time() < end:
-            if self.js('return last !== null && last.full && last.version === version && '
+            if self.js('return last !== null && (isNew() || (underWay() && last.ms === WHOLE_MS)) '
+                       '&& last.version === version && '
                        '!playing && performance.now() - moved > 500'):
                 return
             time.sleep(0.1)
