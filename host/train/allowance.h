@@ -1,5 +1,5 @@
-/* A share of the time, as seconds that may be spent: what is spent stays below the share of what has
- * passed, but for the last piece. Its clock is the caller's. */
+/* A share of the time, as seconds that may be spent: what is spent stays below the share of what
+ * has passed, but for the last piece. Its clock is the caller's. */
 #ifndef CLN_ALLOWANCE_H
 #define CLN_ALLOWANCE_H
 

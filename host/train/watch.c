@@ -1,5 +1,5 @@
-/* A training in the browser. See watch.h. Pictures take the densities that training has cached: their
- * own would cost a pass over all leaves for every few steps. */
+/* A training in the browser. See watch.h. Pictures take the densities that training has cached:
+ * their own would cost a pass over all leaves for every few steps. */
 #include "train/watch.h"
 
 #include <jansson.h>

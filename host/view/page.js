@@ -1,6 +1,6 @@
 /* The viewer's page: a camera that follows mouse, touch and keys, requests for its pictures, the
- * scene's cameras with their photos, a camera path, and how a training stands. Poses are camera to world in the scene's
- * units with OpenCV's axes (right, down, forward), as the server takes them. */
+ * scene's cameras with their photos, a camera path, and how a training stands. Poses are camera to
+ * world in the scene's units with OpenCV's axes (right, down, forward), as the server takes them. */
 'use strict';
 
 const $ = (id) => document.getElementById(id);
@@ -413,7 +413,8 @@ const keys = {
   h: () => fly(home), l: level, x: savePicture, m: () => openPanel(),
   c: () => toggle('frusta'), n: () => jumpBy(1), p: () => jumpBy(-1), k: addKey,
   g: () => focus(picture.clientWidth / 2, picture.clientHeight / 2),
-  b: () => toggleBlend(), v: () => { toggle('difference'); draw(); }, ' ': play, '1': () => show('colour'), '2': () => show('depth'),
+  b: () => toggleBlend(), v: () => { toggle('difference'); draw(); }, ' ': play,
+  '1': () => show('colour'), '2': () => show('depth'),
   '3': () => show('opacity'), '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
   '?': () => { openPanel(true); $('help').open = true; $('help').scrollIntoView(); },
 };

@@ -30,8 +30,8 @@ typedef struct cln_painting {
     double near, far;  /* depth picture: the ends of its greys, scene units; else 0 */
 } cln_painting;
 
-/* Prepares the densities of pictures, unless `training`, and renders some small ones, of `first`, to
- * learn the device's speed. CLN_CL, CLN_MEMORY. */
+/* Prepares the densities of pictures, unless `training`, and renders some small ones, of `first`,
+ * to learn the device's speed. CLN_CL, CLN_MEMORY. */
 cln_status cln_painter_open(cln_painter *painter, const cln_camera *first);
 
 /* Goes on with a painting by one batch; it is done when its status is not 0. What concerns one
