@@ -1,7 +1,7 @@
 /* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way:
  * loop -> maintain -> step, loop and maintain -> record, loop -> watch. Every decision is a
- * function of the seed, the step and the model, so a resumed run equals an uninterrupted one bit for
- * bit (except with a budget in time). */
+ * function of the seed, the step and the model, so a resumed run equals an uninterrupted one bit
+ * for bit (except with a budget in time). */
 #include "train/loop.h"
 
 #include <math.h>

@@ -16,8 +16,8 @@ typedef struct cln_facts {
 
 /* {run, step, leaves, training, background, target, up, distance, centre, half, start, width,
  * height, focal, cameras: [{name, split, pose, focal, width, height}]}: scene units, poses
- * row-major 3x4, OpenCV's axes; focal: of the camera's vertical axis in pixels; cameras in the order
- * of the scene's views. The caller frees *out. */
+ * row-major 3x4, OpenCV's axes; focal: of the camera's vertical axis in pixels; cameras in the
+ * order of the scene's views. The caller frees *out. */
 cln_status cln_facts_text(const cln_facts *facts, char **out);
 
 /* A camera to begin with: where an orbit begins, or the middle of its arc. */
