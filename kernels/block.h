@@ -50,15 +50,18 @@ HELPER void load_samples(block b, sample_source from, float4 box, __local float 
     for (int s = b.lid; s < b.rows; s += LS) {
         const uint ray = convert_uint(at[NB + s]) | convert_uint(at[2 * NB + s]) << 16;
         const float4 d = from.ray_d[ray];
-        const float4 p = leaf_local(MAD((float4)(at[s]), d, from.ray_o[ray]), box);
+        const float4 o = from.ray_o[ray];
+        const float4 p = leaf_local(MAD((float4)(at[s]), d, o), box);
 
         at[s] = p.x;
         at[NB + s] = p.y;
         at[2 * NB + s] = p.z;
 #if VIEW > 0
-        along[s] = d.x;
-        along[NB + s] = d.y;
-        along[2 * NB + s] = d.z;
+        const float3 view = view_direction(o, d);
+
+        along[s] = view.x;
+        along[NB + s] = view.y;
+        along[2 * NB + s] = view.z;
 #endif
     }
 }

@@ -6,30 +6,85 @@
  *   leaf    [-1, 1]^3 of a leaf's box, its network's input
  *
  * The host moves and scales the scene into the cube once, cameras included: a ray of the scene is
- * straight in the cube, and t is a length but for a factor, which the host undoes. A map that bends
- * space (forward-facing scenes, an unbounded contraction) would join here: pixel_ray() would turn
- * the scene's ray into the cube's, point_pixel() the cube's point into the scene's, and ray_depth()
- * the cube's t into a depth. */
+ * straight in the cube, and t is a length but for a factor, which the host undoes.
+ *
+ * NDC 1: a forward space (method.md 3.2). The cameras are in camera units, where the near plane is
+ * at z = 1, and pixel_ray() and point_pixel() bend space: (x, y, z) becomes
+ * (NDC_X x / z, NDC_Y y / z, 1 - 2 / z). Straight lines stay straight. ray_depth() returns camera
+ * units. */
+#ifndef NDC
+#define NDC 0
+#define NDC_X 1.0f
+#define NDC_Y 1.0f
+#endif
 
 /* ---- scene and cube ---- */
+
+#if NDC
+#define LEAST_FORWARD     1e-6f
+#define LEAST_TO_INFINITY 2e-6f
+#endif
+
+/* The unit direction of the scene, in its own axes or a forward space's, of a ray of the cube:
+ * what a network's colour depends on. */
+HELPER float3 view_direction(float4 o, float4 d)
+{
+#if NDC
+    /* at the face z = 1, which is infinitely far, a ray's place is its direction */
+    const float2 v = MAD((float2)((1.0f - o.z) / fmax(d.z, LEAST_FORWARD)), d.xy, o.xy) *
+                     (float2)(1.0f / NDC_X, 1.0f / NDC_Y);
+
+    return (float3)(v, 1.0f) * rsqrt(v.x * v.x + v.y * v.y + 1.0f);
+#else
+    return d.xyz;
+#endif
+}
 
 /* The ray through pixel position (u, v), for ray_depth(): where it begins, and its distance from
  * the camera there; unit direction, and factor of depths along the axis. False if it has none, or
  * none that meets the cube; the direction is then any. */
 HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
 {
+#if NDC
+    float4 p, q;
+    const bool found = camera_ray(c, u, v, &p, &q) && q.z > LEAST_FORWARD;
+    const float z = fmax(p.z, 1.0f), far = (z - p.z) / q.z;
+    const float3 along = (float3)(NDC_X * (q.x * p.z - p.x * q.z), NDC_Y * (q.y * p.z - p.y * q.z),
+                                  2.0f * q.z);
+
+    if (!found) {
+        *o = (float4)(0.0f, 0.0f, -1.0f, 0.0f);
+        *d = (float4)(0.0f, 0.0f, 1.0f, 1.0f);
+        return false;
+    }
+    *o = (float4)(NDC_X * MAD(far, q.x, p.x) / z, NDC_Y * MAD(far, q.y, p.y) / z, 1.0f - 2.0f / z,
+                  far);
+    *d = (float4)(along * rsqrt(dot(along, along)), q.w);
+    return true;
+#else
     return camera_ray(c, u, v, o, d);
+#endif
 }
 
 /* The pixel position of a point of the cube; false if the camera does not see it. */
 HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
 {
+#if NDC
+    const float z = 2.0f / fmax(1.0f - point.z, LEAST_TO_INFINITY);
+
+    point = (float3)(point.x * (z / NDC_X), point.y * (z / NDC_Y), z);
+#endif
     return camera_project(c, point, pixel);
 }
 
 /* Depth at t of a ray, along its camera's axis or itself. */
 HELPER float ray_depth(float t, float4 o, float4 d, bool axis)
 {
+#if NDC
+    const float z = 2.0f / fmax(1.0f - MAD(t, d.z, o.z), LEAST_TO_INFINITY);
+
+    t = (z - 2.0f / (1.0f - o.z)) / view_direction(o, d).z;
+#endif
     return (t + o.w) * (axis ? d.w : 1.0f);
 }
 

@@ -128,6 +128,27 @@ static cln_status check_options(const cln_export_desc *desc)
 
 /* ---- the work ---- */
 
+/* What has no meaning in a forward space (scene/space.h): boxes, and a grid of equal cells. */
+static cln_status check_space(const cln_export_desc *desc, const cln_model *model)
+{
+    if (!model->space.forward)
+        return CLN_OK;
+    if (strcmp(desc->what, "octree") == 0 || strcmp(desc->what, "volume") == 0)
+        return cln_fail(CLN_USAGE,
+                        "%s: it was trained in normalised device coordinates (--space ndc), whose "
+                        "%s grow with the distance and are no boxes of the scene: --%s cannot "
+                        "write them. Train with --space cube for that, or export --points or "
+                        "--mesh",
+                        desc->run, strcmp(desc->what, "octree") == 0 ? "leaves" : "cells",
+                        desc->what);
+    if (desc->spacing != 0)
+        return cln_fail(CLN_USAGE,
+                        "--spacing: %s was trained in normalised device coordinates (--space ndc), "
+                        "whose cells grow with the distance; leave it out",
+                        desc->run);
+    return CLN_OK;
+}
+
 static cln_status open_for(const export_row *row, const cln_export_desc *desc, cln_open_run *opened)
 {
     cln_status st = CLN_OK;
@@ -137,6 +158,7 @@ static cln_status open_for(const export_row *row, const cln_export_desc *desc, c
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, opened));
+    CLN_TRY(check_space(desc, &opened->model));
     if (row->needs & CLN_EXPORT_DEVICE)
         CLN_TRY(
             cln_open_run_start(opened, &desc->device, opened->scene ? opened->scene->lenses : 0));

@@ -12,7 +12,10 @@ struct cln_field {
     cln_open_run opened; /* without a scene */
 };
 
-enum { CHUNK = 65536 }; /* points converted at a time */
+enum {
+    CHUNK = 65536, /* points converted at a time */
+    FARTHEST = 1000
+};
 
 cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out)
 {
@@ -44,6 +47,20 @@ void cln_field_box(const cln_field *field, double min[3], double max[3])
 {
     const cln_space *space = &field->opened.model.space;
 
+    if (space->forward) { /* around what the cameras see as far as FARTHEST near planes */
+        for (int k = 0; k < 8; k++) {
+            const double cube[3] = {k & 1 ? 1 : -1, k & 2 ? 1 : -1,
+                                    k & 4 ? 1 - 2.0 / FARTHEST : -1};
+            double corner[3];
+
+            cln_space_point_to_scene(space, cube, corner);
+            for (int a = 0; a < 3; a++) {
+                min[a] = k ? fmin(min[a], corner[a]) : corner[a];
+                max[a] = k ? fmax(max[a], corner[a]) : corner[a];
+            }
+        }
+        return;
+    }
     cln_space_point_to_scene(space, (const double[3]){-1, -1, -1}, min);
     cln_space_point_to_scene(space, (const double[3]){1, 1, 1}, max);
 }
@@ -63,7 +80,7 @@ static cln_status to_cube(const cln_space *space, size_t i, const double positio
     return CLN_OK;
 }
 
-/* NULL: the density does not depend on it. */
+/* The unit direction; NULL: the density in the cube does not depend on it. */
 static cln_status to_unit(size_t i, const float *direction, float out[4])
 {
     double length = 0;
@@ -82,6 +99,20 @@ static cln_status to_unit(size_t i, const float *direction, float out[4])
     return CLN_OK;
 }
 
+/* Forward: the direction becomes one of the cube; `look` keeps that of the scene, or without one the
+ * mean camera's axis. */
+static void turn_to_cube(const cln_space *space, const double position[3], bool given,
+                         float towards[4], double look[3])
+{
+    double cube[3];
+
+    for (int a = 0; a < 3; a++)
+        look[a] = given ? (double)towards[a] : space->axes[6 + a];
+    cln_space_direction_to_cube(space, position, look, cube);
+    for (int a = 0; a < 3; a++)
+        towards[a] = (float)cube[a];
+}
+
 cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3],
                         const float (*directions)[3], float (*rgb)[3], float *sigma)
 {
@@ -89,18 +120,23 @@ cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3]
     const cln_model *model = &field->opened.model;
     const size_t most = n < CHUNK ? n : CHUNK;
     float(*at)[4] = NULL, (*towards)[4] = NULL, (*out)[4] = NULL;
+    double(*looks)[3] = NULL;
 
     if (rgb && !directions)
         CLN_TRY(cln_fail(CLN_USAGE, "colour depends on the direction: give directions, or no rgb"));
     CLN_TRY(cln_alloc(&at, most, sizeof *at, "points"));
     CLN_TRY(cln_alloc(&towards, most, sizeof *towards, "points"));
     CLN_TRY(cln_alloc(&out, most, sizeof *out, "points"));
+    CLN_TRY(cln_alloc(&looks, most, sizeof *looks, "points"));
     for (size_t first = 0; first < n; first += most) {
         const size_t count = n - first < most ? n - first : most;
 
         for (size_t i = 0; i < count; i++) {
             CLN_TRY(to_cube(&model->space, first + i, positions[first + i], at[i]));
             CLN_TRY(to_unit(first + i, directions ? directions[first + i] : NULL, towards[i]));
+            if (model->space.forward)
+                turn_to_cube(&model->space, positions[first + i], directions != NULL,
+                             towards[i], looks[i]);
         }
         CLN_TRY(cln_field_points(&field->opened.pipeline, &model->tree, count,
                                  (const float(*)[4])at, (const float(*)[4])towards, out));
@@ -108,12 +144,14 @@ cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3]
             if (rgb)
                 memcpy(rgb[first + i], out[i], sizeof rgb[0]);
             if (sigma)
-                sigma[first + i] = (float)cln_space_density_to_scene(&model->space, out[i][3]);
+                sigma[first + i] = (float)cln_space_density_to_scene(
+                    &model->space, positions[first + i], looks[i], out[i][3]);
         }
     }
 done:
     free(at);
     free(towards);
+    free(looks);
     free(out);
     return st;
 }

@@ -40,7 +40,7 @@ static cln_status time_steps(cln_device *device, const cln_config *config, doubl
 
     *count = 0;
     CLN_TRY(cln_synthetic_create(device, config, &work));
-    CLN_TRY(cln_pipeline_create(device, &work.model.config, false, false, CLN_PROGRAMS_ALL, &p));
+    CLN_TRY(cln_pipeline_create(device, &work.model.config, false, false, &cln_space_unit, CLN_PROGRAMS_ALL, &p));
     CLN_TRY(cln_synthetic_upload(&work, &p));
     CLN_TRY(cln_synthetic_step(&work, &p)); /* compiles */
     CLN_TRY(cln_synthetic_settle(&work, &p, budget / LEAST_STEPS));
@@ -105,7 +105,8 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
         json_object_set_new(about, "steps", json_integer((json_int_t)steps));
     }
     if (cln_device_open(wanted, &device) == CLN_OK &&
-        cln_pipeline_outline(device, c, scene->lenses, scene->has_alpha, &pipeline) == CLN_OK) {
+        cln_pipeline_outline(device, c, scene->lenses, scene->has_alpha, &scene->space,
+                             &pipeline) == CLN_OK) {
         const cln_plan_desc desc = {&pipeline, scene, cln_config_most_leaves(c), true,
                                     cln_coverage_bytes(scene)};
 

@@ -340,7 +340,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
     cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
-                                CLN_PROGRAMS_ALL, &t->pipeline));
+                                &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
     CLN_TRY(cln_pipeline_share(&t->pipeline));
     CLN_TRY(plan(t));
     say_what_runs(t);

@@ -241,6 +241,10 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
     CLN_TRY(cln_config_background(config, rgb));
     CLN_TRY(check_bbox(config->bbox));
+    if (config->space == CLN_SPACE_NDC && config->bbox[0])
+        return cln_fail(CLN_USAGE,
+                        "--space ndc and --bbox: what the cameras see from a near plane to "
+                        "infinity is no box; leave one out");
 done:
     return st;
 }

@@ -64,6 +64,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMATS
 };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
+enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
 
 /* The leaf networks: compile-time constants of the kernels (method.md sections 1, 2). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
@@ -265,6 +266,10 @@ enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
     TEXT(bbox, "bbox", "", "",                                                                    \
          "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)",       \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                  \
+    ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc",                         \
+         "what the tree divides: a cube of the scene, or normalised device coordinates for "      \
+         "cameras that all look one way; auto: ndc for LLFF scenes like that without --bbox",     \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                  \
     TEXT(background, "background", "white", "white",                                              \
          "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)              \
     INT(holdout, "holdout", 8, 8, 0, 1000000,                                                     \

@@ -162,7 +162,7 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
         goto done;
     }
     st = cln_pipeline_create(device, &config, s->distortion ? 1u << CLN_LENS_OPENCV : 0, s->small,
-                             CLN_PROGRAMS_ALL, &pipeline);
+                             &cln_space_unit, CLN_PROGRAMS_ALL, &pipeline);
     if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
         /* training would refuse this network, too */
         cln_check_report(c, s->name, false, true, cln_error_text());
@@ -212,7 +212,7 @@ cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln
     cln_config small = *config;
 
     prepare(&small);
-    CLN_TRY(cln_pipeline_create(device, &small, false, false, CLN_PROGRAMS_ALL, &pipeline));
+    CLN_TRY(cln_pipeline_create(device, &small, false, false, &cln_space_unit, CLN_PROGRAMS_ALL, &pipeline));
     CLN_TRY(run_pipeline(&pipeline, &c));
     CLN_TRY(verdict(device, &c));
 done:

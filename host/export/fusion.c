@@ -17,8 +17,7 @@ static const float opaque = 0.5f;
 struct cln_fusion_view {
     cln_camera camera;
     bool plain;    /* a pinhole */
-    double eye[3]; /* the cube */
-    double focal;  /* pixels */
+    double eye[3]; /* the cube; the scene, if that is forward */
     float *depth;  /* [height][width] along the ray, in the cube; below 0: nothing opaque */
 };
 
@@ -32,15 +31,41 @@ void cln_fusion_free(cln_fusion *fusion)
 
 /* ---- a view and a point ---- */
 
-/* Where it sees a point, and how far away that is; false: not in its image. */
+/* The ray of the cube from where a view's begin to a point of it: direction and length. */
+static void aim(const cln_fusion *f, const cln_fusion_view *view, const double cube[3],
+                const double scene[3], double direction[3], double *distance)
+{
+    double towards[3], begin[3], length = 0;
+
+    for (int a = 0; a < 3; a++) {
+        towards[a] = scene[a] - view->eye[a];
+        length += towards[a] * towards[a];
+    }
+    for (int a = 0; a < 3; a++)
+        towards[a] /= sqrt(length);
+    cln_space_ray_to_cube(f->space, view->eye, towards, begin, direction);
+    *distance = 0;
+    for (int a = 0; a < 3; a++)
+        *distance += (cube[a] - begin[a]) * direction[a];
+}
+
+/* Where it sees a point, in which direction of the cube, and how far away that is; false: not in
+ * its image. */
 static bool project(const cln_fusion *f, const cln_fusion_view *view, const float at[3], double *u,
-                    double *v, double *distance)
+                    double *v, double direction[3], double *distance)
 {
     const cln_camera *c = &view->camera;
     const double d[3] = {at[0] - view->eye[0], at[1] - view->eye[1], at[2] - view->eye[2]};
     const double cube[3] = {at[0], at[1], at[2]};
     double point[3], z = 0;
 
+    if (f->space->forward) {
+        cln_space_point_to_scene(f->space, cube, point);
+        if (!cln_camera_project(c, point, u, v, &z))
+            return false;
+        aim(f, view, cube, point, direction, distance);
+        return *u >= 0 && *u < c->width && *v >= 0 && *v < c->height;
+    }
     if (view->plain) {
         z = c->c2w[2] * d[0] + c->c2w[6] * d[1] + c->c2w[10] * d[2];
         if (z <= 0)
@@ -53,6 +78,8 @@ static bool project(const cln_fusion *f, const cln_fusion_view *view, const floa
             return false;
     }
     *distance = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    for (int a = 0; a < 3; a++)
+        direction[a] = d[a] / *distance;
     return *u >= 0 && *u < c->width && *v >= 0 && *v < c->height;
 }
 
@@ -87,9 +114,9 @@ float cln_fusion_at(const cln_fusion *fusion, const float at[3])
     if (cln_octree_find(fusion->tree, point) < 0)
         return -1;
     for (int i = 0; i < fusion->count; i++) {
-        double u, v, distance, depth, behind = -1, weight = 1;
+        double u, v, direction[3], distance, depth, behind = -1, weight = 1;
 
-        if (!project(fusion, &fusion->views[i], at, &u, &v, &distance))
+        if (!project(fusion, &fusion->views[i], at, &u, &v, direction, &distance))
             continue;
         in_sight = true;
         depth = depth_at(fusion, &fusion->views[i], u, v);
@@ -112,20 +139,20 @@ bool cln_fusion_seen(const cln_fusion *fusion, const float at[3], const float no
 
     for (int i = 0; i < fusion->count; i++) {
         const cln_fusion_view *view = &fusion->views[i];
-        double u, v, distance, depth, front = 0;
+        double u, v, direction[3], distance, depth, front = 0;
 
-        if (!project(fusion, view, at, &u, &v, &distance))
+        if (!project(fusion, view, at, &u, &v, direction, &distance))
             continue;
         depth = depth_at(fusion, view, u, v);
         if (depth < 0 || fabs(distance - depth) > fusion->band)
             continue;
         for (int a = 0; a < 3; a++)
-            front -= (at[a] - view->eye[a]) / distance * normal[a];
+            front -= direction[a] * normal[a];
         if (front <= best)
             continue;
         best = front;
         for (int a = 0; a < 3; a++)
-            towards[a] = (float)((at[a] - view->eye[a]) / distance);
+            towards[a] = (float)direction[a];
     }
     return best > 0;
 }
@@ -146,6 +173,23 @@ cln_status cln_fusion_start(const cln_space *space, const cln_octree *tree, int 
     return cln_alloc(&out->views, (size_t)count, sizeof *out->views, "views");
 }
 
+/* A forward space's depths, as lengths of the cube. */
+static void bend_depths(const cln_space *space, const cln_camera *camera, float *depth)
+{
+    for (int k = 0; k < camera->width * camera->height; k++) {
+        double o[3], d[3], at[3], begin[3], along[3], length = 0;
+
+        if (depth[k] < 0)
+            continue;
+        (void)cln_camera_ray(camera, k % camera->width + 0.5, k / camera->width + 0.5, o, d);
+        cln_space_depth_to_cube(space, o, d, (double)depth[k], at);
+        cln_space_ray_to_cube(space, o, d, begin, along);
+        for (int a = 0; a < 3; a++)
+            length += (at[a] - begin[a]) * along[a];
+        depth[k] = (float)fmax(length, 0);
+    }
+}
+
 cln_status cln_fusion_set(cln_fusion *fusion, int i, const cln_camera *camera, float *depth,
                           double *pixel)
 {
@@ -159,7 +203,12 @@ cln_status cln_fusion_set(cln_fusion *fusion, int i, const cln_camera *camera, f
     view->camera = *camera;
     view->plain = cln_camera_lenses(camera) == 0;
     view->depth = depth;
-    cln_space_point_to_cube(fusion->space, eye, view->eye);
+    if (fusion->space->forward) {
+        memcpy(view->eye, eye, sizeof eye);
+        bend_depths(fusion->space, camera, depth);
+    } else {
+        cln_space_point_to_cube(fusion->space, eye, view->eye);
+    }
     *pixel = 0;
     CLN_TRY(cln_alloc(&sorted, n, sizeof *sorted, "depths"));
     for (size_t k = 0; k < n; k++)
@@ -167,7 +216,9 @@ cln_status cln_fusion_set(cln_fusion *fusion, int i, const cln_camera *camera, f
             sorted[count++] = depth[k];
     qsort(sorted, count, sizeof *sorted, by_size);
     if (count > 0)
-        *pixel = sorted[count / 2] / camera->fx;
+        *pixel = fusion->space->forward
+                     ? sqrt(fusion->space->scale[0] * fusion->space->scale[1]) / camera->fx
+                     : sorted[count / 2] / camera->fx;
 done:
     free(sorted);
     return st;

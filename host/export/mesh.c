@@ -65,8 +65,9 @@ cln_status cln_export_mesh(cln_export_job *job)
         const double cube[3] = {surface.at[i][0], surface.at[i][1], surface.at[i][2]};
 
         cln_space_point_to_scene(&job->opened.model.space, cube, mesh.at[i]);
+        cln_space_normal_to_scene(&job->opened.model.space, cube, surface.normal[i],
+                                  mesh.normal[i]);
     }
-    memcpy(mesh.normal, surface.normal, mesh.vertices * sizeof *mesh.normal);
     memcpy(mesh.colour, surface.colour, mesh.vertices * sizeof *mesh.colour);
     mesh.face = surface.face;
     mesh.faces = surface.faces;

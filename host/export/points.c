@@ -1,5 +1,6 @@
 /* export --points: points on the surface that --mesh writes, at random in equal shares of its area,
- * so that their density is the same everywhere, whatever the views were. (Depths of rendered views
+ * so that their density is the same everywhere, whatever the views were; in a forward space by its
+ * area in the cube, so that it falls with the distance, as detail does. (Depths of rendered views
  * would crowd where cameras are near, and lie between two surfaces along every edge.) */
 #include <math.h>
 #include <stdlib.h>
@@ -77,6 +78,7 @@ static void place(const cln_export_job *job, const cln_surface *s, size_t face, 
         mesh->colour[i][a] = (uint8_t)lround(colour[a]);
     }
     cln_space_point_to_scene(&job->opened.model.space, cube, mesh->at[i]);
+    cln_space_normal_to_scene(&job->opened.model.space, cube, mesh->normal[i], mesh->normal[i]);
 }
 
 cln_status cln_export_points(cln_export_job *job)

@@ -61,6 +61,21 @@ static cln_status digest_document(json_t *document, char hex[17])
     return CLN_OK;
 }
 
+static json_t *reals(const double *v, size_t n)
+{
+    json_t *array = json_array();
+
+    for (size_t i = 0; i < n; i++)
+        json_array_append_new(array, json_real(v[i]));
+    return array;
+}
+
+/* What a forward space has besides centre and half. */
+static json_t *forward_json(const cln_space *space)
+{
+    return json_pack("{s:o, s:o}", "axes", reals(space->axes, 9), "scale", reals(space->scale, 2));
+}
+
 static cln_status make_document(const cln_model *model, const char *tensors, uint64_t data_digest,
                                 json_t **out)
 {
@@ -88,6 +103,8 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     if (!document)
         CLN_TRY(cln_fail(CLN_INTERNAL, "checkpoint of step %" PRId64 ": a setting is not finite",
                          model->step));
+    if (model->space.forward)
+        json_object_set_new(json_object_get(document, "cube"), "ndc", forward_json(&model->space));
     CLN_TRY(digest_document(document, hex));
     json_object_set_new(document, "digest", json_string(hex));
     *out = document;
@@ -120,6 +137,24 @@ static cln_status get_real(const json_t *value, const char *path, const char *ke
     return CLN_OK;
 }
 
+static cln_status read_forward(const json_t *ndc, const char *path, cln_space *out)
+{
+    cln_status st = CLN_OK;
+
+    out->forward = ndc != NULL;
+    for (size_t i = 0; ndc && i < 9; i++)
+        CLN_TRY(get_real(json_array_get(json_object_get(ndc, "axes"), i), path, "axes",
+                         &out->axes[i]));
+    for (size_t i = 0; ndc && i < 2; i++) {
+        CLN_TRY(get_real(json_array_get(json_object_get(ndc, "scale"), i), path, "scale",
+                         &out->scale[i]));
+        if (!(out->scale[i] > 0))
+            CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its cube has no size", path));
+    }
+done:
+    return st;
+}
+
 static cln_status read_scalars(const json_t *document, const char *path, cln_model *out)
 {
     cln_status st = CLN_OK;
@@ -150,6 +185,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
                          "background", &channel));
         out->background[a] = (float)channel;
     }
+    CLN_TRY(read_forward(json_object_get(cube, "ndc"), path, &out->space));
     if (!(out->space.half > 0))
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its cube has no size", path));
     if (!json_is_boolean(alpha) || !json_is_boolean(distortion))

@@ -49,6 +49,7 @@ struct cln_pipeline {
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
     uint32_t wanted;     /* programs, of which those that settings and device need are built */
     unsigned lenses;     /* whose code is built in (cln_camera_lenses) */
+    cln_space space;     /* of the cube that its kernels are for: forward is built in */
     bool ray_background; /* one background per ray (random_background) */
     /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; where one array would
      * exceed the device's largest allocation, all are CLN_PARTS buffers of so many rows
@@ -95,20 +96,23 @@ struct cln_pipeline {
     cln_device_camera *host_cameras;
 };
 
-/* Where a camera is, in the cube's space: its rays may begin elsewhere (device_abi.h). */
+/* Where a camera is, in the cube's space or a forward one's camera units: its rays may begin
+ * elsewhere (device_abi.h). */
 void cln_device_camera_origin(const cln_device_camera *c, double origin[3]);
 
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
  * (cln_camera_lenses). alpha: the images have it; otherwise opaque_loss takes alpha_loss's place.
- * wanted: bits of cln_program_id; of these, what settings and device need is built.
+ * space: where its cube is; cameras must be given with the same. wanted: bits of cln_program_id; of
+ * these, what settings and device need is built.
  * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones
  * with a warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
-                               bool alpha, uint32_t wanted, cln_pipeline *out);
+                               bool alpha, const cln_space *space, uint32_t wanted,
+                               cln_pipeline *out);
 /* The same without programs, for plans: only device, settings, network and parameters. Needs no
  * freeing. */
 cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
-                                bool alpha, cln_pipeline *out);
+                                bool alpha, const cln_space *space, cln_pipeline *out);
 /* Shares it between the ranks of this process (share.h), if there are several: builds the kernels
  * for that. Before the memory plan. */
 cln_status cln_pipeline_share(cln_pipeline *p);

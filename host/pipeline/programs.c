@@ -161,6 +161,11 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define NOISE_ON %d", c->density_noise > 0);
     real(&t, "NOISE", c->density_noise);
     line(&t, "#define LENSES %u\n#define RAY_BACKGROUND %d", p->lenses, p->ray_background);
+    if (p->space.forward) { /* else kernels/space.h has the defaults */
+        line(&t, "#define NDC 1");
+        real(&t, "NDC_X", p->space.scale[0]);
+        real(&t, "NDC_Y", p->space.scale[1]);
+    }
     line(&t, "#define DROPPED %d", c->splat_min_alpha > 0);
     line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
          c->allocate, c->cdf, c->lists);
@@ -342,7 +347,7 @@ done:
 }
 
 static cln_status outline(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
-                          const cln_tune *tune, cln_pipeline *out)
+                          const cln_space *space, const cln_tune *tune, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
 
@@ -352,6 +357,7 @@ static cln_status outline(cln_device *device, const cln_config *config, unsigned
     out->max_counted = UINT32_MAX;
     out->config = *config;
     out->lenses = lenses;
+    out->space = *space;
     out->ray_background = config->random_background;
     if (!alpha)
         out->config.alpha_loss = config->opaque_loss; /* each pixel shows something: alpha is 1 */
@@ -364,7 +370,7 @@ done:
 }
 
 cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
-                                bool alpha, cln_pipeline *out)
+                                bool alpha, const cln_space *space, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
     cln_network net;
@@ -374,19 +380,20 @@ cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, un
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    CLN_TRY(outline(device, config, lenses, alpha, &tune, out));
+    CLN_TRY(outline(device, config, lenses, alpha, space, &tune, out));
 done:
     return st;
 }
 
 /* *unfit: whether it failed for its kernel parameters. */
 static cln_status create(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
-                         uint32_t wanted, const cln_tune *tune, cln_pipeline *out, bool *unfit)
+                         const cln_space *space, uint32_t wanted, const cln_tune *tune,
+                         cln_pipeline *out, bool *unfit)
 {
     cln_status st = CLN_OK;
 
     *unfit = false;
-    CLN_TRY(outline(device, config, lenses, alpha, tune, out));
+    CLN_TRY(outline(device, config, lenses, alpha, space, tune, out));
     out->wanted = wanted;
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         *unfit = true;
@@ -407,7 +414,8 @@ done:
 }
 
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
-                               bool alpha, uint32_t wanted, cln_pipeline *out)
+                               bool alpha, const cln_space *space, uint32_t wanted,
+                               cln_pipeline *out)
 {
     cln_status st = CLN_OK;
     cln_network net;
@@ -419,7 +427,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    st = create(device, config, lenses, alpha, wanted, &tune, out, &unfit);
+    st = create(device, config, lenses, alpha, space, wanted, &tune, out, &unfit);
     if (unfit && !device->tune_exact) {
         cln_tune_text(&tune, list);
         cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
@@ -428,7 +436,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
         cln_clear_error();
         cln_tune_plain(&tune);
         snprintf(from, sizeof from, "plain, because others could not be used");
-        st = create(device, config, lenses, alpha, wanted, &tune, out, &unfit);
+        st = create(device, config, lenses, alpha, space, wanted, &tune, out, &unfit);
     }
     CLN_TRY(st);
     snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,

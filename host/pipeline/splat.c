@@ -16,16 +16,20 @@ enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 /* Grid of a view and a level, without its lists' place. A leaf's cells of spacing s = side / n1,
  * seen from distance z with focal length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that
  * must reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every
- * s^3 f^2 / (k t)^2 of a ray on average. */
+ * s^3 f^2 / (k t)^2 of a ray on average. In a forward space, a pixel has the same size at any t:
+ * about that of the mean camera's, scale / f. */
 static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level)
 {
     const double n1 = p->config.n1, spacing = 2.0 / (1 << level) / n1;
     double o[3];
     cln_device_camera_origin(c, o);
     const double distance = fmax(sqrt(o[0] * o[0] + o[1] * o[1] + o[2] * o[2]), 0.5);
+    const bool forward = p->space.forward;
+    const double area = forward ? p->space.scale[0] * p->space.scale[1] / (c->fx * c->fy) : 0;
     const double footprint = distance / (c->fx * spacing);
-    const double per_pixel = n1 * footprint * footprint;
-    const double per_area = spacing * spacing * spacing * c->fx * c->fy;
+    const double per_pixel = n1 * (forward ? area / (spacing * spacing) : footprint * footprint);
+    const double per_area =
+        spacing * spacing * spacing * (forward ? 1 / area : c->fx * c->fy);
     cl_uint k = 1;
 
     /* a power of two, so that bands of rows never cut a coarse pixel */
@@ -33,12 +37,13 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
         k *= 2;
     const double spread = per_area / (k * k);
     const bool far = c->start > 0; /* t begins at the cube */
+    const double at = forward ? 1 : distance;
 
     return (cln_grid){.coarse = k,
                       .row = ((cl_uint)c->width + k - 1) / k,
                       .cell =
-                          (float)(far ? fmax(spacing, spread / (distance * distance)) : spacing),
-                      .spread = far ? 0 : (float)spread};
+                          (float)(far || forward ? fmax(spacing, spread / (at * at)) : spacing),
+                      .spread = far || forward ? 0 : (float)spread};
 }
 
 /* grids[batch view][level] for all views of the batch; returns the number of lists. */

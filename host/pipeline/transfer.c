@@ -157,7 +157,8 @@ static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
     for (int i = 0; i < CLN_LENS_PARAMS; i++)
         out.k[i] = (float)c->distortion[i];
     cln_space_pose_to_cube(space, c->c2w, out.c2w);
-    begin_near_cube(c->c2w, space, &out);
+    if (!space->forward) /* whose rays begin at the near plane anyway */
+        begin_near_cube(c->c2w, space, &out);
     return out;
 }
 

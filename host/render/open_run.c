@@ -75,7 +75,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, config, lenses, opened->model.has_alpha,
-                                CLN_PROGRAMS_PICTURES, p));
+                                &opened->model.space, CLN_PROGRAMS_PICTURES, p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);

@@ -36,9 +36,8 @@ void cln_tree_surface(const cln_model *model, const cln_camera *camera, const cl
                 continue;
             if (!cln_camera_ray(camera, x + 0.5, y + 0.5, origin, direction))
                 continue;
-            cln_space_ray_to_cube(&model->space, origin, direction, origin, direction);
-            for (int a = 0; a < 3; a++)
-                point[a] = origin[a] + (double)picture->depth[i] * direction[a];
+            cln_space_depth_to_cube(&model->space, origin, direction, (double)picture->depth[i],
+                                    point);
             slots[i] = cln_octree_find(&model->tree, point);
         }
 }

@@ -1,5 +1,6 @@
 /* The scene's cube, and whether any training camera sees it. How the cube is chosen: `rules` below,
- * the first that applies, and bounds_rule says which it was.
+ * the first that applies, and bounds_rule says which it was. With --space ndc, and for formats of
+ * forward-facing scenes unless --bbox or --space cube is given, first bounds_forward.c's.
  *   given_box       --bbox: the smallest cube around that box, with the same centre
  *   of_dataset      what the reader found in the files
  *   of_points       points on surfaces are known: the cube around them and around what the images
@@ -17,6 +18,7 @@
 #include "scene/build.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/config.h"
 #include "base/memory.h"
@@ -271,19 +273,59 @@ static cln_status before_cameras(const evidence *e, cln_space *space, char **bec
 static cln_status (*const rules[])(const evidence *, cln_space *, char **) = {
     given_box, of_dataset, of_points, of_depths, looked_at, before_cameras};
 
+/* bounds_rule stays NULL where a cube is wanted, or where a format of forward-facing scenes has one
+ * that is not: refused[] then says why. */
+static cln_status find_forward(cln_scene *scene, const cln_reader_result *result,
+                               const cln_config *config, char refused[CLN_REFUSED_BYTES])
+{
+    cln_status st = CLN_OK;
+    const bool wanted = config->space == CLN_SPACE_NDC;
+
+    refused[0] = 0;
+    if (!wanted && !(config->space == CLN_SPACE_AUTO && result->forward && !config->bbox[0]))
+        return CLN_OK;
+    CLN_TRY(cln_scene_find_forward(scene, result, &scene->space, &scene->bounds_rule, refused));
+    if (wanted && !scene->bounds_rule)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: --space ndc: there are no normalised device coordinates, because %s; "
+                         "leave it out",
+                         scene->folder, refused));
+done:
+    return st;
+}
+
+/* The rule that found the cube says why it is one. */
+static cln_status add_refused(cln_scene *scene, const char *refused)
+{
+    cln_status st = CLN_OK;
+    char *longer = NULL;
+
+    if (!refused[0])
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&longer, "%s; not normalised device coordinates, because %s",
+                         scene->bounds_rule, refused));
+    free(scene->bounds_rule);
+    scene->bounds_rule = longer;
+done:
+    return st;
+}
+
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
-                                 const char *bbox)
+                                 const cln_config *config)
 {
     cln_status st = CLN_OK;
     cln_space *space = &scene->space;
-    evidence e = {.scene = scene, .result = result, .bbox = bbox};
+    evidence e = {.scene = scene, .result = result, .bbox = config->bbox};
+    char refused[CLN_REFUSED_BYTES];
     bool sane = true;
 
+    CLN_TRY(find_forward(scene, result, config, refused));
     gather_axes(scene, &e.mean);
     for (size_t i = 0; i < sizeof rules / sizeof *rules && !scene->bounds_rule; i++) {
         CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
     }
+    CLN_TRY(add_refused(scene, refused));
     sane = space->half >= HALF_MIN && space->half <= HALF_MAX;
     for (int i = 0; i < 3; i++)
         sane = sane && fabs(space->centre[i]) <= HALF_MAX; /* false for NaN, too */

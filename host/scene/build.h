@@ -45,9 +45,17 @@ cln_status cln_scene_check_memory(const cln_scene *scene, const bool wanted[CLN_
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits. */
 cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]);
 
-/* bounds.c: the cube, by the first of its rules that applies; fills space and bounds_rule. */
+/* bounds.c: the cube, by the first of its rules that applies; fills space and bounds_rule. Of
+ * config: space, bbox. */
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
-                                 const char *bbox);
+                                 const cln_config *config);
+
+/* bounds_forward.c: the forward space of the training cameras and why it is that, a phrase; or in
+ * refused[] why there is none, and *because stays as it was. CLN_MEMORY. */
+enum { CLN_REFUSED_BYTES = 256 };
+cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_result *result,
+                                  cln_space *space, char **because,
+                                  char refused[CLN_REFUSED_BYTES]);
 
 /* bounds_points.c: the box of the reader's points and of what the training images show there;
  * *found = false if there are too few of them. */

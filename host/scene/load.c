@@ -198,7 +198,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     digest_cameras(scene);
     CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
     CLN_TRY(cln_scene_find_kept(scene));
-    CLN_TRY(cln_scene_find_bounds(scene, result, desc->config->bbox));
+    CLN_TRY(cln_scene_find_bounds(scene, result, desc->config));
     if (!desc->unseen)
         CLN_TRY(cln_scene_check_seen(scene));
     cln_scene_find_doubts(scene);

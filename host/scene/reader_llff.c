@@ -2,7 +2,8 @@
  * images (or images_2, _4, _8, the first there is), by name. A row is a 3 x 5 matrix, row-major,
  * whose columns are the camera's axes in the world, down, right and backwards, its position, and
  * (height, width, focal length) of the originals; then the depths of the nearest and the farthest
- * thing. No distortion; the principal point is the centre. Not normalised device coordinates. */
+ * thing. No distortion; the principal point is the centre. Such scenes are
+ * mostly forward-facing: bounds_forward.c puts them into normalised device coordinates. */
 #include <math.h>
 #include <stdlib.h>
 #include "base/files.h"
@@ -90,6 +91,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
         CLN_TRY(set_view(where, rows + ROW * (size_t)i, &result->views[i]));
     }
     result->dialect = "LLFF";
+    result->forward = true;
     CLN_TRY(cln_asprintf(&result->because, "it has poses_bounds.npy; images are from %s",
                          cln_dataset_within(path, folder)));
 done:

@@ -3,48 +3,82 @@
  *   scene   the dataset's own frame and units: cameras, --bbox, exported boxes, written depth
  *   cube    [-1, 1]^3, which the octree divides: everything on the device, and everything in a tree
  *
+ * A plain space moves and scales:
  *   point       cube = (scene - centre) / half           scene = centre + half * cube
  *   direction   unit vectors, the same in both
  *   distance    (also t of a ray, and depth) scene = half * cube
  *   density     (per unit of distance) scene = cube / half
  *
- * Nothing else does this arithmetic: a space of another shape (forward-facing, unbounded) joins
- * here, and in kernels/space.h, the twin. No function fails. */
+ * A forward space (normalised device coordinates, method.md 3.2) is what cameras see that all look
+ * one way, from a near plane to infinity. With q = axes (scene - centre) / half, "camera units":
+ *   point       cube = (scale_x q_x / q_z, scale_y q_y / q_z, 1 - 2 / q_z)
+ * so q_z is 1 at the near plane, the cube's face z = -1, and infinite at z = 1. Straight lines stay
+ * straight, lengths and angles do not stay. Rays of the cube begin at the near plane, or where the
+ * camera is if that is beyond. Depths are lengths in camera units, which the device returns.
+ *
+ * Nothing else does this arithmetic: a space of another shape joins here, and in kernels/space.h,
+ * the twin. No function fails. */
 #ifndef CLN_SPACE_H
 #define CLN_SPACE_H
 
 #include <stdbool.h>
 
-/* The scene's cube: centre + [-half, half]^3 in scene units, half > 0. */
+/* The scene's cube: centre + [-half, half]^3 in scene units, half > 0; or with `forward`, the mean
+ * camera at `centre`, its axes (right, down, forward: the rows of a rotation), the near plane's
+ * distance `half` from it, and the inverse tangents of the cube's sides. */
 typedef struct cln_space {
     double centre[3], half;
+    bool forward;
+    double axes[9], scale[2];
 } cln_space;
 
 /* Centre 0, half 1: the scene is in the cube already. */
 extern const cln_space cln_space_unit;
 
+/* Forward: a point that is not before the mean camera is far outside the cube; and points nearer
+ * than 1e-6 to the face at infinity come back at 10^6 near planes. */
 void cln_space_point_to_cube(const cln_space *space, const double scene[3], double cube[3]);
 void cln_space_point_to_scene(const cln_space *space, const double cube[3], double scene[3]);
 
-/* A ray of the scene (unit direction) as a ray of the cube, whose t is in cube units. */
+/* A ray of the scene (unit direction) as a ray of the cube (unit direction), whose t is in cube
+ * units. Forward: one that does not look forward meets nothing. */
 void cln_space_ray_to_cube(const cln_space *space, const double origin[3],
                            const double direction[3], double cube_origin[3],
                            double cube_direction[3]);
 
-/* A camera's pose, 3x4 row-major [R|o], for the device. */
+/* The point of the cube at a depth of the device along a ray of the scene. */
+void cln_space_depth_to_cube(const cln_space *space, const double origin[3],
+                             const double direction[3], double depth, double cube[3]);
+
+/* A unit direction of the scene at a point of the scene, as a unit direction of the cube; and a
+ * normal at a point of the cube, as one of the scene. */
+void cln_space_direction_to_cube(const cln_space *space, const double scene[3],
+                                 const double direction[3], double cube[3]);
+void cln_space_normal_to_scene(const cln_space *space, const double cube[3], const float normal[3],
+                               float scene[3]);
+
+/* A camera's pose, 3x4 row-major [R|o], for the device: in the cube, or in camera units. */
 void cln_space_pose_to_cube(const cln_space *space, const double c2w[12], float out[12]);
 
+/* A distance of the cube, or a depth of the device; forward: a depth alone. */
 double cln_space_distance_to_scene(const cln_space *space, double cube);
 /* The same in float arithmetic, for the depth of pictures. */
 float cln_space_depth_to_scene(const cln_space *space, float cube);
 
-/* A density per unit of distance in the cube, per scene unit. */
-double cln_space_density_to_scene(const cln_space *space, double cube);
+/* A density per unit of distance in the cube, per scene unit. Forward: in the direction of the
+ * scene (unit) at the point of the scene; both may be NULL otherwise. */
+double cln_space_density_to_scene(const cln_space *space, const double scene[3],
+                                  const double direction[3], double cube);
 
 /* A node's box {x, y, z, side} (model/octree.h) as its lowest and highest corner. Faces that two
- * nodes share get the same numbers, whatever their levels: positions in the cube are dyadic. */
+ * nodes share get the same numbers, whatever their levels: positions in the cube are dyadic. Not
+ * of a forward space, whose nodes are no boxes of the scene. */
 void cln_space_box_to_scene(const cln_space *space, const float cube[4], float low[3],
                             float high[3]);
+
+/* A point of the cube in a forward space's camera units, over its q_z: (q_x / q_z, q_y / q_z, 1)
+ * and 1 / q_z, which is 0 at infinity. */
+void cln_space_point_to_view(const cln_space *space, const double cube[3], double out[4]);
 
 /* Does the cube hold a point of the scene, faces included? Does the scene's ray
  * origin + t direction, t >= 0, pass through it? */

@@ -128,6 +128,19 @@ static bool tiles_between(double low, double high, int pixels, int side, int out
     return true;
 }
 
+static void mark_tiles(const cln_camera *c, int side, const double across[2], const double down[2],
+                       uint8_t *marks)
+{
+    int columns[2], rows[2];
+
+    if (tiles_between(c->fx * across[0] + c->cx, c->fx * across[1] + c->cx, c->width, side,
+                      columns) &&
+        tiles_between(c->fy * down[0] + c->cy, c->fy * down[1] + c->cy, c->height, side, rows))
+        for (int row = rows[0]; row <= rows[1]; row++)
+            memset(marks + row * grid_of(c, side).across + columns[0], 1,
+                   (size_t)(columns[1] - columns[0] + 1));
+}
+
 /* Marks the tiles that may show a cube. middle: world units; reach: half of its side. False if the
  * cube reaches the camera's plane: any tile may show it then. */
 static bool mark_cube(const cln_camera *c, int side, const double middle[3], double reach,
@@ -138,7 +151,6 @@ static bool mark_cube(const cln_camera *c, int side, const double middle[3], dou
     const double to[3] = {middle[0] - m[3], middle[1] - m[7], middle[2] - m[11]};
     const double pz = to[0] * z[0] + to[1] * z[1] + to[2] * z[2], deep = reach * norm1(z);
     double across[2], down[2];
-    int columns[2], rows[2];
 
     if (pz + deep <= 0)
         return true; /* behind */
@@ -146,12 +158,34 @@ static bool mark_cube(const cln_camera *c, int side, const double middle[3], dou
         return false;
     extent(to[0] * x[0] + to[1] * x[1] + to[2] * x[2], pz, x, z, reach, across);
     extent(to[0] * y[0] + to[1] * y[1] + to[2] * y[2], pz, y, z, reach, down);
-    if (tiles_between(c->fx * across[0] + c->cx, c->fx * across[1] + c->cx, c->width, side,
-                      columns) &&
-        tiles_between(c->fy * down[0] + c->cy, c->fy * down[1] + c->cy, c->height, side, rows))
-        for (int row = rows[0]; row <= rows[1]; row++)
-            memset(marks + row * grid_of(c, side).across + columns[0], 1,
-                   (size_t)(columns[1] - columns[0] + 1));
+    mark_tiles(c, side, across, down, marks);
+    return true;
+}
+
+/* The same for a box of a forward space (min x, y, z, side), which is convex in the scene: its
+ * corners bound it, and those at infinity are directions. pose: of the camera, in camera units. */
+static bool mark_frustum(const cln_camera *c, int side, const cln_space *space, const float pose[12],
+                         const float box[4], uint8_t *marks)
+{
+    double across[2] = {INFINITY, -INFINITY}, down[2] = {INFINITY, -INFINITY};
+
+    for (int k = 0; k < 8; k++) {
+        double corner[3], q[4], local[3] = {0, 0, 0};
+
+        for (int a = 0; a < 3; a++)
+            corner[a] = (double)box[a] + (k >> a & 1 ? (double)box[3] : 0);
+        cln_space_point_to_view(space, corner, q);
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++)
+                local[b] += (double)pose[4 * a + b] * (q[a] - q[3] * (double)pose[4 * a + 3]);
+        if (!(local[2] > 1e-6)) /* beside or behind the camera */
+            return false;
+        across[0] = fmin(across[0], local[0] / local[2]);
+        across[1] = fmax(across[1], local[0] / local[2]);
+        down[0] = fmin(down[0], local[1] / local[2]);
+        down[1] = fmax(down[1], local[1] / local[2]);
+    }
+    mark_tiles(c, side, across, down, marks);
     return true;
 }
 
@@ -162,13 +196,19 @@ static void mark_view(const cln_camera *c, int side, const cln_octree *tree, con
     const grid g = grid_of(c, side);
     const size_t tiles = (size_t)g.across * (size_t)g.down;
     bool whole = cln_camera_is_distorted(c);
+    float pose[12];
 
     memset(marks, 0, tiles);
+    cln_space_pose_to_cube(space, c->c2w, pose);
     for (int s = 0; s < tree->leaf_count && !whole; s++) {
         double middle[3], reach = 0;
         float box[4];
 
         cln_octree_box(tree, tree->leaf[s], box);
+        if (space->forward) {
+            whole = !mark_frustum(c, side, space, pose, box, marks);
+            continue;
+        }
         reach = 0.5 * (double)box[3];
         for (int a = 0; a < 3; a++)
             middle[a] = (double)box[a] + reach;

@@ -31,6 +31,21 @@ static void draw(const cln_trainer *t, int32_t node, uint32_t index, uint32_t wh
                  (uint32_t)node * 65536u + index, what, out);
 }
 
+/* A point of the cube where the device's cameras are: in the cube, or in camera units. */
+static void place(const cln_trainer *t, const float cube[3], float out[3])
+{
+    const cln_space *space = &t->pipeline.space;
+    const double point[3] = {cube[0], cube[1], cube[2]};
+    double q[4];
+
+    memcpy(out, cube, 3 * sizeof *out);
+    if (!space->forward)
+        return;
+    cln_space_point_to_view(space, point, q);
+    for (int a = 0; a < 3; a++)
+        out[a] = (float)(q[a] / fmax(q[3], 1e-6));
+}
+
 /* Returns whether the point is in front of the camera and inside its image, as a pinhole. */
 static bool sees(const cln_device_camera *c, const float point[3])
 {
@@ -56,6 +71,7 @@ static int choose_views(const cln_trainer *t, int32_t node, const float box[4],
 
     for (int a = 0; a < 3; a++)
         centre[a] = box[a] + 0.5f * box[3];
+    place(t, centre, centre);
     for (uint32_t i = 0; i < TRIES && count < DIRECTIONS; i++) {
         int view = 0;
 
@@ -68,6 +84,14 @@ static int choose_views(const cln_trainer *t, int32_t node, const float box[4],
     return count;
 }
 
+/* A direction in camera units at a point of these becomes one of the cube. */
+static void bend(const cln_space *space, const float at[3], float d[3])
+{
+    for (int a = 0; a < 2; a++)
+        d[a] = (float)space->scale[a] * (d[a] * at[2] - at[a] * d[2]);
+    d[2] *= 2;
+}
+
 static void direct(const cln_trainer *t, int view, const float point[3], const float u[4],
                    float out[4])
 {
@@ -75,10 +99,14 @@ static void direct(const cln_trainer *t, int view, const float point[3], const f
 
     if (view >= 0) {
         double origin[3];
+        float at[3];
 
         cln_device_camera_origin(&t->pipeline.host_cameras[view], origin);
+        place(t, point, at);
         for (int a = 0; a < 3; a++)
-            out[a] = (float)(point[a] - origin[a]);
+            out[a] = (float)(at[a] - origin[a]);
+        if (t->pipeline.space.forward)
+            bend(&t->pipeline.space, at, out);
     } else { /* no view sees it: uniform on the sphere */
         const float z = 2 * u[0] - 1, r = sqrtf(fmaxf(1 - z * z, 0));
 

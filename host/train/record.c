@@ -49,6 +49,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     } rows[] = {
 #define ROW(condition, text, ...) {.left_out = condition, .what = text, __VA_ARGS__}
         ROW(!p->lenses, "lens distortion (pinhole cameras)"),
+        ROW(!p->space.forward, "normalised device coordinates (an ordinary cube)"),
         ROW(fold.views > 0,
             "%g%% of the pixels of %g views (beyond the fold of the lens model, where no ray goes)",
             .first = tenths(100 * fold.share), .second = fold.views),

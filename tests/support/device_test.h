@@ -102,7 +102,7 @@ static inline cln_pipeline *test_pipeline(const tune_set *set, const cln_config 
             return &e->pipeline;
     }
     assert_true(test_pipeline_count < MAX_PIPELINES);
-    assert_ok(cln_pipeline_create(device, config, lenses, alpha, test_wanted, &e->pipeline));
+    assert_ok(cln_pipeline_create(device, config, lenses, alpha, &cln_space_unit, test_wanted, &e->pipeline));
     e->set = set;
     e->config = *config;
     e->lenses = lenses;
