@@ -135,8 +135,8 @@ cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3]
             CLN_TRY(to_cube(&model->space, first + i, positions[first + i], at[i]));
             CLN_TRY(to_unit(first + i, directions ? directions[first + i] : NULL, towards[i]));
             if (model->space.forward)
-                turn_to_cube(&model->space, positions[first + i], directions != NULL,
-                             towards[i], looks[i]);
+                turn_to_cube(&model->space, positions[first + i], directions != NULL, towards[i],
+                             looks[i]);
         }
         CLN_TRY(cln_field_points(&field->opened.pipeline, &model->tree, count,
                                  (const float(*)[4])at, (const float(*)[4])towards, out));

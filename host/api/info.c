@@ -75,9 +75,10 @@ static cln_status add_checkpoint(const char *run, json_t *about)
                         json_integer((json_int_t)model.tree.leaf_count * model.net.learned));
     json_object_set_new(about, "model_digest", json_string(digest));
     json_object_set_new(about, "checkpoint",
-                        json_pack("{s:i, s:[f,f,f], s:f}", "params_per_leaf", model.net.params,
+                        json_pack("{s:i, s:[f,f,f], s:f, s:s}", "params_per_leaf", model.net.params,
                                   "centre", model.space.centre[0], model.space.centre[1],
-                                  model.space.centre[2], "half", model.space.half));
+                                  model.space.centre[2], "half", model.space.half, "space",
+                                  model.space.forward ? "ndc" : "cube"));
 done:
     free(folder);
     cln_model_free(&model);

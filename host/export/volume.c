@@ -93,7 +93,8 @@ static cln_status ask_cells(cln_export_job *job, grid *g, int z, size_t first, s
             const bool seen = (double)g->out[i][3] * g->side > invisible;
 
             any |= seen;
-            values[i][3] = (float)cln_space_density_to_scene(&model->space, NULL, NULL, g->out[i][3]);
+            values[i][3] =
+                (float)cln_space_density_to_scene(&model->space, NULL, NULL, g->out[i][3]);
             for (int c = 0; c < 3 && seen; c++)
                 values[i][c] += g->out[i][c] / 6;
         }

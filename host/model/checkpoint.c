@@ -143,8 +143,8 @@ static cln_status read_forward(const json_t *ndc, const char *path, cln_space *o
 
     out->forward = ndc != NULL;
     for (size_t i = 0; ndc && i < 9; i++)
-        CLN_TRY(get_real(json_array_get(json_object_get(ndc, "axes"), i), path, "axes",
-                         &out->axes[i]));
+        CLN_TRY(
+            get_real(json_array_get(json_object_get(ndc, "axes"), i), path, "axes", &out->axes[i]));
     for (size_t i = 0; ndc && i < 2; i++) {
         CLN_TRY(get_real(json_array_get(json_object_get(ndc, "scale"), i), path, "scale",
                          &out->scale[i]));

@@ -28,8 +28,7 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
     const double area = forward ? p->space.scale[0] * p->space.scale[1] / (c->fx * c->fy) : 0;
     const double footprint = distance / (c->fx * spacing);
     const double per_pixel = n1 * (forward ? area / (spacing * spacing) : footprint * footprint);
-    const double per_area =
-        spacing * spacing * spacing * (forward ? 1 / area : c->fx * c->fy);
+    const double per_area = spacing * spacing * spacing * (forward ? 1 / area : c->fx * c->fy);
     cl_uint k = 1;
 
     /* a power of two, so that bands of rows never cut a coarse pixel */
@@ -41,8 +40,7 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
 
     return (cln_grid){.coarse = k,
                       .row = ((cl_uint)c->width + k - 1) / k,
-                      .cell =
-                          (float)(far || forward ? fmax(spacing, spread / (at * at)) : spacing),
+                      .cell = (float)(far || forward ? fmax(spacing, spread / (at * at)) : spacing),
                       .spread = far || forward ? 0 : (float)spread};
 }
 

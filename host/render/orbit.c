@@ -30,7 +30,8 @@ static void find_target(const cln_scene *scene, double target[3])
 {
     double focus[3];
 
-    memcpy(target, scene->space.centre, 3 * sizeof *target);
+    /* the cube's centre: of a forward space, two near planes before the mean camera */
+    cln_space_point_to_scene(&scene->space, (const double[3]){0, 0, 0}, target);
     if (cln_scene_focus(scene, focus) && cln_space_holds(&scene->space, focus))
         memcpy(target, focus, sizeof focus);
 }

@@ -13,7 +13,7 @@
 #include "report/html.h"
 #include "report/report_style.h"
 
-enum { SIDE = 340, THUMB_SIDE = 180, PHOTOS = 60, QUALITY = 80 };
+enum { SIDE = 340, THUMB_SIDE = 180, PHOTOS = 60, QUALITY = 80, DRAWN = 8 };
 
 static const char style[] =
     ".found{border-left:4px solid #9db4c8;padding:2px 12px;margin:10px 0}"
@@ -92,7 +92,8 @@ static cln_status find_reach(const cln_scene *scene, double *reach)
             far[i] =
                 fmax(far[i], fabs(scene->views[i].camera.c2w[4 * a + 3] - scene->space.centre[a]));
     cln_reals_sort(far, scene->view_count);
-    *reach = 1.15 * fmax(scene->space.half, far[(int)(0.9 * (scene->view_count - 1))]);
+    *reach = 1.15 * fmax((scene->space.forward ? DRAWN : 1) * scene->space.half,
+                         far[(int)(0.9 * (scene->view_count - 1))]);
 done:
     free(far);
     return st;
@@ -136,6 +137,26 @@ static void put_cameras(FILE *to, const cln_scene *scene, const json_t *document
     }
 }
 
+/* A forward space, from the near plane to DRAWN of them away: its edges. */
+static void put_frustum(FILE *to, const cln_scene *scene, const side *s, double reach)
+{
+    static const int edges[12][2] = {{0, 1}, {2, 3}, {4, 5}, {6, 7}, {0, 2}, {1, 3},
+                                     {4, 6}, {5, 7}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
+
+    fputs("<path fill='none' stroke='#1d2329' d='", to);
+    for (int e = 0; e < 12; e++)
+        for (int end = 0; end < 2; end++) {
+            const int k = edges[e][end];
+            const double cube[3] = {k & 1 ? 1 : -1, k & 2 ? 1 : -1, k & 4 ? 1 - 2.0 / DRAWN : -1};
+            double at[3], on[2];
+
+            cln_space_point_to_scene(&scene->space, cube, at);
+            (void)place(scene, s, reach, at, on);
+            fprintf(to, "%c%.1f %.1f", end ? 'L' : 'M', on[0], on[1]);
+        }
+    fputs("'/>\n", to);
+}
+
 static void put_side(FILE *to, const cln_scene *scene, const json_t *document, const side *s,
                      double reach)
 {
@@ -145,9 +166,15 @@ static void put_side(FILE *to, const cln_scene *scene, const json_t *document, c
 
     fprintf(to,
             "<figure style='margin:0'><svg viewBox='0 0 %d %d'>"
-            "<rect width='%d' height='%d' fill='#f5f7f8'/>"
-            "<rect x='%.1f' y='%.1f' width='%.1f' height='%.1f' fill='#fff' stroke='#1d2329'/>\n",
-            SIDE, SIDE, SIDE, SIDE, .5 * (SIDE - size), .5 * (SIDE - size), size, size);
+            "<rect width='%d' height='%d' fill='#f5f7f8'/>",
+            SIDE, SIDE, SIDE, SIDE);
+    if (scene->space.forward)
+        put_frustum(to, scene, s, reach);
+    else
+        fprintf(to,
+                "<rect x='%.1f' y='%.1f' width='%.1f' height='%.1f' fill='#fff' "
+                "stroke='#1d2329'/>\n",
+                .5 * (SIDE - size), .5 * (SIDE - size), size, size);
     fputs("<path fill='none' stroke='#5a8f4a' stroke-width='2' stroke-linecap='round' d='", to);
     for (size_t i = 0; i < json_array_size(points); i++) {
         const json_t *point = json_array_get(points, i);

@@ -14,8 +14,8 @@
 
 enum { BORDER = 8 }; /* places of an image: its corners and the middles of its sides */
 static const double NEAR = 0.9, MARGIN = 1.02;
-static const double LEAST_COSINE = 0.2;   /* of a border's ray with the mean axis: 78 degrees */
-static const double LEAST_COMMON = 0.7;   /* length of the mean of the forward axes */
+static const double LEAST_COSINE = 0.2;     /* of a border's ray with the mean axis: 78 degrees */
+static const double LEAST_COMMON = 0.7;     /* length of the mean of the forward axes */
 static const double NEAREST_POINTS = 0.005; /* that share of the points may be outliers */
 
 static const cln_view *train_view(const cln_scene *scene, int i)
@@ -181,7 +181,8 @@ cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_resul
     nearest = nearest_told(scene, &space, &aside);
     if (aside) {
         snprintf(refused, CLN_REFUSED_BYTES,
-                 "a border of '%.100s' looks more than 78 degrees away from the mean camera", aside);
+                 "a border of '%.100s' looks more than 78 degrees away from the mean camera",
+                 aside);
         goto done;
     }
     if (isnan(nearest)) {

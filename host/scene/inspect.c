@@ -276,6 +276,16 @@ static cln_status check_cube(inspection *in)
     }
     for (int i = 0; i < count; i++)
         inside += cln_space_holds(space, a->points[i]) / (double)count;
+    if (space->forward) { /* it ends nowhere: only its beginning can be wrong */
+        measure(in, "points", count);
+        measure(in, "points_inside", inside);
+        if (inside < INSIDE_LEAST)
+            cln_found_fault(in->findings, "cube", true, NULL,
+                            "only %.0f%% of what the photos show is beyond the near plane (%s): "
+                            "are the dataset's near depths right? --space cube needs none",
+                            100 * inside, in->scene->bounds_rule);
+        goto done;
+    }
     for (int axis = 0; axis < 3; axis++) {
         for (int i = 0; i < count; i++)
             values[i] = a->points[i][axis];

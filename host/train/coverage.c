@@ -164,10 +164,11 @@ static bool mark_cube(const cln_camera *c, int side, const double middle[3], dou
 
 /* The same for a box of a forward space (min x, y, z, side), which is convex in the scene: its
  * corners bound it, and those at infinity are directions. pose: of the camera, in camera units. */
-static bool mark_frustum(const cln_camera *c, int side, const cln_space *space, const float pose[12],
-                         const float box[4], uint8_t *marks)
+static bool mark_frustum(const cln_camera *c, int side, const cln_space *space,
+                         const float pose[12], const float box[4], uint8_t *marks)
 {
     double across[2] = {INFINITY, -INFINITY}, down[2] = {INFINITY, -INFINITY};
+    int behind = 0;
 
     for (int k = 0; k < 8; k++) {
         double corner[3], q[4], local[3] = {0, 0, 0};
@@ -178,15 +179,18 @@ static bool mark_frustum(const cln_camera *c, int side, const cln_space *space, 
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++)
                 local[b] += (double)pose[4 * a + b] * (q[a] - q[3] * (double)pose[4 * a + 3]);
-        if (!(local[2] > 1e-6)) /* beside or behind the camera */
-            return false;
+        if (!(local[2] > 1e-6)) { /* behind the camera or beside it */
+            behind++;
+            continue;
+        }
         across[0] = fmin(across[0], local[0] / local[2]);
         across[1] = fmax(across[1], local[0] / local[2]);
         down[0] = fmin(down[0], local[1] / local[2]);
         down[1] = fmax(down[1], local[1] / local[2]);
     }
-    mark_tiles(c, side, across, down, marks);
-    return true;
+    if (behind == 0)
+        mark_tiles(c, side, across, down, marks);
+    return behind == 0 || behind == 8;
 }
 
 /* Marks the tiles of a view that may show a leaf; marks: [tile of the view]. */

@@ -12,6 +12,7 @@
 #include "export/marching.h"
 #include "export/surface.h"
 #include "model/octree.h"
+#include "forward_fixture.h"
 #include "near.h"
 #include "tests.h"
 #include "truth.h"
@@ -329,7 +330,8 @@ static void check_surface(const shapes *scene, const cln_surface *s, double pixe
 
 static void depths_give_the_surface_back(void **state)
 {
-    static const cln_space spaces[] = {{{0, 0, 0}, 1}, {{500000, 4100000, 120}, 250}};
+    static const cln_space spaces[] = {{.half = 1},
+                                       {.centre = {500000, 4100000, 120}, .half = 250}};
     const cln_callbacks none = {0};
     cln_octree tree;
     shapes scene;
@@ -355,6 +357,102 @@ static void depths_give_the_surface_back(void **state)
     shapes_free(&scene);
 }
 
+/* ---- a forward space ---- */
+
+enum { FRONT_VIEWS = 9, FRONT_WIDTH = 120, FRONT_HEIGHT = 90, FRONT_CELLS = 80 };
+
+/* A ball two near planes away, before a larger one at four to seven. */
+static void make_front(const cln_space *space, shapes *scene)
+{
+    static world w;
+    builder b = {.world = &w};
+    vec at[2];
+
+    for (int k = 0; k < 2; k++) {
+        const double far = k ? 12 : 3.5;
+        const double *z = space->axes + 6, *c = space->centre;
+
+        at[k] = vec3(c[0] + far * z[0], c[1] + far * z[1], c[2] + far * z[2]);
+    }
+    memset(&w, 0, sizeof w);
+    add_sphere(&b, 0, at[0], 0.5);
+    add_sphere(&b, 0, at[1], 6);
+    assert_int_equal(b.st, CLN_OK);
+    assert_int_equal(shapes_finish(&w.shapes), CLN_OK);
+    *scene = w.shapes;
+}
+
+static void fuse_front(const shapes *scene, const cln_space *space, const cln_octree *tree,
+                       cln_fusion *fusion)
+{
+    double pixel = 0;
+
+    assert_int_equal(cln_fusion_start(space, tree, FRONT_VIEWS, fusion), CLN_OK);
+    for (int i = 0; i < FRONT_VIEWS; i++) {
+        float *depth = malloc(sizeof(float) * FRONT_WIDTH * FRONT_HEIGHT);
+        cln_camera camera;
+
+        forward_camera(0, space, FRONT_WIDTH, FRONT_HEIGHT, &camera);
+        for (int a = 0; a < 3; a++)
+            camera.c2w[4 * a + 3] +=
+                0.4 * ((i % 3 - 1) * space->axes[a] + (i / 3 - 1) * space->axes[3 + a]);
+        for (int k = 0; k < FRONT_WIDTH * FRONT_HEIGHT; k++) {
+            double o[3], d[3];
+            hit h;
+
+            assert_true(
+                cln_camera_ray(&camera, k % FRONT_WIDTH + 0.5, k / FRONT_WIDTH + 0.5, o, d));
+            depth[k] = shapes_hit(scene, vec3(o[0], o[1], o[2]), vec3(d[0], d[1], d[2]), 0, 1e3, &h)
+                           ? (float)(h.t / space->half)
+                           : -1;
+        }
+        assert_int_equal(cln_fusion_set(fusion, i, &camera, depth, &pixel), CLN_OK);
+    }
+    fusion->pixel = pixel;
+}
+
+/* Vertices lie on the balls, to a part of a cell's depth there, with the balls' normals. */
+static void forward_depths_give_the_surface_back(void **state)
+{
+    const cln_space space = forward_space(1);
+    const cln_callbacks none = {0};
+    cln_fusion fusion = {0};
+    cln_surface s = {0};
+    cln_octree tree;
+    shapes scene;
+    int on[2] = {0}, off = 0, turned = 0;
+
+    (void)state;
+    make_front(&space, &scene);
+    assert_int_equal(cln_octree_create(0, &tree), CLN_OK);
+    fuse_front(&scene, &space, &tree, &fusion);
+    assert_int_equal(cln_surface_trace(&fusion, FRONT_CELLS, 0, false, &none, &s), CLN_OK);
+    for (size_t i = 0; i < s.vertices; i++) {
+        const double cube[3] = {s.at[i][0], s.at[i][1], s.at[i][2]};
+        const double z = 2 / (1 - cube[2]), cell = space.half * z * z / FRONT_CELLS;
+        double at[3];
+        float normal[3];
+        vec p, exact;
+
+        cln_space_point_to_scene(&space, cube, at);
+        cln_space_normal_to_scene(&space, cube, s.normal[i], normal);
+        p = vec3(at[0], at[1], at[2]);
+        exact = truth_normal(&scene, p);
+        on[truth_shape(&scene.list[0], p) > truth_shape(&scene.list[1], p)]++;
+        off += fabs(truth_distance(&scene, p)) > 0.3 * cell;
+        turned += !(dot(vec3(normal[0], normal[1], normal[2]), exact) > 0.9);
+    }
+    print_message("    %zu vertices, %d and %d of the balls; %d are off, %d turned\n", s.vertices,
+                  on[0], on[1], off, turned);
+    assert_true(on[0] > 300 && on[1] > 1500);
+    assert_true(off < (int)s.vertices / 20);
+    assert_true(turned < (int)s.vertices / 8);
+    cln_surface_free(&s);
+    cln_fusion_free(&fusion);
+    cln_octree_free(&tree);
+    shapes_free(&scene);
+}
+
 int test_group_surface(void)
 {
     const struct CMUnitTest tests[] = {
@@ -364,6 +462,7 @@ int test_group_surface(void)
         cmocka_unit_test(too_many_vertices_are_refused),
         cmocka_unit_test(what_is_not_kept_goes),
         cmocka_unit_test(depths_give_the_surface_back),
+        cmocka_unit_test(forward_depths_give_the_surface_back),
     };
 
     return cmocka_run_group_tests_name("surface", tests, NULL, NULL);

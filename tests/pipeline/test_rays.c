@@ -1,6 +1,6 @@
 /* rays.cl against the double camera of host/scene/camera.c: origin, unit direction and axis
  * scale of rays through pixels of pinholes and of every lens model, alone and in one scene, in
- * scenes of 1e-4 and 1e6 units; pixels beyond a lens' fold. test_sampling.c tests which leaves a
+ * scenes of 1e-4 and 1e6 units; pixels beyond a lens' fold; forward spaces. test_sampling.c tests which leaves a
  * ray meets. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "device_test.h"
+#include "forward_fixture.h"
 #include "scene/scene.h"
 #include "tests.h"
 
@@ -89,7 +90,7 @@ static void check_rays(int set, unsigned models, double unit)
 {
     const cln_config config = small_config();
     cln_pipeline *p = test_pipeline(&tune_sets[set], &config, models, false);
-    const cln_space space = {{3 * unit, -2 * unit, 0.5 * unit}, 1.5 * unit};
+    const cln_space space = {.centre = {3 * unit, -2 * unit, 0.5 * unit}, .half = 1.5 * unit};
     const float white[4] = {1, 1, 1, 1};
     cln_camera cameras[VIEWS];
     const cln_camera *list[VIEWS];
@@ -267,7 +268,7 @@ static void test_far_cameras(void **state)
     const cln_config config = small_config();
     cln_pipeline *p = test_pipeline(&tune_sets[0], &config, (1u << CLN_LENSES) - 1, false);
     static const cln_lens kinds[] = {CLN_LENS_OPENCV, CLN_LENS_OPENCV_FISHEYE, CLN_LENS_EUCM};
-    const cln_space space = {{4.5e5, 5.4e6, 120}, 0.5}; /* metres of UTM */
+    const cln_space space = {.centre = {4.5e5, 5.4e6, 120}, .half = 0.5}; /* metres of UTM */
     const float white[4] = {1, 1, 1, 1};
     cln_camera cameras[FAR];
     const cln_camera *list[FAR];
@@ -349,13 +350,103 @@ static void test_far_cameras(void **state)
     free(d);
 }
 
+/* A forward space: rays are those of the host's map, and a sample at the cube's t of a point comes
+ * back as the point's depth, from the near plane to 300 of them away. */
+static void check_forward(int set, unsigned models, double unit)
+{
+    enum { FORWARD = 4 };
+    const cln_config config = small_config();
+    const cln_space space = forward_space(unit);
+    cln_pipeline *p = test_pipeline_in(&tune_sets[set], &config, models, false, &space);
+    const float white[4] = {1, 1, 1, 1};
+    cln_camera cameras[FORWARD];
+    const cln_camera *list[FORWARD];
+    cln_pixel pixels[RAYS];
+    cln_sample samples[RAYS];
+    uint32_t starts[RAYS + 1];
+    float(*o)[4] = NULL, (*d)[4] = NULL, (*out)[4] = test_alloc(RAYS, sizeof *out), got[6 * RAYS];
+    double want[6 * RAYS], depths[RAYS], axis[RAYS], worst = 0;
+
+    for (int i = 0; i < FORWARD; i++) {
+        forward_camera(i, &space, 160, 120, &cameras[i]);
+        if (models)
+            cameras[i].k1 = 0.05 * (i - 1);
+        list[i] = &cameras[i];
+    }
+    for (int r = 0; r < RAYS; r++)
+        pixels[r] = (cln_pixel){.view = (uint32_t)(r % FORWARD),
+                                .x = (uint32_t)test_uniform(6, r, 0, 160),
+                                .y = (uint32_t)test_uniform(7, r, 0, 120)};
+    assert_ok(cln_pipeline_cameras(p, list, FORWARD, &space));
+    assert_ok(cln_pipeline_batch(p, pixels, RAYS, NULL, white));
+    test_fill(p->device, &p->ray_o, NULL, sizeof *o * RAYS);
+    test_fill(p->device, &p->ray_d, NULL, sizeof *d * RAYS);
+    assert_ok(cln_stage_rays(p, RAYS));
+    o = test_read(p->device, &p->ray_o, sizeof *o * RAYS, "ray_o");
+    d = test_read(p->device, &p->ray_d, sizeof *d * RAYS, "ray_d");
+    for (int r = 0; r < RAYS; r++) {
+        const cln_camera *c = &cameras[pixels[r].view];
+        double origin[3], direction[3], begin[3], along[3], at[3], t = 0;
+
+        assert_true(cln_camera_ray(c, pixels[r].x + 0.5, pixels[r].y + 0.5, origin, direction));
+        cln_space_ray_to_cube(&space, origin, direction, begin, along);
+        axis[r] = 0;
+        for (int a = 0; a < 3; a++) {
+            want[6 * r + a] = begin[a];
+            got[6 * r + a] = o[r][a];
+            want[6 * r + 3 + a] = along[a];
+            got[6 * r + 3 + a] = d[r][a];
+            axis[r] += direction[a] * c->c2w[4 * a + 2];
+        }
+        depths[r] = (double)o[r][3] + pow(10, test_uniform(8, r, -2, 2.5));
+        cln_space_depth_to_cube(&space, origin, direction, depths[r], at);
+        for (int a = 0; a < 3; a++)
+            t += (at[a] - (double)o[r][a]) * (double)d[r][a];
+        starts[r] = (uint32_t)r;
+        samples[r] = (cln_sample){.t = (float)t, .delta = 0.01f, .ray = (uint32_t)r};
+        out[r][3] = 1e4f;
+    }
+    starts[RAYS] = RAYS;
+    compare("rays of a forward space", got, want, 6 * RAYS, (bounds){1e-13, 2e-6});
+    for (unsigned kind = CLN_DEPTH_MEAN; kind <= (CLN_DEPTH_MEAN | CLN_DEPTH_AXIS); kind++) {
+        cln_ray_result *results = NULL;
+
+        if (!(kind & CLN_DEPTH_MEAN))
+            continue;
+        test_fill(p->device, &p->sample_starts, starts, sizeof starts);
+        test_fill(p->device, &p->samples, samples, sizeof samples);
+        test_fill(p->device, &p->out, out, sizeof *out * RAYS);
+        test_fill(p->device, &p->results, NULL, sizeof *results * RAYS);
+        assert_ok(cln_stage_composite(p, RAYS, kind));
+        results = test_read(p->device, &p->results, sizeof *results * RAYS, "results");
+        for (int r = 0; r < RAYS; r++) {
+            const double exact = depths[r] * (kind & CLN_DEPTH_AXIS ? axis[r] : 1);
+
+            worst = fmax(worst, fabs((double)results[r].depth / exact - 1));
+        }
+        free(results);
+    }
+    if (!(worst < 1e-4))
+        fail_msg("a depth is off by %.3g of itself", worst);
+    free(o);
+    free(d);
+    free(out);
+}
+
+static void test_forward(void **state)
+{
+    (void)state;
+    check_forward(0, 0, 1);
+    check_forward(0, 1u << CLN_LENS_OPENCV, 1e-4);
+    check_forward(4, 0, 1e6);
+}
+
 int test_group_rays(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cameras),
-        cmocka_unit_test(test_few_rays),
-        cmocka_unit_test(test_beyond_fold),
-        cmocka_unit_test(test_far_cameras),
+        cmocka_unit_test(test_cameras),     cmocka_unit_test(test_few_rays),
+        cmocka_unit_test(test_beyond_fold), cmocka_unit_test(test_far_cameras),
+        cmocka_unit_test(test_forward),
     };
 
     test_wanted = CLN_PROGRAM_BIT(rays);

@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "device_test.h"
+#include "forward_fixture.h"
 #include "pipeline/splat.h"
 #include "sampling_test.h"
 #include "scene/scene.h"
@@ -59,11 +60,17 @@ static void look(const double origin[3], const double forward[3], cln_camera *c)
 
 /* What the views are seen through: the last ones see more than a half-space, the one inside a leaf
  * all of it. */
-typedef enum { PINHOLES, BENT, WIDE } views;
+typedef enum { PINHOLES, BENT, WIDE, FORWARD } views;
 static const unsigned lenses_of[] = {0, 1u << CLN_LENS_OPENCV,
                                      1u << CLN_LENS_OPENCV_FISHEYE | 1u << CLN_LENS_EUCM |
                                          1u << CLN_LENS_EQUIRECTANGULAR |
-                                         1u << CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE};
+                                         1u << CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
+                                     0};
+
+static cln_space space_of(views kind)
+{
+    return kind == FORWARD ? forward_space(1) : cln_space_unit;
+}
 
 static void make_cameras(views kind, cln_camera cameras[VIEWS])
 {
@@ -106,6 +113,11 @@ static void make_cameras(views kind, cln_camera cameras[VIEWS])
             if (c->lens == CLN_LENS_EQUIRECTANGULAR)
                 cln_camera_span_sphere(c);
         }
+        if (kind == FORWARD) {
+            const cln_space space = space_of(kind);
+
+            forward_camera(v, &space, 150 - 10 * v, 131, c);
+        }
     }
 }
 
@@ -132,6 +144,7 @@ typedef struct splat_lists {
     const cln_model *model;
     const cln_pixel *pixels;
     const cln_camera *cameras;
+    cln_space space;
 } splat_lists;
 
 static void read_lists(cln_pipeline *p, const cln_model *model, const cln_pixel *pixels,
@@ -145,6 +158,7 @@ static void read_lists(cln_pipeline *p, const cln_model *model, const cln_pixel 
     l->model = model;
     l->pixels = pixels;
     l->cameras = cameras;
+    l->space = p->space;
     l->grids = test_alloc(VIEWS * 6, sizeof *l->grids);
     l->start = test_alloc((size_t)l->lists + 1, sizeof *l->start);
     assert_ok(cln_buffer_read(p->device, &p->grids, 0, l->grids, grids));
@@ -182,6 +196,8 @@ static double length_of(const splat_lists *l, const cln_pixel *pixel, int slot, 
     const double k = l->grids[pixel->pad * 6 + (uint32_t)level].coarse;
     const double s = 2.0 / (1 << level) / l->model->config.n1;
 
+    if (l->space.forward) /* pixels have one size in the cube */
+        return fmax(s, s * s * s / (k * l->space.scale[0] / c->fx * k * l->space.scale[1] / c->fy));
     return fmax(s, s * s * s / (k * t / c->fx * (k * t / c->fy)));
 }
 
@@ -239,14 +255,15 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     const cln_grid *grid = &l->grids[view * 6 + level];
     const float *box = boxes + 4 * slot;
     const double spacing = (double)box[3] / n1, sigma = ref_from_bf16(model->density[index]);
-    double point[3], u = 0, v = 0, z = 0, o[3], d[3], t = 0, hair = 0, near = 0;
+    double point[3], place[3], u = 0, v = 0, z = 0, o[3], d[3], t = 0, hair = 0, near = 0;
     bool inside = false;
 
     for (int a = 0; a < 3; a++)
         point[a] = box[a] + (xyz[a] + 0.5) * spacing;
     if (!(sigma * spacing >= config->splat_min_alpha))
         return false;
-    if (!cln_camera_project(c, point, &u, &v, &z))
+    cln_space_point_to_scene(&l->space, point, place);
+    if (!cln_camera_project(c, place, &u, &v, &z))
         return false;
     near = z;
     if (lenses_of[WIDE] >> c->lens & 1) {
@@ -270,6 +287,7 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     e->list = grid->first + (uint32_t)v / grid->coarse * grid->row + (uint32_t)u / grid->coarse;
     inside = cln_camera_ray(c, (uint32_t)u / grid->coarse * grid->coarse + grid->coarse / 2.0,
                             (uint32_t)v / grid->coarse * grid->coarse + grid->coarse / 2.0, o, d);
+    cln_space_ray_to_cube(&l->space, o, d, o, d);
     for (int a = 0; a < 3; a++)
         t += (point[a] - o[a]) * d[a];
     if (!inside) /* the lens ends before the list's middle: along the point's own ray */
@@ -364,6 +382,7 @@ static void run_splat(cln_pipeline *p, const cln_config *config, views kind, siz
 {
     const float white[4] = {1, 1, 1, 1};
     const cln_camera *list[VIEWS];
+    const cln_space space = space_of(kind);
 
     memset(run, 0, sizeof *run);
     make_sampling_model(config, &run->model);
@@ -372,7 +391,7 @@ static void run_splat(cln_pipeline *p, const cln_config *config, views kind, siz
     for (int v = 0; v < VIEWS; v++)
         list[v] = &run->cameras[v];
     assert_ok(cln_pipeline_upload(p, &run->model, false));
-    assert_ok(cln_pipeline_cameras(p, list, VIEWS, &cln_space_unit));
+    assert_ok(cln_pipeline_cameras(p, list, VIEWS, &space));
     assert_ok(cln_pipeline_batch(p, run->pixels, RAYS, NULL, white));
     assert_ok(cln_stage_rays(p, RAYS));
     p->max_entries = entries;
@@ -394,7 +413,8 @@ static void free_run(splat_run *run)
 static void check_splat(int set, int n1, views kind)
 {
     const cln_config config = config_of(n1, CLN_LISTS_CSR);
-    cln_pipeline *p = test_pipeline(&tune_sets[set], &config, lenses_of[kind], false);
+    const cln_space space = space_of(kind);
+    cln_pipeline *p = test_pipeline_in(&tune_sets[set], &config, lenses_of[kind], false, &space);
     ray_source from = {.config = &config, .sampling = sampling, .points = splat_points};
     splat_lists lists;
     splat_run run;
@@ -405,9 +425,10 @@ static void check_splat(int set, int n1, views kind)
     from.tree = &run.model.tree;
     from.user = &lists;
     check_samples(&run.model.tree, &run.samples, run.o, run.d);
-    compare_samples(kind == WIDE   ? "splat, wide"
-                    : kind == BENT ? "splat, distorted"
-                                   : "splat",
+    compare_samples(kind == FORWARD ? "splat, forward"
+                    : kind == WIDE  ? "splat, wide"
+                    : kind == BENT  ? "splat, distorted"
+                                    : "splat",
                     &from, &run.samples, run.o, run.d, 0.1);
     free_lists(&lists);
     free_run(&run);
@@ -418,6 +439,7 @@ static void test_lists(void **state)
     (void)state;
     for (int set = 0; set < TUNE_SETS; set++)
         check_splat(set, set % 2 ? 5 : 8, set == 2 ? BENT : set == 3 ? WIDE : PINHOLES);
+    check_splat(0, 8, FORWARD);
     test_report("splatted samples");
 }
 

@@ -1,6 +1,7 @@
 /* Scene space and cube, against numbers calculated by hand and against each other. Tested: points,
  * rays, poses, distances and boxes agree on one map; being in the cube, or meeting it, is the same
- * on both sides of the map; boxes of neighbours share their faces to the bit. */
+ * on both sides of the map; boxes of neighbours share their faces to the bit. Of forward spaces
+ * also: lines stay lines, depths, directions, normals and densities are those of the point's map. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -8,11 +9,12 @@
 #include <cmocka.h>
 #include <math.h>
 #include "base/rng.h"
+#include "forward_fixture.h"
 #include "near.h"
 #include "scene/space.h"
 #include "tests.h"
 
-static const cln_space space = {{10, -20, 0.5}, 4};
+static const cln_space space = {.centre = {10, -20, 0.5}, .half = 4};
 
 static void test_by_hand(void **state)
 {
@@ -41,7 +43,7 @@ static void test_by_hand(void **state)
     assert_memory_equal(out, posed, sizeof posed);
     assert_near(cln_space_distance_to_scene(&space, 0.75), 3, 0);
     assert_near(cln_space_depth_to_scene(&space, 0.75f), 3, 0);
-    assert_near(cln_space_density_to_scene(&space, 6), 1.5, 0);
+    assert_near(cln_space_density_to_scene(&space, NULL, NULL, 6), 1.5, 0);
     cln_space_box_to_scene(&space, cube, low, high);
     assert_near(low[0], 6, 0);
     assert_near(high[0], 8, 0);
@@ -106,7 +108,7 @@ static void test_one_map(void **state)
 
 static void test_faces_and_equality(void **state)
 {
-    const cln_space odd = {{1.0 / 3, -2.0 / 7, 1e-3}, 0.1 / 0.33};
+    const cln_space odd = {.centre = {1.0 / 3, -2.0 / 7, 1e-3}, .half = 0.1 / 0.33};
     const float left[4] = {-0.5f, 0.25f, 0, 0.125f}, right[4] = {-0.375f, 0.25f, 0, 0.0625f};
     float low[2][3], high[2][3];
     cln_space other = odd;
@@ -127,12 +129,170 @@ static void test_faces_and_equality(void **state)
     assert_false(cln_space_equal(&odd, &other));
 }
 
+/* ---- forward ---- */
+
+static void test_forward_by_hand(void **state)
+{
+    const cln_space plain = {{1, 2, 3}, 2, true, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.5, 0.25}};
+    /* right is the scene's y, down its z, forward its x */
+    const cln_space turned = {{1, 2, 3}, 2, true, {0, 1, 0, 0, 0, 1, 1, 0, 0}, {0.5, 0.25}};
+    const double c2w[12] = {0, 0, 1, 5, 1, 0, 0, 2, 0, 1, 0, 3}; /* turned's mean camera, moved */
+    const float posed[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 2};
+    double p[3], o[3], d[3], v[4];
+    float out[12];
+
+    (void)state;
+    cln_space_point_to_cube(&plain, (double[3]){5, 0, 11}, p); /* q = 2, -1, 4 */
+    assert_near(p[0], 0.25, 0);
+    assert_near(p[1], -0.0625, 0);
+    assert_near(p[2], 0.5, 0);
+    cln_space_point_to_cube(&turned, (double[3]){9, 6, 1}, p); /* q = 2, -1, 4 */
+    assert_near(p[0], 0.25, 0);
+    assert_near(p[1], -0.0625, 0);
+    assert_near(p[2], 0.5, 0);
+    cln_space_point_to_scene(&turned, p, p);
+    assert_near(p[0], 9, 1e-14);
+    assert_near(p[1], 6, 1e-14);
+    assert_near(p[2], 1, 1e-14);
+    cln_space_point_to_view(&turned, (double[3]){0.25, -0.0625, 0.5}, v);
+    assert_near(v[0], 0.5, 0);
+    assert_near(v[1], -0.25, 0);
+    assert_near(v[3], 0.25, 0);
+    /* from the mean camera every ray runs along z, from the near plane */
+    cln_space_ray_to_cube(&plain, plain.centre, (double[3]){0.6, 0, 0.8}, o, d);
+    assert_near(o[0], 0.375, 1e-15);
+    assert_near(o[1], 0, 0);
+    assert_near(o[2], -1, 0);
+    assert_near(d[0], 0, 0);
+    assert_near(d[2], 1, 0);
+    /* straight ahead from 2 to the right: to the middle at infinity */
+    cln_space_ray_to_cube(&plain, (double[3]){5, 2, 3}, (double[3]){0, 0, 1}, o, d);
+    assert_near(o[0], 1, 1e-15);
+    assert_near(d[0] / d[2], -0.5, 1e-15);
+    cln_space_pose_to_cube(&turned, c2w, out);
+    assert_memory_equal(out, posed, sizeof posed);
+    assert_near(cln_space_depth_to_scene(&plain, 0.75f), 1.5, 0);
+    /* backwards: nothing; beside and behind: nowhere */
+    assert_false(cln_space_met_by(&plain, plain.centre, (double[3]){0, 0, -1}));
+    assert_false(cln_space_met_by(&plain, plain.centre, (double[3]){1, 0, 0}));
+    assert_true(cln_space_met_by(&plain, plain.centre, (double[3]){0.6, 0, 0.8}));
+    assert_false(cln_space_holds(&plain, (double[3]){1, 2, 4.9}));
+    assert_true(cln_space_holds(&plain, (double[3]){1, 2, 5.1}));
+    assert_false(cln_space_holds(&plain, (double[3]){1, 2, -5}));
+    assert_true(cln_space_holds(&plain, (double[3]){1, 2, 1e5}));
+}
+
+static void add_scaled(const double o[3], double t, const double d[3], double out[3])
+{
+    for (int a = 0; a < 3; a++)
+        out[a] = o[a] + t * d[a];
+}
+
+static double length_between(const double a[3], const double b[3])
+{
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+                (a[2] - b[2]) * (a[2] - b[2]));
+}
+
+/* Rays of four cameras, one of them beyond the near plane, and points along them from there to 500
+ * near planes away. */
+static void test_forward_map(void **state)
+{
+    static const double units[] = {1, 1e-4, 1e6};
+
+    (void)state;
+    for (int i = 0; i < 1200; i++) {
+        const cln_space forward = forward_space(units[i % 3]);
+        double o[3], d[3], q[3], e[3], at[3], cube[3], back[3], before[3], after[3], along[3];
+        double depth = 0, t = 0, mass = 0, cosine = 0;
+        float u[4], normal[3], turned[3];
+        cln_camera c;
+
+        forward_camera(i / 3, &forward, 40, 30, &c);
+        cln_uniform4(3, CLN_STREAM_SCENE, 0, (uint32_t)i, 0, u);
+        assert_true(cln_camera_ray(&c, 40 * (double)u[0], 30 * (double)u[1], o, d));
+        cln_space_ray_to_cube(&forward, o, d, q, e);
+        assert_true(cln_space_met_by(&forward, o, d));
+        assert_near(e[0] * e[0] + e[1] * e[1] + e[2] * e[2], 1, 1e-14);
+        /* it begins at the near plane, or at the camera */
+        cln_space_point_to_scene(&forward, q, back);
+        depth = length_between(o, back) / forward.half;
+        if (i / 3 % 4 == 3)
+            assert_near(depth, 0, 1e-13);
+        else
+            assert_near(q[2], -1, 1e-15);
+        depth += 0.01 * pow(5e4, (double)u[2]);
+        add_scaled(o, forward.half * depth, d, at);
+        cln_space_point_to_cube(&forward, at, cube);
+        cln_space_depth_to_cube(&forward, o, d, depth, back);
+        assert_near(length_between(cube, back), 0, 1e-15);
+        /* on the ray of the cube, ahead */
+        for (int a = 0; a < 3; a++)
+            t += (cube[a] - q[a]) * e[a];
+        assert_true(t > 0);
+        add_scaled(q, t, e, back);
+        assert_near(length_between(cube, back), 0, 1e-14);
+        cln_space_point_to_scene(&forward, cube, back);
+        assert_true(length_between(at, back) < 1e-12 * depth * forward.half);
+        /* the direction there is the ray's, whatever the point of it */
+        cln_space_direction_to_cube(&forward, at, d, along);
+        assert_near(length_between(e, along), 0, 1e-13);
+        /* sigma ds is the same on both sides */
+        add_scaled(o, forward.half * depth * (1 - 1e-6), d, before);
+        add_scaled(o, forward.half * depth * (1 + 1e-6), d, after);
+        mass = cln_space_density_to_scene(&forward, at, d, 7) * length_between(before, after);
+        cln_space_point_to_cube(&forward, before, before);
+        cln_space_point_to_cube(&forward, after, after);
+        assert_true(fabs(mass / (7 * length_between(before, after)) - 1) < 1e-5);
+        /* a plane's normal stays at right angles to what lies in the plane */
+        for (int a = 0; a < 3; a++)
+            normal[a] = u[a] - 0.5f;
+        for (int a = 0; a < 3; a++) /* a direction in the plane */
+            along[a] = (double)normal[(a + 1) % 3] * e[(a + 2) % 3] -
+                       (double)normal[(a + 2) % 3] * e[(a + 1) % 3];
+        cln_space_normal_to_scene(&forward, cube, normal, turned);
+        add_scaled(cube, -1e-7, along, before);
+        add_scaled(cube, 1e-7, along, after);
+        cln_space_point_to_scene(&forward, before, before);
+        cln_space_point_to_scene(&forward, after, after);
+        for (int a = 0; a < 3; a++)
+            cosine += (after[a] - before[a]) * (double)turned[a] / length_between(before, after);
+        assert_near(cosine, 0, 2e-5);
+        /* and on its side */
+        add_scaled(cube, 1e-7, (double[3]){normal[0], normal[1], normal[2]}, after);
+        cln_space_point_to_scene(&forward, after, after);
+        cosine = 0;
+        for (int a = 0; a < 3; a++)
+            cosine += (after[a] - at[a]) * (double)turned[a];
+        assert_true(cosine > 0);
+    }
+}
+
+static void test_forward_equality(void **state)
+{
+    const cln_space forward = forward_space(1), cube = {.centre = {2, -1, 0.5}, .half = 1.5};
+    cln_space other = forward;
+
+    (void)state;
+    assert_true(cln_space_equal(&forward, &other));
+    other.axes[4] += 1e-5;
+    assert_false(cln_space_equal(&forward, &other));
+    other = forward;
+    other.scale[1] *= 1.00001;
+    assert_false(cln_space_equal(&forward, &other));
+    assert_false(cln_space_equal(&forward, &cube));
+    assert_false(cln_space_equal(&cube, &forward));
+}
+
 int test_group_space(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_by_hand),
         cmocka_unit_test(test_one_map),
         cmocka_unit_test(test_faces_and_equality),
+        cmocka_unit_test(test_forward_by_hand),
+        cmocka_unit_test(test_forward_map),
+        cmocka_unit_test(test_forward_equality),
     };
 
     return cmocka_run_group_tests_name("space", tests, NULL, NULL);

@@ -80,6 +80,7 @@ typedef struct test_pipeline_entry {
     const tune_set *set;
     cln_config config;
     unsigned lenses, alpha;
+    cln_space space;
     cln_pipeline pipeline;
 } test_pipeline_entry;
 
@@ -90,25 +91,32 @@ enum { MAX_PIPELINES = 40 };
 static test_pipeline_entry test_pipelines[MAX_PIPELINES];
 static int test_pipeline_count;
 
-static inline cln_pipeline *test_pipeline(const tune_set *set, const cln_config *config,
-                                          unsigned lenses, bool alpha)
+static inline cln_pipeline *test_pipeline_in(const tune_set *set, const cln_config *config,
+                                             unsigned lenses, bool alpha, const cln_space *space)
 {
     cln_device *device = test_device(set);
     test_pipeline_entry *e = test_pipelines;
 
     for (int i = 0; i < test_pipeline_count; i++, e++) {
         if (e->set == set && memcmp(&e->config, config, sizeof *config) == 0 &&
-            e->lenses == lenses && e->alpha == alpha)
+            e->lenses == lenses && e->alpha == alpha && cln_space_equal(&e->space, space))
             return &e->pipeline;
     }
     assert_true(test_pipeline_count < MAX_PIPELINES);
-    assert_ok(cln_pipeline_create(device, config, lenses, alpha, &cln_space_unit, test_wanted, &e->pipeline));
+    assert_ok(cln_pipeline_create(device, config, lenses, alpha, space, test_wanted, &e->pipeline));
     e->set = set;
     e->config = *config;
     e->lenses = lenses;
     e->alpha = alpha;
+    e->space = *space;
     test_pipeline_count++;
     return &e->pipeline;
+}
+
+static inline cln_pipeline *test_pipeline(const tune_set *set, const cln_config *config,
+                                          unsigned lenses, bool alpha)
+{
+    return test_pipeline_in(set, config, lenses, alpha, &cln_space_unit);
 }
 
 /* A cmocka group teardown. */

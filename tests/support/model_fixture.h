@@ -83,6 +83,9 @@ static inline void make_model(int64_t step, cln_model *model)
     model->space.centre[1] = -1.0 / 3;
     model->space.centre[2] = 5e-324;
     model->space.half = 1e-4 / 7;
+    model->space.forward = step % 2;
+    for (int i = 0; i < 11 && model->space.forward; i++)
+        *(i < 9 ? &model->space.axes[i] : &model->space.scale[i - 9]) = 1.0 / (3 + i);
     model->background[0] = 0.1f;
     model->background[2] = 1;
     model->has_distortion = true;

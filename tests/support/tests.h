@@ -20,6 +20,7 @@ int test_group_exports(void);
 int test_group_field(void);
 int test_group_film(void);
 int test_group_formats(void);
+int test_group_forward(void);
 int test_group_frames(void);
 int test_group_help(void);
 int test_group_image(void);

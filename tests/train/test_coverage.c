@@ -8,6 +8,7 @@
 #include <math.h>
 #include "base/rng.h"
 #include "train/batch.h"
+#include "forward_fixture.h"
 #include "scene_fixture.h"
 #include "scene/build.h"
 #include "tests.h"
@@ -70,17 +71,19 @@ static cln_scene *make_scene(const char *folder, int views, double radius, int w
 }
 
 /* Does the ray meet a leaf's box? */
-static bool meets(const cln_octree *tree, const double o[3], const double d[3],
+static bool meets(const cln_octree *tree, const double from[3], const double towards[3],
                   const cln_space *space)
 {
+    double o[3], d[3];
+
+    cln_space_ray_to_cube(space, from, towards, o, d);
     for (int s = 0; s < tree->leaf_count; s++) {
         double near = 0, far = INFINITY;
         float box[4];
 
         cln_octree_box(tree, tree->leaf[s], box);
         for (int a = 0; a < 3; a++) {
-            const double low = space->centre[a] + space->half * (double)box[a],
-                         high = low + space->half * (double)box[3];
+            const double low = (double)box[a], high = low + (double)box[3];
             const double t0 = (low - o[a]) / d[a], t1 = (high - o[a]) / d[a];
 
             near = fmax(near, fmin(t0, t1));
@@ -112,15 +115,14 @@ static uint8_t *covered_pixels(const cln_coverage *c, const cln_scene *scene, in
 
 /* Every ray that meets a leaf goes through a covered pixel; checks share and error by counting.
  * Returns covered pixels over pixels that meet a leaf. */
-static double check(const cln_scene *scene, const cln_octree *tree, double half)
+static double check(const cln_scene *scene, const cln_octree *tree, const cln_space *space)
 {
-    const cln_space space = {{0.1, -0.2, 0.05}, half};
     cln_coverage c;
     double hits = 0, covered = 0, all = 0, error = 0;
 
     assert_int_equal(cln_coverage_create(scene, &c), CLN_OK);
     for (int twice = 0; twice < 2; twice++) /* second time: errors of tiles are known */
-        cln_coverage_update(&c, scene, tree, &space);
+        cln_coverage_update(&c, scene, tree, space);
     for (int i = 0; i < c.views; i++) {
         const cln_view *view = &scene->views[i];
         uint8_t *marks = covered_pixels(&c, scene, i);
@@ -132,7 +134,7 @@ static double check(const cln_scene *scene, const cln_octree *tree, double half)
 
             assert_in_range(marks[k], 0, 1);
             assert_true(cln_camera_ray(&view->camera, x + 0.5, y + 0.5, o, d));
-            if (meets(tree, o, d, &space)) {
+            if (meets(tree, o, d, space)) {
                 hits++;
                 if (!marks[k])
                     fail_msg("view %d, pixel %d %d: a leaf, and no tile", i, x, y);
@@ -156,6 +158,7 @@ static double check(const cln_scene *scene, const cln_octree *tree, double half)
 static void test_no_leaf_is_missed(void **state)
 {
     static const double radii[] = {4, 2.2, 1.1, 0.4};
+    const cln_space cube = {.centre = {0.1, -0.2, 0.05}, .half = 0.8};
 
     random_state = 5;
     for (int r = 0; r < 4; r++) {
@@ -164,7 +167,7 @@ static void test_no_leaf_is_missed(void **state)
         for (int level = 0; level <= 4; level++) {
             cln_octree tree = random_tree(level, level < 4 ? 6 : 200);
 
-            check(scene, &tree, 0.8);
+            check(scene, &tree, &cube);
             cln_octree_free(&tree);
         }
         cln_scene_free(scene);
@@ -176,11 +179,44 @@ static void test_tight(void **state)
 {
     cln_scene *scene = make_scene(*state, 3, 4, 240, 200, 3);
     cln_octree tree = random_tree(3, 60);
-    const double more = check(scene, &tree, 1);
+    const cln_space cube = {.centre = {0.1, -0.2, 0.05}, .half = 1};
+    const double more = check(scene, &tree, &cube);
 
     if (!(more >= 1 && more < 1.8))
         fail_msg("%.3f times as many pixels are covered as meet a leaf", more);
     cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
+/* In a forward space, leaves are frusta: no ray that meets one is missed, and few others are taken.
+ */
+static void test_forward(void **state)
+{
+    const cln_space space = forward_space(1);
+    cln_scene *scene = make_scene(*state, 4, 4, 80, 60, 3);
+    double more[2] = {0};
+
+    random_state = 7;
+    for (int i = 0; i < 4; i++) {
+        forward_camera(i, &space, 80, 60, &scene->views[i].camera);
+        if (i == 3) /* not beyond the near plane: leaves reach around that */
+            scene->views[i].camera = scene->views[2].camera;
+    }
+    for (int level = 0; level <= 4; level++) {
+        cln_octree tree = random_tree(level, level < 4 ? 6 : 60);
+
+        more[level == 4] = check(scene, &tree, &space);
+        cln_octree_free(&tree);
+    }
+    if (!(more[1] >= 1 && more[1] < 2.5))
+        fail_msg("%.3f times as many pixels are covered as meet a leaf", more[1]);
+    forward_camera(3, &space, 80, 60, &scene->views[3].camera); /* covered as a whole, then */
+    for (int level = 1; level <= 3; level++) {
+        cln_octree tree = random_tree(level, 6);
+
+        check(scene, &tree, &space);
+        cln_octree_free(&tree);
+    }
     cln_scene_free(scene);
 }
 
@@ -340,6 +376,7 @@ int test_group_coverage(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_no_leaf_is_missed, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_tight, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_forward, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_whole_and_nothing, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_left_out, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_draw, scratch_make, scratch_remove),
