@@ -1,6 +1,7 @@
 /* The field at points (cl_nascent.h: cln_field_*; host/pipeline/field.h): colours and densities of
  * a trained run against the float64 networks of reference/, in scene units, with leaves of two
- * levels, culled octants and points outside the cube; odd batch sizes; refused arguments. */
+ * levels, culled octants and points outside the cube; odd batch sizes; refused arguments; a run in
+ * normalised device coordinates, whose networks see the scene's directions. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,6 +10,7 @@
 #include <pthread.h>
 #include "base/rng.h"
 #include "check/selftest_checks.h"
+#include "forward_fixture.h"
 #include "run_fixture.h"
 #include "tests.h"
 
@@ -21,9 +23,9 @@ typedef struct points {
 } points;
 
 /* The run "whole" with one octant culled and another split; *model: its model. */
-static const char *make_run(cln_model *model)
+static const char *make_run(const char *name, const cln_space *space, cln_model *model)
 {
-    const char *run = fixture_path("odd");
+    const char *run = fixture_path(name);
     json_t *document = fixture_json("whole/run.json");
     uint8_t chosen[8] = {0, 0, 1};
     cln_octree_change change;
@@ -37,6 +39,8 @@ static const char *make_run(cln_model *model)
     assert_ok(cln_model_apply(model, &change));
     cln_octree_change_free(&change);
     assert_int_equal(model->tree.leaf_count, 14);
+    if (space)
+        model->space = *space;
     assert_ok(cln_make_dirs(run));
     assert_ok(cln_run_write(run, document));
     json_decref(document);
@@ -100,7 +104,7 @@ static void test_field_is_the_networks(void **state)
     int empty = 0;
 
     NEED_DEVICE();
-    run = make_run(&model);
+    run = make_run("odd", NULL, &model);
     make_points(&model, &p);
     assert_ok(cln_field_open(run, &device, &field));
     cln_field_box(field, min, max);
@@ -129,6 +133,69 @@ static void test_field_is_the_networks(void **state)
     assert_true(dense > 0.1);                                    /* it has learned something */
     /* rounding of float32 in the position and the layers; the self-test's bound is 1e-3 of the
      * rms */
+    if (!(worst[0] < 1e-4 && worst[1] < 1e-3))
+        fail_msg("colour off by %g, density by %g of it", worst[0], worst[1]);
+    cln_field_close(field);
+    cln_model_free(&model);
+}
+
+/* Points in a forward space, from the near plane to 20 of them away, seen from before. */
+static void test_forward(void **state)
+{
+    static points p;
+    const cln_device_desc device = fixture_device();
+    const cln_space space = forward_space(2);
+    cln_model model = {0};
+    cln_field *field = NULL;
+    const char *run = NULL;
+    double min[3], max[3], worst[2] = {0, 0};
+    int empty = 0;
+
+    NEED_DEVICE();
+    run = make_run("forward", &space, &model);
+    for (uint32_t i = 0; i < POINTS; i++) {
+        float u[4], v[4];
+
+        cln_uniform4(7, CLN_STREAM_DISTIL, 0, i, 0, u);
+        cln_uniform4(7, CLN_STREAM_DISTIL, 0, i, 1, v);
+        cln_space_point_to_scene(
+            &space, (double[3]){2 * u[0] - 1, 2 * u[1] - 1, 1.9 * (double)u[2] - 1}, p.at[i]);
+        for (int a = 0; a < 3; a++)
+            p.towards[i][a] = (float)(space.axes[6 + a] + 0.8 * ((double)v[a] - 0.5));
+    }
+    assert_ok(cln_field_open(run, &device, &field));
+    cln_field_box(field, min, max);
+    assert_ok(cln_field_at(field, POINTS, (const double(*)[3])p.at, (const float(*)[3])p.towards,
+                           p.rgb, p.sigma));
+    for (int i = 0; i < POINTS; i++) {
+        double cube[3], step[3], moved = 0, length = 0, want[4];
+        cln_model plain = model;
+        float turned[3];
+        bool inside = false;
+
+        for (int a = 0; a < 3; a++) {
+            assert_true(p.at[i][a] >= min[a] && p.at[i][a] <= max[a]);
+            length += (double)p.towards[i][a] * (double)p.towards[i][a];
+            turned[a] = 0;
+            for (int k = 0; k < 3; k++)
+                turned[a] += (float)space.axes[3 * a + k] * p.towards[i][k];
+        }
+        /* the same networks in a plain cube, at the same place, from the scene's direction */
+        plain.space = cln_space_unit;
+        cln_space_point_to_cube(&space, p.at[i], cube);
+        inside = reference_at(&plain, cube, turned, want);
+        for (int a = 0; a < 3; a++)
+            step[a] = p.at[i][a] + 1e-6 * (double)p.towards[i][a] / sqrt(length);
+        cln_space_point_to_cube(&space, step, step);
+        for (int a = 0; a < 3; a++)
+            moved = hypot(moved, step[a] - cube[a]);
+        want[3] *= moved / 1e-6;
+        empty += !inside;
+        for (int a = 0; a < 3; a++)
+            worst[0] = fmax(worst[0], fabs(p.rgb[i][a] - want[a]));
+        worst[1] = fmax(worst[1], fabs(p.sigma[i] - want[3]) / (1e-2 + want[3]));
+    }
+    assert_in_range(empty, POINTS / 16, POINTS / 4); /* an octant is culled */
     if (!(worst[0] < 1e-4 && worst[1] < 1e-3))
         fail_msg("colour off by %g, density by %g of it", worst[0], worst[1]);
     cln_field_close(field);
@@ -245,6 +312,7 @@ int test_group_field(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_field_is_the_networks),
+        cmocka_unit_test(test_forward),
         cmocka_unit_test(test_parts_are_the_whole),
         cmocka_unit_test(test_two_threads),
         cmocka_unit_test(test_field_refuses),

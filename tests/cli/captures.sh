@@ -416,4 +416,39 @@ section_depth() {
         "$(depth_error "$work/air views/test_r_000.depth.npy" "$work/air/test/r_000.depth.npy")"
 }
 
-run_sections "missing moved second orbit frames evals disk doubts check poses depth" "$@"
+# A still life from the front, in normalised device coordinates: depths in the scene's units, near
+# and far, by both stage 1s.
+section_forward() {
+    local run="$work/front run" stage1
+    "$make_scene" "$work/front" --kind forward --format llff --size 40 --train 24 --test 1 \
+        --depth >/dev/null
+    for stage1 in gather splat; do
+        rm -rf "$run"
+        expect "train on LLFF's, $stage1" 0 "" "$cln" train "$work/front" -o "$run" "${small[@]}" \
+            --bands 4 --start-level 2 --level-at 3:0.3 --rays 2048 --batch-samples 32768 --n1 16 \
+            --stage1 $stage1 --steps 300
+        check "in normalised device coordinates" said "normalised device coordinates"
+        rm -rf "$work/front views"
+        expect "render held-out views" 0 "" "$cln" render "$run" -o "$work/front views"
+        check "depth is the exact one to 5 % in the median" number_above 0.05 \
+            "$(depth_error "$work/front views/"*000*.depth.npy "$work/front/"*/*000.depth.npy)"
+    done
+    expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 302
+    expect "eval" 0 "" "$cln" eval "$run" --json
+    check "run.json says so" [ "$("$query" dataset.space <"$run/run.json")" = ndc ]
+    expect "points" 0 "" "$cln" export "$run" --points "$work/front.ply" --count 1000
+    expect "boxes of leaves have no meaning" 2 "grow --mesh" \
+        "$cln" export "$run" --octree "$work/tree.ply"
+    expect "nor has a grid" 2 "grow --mesh" "$cln" export "$run" --volume "$work/volume.npy"
+    expect "nor a cell's size" 2 "--spacing grow" \
+        "$cln" export "$run" --mesh "$work/mesh.ply" --spacing 0.1
+    expect "--space cube" 0 "" "$cln" info "$work/front" --space cube --json
+    check "is a cube" [ "$(json space)" = cube ]
+    expect "a box is no near plane" 2 "--bbox --space" \
+        "$cln" info "$work/front" --space ndc --bbox=0,0,0,1,1,1
+    baseline
+    expect "an object from all sides has none" 3 "~do.not.look.one.way" \
+        "$cln" info "$work/photos" --space ndc
+}
+
+run_sections "missing moved second orbit frames evals disk doubts check poses depth forward" "$@"
