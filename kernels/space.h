@@ -14,6 +14,8 @@
  * units. */
 #ifndef NDC
 #define NDC 0
+#endif
+#ifndef NDC_X
 #define NDC_X 1.0f
 #define NDC_Y 1.0f
 #endif

@@ -90,7 +90,7 @@ kernels() {
         for header in $(needs "$cl" | awk '!met[$0]++'); do
             headers+=(-include "$header")
         done
-        for more in "" -DLENSES=0 -DVW=1 -DLEAF=0 -DPARTS=4 -DTRAIN=0 -DENCODING=1; do
+        for more in "" -DLENSES=0 -DVW=1 -DLEAF=0 -DPARTS=4 -DTRAIN=0 -DENCODING=1 -DNDC=1; do
             kernel "${headers[@]}" ${more:+"$more"} "$cl"
         done
     done

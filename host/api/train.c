@@ -80,6 +80,11 @@ static cln_status check_same_cube(const char *run, const cln_model *other, const
 
     if (cln_space_equal(its, ours))
         return CLN_OK;
+    if (its->forward != ours->forward)
+        return cln_fail(CLN_USAGE,
+                        "--tree-from '%s': one of the two is in normalised device coordinates, the "
+                        "other in a cube; give both the same --space",
+                        run);
     return cln_fail(
         CLN_USAGE,
         "--tree-from '%s': its cube has its centre at %g,%g,%g and half %g, this scene's "
@@ -122,6 +127,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_shape(&t->model.config, config));
         CLN_TRY(check_same_tree(&t->model.config, config));
         t->model.config = *config;
+        t->scene->space = t->model.space; /* runs older than forward spaces have a cube */
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         if (config->time_limit > 0)
             snprintf(limit, sizeof limit, " of %.0f", config->time_limit);

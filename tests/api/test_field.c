@@ -311,10 +311,8 @@ static void test_field_refuses(void **state)
 int test_group_field(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_field_is_the_networks),
-        cmocka_unit_test(test_forward),
-        cmocka_unit_test(test_parts_are_the_whole),
-        cmocka_unit_test(test_two_threads),
+        cmocka_unit_test(test_field_is_the_networks), cmocka_unit_test(test_forward),
+        cmocka_unit_test(test_parts_are_the_whole),   cmocka_unit_test(test_two_threads),
         cmocka_unit_test(test_field_refuses),
     };
 

@@ -104,6 +104,8 @@ static void read_scene(void)
         return;
     }
     require(scene->space.half > 0 && isfinite(scene->space.half), "a cube without size");
+    for (int i = 0; i < 2 && scene->space.forward; i++)
+        require(scene->space.scale[i] > 0 && isfinite(scene->space.scale[i]), "no sides");
     for (int v = 0; v < scene->view_count; v++) {
         const cln_camera *c = &scene->views[v].camera;
         double origin[3], direction[3], norm = 0;

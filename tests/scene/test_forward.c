@@ -170,8 +170,8 @@ static void test_points(void **state)
 
     make_cameras(cameras);
     for (int i = 0; i < POINTS; i++)
-        points[i] = (cln_point){
-            .xyz = {4 + 0.01 * i, 2 + 0.3 * sin(i), 3 + 0.3 * cos(i)}, .views = FORMAT_VIEWS};
+        points[i] = (cln_point){.xyz = {4 + 0.01 * i, 2 + 0.3 * sin(i), 3 + 0.3 * cos(i)},
+                                .views = FORMAT_VIEWS};
     points[7].xyz[0] = 1.2; /* 0.1 before the mean camera */
     format_images(scratch_path(folder, "images"), 1);
     format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, points, POINTS);
