@@ -416,24 +416,25 @@ section_depth() {
         "$(depth_error "$work/air views/test_r_000.depth.npy" "$work/air/test/r_000.depth.npy")"
 }
 
-# A still life from the front, in normalised device coordinates: depths in the scene's units, near
-# and far, by both stage 1s.
+# A still life from the front, in normalised device coordinates: depths in the scene's units. Its
+# photos are small and taken from nearly one place, so surfaces come out a little in front of where
+# they are; a depth that counts from the near plane would be 40 % off.
 section_forward() {
-    local run="$work/front run" stage1
+    local run="$work/front run" net
+    net=("${small[@]}" --bands 4 --start-level 2 --rays 2048 --batch-samples 32768 --n1 16
+        --no-view-dependence)
     "$make_scene" "$work/front" --kind forward --format llff --size 40 --train 24 --test 1 \
         --depth >/dev/null
-    for stage1 in gather splat; do
-        rm -rf "$run"
-        expect "train on LLFF's, $stage1" 0 "" "$cln" train "$work/front" -o "$run" "${small[@]}" \
-            --bands 4 --start-level 2 --level-at 3:0.3 --rays 2048 --batch-samples 32768 --n1 16 \
-            --stage1 $stage1 --steps 300
-        check "in normalised device coordinates" said "normalised device coordinates"
-        rm -rf "$work/front views"
-        expect "render held-out views" 0 "" "$cln" render "$run" -o "$work/front views"
-        check "depth is the exact one to 5 % in the median" number_above 0.05 \
-            "$(depth_error "$work/front views/"*000*.depth.npy "$work/front/"*/*000.depth.npy)"
-    done
-    expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 302
+    expect "train on LLFF's" 0 "" "$cln" train "$work/front" -o "$run" "${net[@]}" \
+        --level-at 3:0.3 --steps 400
+    check "in normalised device coordinates" said "normalised device coordinates"
+    expect "render held-out views" 0 "" "$cln" render "$run" -o "$work/front views"
+    check "depth is the exact one to 10 % in the median" number_above 0.1 "$(depth_error \
+        "$work/front views/frame_00009.depth.npy" "$work/front/images/frame_00009.depth.npy")"
+    expect "the same by splatting" 0 "" "$cln" train "$work/front" -o "$work/front splat" \
+        "${net[@]}" --level-at "" --stage1 splat --steps 80
+    check "it learns" number_above "$("$query" result.psnr_test <"$work/front splat/run.json")" 17
+    expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 402
     expect "eval" 0 "" "$cln" eval "$run" --json
     check "run.json says so" [ "$("$query" dataset.space <"$run/run.json")" = ndc ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/front.ply" --count 1000
