@@ -99,8 +99,8 @@ static cln_status to_unit(size_t i, const float *direction, float out[4])
     return CLN_OK;
 }
 
-/* Forward: the direction becomes one of the cube; `look` keeps that of the scene, or without one the
- * mean camera's axis. */
+/* Forward: the direction becomes one of the cube; `look` keeps that of the scene, or without one
+ * the mean camera's axis. */
 static void turn_to_cube(const cln_space *space, const double position[3], bool given,
                          float towards[4], double look[3])
 {

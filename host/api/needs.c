@@ -40,7 +40,8 @@ static cln_status time_steps(cln_device *device, const cln_config *config, doubl
 
     *count = 0;
     CLN_TRY(cln_synthetic_create(device, config, &work));
-    CLN_TRY(cln_pipeline_create(device, &work.model.config, false, false, &cln_space_unit, CLN_PROGRAMS_ALL, &p));
+    CLN_TRY(cln_pipeline_create(device, &work.model.config, false, false, &cln_space_unit,
+                                CLN_PROGRAMS_ALL, &p));
     CLN_TRY(cln_synthetic_upload(&work, &p));
     CLN_TRY(cln_synthetic_step(&work, &p)); /* compiles */
     CLN_TRY(cln_synthetic_settle(&work, &p, budget / LEAST_STEPS));

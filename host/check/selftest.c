@@ -212,7 +212,8 @@ cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln
     cln_config small = *config;
 
     prepare(&small);
-    CLN_TRY(cln_pipeline_create(device, &small, false, false, &cln_space_unit, CLN_PROGRAMS_ALL, &pipeline));
+    CLN_TRY(cln_pipeline_create(device, &small, false, false, &cln_space_unit, CLN_PROGRAMS_ALL,
+                                &pipeline));
     CLN_TRY(run_pipeline(&pipeline, &c));
     CLN_TRY(verdict(device, &c));
 done:

@@ -27,8 +27,8 @@ void cln_fusion_free(cln_fusion *fusion); /* accepts a zeroed one */
 
 /* The same from depths of any origin: room for `count` views, then each view's camera (scene units)
  * and depths, [height][width] along the ray in the cube (in camera units, if the space is forward),
- * below 0 where nothing opaque is; they become the fusion's. Space and tree stay the caller's. *pixel: of this view, 0 if all is below 0.
- * CLN_MEMORY. */
+ * below 0 where nothing opaque is; they become the fusion's. Space and tree stay the caller's.
+ * *pixel: of this view, 0 if all is below 0. CLN_MEMORY. */
 cln_status cln_fusion_start(const cln_space *space, const cln_octree *tree, int count,
                             cln_fusion *out);
 cln_status cln_fusion_set(cln_fusion *fusion, int view, const cln_camera *camera, float *depth,

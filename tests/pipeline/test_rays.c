@@ -1,7 +1,7 @@
 /* rays.cl against the double camera of host/scene/camera.c: origin, unit direction and axis
  * scale of rays through pixels of pinholes and of every lens model, alone and in one scene, in
- * scenes of 1e-4 and 1e6 units; pixels beyond a lens' fold; forward spaces. test_sampling.c tests which leaves a
- * ray meets. */
+ * scenes of 1e-4 and 1e6 units; pixels beyond a lens' fold; forward spaces. test_sampling.c tests
+ * which leaves a ray meets. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
