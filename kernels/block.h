@@ -3,8 +3,8 @@
  * the work-group's local memory. Rows past the count hold garbage that affects no other row. */
 
 typedef struct block {
-    int count, tiles, rows;  /* samples; tiles of TS; rows: whole tiles, rounded up to vectors */
-    bool first, last;        /* of its slice */
+    int count, tiles, rows; /* samples; tiles of TS; rows: whole tiles, rounded up to vectors */
+    bool first, last;       /* of its slice */
     const __local uint *ids; /* [NB] -> sample */
     uint step_key;           /* of the slopes */
     int lid;
@@ -14,14 +14,9 @@ typedef struct block {
 HELPER block block_at(uint done, uint total, const __local uint *ids, uint step_key)
 {
     const int count = (int)min((uint)NB, total - done), tiles = (count + TS - 1) / TS;
-    const block b = {count,
-                     tiles,
-                     (tiles * TS + VW - 1) / VW * VW,
-                     done == 0u,
-                     total - done <= NB,
-                     ids,
-                     step_key,
-                     (int)get_local_id(0)};
+    const block b = {count,    tiles, (tiles * TS + VW - 1) / VW * VW,
+                     done == 0u, total - done <= NB,
+                     ids,      step_key, (int)get_local_id(0)};
 
     return b;
 }
@@ -34,8 +29,8 @@ HELPER uint block_slope_key(block b, int s, int layer)
 /* ---- its samples ---- */
 
 typedef struct sample_source {
-    const __global cln_sample *samples;   /* [sample] */
-    const __global float4 *ray_o, *ray_d; /* [ray] */
+    const __global cln_sample *samples;     /* [sample] */
+    const __global float4 *ray_o, *ray_d;   /* [ray] */
 } sample_source;
 
 /* Loads local positions at [3][NB] and directions along [3][NB] of the samples that this work-item

@@ -51,8 +51,8 @@ HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *
     float4 p, q;
     const bool found = camera_ray(c, u, v, &p, &q) && q.z > LEAST_FORWARD;
     const float z = fmax(p.z, 1.0f), far = (z - p.z) / q.z;
-    const float3 along =
-        (float3)(NDC_X * (q.x * p.z - p.x * q.z), NDC_Y * (q.y * p.z - p.y * q.z), 2.0f * q.z);
+    const float3 along = (float3)(NDC_X * (q.x * p.z - p.x * q.z), NDC_Y * (q.y * p.z - p.y * q.z),
+                                  2.0f * q.z);
 
     if (!found) {
         *o = (float4)(0.0f, 0.0f, -1.0f, 0.0f);

@@ -447,6 +447,6 @@ int test_group_rays(void)
         cmocka_unit_test(test_forward),
     };
 
-    test_wanted = CLN_PROGRAM_BIT(rays);
+    test_wanted = CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(composite);
     return cmocka_run_group_tests_name("rays", tests, NULL, test_device_close);
 }
