@@ -900,5 +900,10 @@ int test_group_mlp(void)
         cmocka_unit_test(test_points),
     };
 
+    test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(mlp_density) |
+                  CLN_PROGRAM_BIT(mlp_forward_eval) | CLN_PROGRAM_BIT(mlp_forward_train) |
+                  CLN_PROGRAM_BIT(mlp_backward) | CLN_PROGRAM_BIT(roulette) |
+                  CLN_PROGRAM_BIT(adam) | CLN_PROGRAM_BIT(regularise) | CLN_PROGRAM_BIT(stats) |
+                  CLN_PROGRAM_BIT(carry);
     return cmocka_run_group_tests_name("mlp", tests, NULL, test_device_close);
 }
