@@ -32,6 +32,7 @@ cln_status cln_open_run_model(const char *run, cln_open_run *out)
 
     memset(out, 0, sizeof *out);
     out->run = run;
+    out->wanted = CLN_PROGRAMS_PICTURES;
     /* tells a folder that is no run from one without checkpoint */
     CLN_TRY(cln_run_read(run, &document));
     CLN_TRY(cln_checkpoint_read(run, false, &out->model));
@@ -75,7 +76,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, config, lenses, opened->model.has_alpha,
-                                &opened->model.space, CLN_PROGRAMS_PICTURES, p));
+                                &opened->model.space, opened->wanted, p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);

@@ -43,6 +43,7 @@ static void open_bed(const cln_config *config, bed *b)
     memset(b, 0, sizeof *b);
     assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &b->run));
     b->run.model.config = *config;
+    b->run.wanted = CLN_PROGRAMS_ALL;
     assert_ok(cln_open_run_start(&b->run, &device, false));
     assert_ok(cln_pipeline_scene(p, b->run.scene, &b->run.model.space));
     assert_ok(CLN_RESERVE(p, density, (size_t)p->leaves));
