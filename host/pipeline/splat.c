@@ -27,8 +27,9 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
     const bool forward = p->space.forward;
     const double area = forward ? p->space.scale[0] * p->space.scale[1] / (c->fx * c->fy) : 0;
     const double footprint = distance / (c->fx * spacing);
-    const double per_pixel = n1 * (forward ? area / (spacing * spacing) : footprint * footprint);
-    const double per_area = spacing * spacing * spacing * (forward ? 1 / area : c->fx * c->fy);
+    const double per_pixel = forward ? n1 * area / (spacing * spacing) : n1 * footprint * footprint;
+    const double volume = spacing * spacing * spacing;
+    const double per_area = forward ? volume / area : volume * c->fx * c->fy;
     cl_uint k = 1;
 
     /* a power of two, so that bands of rows never cut a coarse pixel */

@@ -11,7 +11,7 @@ typedef struct cln_open_run {
     cln_scene *scene; /* NULL after cln_open_run_model */
     bool same_scene;  /* it is the one that the run was trained on */
     cln_device *device;
-    uint32_t wanted; /* programs that are built: those of pictures, unless changed before the start */
+    uint32_t wanted; /* programs to build: those of pictures, unless changed before the start */
     cln_pipeline pipeline;
 } cln_open_run;
 
