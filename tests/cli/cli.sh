@@ -499,6 +499,18 @@ section_resume() {
     expect "resume after kill -9" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "killed and resumed = not interrupted" is_whole "$r"
 
+    scene photos --format nerfstudio --size 48 --train 12 --test 3
+    expect "--exposure" 0 "" "$cln" train "$work/photos" -o "$work/exposed" "${small[@]}" \
+        --steps $steps --exposure
+    r=$work/exposed-stopped
+    start "$cln" train "$work/photos" -o "$r" "${small[@]}" --steps $steps --exposure
+    wait_for 60 rows_of "$r" 100 # after gains have changed
+    kill -INT "$child"
+    finish
+    check "SIGINT with --exposure: exit code 130" [ $rc = 130 ]
+    expect "resume with gains" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
+    check "gains resume, too" [ "$(digest "$r")" = "$(digest "$work/exposed")" ]
+
     cp -r "$work/whole" "$work/longer"
     expect "resume with +N steps" 0 "" "$cln" train --resume "$work/longer" --skip-selftest \
         --progress none --steps +20 --json
