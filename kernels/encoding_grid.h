@@ -3,75 +3,82 @@
  * trilinear interpolation. Its parameters are [CELLS + 1]^3 vertices (z, y, x) of FEATURES numbers,
  * at GRID_W of a leaf's row. ENCODING 1; directions keep their frequencies.
  *
- *   encode_position()        local positions -> inputs of the trunk's first layer
+ *   encode_position()        local positions -> inputs of the trunk's first layer, and places
  *   encode_position_begin()  before a slice's first block: zeroes the grid's gradient
- *   encode_position_back()   gradient of the first layer -> gradient of the vertices
+ *   encode_position_back()   gradient of the first layer, places -> gradient of the vertices
  *
- * Backward: the eight corners of a cell differ in the parity of their coordinates, and a work-item
- * takes corners of its own parities alone, over all samples in order. So no two work-items write
- * one vertex, and sums have one order.
+ * A place is a sample's cell and where in it the sample is: AT_ROWS rows instead of the position's
+ * three, the far vertex's share along x, y and z and the cell's first vertex, as an offset in the
+ * grid. A cell has four edges along x; both ends of one are 2 FEATURES neighbouring numbers.
+ *
+ * Backward, sums over samples have one order, and no two work-items write one vertex: the eight
+ * corners of a cell differ in the parities of their coordinates, and in a group of several
+ * work-items each takes one parity and feature of every sample.
  *
  * CELLS      along an axis
  * FEATURES   of a vertex, a multiple of 4; ENC_PAD is the same number
  */
 #if ENCODING == 1
 #define GRID_SIDE (CELLS + 1)
+#define EDGE_V    (FEATURES / 4) /* vectors of eight for both ends of an edge */
 
-/* The cell of a position, and the far vertex's share along each axis. */
-typedef struct grid_place {
-    int cell[3];
-    float share[3];
-} grid_place;
-
-HELPER grid_place grid_at(const __local float *at, int s)
+/* Numbers from a cell's first edge to edge yz: 1 is the next along y, 2 along z. */
+HELPER int grid_edge(int yz)
 {
-    grid_place p;
+    return ((yz >> 1) * GRID_SIDE + (yz & 1)) * GRID_SIDE * FEATURES;
+}
 
-    UNROLL (a, 3) {
-        const float x = clamp((at[a * NB + s] + 1.0f) * (0.5f * CELLS), 0.0f, (float)CELLS);
-        const int i = min((int)x, CELLS - 1);
+/* The weight of edge yz. */
+HELPER float grid_edge_weight(const __local float *at, int s, int yz)
+{
+    const float y = at[NB + s], z = at[2 * NB + s];
 
-        p.cell[a] = i;
-        p.share[a] = x - (float)i;
+    return (yz & 1 ? y : 1.0f - y) * (yz & 2 ? z : 1.0f - z);
+}
+
+/* Places of samples s .. s + VW - 1, instead of their positions. */
+HELPER void grid_places(__local float *at, int s)
+{
+    vf first = (vf)(0.0f);
+
+    for (int a = 2; a >= 0; a--) {
+        const vf x = fmin(fmax((VLOAD(at + a * NB + s) + 1.0f) * (0.5f * CELLS), (vf)(0.0f)),
+                          (vf)(CELLS));
+        const vf cell = fmin(floor(x), (vf)(CELLS - 1));
+
+        VSTORE_IN(__local, x - cell, at + a * NB + s);
+        first = MAD(first, (vf)(GRID_SIDE), cell);
     }
-    return p;
-}
-
-HELPER int grid_vertex(grid_place p, int corner)
-{
-    const int x = p.cell[0] + (corner & 1), y = p.cell[1] + (corner >> 1 & 1);
-    const int z = p.cell[2] + (corner >> 2);
-
-    return ((z * GRID_SIDE + y) * GRID_SIDE + x) * FEATURES;
-}
-
-HELPER float grid_weight(grid_place p, int corner)
-{
-    return (corner & 1 ? p.share[0] : 1.0f - p.share[0]) *
-           (corner & 2 ? p.share[1] : 1.0f - p.share[1]) *
-           (corner & 4 ? p.share[2] : 1.0f - p.share[2]);
+    VSTORE_IN(__local, first * (float)FEATURES, at + 3 * NB + s);
 }
 
 /* w: the leaf's parameters. */
-HELPER void encode_position(const __local float *at, float4 box, const __global float *w,
+HELPER void encode_position(__local float *at, float4 box, const __global float *w,
                             __local float *enc, int rows, int lid)
 {
-    const __global float *grid = w + GRID_W;
-
     (void)box;
-    for (int s = lid; s < rows; s += LS) {
-        const grid_place p = grid_at(at, s);
+    for (int s0 = lid * VW; s0 < rows; s0 += STEP_N) {
+        grid_places(at, s0);
+        for (int s = s0; s < s0 + VW; s++) {
+            const __global float *cell = w + GRID_W + (int)at[3 * NB + s];
+            const float4 far = (float4)(at[s]), near = 1.0f - far;
+            float8 sum[EDGE_V];
+            float4 end[2 * EDGE_V];
 
-        UNROLL (f, FEATURES / 4) {
-            float4 sum = (float4)(0.0f);
+            UNROLL (v, EDGE_V)
+                sum[v] = (float8)(0.0f);
+            UNROLL (yz, 4) {
+                const float8 weight = (float8)(grid_edge_weight(at, s, yz));
 
-            UNROLL (corner, 8)
-                sum = MAD((float4)(grid_weight(p, corner)),
-                          vload4(0, grid + grid_vertex(p, corner) + 4 * f), sum);
-            enc[(4 * f + 0) * NB + s] = sum.x;
-            enc[(4 * f + 1) * NB + s] = sum.y;
-            enc[(4 * f + 2) * NB + s] = sum.z;
-            enc[(4 * f + 3) * NB + s] = sum.w;
+                UNROLL (v, EDGE_V)
+                    sum[v] = MAD(weight, vload8(v, cell + grid_edge(yz)), sum[v]);
+            }
+            UNROLL (v, EDGE_V) {
+                end[2 * v] = sum[v].lo;
+                end[2 * v + 1] = sum[v].hi;
+            }
+            UNROLL (v, EDGE_V)
+                vstore4(MAD(far, end[EDGE_V + v], near * end[v]), v, enc + s * FEATURES);
         }
     }
 }
@@ -83,8 +90,49 @@ HELPER void encode_position_begin(LEAF_SPACE float *grad, int lid)
         grad[p] = 0.0f;
 }
 
+/* Adds one sample's gradient to its cell's eight vertices; lid: as in a group of several. */
+HELPER void grid_scatter(const __local float *at, int s, const __local float *d, int lid,
+                         LEAF_SPACE float *grid)
+{
+    const int first = (int)at[3 * NB + s];
+
+#if LS == 1
+    const float4 far = (float4)(at[s]), near = 1.0f - far;
+    float4 end[2 * EDGE_V];
+
+    UNROLL (v, EDGE_V) {
+        end[v] = near * vload4(v, d);
+        end[EDGE_V + v] = far * vload4(v, d);
+    }
+    UNROLL (yz, 4) {
+        const float8 weight = (float8)(grid_edge_weight(at, s, yz));
+
+        UNROLL (v, EDGE_V) {
+            LEAF_SPACE float *to = grid + first + grid_edge(yz) + 8 * v;
+
+            VSTORE8_IN(LEAF_SPACE,
+                       MAD(weight, (float8)(end[2 * v], end[2 * v + 1]), vload8(0, to)), to);
+        }
+    }
+    (void)lid;
+#else
+    const int vertex = first / FEATURES;
+    const int odd = vertex % GRID_SIDE % 2 + vertex / GRID_SIDE % GRID_SIDE % 2 * 2 +
+                    vertex / (GRID_SIDE * GRID_SIDE) % 2 * 4;
+
+    for (int i = lid; i < 8 * FEATURES; i += LS) {
+        const int corner = i / FEATURES ^ odd, f = i % FEATURES;
+        const float weight = (corner & 1 ? at[s] : 1.0f - at[s]) *
+                             grid_edge_weight(at, s, corner >> 1);
+        LEAF_SPACE float *to = grid + first + grid_edge(corner >> 1) + (corner & 1) * FEATURES + f;
+
+        *to = MAD(weight, d[f], *to);
+    }
+#endif
+}
+
 /* d [NB][WIDTH]: gradient of the first layer's pre-activations; w0 [FEATURES][WIDTH]: its weights.
- * scratch: [NB][FEATURES]. Has a barrier. */
+ * at: places. scratch: [NB][FEATURES]. Has a barrier. */
 HELPER void encode_position_back(block b, const __local float *at, const __local float *d,
                                  const __global float *w0, __local float *scratch,
                                  LEAF_SPACE float *grad)
@@ -95,20 +143,11 @@ HELPER void encode_position_back(block b, const __local float *at, const __local
 
         for (int n = 0; n < WIDTH; n += VW)
             sum = MAD(VLOAD(d + s * WIDTH + n), VLOAD(w0 + f * WIDTH + n), sum);
-        scratch[s * FEATURES + f] = V_SUM(sum);
+        scratch[i] = V_SUM(sum);
     }
     GROUP_SYNC();
-    for (int parity = b.lid; parity < 8; parity += LS)
-        for (int s = 0; s < b.count; s++) {
-            const grid_place p = grid_at(at, s);
-            const int corner = parity ^ ((p.cell[0] & 1) | (p.cell[1] & 1) << 1 |
-                                         (p.cell[2] & 1) << 2);
-            const float weight = grid_weight(p, corner);
-            LEAF_SPACE float *to = grad + GRID_W + grid_vertex(p, corner);
-
-            UNROLL (f, FEATURES)
-                to[f] = MAD(weight, scratch[s * FEATURES + f], to[f]);
-        }
+    for (int s = 0; s < b.count; s++)
+        grid_scatter(at, s, scratch + s * FEATURES, b.lid, grad + GRID_W);
 }
 #endif
 #endif

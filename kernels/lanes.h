@@ -48,9 +48,15 @@ typedef CLN_PASTE(ushort, VW) vh;
 #define V_TO_USHORT CLN_PASTE(convert_ushort, VW)
 #endif
 
-/* VSTORE of floats (VSTORE_IN) or of 16-bit elements (VSTORE_H) to an address space, in one
- * instruction. PoCL's vstore stores four elements at a time, and LLVM does not join the parts of
+/* VSTORE of floats (VSTORE_IN; VSTORE8_IN: eight of them) or of 16-bit elements (VSTORE_H) to an
+ * address space, in one instruction. PoCL's vstore stores four elements at a time, and LLVM does not join the parts of
  * 16. */
+#if defined(__x86_64__) || defined(__aarch64__)
+typedef float8 float8_anywhere __attribute__((aligned(4), may_alias));
+#define VSTORE8_IN(space, v, p) (*(space float8_anywhere *)(p) = (v))
+#else
+#define VSTORE8_IN(space, v, p) vstore8(v, 0, p)
+#endif
 #if VW > 1 && (defined(__x86_64__) || defined(__aarch64__))
 typedef vf vf_anywhere __attribute__((aligned(4), may_alias));
 typedef vh vh_anywhere __attribute__((aligned(2), may_alias));

@@ -35,6 +35,13 @@ HELPER operand by_row(const __local float *p, int rows)
     return o;
 }
 
+/* The first `rows` of the encoded positions: the frequency encoding's are computed, and stored, row
+ * by row, the grid's sample by sample. */
+HELPER operand by_encoding(const __local float *enc, int rows)
+{
+    return ENCODING == 0 ? by_row(enc, rows) : by_sample(enc, rows);
+}
+
 /* sums[i][j] += sum over r < R of a[i * a_i + r * a_r] * B[r * b_r + vector j], i < T. A macro, as
  * B may be in local or global memory. */
 #define TILE_MAD(T, sums, a, a_i, a_r, B, b_r, R)                                             \
@@ -162,10 +169,10 @@ HELPER const __local float *trunk_forward(block b, const __global float *w,
         const layer l = {i, WIDTH, w + TRUNK_W(i)};
 
         if (i == 0)
-            layer_forward(b, l, by_row(enc, ENC_PAD), by_row(enc, 0), to, acts, after);
+            layer_forward(b, l, by_encoding(enc, ENC_PAD), by_encoding(enc, 0), to, acts, after);
         else
-            layer_forward(b, l, by_sample(from, WIDTH), by_row(enc, i == SKIP ? ENC_PAD : 0), to,
-                          acts, after);
+            layer_forward(b, l, by_sample(from, WIDTH), by_encoding(enc, i == SKIP ? ENC_PAD : 0),
+                          to, acts, after);
         GROUP_SYNC();
     }
     return DEPTH & 1 ? h1 : h0;

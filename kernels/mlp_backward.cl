@@ -68,7 +68,8 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [row][PARAMS] */
              LEAF_ARRAY(moment_type, moment1), /* [row][PARAMS], both */
              LEAF_ARRAY(moment_type, moment2), int first)
 {
-    __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH], at[3 * NB];
+    __local float enc[NB * ENC_PAD], h[NB * WIDTH], d0[NB * WIDTH], d1[NB * WIDTH];
+    __local float at[AT_ROWS * NB];
     __local float4 dhead[NB];
     __local uint ids[NB];
     __local int places[NB], places_after[FETCHES ? NB : 1];
@@ -182,7 +183,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [row][PARAMS] */
                                   kept_ahead(kept, i - 2, i > 1 ? b.count : 0, WIDTH),
                                   AHEAD_RUN(w_after + TRUNK_W(i), b.last ? WIDTH * WIDTH : 0));
             if (i == SKIP)
-                layer_weight_gradient(b, by_row(enc, ENC_PAD), d, WIDTH,
+                layer_weight_gradient(b, by_encoding(enc, ENC_PAD), d, WIDTH,
                                       grad + TRUNK_W(i) + WIDTH * WIDTH, 0, AHEAD_NOTHING,
                                       AHEAD_NOTHING);
             layer_input_gradient(b, kept, i - 1, d, WIDTH, wt + WT_TRUNK(i), dhead, 0, below);
@@ -190,7 +191,7 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [row][PARAMS] */
         GROUP_SYNC();
 
         /* the first layer, and below it an encoding with parameters */
-        layer_weight_gradient(b, by_row(enc, ENC_PAD), (DEPTH - 1) & 1 ? d1 : d0, WIDTH,
+        layer_weight_gradient(b, by_encoding(enc, ENC_PAD), (DEPTH - 1) & 1 ? d1 : d0, WIDTH,
                               grad + TRUNK_W(0), grad + TRUNK_B(0),
                               kept_ahead(kept_after, DEPTH - 1, b.last ? count_after : 0,
                                          WIDTH + VIEW),

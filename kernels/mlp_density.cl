@@ -15,7 +15,8 @@ mlp_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], row 0: leaf
             uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first,
             uint own)
 {
-    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB];
+    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH];
+    __local float at[AT_ROWS * NB];
     __local uint ids[NB];
     const uint group = get_group_id(0), leaf = first + group / per_leaf;
     const uint total = n1 * n1 * n1, begin = group % per_leaf * cells;

@@ -38,7 +38,7 @@ mlp_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row 0
             __global kept_type *restrict acts, /* [grouped sample][ACTS], in training */
             uint n_slices, uint step_key, int first)
 {
-    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[3 * NB], raw[4 * NB];
+    __local float enc[NB * ENC_PAD], h0[NB * WIDTH], h1[NB * WIDTH], at[AT_ROWS * NB], raw[4 * NB];
     __local uint ids[NB];
 #if VIEW > 0
     __local float dir[NB * DIR_PAD], v[NB * VIEW], along[3 * NB];

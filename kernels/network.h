@@ -56,6 +56,8 @@
 #ifndef ENCODING
 #define ENCODING 0
 #endif
+/* Rows of a sample's position, which the grid encoding replaces by its place in the grid. */
+#define AT_ROWS (ENCODING == 1 ? 4 : 3)
 #ifndef LEAF
 #define LEAF 1
 #endif

@@ -14,13 +14,14 @@
 
 typedef struct network_shape {
     int width, depth, view, bands, view_bands, leaves,
-        samples;                         /* view 0: none; samples of a leaf */
+        samples;                         /* view 0: none; bands 0: a grid; samples of a leaf */
     const char *preset, *variant, *tune; /* only for arithmetic */
 } network_shape;
 
 /* Widths without V have no view layer. With one band nearly all work is layers of 64 x 64. */
 static const network_shape shapes[] = {
     {16, 2, 16, 4, 1, 1, 1, 0, 0, 0},       {16, 2, 16, 4, 1, 512, 128, 0, 0, 0},
+    {16, 2, 16, 0, 2, 64, 1536, 0, 0, 0},   {16, 2, 16, 0, 2, 2048, 48, 0, 0, 0},
     {32, 3, 32, 6, 2, 64, 1, 0, 0, 0},      {32, 3, 32, 6, 2, 4096, 16, 0, 0, 0},
     {32, 3, 32, 6, 2, 2048, 48, 0, 0, 0},   {32, 3, 32, 6, 2, 1024, 96, 0, 0, 0},
     {32, 3, 32, 6, 2, 512, 128, 0, 0, 0},   {32, 3, 32, 6, 2, 512, 512, 0, 0, 0},
@@ -87,7 +88,10 @@ static cln_status config_of(const network_shape *s, cln_config *config)
     config->depth = s->depth;
     config->view_dependence = s->view > 0;
     config->view_width = s->view > 0 ? s->view : 16;
-    config->bands = s->bands;
+    if (s->bands > 0)
+        config->bands = s->bands;
+    else
+        config->encoding = CLN_ENCODING_GRID;
     config->view_bands = s->view_bands;
 done:
     return st;
@@ -325,14 +329,16 @@ done:
 
 static void shape_text(const network_shape *s, char out[64])
 {
-    char view[16] = "";
+    char view[16] = "", encoding[16] = "G";
 
     if (s->view)
         snprintf(view, sizeof view, "-V%d", s->view);
+    if (s->bands > 0)
+        snprintf(encoding, sizeof encoding, "L%d", s->bands);
     if (s->preset)
         snprintf(out, 64, "%s %dx%d %s", s->preset, s->leaves, s->samples, s->variant);
     else
-        snprintf(out, 64, "W%d-D%d%s-L%d %dx%d", s->width, s->depth, view, s->bands, s->leaves,
+        snprintf(out, 64, "W%d-D%d%s-%s %dx%d", s->width, s->depth, view, encoding, s->leaves,
                  s->samples);
 }
 

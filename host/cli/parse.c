@@ -319,10 +319,11 @@ static cln_status parse_first(parser *p)
     if (strcmp(first, "help") == 0) {
         out->help = true;
         if (p->at < p->argc && p->argv[p->at][0] != '-') {
-            out->command = cln_command_find(p->argv[p->at]);
-            if (!out->command)
-                return cln_fail_command(p->argv[p->at]);
-            p->at++;
+            const char *about = p->argv[p->at++];
+
+            out->command = cln_command_find(about);
+            if (!out->command && strcmp(about, "help") != 0 && strcmp(about, "version") != 0)
+                return cln_fail_command(about);
         }
         if (p->at < p->argc)
             return cln_fail(CLN_USAGE, "unexpected argument '%s': help takes one command",
