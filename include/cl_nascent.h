@@ -377,7 +377,7 @@ typedef struct cln_export_desc {
     cln_callbacks callbacks;
 } cln_export_desc;
 
-enum { CLN_LEVELS = 6 }; /* a tree has levels 0 to 5 */
+enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */
 
 typedef struct cln_export_result {
     int64_t step;

@@ -14,13 +14,9 @@ typedef uint32_t cln_u32;
 typedef float cln_f32;
 #endif
 
-/* The octree's deepest level; the root's is 0. One more costs eight times the map, and a box of
- * empty cells no longer fits 32 bits. CLN_LEVELS of cl_nascent.h is one more. */
-#define CLN_MAX_LEVEL 5
-
-/* Most intervals of a ray with leaves down to level `depth`: one for each plane of cells that it
- * can cross. */
-#define CLN_MOST_INTERVALS(depth) (3 << (depth))
+/* The octree's deepest level; the root's is 0. One more costs eight times the map (at 8: 64 MiB).
+ * CLN_LEVELS of cl_nascent.h is one more. */
+#define CLN_MAX_LEVEL 8
 
 /* Chords up to this length, in normalised units, are skipped (method.md 3). */
 #define CLN_MIN_CHORD 1e-5f
@@ -114,13 +110,18 @@ typedef struct cln_ray_result {
 #define CLN_MAP_LEVEL(entry)      ((entry) & ((1 << CLN_MAP_LEVEL_BITS) - 1))
 
 /* Empty cells: the sign bit, and a box of empty cells around them, its lowest and highest x, y, z
- * of CLN_MAX_LEVEL bits each. */
-#define CLN_MAP_EMPTY 0x80000000u
+ * of CLN_BOX_LEVEL bits each, in cells of that level if the map is deeper (CLN_MAP_UNIT). Empty
+ * nodes below that level: CLN_MAP_NODE and the level, where a leaf has its own. */
+#define CLN_BOX_LEVEL       5
+#define CLN_MAP_EMPTY       0x80000000u
+#define CLN_MAP_NODE(level) (0xC0000000u | (cln_u32)(level))
+#define CLN_MAP_UNIT(depth) ((depth) > CLN_BOX_LEVEL ? (depth)-CLN_BOX_LEVEL : 0) /* log2 of cells */
+#define CLN_MAP_IS_BOX(entry) ((entry) < -0x40000000) /* of a signed entry */
 #define CLN_MAP_BOX(corner, high)                                          \
-    ((cln_u32)((corner)[0] - (high)) << CLN_MAX_LEVEL * (3 * (high)) |     \
-     (cln_u32)((corner)[1] - (high)) << CLN_MAX_LEVEL * (3 * (high) + 1) | \
-     (cln_u32)((corner)[2] - (high)) << CLN_MAX_LEVEL * (3 * (high) + 2))
-#define CLN_MAP_SIDE(entry, side) ((entry) >> CLN_MAX_LEVEL * (side) & ((1 << CLN_MAX_LEVEL) - 1))
+    ((cln_u32)((corner)[0] - (high)) << CLN_BOX_LEVEL * (3 * (high)) |     \
+     (cln_u32)((corner)[1] - (high)) << CLN_BOX_LEVEL * (3 * (high) + 1) | \
+     (cln_u32)((corner)[2] - (high)) << CLN_BOX_LEVEL * (3 * (high) + 2))
+#define CLN_MAP_SIDE(entry, side) ((entry) >> CLN_BOX_LEVEL * (side) & ((1 << CLN_BOX_LEVEL) - 1))
 #define CLN_MAP_LOW(entry, axis)  CLN_MAP_SIDE(entry, axis)
 #define CLN_MAP_HIGH(entry, axis) (CLN_MAP_SIDE(entry, 3 + (axis)) + 1)
 
@@ -139,7 +140,7 @@ typedef struct cln_grid {
 #define CLN_RAYS_EACH(vw) ((vw) == 1 ? 1 : 64)
 
 #ifndef __OPENCL_C_VERSION__
-_Static_assert(6 * CLN_MAX_LEVEL < 32, "the box of an empty cell fits beside the sign");
+_Static_assert(6 * CLN_BOX_LEVEL < 31, "a box of empty cells fits beside the signs");
 _Static_assert(CLN_MAX_LEVEL < 1 << CLN_MAP_LEVEL_BITS, "a level fits a leaf's entry");
 _Static_assert(3 * CLN_MAX_LEVEL + 1 + CLN_MAP_LEVEL_BITS < 32, "slot + 1 fits beside the level");
 _Static_assert(CLN_MAX_LEVEL < 1 << 8, "a level fits above an interval's samples");

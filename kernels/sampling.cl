@@ -5,8 +5,8 @@
  * are full: half of an object's rays meet no leaf.
  *
  *   intervals_fill    of each interval: ends, stage-1 optical depth, number of samples; none behind
- *                     opaque leaves; at most MAX_INTERVALS(depth) a ray, the most cells of the map
- *                     that a line can meet                                   -> scan of samples
+ *                     opaque leaves; at most cln_octree_most_intervals() a ray
+ *                                                       -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
  *   ALLOCATE 0 chord | 1 weight;  CDF 0 sigma | 1 weight
@@ -20,7 +20,6 @@
 #undef EXP
 #define EXP(x) exp(x)
 
-#define MAX_INTERVALS(depth) (3u << (depth))
 #define EMPTY_BIN            1e-5f
 
 /* ---- intervals ---- */
@@ -148,7 +147,7 @@ HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, fl
 __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                              const __global float4 *restrict ray_d,
                              const __global int *restrict map,
-                             __global cln_interval *restrict intervals, /* [MAX_INTERVALS][rays] */
+                             __global cln_interval *restrict intervals, /* [most intervals][rays] */
                              __global uint *restrict used, /* [ray] intervals with samples */
                              __global uint *restrict sample_counts, /* [ray] */
                              uint first, uint n, uint rays, int depth, float max_depth,
@@ -362,7 +361,7 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
 __kernel void
 samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              const __global float4 *restrict ray_d,
-             const __global cln_interval *restrict intervals, /* [MAX_INTERVALS][rays] */
+             const __global cln_interval *restrict intervals, /* [most intervals][rays] */
              const __global uint *restrict used,              /* [ray] */
              const __global uint *restrict sample_starts,     /* [ray + 1] */
              __global cln_sample *restrict samples,           /* [sample] */

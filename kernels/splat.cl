@@ -13,12 +13,16 @@
  *   splat_pad                 the paper's padded groups: every list at list * longest
  */
 
+#ifndef LEVELS
+#define LEVELS 6u /* of the tree, from the host */
+#endif
+
 #define SPLAT_ARGUMENTS                                                                            \
     const __global cln_device_camera *restrict cameras, /* [view] */                               \
         const __global uint *restrict views,     /* [batch view] -> view */                        \
         LEAF_ARRAY(const ushort, density),       /* [leaf][n1^3] bfloat16 */                       \
         const __global float4 *restrict boxes,   /* [leaf] */                                      \
-        const __global cln_grid *restrict grids  /* [batch view][6] */
+        const __global cln_grid *restrict grids  /* [batch view][LEVELS] */
 #define SPLAT_PARAMETERS                                                                           \
     uint first_view, uint n_views, uint total, uint n1, uint run, uint runs, uint row_begin,       \
         uint row_end, float min_alpha
@@ -39,7 +43,7 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
 
     if (!(sigma * spacing >= min_alpha) || !point_pixel(camera, point, &pixel))
         return false;
-    const cln_grid grid = grids[view * 6u + (uint)leaf_level(box)];
+    const cln_grid grid = grids[view * LEVELS + (uint)leaf_level(box)];
     const uint cx = (uint)pixel.x / grid.coarse, cy = (uint)pixel.y / grid.coarse;
 
     if ((cy + 1u) * grid.coarse <= row_begin || cy * grid.coarse >= row_end)

@@ -18,6 +18,9 @@
 #define PADDED 0
 #define DROPPED 1
 #endif
+#ifndef LEVELS
+#define LEVELS 6u /* of the tree, from the host */
+#endif
 
 /* Points of an interval that are computed at once: all of them with 12^3 cells; more take turns. */
 #define POINTS 24
@@ -197,7 +200,7 @@ HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __glo
     (void)ray_d;
     for (int l = 0; l < VW; l++) {
         const cln_pixel pixel = pixels[p->ray[l]];
-        const cln_grid grid = grids[pixel.pad * 6u + (uint)p->level[l]];
+        const cln_grid grid = grids[pixel.pad * LEVELS + (uint)p->level[l]];
         const uint list = grid.first + pixel.y / grid.coarse * grid.row + pixel.x / grid.coarse;
 #if PADDED
         const uint begin = list * grids[0].longest, end = begin + list_count[list];

@@ -82,15 +82,16 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
 #pragma unroll
     for (int l = 0; l < VW; l++)
         found[l] = map[at[l]];
+    const int unit = CLN_MAP_UNIT(depth);
     const vi entry = VLOAD(found), size = (vi)(1) << (depth - CLN_MAP_LEVEL(entry)),
-             empty = entry < (vi)(0);
+             box = CLN_MAP_IS_BOX(entry);
 
 #pragma unroll
     for (int a = 0; a < 3; a++) {
         const vi corner = w->cell[a] & -size;
 
-        low[a] = select(corner, CLN_MAP_LOW(entry, a), empty);
-        high[a] = select(corner + size, CLN_MAP_HIGH(entry, a), empty);
+        low[a] = select(corner, CLN_MAP_LOW(entry, a) << unit, box);
+        high[a] = select(corner + size, CLN_MAP_HIGH(entry, a) << unit, box);
         plane[a] = select(low[a], high[a], w->ascends[a]);
         exits[a] = MAD(V_TO_FLOAT(plane[a]) * side - 1.0f - w->o[a], w->inverse[a], w->never[a]);
         t = fmin(t, exits[a]);

@@ -25,6 +25,9 @@
 
 enum { CLN_TEXT_BYTES = CLN_SETTING_BYTES };
 
+/* Whole trees have levels 0 to 5, adaptive ones up to CLN_LEVELS - 1. */
+enum { CLN_FULL_LEVELS = 6 };
+
 /* Flags of a row. */
 enum {
     CLN_ROW_FIXED = 1,   /* a checkpoint fixes it: a resumed run cannot change it */
@@ -107,7 +110,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
 
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
 #define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                            \
-    INT(start_level, "start-level", 1, 2, 0, CLN_LEVELS - 1,                                    \
+    INT(start_level, "start-level", 1, 2, 0, CLN_FULL_LEVELS - 1,                                    \
         "level of the full tree at the first step")                                             \
     TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
          "growth: LEVEL:FRACTION of the budget, comma separated")                               \

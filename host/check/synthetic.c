@@ -42,7 +42,7 @@ static cln_camera camera(int view)
 
 static int level_of(const cln_config *config)
 {
-    double at[6];
+    double at[CLN_LEVELS];
     int level = config->start_level;
 
     if (cln_config_levels(config, at) != CLN_OK) {

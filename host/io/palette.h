@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { CLN_PALETTE_LEVELS = 6 };
+enum { CLN_PALETTE_LEVELS = 9 };
 
 /* Levels 0 to 5, from cold to warm; readers who cannot tell red from green see them apart. */
 void cln_palette_level(int level, uint8_t rgb[3]);

@@ -358,6 +358,28 @@ int cln_octree_depth(const cln_octree *tree)
     return depth;
 }
 
+cln_status cln_octree_most_intervals(const cln_octree *tree, int *most)
+{
+    cln_status st = CLN_OK;
+    const int depth = cln_octree_depth(tree), planes = (1 << depth) + 1;
+    uint8_t *met = NULL; /* [axis][plane] */
+
+    CLN_TRY(cln_alloc(&met, (size_t)(3 * planes), 1, "planes of leaves"));
+    for (int s = 0; s < tree->leaf_count; s++)
+        for (int a = 0; a < 3; a++) {
+            const int node = tree->leaf[s], finer = depth - tree->level[node];
+
+            met[a * planes + (tree->pos[node][a] << finer)] = 1;
+            met[a * planes + ((tree->pos[node][a] + 1) << finer)] = 1;
+        }
+    *most = 0;
+    for (int i = 0; i < 3 * planes; i++)
+        *most += met[i];
+done:
+    free(met);
+    return st;
+}
+
 int cln_octree_find(const cln_octree *tree, const double point[3])
 {
     double centre[3] = {0, 0, 0}, quarter = 0.5;
@@ -392,30 +414,42 @@ static void fill_box(int32_t *map, int n, const int low[3], const int high[3], i
                 map[cell_at(x, y, z, n)] = value;
 }
 
-/* Cells [low, high) of a node in the map at `depth`. */
+/* Cells [low, high) of a node in the map at `depth`; the cell it is in, if that is larger. */
 static void cells_of(const cln_octree *tree, int node, int depth, int low[3], int high[3])
 {
-    const int side = 1 << (depth - tree->level[node]);
+    const int finer = depth - tree->level[node];
 
     for (int a = 0; a < 3; a++) {
-        low[a] = tree->pos[node][a] * side;
-        high[a] = low[a] + side;
+        low[a] = finer >= 0 ? tree->pos[node][a] << finer : tree->pos[node][a] >> -finer;
+        high[a] = low[a] + (finer > 0 ? 1 << finer : 1);
     }
 }
 
-/* sums[z][y][x], (n + 1)^3: number of leaf cells below (x, y, z); the eight corners of a box tell
- * whether it is empty. */
-static void sum_up(const int32_t *map, int n, int32_t *sums)
+/* sums[z][y][x], (n + 1)^3, of zeros: makes it the number of cells with a leaf below (x, y, z); the
+ * eight corners of a box then tell whether it is empty. */
+static void sum_up(const cln_octree *tree, int depth, int32_t *sums)
 {
+    const int n = 1 << depth;
+    int low[3], high[3];
+
+    for (int s = 0; s < tree->leaf_count; s++) {
+        cells_of(tree, tree->leaf[s], depth, low, high);
+        for (int z = low[2]; z < high[2]; z++)
+            for (int y = low[1]; y < high[1]; y++)
+                for (int x = low[0]; x < high[0]; x++)
+                    sums[cell_at(x + 1, y + 1, z + 1, n + 1)] = 1;
+    }
     for (int z = 1; z <= n; z++)
         for (int y = 1; y <= n; y++) {
             int32_t row = 0;
 
             for (int x = 1; x <= n; x++) {
-                row += map[cell_at(x - 1, y - 1, z - 1, n)] != 0;
-                sums[cell_at(x, y, z, n + 1)] = row + sums[cell_at(x, y - 1, z, n + 1)] +
-                                                sums[cell_at(x, y, z - 1, n + 1)] -
-                                                sums[cell_at(x, y - 1, z - 1, n + 1)];
+                int32_t *here = &sums[cell_at(x, y, z, n + 1)];
+
+                row += *here;
+                *here = row + sums[cell_at(x, y - 1, z, n + 1)] +
+                        sums[cell_at(x, y, z - 1, n + 1)] -
+                        sums[cell_at(x, y - 1, z - 1, n + 1)];
             }
         }
 }
@@ -455,8 +489,9 @@ static void grow_box(const int32_t *sums, int n, int low[3], int high[3])
 static void fill_empty(const cln_octree *tree, int node, int depth, const int32_t *sums,
                        int32_t *map)
 {
-    const int n = 1 << depth;
+    const int n = 1 << depth, boxes = depth - CLN_MAP_UNIT(depth);
     int low[3], high[3], from[3], to[3];
+    uint32_t entry = CLN_MAP_NODE(tree->level[node]);
 
     if (tree->state[node] == CLN_NODE_INNER)
         for (int i = 0; i < 8; i++)
@@ -464,18 +499,20 @@ static void fill_empty(const cln_octree *tree, int node, int depth, const int32_
     if (tree->state[node] != CLN_NODE_CULLED)
         return;
     cells_of(tree, node, depth, low, high);
-    memcpy(from, low, sizeof from);
-    memcpy(to, high, sizeof to);
-    grow_box(sums, n, from, to);
-    fill_box(map, n, low, high,
-             (int32_t)(CLN_MAP_EMPTY | CLN_MAP_BOX(from, 0) | CLN_MAP_BOX(to, 1)));
+    if (tree->level[node] <= boxes) {
+        cells_of(tree, node, boxes, from, to);
+        grow_box(sums, 1 << boxes, from, to);
+        entry = CLN_MAP_EMPTY | CLN_MAP_BOX(from, 0) | CLN_MAP_BOX(to, 1);
+    }
+    fill_box(map, n, low, high, (int32_t)entry);
 }
 
 cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
 {
     cln_status st = CLN_OK;
-    const int n = 1 << depth;
-    const size_t corners = (size_t)(n + 1) * (size_t)(n + 1) * (size_t)(n + 1);
+    const int n = 1 << depth, boxes = depth - CLN_MAP_UNIT(depth);
+    const size_t corners = (size_t)((1 << boxes) + 1) * (size_t)((1 << boxes) + 1) *
+                           (size_t)((1 << boxes) + 1);
     int32_t *sums = NULL;
     int low[3], high[3];
 
@@ -492,7 +529,7 @@ cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
         cells_of(tree, node, depth, low, high);
         fill_box(*map, n, low, high, CLN_MAP_LEAF(s, tree->level[node]));
     }
-    sum_up(*map, n, sums);
+    sum_up(tree, boxes, sums);
     fill_empty(tree, 0, depth, sums, *map);
 done:
     free(sums);

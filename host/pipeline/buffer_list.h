@@ -48,7 +48,7 @@ typedef enum cln_per {
     CLN_PER_RAY_START, /* rays + 1 */
     CLN_PER_ORIGIN,    /* of rays, of the regularisers' points, or of distillation's points */
     CLN_PER_TARGET,    /* of rays, or of distillation's points */
-    CLN_PER_INTERVAL,  /* rays * CLN_MOST_INTERVALS */
+    CLN_PER_INTERVAL,  /* rays * most_intervals */
     CLN_PER_SAMPLE,
     CLN_PER_SLICE,
     CLN_PER_GRADIENT_P, /* cln_pipeline_gradients() */

@@ -119,7 +119,8 @@ static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
 /* The most rows of a buffer of this kind. */
 static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
 {
-    const double levels = CLN_LEVELS;
+    const cln_config *c = &d->pipeline->config;
+    const double levels = cln_config_deepest(c) + 1;
 
     switch (per) {
     case CLN_PER_LEAF:
@@ -128,7 +129,7 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
     case CLN_PER_LEAF_START:
         return s->leaves + 1;
     case CLN_PER_CELL:
-        return 1 << (3 * CLN_MAX_LEVEL);
+        return 1 << (3 * cln_config_deepest(c));
     case CLN_PER_VIEW:
         return d->scene->view_count;
     case CLN_PER_RAY:
@@ -140,7 +141,7 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
     case CLN_PER_TARGET:
         return fmax(s->rays, s->points);
     case CLN_PER_INTERVAL:
-        return s->rays * CLN_MOST_INTERVALS(CLN_MAX_LEVEL);
+        return s->rays * cln_config_most_intervals(c);
     case CLN_PER_SAMPLE:
         return s->samples;
     case CLN_PER_SLICE:
@@ -202,7 +203,7 @@ static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest
 {
     const cln_config *c = &d->pipeline->config;
     const double slice = d->pipeline->tune.sl;
-    double least = (double)CLN_MOST_INTERVALS(CLN_MAX_LEVEL) * c->samples_per_leaf;
+    double least = cln_config_most_intervals(c) * c->samples_per_leaf;
     double wanted = c->batch_samples, room = 0;
 
     if (d->training) {
@@ -226,7 +227,8 @@ static double fit_rays(const cln_plan_desc *d, double largest)
 {
     const int wanted = d->training ? cln_config_most_rays(&d->pipeline->config) : 0;
     const double rays = wanted > CLN_RENDER_RAYS ? wanted : CLN_RENDER_RAYS;
-    const double room = floor(largest / (CLN_MOST_INTERVALS(CLN_MAX_LEVEL) * BYTES(d, intervals)));
+    const double room = floor(
+        largest / (cln_config_most_intervals(&d->pipeline->config) * BYTES(d, intervals)));
 
     return fmax(16, fmin(rays, room));
 }

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "ranks/ranks.h"
@@ -155,6 +156,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define DENSITY %d", c->density);
     real(&t, "KAPPA", c->density_scale);
     real(&t, "BIAS", cln_network_density_bias(c));
+    line(&t, "#define LEVELS %du", cln_config_deepest(c) + 1);
     real(&t, "SLOPE_LOWER", c->rrelu_lower);
     real(&t, "SLOPE_UPPER", c->rrelu_upper);
     line(&t, "#define RRELU %d\n#define BANDS_BY_LEVEL %d", c->rrelu_scope, c->bands_by_level);

@@ -144,7 +144,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
 
     *rays_used = n;
     *sample_count = 0;
-    CLN_TRY(CLN_RESERVE(p, intervals, rays * (size_t)CLN_MOST_INTERVALS(p->depth)));
+    CLN_TRY(CLN_RESERVE(p, intervals, rays * (size_t)p->most_intervals));
     CLN_TRY(CLN_RESERVE(p, used, rays));
     CLN_TRY(CLN_RESERVE(p, sample_counts, rays));
     CLN_TRY(CLN_RESERVE(p, sample_starts, rays + 1));

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/memory.h"
 #include "pipeline/stages.h"
 
@@ -51,17 +52,17 @@ static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
     cln_status st = CLN_OK;
     cl_uint *views = NULL;
     uint64_t next = 0;
-    const int count = p->batch_view_count;
+    const int count = p->batch_view_count, levels = cln_config_deepest(&p->config) + 1;
 
     *grids = NULL;
-    CLN_TRY(cln_alloc(grids, (size_t)count * CLN_LEVELS, sizeof **grids, "splat grids"));
+    CLN_TRY(cln_alloc(grids, (size_t)(count * levels), sizeof **grids, "splat grids"));
     CLN_TRY(cln_alloc(&views, (size_t)count, sizeof *views, "batch views"));
     for (int i = 0; i < p->host_rays; i++)
         views[p->host_pixels[i].pad] = p->host_pixels[i].view;
     for (int v = 0; v < count; v++)
-        for (int level = 0; level < CLN_LEVELS; level++) {
+        for (int level = 0; level < levels; level++) {
             const cln_device_camera *c = &p->host_cameras[views[v]];
-            cln_grid *grid = &(*grids)[v * CLN_LEVELS + level];
+            cln_grid *grid = &(*grids)[v * levels + level];
 
             *grid = make_grid(p, c, level);
             grid->first = (cl_uint)next;
@@ -76,7 +77,7 @@ static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
     }
     *lists = (cl_uint)next;
     CLN_TRY(CLN_PUT(p, batch_views, views, (size_t)count));
-    CLN_TRY(CLN_PUT(p, grids, *grids, (size_t)count * CLN_LEVELS));
+    CLN_TRY(CLN_PUT(p, grids, *grids, (size_t)(count * levels)));
 done:
     free(views);
     return st;

@@ -65,6 +65,7 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
     p->leaves = (int)leaves;
     CLN_TRY(cln_share_begin(p));
     p->depth = cln_octree_depth(tree);
+    CLN_TRY(cln_octree_most_intervals(tree, &p->most_intervals));
     CLN_TRY(cln_octree_boxes(tree, &boxes));
     CLN_TRY(cln_octree_map(tree, p->depth, &map));
     CLN_TRY(CLN_PUT(p, boxes, boxes, leaves));

@@ -78,7 +78,7 @@ void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta
 
 /* ---- a ray's way to its samples ---- */
 
-enum { REF_MOST_INTERVALS = 64, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
+enum { REF_MOST_INTERVALS = 256, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
 #define REF_NEAR 4e-6 /* float32 may decide differently on rays closer to an edge than this */
 
 /* Gives the stage-1 points of an interval of ray r, ascending, and the lengths that they

@@ -121,7 +121,7 @@ static void test_baselines(void **state)
                      "rrelu-lower rrelu-upper"},
     };
     const cln_config fast = preset("fast"), nerf = preset("nerf"), kilonerf = preset("kilonerf");
-    double fraction[6];
+    double fraction[CLN_LEVELS];
 
     (void)state;
     for (size_t k = 0; k < sizeof cases / sizeof cases[0]; k++) {
@@ -655,7 +655,7 @@ static void test_differs(void **state)
     assert_false(row_of("rays")->flags & CLN_ROW_FIXED);
 }
 
-static cln_status levels(const char *text, int start, double fraction[6])
+static cln_status levels(const char *text, int start, double fraction[CLN_LEVELS])
 {
     cln_config config = preset("fast");
 
@@ -666,7 +666,7 @@ static cln_status levels(const char *text, int start, double fraction[6])
 
 static void test_level_at(void **state)
 {
-    double f[6] = {9, 9, 9, 9, 9, 9};
+    double f[CLN_LEVELS] = {9, 9, 9, 9, 9, 9};
 
     (void)state;
     assert_int_equal(levels("3:0.08,4:0.25", 2, f), CLN_OK);

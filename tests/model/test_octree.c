@@ -13,6 +13,7 @@
 #include "base/rng.h"
 #include "device_abi.h"
 #include "model/octree.h"
+#include "reference/reference.h"
 #include "tests.h"
 
 enum { SEED = 20240607, ROW = 8 };
@@ -54,25 +55,28 @@ static int brute_find(const cln_octree *tree, const double point[3])
     return -1;
 }
 
-/* Invariants of any tree. */
 /* The box of an empty cell holds the cell and no leaf's cell; enlarged on any side it would hold
- * one. */
-static void check_empty_box(const int32_t *map, int n, const int cell[3], uint32_t entry)
+ * one, unless it is a node below the level of boxes. */
+static void check_empty_box(const int32_t *map, int depth, const int cell[3], int32_t entry)
 {
+    const int n = 1 << depth, unit = CLN_MAP_UNIT(depth), grown = CLN_MAP_IS_BOX(entry);
     int low[3], high[3];
 
+    assert_true(grown || CLN_MAP_LEVEL(entry) > CLN_BOX_LEVEL);
     for (int a = 0; a < 3; a++) {
-        low[a] = (int)CLN_MAP_LOW(entry, a);
-        high[a] = (int)CLN_MAP_HIGH(entry, a);
+        const int side = grown ? 0 : 1 << (depth - CLN_MAP_LEVEL(entry));
+
+        low[a] = grown ? (int)CLN_MAP_LOW((uint32_t)entry, a) << unit : cell[a] & -side;
+        high[a] = grown ? (int)CLN_MAP_HIGH((uint32_t)entry, a) << unit : low[a] + side;
         assert_true(low[a] >= 0 && low[a] <= cell[a] && cell[a] < high[a] && high[a] <= n);
     }
-    for (int side = -1; side < 6; side++) { /* -1: the box itself */
+    for (int side = -1; side < (grown ? 6 : 0); side++) { /* -1: the box itself */
         int from[3] = {low[0], low[1], low[2]}, to[3] = {high[0], high[1], high[2]}, leaves = 0;
 
         if (side >= 0 && (side < 3 ? low[side] == 0 : high[side - 3] == n))
             continue;
         if (side >= 0)
-            *(side < 3 ? &from[side] : &to[side - 3]) += side < 3 ? -1 : 1;
+            *(side < 3 ? &from[side] : &to[side - 3]) += (side < 3 ? -1 : 1) * (1 << unit);
         for (int z = from[2]; z < to[2]; z++)
             for (int y = from[1]; y < to[1]; y++)
                 for (int x = from[0]; x < to[0]; x++)
@@ -81,11 +85,13 @@ static void check_empty_box(const int32_t *map, int n, const int cell[3], uint32
     }
 }
 
+/* Invariants of any tree. */
 static void check_tree(const cln_octree *tree)
 {
     int32_t *map = NULL;
     float *boxes = NULL;
-    int depth = cln_octree_depth(tree), n = 1 << depth, deepest = 0;
+    int depth = cln_octree_depth(tree), n = 1 << depth, deepest = 0,
+        step = n > 32 ? n * n * n / 61 + 1 : 1;
     double volume = 0;
 
     assert_int_equal(cln_octree_boxes(tree, &boxes), CLN_OK);
@@ -106,7 +112,7 @@ static void check_tree(const cln_octree *tree)
     assert_true(volume <= 8);
     assert_int_equal(depth, deepest);
     assert_int_equal(cln_octree_map(tree, depth, &map), CLN_OK);
-    for (int i = 0; i < n * n * n; i++) {
+    for (int i = 0; i < n * n * n; i += step) {
         int cell[3] = {i % n, i / n % n, i / n / n};
         double centre[3];
         int slot = map[i] < 0 ? -1 : CLN_MAP_SLOT(map[i]);
@@ -117,7 +123,7 @@ static void check_tree(const cln_octree *tree)
         if (slot >= 0)
             assert_int_equal(CLN_MAP_LEVEL(map[i]), tree->level[tree->leaf[slot]]);
         else
-            check_empty_box(map, n, cell, (uint32_t)map[i]);
+            check_empty_box(map, depth, cell, map[i]);
     }
     free(map);
     free(boxes);
@@ -126,7 +132,7 @@ static void check_tree(const cln_octree *tree)
 static void test_full_trees(void **state)
 {
     (void)state;
-    for (int level = 0; level <= CLN_MAX_LEVEL; level++) {
+    for (int level = 0; level <= 5; level++) {
         cln_octree tree;
         int leaves = 1 << (3 * level);
         assert_int_equal(cln_octree_create(level, &tree), CLN_OK);
@@ -146,10 +152,79 @@ static void test_wrong_level(void **state)
     cln_octree tree;
 
     (void)state;
-    assert_int_equal(cln_octree_create(6, &tree), CLN_USAGE);
-    assert_non_null(strstr(cln_error_text(), "level 6"));
+    assert_int_equal(cln_octree_create(CLN_MAX_LEVEL + 1, &tree), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "level 9"));
     cln_clear_error();
     cln_octree_free(&tree); /* a failed one is empty */
+}
+
+/* No line meets more leaves than is said. */
+static void check_lines(const cln_octree *tree, uint32_t *counter)
+{
+    int most = 0;
+
+    assert_int_equal(cln_octree_most_intervals(tree, &most), CLN_OK);
+    for (int i = 0; i < 200; i++) {
+        double o[3], d[3], length = 0;
+
+        for (int a = 0; a < 3; a++) {
+            o[a] = draw(counter) / 0x1p31 - 1;
+            d[a] = draw(counter) / 0x1p31 - 1;
+            length = hypot(length, d[a]);
+        }
+        for (int a = 0; a < 3; a++) {
+            d[a] /= length;
+            o[a] -= 4 * d[a];
+        }
+        assert_true(ref_intervals(tree, o, d, NULL, 0) <= most);
+    }
+}
+
+/* A whole tree of level 2 whose leaves around a point are split down to `level`. */
+static void make_deep(int level, const double point[3], cln_octree *tree)
+{
+    assert_int_equal(cln_octree_create(2, tree), CLN_OK);
+    while (cln_octree_depth(tree) < level) {
+        cln_octree_change change;
+        uint8_t *marks = calloc((size_t)tree->leaf_count, 1);
+
+        marks[cln_octree_find(tree, point)] = 1;
+        assert_int_equal(cln_octree_split(tree, marks, &change), CLN_OK);
+        cln_octree_change_free(&change);
+        free(marks);
+    }
+}
+
+/* Trees deeper than whole ones may be, and their maps with holes of all sizes. */
+static void test_deep(void **state)
+{
+    static const double points[][3] = {{0.999, 0.999, 0.999}, {0.01, -0.01, 0.3}, {-0.5, 0.7, -1}};
+    uint32_t counter = 7;
+    int most = 0;
+    cln_octree tree;
+
+    (void)state;
+    for (int level = 6; level <= CLN_MAX_LEVEL; level++) {
+        cln_octree_change change;
+        uint8_t *marks = NULL;
+
+        make_deep(level, points[level - 6], &tree);
+        assert_int_equal(tree.leaf_count, 64 + 7 * (level - 2));
+        check_lines(&tree, &counter);
+        marks = calloc((size_t)tree.leaf_count, 1);
+        for (int s = 0; s < tree.leaf_count; s++)
+            marks[s] = draw(&counter) % 8 < 7 && tree.level[tree.leaf[s]] < level;
+        assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
+        cln_octree_change_free(&change);
+        free(marks);
+        check_tree(&tree);
+        check_lines(&tree, &counter);
+        cln_octree_free(&tree);
+    }
+    assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
+    assert_int_equal(cln_octree_most_intervals(&tree, &most), CLN_OK);
+    assert_int_equal(most, 15); /* 5 planes along each axis */
+    cln_octree_free(&tree);
 }
 
 static void test_membership(void **state)
@@ -215,8 +290,9 @@ static void test_split_stops_at_deepest(void **state)
     assert_int_equal(cln_octree_split(&tree, NULL, &change), CLN_OK);
     for (int s = 0; s < tree.leaf_count; s++)
         if (tree.level[tree.leaf[s]] == CLN_MAX_LEVEL && change.octant[s] < 0)
-            assert_true(change.from[s] >= 36 - 8); /* the eight deepest were last and stay last */
-    assert_int_equal(tree.leaf_count, 8 + 28 * 8);
+            assert_true(change.from[s] >=
+                        1 + 7 * CLN_MAX_LEVEL - 8); /* the eight deepest were last and stay last */
+    assert_int_equal(tree.leaf_count, 8 + 7 * (CLN_MAX_LEVEL - 1) * 8);
     cln_octree_change_free(&change);
     cln_octree_free(&tree);
 }
@@ -502,6 +578,7 @@ int test_group_octree(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_full_trees),
         cmocka_unit_test(test_wrong_level),
+        cmocka_unit_test(test_deep),
         cmocka_unit_test(test_membership),
         cmocka_unit_test(test_split),
         cmocka_unit_test(test_split_stops_at_deepest),

@@ -168,9 +168,29 @@ static void test_random_rays(void **state)
     test_report("samples of random rays");
 }
 
-/* In full trees of all levels exactly the leaves that the reference finds on a special ray have
- * samples. On faces and edges float32 may choose the neighbour; there lengths must agree. */
-static void check_special(int set, int level)
+/* Splits the leaves on both sides of the cube's centre until there are some of level `deepest`. */
+static void deepen(cln_model *model, int deepest)
+{
+    static const double sides[2][3] = {{1e-3, 1e-3, 1e-3}, {-1e-3, -1e-3, -1e-3}};
+
+    while (cln_octree_depth(&model->tree) < deepest) {
+        cln_octree_change change = {0};
+        uint8_t *marks = test_alloc((size_t)model->tree.leaf_count, 1);
+
+        memset(marks, 0, (size_t)model->tree.leaf_count);
+        for (int i = 0; i < 2; i++)
+            marks[cln_octree_find(&model->tree, sides[i])] = 1;
+        assert_ok(cln_octree_split(&model->tree, marks, &change));
+        assert_ok(cln_model_apply(model, &change));
+        cln_octree_change_free(&change);
+        free(marks);
+    }
+}
+
+/* In full trees of all levels, and in deeper ones, exactly the leaves that the reference finds on a
+ * special ray have samples. On faces and edges float32 may choose the neighbour; there lengths must
+ * agree. */
+static void check_special(int set, int level, int deepest)
 {
     const sampling_case *c = &cases[0];
     cln_config config = config_of(c);
@@ -181,10 +201,12 @@ static void check_special(int set, int level)
     cln_model model;
 
     config.n1 = 2;
+    config.max_level = deepest;
     p = test_pipeline(&tune_sets[set], &config, false, false);
     config.start_level = level;
     sampling.min_transmittance = 0;
     assert_ok(cln_model_create(&config, &model));
+    deepen(&model, deepest);
     for (int r = 0; r < SPECIAL_RAYS; r++) {
         unit(special[r] + 3, d[r]);
         for (int a = 0; a < 3; a++)
@@ -215,9 +237,9 @@ static void check_special(int set, int level)
             filled += (double)s->delta;
         }
         if (!(fabs(length - filled) <= within * (n + 1)))
-            fail_msg("level %d, ray %d: samples cover %.9g of %.9g", level, r, filled, length);
+            fail_msg("level %d, ray %d: samples cover %.9g of %.9g", deepest, r, filled, length);
         if (leaves != n)
-            fail_msg("level %d, ray %d: samples in %d leaves, not %d", level, r, leaves, n);
+            fail_msg("level %d, ray %d: samples in %d leaves, not %d", deepest, r, leaves, n);
     }
     device_samples_free(&got);
     cln_model_free(&model);
@@ -227,7 +249,9 @@ static void test_special_rays(void **state)
 {
     (void)state;
     for (int level = 0; level <= 5; level++)
-        check_special(level % TUNE_SETS, level);
+        check_special(level % TUNE_SETS, level, level);
+    for (int level = 6; level <= CLN_MAX_LEVEL; level++)
+        check_special(level % TUNE_SETS, 2, level);
 }
 
 /* Rays from corner to corner of cells through a tree full of holes: every step may round to either

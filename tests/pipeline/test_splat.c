@@ -593,7 +593,7 @@ static void test_splat_like_gather(void **state)
 /* Optical depths by the device of the intervals of `slot`: number and sum. */
 static double sum_depths(cln_pipeline *p, int slot, int *number)
 {
-    const size_t most = (size_t)CLN_MOST_INTERVALS(p->depth) * RAYS;
+    const size_t most = (size_t)p->most_intervals * RAYS;
     cln_interval *all = test_alloc(most, sizeof *all);
     uint32_t *used = test_alloc(RAYS, sizeof *used);
     double sum = 0;

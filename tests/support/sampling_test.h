@@ -35,7 +35,7 @@ static inline void device_samples_free(device_samples *d)
 static inline void run_stage(cln_pipeline *p, int rays, const cln_sampling *s, device_samples *out)
 {
     const size_t n = (size_t)rays, word = sizeof(uint32_t);
-    const size_t intervals = n * (size_t)CLN_MOST_INTERVALS(p->depth) * sizeof(cln_interval);
+    const size_t intervals = n * (size_t)p->most_intervals * sizeof(cln_interval);
     cln_device *device = p->device;
     cln_sample *first = NULL;
     uint32_t count = 0;
