@@ -3,7 +3,7 @@
  * new ones (host/pipeline/carry.c; the host's twin is cln_model_apply). A group takes a leaf.
  *
  *   places[leaf] = (old leaf, octant): octant -1: the same leaf; k >= 0: child k of the old one;
- *                  -2 - k: the parent of the old one, its child k
+ *                  -2 - k: the parent of the old one, its child k; -10: of none
  *
  * SG  work-items of a group
  */
@@ -37,7 +37,7 @@ HELPER uint nearest(uint at, uint n1, int octant, uint upper)
     return (uint)clamp((int)(2u * at + 1u) - (int)(upper * n1), 0, (int)n1 - 1);
 }
 
-/* Stage 1's densities: those of the nearest cells. */
+/* Stage 1's densities: those of the nearest cells, or 0. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
 carry_densities(LEAF_ARRAY(const ushort, from), /* [leaf][n1 z][n1 y][n1 x] */
                 LEAF_ARRAY(ushort, to),
@@ -54,6 +54,6 @@ carry_densities(LEAF_ARRAY(const ushort, from), /* [leaf][n1 z][n1 y][n1 x] */
         const uint y = nearest(i / n1 % n1, n1, place.y, child >> 1 & 1u);
         const uint z = nearest(i / (n1 * n1), n1, place.y, child >> 2 & 1u);
 
-        new[i] = old[(z * n1 + y) * n1 + x];
+        new[i] = place.y == -10 ? (ushort)0 : old[(z * n1 + y) * n1 + x];
     }
 }

@@ -126,6 +126,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     INT(cull_after, "cull-after", 0, 512, 0, 1000000,                                           \
         "no culling in so many steps after the start or a growth of the tree",                  \
         .flags = CLN_ROW_LATER)                                                                 \
+    REAL(regrow, "regrow", 0, 0.7, 0, 1,                                                        \
+         "after growth, culled leaves come back where this share of the photos has errors (0: "  \
+         "never)",                                                                              \
+         .flags = CLN_ROW_LATER)                                                                \
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
          "mean density of a leaf: over samples that a view sees, or weighted by how well")      \
     BOOL(adaptive, "adaptive", true, true,                                                      \

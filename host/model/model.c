@@ -236,6 +236,8 @@ cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
             cln_network_fold(&model->net, from, octant, params + s * stride);
             if (grid)
                 densities_of_child(n1, old, octant, grid);
+        } else if (octant == CLN_FRESH) {
+            cln_network_init(&model->net, &model->config, params + s * stride);
         } else if (octant == CLN_COPIED) {
             memcpy(params + s * stride, from, stride * sizeof *params);
             if (grid)

@@ -151,8 +151,11 @@ static int collect(const cln_octree *tree, int node, int32_t *leaf, int count)
     return count;
 }
 
+/* The slot of a new leaf that comes from no old one, until renumber(). */
+enum { FRESH_SLOT = -2 };
+
 /* Numbers the leaves anew into `leaf`, which the tree takes over (it has room for all), and writes
- * into `change` (may be NULL) where each comes from: its own old slot or its parent's. */
+ * into `change` (may be NULL) where each comes from: its own old slot or its parent's, or none. */
 static void renumber(cln_octree *tree, int32_t *leaf, cln_octree_change *change)
 {
     free(tree->leaf);
@@ -163,6 +166,9 @@ static void renumber(cln_octree *tree, int32_t *leaf, cln_octree_change *change)
         if (old >= 0) {
             change->from[s] = old;
             change->octant[s] = CLN_COPIED;
+        } else if (old == FRESH_SLOT) {
+            change->from[s] = s > 0 ? change->from[s - 1] : 0;
+            change->octant[s] = CLN_FRESH;
         } else {
             int parent = tree->parent[node];
             change->from[s] = tree->slot[parent];
@@ -254,6 +260,90 @@ cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_cha
             tree->child[i] = -1;
         }
     }
+    renumber(tree, leaf, change);
+    leaf = NULL;
+done:
+    free(leaf);
+    return st;
+}
+
+static size_t cell_at(int x, int y, int z, int n)
+{
+    return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
+}
+
+/* Cells [low, high) of a node in the map at `depth`; the cell it is in, if that is larger. */
+static void cells_of(const cln_octree *tree, int node, int depth, int low[3], int high[3])
+{
+    const int finer = depth - tree->level[node];
+
+    for (int a = 0; a < 3; a++) {
+        low[a] = finer >= 0 ? tree->pos[node][a] << finer : tree->pos[node][a] >> -finer;
+        high[a] = low[a] + (finer > 0 ? 1 << finer : 1);
+    }
+}
+
+/* Marked cells that cln_octree_regrow() makes leaves of. */
+typedef struct regrowth {
+    const uint8_t *cells;
+    int depth, level;
+    const uint8_t *empty; /* [old slot] */
+} regrowth;
+
+static bool has_marked(const cln_octree *tree, int node, const regrowth *g)
+{
+    int low[3], high[3];
+
+    cells_of(tree, node, g->depth, low, high);
+    for (int z = low[2]; z < high[2]; z++)
+        for (int y = low[1]; y < high[1]; y++)
+            for (int x = low[0]; x < high[0]; x++)
+                if (g->cells[cell_at(x, y, z, 1 << g->depth)])
+                    return true;
+    return false;
+}
+
+static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
+{
+    cln_status st = CLN_OK;
+
+    if (tree->state[node] != CLN_NODE_INNER && !has_marked(tree, node, g))
+        return CLN_OK;
+    if (tree->state[node] == CLN_NODE_ACTIVE) {
+        if (g->empty[tree->slot[node]])
+            tree->slot[node] = FRESH_SLOT;
+        return CLN_OK;
+    }
+    if (tree->state[node] == CLN_NODE_CULLED && tree->level[node] >= g->level) {
+        tree->state[node] = CLN_NODE_ACTIVE;
+        tree->strikes[node] = 0;
+        tree->slot[node] = FRESH_SLOT;
+        tree->leaf_count++;
+        return CLN_OK;
+    }
+    if (tree->state[node] == CLN_NODE_CULLED) {
+        CLN_TRY(reserve(tree, 8));
+        add_children(tree, node);
+        for (int i = 0; i < 8; i++)
+            tree->state[tree->child[node] + i] = CLN_NODE_CULLED;
+    }
+    for (int i = 0; i < 8; i++)
+        CLN_TRY(regrow_under(tree, tree->child[node] + i, g));
+done:
+    return st;
+}
+
+cln_status cln_octree_regrow(cln_octree *tree, const uint8_t *cells, int depth, int level,
+                             const uint8_t *empty, cln_octree_change *change)
+{
+    cln_status st = CLN_OK;
+    const regrowth g = {cells, depth, level, empty};
+    int32_t *leaf = NULL;
+
+    memset(change, 0, sizeof *change);
+    CLN_TRY(regrow_under(tree, 0, &g)); /* counts the leaves */
+    CLN_TRY(cln_alloc(&leaf, (size_t)tree->leaf_count, sizeof *leaf, "octree leaves"));
+    CLN_TRY(change_alloc(tree->leaf_count, change));
     renumber(tree, leaf, change);
     leaf = NULL;
 done:
@@ -401,28 +491,12 @@ int cln_octree_find(const cln_octree *tree, const double point[3])
     return tree->state[node] == CLN_NODE_ACTIVE ? tree->slot[node] : -1;
 }
 
-static size_t cell_at(int x, int y, int z, int n)
-{
-    return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
-}
-
 static void fill_box(int32_t *map, int n, const int low[3], const int high[3], int32_t value)
 {
     for (int z = low[2]; z < high[2]; z++)
         for (int y = low[1]; y < high[1]; y++)
             for (int x = low[0]; x < high[0]; x++)
                 map[cell_at(x, y, z, n)] = value;
-}
-
-/* Cells [low, high) of a node in the map at `depth`; the cell it is in, if that is larger. */
-static void cells_of(const cln_octree *tree, int node, int depth, int low[3], int high[3])
-{
-    const int finer = depth - tree->level[node];
-
-    for (int a = 0; a < 3; a++) {
-        low[a] = finer >= 0 ? tree->pos[node][a] << finer : tree->pos[node][a] >> -finer;
-        high[a] = low[a] + (finer > 0 ? 1 << finer : 1);
-    }
 }
 
 /* sums[z][y][x], (n + 1)^3, of zeros: makes it the number of cells with a leaf below (x, y, z); the

@@ -34,8 +34,10 @@ typedef struct cln_octree {
 /* A change of the tree by slots: new slot s comes from old slot from[s], as
  *   octant[s] = CLN_COPIED             the same leaf
  *   octant[s] = k in 0..7              its child k (a split: fold)
- *   octant[s] = CLN_MERGED - k         the parent of the old leaf, its child k (a merge: unfold) */
-enum { CLN_COPIED = -1, CLN_MERGED = -2 };
+ *   octant[s] = CLN_MERGED - k         the parent of the old leaf, its child k (a merge: unfold)
+ *   octant[s] = CLN_FRESH              of no leaf: a network as at step 0; from[s] is a neighbour's,
+ *                                      so that from[] ascends */
+enum { CLN_COPIED = -1, CLN_MERGED = -2, CLN_FRESH = CLN_MERGED - 8 };
 typedef struct cln_octree_change {
     int count;      /* new leaf_count */
     int32_t *from;  /* [count] */
@@ -61,6 +63,12 @@ bool cln_octree_can_merge(const cln_octree *tree, int slot);
  * comes from the sibling of the largest weight[slot]. CLN_INTERNAL if a group may not merge. */
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
+
+/* Makes leaves of `level` in CULLED nodes again, where cells are marked: cells[(z n + y) n + x], n =
+ * 2^depth; of a node that is deeper, itself. Leaves with a marked cell that are `empty` [slot] begin
+ * anew. */
+cln_status cln_octree_regrow(cln_octree *tree, const uint8_t *cells, int depth, int level,
+                             const uint8_t *empty, cln_octree_change *change);
 
 /* Joins two successive changes: *change becomes *change, then `next`. A leaf is new in at most one
  * of them. CLN_MEMORY. */

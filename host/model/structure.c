@@ -37,6 +37,14 @@ int cln_structure_marked(const cln_octree *tree, const cln_config *config, uint8
     return 0;
 }
 
+void cln_structure_empty(const cln_octree *tree, const cln_leaf_stats *stats,
+                         const cln_config *config, uint8_t *empty)
+{
+    for (int s = 0; s < tree->leaf_count; s++)
+        empty[s] = is_empty(config, stats->mean[s], stats->peak[s],
+                            2.0 / (1 << tree->level[tree->leaf[s]]));
+}
+
 int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,
                        uint8_t *cull)
 {

@@ -18,6 +18,10 @@ typedef struct cln_leaf_stats {
 int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,
                        uint8_t *cull);
 
+/* Marks the leaves that are empty now, by the means and guards of cln_structure_cull, [slot]. */
+void cln_structure_empty(const cln_octree *tree, const cln_leaf_stats *stats,
+                         const cln_config *config, uint8_t *empty);
+
 /* Marks the leaves that the checks so far would cull, [slot], and counts them; none if these are
  * all leaves. */
 int cln_structure_marked(const cln_octree *tree, const cln_config *config, uint8_t *cull);

@@ -2,7 +2,7 @@
  * exists twice:
  *
  *   1. kernels/carry.cl gathers the successor's rows from the old array
- *   2. weights of new leaves are folded on the host (model/fold.c, in double): only their old
+ *   2. weights of new leaves are folded, or made, on the host (model/fold.c, in double): only their old
  *      leaves' rows are read, only their own are written
  *   3. the old array is freed */
 #include "pipeline/carry.h"
@@ -13,7 +13,7 @@
 #include "base/memory.h"
 #include "pipeline/share.h"
 
-_Static_assert(CLN_COPIED == -1 && CLN_MERGED == -2, "as kernels/carry.cl has them");
+_Static_assert(CLN_COPIED == -1 && CLN_MERGED == -2 && CLN_FRESH == -10, "as kernels/carry.cl has them");
 
 typedef struct carry {
     cln_pipeline *p;
@@ -128,7 +128,9 @@ static cln_status fold(const carry *c, const cln_buffer *old, const cln_buffer *
             const float *from = parents + (size_t)(change->from[s + i] - first) * row;
             const int octant = change->octant[s + i];
 
-            if (octant >= 0)
+            if (octant == CLN_FRESH)
+                cln_network_init(net, &c->p->config, children + (size_t)i * row);
+            else if (octant >= 0)
                 cln_network_fold(net, from, octant, children + (size_t)i * row);
             else
                 cln_network_unfold(net, from, CLN_MERGED - octant, children + (size_t)i * row);

@@ -7,10 +7,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "device/queue.h"
 #include "train/distil.h"
+#include "train/regrow.h"
 #include "train/step.h"
 #include "model/integer_program.h"
 #include "model/structure.h"
@@ -185,6 +187,64 @@ done:
     free(marks);
     cln_octree_change_free(&change);
     cln_octree_change_free(&splits);
+    return st;
+}
+
+/* It is not looked for what is missing if less than one leaf in FREE_PART is free. */
+enum { FREE_PART = 64 };
+
+/* Brings leaves back where something is missing, all or none if there is no room. */
+static cln_status regrow(cln_trainer *t, bool *regrown)
+{
+    cln_status st = CLN_OK;
+    const int leaves = t->pipeline.leaves;
+    const double began = cln_now();
+    const int most = cln_config_most_leaves(&t->model.config);
+    uint8_t *cells = NULL, *empty = NULL;
+    int count = 0, fresh = 0;
+    cln_leaf_stats stats = {0};
+    cln_octree_change change = {0};
+    plans next;
+    double full = 0;
+
+    *regrown = false;
+    if (t->model.config.regrow <= 0 || most - leaves < most / FREE_PART)
+        return CLN_OK;
+    CLN_TRY(cln_step_catch_up(t));
+    CLN_TRY(cln_alloc(&empty, (size_t)leaves, 1, "leaf marks"));
+    CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
+    cln_structure_empty(&t->model.tree, &stats, &t->model.config, empty);
+    CLN_TRY(cln_regrow_find(t, empty, &cells, &count));
+    if (count == 0)
+        goto done;
+    make_plans(t, leaves + count, &next);
+    full = check_plans(t, &next) != CLN_OK;
+    cln_clear_error();
+    cln_ranks_largest(&full, 1);
+    if (full || leaves + count > most) {
+        cln_debug("step %lld: no room to bring back up to %d leaves", (long long)t->model.step,
+                  count);
+        goto done;
+    }
+    CLN_TRY(cln_octree_regrow(&t->model.tree, cells, CLN_REGROW_LEVEL, t->model.level, empty,
+                              &change));
+    for (int s = 0; s < change.count; s++)
+        fresh += change.octant[s] == CLN_FRESH;
+    CLN_TRY(cln_model_follow(&t->model, &change));
+    adopt_plans(t, &next);
+    CLN_TRY(carry(t, &change));
+    CLN_TRY(restart_measures(t));
+    t->model.growth_step = t->model.step; /* densities change fast */
+    t->model.last_square = 0;
+    *regrown = true;
+    cln_debug("step %lld: something is missing: %d leaves begin anew, %d leaves; %.2f s",
+              (long long)t->model.step, fresh, t->pipeline.leaves, cln_now() - began);
+done:
+    free(cells);
+    free(empty);
+    free(stats.mean);
+    free(stats.peak);
+    cln_octree_change_free(&change);
     return st;
 }
 
@@ -521,11 +581,14 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
     const int64_t refresh_age = t->model.step - t->model.refresh_step;
     cln_pipeline *p = &t->pipeline;
     const bool fixed = c->tree_from[0] != 0;
-    bool grown = false, full = false, decision = false;
+    bool grown = false, regrown = false, full = false, decision = false;
     int moved = 0;
 
-    if (!fixed && t->model.level < cln_structure_level(c, fraction))
+    if (!fixed && t->model.level < cln_structure_level(c, fraction)) {
+        if (t->model.step > 0)
+            CLN_TRY(regrow(t, &regrown));
         CLN_TRY(grow(t, &grown));
+    }
     decision = !grown && decision_comes(t, fraction);
     if (grown || decision || t->model.step == 0 ||
         (!c->rolling_refresh && refresh_age >= refresh_interval(t))) {
@@ -545,6 +608,10 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         CLN_TRY(cull(t, decision));
     if (decision)
         CLN_TRY(wait_or_decide(t));
+    if (decision)
+        CLN_TRY(regrow(t, &regrown));
+    if (decision && regrown)
+        CLN_TRY(refresh(t, 0, p->leaves));
     if (full && t->model.step > 0) {
         CLN_TRY(cln_share_balance(p, &moved));
         if (moved > 0)

@@ -459,6 +459,34 @@ section_structure() {
     else
         skip "a MIP solver finds the same optimum" "no glpsol"
     fi
+    section_regrow
+}
+
+# A tree that is culled down to one leaf after half of its steps, just before it grows: what is
+# missing comes back, unless that is switched off; and a resumed run decides alike.
+section_regrow() {
+    local share culled=(--skip-selftest --progress none --steps 320 --level-at 3:0.515 --cull mean
+        --cull-mean 6 --cull-from 0.05 --cull-after 160 --refresh-every 16 --no-adaptive --rays 512
+        --batch-samples 8192 -v)
+    scene missing --size 48 --train 20 --test 3
+    for share in 0 0.7; do
+        run "$cln" train "$work/missing" -o "$work/regrow$share" "${culled[@]}" --regrow $share
+        check "nearly all leaves are culled (--regrow $share)" grep -q "culled 6[0-9] of 64" \
+            "$work/err"
+        cp "$work/err" "$work/regrow$share.log"
+    done
+    check "what is missing is found" grep -q "something is missing: [1-9]" "$work/regrow0.7.log"
+    check "but not looked for without --regrow" eval '! grep -q missing: "$work/regrow0.log"'
+    check "and learnt again" number_above \
+        "$("$query" result.psnr_test <"$work/regrow0.7/run.json")" \
+        "$("$query" result.psnr_test <"$work/regrow0/run.json" | awk '{ print $1 + 4 }')"
+    start "$cln" train "$work/missing" -o "$work/regrow-half" "${culled[@]}" --log-every 1
+    wait_for 60 rows_of "$work/regrow-half" 100
+    kill -INT "$child" 2>/dev/null
+    finish
+    run "$cln" train --resume "$work/regrow-half" --skip-selftest --progress none
+    check "a resumed run finds the same" \
+        eval '[ $rc = 0 ] && [ "$(digest "$work/regrow-half")" = "$(digest "$work/regrow0.7")" ]'
 }
 
 section_resume() {

@@ -435,6 +435,63 @@ static void same_tree(const cln_octree *a, const cln_octree *b)
         assert_memory_equal(a->leaf, b->leaf, (size_t)a->leaf_count * sizeof *a->leaf);
 }
 
+/* Culled places come back as leaves of a level where cells are marked, and empty leaves with marked
+ * cells begin anew; all others stay as they are. */
+static void test_regrow(void **state)
+{
+    enum { N = 8 };
+    uint8_t marks[64] = {0}, empty[64] = {0}, cells[N * N * N] = {0};
+    cln_octree tree;
+    cln_octree_change change;
+    int fresh = 0;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
+    memset(marks, 1, 8); /* the group at the lowest corner, [-1, 0)^3, which collapses */
+    marks[63] = 1;       /* the leaf at the highest corner */
+    assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    assert_int_equal(cln_octree_regrow(&tree, cells, 3, 3, empty, &change), CLN_OK);
+    assert_int_equal(change.count, 55); /* no marks, no change */
+    for (int s = 0; s < 55; s++)
+        assert_true(change.octant[s] == CLN_COPIED && change.from[s] == s);
+    cln_octree_change_free(&change);
+
+    cells[0] = cells[1] = 1;                 /* two cells of level 3 in the group */
+    cells[(3 * N + 3) * N + 3] = 1;          /* another, in its last child */
+    cells[N * N * N - 1] = 1;                /* one in the leaf at the highest corner */
+    cells[4] = 1;                            /* in the first two leaves of the second group */
+    cells[6] = 1;
+    empty[0] = 1;
+    assert_int_equal(cln_octree_regrow(&tree, cells, 3, 3, empty, &change), CLN_OK);
+    assert_int_equal(tree.leaf_count, 55 + 4);
+    check_tree(&tree);
+    for (int s = 0; s < change.count; s++) {
+        float box[4];
+        const bool new = s < 3 || s == 58, anew = s == 3;
+
+        cln_octree_box(&tree, tree.leaf[s], box);
+        assert_true(box[3] == (new ? 0.25f : 0.5f));
+        assert_int_equal(change.octant[s], new || anew ? CLN_FRESH : CLN_COPIED);
+        assert_true(s == 0 || change.from[s] >= change.from[s - 1]);
+        if (change.octant[s] == CLN_COPIED)
+            assert_int_equal(change.from[s], s - 3);
+        fresh += change.octant[s] == CLN_FRESH;
+    }
+    assert_int_equal(fresh, 5);
+    assert_int_equal(cln_octree_find(&tree, (double[3]){-0.9, -0.9, -0.9}), 0);
+    assert_int_equal(cln_octree_find(&tree, (double[3]){-0.9, -0.6, -0.9}), -1);
+    cln_octree_change_free(&change);
+
+    cells[2] = 1; /* a level above that of the culled nodes: those themselves come back */
+    memset(empty, 0, sizeof empty);
+    assert_int_equal(cln_octree_regrow(&tree, cells, 3, 1, empty, &change), CLN_OK);
+    assert_int_equal(tree.leaf_count, 60);
+    check_tree(&tree);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+}
+
 /* A random history of splits and culls; checks every change against the previous boxes. */
 static void random_tree(uint32_t *counter, cln_octree *tree)
 {
@@ -583,6 +640,7 @@ int test_group_octree(void)
         cmocka_unit_test(test_split),
         cmocka_unit_test(test_split_stops_at_deepest),
         cmocka_unit_test(test_cull_collapses),
+        cmocka_unit_test(test_regrow),
         cmocka_unit_test(test_merge),
         cmocka_unit_test(test_merge_one_of_two),
         cmocka_unit_test(test_random_histories),

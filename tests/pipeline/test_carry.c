@@ -1,4 +1,5 @@
-/* Changes of the tree on the device. Tested: after any history of merges, splits and culls, the
+/* Changes of the tree on the device. Tested: after any history of merges, splits, culls and returns of
+ * culled leaves, the
  * device's model equals bit for bit the host's (cln_model_apply), in one buffer and in parts, with
  * both kinds of moments; a change frees the memory it allocates. Oracle: model/model.c. */
 #include <stdarg.h>
@@ -12,6 +13,8 @@
 #include "tests.h"
 
 enum { ROUNDS = 7 };
+
+static const uint8_t all_cells = 1; /* the one cell of depth 0 */
 
 /* The same change in both models; `other` only follows: the device holds its weights. */
 static void change_both(cln_model *host, cln_model *other, const uint8_t *marks, int kind,
@@ -30,8 +33,10 @@ static void change_both(cln_model *host, cln_model *other, const uint8_t *marks,
             assert_ok(cln_octree_merge(&models[i]->tree, marks, weight, out));
         else if (kind == 1)
             assert_ok(cln_octree_split(&models[i]->tree, marks, out));
-        else
+        else if (kind == 2)
             assert_ok(cln_octree_cull(&models[i]->tree, marks, out));
+        else /* all cells are marked: every culled node comes back, every marked leaf begins anew */
+            assert_ok(cln_octree_regrow(&models[i]->tree, &all_cells, 0, 0, marks, out));
     }
     assert_ok(cln_model_apply(host, change));
     assert_ok(cln_model_follow(other, &again));
@@ -99,7 +104,7 @@ static bool check_history(const tune_set *set, int64_t step, int room)
     cln_model host, other;
     cln_pipeline p;
     bool began_whole = true, in_parts = false;
-    int met[3] = {0};
+    int met[4] = {0};
 
     make_model(step, &host);
     make_model(step, &other);
@@ -119,6 +124,9 @@ static bool check_history(const tune_set *set, int64_t step, int room)
         if (round == 2) { /* growth: split all leaves */
             memset(marks, 1, (size_t)host.tree.leaf_count);
             change_both(&host, &other, marks, 1, &change);
+        } else if (round == 5) {
+            mark(&host.tree, NULL, 2, &counter, marks);
+            change_both(&host, &other, marks, 3, &change);
         } else if (round % 3 == 1) {
             mark(&host.tree, NULL, 2, &counter, marks);
             change_both(&host, &other, marks, 2, &change);
@@ -130,7 +138,10 @@ static bool check_history(const tune_set *set, int64_t step, int room)
             assert_ok(cln_octree_change_join(&change, &next));
         }
         for (int s = 0; s < change.count; s++)
-            met[change.octant[s] == CLN_COPIED ? 0 : change.octant[s] >= 0 ? 1 : 2]++;
+            met[change.octant[s] == CLN_COPIED  ? 0
+                : change.octant[s] == CLN_FRESH ? 3
+                : change.octant[s] >= 0         ? 1
+                                                : 2]++;
         assert_ok(cln_pipeline_rebuild(&p, other.tree.leaf_count));
         assert_ok(cln_pipeline_carry(&p, &other.tree, &change));
         assert_ok(cln_pipeline_download(&p, &other, true));
@@ -142,9 +153,9 @@ static bool check_history(const tune_set *set, int64_t step, int room)
         cln_octree_change_free(&next);
         free(marks);
     }
-    print_message("%s: %d leaves kept, %d split off, %d merged, %s\n", set->name, met[0], met[1],
-                  met[2], in_parts ? "in parts" : "whole");
-    assert_true(began_whole && met[0] > 0 && met[1] > 0 && met[2] > 0);
+    print_message("%s: %d leaves kept, %d split off, %d merged, %d fresh, %s\n", set->name, met[0],
+                  met[1], met[2], met[3], in_parts ? "in parts" : "whole");
+    assert_true(began_whole && met[0] > 0 && met[1] > 0 && met[2] > 0 && met[3] > 0);
     device->max_alloc = largest;
     device->spoil = false;
     cln_pipeline_free(&p);

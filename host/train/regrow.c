@@ -1,0 +1,233 @@
+/* Finds culled places where something is missing. See regrow.h. */
+#include "train/regrow.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "device/queue.h"
+#include "render/ray_batch.h"
+#include "train/step.h"
+
+enum {
+    MOST_VIEWS = 48,     /* photos looked at, evenly chosen */
+    MOST_RAYS = 1 << 16, /* rays in all of them */
+    LEAST_SEEN = 3,      /* photos that must see a place */
+    POINTS = 3,          /* places of a cell along an axis */
+    LEAST_POINTS = 2,    /* of a cell's POINTS^3 that must show errors */
+};
+
+/* An error is one of more than twice the root mean square, within these bounds. */
+static const double LEAST_ERROR = 0.1, LARGE_ERROR = 0.25;
+
+/* What one photo says, at every stride-th pixel of every stride-th row. */
+typedef struct look {
+    const cln_view *view;
+    int across, down;
+    float *error; /* [down][across] largest difference of colour, or of opacity from alpha */
+    float *depth; /* cube units along the ray, INFINITY where it meets nothing */
+} look;
+
+typedef struct looks {
+    int count, stride;
+    look look[MOST_VIEWS];
+    double square; /* sum of errors' squares */
+    int64_t rays;
+} looks;
+
+static void free_looks(looks *all)
+{
+    for (int i = 0; i < all->count; i++) {
+        free(all->look[i].error);
+        free(all->look[i].depth);
+    }
+}
+
+static int view_at(const cln_scene *scene, int i, int count)
+{
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+
+    return cln_scene_split_view(scene, CLN_SPLIT_TRAIN, (int)((int64_t)i * views / count));
+}
+
+static int stride_of(const cln_scene *scene, int count)
+{
+    double pixels = 0;
+
+    for (int i = 0; i < count; i++) {
+        const cln_camera *c = &scene->views[view_at(scene, i, count)].camera;
+
+        pixels += (double)c->width * c->height;
+    }
+    return (int)fmax(1, ceil(sqrt(pixels / MOST_RAYS)));
+}
+
+/* Compares n rendered rays, the look's from `first` on. */
+static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
+{
+    const bool has_alpha = l->view->channels == 4;
+
+    for (int i = 0; i < n; i++) {
+        const cln_ray_result *got = &t->results[i];
+        const cln_pixel *pixel = &t->batch.pixels[i];
+        const float rgb[3] = {got->r, got->g, got->b};
+        float want[3], alpha = 1, error = 0;
+
+        l->depth[first + i] = got->opacity >= 0.5f ? got->depth : INFINITY;
+        if (!cln_view_keeps(l->view, (int)pixel->x, (int)pixel->y))
+            continue;
+        cln_view_pixel(l->view, (int)pixel->x, (int)pixel->y, t->scene->background, want, &alpha);
+        for (int k = 0; k < 3; k++)
+            error = fmaxf(error, fabsf(rgb[k] - want[k]));
+        if (has_alpha)
+            error = fmaxf(error, fabsf(got->opacity - alpha));
+        l->error[first + i] = error;
+        all->square += (double)error * error;
+        all->rays++;
+    }
+}
+
+static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
+{
+    cln_status st = CLN_OK;
+    const cln_camera *c = &t->scene->views[view].camera;
+    cln_ray_batch batch = {.pixels = t->batch.pixels,
+                           .backgrounds = (const float(*)[4])t->batch.backgrounds,
+                           .sampling = cln_render_sampling(&t->pipeline)};
+    const int half = all->stride / 2;
+    int rays = 0, used = 0;
+
+    *l = (look){.view = &t->scene->views[view],
+                .across = (c->width - half + all->stride - 1) / all->stride,
+                .down = (c->height - half + all->stride - 1) / all->stride};
+    rays = l->across * l->down;
+    CLN_TRY(cln_alloc(&l->error, (size_t)rays, sizeof *l->error, "errors of photos"));
+    CLN_TRY(cln_alloc(&l->depth, (size_t)rays, sizeof *l->depth, "errors of photos"));
+    batch.sampling.pictures = false; /* training's densities */
+    batch.sampling.max_samples = t->plan.max_samples;
+    for (int first = 0; first < rays; first += used) {
+        const int most = t->batch.capacity < t->plan.max_rays ? t->batch.capacity : t->plan.max_rays;
+
+        batch.n = rays - first < most ? rays - first : most;
+        for (int i = 0; i < batch.n; i++) {
+            const int x = (first + i) % l->across, y = (first + i) / l->across;
+
+            t->batch.pixels[i] = (cln_pixel){.view = (cln_u32)view,
+                                             .x = (cln_u32)(x * all->stride + half),
+                                             .y = (cln_u32)(y * all->stride + half)};
+            memcpy(t->batch.backgrounds[i], t->scene->background, sizeof t->scene->background);
+        }
+        CLN_TRY(cln_render_rays(&t->pipeline, &batch, t->results, &used));
+        compare(t, all, l, first, used);
+    }
+done:
+    return st;
+}
+
+/* Whether at least `share` of the photos that see the place, a point of the cube, have errors. */
+static bool is_missing(const looks *all, const cln_space *space, const double cube[3], double share,
+                       double least_error)
+{
+    double scene[3];
+    int seen = 0, bad = 0;
+
+    cln_space_point_to_scene(space, cube, scene);
+    for (int i = 0; i < all->count; i++) {
+        const look *l = &all->look[i];
+        double u = 0, v = 0, z = 0, distance = 0;
+        int at = 0;
+
+        if (!cln_camera_project(&l->view->camera, scene, &u, &v, &z) || u < 0 || v < 0 ||
+            u >= l->view->camera.width || v >= l->view->camera.height)
+            continue;
+        at = (int)fmin(floor(v / all->stride), l->down - 1) * l->across +
+             (int)fmin(floor(u / all->stride), l->across - 1);
+        for (int a = 0; a < 3; a++) {
+            const double d = (scene[a] - l->view->camera.c2w[4 * a + 3]) / space->half;
+
+            distance += d * d;
+        }
+        if (l->depth[at] < sqrt(distance)) /* hidden */
+            continue;
+        seen++;
+        bad += l->error[at] > least_error;
+        if (seen - bad > (1 - share) * all->count)
+            return false;
+    }
+    return seen >= LEAST_SEEN && bad >= share * seen;
+}
+
+static void mark(const cln_trainer *t, const looks *all, const uint8_t *empty, uint8_t *cells)
+{
+    const int n = 1 << CLN_REGROW_LEVEL;
+    const double least = fmin(
+        LARGE_ERROR, fmax(LEAST_ERROR, 2 * sqrt(all->square / (double)all->rays)));
+
+    for (int i = 0; i < n * n * n; i++) {
+        const double corner[3] = {i % n, i / n % n, i / n / n};
+        double at[3] = {0};
+        int missing = 0;
+
+        for (int p = 0; p < POINTS * POINTS * POINTS; p++) {
+            const int part[3] = {p % POINTS, p / POINTS % POINTS, p / POINTS / POINTS};
+
+            for (int a = 0; a < 3; a++)
+                at[a] = 2 * (corner[a] + (part[a] + 0.5) / POINTS) / n - 1;
+            if (p == 0) {
+                const int slot = cln_octree_find(&t->model.tree, at);
+
+                if (slot >= 0 && !empty[slot])
+                    break;
+            }
+            missing += is_missing(all, &t->scene->space, at, t->model.config.regrow, least);
+        }
+        cells[i] = missing >= LEAST_POINTS;
+    }
+}
+
+/* Nodes of the tree's present level, or of the cells', with a marked cell. */
+static cln_status count_nodes(const cln_trainer *t, const uint8_t *cells, int *count)
+{
+    cln_status st = CLN_OK;
+    const int level = t->model.level < CLN_REGROW_LEVEL ? t->model.level : CLN_REGROW_LEVEL;
+    const int coarser = CLN_REGROW_LEVEL - level, n = 1 << CLN_REGROW_LEVEL;
+    uint8_t *met = NULL;
+
+    CLN_TRY(cln_alloc(&met, (size_t)1 << (3 * level), 1, "marks of cells"));
+    for (int i = 0; i < n * n * n; i++) {
+        const int x = i % n >> coarser, y = i / n % n >> coarser, z = i / n / n >> coarser;
+        uint8_t *node = &met[(((z << level) + y) << level) + x];
+
+        *count += cells[i] && !*node;
+        *node |= cells[i];
+    }
+done:
+    free(met);
+    return st;
+}
+
+cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells, int *most)
+{
+    cln_status st = CLN_OK;
+    const int views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN);
+    looks all = {.count = views < MOST_VIEWS ? views : MOST_VIEWS};
+
+    *most = 0;
+    CLN_TRY(cln_alloc(cells, (size_t)1 << (3 * CLN_REGROW_LEVEL), 1, "marks of cells"));
+    if (t->scene->space.forward)
+        goto done;
+    all.stride = stride_of(t->scene, all.count);
+    CLN_TRY(cln_step_catch_up(t));
+    cln_queue_book(t->device, CLN_STAGE_PROBE);
+    t->drawn = false; /* its batch is overwritten */
+    for (int i = 0; i < all.count; i++)
+        CLN_TRY(look_through(t, &all, view_at(t->scene, i, all.count), &all.look[i]));
+    if (all.rays > 0)
+        mark(t, &all, empty, *cells);
+    CLN_TRY(count_nodes(t, *cells, most));
+done:
+    cln_queue_book(t->device, CLN_STAGES);
+    free_looks(&all);
+    return st;
+}
