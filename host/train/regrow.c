@@ -34,6 +34,7 @@ typedef struct looks {
     look look[MOST_VIEWS];
     double square; /* sum of errors' squares */
     int64_t rays;
+    double least; /* what more than that is an error */
 } looks;
 
 static void free_looks(looks *all)
@@ -126,16 +127,15 @@ done:
 }
 
 /* Whether at least `share` of the photos that see the place, a point of the cube, have errors. */
-static bool is_missing(const looks *all, const cln_space *space, const double cube[3], double share,
-                       double least_error)
+static bool has_errors(const looks *all, const cln_space *space, const double cube[3], double share)
 {
     double scene[3];
     int seen = 0, bad = 0;
 
     cln_space_point_to_scene(space, cube, scene);
-    for (int i = 0; i < all->count; i++) {
+    for (int i = 0; i < all->count && seen - bad <= (1 - share) * all->count; i++) {
         const look *l = &all->look[i];
-        double u = 0, v = 0, z = 0, distance = 0;
+        double u = 0, v = 0, z = 0, square = 0;
         int at = 0;
 
         if (!cln_camera_project(&l->view->camera, scene, &u, &v, &z) || u < 0 || v < 0 ||
@@ -146,44 +146,37 @@ static bool is_missing(const looks *all, const cln_space *space, const double cu
         for (int a = 0; a < 3; a++) {
             const double d = (scene[a] - l->view->camera.c2w[4 * a + 3]) / space->half;
 
-            distance += d * d;
+            square += d * d;
         }
-        if (l->depth[at] < sqrt(distance)) /* hidden */
+        if (l->depth[at] < sqrt(square)) /* hidden */
             continue;
         seen++;
-        bad += l->error[at] > least_error;
-        if (seen - bad > (1 - share) * all->count)
-            return false;
+        bad += l->error[at] > all->least;
     }
     return seen >= LEAST_SEEN && bad >= share * seen;
 }
 
-static void mark(const cln_trainer *t, const looks *all, const uint8_t *empty, uint8_t *cells)
+static bool is_missing(const cln_trainer *t, const looks *all, const uint8_t *empty, int cell)
 {
-    const int n = 1 << CLN_REGROW_LEVEL;
-    const double least = fmin(
-        LARGE_ERROR, fmax(LEAST_ERROR, 2 * sqrt(all->square / (double)all->rays)));
+    const cln_space *space = &t->scene->space;
+    const double share = t->model.config.regrow;
+    const int n = 1 << CLN_REGROW_LEVEL, corner[3] = {cell % n, cell / n % n, cell / n / n};
+    double at[3];
+    int slot = 0, missing = 0;
 
-    for (int i = 0; i < n * n * n; i++) {
-        const double corner[3] = {i % n, i / n % n, i / n / n};
-        double at[3] = {0};
-        int missing = 0;
+    for (int a = 0; a < 3; a++)
+        at[a] = 2 * (corner[a] + 0.5) / n - 1;
+    slot = cln_octree_find(&t->model.tree, at);
+    if ((slot >= 0 && !empty[slot]) || !has_errors(all, space, at, share / 2))
+        return false; /* nearly all cells: so the others can be looked at closely */
+    for (int p = 0; p < POINTS * POINTS * POINTS && missing < LEAST_POINTS; p++) {
+        const int part[3] = {p % POINTS, p / POINTS % POINTS, p / POINTS / POINTS};
 
-        for (int p = 0; p < POINTS * POINTS * POINTS; p++) {
-            const int part[3] = {p % POINTS, p / POINTS % POINTS, p / POINTS / POINTS};
-
-            for (int a = 0; a < 3; a++)
-                at[a] = 2 * (corner[a] + (part[a] + 0.5) / POINTS) / n - 1;
-            if (p == 0) {
-                const int slot = cln_octree_find(&t->model.tree, at);
-
-                if (slot >= 0 && !empty[slot])
-                    break;
-            }
-            missing += is_missing(all, &t->scene->space, at, t->model.config.regrow, least);
-        }
-        cells[i] = missing >= LEAST_POINTS;
+        for (int a = 0; a < 3; a++)
+            at[a] = 2 * (corner[a] + (part[a] + 0.5) / POINTS) / n - 1;
+        missing += has_errors(all, space, at, share);
     }
+    return missing >= LEAST_POINTS;
 }
 
 /* Nodes of the tree's present level, or of the cells', with a marked cell. */
@@ -223,8 +216,10 @@ cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells
     t->drawn = false; /* its batch is overwritten */
     for (int i = 0; i < all.count; i++)
         CLN_TRY(look_through(t, &all, view_at(t->scene, i, all.count), &all.look[i]));
-    if (all.rays > 0)
-        mark(t, &all, empty, *cells);
+    all.least = 2 * sqrt(all.square / fmax(1, (double)all.rays));
+    all.least = fmin(LARGE_ERROR, fmax(LEAST_ERROR, all.least));
+    for (int i = 0; i < 1 << (3 * CLN_REGROW_LEVEL); i++)
+        (*cells)[i] = is_missing(t, &all, empty, i);
     CLN_TRY(count_nodes(t, *cells, most));
 done:
     cln_queue_book(t->device, CLN_STAGES);
