@@ -115,8 +115,9 @@ typedef struct cln_ray_result {
 #define CLN_BOX_LEVEL       5
 #define CLN_MAP_EMPTY       0x80000000u
 #define CLN_MAP_NODE(level) (0xC0000000u | (cln_u32)(level))
-#define CLN_MAP_UNIT(depth) ((depth) > CLN_BOX_LEVEL ? (depth)-CLN_BOX_LEVEL : 0) /* log2 of cells */
-#define CLN_MAP_IS_BOX(entry) ((entry) < -0x40000000) /* of a signed entry */
+#define CLN_MAP_UNIT(depth) \
+    ((depth) > CLN_BOX_LEVEL ? (depth)-CLN_BOX_LEVEL : 0) /* log2 of cells */
+#define CLN_MAP_IS_BOX(entry) ((entry) < -0x40000000)     /* of a signed entry */
 #define CLN_MAP_BOX(corner, high)                                          \
     ((cln_u32)((corner)[0] - (high)) << CLN_BOX_LEVEL * (3 * (high)) |     \
      (cln_u32)((corner)[1] - (high)) << CLN_BOX_LEVEL * (3 * (high) + 1) | \

@@ -49,8 +49,8 @@ typedef CLN_PASTE(ushort, VW) vh;
 #endif
 
 /* VSTORE of floats (VSTORE_IN; VSTORE8_IN: eight of them) or of 16-bit elements (VSTORE_H) to an
- * address space, in one instruction. PoCL's vstore stores four elements at a time, and LLVM does not join the parts of
- * 16. */
+ * address space, in one instruction. PoCL's vstore stores four elements at a time, and LLVM does
+ * not join the parts of 16. */
 #if defined(__x86_64__) || defined(__aarch64__)
 typedef float8 float8_anywhere __attribute__((aligned(4), may_alias));
 #define VSTORE8_IN(space, v, p) (*(space float8_anywhere *)(p) = (v))

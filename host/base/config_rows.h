@@ -110,7 +110,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
 
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
 #define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                            \
-    INT(start_level, "start-level", 1, 2, 0, CLN_FULL_LEVELS - 1,                                    \
+    INT(start_level, "start-level", 1, 2, 0, CLN_FULL_LEVELS - 1,                               \
         "level of the full tree at the first step")                                             \
     TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
          "growth: LEVEL:FRACTION of the budget, comma separated")                               \
@@ -127,7 +127,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
         "no culling in so many steps after the start or a growth of the tree",                  \
         .flags = CLN_ROW_LATER)                                                                 \
     REAL(regrow, "regrow", 0, 0.7, 0, 1,                                                        \
-         "after growth, culled leaves come back where this share of the photos has errors (0: "  \
+         "after growth, culled leaves come back where this share of the photos has errors (0: " \
          "never)",                                                                              \
          .flags = CLN_ROW_LATER)                                                                \
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \

@@ -522,8 +522,7 @@ static void sum_up(const cln_octree *tree, int depth, int32_t *sums)
 
                 row += *here;
                 *here = row + sums[cell_at(x, y - 1, z, n + 1)] +
-                        sums[cell_at(x, y, z - 1, n + 1)] -
-                        sums[cell_at(x, y - 1, z - 1, n + 1)];
+                        sums[cell_at(x, y, z - 1, n + 1)] - sums[cell_at(x, y - 1, z - 1, n + 1)];
             }
         }
 }
@@ -585,8 +584,8 @@ cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
 {
     cln_status st = CLN_OK;
     const int n = 1 << depth, boxes = depth - CLN_MAP_UNIT(depth);
-    const size_t corners = (size_t)((1 << boxes) + 1) * (size_t)((1 << boxes) + 1) *
-                           (size_t)((1 << boxes) + 1);
+    const size_t corners =
+        (size_t)((1 << boxes) + 1) * (size_t)((1 << boxes) + 1) * (size_t)((1 << boxes) + 1);
     int32_t *sums = NULL;
     int low[3], high[3];
 

@@ -35,7 +35,7 @@ typedef struct cln_octree {
  *   octant[s] = CLN_COPIED             the same leaf
  *   octant[s] = k in 0..7              its child k (a split: fold)
  *   octant[s] = CLN_MERGED - k         the parent of the old leaf, its child k (a merge: unfold)
- *   octant[s] = CLN_FRESH              of no leaf: a network as at step 0; from[s] is a neighbour's,
+ *   octant[s] = CLN_FRESH              no leaf: a network as at step 0; from[s] is a neighbour's,
  *                                      so that from[] ascends */
 enum { CLN_COPIED = -1, CLN_MERGED = -2, CLN_FRESH = CLN_MERGED - 8 };
 typedef struct cln_octree_change {
@@ -64,9 +64,9 @@ bool cln_octree_can_merge(const cln_octree *tree, int slot);
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
 
-/* Makes leaves of `level` in CULLED nodes again, where cells are marked: cells[(z n + y) n + x], n =
- * 2^depth; of a node that is deeper, itself. Leaves with a marked cell that are `empty` [slot] begin
- * anew. */
+/* Makes leaves of `level` in CULLED nodes again, where cells are marked: cells[(z n + y) n + x], n
+ * = 2^depth; of a node that is deeper, itself. Leaves with a marked cell that are `empty` [slot]
+ * begin anew. */
 cln_status cln_octree_regrow(cln_octree *tree, const uint8_t *cells, int depth, int level,
                              const uint8_t *empty, cln_octree_change *change);
 

@@ -2,8 +2,8 @@
  * exists twice:
  *
  *   1. kernels/carry.cl gathers the successor's rows from the old array
- *   2. weights of new leaves are folded, or made, on the host (model/fold.c, in double): only their old
- *      leaves' rows are read, only their own are written
+ *   2. weights of new leaves are folded (model/fold.c, in double) or made on the host: only their
+ *      old leaves' rows are read, only their own are written
  *   3. the old array is freed */
 #include "pipeline/carry.h"
 
@@ -13,7 +13,8 @@
 #include "base/memory.h"
 #include "pipeline/share.h"
 
-_Static_assert(CLN_COPIED == -1 && CLN_MERGED == -2 && CLN_FRESH == -10, "as kernels/carry.cl has them");
+_Static_assert(CLN_COPIED == -1 && CLN_MERGED == -2 && CLN_FRESH == -10,
+               "as kernels/carry.cl has them");
 
 typedef struct carry {
     cln_pipeline *p;

@@ -226,8 +226,8 @@ static cln_status regrow(cln_trainer *t, bool *regrown)
                   count);
         goto done;
     }
-    CLN_TRY(cln_octree_regrow(&t->model.tree, cells, CLN_REGROW_LEVEL, t->model.level, empty,
-                              &change));
+    CLN_TRY(
+        cln_octree_regrow(&t->model.tree, cells, CLN_REGROW_LEVEL, t->model.level, empty, &change));
     for (int s = 0; s < change.count; s++)
         fresh += change.octant[s] == CLN_FRESH;
     CLN_TRY(cln_model_follow(&t->model, &change));

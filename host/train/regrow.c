@@ -108,7 +108,8 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
     batch.sampling.pictures = false; /* training's densities */
     batch.sampling.max_samples = t->plan.max_samples;
     for (int first = 0; first < rays; first += used) {
-        const int most = t->batch.capacity < t->plan.max_rays ? t->batch.capacity : t->plan.max_rays;
+        const int most =
+            t->batch.capacity < t->plan.max_rays ? t->batch.capacity : t->plan.max_rays;
 
         batch.n = rays - first < most ? rays - first : most;
         for (int i = 0; i < batch.n; i++) {

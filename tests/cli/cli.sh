@@ -653,7 +653,7 @@ section_results() {
     leaves=$(json leaves)
     check "it has the run's leaves" [ "$leaves" = \
         "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
-    check "of six levels" [ "$(json levels)" = "array 6" ]
+    check "of nine levels" [ "$(json levels)" = "array 9" ]
     check "the file is PLY with eight vertices a leaf" \
         grep -aqx "element vertex $((8 * leaves))" "$work/tree.ply"
     check "and as long as it should be" [ "$(stat -c %s "$work/tree.ply")" = \

@@ -457,10 +457,10 @@ static void test_regrow(void **state)
         assert_true(change.octant[s] == CLN_COPIED && change.from[s] == s);
     cln_octree_change_free(&change);
 
-    cells[0] = cells[1] = 1;                 /* two cells of level 3 in the group */
-    cells[(3 * N + 3) * N + 3] = 1;          /* another, in its last child */
-    cells[N * N * N - 1] = 1;                /* one in the leaf at the highest corner */
-    cells[4] = 1;                            /* in the first two leaves of the second group */
+    cells[0] = cells[1] = 1;        /* two cells of level 3 in the group */
+    cells[(3 * N + 3) * N + 3] = 1; /* another, in its last child */
+    cells[N * N * N - 1] = 1;       /* one in the leaf at the highest corner */
+    cells[4] = 1;                   /* in the first two leaves of the second group */
     cells[6] = 1;
     empty[0] = 1;
     assert_int_equal(cln_octree_regrow(&tree, cells, 3, 3, empty, &change), CLN_OK);

@@ -1,7 +1,7 @@
-/* Changes of the tree on the device. Tested: after any history of merges, splits, culls and returns of
- * culled leaves, the
- * device's model equals bit for bit the host's (cln_model_apply), in one buffer and in parts, with
- * both kinds of moments; a change frees the memory it allocates. Oracle: model/model.c. */
+/* Changes of the tree on the device. Tested: after any history of merges, splits, culls and
+ * returns of culled leaves, the device's model equals bit for bit the host's (cln_model_apply), in
+ * one buffer and in parts, with both kinds of moments; a change frees the memory it allocates.
+ * Oracle: model/model.c. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
