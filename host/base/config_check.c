@@ -55,7 +55,7 @@ int cln_config_deepest(const cln_config *config)
 
 double cln_config_most_intervals(const cln_config *config)
 {
-    return 3 * (ldexp(1, cln_config_deepest(config)) + 1);
+    return 3 * ldexp(1, cln_config_deepest(config));
 }
 
 cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS])

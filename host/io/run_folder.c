@@ -319,8 +319,8 @@ cln_status cln_metrics_add(cln_metrics *metrics, const json_t *row)
     size_t length = 0, written = 0;
     off_t start = lseek(metrics->fd, 0, SEEK_END);
 
-    if (!text)
-        CLN_TRY(cln_fail(CLN_INTERNAL, "%s: this row is not JSON", metrics->path));
+    if (!text) /* rows hold what JSON can, so nothing else can fail */
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: no memory for its next row", metrics->path));
     length = strlen(text);
     text[length++] = '\n';
     while (written < length) {

@@ -462,7 +462,7 @@ cln_status cln_octree_most_intervals(const cln_octree *tree, int *most)
             met[a * planes + (tree->pos[node][a] << finer)] = 1;
             met[a * planes + ((tree->pos[node][a] + 1) << finer)] = 1;
         }
-    *most = 0;
+    *most = -3; /* the planes that a line enters by do not begin another leaf */
     for (int i = 0; i < 3 * planes; i++)
         *most += met[i];
 done:
