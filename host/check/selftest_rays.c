@@ -264,7 +264,7 @@ static cln_status read_batch(cln_checks *c, uint32_t samples, made *m)
     cln_pipeline *p = c->p;
     size_t intervals = 0;
 
-    m->most = 3u << p->depth;
+    m->most = (uint32_t)p->most_intervals;
     intervals = (size_t)m->rays * m->most;
 
     CLN_TRY(cln_alloc(&m->intervals, intervals, sizeof *m->intervals, "self-test"));

@@ -462,9 +462,11 @@ cln_status cln_octree_most_intervals(const cln_octree *tree, int *most)
             met[a * planes + (tree->pos[node][a] << finer)] = 1;
             met[a * planes + ((tree->pos[node][a] + 1) << finer)] = 1;
         }
-    *most = -3; /* the planes that a line enters by do not begin another leaf */
+    *most = 0;
     for (int i = 0; i < 3 * planes; i++)
         *most += met[i];
+    if (*most > 3 << depth) /* of a whole level a line meets no more than that */
+        *most = 3 << depth;
 done:
     free(met);
     return st;

@@ -79,8 +79,8 @@ cln_status cln_octree_copy(const cln_octree *tree, cln_octree *out);
 /* Deepest level with an ACTIVE leaf (0 without any). */
 int cln_octree_depth(const cln_octree *tree);
 
-/* The most leaves that a straight line can meet: one behind each plane of leaves' faces that it can
- * cross, over the three axes. */
+/* The most leaves that a straight line can meet: one for each plane of leaves' faces over the three
+ * axes, or for each cell of the deepest level along them, if those are fewer. */
 cln_status cln_octree_most_intervals(const cln_octree *tree, int *most);
 
 /* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */

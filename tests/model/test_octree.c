@@ -223,7 +223,7 @@ static void test_deep(void **state)
     }
     assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
     assert_int_equal(cln_octree_most_intervals(&tree, &most), CLN_OK);
-    assert_int_equal(most, 12); /* 5 planes along each axis, one of them the entry's */
+    assert_int_equal(most, 12); /* 4 cells along each axis */
     cln_octree_free(&tree);
 }
 
