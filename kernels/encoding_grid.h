@@ -90,7 +90,8 @@ HELPER void encode_position_begin(LEAF_SPACE float *grad, int lid)
         grad[p] = 0.0f;
 }
 
-/* Adds one sample's gradient to its cell's eight vertices; lid: as in a group of several. */
+/* Adds one sample's gradient d [FEATURES] to its cell's eight vertices; lid: the work-item, where
+ * a group has several. */
 HELPER void grid_scatter(const __local float *at, int s, const __local float *d, int lid,
                          LEAF_SPACE float *grid)
 {

@@ -6,7 +6,7 @@
  *
  *   intervals_fill    of each interval: ends, stage-1 optical depth, number of samples; none behind
  *                     opaque leaves; at most cln_octree_most_intervals() a ray
- *                                                       -> scan of samples
+ *                                                                            -> scan of samples
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
  *   ALLOCATE 0 chord | 1 weight;  CDF 0 sigma | 1 weight
@@ -20,7 +20,7 @@
 #undef EXP
 #define EXP(x) exp(x)
 
-#define EMPTY_BIN            1e-5f
+#define EMPTY_BIN 1e-5f
 
 /* ---- intervals ---- */
 

@@ -77,8 +77,7 @@ int cln_config_most_leaves(const cln_config *config);
  * (method.md 11). */
 int64_t cln_config_epoch_steps(const cln_config *config, double pixels);
 
-/* Deepest level that leaves may have; most intervals of a ray: the planes of such leaves that it
- * can cross. */
+/* Deepest level that leaves may have; most intervals of a ray, through leaves of that level. */
 int cln_config_deepest(const cln_config *config);
 double cln_config_most_intervals(const cln_config *config);
 

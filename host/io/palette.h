@@ -8,7 +8,8 @@
 
 enum { CLN_PALETTE_LEVELS = 9 };
 
-/* Levels 0 to 5, from cold to warm; readers who cannot tell red from green see them apart. */
+/* Levels 0 to 8, from cold to warm up to 5; readers who cannot tell red from green see them
+ * apart. */
 void cln_palette_level(int level, uint8_t rgb[3]);
 
 /* Ends of a logarithmic scale over the finite, positive ones of values[count]: *high is the

@@ -138,33 +138,66 @@ static void adopt_plans(cln_trainer *t, const plans *p)
     cln_stage1_release(&t->pipeline); /* the next batch allocates by the new plan */
 }
 
-/* Splits every leaf once by the exact split, unless the tree would not fit in memory. */
-static cln_status grow(cln_trainer *t, bool *grown)
+/* Whether a tree with `leaves` leaves fits memory; on all ranks, as they change it together. If it
+ * does not, cln_error_text() has the reason. */
+static bool fits(const cln_trainer *t, int leaves, plans *out)
+{
+    double full = 0;
+
+    make_plans(t, leaves, out);
+    full = check_plans(t, out) != CLN_OK;
+    cln_ranks_largest(&full, 1);
+    return full == 0;
+}
+
+/* Marks leaves to cull at the next change [slot] (the caller frees them), and counts the others. */
+static cln_status leaves_left(const cln_trainer *t, uint8_t **marks, int *left)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = &t->pipeline;
-    cln_octree_change change = {0}, splits = {0};
+
+    CLN_TRY(cln_alloc(marks, (size_t)t->pipeline.leaves, 1, "leaf marks"));
+    *left = t->pipeline.leaves - cln_structure_marked(&t->model.tree, &t->model.config, *marks);
+done:
+    return st;
+}
+
+/* Whether the tree fits memory after a split of every leaf; warns the first time that it does
+ * not. */
+static cln_status room_to_grow(cln_trainer *t, bool *room)
+{
+    cln_status st = CLN_OK;
     uint8_t *marks = NULL;
-    int leaves = p->leaves;
+    int leaves = 0;
     plans next;
-    double full = 0;
     char text[1536];
 
-    *grown = false;
-    CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
-    leaves -= cln_structure_marked(&t->model.tree, &t->model.config, marks);
-    make_plans(t, 8 * leaves, &next);
-    full = check_plans(t, &next) != CLN_OK;
-    cln_ranks_largest(&full, 1); /* one for all: they grow together */
-    if (full) {
+    CLN_TRY(leaves_left(t, &marks, &leaves));
+    *room = fits(t, 8 * leaves, &next);
+    if (!*room) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
         if (!t->full)
             cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * leaves,
                      text);
         t->full = true;
-        goto done;
     }
+done:
+    free(marks);
+    return st;
+}
+
+/* Splits every leaf once by the exact split; there is room. */
+static cln_status grow(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = &t->pipeline;
+    cln_octree_change change = {0}, splits = {0};
+    uint8_t *marks = NULL;
+    int leaves = 0;
+    plans next;
+
+    CLN_TRY(leaves_left(t, &marks, &leaves));
+    make_plans(t, 8 * leaves, &next);
     CLN_TRY(cln_step_catch_up(t));
     if (leaves < p->leaves) { /* marked leaves that waited for a change (cull) */
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
@@ -182,7 +215,6 @@ static cln_status grow(cln_trainer *t, bool *grown)
     CLN_TRY(restart_measures(t));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
               p->leaves);
-    *grown = true;
 done:
     free(marks);
     cln_octree_change_free(&change);
@@ -193,19 +225,20 @@ done:
 /* It is not looked for what is missing if less than one leaf in FREE_PART is free. */
 enum { FREE_PART = 64 };
 
-/* Brings leaves back where something is missing, all or none if there is no room. */
-static cln_status regrow(cln_trainer *t, bool *regrown)
+/* Brings leaves back where something is missing: all, or none if the tree would then have no room;
+ * splits: how many each leaf becomes right after, 8 before a growth, else 1. */
+static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
 {
     cln_status st = CLN_OK;
     const int leaves = t->pipeline.leaves;
     const double began = cln_now();
     const int most = cln_config_most_leaves(&t->model.config);
     uint8_t *cells = NULL, *empty = NULL;
-    int count = 0, fresh = 0;
+    int found = 0, fresh = 0;
     cln_leaf_stats stats = {0};
+    cln_octree tree = {0}, old = {0};
     cln_octree_change change = {0};
     plans next;
-    double full = 0;
 
     *regrown = false;
     if (t->model.config.regrow <= 0 || most - leaves < most / FREE_PART)
@@ -214,22 +247,22 @@ static cln_status regrow(cln_trainer *t, bool *regrown)
     CLN_TRY(cln_alloc(&empty, (size_t)leaves, 1, "leaf marks"));
     CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
     cln_structure_empty(&t->model.tree, &stats, &t->model.config, empty);
-    CLN_TRY(cln_regrow_find(t, empty, &cells, &count));
-    if (count == 0)
+    CLN_TRY(cln_regrow_find(t, empty, &cells, &found));
+    if (found == 0)
         goto done;
-    make_plans(t, leaves + count, &next);
-    full = check_plans(t, &next) != CLN_OK;
-    cln_clear_error();
-    cln_ranks_largest(&full, 1);
-    if (full || leaves + count > most) {
-        cln_debug("step %lld: no room to bring back up to %d leaves", (long long)t->model.step,
-                  count);
-        goto done;
-    }
-    CLN_TRY(
-        cln_octree_regrow(&t->model.tree, cells, CLN_REGROW_LEVEL, t->model.level, empty, &change));
+    CLN_TRY(cln_octree_copy(&t->model.tree, &tree));
+    CLN_TRY(cln_octree_regrow(&tree, cells, CLN_REGROW_LEVEL, t->model.level, empty, &change));
     for (int s = 0; s < change.count; s++)
         fresh += change.octant[s] == CLN_FRESH;
+    if (tree.leaf_count > most || !fits(t, splits * tree.leaf_count, &next)) {
+        cln_clear_error();
+        cln_debug("step %lld: no room to bring back %d leaves", (long long)t->model.step, fresh);
+        goto done;
+    }
+    make_plans(t, tree.leaf_count, &next);
+    old = t->model.tree;
+    t->model.tree = tree;
+    tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
@@ -244,6 +277,7 @@ done:
     free(empty);
     free(stats.mean);
     free(stats.peak);
+    cln_octree_free(&tree);
     cln_octree_change_free(&change);
     return st;
 }
@@ -584,11 +618,12 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
     bool grown = false, regrown = false, full = false, decision = false;
     int moved = 0;
 
-    if (!fixed && t->model.level < cln_structure_level(c, fraction)) {
-        if (t->model.step > 0)
-            CLN_TRY(regrow(t, &regrown));
-        CLN_TRY(grow(t, &grown));
-    }
+    if (!fixed && t->model.level < cln_structure_level(c, fraction))
+        CLN_TRY(room_to_grow(t, &grown));
+    if (grown && t->model.step > 0)
+        CLN_TRY(regrow(t, 8, &regrown));
+    if (grown)
+        CLN_TRY(grow(t));
     decision = !grown && decision_comes(t, fraction);
     if (grown || decision || t->model.step == 0 ||
         (!c->rolling_refresh && refresh_age >= refresh_interval(t))) {
@@ -608,10 +643,11 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         CLN_TRY(cull(t, decision));
     if (decision)
         CLN_TRY(wait_or_decide(t));
-    if (decision)
-        CLN_TRY(regrow(t, &regrown));
-    if (decision && regrown)
-        CLN_TRY(refresh(t, 0, p->leaves));
+    if (decision) {
+        CLN_TRY(regrow(t, 1, &regrown));
+        if (regrown)
+            CLN_TRY(refresh(t, 0, p->leaves));
+    }
     if (full && t->model.step > 0) {
         CLN_TRY(cln_share_balance(p, &moved));
         if (moved > 0)

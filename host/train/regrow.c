@@ -21,12 +21,13 @@ enum {
 /* An error is one of more than twice the root mean square, within these bounds. */
 static const double LEAST_ERROR = 0.1, LARGE_ERROR = 0.25;
 
-/* What one photo says, at every stride-th pixel of every stride-th row. */
+/* What one photo says, at the middle pixels of blocks of stride x stride, or the last ones of what
+ * is smaller. */
 typedef struct look {
     const cln_view *view;
     int across, down;
     float *error; /* [down][across] largest difference of colour, or of opacity from alpha */
-    float *depth; /* cube units along the ray, INFINITY where it meets nothing */
+    float *depth; /* cube units along the ray; INFINITY: it meets nothing, 0: says nothing */
 } look;
 
 typedef struct looks {
@@ -64,6 +65,21 @@ static int stride_of(const cln_scene *scene, int count)
     return (int)fmax(1, ceil(sqrt(pixels / MOST_RAYS)));
 }
 
+/* Blocks along a side of so many pixels whose middle is in the image, but at least one. */
+static int blocks(int pixels, int stride)
+{
+    const int whole = (pixels - stride / 2 + stride - 1) / stride;
+
+    return whole > 1 ? whole : 1;
+}
+
+static cln_u32 middle(int block, int stride, int pixels)
+{
+    const int at = block * stride + stride / 2;
+
+    return (cln_u32)(at < pixels ? at : pixels - 1);
+}
+
 /* Compares n rendered rays, the look's from `first` on. */
 static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
 {
@@ -75,9 +91,9 @@ static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
         const float rgb[3] = {got->r, got->g, got->b};
         float want[3], alpha = 1, error = 0;
 
-        l->depth[first + i] = got->opacity >= 0.5f ? got->depth : INFINITY;
         if (!cln_view_keeps(l->view, (int)pixel->x, (int)pixel->y))
             continue;
+        l->depth[first + i] = got->opacity >= 0.5f ? got->depth : INFINITY;
         cln_view_pixel(l->view, (int)pixel->x, (int)pixel->y, t->scene->background, want, &alpha);
         for (int k = 0; k < 3; k++)
             error = fmaxf(error, fabsf(rgb[k] - want[k]));
@@ -96,12 +112,11 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
     cln_ray_batch batch = {.pixels = t->batch.pixels,
                            .backgrounds = (const float(*)[4])t->batch.backgrounds,
                            .sampling = cln_render_sampling(&t->pipeline)};
-    const int half = all->stride / 2;
     int rays = 0, used = 0;
 
     *l = (look){.view = &t->scene->views[view],
-                .across = (c->width - half + all->stride - 1) / all->stride,
-                .down = (c->height - half + all->stride - 1) / all->stride};
+                .across = blocks(c->width, all->stride),
+                .down = blocks(c->height, all->stride)};
     rays = l->across * l->down;
     CLN_TRY(cln_alloc(&l->error, (size_t)rays, sizeof *l->error, "errors of photos"));
     CLN_TRY(cln_alloc(&l->depth, (size_t)rays, sizeof *l->depth, "errors of photos"));
@@ -116,8 +131,8 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
             const int x = (first + i) % l->across, y = (first + i) / l->across;
 
             t->batch.pixels[i] = (cln_pixel){.view = (cln_u32)view,
-                                             .x = (cln_u32)(x * all->stride + half),
-                                             .y = (cln_u32)(y * all->stride + half)};
+                                             .x = middle(x, all->stride, c->width),
+                                             .y = middle(y, all->stride, c->height)};
             memcpy(t->batch.backgrounds[i], t->scene->background, sizeof t->scene->background);
         }
         CLN_TRY(cln_render_rays(&t->pipeline, &batch, t->results, &used));
@@ -139,8 +154,8 @@ static bool has_errors(const looks *all, const cln_space *space, const double cu
         double u = 0, v = 0, z = 0, square = 0;
         int at = 0;
 
-        if (!cln_camera_project(&l->view->camera, scene, &u, &v, &z) || u < 0 || v < 0 ||
-            u >= l->view->camera.width || v >= l->view->camera.height)
+        if (!cln_camera_project(&l->view->camera, scene, &u, &v, &z) ||
+            !(u >= 0 && u < l->view->camera.width && v >= 0 && v < l->view->camera.height))
             continue;
         at = (int)fmin(floor(v / all->stride), l->down - 1) * l->across +
              (int)fmin(floor(u / all->stride), l->across - 1);
@@ -149,7 +164,7 @@ static bool has_errors(const looks *all, const cln_space *space, const double cu
 
             square += d * d;
         }
-        if (l->depth[at] < sqrt(square)) /* hidden */
+        if (l->depth[at] < sqrt(square)) /* hidden, or the pixel does not count */
             continue;
         seen++;
         bad += l->error[at] > all->least;
@@ -180,34 +195,13 @@ static bool is_missing(const cln_trainer *t, const looks *all, const uint8_t *em
     return missing >= LEAST_POINTS;
 }
 
-/* Nodes of the tree's present level, or of the cells', with a marked cell. */
-static cln_status count_nodes(const cln_trainer *t, const uint8_t *cells, int *count)
-{
-    cln_status st = CLN_OK;
-    const int level = t->model.level < CLN_REGROW_LEVEL ? t->model.level : CLN_REGROW_LEVEL;
-    const int coarser = CLN_REGROW_LEVEL - level, n = 1 << CLN_REGROW_LEVEL;
-    uint8_t *met = NULL;
-
-    CLN_TRY(cln_alloc(&met, (size_t)1 << (3 * level), 1, "marks of cells"));
-    for (int i = 0; i < n * n * n; i++) {
-        const int x = i % n >> coarser, y = i / n % n >> coarser, z = i / n / n >> coarser;
-        uint8_t *node = &met[(((z << level) + y) << level) + x];
-
-        *count += cells[i] && !*node;
-        *node |= cells[i];
-    }
-done:
-    free(met);
-    return st;
-}
-
-cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells, int *most)
+cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells, int *found)
 {
     cln_status st = CLN_OK;
     const int views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN);
     looks all = {.count = views < MOST_VIEWS ? views : MOST_VIEWS};
 
-    *most = 0;
+    *found = 0;
     CLN_TRY(cln_alloc(cells, (size_t)1 << (3 * CLN_REGROW_LEVEL), 1, "marks of cells"));
     if (t->scene->space.forward)
         goto done;
@@ -219,9 +213,10 @@ cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells
         CLN_TRY(look_through(t, &all, view_at(t->scene, i, all.count), &all.look[i]));
     all.least = 2 * sqrt(all.square / fmax(1, (double)all.rays));
     all.least = fmin(LARGE_ERROR, fmax(LEAST_ERROR, all.least));
-    for (int i = 0; i < 1 << (3 * CLN_REGROW_LEVEL); i++)
+    for (int i = 0; i < 1 << (3 * CLN_REGROW_LEVEL); i++) {
         (*cells)[i] = is_missing(t, &all, empty, i);
-    CLN_TRY(count_nodes(t, *cells, most));
+        *found += (*cells)[i];
+    }
 done:
     cln_queue_book(t->device, CLN_STAGES);
     free_looks(&all);

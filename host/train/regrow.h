@@ -11,9 +11,9 @@
 enum { CLN_REGROW_LEVEL = 5 };
 
 /* Marks cells [32 z][32 y][32 x] of the cube without a leaf, or in one that is `empty` [slot], in
- * which places show errors in at least `regrow` of the training photos that see them. *most: leaves
- * that these make at most (cln_octree_regrow). Renders a fixed set of rays, so it
- * depends on the model alone. Forward spaces: none. The caller frees *cells. CLN_MEMORY, CLN_CL. */
-cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells, int *most);
+ * which places show errors in at least `regrow` of the training photos that see them, and counts
+ * them. Renders a fixed set of rays, so it depends on the model alone. Forward spaces: none. The
+ * caller frees *cells. CLN_MEMORY, CLN_CL. */
+cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells, int *found);
 
 #endif

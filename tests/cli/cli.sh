@@ -459,7 +459,6 @@ section_structure() {
     else
         skip "a MIP solver finds the same optimum" "no glpsol"
     fi
-    section_regrow
 }
 
 # A tree that is culled down to one leaf after half of its steps, just before it grows: what is
@@ -874,5 +873,6 @@ section_bench() {
     check "hundreds of them" [ "$(wc -l <"$work/out")" -gt 200 ]
 }
 
-all="usage devices tune scenes names train structure resume results damage output memory bench"
+all="usage devices tune scenes names train structure regrow resume results damage output memory"
+all="$all bench"
 run_sections "$all" "$@"
