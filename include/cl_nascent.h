@@ -490,6 +490,11 @@ typedef void cln_check_sink(const char *name, bool passed, bool skipped, const c
 CLN_API cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink,
                                 void *user);
 
+/* The same at extremes (docs/stability.md): a check is a row, its detail says what was varied, the
+ * worst error, its bound and place. quick: without sorts of over 2^17 elements. */
+CLN_API cln_status cln_selftest_extremes(const cln_device_desc *device, bool quick,
+                                         cln_check_sink *sink, void *user);
+
 #ifdef __cplusplus
 }
 #endif

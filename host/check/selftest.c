@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/config.h"
+#include "check/forward_scene.h"
 #include "check/selftest_checks.h"
 
 /* ---- shapes ---- */
@@ -15,8 +16,8 @@
 typedef struct shape {
     const char *name, *preset, *tune; /* tune NULL: the device's */
     bool small;                       /* the smallest network instead of the preset's */
-    bool splat, distortion;
-    bool in[CLN_SHAPES_TINY + 1]; /* sets that have it */
+    bool splat, distortion, forward;  /* forward: only rays and samples, the rest is the same */
+    bool in[CLN_SHAPES_TINY + 1];     /* sets that have it */
 } shape;
 
 /* clang-format off */
@@ -32,6 +33,7 @@ static const shape shapes[] = {
     {"work-groups of 64", "fast", "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=64,DB=8,CHUNK=64",
      .small = true, .distortion = true, .in = FULL},
     {"paper preset", "paper", .splat = true, .in = FULL},
+    {"forward space", "fast", .small = true, .forward = true, .in = FULL},
     {"tiny, splatting", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
      .small = true, .splat = true, .distortion = true, .in = TINY},
     {"tiny, gathering", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
@@ -111,8 +113,11 @@ static cln_status run_checks(cln_checks *c)
         CLN_TRY(cln_check_sort(c, true));
     if (c->failed > before) /* with wrong offsets the others would write anywhere */
         goto done;
-    CLN_TRY(cln_check_densities(c));
+    if (!c->p->space.forward)
+        CLN_TRY(cln_check_densities(c));
     CLN_TRY(cln_check_rays(c));
+    if (c->p->space.forward)
+        goto done;
     CLN_TRY(cln_check_networks(c));
     CLN_TRY(cln_check_composite(c));
     if (cln_pipeline_measures(&c->p->config) > 0)
@@ -130,7 +135,7 @@ static cln_status run_pipeline(cln_pipeline *p, cln_checks *c)
     p->max_entries = 1 << 20;
     CLN_TRY(make_model(&p->config, &model));
     CLN_TRY(cln_pipeline_rebuild(p, model.tree.leaf_count));
-    CLN_TRY(cln_pipeline_upload(p, &model, true));
+    CLN_TRY(cln_pipeline_upload(p, &model, !p->space.forward));
     c->p = p;
     c->model = &model;
     CLN_TRY(run_checks(c));
@@ -145,6 +150,9 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
     cln_status st = CLN_OK;
     const cln_tune kept = device->tune;
     const bool exact = device->tune_exact;
+    const cln_space space = s->forward ? cln_check_forward_space(1) : cln_space_unit;
+    const uint32_t rays_and_samples = CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(scan) |
+                                      CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(sort64);
     size_t largest = 0;
     cln_config config;
     cln_pipeline pipeline = {0};
@@ -162,7 +170,7 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
         goto done;
     }
     st = cln_pipeline_create(device, &config, s->distortion ? 1u << CLN_LENS_OPENCV : 0, s->small,
-                             &cln_space_unit, CLN_PROGRAMS_ALL, &pipeline);
+                             &space, s->forward ? rays_and_samples : CLN_PROGRAMS_ALL, &pipeline);
     if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
         /* training would refuse this network, too */
         cln_check_report(c, s->name, false, true, cln_error_text());
@@ -221,13 +229,18 @@ done:
     return st;
 }
 
-cln_status cln_selftest_training(cln_device *device, const cln_config *config)
+cln_status cln_selftest_training(cln_device *device, const cln_config *config, bool forward)
 {
     cln_status st = CLN_OK;
     const cln_selftest_plan plan = {.shapes = CLN_SHAPES_QUICK};
+    cln_checks c = {0};
     cln_config fast;
 
     CLN_TRY(cln_selftest_device(device, &plan));
+    for (size_t i = 0; forward && i < sizeof shapes / sizeof shapes[0]; i++)
+        if (shapes[i].forward)
+            CLN_TRY(run_shape(device, &shapes[i], &c));
+    CLN_TRY(verdict(device, &c));
     CLN_TRY(cln_config_preset("fast", &fast));
     if (cln_config_differs(&fast, config, CLN_ROW_SHAPE))
         CLN_TRY(cln_selftest_config(device, config, NULL, NULL));

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "check/forward_scene.h"
 
 static uint32_t bits_of(uint32_t stream, uint32_t index)
 {
@@ -137,9 +138,11 @@ ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cl
 
 enum { VIEWS = 3, SIDE = 40, STEP = 4, RAYS = VIEWS * (SIDE / STEP) * (SIDE / STEP) };
 
-/* One camera inside the cube and two outside; distorted if the kernels have lens code. */
-static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
+/* One camera inside the cube and two outside, or three that look into a forward space; distorted if
+ * the kernels have lens code. */
+static void make_cameras(const cln_pipeline *p, cln_camera cameras[VIEWS])
 {
+    const bool distorted = p->lenses != 0;
     static const double poses[VIEWS][12] = {
         {0.6, 0, 0.8, -0.3, 0, 1, 0, 0.21, -0.8, 0, 0.6, 0.37},
         {1, 0, 0, 0.1, 0, 1, 0, -0.2, 0, 0, 1, -3.1},
@@ -150,12 +153,16 @@ static void make_cameras(bool distorted, cln_camera cameras[VIEWS])
     for (int v = 0; v < VIEWS; v++) {
         cln_camera *k = &cameras[v];
 
-        memcpy(k->c2w, poses[v], sizeof k->c2w);
-        k->fx = 45 + v;
-        k->fy = 46;
-        k->cx = 0.5 * SIDE + 0.3;
-        k->cy = 0.5 * SIDE - 0.2;
-        k->width = k->height = SIDE;
+        if (p->space.forward) {
+            cln_check_forward_camera(v, &p->space, SIDE, SIDE, k);
+        } else {
+            memcpy(k->c2w, poses[v], sizeof k->c2w);
+            k->fx = 45 + v;
+            k->fy = 46;
+            k->cx = 0.5 * SIDE + 0.3;
+            k->cy = 0.5 * SIDE - 0.2;
+            k->width = k->height = SIDE;
+        }
         k->k1 = distorted ? -0.08 : 0;
         k->k2 = distorted ? 0.02 : 0;
         k->p1 = distorted ? 1e-3 : 0;
@@ -169,14 +176,14 @@ static cln_status check_directions(cln_checks *c, const cln_camera *cameras,
 {
     cln_status st = CLN_OK;
     float *got = NULL;
-    double *want = NULL, origin[3];
+    double *want = NULL, origin[3], direction[3];
 
     CLN_TRY(cln_alloc(&got, RAYS * 6, sizeof *got, "self-test"));
     CLN_TRY(cln_alloc(&want, RAYS * 6, sizeof *want, "self-test"));
     for (int r = 0; r < rays; r++) {
         cln_camera_ray(&cameras[pixels[r].view], pixels[r].x + 0.5, pixels[r].y + 0.5, origin,
-                       want + 6 * r + 3);
-        memcpy(want + 6 * r, origin, sizeof origin);
+                       direction);
+        cln_space_ray_to_cube(&c->p->space, origin, direction, want + 6 * r, want + 6 * r + 3);
         memcpy(got + 6 * r, ray_o[r], 3 * sizeof(float));
         memcpy(got + 6 * r + 3, ray_d[r], 3 * sizeof(float));
     }
@@ -294,13 +301,14 @@ static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_p
                       const float (*boxes)[4])
 {
     const double margin = 3e-5, n1 = c->p->config.n1;
-    double o[3], d[3];
+    double origin[3], direction[3], o[3], d[3];
     ref_interval crossed[64];
     int count = 0;
 
     if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* lists, the same for all rays of a pixel */
         return true;
-    cln_camera_ray(camera, pixel->x + 0.5, pixel->y + 0.5, o, d);
+    cln_camera_ray(camera, pixel->x + 0.5, pixel->y + 0.5, origin, direction);
+    cln_space_ray_to_cube(&c->p->space, origin, direction, o, d);
     count = ref_intervals(&c->model->tree, o, d, crossed, 64);
     for (int i = 0; i < count; i++) {
         const float *box = boxes[crossed[i].slot];
@@ -417,7 +425,7 @@ cln_status cln_check_rays(cln_checks *c)
     CLN_TRY(cln_alloc(&backgrounds, RAYS, sizeof *backgrounds, "self-test"));
     CLN_TRY(cln_alloc(&ray_o, RAYS, sizeof *ray_o, "self-test"));
     CLN_TRY(cln_alloc(&ray_d, RAYS, sizeof *ray_d, "self-test"));
-    make_cameras(p->lenses != 0, cameras);
+    make_cameras(p, cameras);
     m->rays = rays;
     for (int r = 0; r < rays; r++) {
         const cln_u32 row = SIDE / STEP, pixel = (cln_u32)(r * (RAYS / rays));
@@ -427,7 +435,7 @@ cln_status cln_check_rays(cln_checks *c)
         pixels[r].x = at % row * STEP + 1;
         pixels[r].y = at / row * STEP + 2;
     }
-    CLN_TRY(cln_pipeline_cameras(p, pointers, VIEWS, &cln_space_unit));
+    CLN_TRY(cln_pipeline_cameras(p, pointers, VIEWS, &p->space));
     CLN_TRY(cln_check_spoil(p->device, &p->ray_o, (size_t)rays * sizeof *ray_o));
     CLN_TRY(cln_check_spoil(p->device, &p->ray_d, (size_t)rays * sizeof *ray_d));
     CLN_TRY(cln_pipeline_batch(p, pixels, rays, NULL, backgrounds[0]));

@@ -22,7 +22,7 @@ static void on_check(const char *name, bool passed, bool skipped, const char *de
                                                    verdict, "detail", detail ? detail : ""));
         return;
     }
-    printf("%-7s  %-46s  %s\n", verdict, name, detail ? detail : "");
+    printf("%-7s  %-52s  %s\n", verdict, name, detail ? detail : "");
     fflush(stdout);
 }
 
@@ -32,7 +32,9 @@ cln_status cln_cmd_selftest(const cln_options *options)
     cln_status tested = CLN_OK;
     tally t = {.json = options->json, .checks = json_array()};
 
-    tested = cln_selftest(&options->device, options->quick, on_check, &t);
+    tested = options->extremes
+                 ? cln_selftest_extremes(&options->device, options->quick, on_check, &t)
+                 : cln_selftest(&options->device, options->quick, on_check, &t);
     if (tested != CLN_OK && tested != CLN_CHECK)
         CLN_TRY(tested);
     if (options->json)

@@ -249,7 +249,10 @@ const cln_arg cln_args[] = {
          "time to search in (also 90s, 10m, 1:30); what is best by then is taken",
          .standard = "60", .seconds = true),
     FLAG(CLN_SELFTEST, "quick", quick,
-         "only the checks that take about a second"),
+         "only the checks that take about a second; of --extremes, no sorts of over 2^17 keys"),
+    FLAG(CLN_SELFTEST, "extremes", extremes,
+         "every kernel where numbers are large, tiny, saturated or on an edge: worst error, its "
+         "place and its bound (docs/stability.md)"),
 
     REAL(CLN_CHECK_SCENE, "probe", probe, "SECONDS", 0, 600,
          "time to measure training steps in, for an estimate; 0 = none", .standard = "2",

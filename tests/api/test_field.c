@@ -10,7 +10,7 @@
 #include <pthread.h>
 #include "base/rng.h"
 #include "check/selftest_checks.h"
-#include "forward_fixture.h"
+#include "check/forward_scene.h"
 #include "run_fixture.h"
 #include "tests.h"
 
@@ -144,7 +144,7 @@ static void test_forward(void **state)
 {
     static points p;
     const cln_device_desc device = fixture_device();
-    const cln_space space = forward_space(2);
+    const cln_space space = cln_check_forward_space(2);
     cln_model model = {0};
     cln_field *field = NULL;
     const char *run = NULL;

@@ -550,32 +550,19 @@ static void test_selftest_passes(void **state)
 static void check_wrong_kernel(const char *file, const char *from, const char *to, const char *name)
 {
     cln_device_desc device = fixture_device();
-    char path[128], source[128], *text = NULL, *at = NULL, *wrong = NULL;
-    size_t bytes = 0;
+    char folder[32];
     tally t = {0};
 
-    snprintf(path, sizeof path, "wrong/%s", file);
-    snprintf(source, sizeof source, "kernels/%s", file);
-    assert_ok(cln_read_file(source, (size_t)1 << 20, &text, &bytes));
-    at = strstr(text, from);
-    assert_non_null(at);
-    assert_true(asprintf(&wrong, "%.*s%s%s", (int)(at - text), text, to, at + strlen(from)) > 0);
-    assert_ok(cln_make_dirs(fixture_path("wrong")));
-    scratch_put(fixture_path(path), wrong, strlen(wrong));
-    device.kernel_dir = fixture_path("wrong");
+    snprintf(folder, sizeof folder, "wrong %s", name);
+    device.kernel_dir = fixture_kernels_changed(folder, file, from, to);
     assert_fails(cln_selftest(&device, true, on_check, &t), CLN_CHECK, name);
     assert_true(t.failed > 0);
     assert_non_null(strstr(t.first, name));
-    assert_int_equal(remove(fixture_path(path)), 0);
-    free(text);
-    free(wrong);
 }
 
 static void test_selftest_notices(void **state)
 {
     NEED_DEVICE();
-    if (!cln_is_file("kernels/composite.cl"))
-        skip(); /* not run from the source tree */
     check_wrong_kernel("composite.cl", "through = EXP(-tau);", "through = EXP(-0.99f * tau);",
                        "composite");
     check_wrong_kernel("scan.cl", "at += value;", "at += value + 1u;", "scan");

@@ -12,7 +12,7 @@
 #include "export/marching.h"
 #include "export/surface.h"
 #include "model/octree.h"
-#include "forward_fixture.h"
+#include "check/forward_scene.h"
 #include "near.h"
 #include "tests.h"
 #include "truth.h"
@@ -392,7 +392,7 @@ static void fuse_front(const shapes *scene, const cln_space *space, const cln_oc
         float *depth = malloc(sizeof(float) * FRONT_WIDTH * FRONT_HEIGHT);
         cln_camera camera;
 
-        forward_camera(0, space, FRONT_WIDTH, FRONT_HEIGHT, &camera);
+        cln_check_forward_camera(0, space, FRONT_WIDTH, FRONT_HEIGHT, &camera);
         for (int a = 0; a < 3; a++)
             camera.c2w[4 * a + 3] +=
                 0.4 * ((i % 3 - 1) * space->axes[a] + (i / 3 - 1) * space->axes[3 + a]);
@@ -414,7 +414,7 @@ static void fuse_front(const shapes *scene, const cln_space *space, const cln_oc
 /* Vertices lie on the balls, to a part of a cell's depth there, with the balls' normals. */
 static void forward_depths_give_the_surface_back(void **state)
 {
-    const cln_space space = forward_space(1);
+    const cln_space space = cln_check_forward_space(1);
     const cln_callbacks none = {0};
     cln_fusion fusion = {0};
     cln_surface s = {0};

@@ -1,6 +1,6 @@
 /* composite.cl against the float64 reference: pictures, losses and gradients of rays from none
  * to many samples, with optical depths from 1e-12 to 1e6, opaque first samples, and every loss
- * and regulariser. Bounds as in each comparison; what cancels is said there. */
+ * and regulariser. Bounds as in each comparison; tests/check/test_extremes.c has relative ones. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -271,138 +271,6 @@ static void test_losses(void **state)
     test_report("losses and gradients");
 }
 
-/* ---- extremes, with relative bounds for every ray and sample ---- */
-
-enum { LONG = 20000, KINDS = 17, MOST_SAMPLES = LONG + KINDS * 50 };
-
-static void assert_relative(const char *what, int i, double got, double want, double bound)
-{
-    if (!(fabs(got - want) <= bound * fabs(want) + 1e-36)) /* denormals aside */
-        fail_msg("%s %d is %.9g, not %.9g", what, i, got, want);
-}
-
-/* Rays of equal samples: 50 of each optical depth from 1e-12 to 1e30, at a distance of 1000, and
- * many of a depth that 1 - x rounds away. Opacity, transmittance (the colour behind dark samples),
- * depth, and the gradient of a loss that nothing cancels. Densities up to the largest that an
- * activation has, with deltas down to 0. */
-static void check_extremes(const tune_set *set, double cauchy)
-{
-    static const double depths[KINDS] = {2.9e-8, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2, 0.149, 0.151,
-                                         1,      3,     10,    79,   81,   1e3,  1e6,  1e30};
-    const double density = 2.5e34; /* 1e4 exp(70) */
-    const float behind[4] = {1, 1, 1, 1};
-    cln_config config = small_config();
-    cln_sample *samples = test_alloc(MOST_SAMPLES, sizeof *samples);
-    float(*out)[4] = test_alloc(MOST_SAMPLES, sizeof *out), (*dout)[4] = NULL;
-    float targets[KINDS + 1][4], ray_o[KINDS + 1][4], ray_d[KINDS + 1][4];
-    uint32_t starts[KINDS + 2] = {0}, n = 0;
-    cln_ray_result *results[3] = {NULL}; /* with the median depth, the mean, and of training */
-    double(*wide)[4] = test_alloc(LONG, sizeof *wide), *t = test_alloc(LONG, sizeof *t);
-    double *deltas = test_alloc(LONG, sizeof *deltas);
-    cln_device *device = NULL;
-    cln_pipeline *p = NULL;
-
-    memset(ray_o, 0, sizeof ray_o);
-    config.loss = CLN_LOSS_L2;
-    config.alpha_loss = 0;
-    config.cauchy = cauchy;
-    config.random_background = false;
-    p = test_pipeline(set, &config, 0, true);
-    device = p->device;
-    for (int r = 0; r <= KINDS; r++) {
-        const int count = r == 0 ? LONG : 50;
-
-        for (int i = 0; i < count && r < KINDS; i++, n++) {
-            const double delta = r == KINDS - 1 ? 1e-4 : 0.01;
-
-            samples[n] = (cln_sample){.t = (float)(1000 + delta * i), .ray = (uint32_t)r};
-            samples[n].delta = (float)delta;
-            out[n][3] = (float)(depths[r] / delta);
-        }
-        for (int i = 0; i < 3 && r == KINDS; i++, n++) { /* a delta of 0 */
-            samples[n] = (cln_sample){.t = 3, .ray = (uint32_t)r, .delta = i == 2 ? 1 : 0};
-            out[n][3] = i == 2 ? 0 : (float)density;
-        }
-        starts[r + 1] = n;
-        for (int k = 0; k < 4; k++) {
-            targets[r][k] = 0;
-            ray_d[r][k] = 1;
-        }
-    }
-    for (int pass = 0; pass < 3; pass++) {
-        test_fill(device, &p->sample_starts, starts, sizeof starts);
-        test_fill(device, &p->samples, samples, n * sizeof *samples);
-        test_fill(device, &p->out, out, n * sizeof *out);
-        test_fill(device, &p->targets, targets, sizeof targets);
-        test_fill(device, &p->backgrounds, behind, sizeof behind);
-        test_fill(device, &p->ray_o, ray_o, sizeof ray_o);
-        test_fill(device, &p->ray_d, ray_d, sizeof ray_d);
-        test_fill(device, &p->results, NULL, (KINDS + 1) * sizeof **results);
-        test_fill(device, &p->dout, NULL, n * sizeof *dout);
-        if (pass == 2)
-            assert_ok(cln_stage_composite_train(p, KINDS + 1, n));
-        else
-            assert_ok(cln_stage_composite(p, KINDS + 1, pass ? CLN_DEPTH_MEAN : 0));
-        results[pass] = test_read(device, &p->results, (KINDS + 1) * sizeof **results, "results");
-    }
-    dout = test_read(device, &p->dout, n * sizeof *dout, "dout");
-    for (int r = 0; r <= KINDS; r++) {
-        const double sums = r == 0 ? 5e-9 * LONG : 1e-5; /* of equal numbers, in float32 */
-        double tau = 0, opacity = 0, depth = 0, regular = 0, through = 1, median;
-
-        for (uint32_t i = starts[r], j = 0; i < starts[r + 1]; i++, j++) {
-            const double sigma = out[i][3], x = fmin(sigma * (double)samples[i].delta, 80);
-
-            opacity += exp(-tau) * -expm1(-x);
-            depth += exp(-tau) * -expm1(-x) * (double)samples[i].t;
-            tau += x;
-            regular += cauchy * log1p(2 * sigma * sigma);
-            wide[j][3] = sigma;
-            t[j] = samples[i].t;
-            deltas[j] = samples[i].delta;
-        }
-        through = exp(-tau);
-        median =
-            ref_median_depth((int)(starts[r + 1] - starts[r]), (const double(*)[4])wide, t, deltas);
-        for (int k = 0; k < 3; k++) {
-            const cln_ray_result *got = &results[k][r];
-
-            assert_relative("opacity of ray", r, got->opacity, opacity, sums);
-            if (opacity > 1e-9)
-                assert_relative("depth of ray", r, got->depth, k ? depth / opacity : median, sums);
-            if (through > 1e-30) /* exp(-tau) has the relative error of tau in absolute terms */
-                assert_relative("transmittance of ray", r, got->r, through, 1e-6 + 3e-7 * tau);
-        }
-        assert_relative("loss of ray", r, results[2][r].loss, through * through + regular, sums);
-        for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
-            const double sigma = out[i][3], delta = samples[i].delta;
-            const double slope =
-                -2 * through * through * delta + cauchy * 4 * sigma / (1 + 2 * sigma * sigma);
-
-            for (int k = 0; k < 4; k++)
-                assert_true(isfinite(dout[i][k]));
-            if (through > 1e-15)
-                assert_relative("density gradient of sample", (int)i, dout[i][3],
-                                slope / (KINDS + 1), 1e-5 + 1e-6 * tau);
-        }
-    }
-    for (int k = 0; k < 3; k++)
-        free(results[k]);
-    free(dout);
-    free(samples);
-    free(out);
-    free(wide);
-    free(t);
-    free(deltas);
-}
-
-static void test_extremes(void **state)
-{
-    (void)state;
-    check_extremes(&tune_sets[0], 0);
-    check_extremes(&tune_sets[4], 1e-3);
-}
-
 /* No rays at all: nothing is launched, nothing written. */
 static void test_no_rays(void **state)
 {
@@ -425,7 +293,6 @@ int test_group_composite(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_pictures),
         cmocka_unit_test(test_losses),
-        cmocka_unit_test(test_extremes),
         cmocka_unit_test(test_no_rays),
     };
 

@@ -9,7 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "device_test.h"
-#include "forward_fixture.h"
+#include "check/forward_scene.h"
 #include "pipeline/splat.h"
 #include "sampling_test.h"
 #include "scene/scene.h"
@@ -69,7 +69,7 @@ static const unsigned lenses_of[] = {0, 1u << CLN_LENS_OPENCV,
 
 static cln_space space_of(views kind)
 {
-    return kind == FORWARD ? forward_space(1) : cln_space_unit;
+    return kind == FORWARD ? cln_check_forward_space(1) : cln_space_unit;
 }
 
 static void make_cameras(views kind, cln_camera cameras[VIEWS])
@@ -116,7 +116,7 @@ static void make_cameras(views kind, cln_camera cameras[VIEWS])
         if (kind == FORWARD) {
             const cln_space space = space_of(kind);
 
-            forward_camera(v, &space, 150 - 10 * v, 131, c);
+            cln_check_forward_camera(v, &space, 150 - 10 * v, 131, c);
         }
     }
 }

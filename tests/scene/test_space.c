@@ -10,7 +10,7 @@
 #include <cmocka.h>
 #include <math.h>
 #include "base/rng.h"
-#include "forward_fixture.h"
+#include "check/forward_scene.h"
 #include "near.h"
 #include "scene/space.h"
 #include "tests.h"
@@ -203,13 +203,13 @@ static void test_forward_map(void **state)
 
     (void)state;
     for (int i = 0; i < 1200; i++) {
-        const cln_space forward = forward_space(units[i % 3]);
+        const cln_space forward = cln_check_forward_space(units[i % 3]);
         double o[3], d[3], q[3], e[3], at[3], cube[3], back[3], before[3], after[3], along[3];
         double depth = 0, t = 0, mass = 0, cosine = 0;
         float u[4], normal[3], turned[3];
         cln_camera c;
 
-        forward_camera(i / 3, &forward, 40, 30, &c);
+        cln_check_forward_camera(i / 3, &forward, 40, 30, &c);
         cln_uniform4(3, CLN_STREAM_SCENE, 0, (uint32_t)i, 0, u);
         assert_true(cln_camera_ray(&c, 40 * (double)u[0], 30 * (double)u[1], o, d));
         cln_space_ray_to_cube(&forward, o, d, q, e);
@@ -271,7 +271,8 @@ static void test_forward_map(void **state)
 
 static void test_forward_equality(void **state)
 {
-    const cln_space forward = forward_space(1), cube = {.centre = {2, -1, 0.5}, .half = 1.5};
+    const cln_space forward = cln_check_forward_space(1),
+                    cube = {.centre = {2, -1, 0.5}, .half = 1.5};
     cln_space other = forward;
 
     (void)state;

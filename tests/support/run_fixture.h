@@ -229,6 +229,29 @@ static inline const char *fixture_kernels_with(const char *name, const char *lin
     return fixture_path(name);
 }
 
+/* A kernel folder whose FILE has `to` instead of its first `from`; skips outside the source tree. */
+static inline const char *fixture_kernels_changed(const char *name, const char *file,
+                                                  const char *from, const char *to)
+{
+    char path[128], source[128], *text = NULL, *at = NULL, *changed = NULL;
+    size_t bytes = 0;
+
+    snprintf(path, sizeof path, "%s/%s", name, file);
+    snprintf(source, sizeof source, "kernels/%s", file);
+    if (!cln_is_file(source))
+        skip();
+    assert_ok(cln_read_file(source, (size_t)1 << 20, &text, &bytes));
+    at = strstr(text, from);
+    if (!at)
+        fail_msg("%s has no \"%s\"", source, from);
+    assert_true(asprintf(&changed, "%.*s%s%s", (int)(at - text), text, to, at + strlen(from)) > 0);
+    assert_ok(cln_make_dirs(fixture_path(name)));
+    scratch_put(fixture_path(path), changed, strlen(changed));
+    free(text);
+    free(changed);
+    return fixture_path(name);
+}
+
 /* A JSON file of the group's folder; the caller drops the reference. */
 static inline json_t *fixture_json(const char *name)
 {

@@ -8,7 +8,7 @@
 #include <math.h>
 #include "base/rng.h"
 #include "train/batch.h"
-#include "forward_fixture.h"
+#include "check/forward_scene.h"
 #include "scene_fixture.h"
 #include "scene/build.h"
 #include "tests.h"
@@ -192,13 +192,13 @@ static void test_tight(void **state)
  */
 static void test_forward(void **state)
 {
-    const cln_space space = forward_space(1);
+    const cln_space space = cln_check_forward_space(1);
     cln_scene *scene = make_scene(*state, 4, 4, 80, 60, 3);
     double more[2] = {0};
 
     random_state = 7;
     for (int i = 0; i < 4; i++) {
-        forward_camera(i, &space, 80, 60, &scene->views[i].camera);
+        cln_check_forward_camera(i, &space, 80, 60, &scene->views[i].camera);
         if (i == 3) /* not beyond the near plane: leaves reach around that */
             scene->views[i].camera = scene->views[2].camera;
     }
@@ -210,7 +210,8 @@ static void test_forward(void **state)
     }
     if (!(more[1] >= 1 && more[1] < 2.5))
         fail_msg("%.3f times as many pixels are covered as meet a leaf", more[1]);
-    forward_camera(3, &space, 80, 60, &scene->views[3].camera); /* covered as a whole, then */
+    cln_check_forward_camera(3, &space, 80, 60,
+                             &scene->views[3].camera); /* covered as a whole, then */
     for (int level = 1; level <= 3; level++) {
         cln_octree tree = random_tree(level, 6);
 

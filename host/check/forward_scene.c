@@ -1,14 +1,10 @@
-/* A forward space (scene/space.h) and cameras that look into it: a mean camera turned against the
- * scene's axes, off the origin. */
-#ifndef CLN_FORWARD_FIXTURE_H
-#define CLN_FORWARD_FIXTURE_H
+/* The forward space and cameras of forward_scene.h. */
+#include "check/forward_scene.h"
 
 #include <math.h>
 #include <string.h>
-#include "scene/scene.h"
 
-/* Near plane at 1.5 units; sides of tangents 0.8 and 0.625. */
-static inline cln_space forward_space(double unit)
+cln_space cln_check_forward_space(double unit)
 {
     const double a = 0.6, b = -0.4; /* about y, then about x */
     const double axes[9] = {cos(a),  sin(a) * sin(b), sin(a) * cos(b), 0, cos(b), -sin(b),
@@ -19,14 +15,11 @@ static inline cln_space forward_space(double unit)
     return space;
 }
 
-/* Camera 0 is the mean camera; the others stand a little aside, before and behind, and look a
- * little aside; camera 3 is beyond the near plane. width x height pixels. */
-static inline void forward_camera(int i, const cln_space *space, int width, int height,
-                                  cln_camera *c)
+void cln_check_forward_camera(int i, const cln_space *space, int width, int height, cln_camera *c)
 {
-    static const double places[4][3] = {
+    static const double places[CLN_FORWARD_VIEWS][3] = {
         {0, 0, 0}, {0.2, -0.1, 0.3}, {-0.25, 0.15, -0.4}, {0.1, 0, 1.2}};
-    static const double turns[4] = {0, 0.05, -0.06, 0.02};
+    static const double turns[CLN_FORWARD_VIEWS] = {0, 0.05, -0.06, 0.02};
     const double cosine = cos(turns[i % 4]), sine = sin(turns[i % 4]);
     const double local[9] = {cosine, 0, sine, 0, 1, 0, -sine, 0, cosine}; /* columns: its axes */
 
@@ -45,5 +38,3 @@ static inline void forward_camera(int i, const cln_space *space, int width, int 
     c->cx = 0.5 * width + 0.13; /* no ray runs along a border of leaves */
     c->cy = 0.5 * height + 0.17;
 }
-
-#endif

@@ -1,0 +1,398 @@
+/* Compositing, losses, their gradients and distillation's at extreme optical depths, with bounds
+ * relative to each number: what cancels is measured by what it is made of. See extremes.h. */
+#include "check/extremes.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "reference/reference.h"
+
+/* A batch of rays on the device. */
+typedef struct batch {
+    int rays;
+    uint32_t n, *starts; /* [rays + 1] */
+    cln_sample *samples;
+    float (*out)[4], (*dout)[4], (*targets)[4], (*backgrounds)[4], (*ray_o)[4], (*ray_d)[4];
+    cln_ray_result *median, *mean, *trained;
+    double (*wide)[4], *t, *delta, (*grad)[4]; /* of the ray with the most samples */
+} batch;
+
+static cln_status make(batch *b, int rays, uint32_t most_samples, uint32_t longest)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)rays;
+    const char *what = "self-test";
+
+    b->rays = rays;
+    CLN_TRY(cln_alloc(&b->starts, n + 1, sizeof *b->starts, what));
+    CLN_TRY(cln_alloc(&b->samples, most_samples, sizeof *b->samples, what));
+    CLN_TRY(cln_alloc(&b->out, most_samples, sizeof *b->out, what));
+    CLN_TRY(cln_alloc(&b->dout, most_samples, sizeof *b->dout, what));
+    CLN_TRY(cln_alloc(&b->targets, n, sizeof *b->targets, what));
+    CLN_TRY(cln_alloc(&b->backgrounds, n, sizeof *b->backgrounds, what));
+    CLN_TRY(cln_alloc(&b->ray_o, n, sizeof *b->ray_o, what));
+    CLN_TRY(cln_alloc(&b->ray_d, n, sizeof *b->ray_d, what));
+    CLN_TRY(cln_alloc(&b->median, n, sizeof *b->median, what));
+    CLN_TRY(cln_alloc(&b->mean, n, sizeof *b->mean, what));
+    CLN_TRY(cln_alloc(&b->trained, n, sizeof *b->trained, what));
+    CLN_TRY(cln_alloc(&b->wide, longest, sizeof *b->wide, what));
+    CLN_TRY(cln_alloc(&b->t, longest, sizeof *b->t, what));
+    CLN_TRY(cln_alloc(&b->delta, longest, sizeof *b->delta, what));
+    CLN_TRY(cln_alloc(&b->grad, longest, sizeof *b->grad, what));
+    for (int r = 0; r < rays; r++)
+        b->ray_d[r][3] = 1;
+done:
+    return st;
+}
+
+static void free_batch(batch *b)
+{
+    free(b->starts);
+    free(b->samples);
+    free(b->out);
+    free(b->dout);
+    free(b->targets);
+    free(b->backgrounds);
+    free(b->ray_o);
+    free(b->ray_d);
+    free(b->median);
+    free(b->mean);
+    free(b->trained);
+    free(b->wide);
+    free(b->t);
+    free(b->delta);
+    free(b->grad);
+}
+
+/* Runs pictures of both depths, then training. */
+static cln_status run(cln_pipeline *p, batch *b)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const size_t rays = (size_t)b->rays, row = 4 * sizeof(float);
+    cln_ray_result *results[3] = {b->median, b->mean, b->trained};
+
+    CLN_TRY(cln_check_put(device, &p->sample_starts, b->starts, (rays + 1) * sizeof *b->starts));
+    CLN_TRY(cln_check_put(device, &p->samples, b->samples, b->n * sizeof *b->samples));
+    CLN_TRY(cln_check_put(device, &p->out, b->out, b->n * row));
+    CLN_TRY(cln_check_put(device, &p->targets, b->targets, rays * row));
+    CLN_TRY(cln_check_put(device, &p->backgrounds, b->backgrounds, rays * row));
+    CLN_TRY(cln_check_put(device, &p->ray_o, b->ray_o, rays * row));
+    CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, rays * row));
+    CLN_TRY(cln_check_spoil(device, &p->dout, b->n * row));
+    for (int pass = 0; pass < 3; pass++) {
+        CLN_TRY(cln_check_spoil(device, &p->results, rays * sizeof **results));
+        if (pass == 2)
+            CLN_TRY(cln_stage_composite_train(p, b->rays, b->n));
+        else
+            CLN_TRY(cln_stage_composite(p, b->rays, pass ? CLN_DEPTH_MEAN : 0));
+        CLN_TRY(cln_buffer_read(device, &p->results, 0, results[pass], rays * sizeof **results));
+    }
+    CLN_TRY(cln_buffer_read(device, &p->dout, 0, b->dout, b->n * row));
+done:
+    return st;
+}
+
+/* Widens ray r; returns its number of samples. */
+static int widen(batch *b, int r)
+{
+    const uint32_t first = b->starts[r];
+    const int n = (int)(b->starts[r + 1] - first);
+
+    for (int i = 0; i < n; i++) {
+        b->t[i] = b->samples[first + (uint32_t)i].t;
+        b->delta[i] = b->samples[first + (uint32_t)i].delta;
+        for (int k = 0; k < 4; k++)
+            b->wide[i][k] = b->out[first + (uint32_t)i][k];
+    }
+    return n;
+}
+
+static double optical_depth(const batch *b, int i)
+{
+    return fmin(b->wide[i][3] * b->delta[i], (double)CLN_MAX_OPTICAL_DEPTH);
+}
+
+/* ---- equal samples ---- */
+
+/* Rays of `count` equal, black samples at t = 1000 before a white background: whatever passes is
+ * the colour, and nothing in the loss and its gradient cancels. */
+typedef struct even {
+    uint32_t count;
+    double depth, delta; /* of a sample: optical, and its length */
+} even;
+
+static const even evens[] = {
+    {100000, 2.9e-8, 1e-3}, /* of a depth that 1 - x rounds away */
+    {50, 1e-12, 0.01},      {50, 1e-10, 0.01},   {50, 1e-8, 0.01},   {50, 1e-6, 0.01},
+    {50, 1e-4, 0.01},       {50, 1e-2, 0.01},    {50, 0.149, 0.01},  {50, 0.151, 0.01},
+    {50, 1, 0.01},          {50, 3, 0.01},       {50, 10, 0.01},     {50, 79, 0.01},
+    {50, 81, 0.01},         {50, 1e3, 0.01},     {50, 1e6, 0.01},    {50, 1e30, 1e-4},
+    {1, 1e-12, 0.01},       {1, 1e-6, 0.01},     {1, 1, 0.01},       {1, 1e6, 0.01},
+    {10, 0.1, 0.01},        {100, 0.01, 0.01},   {1000, 1e-3, 1e-3}, {10, 1e-9, 1e-6},
+    {10, 1e-9, 1e3},        {1000, 1e-12, 1e-3},
+};
+enum { EVENS = sizeof evens / sizeof *evens, EVEN_RAYS = EVENS + 1, EVEN_MOST = 100000 };
+
+/* The last ray has the largest density of any activation beside deltas of 0. */
+static const double most_density = 2.5e34; /* 1e4 exp(70) */
+
+static void fill_evens(batch *b)
+{
+    for (int r = 0; r < EVEN_RAYS; r++) {
+        const even *e = &evens[r < EVENS ? r : 0];
+
+        b->starts[r] = b->n;
+        for (uint32_t i = 0; i < (r < EVENS ? e->count : 3); i++, b->n++) {
+            cln_sample *s = &b->samples[b->n];
+
+            if (r < EVENS) {
+                *s = (cln_sample){.t = (float)(1000 + e->delta * i), .delta = (float)e->delta};
+                b->out[b->n][3] = (float)(e->depth / e->delta);
+            } else {
+                *s = (cln_sample){.t = 3, .delta = i == 2 ? 1 : 0};
+                b->out[b->n][3] = i == 2 ? 0 : (float)most_density;
+            }
+            s->ray = (uint32_t)r;
+        }
+        for (int k = 0; k < 4; k++)
+            b->backgrounds[r][k] = 1;
+    }
+    b->starts[EVEN_RAYS] = b->n;
+}
+
+cln_status cln_extremes_composite(cln_checks *c)
+{
+    static const char range[] = "sigma delta 0 to 1e30, 1 to 10^5 samples, t 1000";
+    cln_status st = CLN_OK;
+    const double cauchy = c->p->config.cauchy;
+    cln_extreme opacities = cln_extreme_row(c, "opacity", range);
+    cln_extreme depths = cln_extreme_row(c, "mean depth", range);
+    cln_extreme medians = cln_extreme_row(c, "median depth", range);
+    cln_extreme through = cln_extreme_row(c, "transmittance over 1e-30", range);
+    cln_extreme losses = cln_extreme_row(c, "loss", range);
+    cln_extreme gradients = cln_extreme_row(c, "density gradient, T over 1e-15", range);
+    cln_extreme finite = cln_extreme_row(c, "every gradient", range);
+    batch b = {0};
+
+    CLN_TRY(make(&b, EVEN_RAYS, 2 * EVEN_MOST, EVEN_MOST));
+    fill_evens(&b);
+    CLN_TRY(run(c->p, &b));
+    for (int r = 0; r < EVEN_RAYS; r++) {
+        const int n = widen(&b, r);
+        /* sums of equal numbers in float32, that of tau by its own size */
+        const double sums = 1e-5 + 5e-9 * n, of_tau = 3e-7 + 2e-8 * n;
+        double tau = 0, opacity = 0, depth = 0, regular = 0, left = 1, median = 0;
+
+        for (int i = 0; i < n; i++) {
+            const double x = optical_depth(&b, i), sigma = b.wide[i][3];
+
+            opacity += exp(-tau) * -expm1(-x);
+            depth += exp(-tau) * -expm1(-x) * b.t[i];
+            tau += x;
+            regular += cauchy * log1p(2 * sigma * sigma);
+        }
+        left = exp(-tau);
+        median = ref_median_depth(n, (const double(*)[4])b.wide, b.t, b.delta);
+        cln_extreme_meet(&opacities, b.median[r].opacity, opacity, opacity, sums,
+                         "sigma delta %.3g x %d", n ? optical_depth(&b, 0) : 0, n);
+        if (opacity > 1e-9) {
+            cln_extreme_meet(&medians, b.median[r].depth, median, median, sums,
+                             "sigma delta %.3g x %d", optical_depth(&b, 0), n);
+            cln_extreme_meet(&depths, b.mean[r].depth, depth / opacity, depth / opacity, sums,
+                             "sigma delta %.3g x %d", optical_depth(&b, 0), n);
+        }
+        if (left > 1e-30) /* exp(-tau) has the relative error of tau in absolute terms */
+            cln_extreme_meet(&through, b.median[r].r, left, left, 1e-6 + of_tau * tau,
+                             "sigma delta %.3g x %d", optical_depth(&b, 0), n);
+        cln_extreme_meet(&losses, b.trained[r].loss, left * left + regular, left * left + regular,
+                         sums + 2 * of_tau * tau, "sigma delta %.3g x %d", optical_depth(&b, 0), n);
+        for (int i = 0; i < n; i++) {
+            const float *got = b.dout[b.starts[r] + (uint32_t)i];
+            const double sigma = b.wide[i][3], prior = 4 * sigma / (1 + 2 * sigma * sigma);
+            const double slope = (cauchy * prior - 2 * left * left * b.delta[i]) / EVEN_RAYS;
+
+            for (int k = 0; k < 4; k++)
+                cln_extreme_finite(&finite, got[k], "value %d of sample %d of ray %d", k, i, r);
+            if (left > 1e-15)
+                cln_extreme_meet(&gradients, got[3], slope, slope, 1e-5 + 2 * of_tau * tau,
+                                 "sigma delta %.3g, sample %d of %d", optical_depth(&b, i), i, n);
+        }
+    }
+    cln_extreme_report(&opacities);
+    cln_extreme_report(&medians);
+    cln_extreme_report(&depths);
+    cln_extreme_report(&through);
+    cln_extreme_report(&losses);
+    cln_extreme_report(&gradients);
+    cln_extreme_report(&finite);
+done:
+    free_batch(&b);
+    return st;
+}
+
+/* ---- coloured samples of every kind ---- */
+
+enum { KINDS = 6, EACH = 12, MIXED_RAYS = KINDS * EACH, MIXED_MOST = 61 };
+static const char *const kinds[KINDS] = {"random depths", "opaque first", "a thin surface",
+                                         "depths mixed",  "equal t",      "deltas of 0"};
+
+static void fill_mixed(batch *b)
+{
+    static const double extremes[] = {0, 1e-12, 1e-6, 1e-3, 1, 80, 1e4, 1e6};
+
+    for (uint32_t r = 0; r < MIXED_RAYS; r++) {
+        const uint32_t kind = r % KINDS, n = 1 + r * 13 % (MIXED_MOST - 1);
+        double t = cln_check_uniform(51, r, 0, 4);
+
+        b->starts[r] = b->n;
+        for (uint32_t i = 0; i < n; i++, b->n++) {
+            const double delta = pow(10, cln_check_uniform(52, b->n, -4, -1));
+            double x = pow(10, cln_check_uniform(53, b->n, -4, 0.5));
+
+            if (kind == 1)
+                x = i == 0 ? 1e6 : 0.1;
+            if (kind == 2)
+                x = i == n / 2 ? 30 : 1e-9;
+            if (kind == 3)
+                x = extremes[(r + i * 5) % 8];
+            b->samples[b->n] =
+                (cln_sample){.t = (float)(t + delta / 2), .delta = (float)delta, .ray = r};
+            if (kind == 5 && i % 3 == 0)
+                b->samples[b->n].delta = 0;
+            t += kind == 4 ? 0 : delta;
+            if (kind == 4)
+                b->samples[b->n].t = (float)t;
+            for (uint32_t k = 0; k < 3; k++)
+                b->out[b->n][k] = (float)cln_check_uniform(54, 3 * b->n + k, 0, 1);
+            b->out[b->n][3] = (float)(x / delta);
+        }
+        for (uint32_t k = 0; k < 4; k++) {
+            b->targets[r][k] = (float)cln_check_uniform(55, 4 * r + k, 0, 1);
+            b->backgrounds[r][k] = (float)cln_check_uniform(56, 4 * r + k, 0, 1);
+        }
+    }
+    b->starts[MIXED_RAYS] = b->n;
+}
+
+/* Gradients by what they are made of: dL/dc by the sample's weight; dL/dsigma by the light that
+ * reaches behind the sample times the largest dL/dw that the losses can have, and delta. */
+cln_status cln_extremes_regularised(cln_checks *c)
+{
+    static const char range[] = "sigma delta 0 to 1e6, 1 to 60 samples, equal t, deltas of 0";
+    cln_status st = CLN_OK;
+    const cln_config *config = &c->p->config;
+    const ref_loss loss = {config->loss,
+                           config->huber_delta,
+                           config->cauchy,
+                           config->opacity_entropy,
+                           config->distortion_loss,
+                           config->alpha_loss};
+    cln_extreme colours = cln_extreme_row(c, "colour and opacity", range);
+    cln_extreme losses = cln_extreme_row(c, "loss", range);
+    cln_extreme by_colour = cln_extreme_row(c, "colour gradient by its weight", range);
+    cln_extreme by_density = cln_extreme_row(c, "density gradient by light behind", range);
+    batch b = {0};
+
+    CLN_TRY(make(&b, MIXED_RAYS, MIXED_RAYS * MIXED_MOST, MIXED_MOST));
+    fill_mixed(&b);
+    CLN_TRY(run(c->p, &b));
+    for (int r = 0; r < MIXED_RAYS; r++) {
+        const int n = widen(&b, r), back = c->p->ray_background ? r : 0;
+        const char *kind = kinds[r % KINDS];
+        const double span = b.t[n - 1] - b.t[0] + b.delta[n - 1];
+        const double most = 3 + loss.opacity_entropy / 0.11 + 4 * loss.distortion * span +
+                            2 * loss.alpha; /* of dL/dw */
+        double background[3], target[4], rgb[3], depth = 0, opacity = 0, tau = 0, want = 0;
+
+        for (int k = 0; k < 3; k++)
+            background[k] = b.backgrounds[back][k];
+        for (int k = 0; k < 4; k++)
+            target[k] = b.targets[r][k];
+        ref_composite(n, (const double(*)[4])b.wide, b.t, b.delta, background, rgb, &depth,
+                      &opacity, NULL);
+        for (int k = 0; k < 3; k++)
+            cln_extreme_meet(&colours, (&b.trained[r].r)[k], rgb[k], rgb[k], 1e-5, "%s, ray %d",
+                             kind, r);
+        cln_extreme_meet(&colours, b.trained[r].opacity, opacity, opacity, 1e-5, "%s, ray %d", kind,
+                         r);
+        want = ref_loss_of_ray(&loss, n, (const double(*)[4])b.wide, b.t, b.delta, background,
+                               target, b.grad);
+        cln_extreme_meet(&losses, b.trained[r].loss, want, fmax(want, 1e-2), 1e-4, "%s, ray %d",
+                         kind, r);
+        for (int i = 0; i < n; i++) {
+            const float *got = b.dout[b.starts[r] + (uint32_t)i];
+            const double x = optical_depth(&b, i), weight = exp(-tau) * -expm1(-x);
+
+            tau += x;
+            for (int k = 0; k < 3; k++)
+                cln_extreme_meet(&by_colour, got[k], b.grad[i][k] / MIXED_RAYS, weight / MIXED_RAYS,
+                                 1e-5 + 3e-7 * tau, "%s, sample %d of ray %d", kind, i, r);
+            cln_extreme_meet(&by_density, got[3], b.grad[i][3] / MIXED_RAYS,
+                             most * b.delta[i] * exp(-tau) / MIXED_RAYS, 1e-5 + 1e-6 * tau,
+                             "%s, sample %d of ray %d", kind, i, r);
+        }
+    }
+    cln_extreme_report(&colours);
+    cln_extreme_report(&losses);
+    cln_extreme_report(&by_colour);
+    cln_extreme_report(&by_density);
+done:
+    free_batch(&b);
+    return st;
+}
+
+/* ---- distillation ---- */
+
+/* Targets without alpha: the loss is alpha squared, and nothing cancels. */
+cln_status cln_extremes_distil(cln_checks *c)
+{
+    static const char range[] = "sigma delta 0 to 1e6";
+    enum { POINTS = 512 };
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    cln_sample samples[POINTS];
+    float out[POINTS][4], targets[POINTS][4] = {{0}}, losses[POINTS], dout[POINTS][4];
+    cln_extreme loss = cln_extreme_row(c, "loss", range);
+    cln_extreme gradient = cln_extreme_row(c, "density gradient", range);
+
+    for (uint32_t i = 0; i < POINTS; i++) {
+        const double delta = pow(10, cln_check_uniform(61, i, -4, -1));
+        const double depth = i % 16 == 0 ? 0 : pow(10, cln_check_uniform(62, i, -12, 6));
+
+        samples[i] = (cln_sample){.delta = (float)delta, .ray = i};
+        for (uint32_t k = 0; k < 3; k++)
+            out[i][k] = (float)cln_check_uniform(63, 3 * i + k, 0, 1);
+        out[i][3] = (float)(depth / delta);
+    }
+    CLN_TRY(cln_check_put(p->device, &p->samples, samples, sizeof samples));
+    CLN_TRY(cln_check_put(p->device, &p->out, out, sizeof out));
+    CLN_TRY(cln_check_put(p->device, &p->targets, targets, sizeof targets));
+    CLN_TRY(cln_check_spoil(p->device, &p->dout, sizeof dout));
+    CLN_TRY(cln_check_spoil(p->device, &p->losses, sizeof losses));
+    CLN_TRY(cln_stage_distil_gradient(p, POINTS, 1));
+    CLN_TRY(cln_buffer_read(p->device, &p->dout, 0, dout, sizeof dout));
+    CLN_TRY(cln_buffer_read(p->device, &p->losses, 0, losses, sizeof losses));
+    for (int i = 0; i < POINTS; i++) {
+        const double target[4] = {0}, delta = samples[i].delta, x = (double)out[i][3] * delta;
+        double wide[4], grad[4], want = 0;
+
+        for (int k = 0; k < 4; k++)
+            wide[k] = out[i][k];
+        want = ref_distil(wide, target, delta, grad);
+        cln_extreme_meet(&loss, losses[i], want, want, 1e-5, "sigma delta %.3g", x);
+        for (int k = 0; k < 3; k++)
+            cln_extreme_meet(&gradient, dout[i][k], 0, 1, 0, "sigma delta %.3g", x);
+        if (x < 79) /* what is left behind ends at exp(-80) */
+            cln_extreme_meet(&gradient, dout[i][3], grad[3], grad[3], 1e-5 + 1e-6 * x,
+                             "sigma delta %.3g", x);
+        else
+            cln_extreme_meet(&gradient, dout[i][3], 0, 1, 1e-33, "sigma delta %.3g", x);
+    }
+    cln_extreme_report(&loss);
+    cln_extreme_report(&gradient);
+done:
+    return st;
+}

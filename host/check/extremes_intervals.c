@@ -1,0 +1,275 @@
+/* Rays through the octree where float32 is on an edge: along axes, in faces, edges and corners of
+ * leaves and a rounding beside them, grazing, starting inside a leaf or on its face. In a tree
+ * without holes the samples of such a ray fill its chord of the cube, whichever leaf it is in. See
+ * extremes.h; ordinary rays are selftest_rays.c's. */
+#include "check/extremes_intervals.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+/* ---- the tree ---- */
+
+/* Leaves of levels 1 to 5, the deepest in a corner, beside the middle and on a face. */
+static cln_status make_model(const cln_config *config, cln_model *model)
+{
+    static const double deep[3][3] = {
+        {-0.999, -0.999, -0.999}, {0.001, 0.001, 0.001}, {0.999, 0.001, -0.999}};
+    cln_status st = CLN_OK;
+    cln_octree_change change = {0};
+    uint8_t *split = NULL;
+
+    CLN_TRY(cln_model_create(config, model));
+    for (int level = 2; level <= CLN_MAX_LEVEL; level++) {
+        CLN_TRY(cln_alloc(&split, (size_t)model->tree.leaf_count, 1, "self-test"));
+        for (int i = 0; i < 3; i++)
+            split[cln_octree_find(&model->tree, deep[i])] = 1;
+        CLN_TRY(cln_octree_split(&model->tree, split, &change));
+        CLN_TRY(cln_model_apply(model, &change));
+        cln_octree_change_free(&change);
+        free(split);
+        split = NULL;
+    }
+done:
+    cln_octree_change_free(&change);
+    free(split);
+    return st;
+}
+
+/* ---- rays ---- */
+
+typedef struct batch {
+    int rays;
+    float (*o)[4], (*d)[4];
+} batch;
+
+/* Origins on faces, edges, corners and middles of leaves. */
+static const double lattice[] = {-1, -0.75, -0.5, -0.0625, 0, 0.3, 0.5, 1};
+enum { LATTICE = sizeof lattice / sizeof *lattice };
+
+/* Slopes against an axis: none, under what counts as none, and small ones. */
+static const double grazes[] = {0, 1e-13, 1e-9, 1e-6, 1e-4, 1e-2};
+enum { GRAZES = sizeof grazes / sizeof *grazes };
+
+enum { DIRECTIONS = 27, NUDGES = 3, STARTS = 2 };
+enum {
+    LATTICE_RAYS = LATTICE * LATTICE * LATTICE * STARTS * 2,
+    GRAZING_RAYS = LATTICE * LATTICE * GRAZES * 6 * NUDGES
+};
+
+static void put(batch *b, const double from[3], const double along[3])
+{
+    const double length = sqrt(along[0] * along[0] + along[1] * along[1] + along[2] * along[2]);
+
+    for (int a = 0; a < 3; a++) {
+        b->o[b->rays][a] = (float)from[a];
+        b->d[b->rays][a] = (float)(along[a] / length);
+    }
+    b->d[b->rays][3] = 1;
+    b->rays++;
+}
+
+/* Each origin of the lattice with two of the directions to faces, edges and corners, in turn; from
+ * there and from 3 before it. */
+static void put_lattice(batch *b)
+{
+    int turn = 0;
+
+    for (int i = 0; i < LATTICE * LATTICE * LATTICE; i++)
+        for (int k = 0; k < 2; k++) {
+            const double at[3] = {lattice[i % LATTICE], lattice[i / LATTICE % LATTICE],
+                                  lattice[i / LATTICE / LATTICE]};
+            double along[3], before[3];
+
+            if (turn % DIRECTIONS == 13) /* no direction */
+                turn++;
+            for (int a = 0, t = turn++ % DIRECTIONS; a < 3; a++, t /= 3) {
+                along[a] = t % 3 - 1;
+                before[a] = at[a] - 3 * along[a];
+            }
+            put(b, at, along);
+            put(b, before, along);
+        }
+}
+
+/* Along every axis, both ways, in and a rounding beside planes of the lattice. */
+static void put_grazing(batch *b)
+{
+    for (int i = 0; i < LATTICE * LATTICE * GRAZES; i++)
+        for (int way = 0; way < 6; way++)
+            for (int nudge = -1; nudge <= 1; nudge++) {
+                const int axis = way / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
+                double from[3], along[3];
+
+                along[axis] = way % 2 ? 1 : -1;
+                along[u] = grazes[i / (LATTICE * LATTICE)];
+                along[v] = -along[u] / 3;
+                from[axis] = -2 * along[axis];
+                from[u] = lattice[i % LATTICE];
+                from[v] = lattice[i / LATTICE % LATTICE];
+                if (nudge != 0)
+                    from[u] = nextafterf((float)from[u], 2.0f * (float)nudge);
+                put(b, from, along);
+            }
+}
+
+/* ---- what samples do ---- */
+
+/* Length of a ray's part in the cube. A ray in the cube's face, or as near as positions of its
+ * origin's size are in float32, may count as inside or not: *vague. */
+static double chord_of(const float o[4], const float d[4], bool *vague)
+{
+    double from = 0, upto = INFINITY;
+
+    *vague = false;
+    for (int a = 0; a < 3; a++) {
+        const double at = o[a], along = fabs((double)d[a]) < 1e-12 ? 0 : d[a];
+
+        if (along == 0) {
+            *vague |= fabs(fabs(at) - 1) < 2e-7;
+            if (fabs(at) > 1)
+                return 0;
+            continue;
+        }
+        from = fmax(from, fmin((-1 - at) / along, (1 - at) / along));
+        upto = fmin(upto, fmax((-1 - at) / along, (1 - at) / along));
+        /* slides along a face: a rounding of its place there moves its end by as much over slope */
+        *vague |= fabs(along) < 0.1 && fabs(fabs(at + along * fmax(from, 0)) - 1) < 1e-6;
+        *vague |= fabs(along) < 0.1 && fabs(fabs(at + along * upto) - 1) < 1e-6;
+    }
+    return fmax(upto - from, 0);
+}
+
+cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, const char *range)
+{
+    /* skips nothing: samples fill chords */
+    const cln_sampling sampling = {.jitter = true,
+                                   .uniform_share = 0.25f,
+                                   .empty_share = 1,
+                                   .seed = 3,
+                                   .step = 1,
+                                   .max_samples = 1 << 24};
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    cln_extreme chords = cln_extreme_row(c, "samples fill the chord", range);
+    cln_extreme places = cln_extreme_row(c, "samples in their leaf", range);
+    cln_extreme order = cln_extreme_row(c, "order of samples", range);
+    cln_extreme compared = cln_extreme_row(c, "share of rays not compared", range);
+    uint32_t samples = 0, *starts = NULL, *used = NULL;
+    int whole = 0, met = 0;
+    cln_sample *sample = NULL;
+    float(*boxes)[4] = NULL, (*o)[4] = NULL, (*d)[4] = NULL;
+    const size_t n = (size_t)rays;
+
+    CLN_TRY(cln_octree_boxes(tree, (float **)&boxes));
+    CLN_TRY(cln_alloc(&starts, n + 1, sizeof *starts, "self-test"));
+    CLN_TRY(cln_alloc(&used, n, sizeof *used, "self-test"));
+    CLN_TRY(cln_alloc(&o, n, sizeof *o, "self-test"));
+    CLN_TRY(cln_alloc(&d, n, sizeof *d, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, o, n * sizeof *o));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, d, n * sizeof *d));
+    CLN_TRY(cln_stage_sample(p, rays, &sampling, &whole, &samples));
+    CLN_TRY(cln_buffer_read(p->device, &p->sample_starts, 0, starts, (n + 1) * sizeof *starts));
+    CLN_TRY(cln_buffer_read(p->device, &p->used, 0, used, n * sizeof *used));
+    CLN_TRY(cln_alloc(&sample, samples, sizeof *sample, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->samples, 0, sample, samples * sizeof *sample));
+    cln_extreme_meet(&order, starts[rays], samples, 1, 0, "the last start");
+    for (int r = 0; r < rays && starts[rays] == samples; r++) {
+        bool vague = false;
+        const double chord = chord_of(o[r], d[r], &vague);
+        double filled = 0, last = 0;
+
+        cln_extreme_meet(&order, starts[r] <= starts[r + 1] && starts[r + 1] <= samples, 1, 1, 0,
+                         "ray %d's start", r);
+        if (!(starts[r] <= starts[r + 1] && starts[r + 1] <= samples))
+            break;
+        for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
+            const cln_sample *s = &sample[i];
+            const bool whose = s->slot >= 0 && s->slot < tree->leaf_count;
+            double off = 0;
+
+            cln_extreme_meet(
+                &order, s->t >= last && s->delta >= 0 && whose && s->ray == (uint32_t)r, 1, 1, 0,
+                "ray %d, from %g %g %g along %g %g %g", r, (double)o[r][0], (double)o[r][1],
+                (double)o[r][2], (double)d[r][0], (double)d[r][1], (double)d[r][2]);
+            cln_extreme_finite(&order, s->delta, "ray %d", r);
+            if (!whose)
+                break;
+            for (int a = 0; a < 3; a++) {
+                const double at = o[r][a] + (double)s->t * d[r][a] - boxes[s->slot][a];
+
+                off = fmax(off, fmax(-at, at - boxes[s->slot][3]));
+            }
+            cln_extreme_meet(&places, fmax(off, 0), 0, 1, 2e-6, "ray %d from %g %g %g", r,
+                             (double)o[r][0], (double)o[r][1], (double)o[r][2]);
+            last = s->t;
+            filled += s->delta;
+        }
+        if (vague)
+            continue;
+        met += chord > 0;
+        /* chords of less than CLN_MIN_CHORD in a leaf are left out, a few a ray */
+        cln_extreme_meet(&chords, filled, chord, 1, (used[r] + 3) * (double)CLN_MIN_CHORD,
+                         "ray %d, from %g %g %g along %g %g %g", r, (double)o[r][0],
+                         (double)o[r][1], (double)o[r][2], (double)d[r][0], (double)d[r][1],
+                         (double)d[r][2]);
+    }
+    cln_extreme_report(&chords);
+    cln_extreme_report(&places);
+    cln_extreme_report(&order);
+    cln_extreme_meet(&compared, (double)met / rays, 1, 1, 0.75, "all rays");
+    cln_extreme_report(&compared);
+done:
+    free(boxes);
+    free(starts);
+    free(used);
+    free(sample);
+    free(o);
+    free(d);
+    return st;
+}
+
+cln_status cln_extreme_tree(cln_checks *c, cln_model *model)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(make_model(&c->p->config, model));
+    CLN_TRY(cln_pipeline_upload(c->p, model, false));
+done:
+    return st;
+}
+
+cln_status cln_extremes_intervals(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    const char *shape = c->shape;
+    cln_model model = {0};
+    batch b = {0};
+
+    CLN_TRY(cln_extreme_tree(c, &model));
+    CLN_TRY(cln_alloc(&b.o, LATTICE_RAYS + GRAZING_RAYS, sizeof *b.o, "self-test"));
+    CLN_TRY(cln_alloc(&b.d, LATTICE_RAYS + GRAZING_RAYS, sizeof *b.d, "self-test"));
+    for (int grazing = 0; grazing < 2; grazing++) {
+        b.rays = 0;
+        if (grazing)
+            put_grazing(&b);
+        else
+            put_lattice(&b);
+        CLN_TRY(cln_check_put(p->device, &p->ray_o, b.o, (size_t)b.rays * sizeof *b.o));
+        CLN_TRY(cln_check_put(p->device, &p->ray_d, b.d, (size_t)b.rays * sizeof *b.d));
+        c->shape = grazing ? "grazing rays" : "rays in faces";
+        CLN_TRY(cln_extreme_chords(
+            c, &model.tree, b.rays,
+            grazing ? "along axes, in and beside faces, slopes 0 to 0.01, leaves of 5 levels"
+                    : "on faces, edges, corners, to all 26 sides, leaves of 5 levels"));
+    }
+done:
+    c->shape = shape;
+    cln_model_free(&model);
+    free(b.o);
+    free(b.d);
+    return st;
+}
