@@ -147,16 +147,6 @@ done:
     return st;
 }
 
-static cln_status all_rays(cln_checks *c)
-{
-    cln_status st = CLN_OK;
-
-    CLN_TRY(cln_extremes_cameras(c));
-    CLN_TRY(cln_extremes_intervals(c));
-done:
-    return st;
-}
-
 static cln_status sort_quick(cln_checks *c)
 {
     return cln_extremes_sort(c, true);
@@ -178,9 +168,10 @@ typedef struct subject {
 } subject;
 
 #define BIT(program) CLN_PROGRAM_BIT(program)
-#define NETWORKS                                                                                  \
-    (BIT(scan) | BIT(group) | BIT(mlp_density) | BIT(mlp_forward_eval) | BIT(mlp_forward_train) | \
-     BIT(mlp_backward) | BIT(roulette) | BIT(adam) | BIT(carry))
+#define RAYS         (BIT(rays) | BIT(scan) | BIT(sampling))
+#define NETWORKS                                                                           \
+    (BIT(scan) | BIT(group) | BIT(mlp_forward_train) | BIT(roulette) | BIT(mlp_backward) | \
+     BIT(adam))
 
 static const subject subjects[] = {
     {"composite", .run = cln_extremes_composite, .programs = BIT(composite)},
@@ -189,17 +180,17 @@ static const subject subjects[] = {
      .programs = BIT(composite)},
     {"composite, every loss", .change = with_regularisers, .run = cln_extremes_regularised,
      .programs = BIT(composite), .alpha = true},
-    {"rays", .run = all_rays, .programs = BIT(rays) | BIT(scan) | BIT(sampling),
+    {"cameras", .run = cln_extremes_cameras, .programs = BIT(rays),
      .lenses = (1u << CLN_LENSES) - 1},
-    {"forward space", .run = cln_extremes_forward,
-     .programs = BIT(rays) | BIT(scan) | BIT(sampling) | BIT(composite),
+    {"rays", .run = cln_extremes_intervals, .programs = BIT(scan) | BIT(sampling)},
+    {"forward space", .run = cln_extremes_forward, .programs = RAYS | BIT(composite),
      .lenses = 1u << CLN_LENS_OPENCV, .forward = true},
-    {"networks", .change = with_dead_slopes, .run = all_networks, .programs = NETWORKS},
-    {"networks, float moments", .change = with_wide_moments, .run = cln_extremes_adam,
+    {"networks", .change = with_dead_slopes, .run = all_networks,
+     .programs = NETWORKS | BIT(mlp_density)},
+    {"networks, exp, HALF=1", .tune = "HALF=1", .change = with_exponential,
+     .run = cln_extremes_large_weights, .programs = NETWORKS},
+    {"Adam, float moments", .change = with_wide_moments, .run = cln_extremes_adam,
      .programs = BIT(adam)},
-    {"networks, exp", .change = with_exponential, .run = cln_extremes_large_weights,
-     .programs = NETWORKS},
-    {"networks, HALF=1", .tune = "HALF=1", .run = cln_extremes_large_weights, .programs = NETWORKS},
     {"distillation", .change = with_measures, .run = cln_extremes_distil, .programs = BIT(distil)},
     {"scan and sort", .change = with_splatting, .run = sort_all, .quick = sort_quick,
      .programs = BIT(scan) | BIT(sort64)},

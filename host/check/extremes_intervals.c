@@ -260,7 +260,7 @@ cln_status cln_extremes_intervals(cln_checks *c)
             put_lattice(&b);
         CLN_TRY(cln_check_put(p->device, &p->ray_o, b.o, (size_t)b.rays * sizeof *b.o));
         CLN_TRY(cln_check_put(p->device, &p->ray_d, b.d, (size_t)b.rays * sizeof *b.d));
-        c->shape = grazing ? "grazing rays" : "rays in faces";
+        c->shape = grazing ? "rays, grazing" : "rays in faces";
         CLN_TRY(cln_extreme_chords(
             c, &model.tree, b.rays,
             grazing ? "along axes, in and beside faces, slopes 0 to 0.01, leaves of 5 levels"

@@ -229,7 +229,8 @@ static inline const char *fixture_kernels_with(const char *name, const char *lin
     return fixture_path(name);
 }
 
-/* A kernel folder whose FILE has `to` instead of its first `from`; skips outside the source tree. */
+/* A kernel folder whose FILE has `to` instead of its first `from`, besides what was changed before;
+ * skips outside the source tree. */
 static inline const char *fixture_kernels_changed(const char *name, const char *file,
                                                   const char *from, const char *to)
 {
@@ -240,7 +241,8 @@ static inline const char *fixture_kernels_changed(const char *name, const char *
     snprintf(source, sizeof source, "kernels/%s", file);
     if (!cln_is_file(source))
         skip();
-    assert_ok(cln_read_file(source, (size_t)1 << 20, &text, &bytes));
+    assert_ok(cln_read_file(cln_is_file(fixture_path(path)) ? fixture_path(path) : source,
+                            (size_t)1 << 20, &text, &bytes));
     at = strstr(text, from);
     if (!at)
         fail_msg("%s has no \"%s\"", source, from);
@@ -305,25 +307,34 @@ static inline uint64_t fixture_digest(const char *run)
 static cln_train_result fixture_whole;
 static bool fixture_has_device;
 
-static inline int fixture_setup(void **state)
+/* The folder alone, for groups without a scene; also finds out whether there is a device. */
+static inline int fixture_setup_folder(void **state)
 {
     const char *base = getenv("TMPDIR");
-    const cln_config config = fixture_config();
     const cln_device_desc desc = fixture_device();
     cln_device *device = NULL;
-    char path[PATH_MAX];
 
     (void)state;
     snprintf(fixture_folder, sizeof fixture_folder, "%s/cln-test-XXXXXX", base ? base : "/tmp");
     if (!mkdtemp(fixture_folder))
         return -1;
     cln_log_set_sink(fixture_no_log, NULL);
-    snprintf(path, sizeof path, "%s/scene", fixture_folder);
-    fixture_split(path, "train", TRAIN_VIEWS, 0);
-    fixture_split(path, "test", TEST_VIEWS, 0.3);
     fixture_has_device = cln_device_open(&desc, &device) == CLN_OK;
     cln_device_close(device);
     cln_clear_error();
+    return 0;
+}
+
+static inline int fixture_setup(void **state)
+{
+    const cln_config config = fixture_config();
+    char path[PATH_MAX];
+
+    if (fixture_setup_folder(state) != 0)
+        return -1;
+    snprintf(path, sizeof path, "%s/scene", fixture_folder);
+    fixture_split(path, "train", TRAIN_VIEWS, 0);
+    fixture_split(path, "test", TEST_VIEWS, 0.3);
     if (fixture_has_device &&
         fixture_train("whole", false, &config, NULL, &fixture_whole) != CLN_OK) {
         print_error("%s\n", cln_error_text());
