@@ -1,7 +1,8 @@
-/* The self-test at extremes (selftest --extremes): kernels, forward and backward, against float64 or
- * exact integers, where numbers are large, tiny, equal, saturated or on an edge. A subject is a
+/* The self-test at extremes (selftest --extremes): kernels, forward and backward, against float64
+ * or exact integers, where numbers are large, tiny, equal, saturated or on an edge. A subject is a
  * function on a pipeline of its own; a row of the table is what one kind of number did over a
- * range. docs/stability.md has the rows. The ordinary self-test (selftest.h) has ordinary shapes. */
+ * range. docs/stability.md has the rows. The ordinary self-test (selftest.h) has ordinary
+ * shapes. */
 #ifndef CLN_EXTREMES_H
 #define CLN_EXTREMES_H
 

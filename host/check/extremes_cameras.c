@@ -1,5 +1,6 @@
 /* Rays of extreme cameras against the double camera of scene/camera.c: far ones, tiny and huge
- * fields of view, cubes of tiny and huge units, lenses up to their fold and beyond. See extremes.h. */
+ * fields of view, cubes of tiny and huge units, lenses up to their fold and beyond. See
+ * extremes.h. */
 #include "check/extremes.h"
 
 #include <math.h>

@@ -153,8 +153,8 @@ static void make_cameras(const cln_pipeline *p, cln_camera cameras[VIEWS])
     for (int v = 0; v < VIEWS; v++) {
         cln_camera *k = &cameras[v];
 
-        if (p->space.forward) {
-            cln_check_forward_camera(v, &p->space, SIDE, SIDE, k);
+        if (p->space.forward) { /* not the mean camera: its chords are whole numbers of cells */
+            cln_check_forward_camera(v + 1, &p->space, SIDE, SIDE, k);
         } else {
             memcpy(k->c2w, poses[v], sizeof k->c2w);
             k->fx = 45 + v;

@@ -177,8 +177,8 @@ section_devices() {
     expect "--kernel-dir with the same kernels" 0 "" "$cln" selftest --quick \
         --kernel-dir "$work/kernels"
     sed -i 's/through = EXP(-tau);/through *= 1.0f - alpha;/' "$work/kernels/composite.cl"
-    expect "a bound that is missed at an extreme" 10 "~at.extremes:.composite:.opacity" "$cln" selftest \
-        --extremes --quick --json --kernel-dir "$work/kernels"
+    expect "a bound that is missed at an extreme" 10 "~at.extremes:.composite:.opacity" \
+        "$cln" selftest --extremes --quick --json --kernel-dir "$work/kernels"
     check "is a row of --json" eval '[ "$(json checks.0.name)" = "composite: opacity" ] &&
         [ "$(json checks.0.verdict)" = failed ]'
     check "beside those that are kept" eval '[ "$(json failed)" -lt 20 ] &&
