@@ -19,11 +19,11 @@ static const struct {
     kind kind;
     double scale; /* of weights, times sqrt(2 / width) */
 } leaves[] = {
-    {"weights x 1e-6", SCALED, 1e-6}, {"weights x 1e-3", SCALED, 1e-3}, {"weights x 1", SCALED, 1},
-    {"weights x 4", SCALED, 4},       {"saturated bright", BRIGHT, 1},  {"saturated dark", DARK, 1},
+    {"weights x 1e-6", SCALED, 1e-6}, {"weights x 1", SCALED, 1},      {"weights x 4", SCALED, 4},
+    {"weights x 1e6", SCALED, 1e6},   {"saturated bright", BRIGHT, 1}, {"saturated dark", DARK, 1},
     {"dead layers", DEAD, 1},         {"weights of 0", EMPTY, 0},
 };
-enum { LEAVES = sizeof leaves / sizeof *leaves, EACH = 24, SAMPLES = LEAVES * EACH };
+enum { ORDINARY = 1, LEAVES = sizeof leaves / sizeof *leaves, EACH = 24, SAMPLES = LEAVES * EACH };
 
 typedef struct data {
     cln_model model;
@@ -77,7 +77,7 @@ static cln_status make_data(cln_checks *c, double factor, data **out)
     CLN_TRY(cln_model_create(&p->config, &d->model));
     CLN_ASSERT(d->model.tree.leaf_count == LEAVES);
     for (int s = 0; s < LEAVES; s++)
-        fill_leaf(&p->net, factor > 1 ? 2 : s, d->model.params + s * params);
+        fill_leaf(&p->net, factor > 1 ? ORDINARY : s, d->model.params + s * params);
     for (int i = 0; i < LEAVES * params && factor > 1; i++)
         d->model.params[i] = (float)(factor * (double)d->model.params[i]);
     CLN_TRY(cln_octree_boxes(&d->model.tree, (float **)&d->boxes));
@@ -239,7 +239,7 @@ done:
 
 cln_status cln_extremes_networks(cln_checks *c)
 {
-    static const char range[] = "weights x 0, 1e-6 to 4, saturated colours, dead layers";
+    static const char range[] = "weights x 0, 1e-6 to 1e6, saturated colours, dead layers";
     cln_status st = CLN_OK;
     cln_extreme colour = cln_extreme_row(c, "colour", range);
     cln_extreme density = cln_extreme_row(c, "density", range);
