@@ -126,6 +126,11 @@ static void with_wide_moments(cln_config *config)
     config->moments = CLN_MOMENTS_FLOAT32;
 }
 
+static void with_points(cln_config *config)
+{
+    config->sparsity = config->edge = 0.1;
+}
+
 static void with_measures(cln_config *config)
 {
     config->adaptive = true;
@@ -192,6 +197,8 @@ static const subject subjects[] = {
     {"Adam, float moments", .change = with_wide_moments, .run = cln_extremes_adam,
      .programs = BIT(adam)},
     {"distillation", .change = with_measures, .run = cln_extremes_distil, .programs = BIT(distil)},
+    {"regularisers", .change = with_points, .run = cln_extremes_regularisers,
+     .programs = BIT(regularise)},
     {"scan and sort", .change = with_splatting, .run = sort_all, .quick = sort_quick,
      .programs = BIT(scan) | BIT(sort64)},
 };

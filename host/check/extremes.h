@@ -55,6 +55,7 @@ cln_status cln_extremes_networks(cln_checks *c);      /* dead slopes (0), see ex
 cln_status cln_extremes_large_weights(cln_checks *c); /* any network */
 cln_status cln_extremes_adam(cln_checks *c);
 cln_status cln_extremes_distil(cln_checks *c);           /* measures leaves */
+cln_status cln_extremes_regularisers(cln_checks *c);     /* of points */
 cln_status cln_extremes_sort(cln_checks *c, bool quick); /* splats */
 
 #endif

@@ -1,4 +1,4 @@
-/* Compositing, losses, their gradients and distillation's at extreme optical depths, with bounds
+/* Compositing, losses and their gradients at extreme optical depths, with bounds
  * relative to each number: what cancels is measured by what it is made of. See extremes.h. */
 #include "check/extremes.h"
 
@@ -341,58 +341,5 @@ cln_status cln_extremes_regularised(cln_checks *c)
     cln_extreme_report(&by_density);
 done:
     free_batch(&b);
-    return st;
-}
-
-/* ---- distillation ---- */
-
-/* Targets without alpha: the loss is alpha squared, and nothing cancels. */
-cln_status cln_extremes_distil(cln_checks *c)
-{
-    static const char range[] = "sigma delta 0 to 1e6";
-    enum { POINTS = 512 };
-    cln_status st = CLN_OK;
-    cln_pipeline *p = c->p;
-    cln_sample samples[POINTS];
-    float out[POINTS][4], targets[POINTS][4] = {{0}}, losses[POINTS], dout[POINTS][4];
-    cln_extreme loss = cln_extreme_row(c, "loss", range);
-    cln_extreme gradient = cln_extreme_row(c, "density gradient", range);
-
-    for (uint32_t i = 0; i < POINTS; i++) {
-        const double delta = pow(10, cln_check_uniform(61, i, -4, -1));
-        const double depth = i % 16 == 0 ? 0 : pow(10, cln_check_uniform(62, i, -12, 6));
-
-        samples[i] = (cln_sample){.delta = (float)delta, .ray = i};
-        for (uint32_t k = 0; k < 3; k++)
-            out[i][k] = (float)cln_check_uniform(63, 3 * i + k, 0, 1);
-        out[i][3] = (float)(depth / delta);
-    }
-    CLN_TRY(cln_check_put(p->device, &p->samples, samples, sizeof samples));
-    CLN_TRY(cln_check_put(p->device, &p->out, out, sizeof out));
-    CLN_TRY(cln_check_put(p->device, &p->targets, targets, sizeof targets));
-    CLN_TRY(cln_check_spoil(p->device, &p->dout, sizeof dout));
-    CLN_TRY(cln_check_spoil(p->device, &p->losses, sizeof losses));
-    CLN_TRY(cln_stage_distil_gradient(p, POINTS, 1));
-    CLN_TRY(cln_buffer_read(p->device, &p->dout, 0, dout, sizeof dout));
-    CLN_TRY(cln_buffer_read(p->device, &p->losses, 0, losses, sizeof losses));
-    for (int i = 0; i < POINTS; i++) {
-        const double target[4] = {0}, delta = samples[i].delta, x = (double)out[i][3] * delta;
-        double wide[4], grad[4], want = 0;
-
-        for (int k = 0; k < 4; k++)
-            wide[k] = out[i][k];
-        want = ref_distil(wide, target, delta, grad);
-        cln_extreme_meet(&loss, losses[i], want, want, 1e-5, "sigma delta %.3g", x);
-        for (int k = 0; k < 3; k++)
-            cln_extreme_meet(&gradient, dout[i][k], 0, 1, 0, "sigma delta %.3g", x);
-        if (x < 79) /* what is left behind ends at exp(-80) */
-            cln_extreme_meet(&gradient, dout[i][3], grad[3], grad[3], 1e-5 + 1e-6 * x,
-                             "sigma delta %.3g", x);
-        else
-            cln_extreme_meet(&gradient, dout[i][3], 0, 1, 1e-33, "sigma delta %.3g", x);
-    }
-    cln_extreme_report(&loss);
-    cln_extreme_report(&gradient);
-done:
     return st;
 }

@@ -85,6 +85,8 @@ static const struct {
     /* alpha cancels for faint samples */
     {"composite", "lanes.h", "(x) < (T)(0.15f))", "(x) < (T)(0.0f))", "composite: opacity"},
     {"distillation", "lanes.h", "(x) < (T)(0.15f))", "(x) < (T)(0.0f))", "distillation: loss"},
+    {"regularisers", "lanes.h", "(x) < (T)(0.15f))", "(x) < (T)(0.0f))",
+     "regularisers: edge gradient"},
     /* transmittance rounds faint samples away */
     {"composite, cauchy", "composite.cl", "through = EXP(-tau);", "through *= 1.0f - alpha;",
      "composite, cauchy: transmittance"},
