@@ -26,6 +26,7 @@ int test_group_frames(void);
 int test_group_help(void);
 int test_group_image(void);
 int test_group_integer_program(void);
+int test_group_learning(void);
 int test_group_lens(void);
 int test_group_measure(void);
 int test_group_mesh(void);

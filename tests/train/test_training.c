@@ -418,6 +418,26 @@ static void test_adaptive(void **state)
     }
 }
 
+/* No decision comes after structure_until; the weight of density is part of the decisions. */
+static void test_adaptive_settings(void **state)
+{
+    cln_config config = adaptive_config();
+    cln_train_result ends, weighs;
+    double sum = 0, leaves[STEPS];
+
+    NEED_DEVICE();
+    config.structure_until = 0.5;
+    assert_ok(fixture_train("ends", false, &config, NULL, &ends));
+    assert_int_equal(decisions("ends", "leaves", &sum), 2); /* at 0.2 and 0.4 */
+    metrics("ends", "leaves", leaves, STEPS);
+    assert_int_equal((int)leaves[STEPS - 1], (int)leaves[STEPS / 2]);
+    config = adaptive_config();
+    config.cost_density = 2;
+    assert_ok(fixture_train("weighs", false, &config, NULL, &weighs));
+    assert_true(weighs.leaves <= 90);
+    assert_true(weighs.digest != fixture_digest("adaptive"));
+}
+
 /* A falling error delays decisions; densities weighted by visibility give another measure. */
 static void test_adaptive_waits(void **state)
 {
@@ -434,6 +454,7 @@ static void test_adaptive_waits(void **state)
     config.density_weight = CLN_WEIGHT_VISIBILITY;
     assert_ok(fixture_train("weighted", false, &config, NULL, &weighted));
     assert_true(weighted.leaves <= 90);
+    assert_true(weighted.digest != fixture_digest("adaptive"));
     assert_fails(fixture_train("weighted-cut", false, &config, &stop, &again), CLN_SIGINT, "");
     assert_ok(fixture_train("weighted-cut", true, &config, NULL, &again));
     assert_int_equal(again.digest, weighted.digest);
@@ -640,6 +661,7 @@ int test_group_training(void)
         cmocka_unit_test(test_culling),
         cmocka_unit_test(test_psnr_of_all_pixels),
         cmocka_unit_test(test_adaptive),
+        cmocka_unit_test(test_adaptive_settings),
         cmocka_unit_test(test_adaptive_waits),
         cmocka_unit_test(test_adaptive_infeasible),
         cmocka_unit_test(test_tree_from),
