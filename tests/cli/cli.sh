@@ -416,17 +416,19 @@ section_train() {
     check "after its seconds" eval \
         'number_above "$(json seconds)" 1.9 && number_above 10 "$(json seconds)"'
     run "$cln" train "$work/blender" -o "$work/target" "${small[@]}" --steps 100000 --eval-every 5 \
-        --target-psnr 5 --json
-    check "--target-psnr ends the training" eval '[ $rc = 0 ] && number_above 1000 "$(json step)"'
+        --target-psnr 14 --json
+    check "--target-psnr ends the training" eval '[ $rc = 0 ] && number_above 1000 "$(json step)" &&
+        number_above "$(json psnr_test)" 14 && number_above "$(json step)" 5'
 
+    # the best constant pictures of these scenes reach 15.1, 10.4 and 10.3 dB
     scene room --kind room --size 40 --train 10 --test 2
     run "$cln" train "$work/room" -o "$work/inside" "${small[@]}" --steps 60 --json
-    check "cameras inside the cube" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
+    check "cameras inside the cube" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 16'
     scene bent --format nerfstudio --distortion=-0.1,0.02,0.001,-0.001 --size 40 --train 10 --test 2
     run "$cln" train "$work/bent" -o "$work/curved" "${small[@]}" --steps 60 --json
-    check "distorted images" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
+    check "distorted images" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 12'
     run "$cln" train "$work/blender" -o "$work/splat" "${small[@]}" --steps 60 --stage1 splat --json
-    check "--stage1 splat" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 5'
+    check "--stage1 splat" eval '[ $rc = 0 ] && number_above "$(json psnr_train)" 12'
 }
 
 # The adaptive tree on the demo object: what a decision costs in PSNR, its program against a MIP
@@ -451,10 +453,8 @@ section_structure() {
     paste "$work/before" "$work/after" "$work/pretrained" "$work/merged" "$work/split" >"$work/out"
     check "there were splits and merges" awk '{ m += $4; s += $5 } END { exit !(m > 0 && s > 0) }' \
         "$work/out"
-    check "a split alone costs less than 0.05 dB" awk \
-        '$4 == 0 && $5 > 0 && $1 - $2 >= 0.05 { bad = 1 } END { exit bad }' "$work/out"
     check "merges cost less than 0.3 dB once trained" awk \
-        '$4 > 0 && $1 - $3 >= 0.3 { bad = 1 } END { exit bad }' "$work/out"
+        '$4 > 0 { some = 1; if ($1 - $3 >= 0.3) bad = 1 } END { exit bad || !some }' "$work/out"
     decision_rows "$r" | "$query" -l leaves >"$work/leaves"
     check "leaves stay in the budget" awk '$1 > 150 { bad = 1 } END { exit bad }' "$work/leaves"
     if command -v glpsol >/dev/null; then
@@ -467,6 +467,17 @@ section_structure() {
     else
         skip "a MIP solver finds the same optimum" "no glpsol"
     fi
+
+    # merged leaves are dear, and there is room: leaves are only split
+    run "$cln" train "$work/demo" -o "$work/splits" --skip-selftest --progress none --width 16 \
+        --view-width 16 --steps 200 --start-level 1 --level-at 2:0.1 --n1 8 --rays 512 \
+        --log-every 100 --cull-from 1 --cull-after 0 --max-leaves 150 --structure-from 0.6 \
+        --structure-every 0.5 --structure-until 0.95 --split-samples 100 --merge-factor 100
+    decision_rows "$work/splits" >"$work/out"
+    check "a decision splits alone" eval \
+        'number_above "$(json split)" 5 && [ "$(json merged)" = 0 ]'
+    check "a split alone costs less than 0.05 dB" number_above \
+        "$(json psnr_after)" "$(awk -v p="$(json psnr_before)" 'BEGIN { print p - 0.05 }')"
 }
 
 # A tree that is culled down to one leaf after half of its steps, just before it grows: what is

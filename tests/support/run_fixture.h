@@ -254,6 +254,34 @@ static inline const char *fixture_kernels_changed(const char *name, const char *
     return fixture_path(name);
 }
 
+/* PSNR over the test pictures of the constant one that fits them best, on white. */
+static inline double fixture_constant_psnr(void)
+{
+    double sum[3] = {0}, square[3] = {0}, error = 0;
+    int n = 0;
+
+    for (int i = 0; i < TEST_VIEWS; i++) {
+        uint8_t *pixels = NULL;
+        int width = 0, height = 0, channels = 0;
+        char name[64];
+
+        snprintf(name, sizeof name, "scene/test/r_%d.png", i);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &pixels));
+        assert_int_equal(channels, 4);
+        for (int k = 0; k < width * height; k++, n++)
+            for (int c = 0; c < 3; c++) {
+                const double value = pixels[4 * k + 3] ? pixels[4 * k + c] / 255.0 : 1;
+
+                sum[c] += value;
+                square[c] += value * value;
+            }
+        free(pixels);
+    }
+    for (int c = 0; c < 3; c++)
+        error += (square[c] - sum[c] * sum[c] / n) / n / 3;
+    return -10 * log10(error);
+}
+
 /* A JSON file of the group's folder; the caller drops the reference. */
 static inline json_t *fixture_json(const char *name)
 {

@@ -29,38 +29,10 @@ static cln_status train_long(const char *run, bool random_background, cln_train_
     return fixture_train(run, false, &config, NULL, result);
 }
 
-/* PSNR over the test pictures of the constant one that fits them best, on white. */
-static double constant_psnr(void)
-{
-    double sum[3] = {0}, square[3] = {0}, error = 0;
-    int n = 0;
-
-    for (int i = 0; i < TEST_VIEWS; i++) {
-        uint8_t *pixels = NULL;
-        int width = 0, height = 0, channels = 0;
-        char name[64];
-
-        snprintf(name, sizeof name, "scene/test/r_%d.png", i);
-        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &pixels));
-        assert_int_equal(channels, 4);
-        for (int k = 0; k < width * height; k++, n++)
-            for (int c = 0; c < 3; c++) {
-                const double value = pixels[4 * k + 3] ? pixels[4 * k + c] / 255.0 : 1;
-
-                sum[c] += value;
-                square[c] += value * value;
-            }
-        free(pixels);
-    }
-    for (int c = 0; c < 3; c++)
-        error += (square[c] - sum[c] * sum[c] / n) / n / 3;
-    return -10 * log10(error);
-}
-
 static void test_beats_a_constant(void **state)
 {
     cln_train_result result;
-    const double constant = constant_psnr();
+    const double constant = fixture_constant_psnr();
 
     NEED_DEVICE();
     assert_ok(train_long("long", false, &result));
@@ -185,7 +157,7 @@ static void test_random_background(void **state)
     config.random_background = true;
     config.alpha_loss = 0;
     assert_ok(fixture_train("random", false, &config, NULL, &whole));
-    assert_true(whole.psnr_test > constant_psnr() + 1);
+    assert_true(whole.psnr_test > fixture_constant_psnr() + 1);
     assert_fails(fixture_train("random cut", false, &config, &stop, &part), CLN_SIGINT, "");
     assert_ok(fixture_train("random cut", true, &config, NULL, &part));
     assert_int_equal(part.digest, whole.digest);
