@@ -83,9 +83,11 @@ part "unit: kernels" groups build/tests kernels
 part "unit: rest" groups build/tests rest
 part devices tests/device/devices.sh -q
 part install tests/cli/install.sh
-# under sanitizers without the groups that build many kernels: they run the same host code
+# under sanitizers without the tests that build many kernels: they run the same host code
 part "sanitized unit: rest" groups build/sanitize/tests rest tuner
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
+part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no_samples \
+    mlp/test_in_parts
 part captures tests/cli/captures.sh
 part ranks tests/cli/ranks.sh
 part lint tests/lint.sh
