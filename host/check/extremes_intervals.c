@@ -12,7 +12,7 @@
 
 /* ---- the tree ---- */
 
-/* Leaves of levels 1 to 5, the deepest in a corner, beside the middle and on a face. */
+/* Leaves of levels 1 to 8, the deepest in a corner, beside the middle and on a face. */
 static cln_status make_model(const cln_config *config, cln_model *model)
 {
     static const double deep[3][3] = {
@@ -263,8 +263,8 @@ cln_status cln_extremes_intervals(cln_checks *c)
         c->shape = grazing ? "rays, grazing" : "rays in faces";
         CLN_TRY(cln_extreme_chords(
             c, &model.tree, b.rays,
-            grazing ? "along axes, in and beside faces, slopes 0 to 0.01, leaves of 5 levels"
-                    : "on faces, edges, corners, to all 26 sides, leaves of 5 levels"));
+            grazing ? "along axes, in and beside faces, slopes 0 to 0.01, leaves of levels 1 to 8"
+                    : "on faces, edges, corners, to all 26 sides, leaves of levels 1 to 8"));
     }
 done:
     c->shape = shape;

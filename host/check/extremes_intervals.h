@@ -4,7 +4,7 @@
 
 #include "check/extremes.h"
 
-/* Makes and uploads a tree without holes, its leaves at levels 1 to 5. */
+/* Makes and uploads a tree without holes, its leaves at levels 1 to 8. */
 cln_status cln_extreme_tree(cln_checks *c, cln_model *model);
 
 /* Makes samples of the device's rays in that tree: they must fill chords, in order, in their
