@@ -1,5 +1,5 @@
-/* What a training learns, against what is known of its scene (run_fixture.h: a ball of radius 1 whose
- * colour is its normal): pictures are better than any constant one, depth is the ball's, the
+/* What a training learns, against what is known of its scene (run_fixture.h: a ball of radius 1
+ * whose colour is its normal): pictures are better than any constant one, depth is the ball's, the
  * learning rate follows its schedule, random backgrounds empty the space around, and numbers that
  * are none end the training. */
 #include <stdarg.h>
@@ -43,9 +43,8 @@ static void test_beats_a_constant(void **state)
     assert_true(result.psnr_test < 60);
 }
 
-/* Depth of the test views: in the middle of the ball it is where the ray meets the ball; towards the
- * rim, which six photos leave open, it lies about between there and the
- * middle of its chord. */
+/* Depth of the test views: in the middle of the ball it is where the ray meets the ball; towards
+ * the rim, which six photos leave open, about between there and the middle of the ray's chord. */
 static void test_depth_is_the_balls(void **state)
 {
     const bool pixels[CLN_SPLITS] = {false};
