@@ -79,7 +79,7 @@ GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
            bench/growth/growth.c $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
-PAGES := $(wildcard host/view/page.*)
+PAGES := $(wildcard host/view/page.*) host/view/path.js
 TUNE_ROWS := $(wildcard data/tune/*.txt)
 EXAMPLES := $(wildcard examples/*.c)
 
@@ -223,7 +223,7 @@ $B/obj/kernels_embed.o: $B/kernels_embed.c
 # The viewer's page, likewise.
 $B/pages_embed.c: $(PAGES) Makefile
 	@mkdir -p $(@D)
-	@{ echo '/* Generated from host/view/page.* by make. */'; \
+	@{ echo '/* Generated from the viewer'\''s page by make. */'; \
 	   echo '#include "view/pages.h"'; \
 	   for f in $(PAGES); do \
 	     echo "const char *const cln_$$(basename $$f | tr . _)[] = {"; \

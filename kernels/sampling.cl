@@ -10,6 +10,7 @@
  *   samples_emit      positions by inverse CDF, deltas; front to back
  *
  *   ALLOCATE 0 chord | 1 weight;  CDF 0 sigma | 1 weight
+ *   CROP 0 | 1   1: intervals_fill cuts rays to what is inside of six planes (walk.h)
  */
 #ifndef ALLOCATE
 #define ALLOCATE 1
@@ -141,6 +142,13 @@ HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, fl
     return any;
 }
 
+#if CROP
+#define CROP_ARGUMENTS \
+    , float4 crop_0, float4 crop_1, float4 crop_2, float4 crop_3, float4 crop_4, float4 crop_5
+#else
+#define CROP_ARGUMENTS
+#endif
+
 /* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1. They walk side by side; then lanes
  * go over their intervals. Data of the next intervals are fetched before these are decided on, in
  * vain if a ray turns out to end. */
@@ -152,7 +160,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
                              __global uint *restrict sample_counts, /* [ray] */
                              uint first, uint n, uint rays, int depth, float max_depth,
                              uint per_leaf, uint per_ray, float empty_weight, float empty_share,
-                             uint2 seed, uint step LIST_ARGUMENTS)
+                             uint2 seed, uint step CROP_ARGUMENTS LIST_ARGUMENTS)
 {
     const uint begin = first + (uint)get_global_id(0) * RAYS, end = first + n;
     const uint count = begin < end ? min((uint)RAYS, end - begin) : 0u;
@@ -170,6 +178,12 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
     }
     for (uint g = 0; g * VW < count; g++)
         walk_start(&walks[g], ray_o, ray_d, begin + g * VW, end, depth);
+#if CROP
+    const float4 planes[6] = {crop_0, crop_1, crop_2, crop_3, crop_4, crop_5};
+
+    for (uint g = 0; g * VW < count; g++)
+        walk_crop(&walks[g], planes, depth);
+#endif
     while (more) {
         places at = {.next = 0u};
         uint now = 0;

@@ -1,8 +1,13 @@
 /* The walk of rays through the octree (method.md 3; twin: host/reference/rays.c), VW rays side by
  * side, over the dense map of leaves and empty boxes (cln_octree_map, host/model/octree.h). For
  * sampling.cl, which decides what happens in the leaves.
+ *
+ *   CROP 0 | 1   1: rays walk only inside of six planes
  */
 #define NEVER 1e30f
+#ifndef CROP
+#define CROP 0
+#endif
 
 typedef struct walk {
     vf o[3], d[3], inverse[3];
@@ -11,6 +16,9 @@ typedef struct walk {
     vi cell[3];    /* of the map */
     vf t;          /* the ray's position */
     vi more;       /* it walks on: a mask like a vector comparison's */
+#if CROP
+    vf end; /* where it leaves what is inside */
+#endif
 } walk;
 
 /* Truncation suffices: it differs from floor only below 0, which is clamped. */
@@ -64,6 +72,36 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
         w->cell[a] = cell_of(w->o[a], w->d[a], t0, 0.5f * (float)(1 << depth), none, last);
 }
 
+#if CROP
+/* Cuts rays that have just started to what is inside: plane.xyz . p + plane.w >= 0. */
+HELPER void walk_crop(walk *w, const float4 *planes, int depth)
+{
+    const vi none = (vi)(0), last = (vi)((1 << depth) - 1);
+    vf begin = w->t;
+
+    w->end = (vf)(NEVER);
+    for (int k = 0; k < 6; k++) {
+        const float4 plane = planes[k];
+        const vf here = MAD((vf)(plane.x), w->o[0],
+                            MAD((vf)(plane.y), w->o[1],
+                                MAD((vf)(plane.z), w->o[2], (vf)(plane.w))));
+        const vf along =
+            MAD((vf)(plane.x), w->d[0], MAD((vf)(plane.y), w->d[1], plane.z * w->d[2]));
+        const vi parallel = fabs(along) < (vf)(1e-12f);
+        const vf t = -here / select(along, (vf)(1.0f), parallel);
+
+        begin = select(begin, fmax(begin, t), along >= (vf)(1e-12f));
+        w->end = select(w->end, fmin(w->end, t), along <= (vf)(-1e-12f));
+        w->more = select(w->more, none, parallel & (here < (vf)(0.0f)));
+    }
+    w->more = w->more & (w->end > begin);
+    w->t = begin;
+#pragma unroll
+    for (int a = 0; a < 3; a++)
+        w->cell[a] = cell_of(w->o[a], w->d[a], begin, 0.5f * (float)(1 << depth), none, last);
+}
+#endif
+
 /* Moves every ray to the exit of its current leaf or empty box. Returns the map entries of these
  * boxes, 0 for rays that have stopped; a ray stops when it leaves the cube. Progress is in
  * integers: the crossed axis steps over the box's face, the others stay within its extent and never
@@ -109,6 +147,10 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
         w->cell[a] = select(along, over, exits[a] <= t);
         w->more = w->more & (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n));
     }
+#if CROP
+    w->more = w->more & (t < w->end);
+    t = fmin(t, w->end);
+#endif
     w->t = t;
     return select((vi)(0), entry, was_more);
 }

@@ -90,7 +90,8 @@ kernels() {
         for header in $(needs "$cl" | awk '!met[$0]++'); do
             headers+=(-include "$header")
         done
-        for more in "" -DLENSES=0 -DVW=1 -DLEAF=0 -DPARTS=4 -DTRAIN=0 -DENCODING=1 -DNDC=1; do
+        for more in "" -DLENSES=0 -DVW=1 -DLEAF=0 -DPARTS=4 -DTRAIN=0 -DENCODING=1 -DNDC=1 \
+            -DCROP=1; do
             kernel "${headers[@]}" ${more:+"$more"} "$cl"
         done
     done
@@ -191,7 +192,7 @@ lengths() {
         gsub(/\t/, "        ", line)
         gsub(/[\200-\277]/, "", line)
         if (length(line) > 100) print FILENAME ":" FNR ": over 100 columns"
-    }' $all_files host/view/page.* bench/*/*.sh bench/*/*.cpp Makefile
+    }' $all_files host/view/page.* host/view/*.js bench/*/*.sh bench/*/*.cpp Makefile
 }
 
 shell_scripts() {

@@ -17,6 +17,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "render/crop.h"
 #include "render/depth_picture.h"
 #include "render/frames.h"
 #include "render/open_run.h"
@@ -45,6 +46,7 @@ typedef struct job {
     const cln_render_desc *desc;
     cln_open_run opened;
     cln_frames cameras;
+    cln_crop crop;
     frame *frames;
     int count, there, pictured; /* frames; of these rendered, and with a depth picture */
     json_t *run;                /* run.json */
@@ -93,6 +95,8 @@ static void find_identity(const job *j, frame *f)
         d = cln_digest(d, &j->desc->antialias, sizeof j->desc->antialias);
     if (j->desc->depth_unit > 0)
         d = cln_digest(d, &j->desc->depth_unit, sizeof j->desc->depth_unit);
+    if (j->desc->cropped)
+        d = cln_digest(d, j->desc->crop, sizeof j->desc->crop);
     snprintf(f->made_from, sizeof f->made_from, "%016llx", (unsigned long long)d);
 }
 
@@ -160,6 +164,10 @@ static json_t *describe(const job *j)
         json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
     if (about && d->antialias > 1)
         json_object_set_new(about, "antialias", json_integer(d->antialias));
+    if (about && d->cropped)
+        json_object_set_new(about, "crop",
+                            json_pack("[f,f,f,f,f,f]", d->crop[0], d->crop[1], d->crop[2],
+                                      d->crop[3], d->crop[4], d->crop[5]));
     if (about && d->poses)
         json_object_set_new(about, "file", json_string(d->poses));
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))
@@ -401,6 +409,7 @@ static cln_status start(job *j)
     }
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     v->pipeline.antialias = j->desc->antialias;
+    CLN_TRY(cln_crop_use(&v->pipeline, &v->model.space, &j->crop));
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, &v->model.space));
     CLN_TRY(cln_render_prepare(&v->pipeline));
 done:
@@ -501,6 +510,10 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     job j = {.desc = desc};
 
     memset(result, 0, sizeof *result);
+    j.crop.on = desc->cropped;
+    memcpy(j.crop.box, desc->crop, sizeof j.crop.box);
+    if (desc->cropped)
+        CLN_TRY(cln_crop_check("--crop", desc->crop));
     CLN_TRY(cln_run_read(desc->run, &j.run));
     if (cln_frames_need_scene(desc, j.run))
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));

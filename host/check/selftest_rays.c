@@ -133,7 +133,8 @@ ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cl
                               .empty_share = s->empty_share},
                      .jitter = s->jitter,
                      .seed = s->seed,
-                     .step = s->step};
+                     .step = s->step,
+                     .crop = s->crop};
 }
 
 enum { VIEWS = 3, SIDE = 40, STEP = 4, RAYS = VIEWS * (SIDE / STEP) * (SIDE / STEP) };

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/number.h"
 #include "cli/console.h"
 #include "io/json.h"
 
@@ -57,6 +58,10 @@ cln_status cln_cmd_render(const cln_options *options)
                             .mean_depth = strcmp(options->depth, "mean") == 0,
                             .device = options->device};
 
+    desc.cropped = options->crop != NULL;
+    if (options->crop && !cln_reals_read(options->crop, 6, desc.crop))
+        CLN_TRY(cln_fail(CLN_USAGE, "--crop: '%s' is not six numbers with commas, x0,y0,z0,x1,y1,z1",
+                         options->crop));
     if (!desc.out) {
         CLN_TRY(standard_folder(options, &standard_out));
         desc.out = standard_out;

@@ -34,7 +34,7 @@ const cln_command cln_commands[] = {
     {"view", CLN_VIEW, "RUN", true, "view RUN [OPTIONS]",
      "A run in the browser: fly through it, beside its photos",
      "Prints an address of this machine, which a browser opens, also through ssh -L, until Ctrl-C. "
-     "Nothing is loaded from elsewhere, and nothing is written.",
+     "Nothing is loaded from elsewhere, and nothing is written but films on their way.",
      cln_cmd_view},
     {"info", CLN_INFO, "SCENE|RUN", true, "info SCENE|RUN [OPTIONS]",
      "What is in a scene or a run",
@@ -173,6 +173,9 @@ const cln_arg cln_args[] = {
          "only N views, evenly chosen (0 = all)", .standard = "0"),
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
          "N x N rays for pixels at edges", .standard = "1"),
+    TEXT(CLN_RENDER, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1",
+         "only what is inside this box, in the scene's own frame and units; the viewer tells the "
+         "numbers of its crop box"),
     REAL(CLN_EVAL, "min-psnr", min_psnr, "DB", 0, 200,
          "exit with code 9 if the mean PSNR is below this", .standard = "0"),
     FLAG(CLN_EVAL, "save-images", save_images,

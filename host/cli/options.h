@@ -23,7 +23,7 @@ typedef struct cln_options {
     bool circle, json, quiet, test, quick, extremes, skip_selftest, save_images, overwrite, z_depth;
     int verbose, max_images, antialias, frames;
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
-    const char *poses, *depth;
+    const char *poses, *depth, *crop;
     bool pfm;
     double elevation, radius, fov, fps, depth_unit, min_psnr, budget, probe;
     double spacing; /* 0 = not given */

@@ -9,6 +9,7 @@
  *   PARTS   layout of arrays of a row per leaf (kernels/leaves.h); built again when they are split
  *   TRAIN, EVAL   PARTS, and whether the pass is for training (mlp_*.cl)
  *   WIDE    64-bit keys (scan.cl)
+ *   CROP    PARTS, and rays are cut to a box (walk.h); only where it is wanted by name
  * when (programs.c decides by settings and tuning parameters): ALWAYS; SPLATTING: stage 1 splats;
  * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge;
  * SHARED: ranks share the pipeline. */
@@ -30,7 +31,8 @@
     X(carry, carry, PARTS, ALWAYS)                   \
     X(regularise, regularise, PLAIN, REGULARISED)    \
     X(distil, distil, PLAIN, MEASURED)               \
-    X(share, share, PLAIN, SHARED)
+    X(share, share, PLAIN, SHARED)                   \
+    X(sampling_crop, sampling, CROP, ALWAYS)
 
 /* X(member, kernel, program, when): created with its program if `when` holds, too. SERIAL: tune.sg
  * is 1. */
@@ -75,6 +77,7 @@
     X(regularise_gradient, regularise_gradient, regularise, ALWAYS) \
     X(distil_gradient, distil_gradient, distil, ALWAYS)             \
     X(share_pack, share_pack, share, ALWAYS)                        \
-    X(share_unpack, share_unpack, share, ALWAYS)
+    X(share_unpack, share_unpack, share, ALWAYS)                    \
+    X(intervals_crop, intervals_fill, sampling_crop, ALWAYS)
 
 #endif

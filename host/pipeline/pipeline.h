@@ -31,7 +31,8 @@ typedef enum cln_program_id {
         CLN_PROGRAMS
 } cln_program_id;
 
-/* Sets of programs: bits of cln_program_id. Pictures need no gradients and change no tree. */
+/* Sets of programs: bits of cln_program_id. All: of a training. Pictures need no gradients and
+ * change no tree; a crop (cln_sampling) needs sampling_crop, too. */
 #define CLN_PROGRAM_BIT(member) (1u << CLN_PROGRAM_##member)
 #define CLN_PROGRAMS_ALL        (CLN_PROGRAM_BIT(share) * 2u - 1u)
 #define CLN_PROGRAMS_PICTURES                                                      \
@@ -92,7 +93,8 @@ struct cln_pipeline {
     int64_t splat_entries;
     cln_pixel *host_pixels; /* [ray] */
     int host_rays, batch_view_count, list_total;
-    int antialias; /* n: n x n rays for a picture's pixel at an edge (0 or 1: one) */
+    int antialias;          /* n: n x n rays for a picture's pixel at an edge (0 or 1: one) */
+    const float (*crop)[4]; /* of pictures: cln_sampling's; the caller's */
     /* [view], then, with antialias > 1, [view] of n times as many pixels a side */
     cln_device_camera *host_cameras;
 };
@@ -134,6 +136,9 @@ int cln_pipeline_part_slices(const cln_pipeline *p);
 /* Returns whether so many leaves need parts. Without tune.leaf, gradients need them before weights:
  * a leaf has a gradient per slice. */
 bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves);
+
+/* Builds these programs, too, if they are not there: bits of cln_program_id. CLN_BUILD, CLN_CL. */
+cln_status cln_pipeline_want(cln_pipeline *p, uint32_t wanted);
 
 /* Splits the arrays P once `leaves` leaves need it, and builds the programs that read them again;
  * else does nothing. Call it before cln_pipeline_upload or cln_pipeline_carry of a new or grown

@@ -217,7 +217,7 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
 
 /* Lines that follow the pipeline's "#define" lines, and when programs and kernels are built
  * (kernel_list.h). */
-enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, TEXTS };
+enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, CROP, TEXTS };
 enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
 
 static const struct {
@@ -297,6 +297,7 @@ static cln_status build(cln_pipeline *p)
                          texts[PLAIN], p->parts, p->part_leaves, p->part_slices));
     CLN_TRY(cln_asprintf(&texts[TRAIN], "%s#define TRAIN 1\n", texts[PARTS]));
     CLN_TRY(cln_asprintf(&texts[EVAL], "%s#define TRAIN 0\n", texts[PARTS]));
+    CLN_TRY(cln_asprintf(&texts[CROP], "%s#define CROP 1\n", texts[PARTS]));
     for (int i = 0; i < CLN_PROGRAMS; i++)
         if (!program_of(p, i)->program && p->wanted >> i & 1 && is_true(p, programs[i].when))
             CLN_TRY(cln_program_build(p->device, programs[i].file, texts[programs[i].text],
@@ -310,6 +311,20 @@ static cln_status build(cln_pipeline *p)
 done:
     for (int i = 0; i < TEXTS; i++)
         free(texts[i]);
+    return st;
+}
+
+cln_status cln_pipeline_want(cln_pipeline *p, uint32_t wanted)
+{
+    cln_status st = CLN_OK;
+    const uint32_t before = p->wanted;
+
+    if ((before & wanted) == wanted)
+        return CLN_OK;
+    p->wanted |= wanted;
+    st = build(p);
+    if (st != CLN_OK)
+        p->wanted = before;
     return st;
 }
 

@@ -61,10 +61,13 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_ray_gro
     ADD(&a, s->empty_share);
     ADD(&a, seed);
     ADD(&a, s->step);
+    if (s->crop)
+        cln_args_add(&a, (cln_arg){sizeof(cl_float4), s->crop, 6});
     if (stage1->back)
         stage1->back(p, &a);
-    return cln_launch(p->device, p->k.intervals_fill, CLN_STAGE_INTERVALS,
-                      cln_groups(cln_groups((size_t)g->rays, each), wg), wg, a.list, a.count);
+    return cln_launch(p->device, s->crop ? p->k.intervals_crop : p->k.intervals_fill,
+                      CLN_STAGE_INTERVALS, cln_groups(cln_groups((size_t)g->rays, each), wg), wg,
+                      a.list, a.count);
 }
 
 /* Writes the samples of the group's rays, but for rays that would exceed `most` samples in all. */

@@ -27,6 +27,9 @@ typedef struct cln_sampling {
     uint64_t seed;
     uint32_t step;
     size_t max_samples; /* most samples of a batch (memory plan) */
+    /* [6] half-spaces of the cube, x, y, z, w: rays see what is inside all of them, x p_x + y p_y +
+     * z p_z + w >= 0, alone (sampling_crop must be built); NULL: all of the cube. */
+    const float (*crop)[4];
 } cln_sampling;
 
 /* Makes intervals and samples of rays 0 .. n-1. *rays_used: the longest prefix of rays whose

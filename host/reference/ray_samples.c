@@ -11,8 +11,42 @@ static bool near_integer(double x, double within)
     return fabs(x - round(x)) < within;
 }
 
+/* The intervals of the way's ray; of a crop, what is inside all half-spaces. */
+static int find_intervals(const ref_way *way, const double o[3], const double d[3],
+                          ref_interval out[REF_MOST_INTERVALS])
+{
+    const int n = ref_intervals(way->tree, o, d, out, REF_MOST_INTERVALS);
+    double begin = 0, end = INFINITY;
+    int kept = 0;
+
+    if (!way->crop)
+        return n;
+    for (int k = 0; k < 6; k++) {
+        const float *plane = way->crop[k];
+        double here = (double)plane[3], along = 0;
+
+        for (int a = 0; a < 3; a++) {
+            here += (double)plane[a] * o[a];
+            along += (double)plane[a] * d[a];
+        }
+        if (along > 0)
+            begin = fmax(begin, -here / along);
+        else if (along < 0)
+            end = fmin(end, -here / along);
+        else if (here < 0)
+            end = -1;
+    }
+    for (int i = 0; i < n; i++) {
+        const ref_interval v = {out[i].slot, fmax(out[i].t_in, begin), fmin(out[i].t_out, end)};
+
+        if (v.t_out - v.t_in > (double)CLN_MIN_CHORD)
+            out[kept++] = v;
+    }
+    return kept;
+}
+
 /* Returns whether the ray meets other leaves if it is moved a little. */
-static bool near_edges(const cln_octree *tree, const double o[3], const double d[3],
+static bool near_edges(const ref_way *way, const double o[3], const double d[3],
                        const ref_interval *iv, int n)
 {
     ref_interval other[REF_MOST_INTERVALS];
@@ -22,7 +56,7 @@ static bool near_edges(const cln_octree *tree, const double o[3], const double d
         int m = 0;
 
         moved[k / 2] += k % 2 ? REF_NEAR : -REF_NEAR;
-        m = ref_intervals(tree, moved, d, other, REF_MOST_INTERVALS);
+        m = find_intervals(way, moved, d, other);
         if (m != n)
             return true;
         for (int i = 0; i < n; i++) {
@@ -94,12 +128,12 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
 {
     const double o[3] = {fo[0], fo[1], fo[2]}, d[3] = {fd[0], fd[1], fd[2]};
     ref_interval iv[REF_MOST_INTERVALS];
-    const int n = ref_intervals(way->tree, o, d, iv, REF_MOST_INTERVALS);
+    const int n = find_intervals(way, o, d, iv);
     double tau = 0;
     uint32_t kept = 0; /* intervals with samples */
 
     out->n = 0;
-    out->close = near_edges(way->tree, o, d, iv, n);
+    out->close = near_edges(way, o, d, iv, n);
     for (int i = 0; i < n; i++) {
         const double side = leaf_side(way->tree, iv[i].slot), length = iv[i].t_out - iv[i].t_in;
         double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], lengths[REF_MOST_POINTS];

@@ -104,6 +104,7 @@ typedef struct ref_way {
     uint32_t step;
     ref_points_fn *points;
     void *user;
+    const float (*crop)[4]; /* [6], as cln_sampling's */
 } ref_way;
 
 typedef struct ref_samples {

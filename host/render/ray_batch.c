@@ -13,7 +13,8 @@ cln_sampling cln_render_sampling(const cln_pipeline *p)
         .uniform_share = (float)c->uniform_share,
         .empty_weight = (float)c->empty_weight,
         .empty_share = c->empty_weight > 0 ? 0 : 1,
-        .max_samples = p->max_samples > 0 && p->max_samples < wanted ? p->max_samples : wanted};
+        .max_samples = p->max_samples > 0 && p->max_samples < wanted ? p->max_samples : wanted,
+        .crop = p->crop};
 }
 
 cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *b, cln_ray_result *results,

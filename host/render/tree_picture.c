@@ -94,6 +94,24 @@ static bool error_range(const cln_model *model, double *low, double *high)
     return cln_palette_range(model->error ? model->tree.leaf_count : 0, model->error, low, high);
 }
 
+void cln_tree_colours(const cln_model *model, bool error, uint8_t *colours, double *low,
+                      double *high)
+{
+    const cln_octree *tree = &model->tree;
+
+    *low = *high = NAN;
+    if (error)
+        (void)error_range(model, low, high);
+    for (int s = 0; s < tree->leaf_count; s++) {
+        uint8_t *colour = colours + 3 * (size_t)s;
+
+        if (error)
+            cln_palette_error(model->error ? (double)model->error[s] : NAN, *low, *high, colour);
+        else
+            cln_palette_level(tree->level[tree->leaf[s]], colour);
+    }
+}
+
 cln_status cln_tree_save(const cln_model *model, const cln_view *view, const cln_picture *picture,
                          const char *folder)
 {
@@ -109,14 +127,11 @@ cln_status cln_tree_save(const cln_model *model, const cln_view *view, const cln
     CLN_TRY(cln_alloc(&rgb, pixels, 3, "picture of the tree"));
     CLN_TRY(cln_alloc(&colours, (size_t)tree->leaf_count, 3, "picture of the tree"));
     cln_tree_surface(model, &view->camera, picture, slots);
-    for (int s = 0; s < tree->leaf_count; s++)
-        cln_palette_level(tree->level[tree->leaf[s]], colours + 3 * (size_t)s);
+    cln_tree_colours(model, false, colours, &low, &high);
     CLN_TRY(write_drawing(folder, name, ".tree.png", picture, slots, colours, rgb));
-    if (error_range(model, &low, &high)) {
-        for (int s = 0; s < tree->leaf_count; s++)
-            cln_palette_error(model->error[s], low, high, colours + 3 * (size_t)s);
+    cln_tree_colours(model, true, colours, &low, &high);
+    if (high > 0)
         CLN_TRY(write_drawing(folder, name, ".tree-error.png", picture, slots, colours, rgb));
-    }
 done:
     free(slots);
     free(colours);

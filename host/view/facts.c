@@ -1,6 +1,12 @@
 /* See facts.h. */
 #include "view/facts.h"
 
+#include <stdio.h>
+
+#include "io/palette.h"
+
+enum { ERROR_COLOURS = 5 };
+
 static json_t *numbers(const double *values, int count)
 {
     json_t *list = json_array();
@@ -19,6 +25,53 @@ static json_t *camera_json(const cln_view *view)
                      "width", c->width, "height", c->height);
 }
 
+/* The cube; of a forward space, which has no end, as far about the target as the cameras are from
+ * it. */
+static json_t *box_json(const cln_space *space, const cln_orbit_frame *frame)
+{
+    double box[6];
+
+    for (int i = 0; i < 6; i++) {
+        const double middle = space->forward ? frame->target[i % 3] : space->centre[i % 3];
+        const double half = space->forward ? frame->distance : space->half;
+
+        box[i] = middle + (i < 3 ? -half : half);
+    }
+    return numbers(box, 6);
+}
+
+static json_t *colour_json(const uint8_t rgb[3])
+{
+    char text[8];
+
+    snprintf(text, sizeof text, "#%02x%02x%02x", rgb[0], rgb[1], rgb[2]);
+    return json_string(text);
+}
+
+static json_t *levels_json(void)
+{
+    json_t *list = json_array();
+    uint8_t rgb[3];
+
+    for (int level = 0; level < CLN_PALETTE_LEVELS; level++) {
+        cln_palette_level(level, rgb);
+        json_array_append_new(list, colour_json(rgb));
+    }
+    return list;
+}
+
+static json_t *errors_json(void)
+{
+    json_t *list = json_array();
+    uint8_t rgb[3];
+
+    for (int i = 0; i < ERROR_COLOURS; i++) {
+        cln_palette_ramp((double)i / (ERROR_COLOURS - 1), rgb);
+        json_array_append_new(list, colour_json(rgb));
+    }
+    return list;
+}
+
 cln_status cln_facts_text(const cln_facts *facts, char **out)
 {
     cln_status st = CLN_OK;
@@ -32,11 +85,13 @@ cln_status cln_facts_text(const cln_facts *facts, char **out)
     for (int i = 0; facts->scene && i < facts->scene->view_count; i++)
         json_array_append_new(cameras, camera_json(&facts->scene->views[i]));
     document = json_pack(
-        "{s:s, s:I, s:i, s:b, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:i, s:i, s:f, s:o}", "run",
-        facts->run, "step", (json_int_t)model->step, "leaves", model->tree.leaf_count, "training",
-        facts->training, "background", numbers(background, 3), "target", numbers(frame->target, 3),
-        "up", numbers(frame->up, 3), "distance", frame->distance, "centre",
-        numbers(model->space.centre, 3), "half", model->space.half, "start",
+        "{s:s, s:I, s:i, s:b, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, "
+        "s:o}",
+        "run", facts->run, "step", (json_int_t)model->step, "leaves", model->tree.leaf_count,
+        "training", facts->training, "background", numbers(background, 3), "target",
+        numbers(frame->target, 3), "up", numbers(frame->up, 3), "distance", frame->distance,
+        "centre", numbers(model->space.centre, 3), "half", model->space.half, "box",
+        box_json(&model->space, frame), "levels", levels_json(), "errors", errors_json(), "start",
         numbers(start->c2w, 12), "width", start->width, "height", start->height, "focal", start->fy,
         "cameras", cameras);
     *out = document ? json_dumps(document, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;

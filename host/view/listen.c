@@ -6,9 +6,10 @@
 #include <netinet/in.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/random.h>
 #include <sys/socket.h>
 #include <unistd.h>
+
+#include "view/request.h"
 
 typedef union {
     struct sockaddr any;
@@ -58,17 +59,6 @@ static int try_bind(const place *at, socklen_t bytes, int port)
     return -1;
 }
 
-static cln_status make_token(char out[33])
-{
-    unsigned char bytes[16];
-
-    if (getrandom(bytes, sizeof bytes, 0) != (ssize_t)sizeof bytes)
-        return cln_fail(CLN_FAILED, "no random numbers for a token: %s", strerror(errno));
-    for (size_t i = 0; i < sizeof bytes; i++)
-        snprintf(out + 2 * i, 3, "%02x", bytes[i]);
-    return CLN_OK;
-}
-
 cln_status cln_listen_open(const char *address, int port, cln_listener *out)
 {
     cln_status st = CLN_OK;
@@ -94,7 +84,7 @@ cln_status cln_listen_open(const char *address, int port, cln_listener *out)
         out->own[0] = 0;
     out->far = address != NULL;
     if (out->far)
-        CLN_TRY(make_token(out->token));
+        CLN_TRY(cln_ask_make_token(out->token));
     if (out->own[0] && (strcmp(text, "0.0.0.0") == 0 || strcmp(text, "::") == 0))
         shown = out->own;
     snprintf(out->address, sizeof out->address, "http://%s%s%s:%d/%s%s",

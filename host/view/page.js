@@ -1,7 +1,7 @@
 /* The viewer's page: a camera that follows mouse, touch and keys, requests for its pictures, the
- * scene's cameras with their photos, a camera path, and how a training stands. Poses are
- * camera to world in the scene's units with OpenCV's axes (right, down, forward), as the server
- * takes them. */
+ * scene's cameras with their photos, a crop box, and how a training stands. The camera path and its
+ * film are path.js's, which comes before. Poses are camera to world in the scene's units with
+ * OpenCV's axes (right, down, forward), as the server takes them. */
 'use strict';
 
 const $ = (id) => document.getElementById(id);
@@ -130,13 +130,22 @@ function touch(keep = false) {
 function cameraQuery(f) {
   if (at >= 0) {
     const box = inset(f);
-    return {view: at, width: box.width};
+    return {view: at, width: box.width, ...cropQuery()};
   }
-  return {pose: toPose(camera).join(','), focal: f.focal, width: f.width, height: f.height};
+  return {pose: toPose(camera).join(','), focal: f.focal, width: f.width, height: f.height,
+    ...cropQuery()};
 }
+
+/* What a picture looks like, besides its camera. */
+const looks = () => ({show: $('show').value, background: background().join(',')});
 
 function ask(path, query, name, signal) {
   return fetch(path + '?' + new URLSearchParams(query), {headers: {'X-Viewer': name}, signal});
+}
+
+function post(path, query, more) {
+  return fetch(path + '?' + new URLSearchParams(query),
+    {method: 'POST', headers: {'X-Viewer': viewer}, ...more});
 }
 
 const underWay = () => training !== null && !ended && training.state !== 'paused';
@@ -176,17 +185,17 @@ async function pump() {
 
 async function fetchPicture(now, ms, refining) {
   const f = frame(), began = performance.now(), step = training ? training.step : 0;
+  const show = $('show').value;
   const box = at >= 0 ? inset(f) : {x: 0, y: 0, width: f.width, height: f.height};
   abort = new AbortController();
   abort.refining = refining;
-  const answer = await ask('/picture', {...cameraQuery(f), ms, show: $('show').value,
-    background: background().join(',')}, viewer, abort.signal);
+  const answer = await ask('/picture', {...cameraQuery(f), ms, ...looks()}, viewer, abort.signal);
   if (answer.status === 409) return;
   if (!answer.ok) throw Object.assign(new Error(), {refused: (await answer.text()).trim()});
   const bitmap = await createImageBitmap(await answer.blob());
   const [width, height, took, near, far] = answer.headers.get('X-Picture').split(' ').map(Number);
   if (last) last.bitmap.close();
-  last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box, step,
+  last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box, step, show,
     full: width >= box.width, whole: performance.now() - began};
   say('');
   draw();
@@ -213,9 +222,30 @@ function draw() {
   }
   const digits = (x) => x < 10 ? x.toFixed(2) : x.toFixed(0);
   const of = last.full ? '' : ` of ${b.width}×${b.height}`;
-  const depth = last.far > 0 ? ` · depth ${digits(last.near)} to ${digits(last.far)}` : '';
+  const depth = last.far > 0 && last.show === 'depth' ?
+    ` · depth ${digits(last.near)} to ${digits(last.far)}` : '';
   $('numbers').textContent = `${last.width}×${last.height}${of} · ${last.took.toFixed(0)} ms ` +
     `render · ${last.whole.toFixed(0)} ms in all${depth}`;
+  showLegend();
+}
+
+/* What the colours of leaves mean. */
+function showLegend() {
+  const part = (colour, text) => {
+    const item = document.createElement('span'), swatch = document.createElement('i');
+    swatch.style.background = colour;
+    item.append(swatch, text);
+    return item;
+  };
+  const legend = $('legend'), key = `${last.show} ${last.near} ${last.far}`;
+  legend.hidden = last.show !== 'level' && last.show !== 'error';
+  if (legend.dataset.key === key) return;
+  legend.dataset.key = key;
+  const n = facts.errors.length - 1;
+  legend.replaceChildren(...(last.show === 'level' ? facts.levels.map((c, i) => part(c, `${i}`)) :
+    last.far > 0 ? facts.errors.map((c, i) => part(c,
+      (last.near * (last.far / last.near) ** (i / n)).toExponential(1))) :
+      ['no error of a leaf has been measured']));
 }
 
 /* |render - photo| times four, as in the pictures of an evaluation. */
@@ -231,8 +261,8 @@ function drawDifference(b) {
 async function savePicture() {
   say('Rendering…');
   try {
-    const answer = await ask('/picture', {...cameraQuery(frame()), show: $('show').value,
-      background: background().join(','), format: 'png'}, viewer + '-s');
+    const answer = await ask('/picture', {...cameraQuery(frame()), ...looks(), format: 'png'},
+      viewer + '-s');
     if (!answer.ok) throw new Error((await answer.text()).trim());
     download(await answer.blob(), `${facts.run.split('/').filter(Boolean).pop()}.png`);
     say('');
@@ -247,6 +277,72 @@ function download(blob, name) {
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+/* ---- the crop box ---- */
+
+let crop = null; /* [x0, y0, z0, x1, y1, z1]; a side of facts.box itself is no side */
+const FAR = 1e6; /* times the box: beyond everything */
+
+/* What a picture is asked with. */
+function cropSides() {
+  return crop.map((v, i) => {
+    const low = facts.box[i % 3], high = facts.box[3 + i % 3];
+    return v > low && v < high ? v : i < 3 ? low - FAR * (high - low) : high + FAR * (high - low);
+  });
+}
+
+const isCropped = () => $('crop').checked && crop.some((v, i) => v !== facts.box[i]);
+const cropQuery = () => isCropped() ? {crop: cropSides().join(',')} : {};
+
+function makeCrop() {
+  crop = [...facts.box];
+  for (let i = 0; i < 6; i++) {
+    const a = i % 3, row = document.createElement('label');
+    const slider = document.createElement('input'), value = document.createElement('output');
+    slider.type = 'range';
+    slider.min = 0;
+    slider.max = 1000;
+    slider.value = i < 3 ? 0 : 1000;
+    slider.id = `crop-${i}`;
+    slider.addEventListener('input', () => {
+      const share = Number(slider.value) / 1000, least = (facts.box[3 + a] - facts.box[a]) / 1000;
+      crop[i] = share === 0 ? facts.box[a] : share === 1 ? facts.box[3 + a] :
+        facts.box[a] + share * (facts.box[3 + a] - facts.box[a]);
+      if (i < 3) crop[i] = Math.min(crop[i], crop[3 + a] - least);
+      else crop[i] = Math.max(crop[i], crop[a] + least);
+      $('crop').checked = true;
+      changeCrop();
+    });
+    row.className = 'row';
+    row.append(`${'xyz'[a]} ${i < 3 ? 'from' : 'to'} `, slider, value);
+    $('crop-sliders').append(row);
+  }
+  changeCrop();
+}
+
+function changeCrop() {
+  const digits = Math.max(0, 3 - Math.floor(Math.log10(facts.box[3] - facts.box[0])));
+  crop.forEach((v, i) => {
+    const low = facts.box[i % 3], high = facts.box[3 + i % 3], slider = $(`crop-${i}`);
+    slider.value = Math.round(1000 * (v - low) / (high - low));
+    slider.nextSibling.textContent = v > low && v < high ? v.toFixed(Math.min(digits, 9)) : 'all';
+  });
+  $('crop-text').textContent = isCropped() ? `--crop ${cropSides().map((v) =>
+    Number(v.toPrecision(9))).join(',')}` : 'the box is off';
+  touch(true);
+}
+
+function resetCrop() {
+  crop = [...facts.box];
+  changeCrop();
+}
+
+function drawCrop(f) {
+  const corner = (k) => project([0, 1, 2].map((a) => crop[k >> a & 1 ? 3 + a : a]), f);
+  for (let k = 0; k < 8; k++)
+    for (let a = 0; a < 3; a++)
+      if (!(k >> a & 1)) line([corner(k), corner(k | 1 << a)], '#8a63d2');
 }
 
 /* ---- motion ---- */
@@ -416,7 +512,9 @@ const keys = {
   g: () => focus(picture.clientWidth / 2, picture.clientHeight / 2),
   b: () => toggleBlend(), v: () => { toggle('difference'); draw(); }, ' ': play,
   '1': () => show('colour'), '2': () => show('depth'),
-  '3': () => show('opacity'), '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
+  '3': () => show('opacity'), '4': () => show('level'), '5': () => show('error'),
+  o: () => { $('crop').checked = !$('crop').checked; changeCrop(); },
+  '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
   '?': () => { openPanel(true); $('help').open = true; $('help').scrollIntoView(); },
 };
 const arrows = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]};
@@ -604,6 +702,7 @@ function drawLines() {
     facts.cameras.forEach((c) => drawFrustum(c.pose, c.width / c.height, c.height / 2 / c.focal,
       colours[c.split], f, 0.08 * facts.distance));
   }
+  if (at < 0 && isCropped() && $('crop-part').open) drawCrop(f);
   if (keyframes.length > 1 && at < 0 && !playing) {
     const count = 24 * keyframes.length, trail = [];
     for (let i = 0; i <= count; i++) trail.push(project(along(i / count).p, f));
@@ -621,196 +720,6 @@ function cameraAt(x, y) {
     if (d < nearest) [best, nearest] = [i, d];
   });
   return best;
-}
-
-/* ---- a camera path ---- */
-
-/* Catmull and Rom's spline through four values. */
-const spline = (a, b, c, d, t) => b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d +
-  t * (3 * (b - c) + d - a)));
-
-/* The path's camera at a share 0..1 of its time. */
-function along(share) {
-  const n = keyframes.length, closed = $('cycle').checked, spans = closed ? n : n - 1;
-  const time = clamp(share * spans, 0, spans), i = Math.min(Math.floor(time), spans - 1);
-  const key = (k) => keyframes[closed ? (k + n) % n : clamp(k, 0, n - 1)];
-  const four = [-1, 0, 1, 2].map((k) => key(i + k)), t = time - i;
-  const turns = four.map((k) => toQuaternion(k.r));
-  for (let k = 1; k < 4; k++) /* the same turn as q and -q: the near one */
-    if (turns[k].reduce((sum, v, a) => sum + v * turns[k - 1][a], 0) < 0)
-      turns[k] = turns[k].map((v) => -v);
-  const mix = (values) => values[0].map((_, a) => spline(...values.map((v) => v[a]), t));
-  return {p: mix(four.map((k) => k.p)), r: fromQuaternion(mix(turns)),
-    fov: clamp(mix(four.map((k) => [k.fov]))[0], 1, 170),
-    distance: Math.max(mix(four.map((k) => [k.distance]))[0], 1e-4 * facts.distance)};
-}
-
-function addKey() {
-  keyframes.push(copy(camera));
-  listKeys();
-}
-
-function listKeys() {
-  $('keys-list').replaceChildren(...keyframes.map((key, i) => {
-    const item = document.createElement('li');
-    const button = (text, label, does) => {
-      const b = document.createElement('button');
-      b.textContent = text;
-      b.setAttribute('aria-label', label);
-      b.addEventListener('click', does);
-      item.append(b);
-    };
-    button(`View ${i + 1}`, `Go to view ${i + 1}`, () => fly(key));
-    button('↑', `View ${i + 1} earlier`, () => {
-      if (i > 0) [keyframes[i - 1], keyframes[i]] = [keyframes[i], keyframes[i - 1]];
-      listKeys();
-    });
-    button('Set', `Make this view number ${i + 1}`, () => {
-      keyframes[i] = copy(camera);
-      listKeys();
-    });
-    button('×', `Remove view ${i + 1}`, () => { keyframes.splice(i, 1); listKeys(); });
-    return item;
-  }));
-  $('key-count').textContent = keyframes.length ? `(${keyframes.length})` : '';
-  drawLines();
-}
-
-const seconds = () => clamp(Number($('seconds').value) || 5, 0.1, 3600);
-const perSecond = () => clamp(Math.round(Number($('fps').value)) || 24, 1, 120);
-
-function play() {
-  if (playing) {
-    stopPlaying();
-    return;
-  }
-  if (keyframes.length < 2) {
-    say('Add two views or more to the path (K).');
-    setTimeout(() => say(''), 2000);
-    return;
-  }
-  const began = performance.now();
-  const step = (now) => {
-    const share = (now - began) / 1000 / seconds();
-    if (share >= 1 && !$('cycle').checked) {
-      camera = along(1);
-      stopPlaying();
-      touch();
-      return;
-    }
-    camera = along(share % 1);
-    touch();
-    playing = requestAnimationFrame(step);
-  };
-  playing = requestAnimationFrame(step);
-  $('play').textContent = 'Stop';
-}
-
-function stopPlaying() {
-  if (!playing) return;
-  cancelAnimationFrame(playing);
-  playing = 0;
-  $('play').textContent = 'Play';
-  showFov();
-  drawLines();
-}
-
-/* nerfstudio's: camera to world 4x4, row-major, OpenGL's axes (right, up, back); vertical fov. */
-function toNerfstudio(c) {
-  const m = toPose(c);
-  return [...[0, 1, 2].flatMap((a) => [m[4 * a], -m[4 * a + 1], -m[4 * a + 2], m[4 * a + 3]]),
-    0, 0, 0, 1];
-}
-
-/* The other way; older files have the matrix as text, and by columns. */
-function fromNerfstudio(given) {
-  let m = typeof given === 'string' ? JSON.parse(given) : given.flat();
-  if (m.length !== 16 || !m.every(Number.isFinite)) throw new Error('a matrix is not 4 x 4');
-  if (m[3] === 0 && m[7] === 0 && m[11] === 0 && (m[12] || m[13] || m[14]))
-    m = m.map((_, i) => m[4 * (i % 4) + (i >> 2)]);
-  return fromPose([0, 1, 2].flatMap((a) => [m[4 * a], -m[4 * a + 1], -m[4 * a + 2],
-    m[4 * a + 3]]));
-}
-
-const rows4 = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
-
-/* The path's cameras frame by frame; null, and says it, if there is none. */
-function framesOfPath() {
-  if (keyframes.length < 2) {
-    play(); /* says it */
-    return null;
-  }
-  const count = Math.max(2, Math.round(seconds() * perSecond()));
-  const parts = $('cycle').checked ? count : count - 1;
-  return Array.from({length: count}, (_, i) => along(i / parts));
-}
-
-function saveText(document, name) {
-  download(new Blob([JSON.stringify(document, null, 1)], {type: 'application/json'}), name);
-}
-
-function savePath() {
-  const path = framesOfPath(), f = frame(), aspect = f.width / f.height;
-  if (!path) return;
-  const vertical = (c) => 360 / Math.PI * Math.atan(Math.tan(c.fov * Math.PI / 360) *
-    f.height / Math.min(f.width, f.height));
-  saveText({
-    camera_type: 'perspective', render_height: f.height, render_width: f.width,
-    fps: perSecond(), seconds: seconds(), is_cycle: $('cycle').checked, smoothness_value: 0,
-    keyframes: keyframes.map((c) => ({matrix: toNerfstudio(c), fov: vertical(c), aspect})),
-    camera_path: path.map((c) => ({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect})),
-    crop: null,
-  }, 'camera_path.json');
-}
-
-/* As `render --poses` and other programs read it; without the views that the path goes through. */
-function saveTransforms() {
-  const path = framesOfPath(), f = frame();
-  if (!path) return;
-  const focal = (c) => Math.min(f.width, f.height) / 2 / Math.tan(c.fov * Math.PI / 360);
-  saveText({
-    camera_model: 'OPENCV', w: f.width, h: f.height, cx: f.width / 2, cy: f.height / 2,
-    frames: path.map((c, i) => ({file_path: `path_${String(i).padStart(4, '0')}`, fl_x: focal(c),
-      fl_y: focal(c), transform_matrix: rows4(toNerfstudio(c))})),
-  }, 'transforms.json');
-}
-
-/* The vertical field of view of a frame of transforms JSON, in degrees. */
-function fovOf(read, k) {
-  const of = (name) => Number(k[name] ?? read[name]);
-  const h = of('h'), w = of('w'), fl = of('fl_y') || of('fl_x');
-  if (h > 0 && fl > 0) return 360 / Math.PI * Math.atan(h / 2 / fl);
-  const across = of('camera_angle_x');
-  return of('camera_angle_y') * 180 / Math.PI || (across > 0 ? 360 / Math.PI *
-    Math.atan(Math.tan(across / 2) * (h > 0 && w > 0 ? h / w : 1)) : 50);
-}
-
-async function openPath(file) {
-  try {
-    const read = JSON.parse(await file.text());
-    const few = (list) => list.filter((_, i) => i % Math.ceil(list.length / 50) === 0);
-    const from = (read.keyframes || []).length > 1 ? read.keyframes :
-      few(read.camera_path || read.frames || []);
-    const found = from.map((k) => {
-      const c = fromNerfstudio(k.matrix || k.camera_to_world || k.transform_matrix);
-      const high = Number(k.fov) || fovOf(read, k);
-      const shorter = Math.min(1, Number(k.aspect) || Number(k.w ?? read.w) / (k.h ?? read.h) || 1);
-      c.fov = 360 / Math.PI * Math.atan(Math.tan(high * Math.PI / 360) * shorter);
-      c.distance = facts.distance;
-      straighten(c);
-      return c;
-    });
-    if (found.length < 2) throw new Error('it has fewer than two views');
-    keyframes = found;
-    if (read.seconds > 0) $('seconds').value = read.seconds;
-    if (read.fps > 0) $('fps').value = read.fps;
-    $('cycle').checked = Boolean(read.is_cycle);
-    listKeys();
-    fly(keyframes[0]);
-  } catch (error) {
-    say(`${file.name} is not a camera path: ${error.message}`);
-    setTimeout(() => say(''), 5000);
-  }
 }
 
 /* ---- a training ---- */
@@ -915,7 +824,7 @@ async function watch() {
 
 async function order(what) {
   try {
-    const answer = await fetch('/' + what, {method: 'POST', headers: {'X-Viewer': viewer}});
+    const answer = await post('/' + what, {});
     if (!answer.ok) say((await answer.text()).trim());
   } catch (error) {
     say(gone());
@@ -955,6 +864,7 @@ async function begin() {
   home.distance = size(add(facts.target, home.p, -1));
   camera = copy(home);
   showFov();
+  makeCrop();
   listCameras();
   $('training').hidden = !facts.training;
   if (facts.training) {
@@ -979,6 +889,10 @@ on('difference', 'change', draw);
 on('add-key', 'click', addKey);
 on('play', 'click', play);
 on('cycle', 'change', drawLines);
+on('make-film', 'click', makeFilm);
+on('crop', 'change', changeCrop);
+on('crop-reset', 'click', resetCrop);
+on('crop-part', 'toggle', drawLines);
 on('pause', 'click', () => order(training && training.state === 'paused' ? 'continue' : 'pause'));
 on('checkpoint', 'click', () => order('save'));
 on('stop', 'click', stopTraining);

@@ -1,15 +1,19 @@
-/* Pictures, photos and points as bytes for a browser. See painter.h. */
+/* Pictures, photos, points and films for a browser. See painter.h. */
 #include "view/painter.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/memory.h"
 #include "io/image.h"
 #include "render/depth_picture.h"
 #include "render/orbit.h"
+#include "render/tree_picture.h"
 
 enum { LEAST_SIDE = 24, MOVING = 85, STILL = 93 }; /* qualities of JPEG */
 
@@ -32,14 +36,28 @@ void cln_painting_free(cln_painter *painter, cln_painting *g)
 {
     cln_rendering_end(painter->pipeline, &g->rendering);
     free(g->body);
+    if (g->is_file)
+        close(g->file);
     memset(g, 0, sizeof *g);
+}
+
+void cln_painter_forget(cln_painter *painter, const cln_painting *g)
+{
+    if (g->ask.kind == CLN_ASK_FILM_FRAME && cln_reel_is(&painter->reel, g->ask.film))
+        cln_reel_drop(&painter->reel);
 }
 
 /* ---- pictures ---- */
 
-static cln_status set_camera(cln_painter *painter, const cln_camera *camera)
+/* crop: NULL or the asking one's. */
+static cln_status set_up(cln_painter *painter, const cln_camera *camera, cln_crop *crop)
 {
-    return cln_pipeline_cameras(painter->pipeline, &camera, 1, &painter->model->space);
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_pipeline_cameras(painter->pipeline, &camera, 1, &painter->model->space));
+    CLN_TRY(cln_crop_use(painter->pipeline, &painter->model->space, crop));
+done:
+    return st;
 }
 
 /* A training has changed since the batch before, and with it its tree and memory plan. */
@@ -68,9 +86,11 @@ static cln_status fit_budget(const cln_painter *painter, const cln_ask *ask, cln
     return cln_orbit_resize(full, width, 0, out);
 }
 
-static cln_status draw_depth(const cln_painter *painter, cln_painting *g, uint8_t *grey)
+/* The frames of a film have the first one's scale. */
+static cln_status draw_depth(cln_painter *painter, cln_painting *g, uint8_t *grey)
 {
     cln_status st = CLN_OK;
+    cln_reel *reel = g->ask.kind == CLN_ASK_FILM_FRAME ? &painter->reel : NULL;
     const cln_picture *p = &g->rendering.picture;
     const size_t n = (size_t)p->width * (size_t)p->height;
     cln_depth_scale scale = {0};
@@ -80,10 +100,20 @@ static cln_status draw_depth(const cln_painter *painter, cln_painting *g, uint8_
         p->depth[i] =
             grey[i] > 0 ? cln_space_depth_to_scene(&painter->model->space, p->depth[i]) : 0;
     }
-    CLN_TRY(cln_depth_scale_add(&scale, n, p->depth, grey));
-    if (cln_depth_scale_make(&scale)) {
-        g->near = 1 / (double)scale.high;
-        g->far = 1 / (double)scale.low;
+    if (reel && reel->scaled) {
+        scale.low = reel->low;
+        scale.high = reel->high;
+    } else {
+        CLN_TRY(cln_depth_scale_add(&scale, n, p->depth, grey));
+        if (cln_depth_scale_make(&scale)) {
+            g->near = 1 / (double)scale.high;
+            g->far = 1 / (double)scale.low;
+        }
+    }
+    if (reel && scale.low > 0) {
+        reel->scaled = true;
+        reel->low = scale.low;
+        reel->high = scale.high;
     }
     cln_depth_draw(&scale, n, p->depth, grey, grey);
 done:
@@ -91,21 +121,88 @@ done:
     return st;
 }
 
-static cln_status encode(const cln_painter *painter, cln_painting *g)
+static cln_status draw_leaves(const cln_painter *painter, cln_painting *g, uint8_t *rgb)
+{
+    cln_status st = CLN_OK;
+    const cln_model *model = painter->model;
+    const cln_picture *p = &g->rendering.picture;
+    const bool error = g->ask.show == CLN_SHOW_ERROR;
+    int32_t *slots = NULL;
+    uint8_t *colours = NULL;
+    double low = NAN, high = NAN;
+
+    CLN_TRY(cln_alloc(&slots, (size_t)p->width * (size_t)p->height, sizeof *slots, "leaves"));
+    CLN_TRY(cln_alloc(&colours, (size_t)model->tree.leaf_count, 3, "leaves"));
+    cln_tree_surface(model, &g->ask.camera, p, slots);
+    cln_tree_colours(model, error, colours, &low, &high);
+    cln_tree_draw(p, slots, colours, rgb);
+    if (high > 0) {
+        g->near = low;
+        g->far = high;
+    }
+done:
+    free(slots);
+    free(colours);
+    return st;
+}
+
+/* pixels [height][width][3 or 1] */
+static cln_status draw(cln_painter *painter, cln_painting *g, uint8_t *pixels, int *channels)
+{
+    const cln_picture *p = &g->rendering.picture;
+    const size_t n = (size_t)p->width * (size_t)p->height;
+
+    *channels = 3;
+    switch (g->ask.show) {
+    case CLN_SHOW_LEVEL:
+    case CLN_SHOW_ERROR:
+        return draw_leaves(painter, g, pixels);
+    case CLN_SHOW_DEPTH:
+        *channels = 1;
+        return draw_depth(painter, g, pixels);
+    case CLN_SHOW_OPACITY:
+        *channels = 1;
+        for (size_t i = 0; i < n; i++)
+            pixels[i] = cln_to_u8(p->opacity[i]);
+        break;
+    case CLN_SHOW_COLOUR:
+    case CLN_SHOWS:
+        for (size_t i = 0; i < 3 * n; i++)
+            pixels[i] = cln_to_u8(p->rgb[i]);
+    }
+    return CLN_OK;
+}
+
+static cln_status add_frame(cln_painter *painter, cln_painting *g, uint8_t *pixels, int channels)
+{
+    cln_status st = CLN_OK;
+    cln_reel *reel = &painter->reel;
+    const size_t n = (size_t)g->width * (size_t)g->height;
+    char text[64];
+
+    for (size_t i = n; channels == 1 && i-- > 0;)
+        pixels[3 * i] = pixels[3 * i + 1] = pixels[3 * i + 2] = pixels[i];
+    CLN_TRY(cln_reel_add(reel, pixels));
+    snprintf(text, sizeof text, "{\"done\": %d, \"frames\": %d}", reel->done, reel->frames);
+    cln_painting_say(g, 200, text);
+    g->type = "application/json";
+done:
+    return st;
+}
+
+static cln_status deliver(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
     const cln_picture *p = &g->rendering.picture;
-    const size_t n = (size_t)p->width * (size_t)p->height;
-    const int channels = g->ask.show == CLN_SHOW_COLOUR ? 3 : 1;
+    int channels = 3;
     uint8_t *pixels = NULL;
 
-    CLN_TRY(cln_alloc(&pixels, n, (size_t)channels, "picture"));
-    if (g->ask.show == CLN_SHOW_DEPTH)
-        CLN_TRY(draw_depth(painter, g, pixels));
-    for (size_t i = 0; i < n && g->ask.show == CLN_SHOW_OPACITY; i++)
-        pixels[i] = cln_to_u8(p->opacity[i]);
-    for (size_t i = 0; i < 3 * n && g->ask.show == CLN_SHOW_COLOUR; i++)
-        pixels[i] = cln_to_u8(p->rgb[i]);
+    CLN_TRY(cln_alloc(&pixels, (size_t)p->width * (size_t)p->height, 3, "picture"));
+    CLN_TRY(draw(painter, g, pixels, &channels));
+    if (g->ask.kind == CLN_ASK_FILM_FRAME) {
+        CLN_TRY(add_frame(painter, g, pixels, channels));
+        goto done;
+    }
     if (g->ask.png)
         CLN_TRY(cln_image_encode_png(p->width, p->height, channels, pixels, &g->body, &g->bytes));
     else
@@ -129,17 +226,18 @@ static cln_status step_picture(cln_painter *painter, cln_painting *g)
 
         CLN_TRY(fit_budget(painter, &g->ask, &camera));
         g->ask.camera = camera; /* from here on the one that is rendered */
-        CLN_TRY(set_camera(painter, &camera));
+        CLN_TRY(set_up(painter, &camera, &g->ask.crop));
         CLN_TRY(cln_rendering_begin(p, 0, g->ask.background, false, r));
         g->begun = true;
         g->width = camera.width;
         g->height = camera.height;
     } else {
-        CLN_TRY(set_camera(painter, &g->ask.camera)); /* another picture may have come between */
+        /* another picture may have come between */
+        CLN_TRY(set_up(painter, &g->ask.camera, &g->ask.crop));
     }
     CLN_TRY(step_rendering(painter, r));
     if (r->done == g->width * g->height)
-        CLN_TRY(encode(painter, g));
+        CLN_TRY(deliver(painter, g));
 done:
     return st;
 }
@@ -202,7 +300,7 @@ static cln_status paint_point(cln_painter *painter, cln_painting *g)
     one.cx -= fmin(floor(g->ask.x), one.width - 1);
     one.cy -= fmin(floor(g->ask.y), one.height - 1);
     one.width = one.height = 1;
-    CLN_TRY(set_camera(painter, &one));
+    CLN_TRY(set_up(painter, &one, &g->ask.crop));
     CLN_TRY(cln_rendering_begin(painter->pipeline, 0, g->ask.background, false, &g->rendering));
     CLN_TRY(step_rendering(painter, &g->rendering));
     cln_camera_ray(&one, 0.5, 0.5, origin, direction);
@@ -218,7 +316,76 @@ done:
     return st;
 }
 
+/* ---- films ---- */
+
+static cln_status begin_film(cln_painter *painter, cln_painting *g)
+{
+    cln_status st = CLN_OK;
+    cln_reel *reel = &painter->reel;
+    char text[128];
+
+    CLN_TRY(cln_reel_begin(reel, &g->ask));
+    snprintf(text, sizeof text, "{\"film\": \"%s\", \"file\": \"%s\"}", reel->name,
+             cln_reel_file(reel));
+    cln_painting_say(g, 200, text);
+    g->type = "application/json";
+done:
+    return st;
+}
+
+static cln_status step_film(cln_painter *painter, cln_painting *g)
+{
+    cln_status st = CLN_OK;
+    cln_reel *reel = &painter->reel;
+    char text[128];
+
+    if (!cln_reel_is(reel, g->ask.film)) {
+        cln_painting_say(g, 404, "this film is not there any more");
+        return CLN_OK;
+    }
+    reel->touched = cln_now();
+    if (g->ask.kind == CLN_ASK_FILM_DROP) {
+        cln_reel_drop(reel);
+        cln_painting_say(g, 200, "the film is dropped");
+    } else if (g->ask.kind == CLN_ASK_FILM_FILE) {
+        if (!reel->whole) {
+            cln_painting_say(g, 409, "the film is not whole yet");
+            return CLN_OK;
+        }
+        g->file = fcntl(reel->file, F_DUPFD_CLOEXEC, 0);
+        if (g->file < 0)
+            CLN_TRY(cln_fail(CLN_FAILED, "the film: %s", strerror(errno)));
+        g->is_file = true;
+        g->bytes = (size_t)reel->bytes;
+        g->file_name = cln_reel_file(reel);
+        g->type = cln_reel_type(reel);
+        g->status = 200;
+    } else if (reel->whole) {
+        cln_painting_say(g, 409, "the film is whole already");
+    } else if (g->ask.kind == CLN_ASK_FILM_END) {
+        CLN_TRY(cln_reel_end(reel));
+        snprintf(text, sizeof text, "{\"file\": \"%s\", \"bytes\": %lld}", cln_reel_file(reel),
+                 (long long)reel->bytes);
+        cln_painting_say(g, 200, text);
+        g->type = "application/json";
+    } else if (reel->done == reel->frames) {
+        cln_painting_say(g, 409, "all frames of the film are there");
+    } else if (g->ask.camera.width != reel->width || g->ask.camera.height != reel->height) {
+        cln_painting_say(g, 400, "width, height: a frame has the film's");
+    } else {
+        CLN_TRY(step_picture(painter, g));
+    }
+done:
+    return st;
+}
+
 /* ---- the work ---- */
+
+/* What an error of one painting alone is to a browser. */
+static int status_of(cln_status st)
+{
+    return st == CLN_MEMORY ? 503 : st == CLN_INPUT ? 404 : st == CLN_USAGE ? 409 : 500;
+}
 
 cln_status cln_painter_step(cln_painter *painter, cln_painting *g)
 {
@@ -235,13 +402,25 @@ cln_status cln_painter_step(cln_painter *painter, cln_painting *g)
     case CLN_ASK_POINT:
         st = paint_point(painter, g);
         break;
+    case CLN_ASK_FILM_BEGIN:
+        st = begin_film(painter, g);
+        break;
+    case CLN_ASK_FILM_FRAME:
+    case CLN_ASK_FILM_END:
+    case CLN_ASK_FILM_DROP:
+    case CLN_ASK_FILM_FILE:
+        st = step_film(painter, g);
+        break;
+    case CLN_ASK_KINDS:
+        break;
     }
+    painter->pipeline->crop = NULL;
     g->seconds += cln_now() - began;
     if (g->status == 200 && g->ask.kind == CLN_ASK_PICTURE && !g->ask.png)
         learn_speed(painter, g);
     if (st == CLN_OK || st == CLN_CL || st == CLN_BUILD || st == CLN_INTERNAL)
         return st;
-    cln_painting_say(g, st == CLN_MEMORY ? 503 : 404, cln_error_text());
+    cln_painting_say(g, status_of(st), cln_error_text());
     cln_clear_error();
     return CLN_OK;
 }

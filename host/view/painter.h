@@ -1,18 +1,20 @@
 /* Answers what is asked, on the thread that has the device: renders pictures, reads photos, looks
- * up points. A picture is rendered batch by batch, so that a large one can wait for small ones. */
+ * up points, makes a film. A picture is rendered batch by batch, so that a large one can wait for small ones. */
 #ifndef CLN_PAINTER_H
 #define CLN_PAINTER_H
 
 #include "render/view.h"
+#include "view/reel.h"
 #include "view/request.h"
 
 /* The first ones are the caller's. */
 typedef struct cln_painter {
-    cln_pipeline *pipeline; /* its cameras are others after a painting */
+    cln_pipeline *pipeline; /* its cameras are others after a painting; not cropped */
     const cln_model *model; /* whose space and background count */
     const cln_scene *scene; /* NULL: no photos */
     bool training; /* the pipeline is a training's: pictures take its densities as they are */
     double seconds_per_pixel; /* of pictures, encoding included; from what they took */
+    cln_reel reel;            /* the film that is made or was made last */
 } cln_painter;
 
 /* A question with its answer; zeroed but for `ask`. */
@@ -27,7 +29,10 @@ typedef struct cln_painting {
     uint8_t *body; /* the caller frees it, by cln_painting_free */
     size_t bytes;
     int width, height; /* picture: as rendered */
-    double near, far;  /* depth picture: the ends of its greys, scene units; else 0 */
+    double near, far; /* the ends of a picture's scale: of depths, scene units, of errors; else 0 */
+    bool is_file;     /* a film's: instead of the body */
+    int file;         /* its descriptor, the caller's */
+    const char *file_name;
 } cln_painting;
 
 /* Prepares the densities of pictures, unless `training`, and renders some small ones, of `first`,
@@ -42,5 +47,8 @@ cln_status cln_painter_step(cln_painter *painter, cln_painting *painting);
 /* The answer is this sentence. */
 void cln_painting_say(cln_painting *painting, int status, const char *sentence);
 void cln_painting_free(cln_painter *painter, cln_painting *painting); /* its contents */
+
+/* Nobody waits for it any more: of a film's frame, nor for the film. */
+void cln_painter_forget(cln_painter *painter, const cln_painting *painting);
 
 #endif

@@ -2,10 +2,12 @@
 #include "view/request.h"
 
 #include <arpa/inet.h>
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/random.h>
 
 #include "base/number.h"
 #include "render/orbit.h"
@@ -121,38 +123,92 @@ done:
     return st;
 }
 
-cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float background[3],
-                        cln_ask_get *get, void *query, cln_ask *out)
+static cln_status read_crop(cln_ask_get *get, void *query, cln_crop *out)
 {
-    static const char *const shows[] = {"colour", "depth", "opacity"};
+    cln_status st = CLN_OK;
+    const char *text = get(query, "crop");
+
+    if (!text)
+        return CLN_OK;
+    if (!cln_reals_read(text, 6, out->box))
+        CLN_TRY(cln_fail(CLN_USAGE, "crop: six numbers with commas are wanted"));
+    CLN_TRY(cln_crop_check("crop", out->box));
+    out->on = true;
+done:
+    return st;
+}
+
+/* ---- films ---- */
+
+static cln_status read_film(cln_ask_get *get, void *query, cln_ask *out)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(read_int(get, query, "width", 16, CLN_ASK_SIDE, 0, &out->width));
+    CLN_TRY(read_int(get, query, "height", 16, CLN_ASK_SIDE, 0, &out->height));
+    CLN_TRY(read_int(get, query, "frames", 1, CLN_FILM_FRAMES, 0, &out->frames));
+    CLN_TRY(read_real(get, query, "fps", 1, 240, 24, &out->fps));
+    if (out->width == 0 || out->height == 0 || out->frames == 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "width, height, frames: all are wanted for a film"));
+    if ((int64_t)out->width * out->height > CLN_ASK_PIXELS ||
+        (double)out->width * out->height * out->frames > CLN_FILM_PIXELS)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "a film of %d x %d x %d is too large: at most %d pixels a frame and %g in "
+                         "all",
+                         out->width, out->height, out->frames, CLN_ASK_PIXELS, CLN_FILM_PIXELS));
+done:
+    return st;
+}
+
+static cln_status read_film_name(cln_ask_get *get, void *query, char out[CLN_FILM_NAME])
+{
+    const char *text = get(query, "film");
+
+    if (!text || strlen(text) != CLN_FILM_NAME - 1 ||
+        strspn(text, "0123456789abcdef") != CLN_FILM_NAME - 1)
+        return cln_fail(CLN_USAGE, "film: the name of a film is wanted");
+    memcpy(out, text, CLN_FILM_NAME);
+    return CLN_OK;
+}
+
+/* ---- all ---- */
+
+static cln_status read_photo(const cln_scene *scene, cln_ask_get *get, void *query, cln_ask *out)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(read_view(scene, get, query, &out->view));
+    if (out->view < 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "view: the number of a photo is wanted"));
+    CLN_TRY(read_int(get, query, "side", 16, CLN_ASK_PHOTO_SIDE, 1024, &out->side));
+done:
+    return st;
+}
+
+static cln_status read_point(cln_ask_get *get, void *query, cln_ask *out)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(read_real(get, query, "x", 0, out->camera.width, -1, &out->x));
+    CLN_TRY(read_real(get, query, "y", 0, out->camera.height, -1, &out->y));
+    if (out->x < 0 || out->y < 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "x, y: a position in the picture is wanted"));
+done:
+    return st;
+}
+
+static cln_status read_looks(const float background[3], cln_ask_get *get, void *query, cln_ask *out)
+{
+    static const char *const shows[CLN_SHOWS] = {"colour", "depth", "opacity", "level", "error"};
     static const char *const formats[] = {"jpeg", "png"};
     cln_status st = CLN_OK;
-    const char *colour = NULL;
+    const char *colour = get(query, "background");
     double ms = 0, rgb[3] = {background[0], background[1], background[2]};
     int show = 0, format = 0;
 
-    memset(out, 0, sizeof *out);
-    out->kind = kind;
-    out->view = -1;
-    if (kind == CLN_ASK_PHOTO) {
-        CLN_TRY(read_view(scene, get, query, &out->view));
-        if (out->view < 0)
-            CLN_TRY(cln_fail(CLN_USAGE, "view: the number of a photo is wanted"));
-        CLN_TRY(read_int(get, query, "side", 16, CLN_ASK_PHOTO_SIDE, 1024, &out->side));
-        goto done;
-    }
-    CLN_TRY(read_camera(scene, get, query, out));
-    if (kind == CLN_ASK_POINT) {
-        CLN_TRY(read_real(get, query, "x", 0, out->camera.width, -1, &out->x));
-        CLN_TRY(read_real(get, query, "y", 0, out->camera.height, -1, &out->y));
-        if (out->x < 0 || out->y < 0)
-            CLN_TRY(cln_fail(CLN_USAGE, "x, y: a position in the picture is wanted"));
-        goto done;
-    }
     CLN_TRY(read_real(get, query, "ms", 0, 60000, 0, &ms));
-    CLN_TRY(read_word(get, query, "show", shows, 3, &show));
+    CLN_TRY(read_word(get, query, "show", shows, CLN_SHOWS, &show));
     CLN_TRY(read_word(get, query, "format", formats, 2, &format));
-    colour = get(query, "background");
     if (colour && !cln_reals_read(colour, 3, rgb))
         CLN_TRY(cln_fail(CLN_USAGE, "background: three numbers with commas are wanted"));
     for (int c = 0; c < 3; c++) {
@@ -160,9 +216,35 @@ cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float b
             CLN_TRY(cln_fail(CLN_USAGE, "background: its numbers are from 0 to 1"));
         out->background[c] = (float)rgb[c];
     }
-    out->budget = ms / 1000;
+    out->budget = out->kind == CLN_ASK_PICTURE ? ms / 1000 : 0;
     out->show = (cln_show)show;
     out->png = format == 1;
+done:
+    return st;
+}
+
+cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float background[3],
+                        cln_ask_get *get, void *query, cln_ask *out)
+{
+    cln_status st = CLN_OK;
+
+    memset(out, 0, sizeof *out);
+    out->kind = kind;
+    out->view = -1;
+    if (kind >= CLN_ASK_FILM_FRAME)
+        CLN_TRY(read_film_name(get, query, out->film));
+    if (kind == CLN_ASK_PHOTO)
+        CLN_TRY(read_photo(scene, get, query, out));
+    if (kind == CLN_ASK_FILM_BEGIN)
+        CLN_TRY(read_film(get, query, out));
+    if (kind == CLN_ASK_PICTURE || kind == CLN_ASK_POINT || kind == CLN_ASK_FILM_FRAME) {
+        CLN_TRY(read_camera(scene, get, query, out));
+        CLN_TRY(read_crop(get, query, &out->crop));
+    }
+    if (kind == CLN_ASK_POINT)
+        CLN_TRY(read_point(get, query, out));
+    if (kind == CLN_ASK_PICTURE || kind == CLN_ASK_FILM_FRAME)
+        CLN_TRY(read_looks(background, get, query, out));
 done:
     return st;
 }
@@ -224,6 +306,17 @@ bool cln_ask_allowed(const char *host, const char *origin, const char *site, boo
             return false;
     }
     return !site || strcmp(site, "same-origin") == 0 || strcmp(site, "none") == 0;
+}
+
+cln_status cln_ask_make_token(char out[33])
+{
+    unsigned char bytes[16];
+
+    if (getrandom(bytes, sizeof bytes, 0) != (ssize_t)sizeof bytes)
+        return cln_fail(CLN_FAILED, "no random numbers for a token: %s", strerror(errno));
+    for (size_t i = 0; i < sizeof bytes; i++)
+        snprintf(out + 2 * i, 3, "%02x", bytes[i]);
+    return CLN_OK;
 }
 
 bool cln_ask_same_token(const char *given, const char *wanted)

@@ -66,7 +66,8 @@ enum {
     CONNECTIONS = 64,
     HEADER_BYTES = 32 * 1024, /* of a connection, for a request's line and headers */
     HEAD_SECONDS = 10,        /* from connecting to the end of the first request's headers */
-    SEND_SECONDS = 60         /* for an answer, and from there to the next request */
+    SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
+    FILM_SECONDS = 3600       /* for a film */
 };
 static const double SMALL_SECONDS = 0.5; /* a picture that may take no longer is painted whole */
 static const double TEND_SECONDS = 0.1; /* how often late and vanished connections are looked for */
@@ -95,7 +96,7 @@ struct cln_server {
     cln_painter *painter;
     const char *facts;
     bool training;
-    char *html, *css, *js;
+    char *html, *css, *js, *path_js;
     char cookie[32]; /* its name */
     struct MHD_Daemon *daemon;
     double tended_at;     /* the painting thread's, as the next one */
@@ -227,12 +228,22 @@ static enum MHD_Result send_painting(cln_server *s, struct MHD_Connection *conne
 {
     cln_painting *g = &r->painting;
     struct MHD_Response *response =
-        MHD_create_response_from_buffer(g->bytes, g->body, MHD_RESPMEM_MUST_FREE);
+        g->is_file ? MHD_create_response_from_fd64(g->bytes, g->file)
+                   : MHD_create_response_from_buffer(g->bytes, g->body, MHD_RESPMEM_MUST_FREE);
+    enum MHD_Result sent;
     char about[128];
 
     if (!response)
         return MHD_NO;
-    g->body = NULL; /* the response's */
+    g->body = NULL; /* the response's, and so is the file */
+    if (g->is_file) {
+        g->is_file = false;
+        snprintf(about, sizeof about, "attachment; filename=\"%s\"", g->file_name);
+        MHD_add_response_header(response, "Content-Disposition", about);
+        sent = send_response(s, connection, g->status, g->type, response);
+        set_deadline(s, connection, FILM_SECONDS);
+        return sent;
+    }
     snprintf(about, sizeof about, "%d %d %.2f %.6g %.6g", g->width, g->height, 1e3 * g->seconds,
              g->near, g->far);
     if (g->width > 0)
@@ -292,7 +303,7 @@ static enum MHD_Result ask(cln_server *s, struct MHD_Connection *connection, cln
     const cln_painter *painter = s->painter;
     enum MHD_Result refused;
 
-    if (kind != CLN_ASK_PHOTO && !is_viewer(viewer))
+    if (kind != CLN_ASK_PHOTO && kind != CLN_ASK_FILM_FILE && !is_viewer(viewer))
         return answer(s, connection, 403, "a header X-Viewer with a name is wanted");
     if (cln_ask_read(kind, painter->scene, painter->model->background, query_value, connection,
                      &r->painting.ask) == CLN_OK) {
@@ -364,14 +375,28 @@ static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
     return send_response(s, connection, 303, "text/plain", response);
 }
 
+static const struct {
+    const char *path;
+    cln_ask_kind kind;
+    bool post; /* it changes something */
+} asks[] = {
+    {"/picture", CLN_ASK_PICTURE, false},      {"/photo", CLN_ASK_PHOTO, false},
+    {"/point", CLN_ASK_POINT, false},          {"/film", CLN_ASK_FILM_FILE, false},
+    {"/film/begin", CLN_ASK_FILM_BEGIN, true}, {"/film/frame", CLN_ASK_FILM_FRAME, true},
+    {"/film/end", CLN_ASK_FILM_END, true},     {"/film/drop", CLN_ASK_FILM_DROP, true},
+};
+
+static bool wants_post(const cln_server *s, const char *path)
+{
+    for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)
+        if (strcmp(path, asks[i].path) == 0)
+            return asks[i].post;
+    return order_of(s, path) != 0;
+}
+
 static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, const char *path,
                              request *r)
 {
-    static const struct {
-        const char *path;
-        cln_ask_kind kind;
-    } asks[] = {
-        {"/picture", CLN_ASK_PICTURE}, {"/photo", CLN_ASK_PHOTO}, {"/point", CLN_ASK_POINT}};
     const char *token = s->listener->token;
     const char *mode = header_of(connection, "Sec-Fetch-Mode");
     const char *reason = NULL;
@@ -399,6 +424,8 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
         return send_text(s, connection, 200, "text/css; charset=utf-8", s->css);
     if (strcmp(path, "/view.js") == 0)
         return send_text(s, connection, 200, "text/javascript; charset=utf-8", s->js);
+    if (strcmp(path, "/path.js") == 0)
+        return send_text(s, connection, 200, "text/javascript; charset=utf-8", s->path_js);
     if (strcmp(path, "/facts") == 0)
         return send_text(s, connection, 200, "application/json", s->facts);
     if (s->training && strcmp(path, "/training") == 0)
@@ -421,9 +448,9 @@ static enum MHD_Result on_request(void *user, struct MHD_Connection *connection,
 
     (void)version, (void)data, (void)bytes;
     if (!r) {
-        if (order_of(s, path) && strcmp(method, MHD_HTTP_METHOD_POST) != 0)
+        if (wants_post(s, path) && strcmp(method, MHD_HTTP_METHOD_POST) != 0)
             return answer(s, connection, 405, "an order is given by POST");
-        if (!order_of(s, path) && strcmp(method, MHD_HTTP_METHOD_GET) != 0)
+        if (!wants_post(s, path) && strcmp(method, MHD_HTTP_METHOD_GET) != 0)
             return answer(s, connection, 405, "only GET is answered");
         if ((length && strcmp(length, "0") != 0) || header_of(connection, "Transfer-Encoding"))
             return answer(s, connection, 413, "a request has no body here");
@@ -445,6 +472,8 @@ static void on_completed(void *user, struct MHD_Connection *connection, void **c
     (void)user, (void)connection, (void)code;
     if (r)
         free(r->painting.body);
+    if (r && r->painting.is_file)
+        close(r->painting.file);
     free(r);
     *context = NULL;
 }
@@ -462,7 +491,8 @@ static bool is_small(const request *r)
 {
     const cln_ask *ask = &r->painting.ask;
 
-    return ask->kind != CLN_ASK_PICTURE || (ask->budget > 0 && ask->budget <= SMALL_SECONDS);
+    return (ask->kind != CLN_ASK_PICTURE && ask->kind != CLN_ASK_FILM_FRAME) ||
+           (ask->budget > 0 && ask->budget <= SMALL_SECONDS);
 }
 
 /* Sends those away that nobody waits for: their connections are few. */
@@ -485,6 +515,7 @@ static void drop_gone(cln_server *s)
     pthread_mutex_unlock(&s->lock);
     for (request *next = NULL; gone; gone = next) {
         next = gone->next;
+        cln_painter_forget(s->painter, &gone->painting);
         cln_painting_say(&gone->painting, 409, "a later picture was asked for");
         hand_back(s, gone);
     }
@@ -499,6 +530,7 @@ static void tend(cln_server *s)
     s->tended_at = now;
     end_late(s);
     drop_gone(s);
+    cln_reel_tend(&s->painter->reel);
 }
 
 /* Takes the next one to paint: small ones in order, each whole; in between a batch of the large one
@@ -545,10 +577,12 @@ static cln_status paint(cln_server *s, request *r)
         pthread_mutex_lock(&s->lock);
         cancelled = r->cancelled;
         pthread_mutex_unlock(&s->lock);
-        if (cancelled || is_gone(r))
+        if (cancelled || is_gone(r)) {
+            cln_painter_forget(s->painter, &r->painting);
             cln_painting_say(&r->painting, 409, "a later picture was asked for");
-        else
+        } else {
             CLN_TRY(cln_painter_step(s->painter, &r->painting));
+        }
     } while (r->painting.status == 0 && is_small(r));
 done:
     if (st != CLN_OK)
@@ -650,6 +684,7 @@ cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
     CLN_TRY(join(cln_page_html, &s->html));
     CLN_TRY(join(cln_page_css, &s->css));
     CLN_TRY(join(cln_page_js, &s->js));
+    CLN_TRY(join(cln_path_js, &s->path_js));
     CLN_TRY(start(s));
     *out = s;
     s = NULL;
@@ -713,11 +748,13 @@ void cln_server_close(cln_server *s)
         send_all_away(s);
         MHD_stop_daemon(s->daemon);
     }
+    cln_reel_drop(&s->painter->reel);
     pthread_mutex_destroy(&s->lock);
     pthread_cond_destroy(&s->came);
     free(s->html);
     free(s->css);
     free(s->js);
+    free(s->path_js);
     free(s->told);
     free(s);
 }

@@ -2,11 +2,15 @@
  * caller's thread has the device and paints. A slow or vanished browser costs a connection, which
  * has a limit in time; a request is bounded in size, and its answer in memory.
  *
- *   GET /  /view.css  /view.js           the page, which is in the program
+ *   GET /  /view.css  /view.js  /path.js the page, which is in the program
  *   GET /facts                           facts.h
  *   GET /picture?...  /photo?...  /point?...   request.h; pictures and points want a header
  *                                        X-Viewer: NAME, which no page of another site can send; a
  *                                        later picture of the same viewer cancels an earlier one
+ *   POST /film/begin?...  /film/frame?...  /film/end?...  /film/drop?...   a film (reel.h), frame by
+ *                                        frame as the page asks for them; with X-Viewer. A frame
+ *                                        whose asker has vanished ends it
+ *   GET /film?film=NAME                  the whole film
  * and of a training:
  *   GET /training                        how it stands (train/watch.h)
  *   POST /pause /continue /save /stop    orders; they want X-Viewer, too */

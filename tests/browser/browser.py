@@ -206,17 +206,69 @@ def see_cameras(page):
     page.shot('error')
     page.key('v')
     page.check('and V again the render', abs(page.js(MEAN) - before) < 1, page.js(MEAN))
-    for key, what in (('2', 'depth'), ('3', 'opacity')):
+    for key, what in (('2', 'depth'), ('3', 'opacity'), ('4', 'level'), ('5', 'error')):
         page.key(key)
         time.sleep(0.6)
         page.settle()
         page.shot(what)
         page.check(f'{key} shows {what}', page.js('return $("show").value') == what)
+        legend = page.js('return $("legend").hidden ? -1 : $("legend").children.length')
+        wanted = {'level': (6,), 'error': (5, 0)}.get(what, (-1,))  # 0: a sentence alone
+        page.check('a legend for leaves alone', legend in wanted, legend)
     page.key('1', 'n')
     time.sleep(1)
     page.check('N is the next camera', page.js('return at') == TEST_VIEW + 1)
     page.key('h', 'c')
     time.sleep(0.6)
+
+
+def crop(page):
+    page.js('openPanel(true); $("crop-part").open = true; $("crop-part").scrollIntoView()')
+    page.settle()
+    before = page.js(MEAN)
+    for slider, value in ((0, 500), (4, 600)):
+        page.js('const s = $(`crop-${arguments[0]}`); s.value = arguments[1];'
+                's.dispatchEvent(new Event("input"))', slider, value)
+    time.sleep(0.6)
+    page.settle()
+    page.shot('crop')
+    box, of = page.js('return crop'), page.js('return facts.box')
+    page.check('sliders make a box', abs(box[0] - (of[0] + of[3]) / 2) < 1e-9 and
+               box[1] == of[1] and abs(box[4] - (of[1] + 0.6 * (of[4] - of[1]))) < 1e-9, box)
+    page.check('less is seen', abs(page.js(MEAN) - before) > 1, page.js(MEAN))
+    said = page.js('return $("crop-text").textContent').split(' ')
+    page.check('it says what render takes', said[0] == '--crop' and
+               abs(float(said[1].split(',')[4]) - box[4]) < 1e-6, said)
+    page.js('document.activeElement.blur()')
+    page.key('o')
+    time.sleep(0.6)
+    page.settle()
+    page.check('O shows all again', abs(page.js(MEAN) - before) < 0.5, page.js(MEAN))
+    page.js('resetCrop(); $("crop-part").open = false')
+    page.settle()
+
+
+def make_film(page):
+    """Of the path that is there; cancelled once, then whole, then saved."""
+    page.js('openPanel(true); $("path-part").open = true; $("film-size").value = "854x480";'
+            '$("make-film").scrollIntoView(); $("make-film").click()')
+    page.check('a film begins', wait_for(
+        page, 'film && $("film-state").textContent.includes(" of ")'))
+    page.js('$("make-film").click()')
+    page.check('and is cancelled', wait_for(
+        page, '!film && $("film-state").textContent === "cancelled"'))
+    page.js('$("make-film").click()')
+    page.check('it tells how far it is', wait_for(
+        page, '$("film-state").textContent.includes(" of 12, ")'))
+    page.shot('film')
+    page.check('and becomes whole', wait_for(page, '!film && !$("film-link").hidden', 120),
+               page.js('return $("film-state").textContent'))
+    got = page.later("""
+        fetch($("film-link").href).then((a) => a.blob()).then((b) => b.slice(0, 12).text().then(
+          (t) => done([b.type, b.size, t])));""")
+    page.check('it can be saved', got[1] > 1000 and (got[2][4:8] == 'ftyp' or
+               got[2].startswith('YUV4MPEG2')), got)
+    page.check('with a name', page.js('return $("film-link").download').startswith('film.'))
 
 
 def make_path(page):
@@ -348,6 +400,8 @@ def main():
             look_around(page)
             see_cameras(page)
             make_path(page)
+            make_film(page)
+            crop(page)
             listen(page)
             page.close()
     finally:

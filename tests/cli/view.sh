@@ -1,10 +1,11 @@
 #!/bin/bash
 # `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
-# points, who is refused and what, slow and vanishing clients, several viewers, and how it ends; and
-# `train --view`: the same bits as without, orders, who may give them. On a tiny generated scene, on
-# any OpenCL device. How the page looks and behaves in a browser is
+# points, films, who is refused and what, slow and vanishing clients, several viewers, and how it
+# ends; and `train --view`: the same bits as without, orders, who may give them. On a tiny generated
+# scene, on any OpenCL device. How the page looks and behaves in a browser is
 # tests/browser/browser.sh's.
-#   tests/cli/view.sh [SECTION...]      sections: page pictures refused clients token end training
+#   tests/cli/view.sh [SECTION...]
+#           sections: page pictures refused clients film token end training
 #   BUILD=build/sanitize                the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -14,6 +15,7 @@ cln=$PWD/$BUILD/cl-nascent
 make_scene=$PWD/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln view XXXXXX")
 server=0 address="" slow=""
+with=() # variables of the viewer's environment
 trap '[ $server = 0 ] || kill -9 $server; rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
@@ -31,7 +33,8 @@ baseline() {
 serve() {
     local end=$((SECONDS + 60))
     : >"$work/address"
-    env --default-signal=INT,TERM "$cln" view "$work/run" "$@" >"$work/address" 2>"$work/err" &
+    env --default-signal=INT,TERM "${with[@]}" "$cln" view "$work/run" "$@" >"$work/address" \
+        2>"$work/err" &
     server=$!
     until [ -s "$work/address" ]; do
         if [ $SECONDS -ge $end ] || ! kill -0 $server 2>/dev/null; then
@@ -96,6 +99,8 @@ section_page() {
     check "it is the source's" cmp -s "$work/out" host/view/page.css
     gets "its script" 200 /view.js
     check "it is the source's" cmp -s "$work/out" host/view/page.js
+    gets "its other script" 200 /path.js
+    check "it is the source's" cmp -s "$work/out" host/view/path.js
     gets "facts" 200 /facts
     check "they name the run" [ "$(json run)" = "$work/run" ]
     check "the step" [ "$(json step)" = 60 ]
@@ -129,6 +134,18 @@ section_pictures() {
     gets "another background" 200 "/picture?view=6&background=0,0,1&format=png" "${me[@]}"
     check "is another picture" sh -c '! cmp -s "$1" "$2"' - "$work/out" \
         "$work/rendered/test_r_000.png"
+    expect "render --crop" 0 "" "$cln" render "$work/run" --split test --max-images 1 \
+        -o "$work/cropped" --crop -9,-9,-0.2,0.3,9,9 --progress none
+    gets "a crop box" 200 "/picture?view=6&format=png&crop=-9,-9,-0.2,0.3,9,9" "${me[@]}"
+    check "render has the same" cmp -s "$work/out" "$work/cropped/test_r_000.png"
+    gets "without it" 200 "/picture?view=6&format=png" "${me[@]}"
+    check "all is there again" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    expect "eval with pictures" 0 "" "$cln" eval "$work/run" -o "$work/evaluated" --progress none
+    gets "leaves by level" 200 "/picture?view=6&format=png&show=level" "${me[@]}"
+    check "eval has the same" cmp -s "$work/out" \
+        "$(find "$work/evaluated" -name 'test_r_000.tree.png')"
+    gets "leaves by error" 200 "/picture?view=6&format=png&show=error" "${me[@]}"
+    check "of a tree whose errors nobody measured: no scale" has_header '^x-picture: .* 0 0.$'
     gets "a photo" 200 "/photo?view=6&side=24"
     check "is a JPEG" has_header '^content-type: image/jpeg'
     gets "a point" 200 "/point?view=6&x=24&y=24" "${me[@]}"
@@ -200,6 +217,99 @@ section_clients() {
     check "the slow one is sent away" [ $? -le 128 ]
     exec {slow}>&-
     gets "it still answers" 200 /facts
+}
+
+# posts NAME CODE PATH OPTIONS...
+posts() {
+    gets "$@" -X POST
+}
+
+# begin_film NAME: of two frames; $film
+begin_film() {
+    posts "$1" 200 "/film/begin?width=48&height=48&fps=24&frames=2" "${me[@]}"
+    film=$(json film)
+}
+
+no_films() {
+    ! ls -d "$work"/tmp/cl-nascent-film-* >/dev/null 2>&1
+}
+
+section_film() {
+    local film other
+    [ $server = 0 ] || stop TERM
+    baseline
+    mkdir -p "$work/tmp"
+    cp -rs /usr/bin "$work/bin"
+    rm -f "$work/bin/ffmpeg"
+    expect "render to a film" 0 "" "$cln" render "$work/run" --split test -o "$work/film.y4m" \
+        --fps 24 --progress none
+    with=(TMPDIR="$work/tmp" PATH="$work/bin")
+    serve
+    begin_film "a film"
+    check "without ffmpeg it is y4m" [ "$(json file)" = film.y4m ]
+    other=$film
+    posts "another beside it" 409 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
+    check "the sentence says it" grep -q "0 of 2 frames" "$work/out"
+    posts "a frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
+    check "is counted" [ "$(json done)$(json frames)" = 12 ]
+    gets "a picture in between" 200 "/picture?view=1&width=32&ms=50" "${me[@]}"
+    gets "the film, half done" 409 "/film?film=$film"
+    posts "a frame of another size" 400 "/film/frame?film=$film&view=7&width=40" "${me[@]}"
+    posts "a frame of no film" 404 "/film/frame?film=${film//[0-9]/a}&view=7" "${me[@]}"
+    posts "the other frame" 200 "/film/frame?film=$film&view=7" "${me[@]}"
+    posts "one too many" 409 "/film/frame?film=$film&view=7" "${me[@]}"
+    posts "the end" 200 "/film/end?film=$film" "${me[@]}"
+    check "how large it is" [ "$(json bytes)" = "$(stat -c %s "$work/film.y4m")" ]
+    check "no file of it has a name" no_films
+    gets "the film" 200 "/film?film=$film"
+    check "to be saved" has_header '^content-disposition: attachment; filename="film.y4m"'
+    check "render has the same" cmp -s "$work/out" "$work/film.y4m"
+    gets "it again" 200 "/film?film=$film"
+    check "is as before" cmp -s "$work/out" "$work/film.y4m"
+    begin_film "the next film"
+    gets "takes the place of the one before" 404 "/film?film=$other"
+    posts "ended too early" 409 "/film/end?film=$film" "${me[@]}"
+    posts "is gone" 404 "/film/drop?film=$film" "${me[@]}"
+    begin_film "one more"
+    posts "a frame of it" 200 "/film/frame?film=$film&view=6" "${me[@]}"
+    posts "dropped" 200 "/film/drop?film=$film" "${me[@]}"
+    check "leaves nothing" no_films
+    posts "a film of large frames" 200 "/film/begin?width=2000&height=2000&frames=2" "${me[@]}"
+    film=$(json film)
+    curl -s -m 0.2 -o /dev/null -X POST "${me[@]}" \
+        "$address/film/frame?film=$film&view=6&width=2000"
+    gets "its asker has gone" 200 "/picture?view=6&width=32&ms=50" "${me[@]}"
+    posts "so it is dropped" 404 "/film/end?film=$film" "${me[@]}"
+    check "with all that it had" no_films
+    posts "a film without X-Viewer" 403 "/film/begin?width=48&height=48&frames=2"
+    gets "a film by GET" 405 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
+    posts "from another site" 403 "/film/begin?width=48&height=48&frames=2" "${me[@]}" \
+        -H "Sec-Fetch-Site: cross-site"
+    posts "too large without ffmpeg" 409 "/film/begin?width=1920&height=1080&frames=2000" \
+        "${me[@]}"
+    check "the sentence names ffmpeg" grep -q "install ffmpeg" "$work/out"
+    gets "a path for a name" 400 "/film?film=../../../../etc/passwd"
+    begin_film "a film when the viewer ends"
+    posts "with a frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
+    stop INT
+    check "it ends" [ $rc = 130 ]
+    check "and leaves no film" no_films
+    if command -v ffmpeg >/dev/null; then
+        with=()
+        serve
+        begin_film "a film with ffmpeg"
+        check "is an MP4" [ "$(json file)" = film.mp4 ]
+        posts "a frame of it" 200 "/film/frame?film=$film&view=6&show=level" "${me[@]}"
+        posts "and another" 200 "/film/frame?film=$film&view=7&show=depth" "${me[@]}"
+        posts "the end of it" 200 "/film/end?film=$film" "${me[@]}"
+        gets "it" 200 "/film?film=$film"
+        check "says its kind" has_header '^content-type: video/mp4'
+        check "and is one" grep -aq ftyp "$work/out"
+        stop TERM
+    else
+        skip "a film with ffmpeg" "not installed"
+    fi
+    with=()
 }
 
 section_token() {
@@ -362,4 +472,4 @@ if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     count
     exit
 fi
-run_sections "page pictures refused clients token end training" "$@"
+run_sections "page pictures refused clients film token end training" "$@"

@@ -444,7 +444,8 @@ static void read_options(void)
 static void make_request(void)
 {
     put("query", "pose=1,0,0,4,0,1,0,5,0,0,1,6\nfocal=50\nwidth=64\nheight=32\nms=45\nshow=depth\n"
-                 "background=1,0,0.25\nformat=png\nx=1\ny=2\n"
+                 "background=1,0,0.25\nformat=png\nx=1\ny=2\ncrop=-1,-1,-1,1,1,0.5\n"
+                 "frames=24\nfps=12\nfilm=0123456789abcdef0123456789abcdef\n"
                  "host=127.0.0.1:8080\norigin=http://127.0.0.1:8080\nsite=same-origin\n");
 }
 
@@ -480,7 +481,7 @@ static void read_request(void)
         if (at)
             *at++ = 0;
     }
-    for (int kind = CLN_ASK_PICTURE; kind <= CLN_ASK_POINT; kind++) {
+    for (int kind = CLN_ASK_PICTURE; kind < CLN_ASK_KINDS; kind++) {
         cln_ask ask;
 
         if (refused(cln_ask_read((cln_ask_kind)kind, &scene, grey, value_of, lines, &ask)))
@@ -489,6 +490,20 @@ static void read_request(void)
             require(ask.view == 0 && ask.side > 0, "a photo");
             continue;
         }
+        if (kind > CLN_ASK_FILM_BEGIN)
+            require(strlen(ask.film) == CLN_FILM_NAME - 1 && !strpbrk(ask.film, "./"),
+                    "a film's name");
+        if (kind == CLN_ASK_FILM_BEGIN) {
+            require(ask.width > 0 && ask.height > 0 && ask.frames > 0 && ask.fps > 0 &&
+                        (double)ask.width * ask.height * ask.frames <= CLN_FILM_PIXELS,
+                    "a film's size");
+            continue;
+        }
+        if (kind > CLN_ASK_FILM_FRAME)
+            continue;
+        require(ask.crop.on == (value_of(lines, "crop") != NULL), "a crop");
+        for (int a = 0; a < 3 && ask.crop.on; a++)
+            require(ask.crop.box[a] < ask.crop.box[3 + a], "a crop's box");
         require(ask.camera.width > 0 && ask.camera.height > 0 &&
                     (int64_t)ask.camera.width * ask.camera.height <= CLN_ASK_PIXELS,
                 "a picture's size");

@@ -427,6 +427,71 @@ static void test_cut(void **state)
     free(d);
 }
 
+/* Rays cut to what is inside six half-spaces: a box, one of its faces aslant. */
+static const float box[6][4] = {{1, 0, 0, 0.61f},  {0, 0.8f, 0.6f, 0.33f}, {0, 0, 1, 0.71f},
+                                {-1, 0, 0, 0.57f}, {0, -1, 0, 0.83f},      {0, 0, -1, 0.29f}};
+
+static bool is_inside(const double p[3], double margin)
+{
+    for (int k = 0; k < 6; k++)
+        if (!((double)box[k][0] * p[0] + (double)box[k][1] * p[1] + (double)box[k][2] * p[2] +
+                  (double)box[k][3] >=
+              -margin))
+            return false;
+    return true;
+}
+
+static void check_crop(const sampling_case *c)
+{
+    const cln_config config = config_of(c);
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    float(*o)[4] = test_alloc(RANDOM_RAYS, sizeof *o), (*d)[4] = test_alloc(RANDOM_RAYS, sizeof *d);
+    float *boxes = NULL, *cache = NULL;
+    device_samples got;
+    ref_gather_cache gather;
+    cln_model model;
+    ray_source from = {.config = &config, .sampling = sampling_of(c), .points = ref_gather_points};
+
+    make_sampling_model(&config, &model);
+    assert_ok(cln_octree_boxes(&model.tree, &boxes));
+    gather = make_gather(&model, boxes, &cache);
+    from.tree = &model.tree;
+    from.user = &gather;
+    from.sampling.crop = box;
+    random_rays(o, d);
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(sampling_crop)));
+    test_fill(p->device, &p->ray_o, o, RANDOM_RAYS * sizeof *o);
+    test_fill(p->device, &p->ray_d, d, RANDOM_RAYS * sizeof *d);
+    run_stage(p, RANDOM_RAYS, &from.sampling, &got);
+    assert_true(got.n > RANDOM_RAYS / 8);
+    for (uint32_t i = 0; i < got.n; i++) {
+        const cln_sample *s = &got.samples[i];
+        double at[3];
+
+        for (int a = 0; a < 3; a++)
+            at[a] = (double)o[s->ray][a] + (double)s->t * (double)d[s->ray][a];
+        if (!is_inside(at, 2e-6))
+            fail_msg("%s: a sample of ray %u at %g, %g, %g is outside", c->name, s->ray, at[0],
+                     at[1], at[2]);
+    }
+    compare_samples(c->name, &from, &got, o, d, 0.08);
+    device_samples_free(&got);
+    cln_model_free(&model);
+    free(cache);
+    free(boxes);
+    free(o);
+    free(d);
+}
+
+static void test_crop(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        check_crop(&cases[i]);
+    test_report("samples of cropped rays");
+}
+
 /* Densities in four parts give the same samples. */
 static void test_in_parts(void **state)
 {
@@ -476,7 +541,8 @@ int test_group_sampling(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_random_rays), cmocka_unit_test(test_special_rays),
         cmocka_unit_test(test_corners),     cmocka_unit_test(test_exact_slots),
-        cmocka_unit_test(test_cut),         cmocka_unit_test(test_in_parts),
+        cmocka_unit_test(test_cut),         cmocka_unit_test(test_crop),
+        cmocka_unit_test(test_in_parts),
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(sampling);

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <cmocka.h>
 #include "render/antialias.h"
+#include "render/crop.h"
 #include "render/open_run.h"
 #include "render/quality.h"
 #include "render/view.h"
@@ -53,6 +54,31 @@ static void render_fine(const cln_config *sampling, int antialias, int larger, i
 static void render(const cln_config *sampling, cln_picture *out)
 {
     render_fine(sampling, 1, 1, 0, out);
+}
+
+/* The same view cropped to a box of the scene; *space and *camera are the view's. */
+static void render_crop(const double box[6], cln_picture *out, cln_space *space, cln_camera *camera)
+{
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    cln_crop crop = {.on = true};
+    cln_open_run v;
+    int *views = NULL, count = 0;
+
+    memcpy(crop.box, box, sizeof crop.box);
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_crop_use(&v.pipeline, &v.model.space, &crop));
+    assert_ok(cln_render_view(&v.pipeline, views[0], v.scene->background, 0, NULL, out));
+    assert_ok(cln_crop_use(&v.pipeline, &v.model.space, NULL));
+    assert_null(v.pipeline.crop);
+    *space = v.model.space;
+    *camera = v.scene->views[views[0]].camera;
+    cln_open_run_close(&v);
+    free(views);
 }
 
 static double psnr(const cln_picture *a, const cln_picture *b)
@@ -146,10 +172,70 @@ static void test_antialias(void **state)
     cln_picture_free(&fine);
 }
 
+/* Does the scene's ray pass through the box, made larger by `margin`? */
+static bool meets(const double box[6], double margin, const double o[3], const double d[3])
+{
+    double enter = 0, leave = INFINITY;
+
+    for (int a = 0; a < 3; a++) {
+        const double t = (box[a] - margin - o[a]) / d[a], u = (box[3 + a] + margin - o[a]) / d[a];
+
+        enter = fmax(enter, fmin(t, u));
+        leave = fmin(leave, fmax(t, u));
+    }
+    return enter < leave;
+}
+
+/* Everything that a cropped picture shows is in the box; a box around everything changes
+ * nothing. */
+static void test_crop(void **state)
+{
+    static const double part[6] = {-0.2, -0.9, -0.3, 0.9, 0.3, 0.5},
+                        all[6] = {-50, -50, -50, 50, 50, 50};
+    cln_picture plain, whole, own;
+    cln_space space;
+    cln_camera camera;
+    int seen = 0, gone = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    render(NULL, &plain);
+    render_crop(all, &whole, &space, &camera);
+    render_crop(part, &own, &space, &camera);
+    for (int i = 0; i < plain.width * plain.height; i++) {
+        double o[3], d[3];
+
+        assert_float_equal(whole.opacity[i], plain.opacity[i], 1e-4);
+        for (int c = 0; c < 3; c++)
+            assert_float_equal(whole.rgb[3 * i + c], plain.rgb[3 * i + c], 1e-4);
+        cln_camera_ray(&camera, i % own.width + 0.5, i / own.width + 0.5, o, d);
+        if (!meets(part, 1e-5, o, d)) {
+            assert_true(own.opacity[i] == 0);
+            gone += plain.opacity[i] > 0.5f;
+        }
+        if (own.opacity[i] > 0) {
+            const double depth = cln_space_distance_to_scene(&space, (double)own.depth[i]);
+
+            for (int a = 0; a < 3; a++) {
+                const double at = o[a] + depth * d[a];
+
+                assert_true(at > part[a] - 1e-4 && at < part[3 + a] + 1e-4);
+            }
+            seen += own.opacity[i] > 0.5f;
+        }
+    }
+    print_message("cropped: %d pixels are left, %d are gone\n", seen, gone);
+    assert_true(seen > 10 && gone > 10);
+    cln_picture_free(&plain);
+    cln_picture_free(&whole);
+    cln_picture_free(&own);
+}
+
 int test_group_pictures(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling),
-                                       cmocka_unit_test(test_antialias)};
+                                       cmocka_unit_test(test_antialias),
+                                       cmocka_unit_test(test_crop)};
 
     return cmocka_run_group_tests_name("pictures", tests, fixture_setup, fixture_teardown);
 }

@@ -1,7 +1,7 @@
 /* Scene space and cube, against numbers calculated by hand and against each other. Tested: points,
  * rays, poses, distances and boxes agree on one map; being in the cube, or meeting it, is the same
  * on both sides of the map; boxes of neighbours share their faces to the bit. Of forward spaces
- * also: lines stay lines, depths, directions, normals and densities are those of the
+ * also: lines stay lines; a box is the same on both sides; depths, directions, normals and densities are those of the
  * point's map. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -269,6 +269,47 @@ static void test_forward_map(void **state)
     }
 }
 
+/* A point is in a box if it is inside of all of its planes. */
+static void test_boxes(void **state)
+{
+    static const double box[6] = {8.5, -22.5, -1, 12, -19.5, 1e30};
+    const cln_space forward = forward_space(2);
+    int inside = 0, outside = 0;
+
+    (void)state;
+    for (int i = 0; i < 2000; i++) {
+        const cln_space *of = i % 2 ? &forward : &space;
+        /* before and behind the points that the forward space sees */
+        double bounds[6] = {-6, -6, 4, 3, 0, 1e30}, at[3], cube[3];
+        float planes[6][4], u[4];
+        bool in = true, found = true, near = false;
+
+        if (of == &space)
+            memcpy(bounds, box, sizeof bounds);
+        cln_uniform4(4, CLN_STREAM_SCENE, 0, (uint32_t)i, 0, u);
+        for (int a = 0; a < 3; a++)
+            cube[a] = 2 * (double)u[a] - 1;
+        cln_space_point_to_scene(of, cube, at);
+        cln_space_box_to_planes(of, bounds, planes);
+        for (int k = 0; k < 6; k++) {
+            const double here = (double)planes[k][0] * cube[0] + (double)planes[k][1] * cube[1] +
+                                (double)planes[k][2] * cube[2] + (double)planes[k][3];
+
+            near = near || fabs(here) < 1e-5;
+            found = found && here >= 0;
+            in = in && (k < 3 ? at[k] >= bounds[k] : at[k - 3] <= bounds[k]);
+        }
+        if (near)
+            continue;
+        if (in != found)
+            fail_msg("%g, %g, %g: in the box %d, inside its planes %d", at[0], at[1], at[2], in,
+                     found);
+        inside += in;
+        outside += !in;
+    }
+    assert_true(inside > 100 && outside > 100);
+}
+
 static void test_forward_equality(void **state)
 {
     const cln_space forward = cln_check_forward_space(1),
@@ -294,6 +335,7 @@ int test_group_space(void)
         cmocka_unit_test(test_faces_and_equality),
         cmocka_unit_test(test_forward_by_hand),
         cmocka_unit_test(test_forward_map),
+        cmocka_unit_test(test_boxes),
         cmocka_unit_test(test_forward_equality),
     };
 

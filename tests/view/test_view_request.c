@@ -55,6 +55,12 @@ static void read_what_is_asked(void **state)
     static const char *const of_view[] = {"view", "1", "width", "40", "format", "png", NULL};
     static const char *const point[] = {"view", "0", "x", "79.5", "y", "0", NULL};
     static const char *const photo[] = {"view", "1", "side", "64", NULL};
+#define NAME "0123456789abcdef0123456789abcdef"
+    static const char *const film[] = {"width", "854", "height", "480", "frames",
+                                       "96",    "fps", "12.5",   NULL};
+    static const char *const frame[] = {
+        "film", NAME, "view", "0", "show", "error", "crop", "-1,-2,-3,1,2.5,3", NULL};
+    static const char *const end[] = {"film", NAME, NULL};
     cln_view views[2];
     cln_scene scene;
     cln_ask a;
@@ -76,6 +82,17 @@ static void read_what_is_asked(void **state)
     assert_true(a.x == 79.5 && a.y == 0);
     assert_int_equal(ask(CLN_ASK_PHOTO, &scene, photo, &a), CLN_OK);
     assert_true(a.view == 1 && a.side == 64);
+    assert_int_equal(ask(CLN_ASK_FILM_BEGIN, NULL, film, &a), CLN_OK);
+    assert_true(a.width == 854 && a.height == 480 && a.frames == 96 && a.fps == 12.5);
+    assert_int_equal(ask(CLN_ASK_FILM_FRAME, &scene, frame, &a), CLN_OK);
+    assert_string_equal(a.film, NAME);
+    assert_true(a.view == 0 && a.camera.width == 80 && a.show == CLN_SHOW_ERROR && a.budget == 0);
+    assert_true(a.crop.on && a.crop.box[0] == -1 && a.crop.box[4] == 2.5 && a.crop.box[5] == 3);
+    for (int kind = CLN_ASK_FILM_END; kind < CLN_ASK_KINDS; kind++) {
+        assert_int_equal(ask((cln_ask_kind)kind, NULL, end, &a), CLN_OK);
+        assert_string_equal(a.film, NAME);
+    }
+#undef NAME
 }
 
 static void refuse_what_is_wrong(void **state)
@@ -115,6 +132,18 @@ static void refuse_what_is_wrong(void **state)
         {CLN_ASK_PHOTO, {NULL}, "view"},
         {CLN_ASK_PHOTO, {"view", "../scene.png"}, "view"},
         {CLN_ASK_PHOTO, {"view", "0", "side", "4096"}, "side"},
+        {CLN_ASK_PICTURE, {"view", "0", "crop", "0,0,0,1,1"}, "crop"},
+        {CLN_ASK_PICTURE, {"view", "0", "crop", "0,0,0,1,-1,1"}, "along y"},
+        {CLN_ASK_POINT, {"view", "0", "x", "3", "y", "3", "crop", "0,0,0,0,1,1"}, "along x"},
+        {CLN_ASK_FILM_BEGIN, {"width", "64", "height", "64"}, "frames"},
+        {CLN_ASK_FILM_BEGIN, {"width", "64", "height", "64", "frames", "7201"}, "frames"},
+        {CLN_ASK_FILM_BEGIN, {"width", "64", "height", "64", "frames", "9", "fps", "0"}, "fps"},
+        {CLN_ASK_FILM_BEGIN, {"width", "3840", "height", "2160", "frames", "7200"}, "too large"},
+        {CLN_ASK_FILM_BEGIN, {"width", "8192", "height", "8192", "frames", "1"}, "too large"},
+        {CLN_ASK_FILM_FRAME, {"view", "0"}, "film"},
+        {CLN_ASK_FILM_END, {"film", "../../etc/passwd"}, "film"},
+        {CLN_ASK_FILM_FILE, {"film", "0123456789abcdef0123456789abcde/"}, "film"},
+        {CLN_ASK_FILM_DROP, {"film", "0123456789abcdef0123456789abcdef0"}, "film"},
     };
 #undef POSE
     static const char *const photo[] = {"view", "0", NULL};
@@ -139,9 +168,22 @@ static void refuse_what_is_wrong(void **state)
  * keeps the bounds. */
 static const char *of_noise(void *query, const char *name)
 {
-    static const char *const words[] = {"1",    "64",  level_pose, "depth", "png", "1,0,0",
-                                        "-1",   "1e9", "0.5",      "20",    ",",   "8192",
-                                        "1e-3", "0",   "..",       "0"};
+    static const char *const words[] = {"1",
+                                        "64",
+                                        level_pose,
+                                        "depth",
+                                        "png",
+                                        "1,0,0",
+                                        "-1,-1,-1,0,1,1",
+                                        "1e9",
+                                        "0.5",
+                                        "20",
+                                        ",",
+                                        "8192",
+                                        "-1",
+                                        "0",
+                                        "..",
+                                        "0123456789abcdef0123456789abcdef"};
     static char text[128];
     uint32_t *seed = query;
     int rounds = 0;
@@ -173,13 +215,23 @@ static void any_text_is_answered(void **state)
     for (int i = 0; i < 200000; i++) {
         cln_ask a;
 
-        if (cln_ask_read((cln_ask_kind)(i % 3), &scene, grey, of_noise, &seed, &a) != CLN_OK) {
+        if (cln_ask_read((cln_ask_kind)(i % CLN_ASK_KINDS), &scene, grey, of_noise, &seed, &a) !=
+            CLN_OK) {
             assert_true(cln_error_text()[0] != 0);
             cln_clear_error();
             continue;
         }
         accepted++;
         assert_in_range(a.view + 1, 0, 2);
+        if (a.kind == CLN_ASK_FILM_BEGIN) {
+            assert_in_range(a.frames, 1, CLN_FILM_FRAMES);
+            assert_true((int64_t)a.width * a.height <= CLN_ASK_PIXELS && a.fps >= 1);
+            continue;
+        }
+        if (a.kind >= CLN_ASK_FILM_FRAME)
+            assert_int_equal(strlen(a.film), CLN_FILM_NAME - 1);
+        if (a.kind > CLN_ASK_FILM_FRAME)
+            continue;
         if (a.kind == CLN_ASK_PHOTO) {
             assert_in_range(a.side, 16, CLN_ASK_PHOTO_SIDE);
             continue;
@@ -191,6 +243,8 @@ static void any_text_is_answered(void **state)
             assert_true(isfinite(a.camera.c2w[k]));
         assert_true(a.camera.fx > 0 && isfinite(a.camera.fx));
         assert_true(a.budget >= 0 && a.budget <= 60);
+        for (int k = 0; k < 3 && a.crop.on; k++)
+            assert_true(a.crop.box[k] < a.crop.box[3 + k]);
     }
     assert_in_range(accepted, 1000, 100000);
 }

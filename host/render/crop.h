@@ -1,0 +1,23 @@
+/* A box that pictures are cropped to: rays see the field inside it alone, and what is before and
+ * behind it is not there. */
+#ifndef CLN_CROP_H
+#define CLN_CROP_H
+
+#include "pipeline/pipeline.h"
+
+typedef struct cln_crop {
+    bool on;
+    double box[6];      /* x0, y0, z0, x1, y1, z1, in the scene's frame and units */
+    float planes[6][4]; /* the same in the cube, as cln_sampling takes it */
+} cln_crop;
+
+/* Numbers of a request or an option: finite, and each of the last three above its first. CLN_USAGE;
+ * name: what they are called. */
+cln_status cln_crop_check(const char *name, const double box[6]);
+
+/* The pictures of the pipeline are cropped from here on; NULL, or one that is not on: they are not
+ * any more. Builds the kernel for it when it is first wanted. The crop stays the caller's. CLN_BUILD,
+ * CLN_CL. */
+cln_status cln_crop_use(cln_pipeline *p, const cln_space *space, cln_crop *crop);
+
+#endif

@@ -1,0 +1,262 @@
+/* The viewer's camera path: views that it goes through, playing it, its files, and its film, which
+ * the server makes of the frames that are asked for here. Vectors, cameras and requests are
+ * page.js's. */
+'use strict';
+
+/* ---- a camera path ---- */
+
+/* Catmull and Rom's spline through four values. */
+const spline = (a, b, c, d, t) => b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d +
+  t * (3 * (b - c) + d - a)));
+
+/* The path's camera at a share 0..1 of its time. */
+function along(share) {
+  const n = keyframes.length, closed = $('cycle').checked, spans = closed ? n : n - 1;
+  const time = clamp(share * spans, 0, spans), i = Math.min(Math.floor(time), spans - 1);
+  const key = (k) => keyframes[closed ? (k + n) % n : clamp(k, 0, n - 1)];
+  const four = [-1, 0, 1, 2].map((k) => key(i + k)), t = time - i;
+  const turns = four.map((k) => toQuaternion(k.r));
+  for (let k = 1; k < 4; k++) /* the same turn as q and -q: the near one */
+    if (turns[k].reduce((sum, v, a) => sum + v * turns[k - 1][a], 0) < 0)
+      turns[k] = turns[k].map((v) => -v);
+  const mix = (values) => values[0].map((_, a) => spline(...values.map((v) => v[a]), t));
+  return {p: mix(four.map((k) => k.p)), r: fromQuaternion(mix(turns)),
+    fov: clamp(mix(four.map((k) => [k.fov]))[0], 1, 170),
+    distance: Math.max(mix(four.map((k) => [k.distance]))[0], 1e-4 * facts.distance)};
+}
+
+function addKey() {
+  keyframes.push(copy(camera));
+  listKeys();
+}
+
+function listKeys() {
+  $('keys-list').replaceChildren(...keyframes.map((key, i) => {
+    const item = document.createElement('li');
+    const button = (text, label, does) => {
+      const b = document.createElement('button');
+      b.textContent = text;
+      b.setAttribute('aria-label', label);
+      b.addEventListener('click', does);
+      item.append(b);
+    };
+    button(`View ${i + 1}`, `Go to view ${i + 1}`, () => fly(key));
+    button('↑', `View ${i + 1} earlier`, () => {
+      if (i > 0) [keyframes[i - 1], keyframes[i]] = [keyframes[i], keyframes[i - 1]];
+      listKeys();
+    });
+    button('Set', `Make this view number ${i + 1}`, () => {
+      keyframes[i] = copy(camera);
+      listKeys();
+    });
+    button('×', `Remove view ${i + 1}`, () => { keyframes.splice(i, 1); listKeys(); });
+    return item;
+  }));
+  $('key-count').textContent = keyframes.length ? `(${keyframes.length})` : '';
+  drawLines();
+}
+
+const seconds = () => clamp(Number($('seconds').value) || 5, 0.1, 3600);
+const perSecond = () => clamp(Math.round(Number($('fps').value)) || 24, 1, 120);
+
+function play() {
+  if (playing) {
+    stopPlaying();
+    return;
+  }
+  if (keyframes.length < 2) {
+    say('Add two views or more to the path (K).');
+    setTimeout(() => say(''), 2000);
+    return;
+  }
+  const began = performance.now();
+  const step = (now) => {
+    const share = (now - began) / 1000 / seconds();
+    if (share >= 1 && !$('cycle').checked) {
+      camera = along(1);
+      stopPlaying();
+      touch();
+      return;
+    }
+    camera = along(share % 1);
+    touch();
+    playing = requestAnimationFrame(step);
+  };
+  playing = requestAnimationFrame(step);
+  $('play').textContent = 'Stop';
+}
+
+function stopPlaying() {
+  if (!playing) return;
+  cancelAnimationFrame(playing);
+  playing = 0;
+  $('play').textContent = 'Play';
+  showFov();
+  drawLines();
+}
+
+/* nerfstudio's: camera to world 4x4, row-major, OpenGL's axes (right, up, back); vertical fov. */
+function toNerfstudio(c) {
+  const m = toPose(c);
+  return [...[0, 1, 2].flatMap((a) => [m[4 * a], -m[4 * a + 1], -m[4 * a + 2], m[4 * a + 3]]),
+    0, 0, 0, 1];
+}
+
+/* The other way; older files have the matrix as text, and by columns. */
+function fromNerfstudio(given) {
+  let m = typeof given === 'string' ? JSON.parse(given) : given.flat();
+  if (m.length !== 16 || !m.every(Number.isFinite)) throw new Error('a matrix is not 4 x 4');
+  if (m[3] === 0 && m[7] === 0 && m[11] === 0 && (m[12] || m[13] || m[14]))
+    m = m.map((_, i) => m[4 * (i % 4) + (i >> 2)]);
+  return fromPose([0, 1, 2].flatMap((a) => [m[4 * a], -m[4 * a + 1], -m[4 * a + 2],
+    m[4 * a + 3]]));
+}
+
+const rows4 = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
+
+/* The path's cameras frame by frame; null, and says it, if there is none. */
+function framesOfPath() {
+  if (keyframes.length < 2) {
+    play(); /* says it */
+    return null;
+  }
+  const count = Math.max(2, Math.round(seconds() * perSecond()));
+  const parts = $('cycle').checked ? count : count - 1;
+  return Array.from({length: count}, (_, i) => along(i / parts));
+}
+
+function saveText(document, name) {
+  download(new Blob([JSON.stringify(document, null, 1)], {type: 'application/json'}), name);
+}
+
+function savePath() {
+  const path = framesOfPath(), f = frame(), aspect = f.width / f.height;
+  if (!path) return;
+  const vertical = (c) => 360 / Math.PI * Math.atan(Math.tan(c.fov * Math.PI / 360) *
+    f.height / Math.min(f.width, f.height));
+  saveText({
+    camera_type: 'perspective', render_height: f.height, render_width: f.width,
+    fps: perSecond(), seconds: seconds(), is_cycle: $('cycle').checked, smoothness_value: 0,
+    keyframes: keyframes.map((c) => ({matrix: toNerfstudio(c), fov: vertical(c), aspect})),
+    camera_path: path.map((c) => ({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect})),
+    crop: null,
+  }, 'camera_path.json');
+}
+
+/* As `render --poses` and other programs read it; without the views that the path goes through. */
+function saveTransforms() {
+  const path = framesOfPath(), f = frame();
+  if (!path) return;
+  const focal = (c) => Math.min(f.width, f.height) / 2 / Math.tan(c.fov * Math.PI / 360);
+  saveText({
+    camera_model: 'OPENCV', w: f.width, h: f.height, cx: f.width / 2, cy: f.height / 2,
+    frames: path.map((c, i) => ({file_path: `path_${String(i).padStart(4, '0')}`, fl_x: focal(c),
+      fl_y: focal(c), transform_matrix: rows4(toNerfstudio(c))})),
+  }, 'transforms.json');
+}
+
+/* The vertical field of view of a frame of transforms JSON, in degrees. */
+function fovOf(read, k) {
+  const of = (name) => Number(k[name] ?? read[name]);
+  const h = of('h'), w = of('w'), fl = of('fl_y') || of('fl_x');
+  if (h > 0 && fl > 0) return 360 / Math.PI * Math.atan(h / 2 / fl);
+  const across = of('camera_angle_x');
+  return of('camera_angle_y') * 180 / Math.PI || (across > 0 ? 360 / Math.PI *
+    Math.atan(Math.tan(across / 2) * (h > 0 && w > 0 ? h / w : 1)) : 50);
+}
+
+async function openPath(file) {
+  try {
+    const read = JSON.parse(await file.text());
+    const few = (list) => list.filter((_, i) => i % Math.ceil(list.length / 50) === 0);
+    const from = (read.keyframes || []).length > 1 ? read.keyframes :
+      few(read.camera_path || read.frames || []);
+    const found = from.map((k) => {
+      const c = fromNerfstudio(k.matrix || k.camera_to_world || k.transform_matrix);
+      const high = Number(k.fov) || fovOf(read, k);
+      const shorter = Math.min(1, Number(k.aspect) || Number(k.w ?? read.w) / (k.h ?? read.h) || 1);
+      c.fov = 360 / Math.PI * Math.atan(Math.tan(high * Math.PI / 360) * shorter);
+      c.distance = facts.distance;
+      straighten(c);
+      return c;
+    });
+    if (found.length < 2) throw new Error('it has fewer than two views');
+    keyframes = found;
+    if (read.seconds > 0) $('seconds').value = read.seconds;
+    if (read.fps > 0) $('fps').value = read.fps;
+    $('cycle').checked = Boolean(read.is_cycle);
+    listKeys();
+    fly(keyframes[0]);
+  } catch (error) {
+    say(`${file.name} is not a camera path: ${error.message}`);
+    setTimeout(() => say(''), 5000);
+  }
+}
+
+/* ---- a film of the path ---- */
+
+let film = null; /* {name, cancelled} while it is made */
+
+async function posted(path, query) {
+  const answer = await post(path, query);
+  if (!answer.ok) throw new Error((await answer.text()).trim());
+  return answer.json();
+}
+
+function filmSize() {
+  const even = (n) => 2 * Math.max(8, Math.round(n / 2));
+  if ($('film-size').value !== 'window') return $('film-size').value.split('x').map(Number);
+  const f = frame();
+  return [even(f.width), even(f.height)];
+}
+
+/* Frame by frame, as the page looks when it begins; what it has, the server keeps until the next
+ * film. A cancelled film, and that of a page that is closed, is dropped. */
+async function makeFilm() {
+  if (film) {
+    film.cancelled = true;
+    return;
+  }
+  const path = framesOfPath(), [width, height] = filmSize();
+  if (!path) return;
+  const state = film = {name: null, cancelled: false}, shared = {...looks(), ...cropQuery()};
+  const began = performance.now(), tell = (text) => { $('film-state').textContent = text; };
+  $('film-part').hidden = false;
+  $('film-link').hidden = true;
+  $('make-film').textContent = 'Cancel';
+  tell('begins');
+  try {
+    const made = await posted('/film/begin', {width, height, fps: perSecond(),
+      frames: path.length});
+    state.name = made.film;
+    for (let i = 0; i < path.length && !state.cancelled; i++) {
+      const c = path[i], focal = Math.min(width, height) / 2 / Math.tan(c.fov * Math.PI / 360);
+      $('film-bar').value = i / path.length;
+      await posted('/film/frame', {film: state.name, pose: toPose(c).join(','), focal, width,
+        height, ...shared});
+      const left = (performance.now() - began) / 1000 / (i + 1) * (path.length - i - 1);
+      tell(`frame ${i + 1} of ${path.length}, ${duration(left)} left`);
+    }
+    if (state.cancelled) {
+      await post('/film/drop', {film: state.name});
+      tell('cancelled');
+    } else {
+      tell('being completed');
+      const whole = await posted('/film/end', {film: state.name});
+      $('film-bar').value = 1;
+      tell(`${path.length} frames, ${(whole.bytes / 1e6).toFixed(1)} MB`);
+      $('film-link').href = `/film?film=${state.name}`;
+      $('film-link').download = whole.file;
+      $('film-link').hidden = false;
+    }
+  } catch (error) {
+    tell(`No film: ${error.message}`);
+    if (state.name) post('/film/drop', {film: state.name}).catch(() => {});
+  }
+  film = null;
+  $('make-film').textContent = 'Render film';
+}
+
+addEventListener('pagehide', () => {
+  if (film && film.name) post('/film/drop', {film: film.name}, {keepalive: true});
+});
