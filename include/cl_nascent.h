@@ -292,6 +292,9 @@ typedef struct cln_render_desc {
     int antialias;          /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
     bool cropped;           /* to `crop`: nothing outside of it is seen */
     double crop[6];         /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
+    double stereo;          /* pairs side by side, left and right, of eyes so many scene units
+                               apart, for each pose; 0 = single pictures */
+    bool normals;           /* also NAME.normal.npy and NAME.normal.png */
     double fps;             /* film: frames a second; 0 = the file of poses', or 24 */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */

@@ -1,7 +1,8 @@
 /* cln_render: pictures of a run as files. Which files, what is there already; which cameras is
  * render/frames.c's, a view itself render/view.c's. Per frame, in this order, each atomically:
  *
- *   NAME.depth.npy  (NAME.depth.pfm  NAME.depth16.png)  NAME.opacity.png  NAME.png
+ *   NAME.depth.npy  (NAME.depth.pfm  NAME.depth16.png  NAME.normal.npy  NAME.normal.png)
+ *   NAME.opacity.png  NAME.png
  *
  * NAME.png goes first and comes back last, so a frame that was cut short is rendered again; the
  * depth pictures follow when all frames are there, on one scale. OUT/render.json tells of every
@@ -20,6 +21,7 @@
 #include "render/crop.h"
 #include "render/depth_picture.h"
 #include "render/frames.h"
+#include "render/normals.h"
 #include "render/open_run.h"
 #include "render/view.h"
 #include "io/depth_file.h"
@@ -31,9 +33,19 @@
 
 #define SCHEMA "cl-nascent.frames/1"
 
-static const char *const suffixes[] = {".depth.npy",   ".depth.pfm", ".depth16.png",
-                                       ".opacity.png", ".png",       ".depth.png"};
-enum { DEPTH_NPY, DEPTH_PFM, DEPTH_PNG16, OPACITY_PNG, COLOUR_PNG, FILES, DEPTH_PNG = FILES };
+static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",   ".depth16.png", ".normal.npy",
+                                       ".normal.png", ".opacity.png", ".png",         ".depth.png"};
+enum {
+    DEPTH_NPY,
+    DEPTH_PFM,
+    DEPTH_PNG16,
+    NORMAL_NPY,
+    NORMAL_PNG,
+    OPACITY_PNG,
+    COLOUR_PNG,
+    FILES,
+    DEPTH_PNG = FILES
+};
 
 typedef struct frame {
     const char *name;
@@ -48,6 +60,7 @@ typedef struct job {
     cln_frames cameras;
     cln_crop crop;
     frame *frames;
+    cln_camera *eyes;           /* [count][1 or 2] what is rendered */
     int count, there, pictured; /* frames; of these rendered, and with a depth picture */
     json_t *run;                /* run.json */
     json_t *before;             /* the folder's render.json; NULL if there is none */
@@ -59,6 +72,41 @@ static cln_status path_of(const job *j, const frame *f, int file, char **path)
 }
 
 /* ---- which frames ---- */
+
+static int eyes_of(const job *j)
+{
+    return j->desc->stereo > 0 ? 2 : 1;
+}
+
+/* Of a frame's pictures. */
+static int width_of(const job *j, const frame *f)
+{
+    return eyes_of(j) * f->camera.width;
+}
+
+/* Left and right of the frame's camera, looking the same way. */
+static cln_status place_eyes(job *j)
+{
+    cln_status st = CLN_OK;
+    const int each = eyes_of(j);
+
+    CLN_TRY(cln_alloc(&j->eyes, (size_t)(j->count * each), sizeof *j->eyes, "cameras"));
+    for (int i = 0; i < j->count * each; i++) {
+        const frame *f = &j->frames[i / each];
+        cln_camera *eye = &j->eyes[i];
+
+        if (each > 1 && f->camera.lens == CLN_LENS_EQUIRECTANGULAR)
+            CLN_TRY(cln_fail(CLN_USAGE,
+                             "--stereo: frame %s is a panorama, whose directions have no common "
+                             "left and right; leave --stereo out",
+                             f->name));
+        *eye = f->camera;
+        for (int a = 0; a < 3 && each > 1; a++)
+            eye->c2w[4 * a + 3] += (i % each - 0.5) * j->desc->stereo * eye->c2w[4 * a];
+    }
+done:
+    return st;
+}
 
 static cln_status list_frames(job *j)
 {
@@ -97,6 +145,10 @@ static void find_identity(const job *j, frame *f)
         d = cln_digest(d, &j->desc->depth_unit, sizeof j->desc->depth_unit);
     if (j->desc->cropped)
         d = cln_digest(d, j->desc->crop, sizeof j->desc->crop);
+    if (j->desc->stereo > 0) {
+        d = cln_digest(d, "stereo", 6);
+        d = cln_digest(d, &j->desc->stereo, sizeof j->desc->stereo);
+    }
     snprintf(f->made_from, sizeof f->made_from, "%016llx", (unsigned long long)d);
 }
 
@@ -114,7 +166,17 @@ done:
 
 static bool is_wanted(const job *j, int file)
 {
-    return file == DEPTH_PFM ? j->desc->pfm : file == DEPTH_PNG16 ? j->desc->depth_unit > 0 : true;
+    switch (file) {
+    case DEPTH_PFM:
+        return j->desc->pfm;
+    case DEPTH_PNG16:
+        return j->desc->depth_unit > 0;
+    case NORMAL_NPY:
+    case NORMAL_PNG:
+        return j->desc->normals;
+    default:
+        return true;
+    }
 }
 
 static cln_status find_there(job *j)
@@ -164,6 +226,8 @@ static json_t *describe(const job *j)
         json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
     if (about && d->antialias > 1)
         json_object_set_new(about, "antialias", json_integer(d->antialias));
+    if (about && d->stereo > 0)
+        json_object_set_new(about, "stereo", json_real(d->stereo));
     if (about && d->cropped)
         json_object_set_new(about, "crop",
                             json_pack("[f,f,f,f,f,f]", d->crop[0], d->crop[1], d->crop[2],
@@ -274,7 +338,32 @@ done:
 
 /* ---- files ---- */
 
-static cln_status write_frame(const job *j, const frame *f, const cln_picture *p)
+static cln_status write_normals(const job *j, const frame *f, const float *normals)
+{
+    cln_status st = CLN_OK;
+    const int width = width_of(j, f), height = f->camera.height;
+    const int shape[3] = {height, width, 3};
+    const size_t n = 3 * (size_t)width * (size_t)height;
+    char *path = NULL;
+    uint8_t *bytes = NULL;
+
+    CLN_TRY(path_of(j, f, NORMAL_NPY, &path));
+    CLN_TRY(cln_npy_write_f32(path, 3, shape, normals));
+    free(path);
+    CLN_TRY(path_of(j, f, NORMAL_PNG, &path));
+    CLN_TRY(cln_alloc(&bytes, n, 1, "picture"));
+    for (size_t i = 0; i < n; i++)
+        bytes[i] = cln_to_u8(0.5f + 0.5f * normals[i]);
+    CLN_TRY(cln_image_write_png(path, width, height, 3, bytes));
+done:
+    free(bytes);
+    free(path);
+    return st;
+}
+
+/* Depths of p: scene units. */
+static cln_status write_frame(const job *j, const frame *f, const cln_picture *p,
+                              const float *normals)
 {
     cln_status st = CLN_OK;
     const size_t n = (size_t)p->width * (size_t)p->height;
@@ -286,9 +375,6 @@ static cln_status write_frame(const job *j, const frame *f, const cln_picture *p
     for (int file = 0; file < FILES; file++)
         CLN_TRY(path_of(j, f, file, &path[file]));
     CLN_TRY(cln_alloc(&bytes, n, 3, "picture"));
-    for (size_t i = 0; i < n; i++)
-        p->depth[i] =
-            p->opacity[i] > 0 ? cln_space_depth_to_scene(&j->opened.model.space, p->depth[i]) : 0;
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
     if (is_wanted(j, DEPTH_PFM))
         CLN_TRY(cln_depth_write_pfm(path[DEPTH_PFM], p->width, p->height, p->depth));
@@ -298,6 +384,8 @@ static cln_status write_frame(const job *j, const frame *f, const cln_picture *p
     if (beyond > 0)
         cln_warn("%s: %d pixels are farther than 65535 x %g; give a larger --depth-unit",
                  path[DEPTH_PNG16], beyond, j->desc->depth_unit);
+    if (normals)
+        CLN_TRY(write_normals(j, f, normals));
     for (size_t i = 0; i < n; i++)
         bytes[i] = cln_to_u8(p->opacity[i]);
     CLN_TRY(cln_image_write_png(path[OPACITY_PNG], p->width, p->height, 1, bytes));
@@ -324,7 +412,7 @@ static cln_status read_frame(const job *j, const frame *f, float **depth, uint8_
     free(path);
     CLN_TRY(path_of(j, f, OPACITY_PNG, &path));
     CLN_TRY(cln_image_load(path, &width, &height, &channels, &grey));
-    if (dims != 2 || shape[0] != f->camera.height || shape[1] != f->camera.width ||
+    if (dims != 2 || shape[0] != f->camera.height || shape[1] != width_of(j, f) ||
         height != shape[0] || width != shape[1])
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: its depth has not the frame's size; --overwrite renders it again",
@@ -351,7 +439,7 @@ static cln_status draw_depths(const job *j)
     for (int pass = 0; pass < 2; pass++) {
         for (int i = 0; i < j->count; i++) {
             const frame *f = &j->frames[i];
-            const size_t n = (size_t)f->camera.width * (size_t)f->camera.height;
+            const size_t n = (size_t)width_of(j, f) * (size_t)f->camera.height;
 
             CLN_TRY(read_frame(j, f, &depth, &opacity));
             if (pass == 0) {
@@ -359,7 +447,7 @@ static cln_status draw_depths(const job *j)
             } else {
                 CLN_TRY(path_of(j, f, DEPTH_PNG, &path));
                 cln_depth_draw(&scale, n, depth, opacity, opacity);
-                CLN_TRY(cln_image_write_png(path, f->camera.width, f->camera.height, 1, opacity));
+                CLN_TRY(cln_image_write_png(path, width_of(j, f), f->camera.height, 1, opacity));
             }
             free(depth);
             free(opacity);
@@ -389,9 +477,9 @@ static cln_status check_disk(const job *j)
 
     for (int i = 0; i < j->count; i++)
         if (!j->frames[i].there)
-            bytes +=
-                (sizeof(float) + 5.0 + 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0)) *
-                j->frames[i].camera.width * j->frames[i].camera.height;
+            bytes += (sizeof(float) + 5.0 + 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0) +
+                      15.0 * j->desc->normals) *
+                     width_of(j, &j->frames[i]) * j->frames[i].camera.height;
     return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;
 }
 
@@ -400,17 +488,18 @@ static cln_status start(job *j)
     cln_status st = CLN_OK;
     cln_open_run *v = &j->opened;
     const cln_camera **cameras = NULL;
+    const int each = eyes_of(j);
     unsigned lenses = 0;
 
-    CLN_TRY(cln_alloc(&cameras, (size_t)j->count, sizeof *cameras, "cameras"));
-    for (int i = 0; i < j->count; i++) {
-        cameras[i] = &j->frames[i].camera;
+    CLN_TRY(cln_alloc(&cameras, (size_t)(j->count * each), sizeof *cameras, "cameras"));
+    for (int i = 0; i < j->count * each; i++) {
+        cameras[i] = &j->eyes[i];
         lenses |= cln_camera_lenses(cameras[i]);
     }
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     v->pipeline.antialias = j->desc->antialias;
     CLN_TRY(cln_crop_use(&v->pipeline, &v->model.space, &j->crop));
-    CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count, &v->model.space));
+    CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count * each, &v->model.space));
     CLN_TRY(cln_render_prepare(&v->pipeline));
 done:
     free(cameras);
@@ -432,14 +521,82 @@ done:
     return st;
 }
 
+/* Columns [at, at + width) of `whole`, `channels` floats a pixel, become `part`. */
+static void put_beside(const float *part, int width, int height, int channels, int at, int of,
+                       float *whole)
+{
+    for (int y = 0; y < height; y++)
+        memcpy(whole + ((size_t)y * (size_t)of + (size_t)at) * (size_t)channels,
+               part + (size_t)y * (size_t)width * (size_t)channels,
+               (size_t)width * (size_t)channels * sizeof *part);
+}
+
+/* An eye's picture: depths become scene units. normals: NULL or [height][width][3]. */
+static cln_status render_eye(job *j, int eye, float *normals, cln_picture *out)
+{
+    cln_status st = CLN_OK;
+    const unsigned depth =
+        (j->desc->z_depth ? CLN_DEPTH_AXIS : 0) | (j->desc->mean_depth ? CLN_DEPTH_MEAN : 0);
+    const size_t n = (size_t)j->eyes[eye].width * (size_t)j->eyes[eye].height;
+
+    CLN_TRY(cln_render_view(&j->opened.pipeline, eye, j->opened.model.background, depth,
+                            &j->desc->callbacks, out));
+    for (size_t i = 0; i < n; i++)
+        out->depth[i] = out->opacity[i] > 0
+                            ? cln_space_depth_to_scene(&j->opened.model.space, out->depth[i])
+                            : 0;
+    if (normals)
+        cln_normals_of_depth(&j->eyes[eye], out->depth, j->desc->z_depth, out->opacity, normals);
+done:
+    return st;
+}
+
+/* A frame's picture, of two eyes side by side. *normals: if they are wanted; the caller frees it. */
+static cln_status render_frame(job *j, int i, cln_picture *out, float **normals)
+{
+    cln_status st = CLN_OK;
+    const cln_camera *c = &j->frames[i].camera;
+    const int each = eyes_of(j), width = c->width, height = c->height,
+              of = width_of(j, &j->frames[i]);
+    const size_t n = (size_t)width * (size_t)height;
+    cln_picture eye = {0};
+    float *own = NULL;
+
+    if (j->desc->normals) {
+        CLN_TRY(cln_alloc(normals, n * (size_t)each, 3 * sizeof **normals, "normals"));
+        if (each == 1)
+            return render_eye(j, i, *normals, out);
+        CLN_TRY(cln_alloc(&own, n, 3 * sizeof *own, "normals"));
+    } else if (each == 1) {
+        return render_eye(j, i, NULL, out);
+    }
+    out->width = of;
+    out->height = height;
+    CLN_TRY(cln_alloc(&out->rgb, 2 * n, 3 * sizeof *out->rgb, "picture"));
+    CLN_TRY(cln_alloc(&out->depth, 2 * n, sizeof *out->depth, "picture"));
+    CLN_TRY(cln_alloc(&out->opacity, 2 * n, sizeof *out->opacity, "picture"));
+    for (int e = 0; e < each; e++) {
+        CLN_TRY(render_eye(j, i * each + e, own, &eye));
+        put_beside(eye.rgb, width, height, 3, e * width, of, out->rgb);
+        put_beside(eye.depth, width, height, 1, e * width, of, out->depth);
+        put_beside(eye.opacity, width, height, 1, e * width, of, out->opacity);
+        if (own)
+            put_beside(own, width, height, 3, e * width, of, *normals);
+        cln_picture_free(&eye);
+    }
+done:
+    cln_picture_free(&eye);
+    free(own);
+    return st;
+}
+
 /* film: NULL, or what gets the pictures instead of files. */
 static cln_status render_frames(job *j, cln_film *film, cln_render_result *result)
 {
     cln_status st = CLN_OK;
     const cln_callbacks *callbacks = &j->desc->callbacks;
-    const unsigned depth =
-        (j->desc->z_depth ? CLN_DEPTH_AXIS : 0) | (j->desc->mean_depth ? CLN_DEPTH_MEAN : 0);
     cln_picture picture = {0};
+    float *normals = NULL;
 
     for (int i = 0; i < j->count; i++) {
         const double began = cln_now();
@@ -449,8 +606,7 @@ static cln_status render_frames(job *j, cln_film *film, cln_render_result *resul
         if (callbacks->work)
             callbacks->work("render", result->skipped + result->rendered, j->count,
                             callbacks->user);
-        st = cln_render_view(&j->opened.pipeline, i, j->opened.model.background, depth, callbacks,
-                             &picture);
+        st = render_frame(j, i, &picture, &normals);
         if ((st == CLN_SIGINT || st == CLN_SIGTERM) && film)
             cln_note("rendering %s: %d of %d frames were done; a film is made anew each time",
                      j->desc->out, i, j->count);
@@ -462,8 +618,10 @@ static cln_status render_frames(job *j, cln_film *film, cln_render_result *resul
         if (film)
             CLN_TRY(add_frame(film, &picture));
         else
-            CLN_TRY(write_frame(j, &j->frames[i], &picture));
+            CLN_TRY(write_frame(j, &j->frames[i], &picture, normals));
         cln_picture_free(&picture);
+        free(normals);
+        normals = NULL;
         result->rendered++;
         result->seconds += cln_now() - began;
     }
@@ -471,6 +629,7 @@ static cln_status render_frames(job *j, cln_film *film, cln_render_result *resul
         callbacks->work("render", j->count, j->count, callbacks->user);
 done:
     cln_picture_free(&picture);
+    free(normals);
     return st;
 }
 
@@ -491,8 +650,8 @@ static cln_status render_film(job *j, cln_render_result *result)
                              j->desc->out, j->frames[i].name, c->width, c->height, first->width,
                              first->height));
     }
-    CLN_TRY(cln_film_begin(j->desc->out, first->width, first->height, told > 0 ? told : 24,
-                           j->desc->overwrite, &film));
+    CLN_TRY(cln_film_begin(j->desc->out, width_of(j, &j->frames[0]), first->height,
+                           told > 0 ? told : 24, j->desc->overwrite, &film));
     CLN_TRY(start(j));
     CLN_TRY(render_frames(j, film, result));
     finished = film;
@@ -521,6 +680,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
     CLN_TRY(list_frames(&j));
+    CLN_TRY(place_eyes(&j));
     if (cln_film_named(desc->out)) {
         CLN_TRY(render_film(&j, result));
         goto done;
@@ -539,6 +699,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(draw_depths(&j));
 done:
     free(j.frames);
+    free(j.eyes);
     cln_frames_free(&j.cameras);
     json_decref(j.run);
     json_decref(j.before);

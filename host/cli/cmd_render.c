@@ -54,13 +54,16 @@ cln_status cln_cmd_render(const cln_options *options)
                             .overwrite = options->overwrite,
                             .z_depth = options->z_depth,
                             .pfm = options->pfm,
+                            .stereo = options->stereo,
+                            .normals = options->normals,
                             .depth_unit = options->depth_unit,
                             .mean_depth = strcmp(options->depth, "mean") == 0,
                             .device = options->device};
 
     desc.cropped = options->crop != NULL;
     if (options->crop && !cln_reals_read(options->crop, 6, desc.crop))
-        CLN_TRY(cln_fail(CLN_USAGE, "--crop: '%s' is not six numbers with commas, x0,y0,z0,x1,y1,z1",
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--crop: '%s' is not six numbers with commas, x0,y0,z0,x1,y1,z1",
                          options->crop));
     if (!desc.out) {
         CLN_TRY(standard_folder(options, &standard_out));

@@ -24,8 +24,8 @@ typedef struct cln_options {
     int verbose, max_images, antialias, frames;
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
     const char *poses, *depth, *crop;
-    bool pfm;
-    double elevation, radius, fov, fps, depth_unit, min_psnr, budget, probe;
+    bool pfm, normals;
+    double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe;
     double spacing; /* 0 = not given */
     int count;      /* 0 = not given */
     bool closed;

@@ -193,6 +193,94 @@ static void test_render_files(void **state)
     free(evaluated);
 }
 
+/* The poses of the test views, their cameras moved along their own right. */
+static void write_poses(const char *path, double right)
+{
+    json_t *document = fixture_json("scene/transforms_test.json");
+    json_t *frames = fixture_at(document, "frames");
+    char *text = NULL;
+
+    for (size_t i = 0; i < json_array_size(frames); i++) {
+        json_t *m = json_object_get(json_array_get(frames, i), "transform_matrix");
+
+        for (size_t a = 0; a < 3; a++) {
+            json_t *row = json_array_get(m, a);
+            const double moved = json_number_value(json_array_get(row, 3)) +
+                                 right * json_number_value(json_array_get(row, 0));
+
+            json_array_set_new(row, 3, json_real(moved));
+        }
+    }
+    text = json_dumps(document, JSON_REAL_PRECISION(17));
+    assert_ok(cln_write_file(fixture_path(path), text, strlen(text)));
+    free(text);
+    json_decref(document);
+}
+
+/* A pair has the left eye's picture beside the right one's, in all files. */
+static void test_render_pairs(void **state)
+{
+    static const char *const eyes[2] = {"left", "right"};
+    fixture_stop none = {0};
+    cln_render_desc desc = render_desc("pairs", &none);
+    int width = 0, height = 0, channels = 0, dims = 0, shape[4];
+    uint8_t *pair = NULL;
+    float *depths = NULL, *normals = NULL;
+    json_t *about = NULL;
+
+    NEED_DEVICE();
+    desc.stereo = 0.4;
+    desc.normals = true;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    assert_rendered(&desc, 0, TEST_VIEWS);
+    about = fixture_json("pairs/render.json");
+    assert_true(json_number_value(fixture_at(about, "stereo")) == 0.4);
+    json_decref(about);
+    assert_ok(
+        cln_image_load(fixture_path("pairs/test_r_1.png"), &width, &height, &channels, &pair));
+    assert_int_equal(width, 2 * SIDE);
+    assert_int_equal(height, SIDE);
+    assert_ok(cln_npy_read_f32(fixture_path("pairs/test_r_1.depth.npy"), &dims, shape, &depths));
+    assert_int_equal(shape[1], 2 * SIDE);
+    assert_ok(cln_npy_read_f32(fixture_path("pairs/test_r_1.normal.npy"), &dims, shape, &normals));
+    assert_true(dims == 3 && shape[0] == SIDE && shape[1] == 2 * SIDE && shape[2] == 3);
+    for (int e = 0; e < 2; e++) {
+        char name[64];
+        uint8_t *one = NULL;
+        float *depth = NULL, *normal = NULL;
+
+        snprintf(name, sizeof name, "%s.json", eyes[e]);
+        write_poses(name, e ? 0.2 : -0.2);
+        desc = render_desc(eyes[e], &none);
+        desc.split = NULL;
+        desc.poses = fixture_path(name);
+        desc.normals = true;
+        assert_rendered(&desc, TEST_VIEWS, 0);
+        snprintf(name, sizeof name, "%s/test_r_1.png", eyes[e]);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &one));
+        snprintf(name, sizeof name, "%s/test_r_1.depth.npy", eyes[e]);
+        assert_ok(cln_npy_read_f32(fixture_path(name), &dims, shape, &depth));
+        snprintf(name, sizeof name, "%s/test_r_1.normal.npy", eyes[e]);
+        assert_ok(cln_npy_read_f32(fixture_path(name), &dims, shape, &normal));
+        for (int y = 0; y < SIDE; y++)
+            for (int x = 0; x < SIDE; x++) {
+                const int at = y * SIDE + x, in = (2 * y + e) * SIDE + x;
+
+                assert_true(depths[in] == depth[at]);
+                for (int c = 0; c < 3; c++) {
+                    assert_int_equal(pair[3 * in + c], one[3 * at + c]);
+                    assert_true(normals[3 * in + c] == normal[3 * at + c]);
+                }
+            }
+        free(one);
+        free(depth);
+        free(normal);
+    }
+    free(pair);
+    free(depths);
+    free(normals);
+}
+
 static void test_render_stops_and_goes_on(void **state)
 {
     fixture_stop stop = {.signal = SIGTERM, .pictures = 2}, none = {0};
@@ -576,6 +664,7 @@ int test_group_results(void)
         cmocka_unit_test(test_eval_of_other_splits),
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_files),
+        cmocka_unit_test(test_render_pairs),
         cmocka_unit_test(test_render_stops_and_goes_on),
         cmocka_unit_test(test_render_folders),
         cmocka_unit_test(test_render_follows_the_model),

@@ -649,6 +649,13 @@ section_results() {
         --crop 0,0,0,1,1
     expect "render --crop of no box" 2 "--crop along y" "$cln" render "$work/whole" \
         --crop 0,2,0,1,1,1
+    expect "render --stereo" 0 "" "$cln" render "$work/whole" --max-images 1 \
+        -o "$work/stereo.y4m" --stereo 0.2 --json
+    check "a film of pairs" [ "$(head -1 "$work/stereo.y4m" | cut -d' ' -f2,3)" = "W96 H48" ]
+    expect "render --normals" 0 "" "$cln" render "$work/whole" --max-images 1 \
+        -o "$work/edges" --normals
+    check "leaves them" [ -s "$work/edges/test_r_000.normal.png" -a \
+        "$(stat -c %s "$work/edges/test_r_000.normal.npy")" = $((128 + 48 * 48 * 12)) ]
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]

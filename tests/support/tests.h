@@ -38,6 +38,7 @@ int test_group_network(void);
 int test_group_octree(void);
 int test_group_options(void);
 int test_group_gradient(void);
+int test_group_normals(void);
 int test_group_pictures(void);
 int test_group_plan(void);
 int test_group_progress(void);
