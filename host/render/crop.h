@@ -16,8 +16,8 @@ typedef struct cln_crop {
 cln_status cln_crop_check(const char *name, const double box[6]);
 
 /* The pictures of the pipeline are cropped from here on; NULL, or one that is not on: they are not
- * any more. Builds the kernel for it when it is first wanted. The crop stays the caller's. CLN_BUILD,
- * CLN_CL. */
+ * any more. Builds the kernel for it when it is first wanted. The crop stays the caller's.
+ * CLN_BUILD, CLN_CL. */
 cln_status cln_crop_use(cln_pipeline *p, const cln_space *space, cln_crop *crop);
 
 #endif

@@ -7,8 +7,8 @@
 /* normals [height][width][3], unit vectors of the scene's frame that point to the camera; 0 where
  * none is known: where the pixel is mostly transparent, or all its neighbours of a direction are
  * beyond an edge or out of the picture. depth, opacity [height][width]: scene units, along the ray,
- * or along the camera's axis. From the points that a pixel and its neighbours see, of two neighbours
- * the one that is nearer in depth. */
+ * or along the camera's axis. From the points that a pixel and its neighbours see, of two
+ * neighbours the one that is nearer in depth. */
 void cln_normals_of_depth(const cln_camera *camera, const float *depth, bool axis,
                           const float *opacity, float *normals);
 

@@ -77,8 +77,8 @@ void cln_space_box_to_scene(const cln_space *space, const float cube[4], float l
                             float high[3]);
 
 /* A box of the scene, x0, y0, z0, x1, y1, z1, as six half-spaces of the cube: points with
- * plane[0..2] . p + plane[3] >= 0 for all six are those in the box. Straight lines stay straight, so
- * this holds in a forward space, too. */
+ * plane[0..2] . p + plane[3] >= 0 for all six are those in the box. Straight lines stay straight,
+ * so this holds in a forward space, too. */
 void cln_space_box_to_planes(const cln_space *space, const double box[6], float planes[6][4]);
 
 /* A point of the cube in a forward space's camera units, over its q_z: (q_x / q_z, q_y / q_z, 1)

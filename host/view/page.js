@@ -282,13 +282,14 @@ function download(blob, name) {
 /* ---- the crop box ---- */
 
 let crop = null; /* [x0, y0, z0, x1, y1, z1]; a side of facts.box itself is no side */
-const FAR = 1e6; /* times the box: beyond everything */
+const FAR = 1e4; /* times the box: beyond everything */
 
 /* What a picture is asked with. */
 function cropSides() {
   return crop.map((v, i) => {
     const low = facts.box[i % 3], high = facts.box[3 + i % 3];
-    return v > low && v < high ? v : i < 3 ? low - FAR * (high - low) : high + FAR * (high - low);
+    if (!facts.endless || (v > low && v < high)) return v;
+    return i < 3 ? low - FAR * (high - low) : high + FAR * (high - low);
   });
 }
 

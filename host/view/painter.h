@@ -1,5 +1,6 @@
 /* Answers what is asked, on the thread that has the device: renders pictures, reads photos, looks
- * up points, makes a film. A picture is rendered batch by batch, so that a large one can wait for small ones. */
+ * up points, makes a film. A picture is rendered batch by batch, so that a large one can wait for
+ * small ones. */
 #ifndef CLN_PAINTER_H
 #define CLN_PAINTER_H
 

@@ -1,7 +1,7 @@
-/* The film of a viewer: a page begins it, asks for one frame after the other, and fetches the whole;
- * one at a time. It is made in a folder of its own under TMPDIR or /tmp, by ffmpeg where that is
- * installed; when it is whole its file has no name any more, and goes with the viewer. No name of a
- * file comes from a request. On the thread that paints. */
+/* The film of a viewer: a page begins it, asks for one frame after the other, and fetches the
+ * whole; one at a time. It is made in a folder of its own under TMPDIR or /tmp, by ffmpeg where
+ * that is installed; when it is whole its file has no name any more, and goes with the viewer. No
+ * name of a file comes from a request. On the thread that paints. */
 #ifndef CLN_REEL_H
 #define CLN_REEL_H
 
@@ -16,16 +16,15 @@ typedef struct cln_reel {
     char *folder, *path; /* so long */
     bool plain;          /* y4m, without ffmpeg */
     bool whole;
-    int file;       /* if whole: descriptor of its file */
-    int64_t bytes;  /* of that */
-    double touched; /* monotonic seconds */
-    bool
-        scaled; /* near and far are known: depths of all frames are drawn on the first one's scale */
+    int file;        /* if whole: descriptor of its file */
+    int64_t bytes;   /* of that */
+    double touched;  /* monotonic seconds */
+    bool scaled;     /* low and high are known: all frames have the depth scale of the first one */
     float low, high; /* inverse depths */
 } cln_reel;
 
-/* Begins the film that the question asks for (its size, frames, pace), in place of a whole one. NAME
- * is made up. CLN_USAGE: another is being made, or it is too large to be made without ffmpeg;
+/* Begins the film that the question asks for (its size, frames, pace), in place of a whole one; its
+ * name is made up. CLN_USAGE: another is being made, or it is too large to be made without ffmpeg;
  * CLN_OUTPUT: no room on the disk. */
 cln_status cln_reel_begin(cln_reel *reel, const cln_ask *ask);
 

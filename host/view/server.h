@@ -7,9 +7,9 @@
  *   GET /picture?...  /photo?...  /point?...   request.h; pictures and points want a header
  *                                        X-Viewer: NAME, which no page of another site can send; a
  *                                        later picture of the same viewer cancels an earlier one
- *   POST /film/begin?...  /film/frame?...  /film/end?...  /film/drop?...   a film (reel.h), frame by
- *                                        frame as the page asks for them; with X-Viewer. A frame
- *                                        whose asker has vanished ends it
+ *   POST /film/begin?...  /film/frame?...  /film/end?...  /film/drop?...
+ *                                        a film (reel.h), frame by frame as the page asks for them;
+ *                                        with X-Viewer. A frame whose asker has vanished ends it
  *   GET /film?film=NAME                  the whole film
  * and of a training:
  *   GET /training                        how it stands (train/watch.h)

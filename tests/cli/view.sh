@@ -251,7 +251,7 @@ section_film() {
     posts "another beside it" 409 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
     check "the sentence says it" grep -q "0 of 2 frames" "$work/out"
     posts "a frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
-    check "is counted" [ "$(json done)$(json frames)" = 12 ]
+    check "is counted" [ "$(json "done")$(json frames)" = 12 ]
     gets "a picture in between" 200 "/picture?view=1&width=32&ms=50" "${me[@]}"
     gets "the film, half done" 409 "/film?film=$film"
     posts "a frame of another size" 400 "/film/frame?film=$film&view=7&width=40" "${me[@]}"
@@ -435,7 +435,8 @@ section_training() {
         :
     done &
     large=$!
-    while get "/picture?view=$((pictures % 8))&width=64&ms=20" "${me[@]}" && [ "$code" = 200 ]; do
+    while get "/picture?view=$((pictures % 8))&width=64&ms=20&crop=-9,-9,-9,9,0.2,9&show=error" \
+        "${me[@]}" && [ "$code" = 200 ]; do
         pictures=$((pictures + 1))
         get /training && [ "$code" = 200 ] && cp "$work/out" "$work/told"
     done

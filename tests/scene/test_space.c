@@ -1,8 +1,8 @@
 /* Scene space and cube, against numbers calculated by hand and against each other. Tested: points,
  * rays, poses, distances and boxes agree on one map; being in the cube, or meeting it, is the same
  * on both sides of the map; boxes of neighbours share their faces to the bit. Of forward spaces
- * also: lines stay lines; a box is the same on both sides; depths, directions, normals and densities are those of the
- * point's map. */
+ * also: lines stay lines; a box is the same on both sides; depths, directions, normals and
+ * densities are those of the point's map. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
