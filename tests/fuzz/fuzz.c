@@ -548,7 +548,7 @@ static const target targets[] = {
     {"run", {"run/run.json", "run/metrics.jsonl"}, make_run, read_run, 4},
     {"tune", {"tune.txt"}, make_tune, read_tune, 2},
     {"options", {"command", "cl-nascent.conf"}, make_options, read_options, 2},
-    {"request", {"query"}, make_request, read_request, 2},
+    {"request", {"query"}, make_request, read_request, 7},
 };
 
 /* ---- what libFuzzer calls ---- */
