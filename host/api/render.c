@@ -551,7 +551,8 @@ done:
     return st;
 }
 
-/* A frame's picture, of two eyes side by side. *normals: if they are wanted; the caller frees it. */
+/* A frame's picture, of two eyes side by side. *normals: if they are wanted; the caller frees
+ * it. */
 static cln_status render_frame(job *j, int i, cln_picture *out, float **normals)
 {
     cln_status st = CLN_OK;

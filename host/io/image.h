@@ -7,7 +7,7 @@
 #include <stdint.h>
 #include "base/status.h"
 
-enum { CLN_IMAGE_MAX_SIDE = 32768, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
+enum { CLN_IMAGE_MAX_SIDE = 1 << 17, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 
 /* Reads size and channels (3, or 4 with alpha; grey counts as 3 or 4) from the header. */
 cln_status cln_image_info(const char *path, int *width, int *height, int *channels);

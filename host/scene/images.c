@@ -3,6 +3,7 @@
  * and the results are put together in view order, so nothing depends on who was faster. */
 #include "scene/build.h"
 
+#include <limits.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -74,7 +75,7 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
 {
     cln_status st = CLN_OK;
     char *frame = NULL;
-    int longest = 0;
+    int longest = 0, shortest = INT_MAX;
     bool warned = false;
 
     for (int i = 0; i < scene->view_count; i++) {
@@ -93,11 +94,14 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
         CLN_TRY(cln_camera_check(&view->camera, frame));
         longest = view->file_width > longest ? view->file_width : longest;
         longest = view->file_height > longest ? view->file_height : longest;
+        shortest = view->file_width < shortest ? view->file_width : shortest;
+        shortest = view->file_height < shortest ? view->file_height : shortest;
         scene->has_alpha |= view->channels == 4;
         scene->lenses |= cln_camera_lenses(&view->camera);
     }
-    scene->downscale =
-        downscale > 0 ? downscale : (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
+    scene->downscale = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
+    scene->downscale = scene->downscale < shortest ? scene->downscale : shortest;
+    scene->downscale = downscale > 0 ? downscale : scene->downscale;
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
         const int n = scene->downscale;

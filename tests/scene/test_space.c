@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <math.h>
+#include <string.h>
 #include "base/rng.h"
 #include "check/forward_scene.h"
 #include "near.h"
@@ -273,7 +274,7 @@ static void test_forward_map(void **state)
 static void test_boxes(void **state)
 {
     static const double box[6] = {8.5, -22.5, -1, 12, -19.5, 1e30};
-    const cln_space forward = forward_space(2);
+    const cln_space forward = cln_check_forward_space(2);
     int inside = 0, outside = 0;
 
     (void)state;
