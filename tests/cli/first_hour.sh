@@ -63,9 +63,9 @@ section_words() {
     check "none is made" not_said "did you mean"
     expect "an empty name of a scene" 2 "~SCENE.*is.empty" "$cln" info ""
     expect "--help before the command" 0 "" "$cln" --help train
+    check "is the command's" printed "cl-nascent train SCENE"
     expect "help about help" 0 "" "$cln" help help
     expect "help about the version" 0 "" "$cln" help version
-    check "is the command's" printed "cl-nascent train SCENE"
     expect "options behind and before, with = and space" 2 "o2" \
         "$cln" render --split=test r --width 3 -oout o2
     expect "errors without colour off a terminal" 2 "" "$cln" trian
