@@ -329,7 +329,7 @@ install: all
 	install -m 644 $P/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
 	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
 	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
-	install -m 644 docs/api.md "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
+	install -m 644 docs/api.md README.md LICENSE "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
 	$B/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"

@@ -20,7 +20,8 @@ mkdir -p "$root/DEBIAN" "$work/debian"
 "$make" --no-print-directory install DESTDIR="$root" PREFIX=/usr \
     ZSHDIR=/usr/share/zsh/vendor-completions >/dev/null
 rm -r "$root/usr/include" "$root/usr/lib" "$root/usr/share/doc/cl-nascent/examples" \
-    "$root/usr/share/doc/cl-nascent/api.md"
+    "$root/usr/share/doc/cl-nascent/api.md" "$root/usr/share/doc/cl-nascent/README.md" \
+    "$root/usr/share/doc/cl-nascent/LICENSE"
 strip --remove-section=.comment --remove-section=.note "$root/usr/bin/cl-nascent"
 gzip -9n "$root/usr/share/man/man1/cl-nascent.1"
 

@@ -6,6 +6,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "cl_nascent.h"
@@ -62,6 +63,24 @@ static bool may_end_so(const char *form, const char *ending)
     return false;
 }
 
+/* Found before the work, not after it. */
+static cln_status check_folder_of(const char *file)
+{
+    const char *slash = strrchr(file, '/');
+    cln_status st = CLN_OK;
+    char *folder = NULL;
+
+    if (!slash || slash == file)
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&folder, "%.*s", (int)(slash - file), file));
+    if (!cln_is_dir(folder))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: there is no folder %s; make it, or choose another place",
+                         file, folder));
+done:
+    free(folder);
+    return st;
+}
+
 /* Nothing that is there is replaced unasked, and nothing but a plain file ever; and no file is
  * called what it is not. A folder's files are its export's to check. */
 static cln_status check_target(const cln_export_desc *desc, const export_row *row)
@@ -78,7 +97,7 @@ static cln_status check_target(const cln_export_desc *desc, const export_row *ro
                         desc->what, wanted, folders ? "" : " files", (int)strcspn(wanted, "|"),
                         wanted);
     if (!there)
-        return CLN_OK;
+        return check_folder_of(desc->file);
     if (!S_ISREG(info.st_mode))
         return cln_fail(CLN_OUTPUT,
                         "%s: already exists and is not a plain file; choose another name",

@@ -679,6 +679,8 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
+    if (desc->cropped)
+        cln_crop_warn("--crop", &j.opened.model.space, desc->crop);
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));

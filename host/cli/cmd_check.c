@@ -65,6 +65,25 @@ static void print_findings(const json_t *findings)
     }
 }
 
+/* Of photos that share nothing there is less to say. */
+static void print_overlap(const json_t *measures)
+{
+    const double agreeing = number(measures, "agreeing_share");
+    const double partners = number(measures, "mean_partners");
+    char line[512];
+
+    if (isnan(agreeing))
+        snprintf(line, sizeof line, "no marks are found that two photos share");
+    else
+        snprintf(line, sizeof line,
+                 "%.0f%% of %.0f marks that two photos share lie where both poses put them",
+                 100 * agreeing, number(measures, "ties"));
+    if (!isnan(partners))
+        snprintf(line + strlen(line), sizeof line - strlen(line),
+                 "; a photo shares much with %.2g of those that it was compared with", partners);
+    print_wrapped(printf("overlap  "), 9, line);
+}
+
 static void print_measures(const json_t *document)
 {
     const json_t *measures = json_object_get(document, "measures");
@@ -80,18 +99,15 @@ static void print_measures(const json_t *document)
              number(measures, "cameras_inside"), number(measures, "cameras_outside"),
              number(measures, "fov_least"), number(measures, "fov_most"));
     print_wrapped(printf("cameras  "), 9, line);
-    snprintf(line, sizeof line,
-             "half side %.6g, %s; %.1f%% of the training rays meet it, it holds %.0f%% of what the "
-             "photos show",
+    snprintf(line, sizeof line, "half side %.6g, %s; %.1f%% of the training rays meet it",
              number(scene, "half"), text_of(scene, "bounds_rule"),
-             100 * number(measures, "cube_share"), 100 * number(measures, "points_inside"));
+             100 * number(measures, "cube_share"));
+    if (!isnan(number(measures, "points_inside")))
+        snprintf(line + strlen(line), sizeof line - strlen(line),
+                 ", it holds %.0f%% of what the photos show",
+                 100 * number(measures, "points_inside"));
     print_wrapped(printf("cube     "), 9, line);
-    snprintf(line, sizeof line,
-             "%.0f%% of %.0f marks that two photos share lie where both poses put them; a photo "
-             "shares much with %.2g of those that it was compared with",
-             100 * number(measures, "agreeing_share"), number(measures, "ties"),
-             number(measures, "mean_partners"));
-    print_wrapped(printf("overlap  "), 9, line);
+    print_overlap(measures);
 }
 
 static void print_training(const json_t *training)

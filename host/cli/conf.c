@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include "base/files.h"
 #include "base/memory.h"
 
@@ -41,15 +42,16 @@ static char *trim(char *text)
     return text;
 }
 
-/* "rays 2048", "rays = 2048", "--rays=2048", "skip", "no-skip", and "level-at = \"\"". */
+/* "rays 2048", "rays = 2048", "rays: 2048", "--rays=2048", "skip", "no-skip", and
+ * "level-at = \"\"". */
 static const char *split(char *line, char **value)
 {
     char *name = line + (strncmp(line, "--", 2) == 0 ? 2 : 0);
-    char *end = name + strcspn(name, " \t=");
+    char *end = name + strcspn(name, " \t=:");
     size_t length = 0;
 
     *value = end + strspn(end, " \t");
-    *value += **value == '=';
+    *value += **value == '=' || **value == ':';
     *value += strspn(*value, " \t");
     *end = 0;
     length = strlen(*value);
@@ -110,14 +112,20 @@ cln_status cln_conf_read(const char *scene, const cln_command *command, const bo
     cln_status st = CLN_OK;
     char *path = NULL, *text = NULL, message[MESSAGE_BYTES];
     size_t bytes = 0;
+    struct stat info;
     int number = 0;
 
     *said = NULL;
     CLN_TRY(path_beside(scene, &path));
-    if (!cln_is_file(path))
+    if (lstat(path, &info) != 0)
         goto done;
+    if (!cln_is_file(path))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: is no file with settings; rename it, or give --no-conf",
+                         path));
     CLN_TRY(cln_read_file(path, MOST_BYTES, &text, &bytes));
-    for (char *line = text, *next = NULL; line; line = next) {
+    /* behind the byte order mark of Windows editors */
+    for (char *line = text + (strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0), *next = NULL; line;
+         line = next) {
         next = strchr(line, '\n');
         if (next)
             *next++ = 0;

@@ -35,6 +35,7 @@ int main(int argc, char **argv)
 
     cln_log_to(CLN_LOG_INFO, cln_log_stderr, NULL);
     signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other trouble */
+    signal(SIGXFSZ, SIG_IGN); /* a file beyond its limit is a write that fails */
     CLN_TRY(cln_options_parse(argc, argv, &options));
     cln_log_use_colour(cln_options_colour(&options));
     cln_log_to(options.quiet         ? CLN_LOG_WARN

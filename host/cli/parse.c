@@ -12,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <unistd.h>
 #include "base/files.h"
 #include "base/memory.h"
@@ -19,6 +20,7 @@
 #include "base/text.h"
 #include "cli/conf.h"
 #include "cli/option_table.h"
+#include "io/film.h"
 
 /* A row of the table to be set, in the order of the line. */
 typedef struct setting {
@@ -423,6 +425,33 @@ static cln_status check_train(const parser *p)
     return CLN_OK;
 }
 
+/* A film holds colours alone, and a folder is not called like a file that it is not. */
+static cln_status check_render_output(const parser *p)
+{
+    static const char *const of_folder[] = {"pfm", "normals", "depth-unit"};
+    static const char *const files[] = {".avi", ".m4v", ".mpg",  ".mpeg", ".ogv",
+                                        ".png", ".jpg", ".jpeg", ".tif",  ".exr"};
+    const char *output = p->out->output, *dot = output ? strrchr(output, '.') : NULL;
+
+    if (output && cln_film_named(output)) {
+        for (size_t i = 0; i < sizeof of_folder / sizeof of_folder[0]; i++)
+            if (is_given(p, of_folder[i]))
+                return cln_fail(CLN_USAGE,
+                                "--%s: a film has colours alone; leave it out, or give -o a folder",
+                                of_folder[i]);
+        return CLN_OK;
+    }
+    if (is_given(p, "fps"))
+        return cln_fail(CLN_USAGE, "--fps requires a film: -o FILE.mp4");
+    for (size_t i = 0; dot && i < sizeof files / sizeof files[0]; i++)
+        if (strcasecmp(dot, files[i]) == 0 && !cln_is_dir(output))
+            return cln_fail(CLN_USAGE,
+                            "-o %s: would be a folder; name a folder for pictures, or a film "
+                            "(.mp4 .mov .mkv .webm .gif .y4m)",
+                            output);
+    return CLN_OK;
+}
+
 static cln_status check_render(const parser *p)
 {
     static const char *const sources[] = {"orbit", "spiral", "poses", "split"};
@@ -453,7 +482,7 @@ static cln_status check_render(const parser *p)
         return cln_fail(CLN_USAGE,
                         "--interpolate cannot be combined with --%s; give --split or --poses",
                         source);
-    return CLN_OK;
+    return check_render_output(p);
 }
 
 /* A terminal that cannot redraw a line, or a log that keeps every redraw: plain lines instead. */

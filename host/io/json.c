@@ -112,6 +112,8 @@ cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
         blank_trailing_commas(text, bytes);
     }
     *out = json_loadb(text, bytes, 0, &error);
+    if (!*out && bytes >= 2 && (!memcmp(text, "\xFF\xFE", 2) || !memcmp(text, "\xFE\xFF", 2)))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: is UTF-16; save it as UTF-8", path));
     if (!*out && (error.line < 0 || json_error_code(&error) == json_error_out_of_memory))
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: no host memory for its contents", path));
     if (!*out)

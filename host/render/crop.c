@@ -2,6 +2,7 @@
 #include "render/crop.h"
 
 #include <math.h>
+#include "base/log.h"
 
 cln_status cln_crop_check(const char *name, const double box[6])
 {
@@ -12,6 +13,20 @@ cln_status cln_crop_check(const char *name, const double box[6])
                             "the lowest and the highest corner in the scene's units",
                             name, box[a], box[3 + a], "xyz"[a]);
     return CLN_OK;
+}
+
+void cln_crop_warn(const char *name, const cln_space *space, const double box[6])
+{
+    bool apart = false;
+
+    for (int a = 0; a < 3; a++)
+        apart = apart || box[a] > space->centre[a] + space->half ||
+                box[a + 3] < space->centre[a] - space->half;
+    if (apart && !space->forward)
+        cln_warn("%s: nothing is in this box; the scene is in %g,%g,%g,%g,%g,%g", name,
+                 space->centre[0] - space->half, space->centre[1] - space->half,
+                 space->centre[2] - space->half, space->centre[0] + space->half,
+                 space->centre[1] + space->half, space->centre[2] + space->half);
 }
 
 cln_status cln_crop_use(cln_pipeline *p, const cln_space *space, cln_crop *crop)

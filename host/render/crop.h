@@ -15,6 +15,9 @@ typedef struct cln_crop {
  * name: what they are called. */
 cln_status cln_crop_check(const char *name, const double box[6]);
 
+/* Warns if the cube has nothing in the box. Forward spaces: never. */
+void cln_crop_warn(const char *name, const cln_space *space, const double box[6]);
+
 /* The pictures of the pipeline are cropped from here on; NULL, or one that is not on: they are not
  * any more. Builds the kernel for it when it is first wanted. The crop stays the caller's.
  * CLN_BUILD, CLN_CL. */

@@ -14,7 +14,7 @@
 #include "scene/inspect.h"
 
 enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3 };
-static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, APART_MAX = 0.8;
+static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, ONE_PLACE = 1e-9, APART_MAX = 0.8;
 static const double DIFFER = 0.030153689607045808; /* squared sine of 10 degrees */
 
 /* At most CAMERAS of the training cameras, evenly chosen: number i, and how many. */
@@ -129,8 +129,12 @@ void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
             "another unit than the cube; scale them, or give a larger box with --bbox",
             100 * scene->cube_share, space->centre[0], space->centre[1], space->centre[2],
             space->half, scene->bounds_rule);
-    if (scene->spread > 0 && scene->spread < SPREAD_MIN &&
-        cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > PAIRS_MIN)
+    if (scene->spread < ONE_PLACE && cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > PAIRS_MIN)
+        cln_found_fault(findings, "scale", true, NULL,
+                        "all training cameras stand in one place, so that no distance can be told. "
+                        "Likely the poses were not found; a panorama has none to be learnt from");
+    else if (scene->spread < SPREAD_MIN &&
+             cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > PAIRS_MIN)
         cln_found_fault(findings, "scale", true, NULL,
                         "the training cameras stand within %.2g half sides of the cube of each "
                         "other, too near to tell distances. Likely the scale: translations in "

@@ -44,9 +44,12 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
         fabs((double)camera->width * height - (double)camera->height * width) >
             fmax(camera->width, camera->height) + fmax(width, height))
         return cln_fail(CLN_INPUT,
-                        "%s: the image has %d x %d pixels, its camera is given for %d x %d; "
-                        "correct w and h or replace the image",
-                        view->path, width, height, camera->width, camera->height);
+                        "%s: the image has %d x %d pixels, its camera is given for %d x %d; %s",
+                        view->path, width, height, camera->width, camera->height,
+                        camera->width == height && camera->height == width
+                            ? "its EXIF data may tell viewers to turn it, which is not done here: "
+                              "turn its pixels (mogrify -auto-orient), or correct w and h"
+                            : "correct w and h or replace the image");
     if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width))
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
                  "scaled to the images",

@@ -80,6 +80,22 @@ static const char *name_some(const json_t *views, char *out, size_t bytes)
     return out;
 }
 
+/* The first of views that come in pairs, for a sentence. */
+static const char *name_pairs(const json_t *views, char *out, size_t bytes)
+{
+    const size_t count = json_array_size(views) / 2;
+    size_t used = 0;
+
+    out[0] = 0;
+    for (size_t i = 0; i < count && i < NAMED && used < bytes; i++)
+        used += (size_t)snprintf(out + used, bytes - used, "%s%s and %s", i ? "; " : "",
+                                 json_string_value(json_array_get(views, 2 * i)),
+                                 json_string_value(json_array_get(views, 2 * i + 1)));
+    if (count > NAMED && used < bytes)
+        snprintf(out + used, bytes - used, "; and %zu more pairs", count - NAMED);
+    return out;
+}
+
 static void add_view(json_t *views, const inspection *in, int view)
 {
     json_array_append_new(views, json_string(in->scene->views[view].name));
@@ -240,9 +256,10 @@ static void check_overlap(inspection *in)
                             : "Photos between them and the others would help");
     if (cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN) < FEW_PHOTOS)
         cln_found_fault(in->findings, "overlap", false, NULL,
-                        "only %d training photos: surfaces that fewer than three of them show are "
+                        "only %d training photo%s: surfaces that fewer than three of them show are "
                         "learnt badly",
-                        cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN));
+                        cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN),
+                        cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN) == 1 ? "" : "s");
     json_decref(alone);
 }
 
@@ -514,14 +531,13 @@ static void check_duplicates(inspection *in)
         }
     if (json_array_size(photos))
         cln_found_fault(in->findings, "duplicates", true, json_incref(photos),
-                        "the same photo more than once (pairs): %s; leave the copies out%s",
-                        name_some(photos, names, sizeof names),
+                        "the same photo more than once: %s. Leave the copies out%s",
+                        name_pairs(photos, names, sizeof names),
                         across ? ". One of a pair is held out: its figure would be too good" : "");
     if (json_array_size(poses))
-        cln_found_fault(
-            in->findings, "duplicates", true, json_incref(poses),
-            "different photos with the same pose (pairs): %s; one of each pair is wrong",
-            name_some(poses, names, sizeof names));
+        cln_found_fault(in->findings, "duplicates", true, json_incref(poses),
+                        "different photos with the same pose: %s. One of each pair is wrong",
+                        name_pairs(poses, names, sizeof names));
     json_decref(photos);
     json_decref(poses);
 }

@@ -3,8 +3,10 @@
  * pixels. Knows no file format; those are in reader_*.c. */
 #include "scene/scene.h"
 
+#include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/config.h"
 #include "base/files.h"
 #include "base/log.h"
@@ -111,37 +113,89 @@ done:
     return st;
 }
 
+/* The file of `folder` called like name[length], in whichever case; *out stays NULL without one. */
+static cln_status find_alike(const char *folder, const char *name, size_t length, char **out)
+{
+    cln_status st = CLN_OK;
+    DIR *dir = opendir(folder);
+
+    for (struct dirent *e; dir && !*out && (e = readdir(dir));)
+        if (strlen(e->d_name) == length && strncasecmp(e->d_name, name, length) == 0)
+            CLN_TRY(cln_path_join(out, folder, e->d_name));
+done:
+    if (dir)
+        closedir(dir);
+    return st;
+}
+
+/* What the missing image may be called, as "; FILE is there: ..." or "": a name in other letters,
+ * or a path of another machine that ends like one of the scene's folder. */
+static cln_status find_likely(const cln_scene *scene, const cln_view *view, char **out)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL, *folder = NULL, *found = NULL;
+    size_t end = 0;
+
+    CLN_TRY(cln_strdup(&name, view->path));
+    for (char *c = name; *c; c++)
+        *c = *c == '\\' ? '/' : *c;
+    end = strlen(name);
+    /* FOLDER/image, PARENT/FOLDER/image, ...: ever more of the name's own folders */
+    for (size_t base = end, from = end; from > 0 && !found;) {
+        while (from > 0 && name[from - 1] != '/')
+            from--;
+        if (base == end)
+            base = from;
+        free(folder);
+        folder = NULL;
+        CLN_TRY(cln_asprintf(&folder, "%s/%.*s", scene->folder, (int)(base - from), name + from));
+        CLN_TRY(find_alike(folder, name + base, end - base, &found));
+        from -= from > 0;
+    }
+    CLN_TRY(cln_asprintf(out, found ? "; %s is there: rename it, or correct the dataset" : "%s",
+                         found ? found : ""));
+done:
+    free(name);
+    free(folder);
+    free(found);
+    return st;
+}
+
 cln_status cln_scene_leave_out(cln_scene *scene, int rule)
 {
     cln_status st = CLN_OK;
     const int total = scene->view_count;
-    char *names = NULL;
+    char *names = NULL, *likely = NULL;
 
     CLN_TRY(move_missing(scene));
     if (scene->missing == 0)
         goto done;
     CLN_TRY(name_missing(scene, &names));
+    CLN_TRY(find_likely(scene, &scene->views[scene->view_count], &likely));
     if (rule == CLN_MISSING_FAIL)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: frame '%s': there is no image file %s; restore it, or leave such "
+                         "%s: frame '%s': there is no image file %s%s; restore it, or leave such "
                          "frames out with --missing skip",
                          scene->folder, scene->views[scene->view_count].name,
-                         scene->views[scene->view_count].path));
+                         scene->views[scene->view_count].path, likely));
     if (rule == CLN_MISSING_AUTO && 10 * scene->missing >= total)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: %d of %d images are not there, a tenth or more (%s; the first should "
-                         "be %s); restore them, or leave these frames out with --missing skip",
+                         "be %s)%s; restore them%s",
                          scene->folder, scene->missing, total, names,
-                         scene->views[scene->view_count].path));
+                         scene->views[scene->view_count].path, likely,
+                         scene->missing < total ? ", or leave these frames out with --missing skip"
+                                                : ""));
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: no training view is left: %d of %d images are not there (%s); "
+                         "%s: no training view is left: %d of %d images are not there (%s)%s; "
                          "restore them",
-                         scene->folder, scene->missing, total, names));
+                         scene->folder, scene->missing, total, names, likely));
     cln_warn("%s: %d of %d images are not there; these frames are left out: %s", scene->folder,
              scene->missing, total, names);
 done:
     free(names);
+    free(likely);
     return st;
 }
 

@@ -48,6 +48,12 @@ section_missing() {
     rm "$work/few/train/r_003.png" "$work/few/train/r_010.png"
     expect "a tenth missing: refused" 3 "~3.of.27 --missing" "$cln" info "$work/few"
     expect "--missing skip" 0 "~3.of.27" "$cln" info "$work/few" --missing skip
+    cp -r "$work/photos" "$work/renamed"
+    (cd "$work/renamed" && for f in t*/*.png; do mv "$f" "${f%png}PNG"; done)
+    sed -i 's|"file_path": "./|"file_path": "C:/Users/me/|' "$work/renamed"/transforms_*.json
+    expect "all images under other names: which" 3 "/r_000.PNG ~is.there" \
+        "$cln" info "$work/renamed"
+    check "leaving all out is not proposed" eval '! said "--missing skip"'
 }
 
 section_moved() {
@@ -278,6 +284,10 @@ section_doubts() {
         "$cln" info "$work/units"
     turn "$work/small" "1 1 1 .001"
     expect "translations too small" 0 "~too.near ~likely.the.scale" "$cln" info "$work/small"
+    turn "$work/small" "1 1 1 0"
+    expect "no translations" 0 "~one.place" "$cln" info "$work/small"
+    expect "check has no numbers that are none" 0 "" "$cln" check "$work/small" --probe 0
+    check "nothing is nan" eval '! grep -q nan "$work/out"'
     "$make_scene" "$work/room" --kind room --size 16 --train 20 >/dev/null
     expect "info of a room from inside" 0 "" "$cln" info "$work/room"
     check "nothing is doubted" [ ! -s "$work/err" ]

@@ -109,7 +109,13 @@ section_scenes() {
         "$cln" train "$s/transforms_train.json" -o "$work/r"
     echo 'output x' >"$conf"
     expect "what is no setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
+    printf '\357\273\277background: black\n' >"$conf"
+    expect "a byte order mark, and a colon" 0 "$conf ~background.black" "$cln" info "$s"
     rm "$conf"
+    mkdir "$conf"
+    expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
+    expect "which is ignored" 0 "" "$cln" info "$s" --no-conf
+    rmdir "$conf"
 
     mkdir -p "$work/odd/empty" "$work/odd/photos" "$work/odd/polycam/keyframes/images" \
         "$work/odd/record3d/EXR_RGBD" "$work/odd/zip" "$work/odd/video" "$work/odd/mesh"
@@ -222,6 +228,17 @@ section_edges() {
 section_results() {
     local r="$work/run's 1"
     [ -d "$r" ] || section_training
+    expect "export into no folder: said at once" 7 "$work/none ~no.folder" \
+        "$cln" export "$r" --mesh "$work/none/a.ply"
+    run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"
+    check "a file beyond its limit is an error, and leaves nothing" eval \
+        '[ "$rc" = 7 ] && ! ls "$work"/large.ply* 2>/dev/null'
+    expect "a film of a kind that is not written" 2 "~a.avi .mp4" \
+        "$cln" render "$r" -o "$work/a.avi"
+    expect "--fps without a film" 2 "fps" "$cln" render "$r" --fps 30 -o "$work/fps"
+    expect "depths of a film" 2 "pfm" "$cln" render "$r" --pfm -o "$work/a.gif"
+    expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing" \
+        "$cln" render "$r" --orbit 1 --width 8 -o "$work/cropped" --crop 1000,0,0,1001,1,1
     expect "export to a name of another format" 2 ".obj .ply" \
         "$cln" export "$r" --octree "$work/x.obj"
     check "nothing is written" [ ! -e "$work/x.obj" ]
