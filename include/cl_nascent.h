@@ -135,6 +135,9 @@ typedef struct cln_device_desc {
      * of a row per leaf split into up to four buffers, CLN_MEMORY beyond. NULL = the device's
      * own. */
     const char *max_alloc;
+    /* eval, render: the device memory that they stay under ("512M"), CLN_MEMORY if it is not
+     * enough. NULL = the run's own setting. Training has it as a setting. */
+    const char *device_mem;
 } cln_device_desc;
 
 typedef struct cln_device_info {

@@ -7,6 +7,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "io/disk.h"
+#include "ranks/ranks.h"
 #include "train/record.h"
 #include "render/open_run.h"
 #include "report/report.h"
@@ -68,10 +69,35 @@ done:
     return st;
 }
 
+/* What all ranks must have in common: they would wait for each other forever. */
+static cln_status check_ranks(const cln_eval_desc *desc, const cln_open_run *opened,
+                              const int *views, int count)
+{
+    cln_status st = CLN_OK;
+    uint64_t d = CLN_DIGEST_START;
+
+    if (cln_ranks_count() == 1)
+        return CLN_OK;
+    CLN_TRY(cln_ranks_agree(cln_model_digest(&opened->model), "checkpoint"));
+    d = cln_digest(d, &desc->antialias, sizeof desc->antialias);
+    for (int i = 0; i < count; i++) {
+        const cln_camera *c = &opened->scene->views[views[i]].camera;
+
+        d = cln_digest(d, &views[i], sizeof views[i]);
+        d = cln_digest(d, &c->width, sizeof c->width);
+        d = cln_digest(d, &c->height, sizeof c->height);
+        d = cln_digest(d, c->c2w, sizeof c->c2w);
+    }
+    CLN_TRY(cln_ranks_agree(d, "choice of views"));
+done:
+    return st;
+}
+
 cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
 {
     cln_status st = CLN_OK;
     cln_open_run opened = {0};
+    const bool writes = cln_ranks_me() == 0, saves = desc->save_images && writes;
     cln_split split = CLN_SPLIT_TEST;
     bool pixels[CLN_SPLITS] = {false}, measured = false;
     const char *name = desc->split ? desc->split : cln_split_names[CLN_SPLIT_TEST];
@@ -85,17 +111,21 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_open_run_split(opened.scene, name, &split));
     CLN_TRY(cln_quality_choose(opened.scene, split, desc->max_images, &views, &count));
     CLN_TRY(cln_quality_check(opened.scene, views, count));
-    CLN_TRY(find_place(desc, &opened, name, views, count, &place));
+    if (writes)
+        CLN_TRY(find_place(desc, &opened, name, views, count, &place));
+    CLN_TRY(check_ranks(desc, &opened, views, count));
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     opened.pipeline.antialias = desc->antialias;
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
     CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
-                                desc->save_images ? place : NULL, &desc->callbacks, result));
+                                saves ? place : NULL, &desc->callbacks, result));
     result->antialias = desc->antialias > 1 ? desc->antialias : 1;
     result->step = opened.model.step;
     result->train_seconds = opened.model.train_seconds;
     result->digest = cln_model_digest(&opened.model);
     measured = true;
+    if (!writes)
+        goto done;
     st = cln_record_eval(place, result);
     if (st == CLN_OK && !desc->out)
         st = cln_report_write(desc->run);

@@ -24,6 +24,7 @@
 #include "render/normals.h"
 #include "render/open_run.h"
 #include "render/view.h"
+#include "ranks/ranks.h"
 #include "io/depth_file.h"
 #include "io/disk.h"
 #include "io/film.h"
@@ -56,6 +57,7 @@ typedef struct frame {
 
 typedef struct job {
     const cln_render_desc *desc;
+    bool writes; /* rank 0 (ranks/ranks.h) */
     cln_open_run opened;
     cln_frames cameras;
     cln_crop crop;
@@ -179,6 +181,36 @@ static bool is_wanted(const job *j, int file)
     }
 }
 
+/* What all ranks must have in common: they would wait for each other forever. */
+static cln_status check_ranks(const job *j)
+{
+    uint64_t d = CLN_DIGEST_START;
+
+    for (int i = 0; i < j->count; i++)
+        d = cln_digest(d, j->frames[i].made_from, sizeof j->frames[i].made_from);
+    return cln_ranks_agree(d, "checkpoint or choice of frames");
+}
+
+/* Which frames are left as they are: rank 0 looks. */
+static cln_status tell_there(job *j)
+{
+    cln_status st = CLN_OK;
+    bool *there = NULL;
+
+    CLN_TRY(cln_alloc(&there, (size_t)j->count, sizeof *there, "frames"));
+    for (int i = 0; i < j->count; i++)
+        there[i] = j->frames[i].there;
+    cln_ranks_tell(there, (size_t)j->count * sizeof *there);
+    j->there = 0;
+    for (int i = 0; i < j->count; i++) {
+        j->frames[i].there = there[i];
+        j->there += there[i];
+    }
+done:
+    free(there);
+    return st;
+}
+
 static cln_status find_there(job *j)
 {
     cln_status st = CLN_OK;
@@ -189,7 +221,6 @@ static cln_status find_there(job *j)
         const char *made_from = json_string_value(json_object_get(known, f->name));
         bool pictured = false;
 
-        find_identity(j, f);
         f->there = !j->desc->overwrite && made_from && strcmp(made_from, f->made_from) == 0;
         for (int file = 0; file < FILES && f->there; file++)
             if (is_wanted(j, file))
@@ -618,7 +649,7 @@ static cln_status render_frames(job *j, cln_film *film, cln_render_result *resul
         CLN_TRY(st);
         if (film)
             CLN_TRY(add_frame(film, &picture));
-        else
+        else if (j->writes)
             CLN_TRY(write_frame(j, &j->frames[i], &picture, normals));
         cln_picture_free(&picture);
         free(normals);
@@ -651,13 +682,15 @@ static cln_status render_film(job *j, cln_render_result *result)
                              j->desc->out, j->frames[i].name, c->width, c->height, first->width,
                              first->height));
     }
-    CLN_TRY(cln_film_begin(j->desc->out, width_of(j, &j->frames[0]), first->height,
-                           told > 0 ? told : 24, j->desc->overwrite, &film));
+    if (j->writes)
+        CLN_TRY(cln_film_begin(j->desc->out, width_of(j, &j->frames[0]), first->height,
+                               told > 0 ? told : 24, j->desc->overwrite, &film));
     CLN_TRY(start(j));
     CLN_TRY(render_frames(j, film, result));
     finished = film;
     film = NULL;
-    CLN_TRY(cln_film_end(finished));
+    if (finished)
+        CLN_TRY(cln_film_end(finished));
 done:
     cln_film_abandon(film);
     return st;
@@ -667,7 +700,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 {
     cln_status st = CLN_OK;
     const bool pixels[CLN_SPLITS] = {false};
-    job j = {.desc = desc};
+    job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
     memset(result, 0, sizeof *result);
     j.crop.on = desc->cropped;
@@ -684,20 +717,30 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
+    for (int i = 0; i < j.count; i++)
+        find_identity(&j, &j.frames[i]);
+    CLN_TRY(check_ranks(&j));
     if (cln_film_named(desc->out)) {
         CLN_TRY(render_film(&j, result));
         goto done;
     }
-    CLN_TRY(check_folder(desc->out, &j.before));
-    CLN_TRY(find_there(&j));
+    if (j.writes) {
+        CLN_TRY(check_folder(desc->out, &j.before));
+        CLN_TRY(find_there(&j));
+        CLN_TRY(check_disk(&j));
+    }
+    CLN_TRY(tell_there(&j));
     result->skipped = j.there;
-    CLN_TRY(check_disk(&j));
     if (j.there < j.count) {
         CLN_TRY(start(&j));
-        CLN_TRY(drop_stale(&j));
-        CLN_TRY(write_about(&j, NULL));
+        if (j.writes) {
+            CLN_TRY(drop_stale(&j));
+            CLN_TRY(write_about(&j, NULL));
+        }
         CLN_TRY(render_frames(&j, NULL, result));
     }
+    if (!j.writes)
+        goto done;
     if (j.there < j.count || j.pictured < j.count)
         CLN_TRY(draw_depths(&j));
 done:

@@ -16,6 +16,7 @@
 #include "io/disk.h"
 #include "io/progress.h"
 #include "io/run_folder.h"
+#include "pipeline/share.h"
 #include "ranks/ranks.h"
 #include "render/quality.h"
 #include "render/recorded.h"
@@ -248,18 +249,17 @@ static cln_status check_ranks(const cln_trainer *t)
     cln_status st = CLN_OK;
     const cln_model *m = &t->model;
     const cln_scene *scene = t->scene;
-    char text[CLN_TUNE_TEXT], *settings = NULL;
+    char *settings = NULL;
     json_t *config = NULL;
-    uint64_t photos = CLN_DIGEST_START, device = CLN_DIGEST_START;
+    uint64_t photos = CLN_DIGEST_START;
 
     if (cln_ranks_count() == 1)
         return CLN_OK;
+    CLN_TRY(cln_share_agree(&t->pipeline, &t->plan));
     CLN_TRY(cln_config_to_json(&m->config, &config));
     settings = json_dumps(config, JSON_COMPACT);
     if (!settings)
         CLN_TRY(cln_fail(CLN_MEMORY, "settings: cannot make JSON"));
-    CLN_TRY(cln_ranks_agree(cln_digest(CLN_DIGEST_START, CLN_VERSION, strlen(CLN_VERSION)),
-                            "version of this program"));
     CLN_TRY(cln_ranks_agree(cln_digest(CLN_DIGEST_START, settings, strlen(settings)),
                             "choice of settings"));
     for (int i = 0; i < scene->view_count; i++) {
@@ -273,13 +273,6 @@ static cln_status check_ranks(const cln_trainer *t)
     }
     CLN_TRY(cln_ranks_agree(photos, "scene"));
     CLN_TRY(cln_ranks_agree(cln_model_digest(m) + (uint64_t)m->step, "checkpoint"));
-    cln_tune_text(&t->pipeline.tune, text);
-    device = cln_digest(device, text, strlen(text));
-    device = cln_digest(device, t->device->info.name, strlen(t->device->info.name));
-    device = cln_digest(device, &t->plan.max_samples, sizeof t->plan.max_samples);
-    device = cln_digest(device, &t->plan.batch_samples, sizeof t->plan.batch_samples);
-    device = cln_digest(device, &t->plan.max_rays, sizeof t->plan.max_rays);
-    CLN_TRY(cln_ranks_agree(device, "device, or room on it for batches,"));
 done:
     json_decref(config);
     free(settings);

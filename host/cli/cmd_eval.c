@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli/console.h"
+#include "ranks/ranks.h"
 
 static void print_row(int width, const char *name, double psnr, double ssim, double seconds)
 {
@@ -72,11 +73,11 @@ cln_status cln_cmd_eval(const cln_options *options)
     cln_console_close(&console);
     if (result.count == 0)
         CLN_TRY(evaluated);
-    if (options->json)
+    if (options->json && cln_ranks_me() == 0)
         CLN_TRY(cln_eval_json(&result, &json));
     if (json)
         puts(json);
-    else
+    else if (cln_ranks_me() == 0)
         print_table(&result);
     CLN_TRY(evaluated); /* what could not be written is told after the figures */
     if (!(result.psnr >= options->min_psnr))

@@ -8,6 +8,7 @@
 #include "base/number.h"
 #include "cli/console.h"
 #include "io/json.h"
+#include "ranks/ranks.h"
 
 /* RUN/render/ and the split, orbit, spiral, or name of the file of poses; of a path through poses
  * with -path. */
@@ -73,7 +74,7 @@ cln_status cln_cmd_render(const cln_options *options)
     desc.callbacks = console.callbacks;
     st = cln_render(&desc, &result);
     cln_console_close(&console);
-    if (st != CLN_OK)
+    if (st != CLN_OK || cln_ranks_me() > 0)
         goto done;
     if (options->json) {
         CLN_TRY(cln_print_json(

@@ -99,17 +99,10 @@ cln_status cln_cmd_train(const cln_options *options)
                            .device = options->device,
                            .command = options->line};
 
-    CLN_TRY(cln_ranks_open());
-    if (cln_ranks_me() > 0)
-        cln_log_set_level(CLN_LOG_WARN);
     if (options->conf_said)
         cln_info("settings %s", options->conf_said);
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
-    if (cln_ranks_me() > 0) { /* one of them speaks */
-        desc.callbacks.train = NULL;
-        desc.callbacks.work = NULL;
-    }
     trained = cln_train(&desc, &result);
     cln_console_close(&console);
     if (trained != CLN_OK && trained != CLN_SIGINT && trained != CLN_SIGTERM)

@@ -10,6 +10,7 @@
 #include <string.h>
 #include "base/log.h"
 #include "device/device.h"
+#include "ranks/ranks.h"
 
 static const int stop_signals[] = {SIGINT, SIGTERM};
 
@@ -144,6 +145,8 @@ cln_status cln_console_open(const cln_options *options, cln_console *console)
     CLN_TRY(cln_progress_open(options->progress, &console->progress));
     console->callbacks = (cln_callbacks){
         .train = show_train, .work = show_work, .interrupted = poll_signals, .user = console};
+    if (cln_ranks_me() > 0) /* one of them speaks */
+        console->callbacks = (cln_callbacks){.interrupted = poll_signals, .user = console};
     stop_signal = 0;
     checkpoint_wanted = 0;
     handle_all(on_stop, on_checkpoint);

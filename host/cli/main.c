@@ -17,6 +17,8 @@ static void print_error(cln_status st, const cln_options *options)
     const bool colour = cln_options_colour(options);
     const char *text = cln_error_text();
 
+    if (cln_ranks_me() > 0 && (st == CLN_SIGINT || st == CLN_SIGTERM))
+        return;
     if (cln_ranks_me() > 0) /* an error of all ranks is told by rank 0, which ends the others */
         sleep(1);
     fflush(stdout);
@@ -25,6 +27,23 @@ static void print_error(cln_status st, const cln_options *options)
     if (st == CLN_USAGE)
         fprintf(stderr, "try `cl-nascent %s%s--help`\n", command ? command->name : "",
                 command ? " " : "");
+}
+
+/* Several ranks are for what takes them; each of the others would do, and write, the same. */
+static cln_status join_ranks(const cln_command *command)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_ranks_open());
+    if (cln_ranks_me() > 0) /* one of them speaks */
+        cln_log_set_level(CLN_LOG_WARN);
+    if (cln_ranks_count() > 1 && !(command->bit & (CLN_TRAIN | CLN_EVAL | CLN_RENDER)))
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "%s: is the work of one process, not of %d; start it without mpirun or "
+                         "srun (train, eval and render take several)",
+                         command->name, cln_ranks_count()));
+done:
+    return st;
 }
 
 int main(int argc, char **argv)
@@ -46,8 +65,10 @@ int main(int argc, char **argv)
         cln_version_print(stdout, options.verbose > 0);
     else if (options.help)
         cln_help_print(stdout, options.command);
-    else
+    else {
+        CLN_TRY(join_ranks(options.command));
         CLN_TRY(options.command->run(&options));
+    }
 done:
     if (st != CLN_OK)
         print_error(st, &options);

@@ -5,8 +5,32 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/files.h"
 #include "base/memory.h"
+#include "cl_nascent.h"
 #include "ranks/ranks.h"
+
+cln_status cln_share_agree(const cln_pipeline *p, const cln_plan *plan)
+{
+    cln_status st = CLN_OK;
+    const char *name = p->device->info.name;
+    char text[CLN_TUNE_TEXT];
+    uint64_t device = CLN_DIGEST_START;
+
+    if (p->ranks <= 1)
+        return CLN_OK;
+    CLN_TRY(cln_ranks_agree(cln_digest(CLN_DIGEST_START, CLN_VERSION, strlen(CLN_VERSION)),
+                            "version of this program"));
+    cln_tune_text(&p->tune, text);
+    device = cln_digest(device, text, strlen(text));
+    device = cln_digest(device, name, strlen(name));
+    device = cln_digest(device, &plan->max_samples, sizeof plan->max_samples);
+    device = cln_digest(device, &plan->batch_samples, sizeof plan->batch_samples);
+    device = cln_digest(device, &plan->max_rays, sizeof plan->max_rays);
+    CLN_TRY(cln_ranks_agree(device, "device, or room on it for batches,"));
+done:
+    return st;
+}
 
 /* ---- who has which leaves ---- */
 

@@ -5,8 +5,10 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/log.h"
 #include "pipeline/plan.h"
+#include "pipeline/share.h"
 #include "io/run_folder.h"
 #include "render/recorded.h"
 
@@ -70,6 +72,8 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     const cln_plan_desc desc = {p, scene, opened->model.tree.leaf_count, false, 0};
     cln_plan plan, host_plan;
 
+    if (device->device_mem)
+        CLN_TRY(cln_parse_bytes(device->device_mem, &opened->model.config.device_mem));
     CLN_TRY(cln_device_open(device, &opened->device));
     cln_info("device: %s (%s, %d compute units)", opened->device->info.name,
              opened->device->info.platform, opened->device->info.compute_units);
@@ -77,6 +81,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, config, lenses, opened->model.has_alpha,
                                 &opened->model.space, opened->wanted, p));
+    CLN_TRY(cln_pipeline_share(p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
     cln_plan_device(&desc, &plan);
@@ -85,6 +90,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_plan_check_host(&host_plan));
     cln_plan_text(&plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
+    CLN_TRY(cln_share_agree(p, &plan));
     cln_plan_apply(&plan, p);
     CLN_TRY(cln_pipeline_rebuild(p, opened->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(p, &opened->model, false));

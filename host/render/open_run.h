@@ -23,8 +23,9 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
 /* The checkpoint alone: for what needs no scene. */
 cln_status cln_open_run_model(const char *run, cln_open_run *out);
 
-/* Device, memory plan, programs, tree and weights; cameras are the caller's. lenses: of the views
- * that will be rendered (cln_camera_lenses). */
+/* Device, memory plan, programs, tree and weights, of several ranks (ranks/ranks.h) each one's own
+ * leaves; cameras are the caller's. lenses: of the views that will be rendered
+ * (cln_camera_lenses). */
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses);
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 

@@ -7,6 +7,7 @@
 
 #include "base/memory.h"
 #include "pipeline/plan.h"
+#include "ranks/ranks.h"
 #include "render/antialias.h"
 
 cln_status cln_render_prepare(cln_pipeline *p)
@@ -103,11 +104,15 @@ done:
     return st;
 }
 
-static cln_status poll_signal(const cln_callbacks *callbacks)
+/* All ranks poll at the same places, and each obeys a signal to any of them. */
+static cln_status poll_signal(const cln_pipeline *p, const cln_callbacks *callbacks)
 {
-    const int signal =
-        callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+    int signal = callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+    double most = signal;
 
+    if (p->ranks > 1)
+        cln_ranks_largest(&most, 1);
+    signal = (int)most;
     if (signal == SIGINT || signal == SIGTERM)
         return cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
     return CLN_OK;
@@ -173,7 +178,7 @@ static cln_status render_block(cln_pipeline *p, cln_rendering *r, block *b,
         const int some = total - first < r->most ? total - first : r->most;
 
         memcpy(r->pixels, b->rays + first, (size_t)some * sizeof *b->rays);
-        CLN_TRY(poll_signal(callbacks));
+        CLN_TRY(poll_signal(p, callbacks));
         CLN_TRY(render_some(p, r, some, &rendered));
         for (int i = 0; i < rendered; i++) {
             double *sum = b->sums[b->edge_of[first + i]];
@@ -229,7 +234,7 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_rendering_begin(p, view, background, depth, &r));
     while (r.done < r.picture.width * r.picture.height) {
-        CLN_TRY(poll_signal(callbacks));
+        CLN_TRY(poll_signal(p, callbacks));
         CLN_TRY(cln_rendering_step(p, &r));
     }
     if (p->antialias > 1)

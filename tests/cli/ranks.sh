@@ -1,6 +1,7 @@
 #!/bin/bash
-# Training by several processes (docs/scale-out.md): the same model as by one, bit for bit, also
-# when resumed by another number of them; what differs between them, and one that dies, end all.
+# Training, evaluation and rendering by several processes (docs/scale-out.md): the same model and
+# pictures as by one, bit for bit, also when resumed by another number of them; what differs between
+# them, and one that dies, end all.
 #   tests/cli/ranks.sh [SECTION...]    sections are in the last line
 # Skipped without OpenMPI (libopenmpi-dev openmpi-bin), which neither build nor tests install.
 set -u
@@ -105,4 +106,38 @@ section_differ() {
     check "nothing is written" [ ! -e "$work/no" ]
 }
 
-run_sections "same resume dies differ" "$@"
+# Pictures by ranks: files equal to one process's, and a model too large for one is shown by four.
+section_pictures() {
+    baseline
+    run "$cln" eval "$work/one" -o "$work/eval-one" --save-images
+    expect "evaluate with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" eval "$work/one" \
+        -o "$work/eval-two" --save-images
+    check "one of them speaks" [ "$(grep -c '^mean' "$work/out")" = 1 ]
+    check "pictures are those of one process" diff -r -x '*.json' "$work/eval-one" "$work/eval-two"
+    check "so are the figures" diff <(grep -v seconds "$work/eval-one/"*-test.json) \
+        <(grep -v seconds "$work/eval-two/"*-test.json)
+    run "$cln" render "$work/one" -o "$work/render-one" --normals --antialias 2
+    expect "render with three ranks" 0 "" "${mpi[@]}" -n 3 "$ranked" render "$work/one" \
+        -o "$work/render-two" --normals --antialias 2
+    check "frames are those of one process" diff -r "$work/render-one" "$work/render-two"
+    rm "$work/render-two/test_r_001.png"
+    expect "render what is missing" 0 "" "${mpi[@]}" -n 2 "$ranked" render "$work/one" \
+        -o "$work/render-two" --normals --antialias 2
+    check "one frame" grep -q '1 rendered.* 1 left as it is' "$work/out"
+    check "frames are those of one process again" diff -r "$work/render-one" "$work/render-two"
+    expect "ranks of different frames are refused" 2 "checkpoint or choice of frames" \
+        "${mpi[@]}" -n 1 "$ranked" render "$work/one" -o "$work/no" : \
+        -n 1 "$ranked" render "$work/one" -o "$work/no" --width 24 --height 24
+    check "nothing is written" [ ! -e "$work/no" ]
+    expect "view by several is refused" 2 "one process" "${mpi[@]}" -n 2 "$ranked" view "$work/one"
+    run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --width 64 \
+        --depth 8 --start-level 2 --level-at "" --rays 256 --batch-samples 2048 --n1 8 --steps 1
+    expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
+        "$work/large" -o "$work/four" --device-mem 38M
+    expect "is rendered by four" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
+        -o "$work/four" --device-mem 38M
+    run "$cln" render "$work/large" -o "$work/alone"
+    check "as with room for all of it" diff -r "$work/alone" "$work/four"
+}
+
+run_sections "same resume dies differ pictures" "$@"
