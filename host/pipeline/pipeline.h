@@ -83,6 +83,8 @@ struct cln_pipeline {
      * since they were dealt; room for messages. */
     int ranks, *rank_first; /* [ranks + 1] */
     double *load;           /* [leaf] */
+    /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
+    double samples_own, samples_busiest, samples_all;
     char *message;
     size_t message_bytes;
 

@@ -99,7 +99,7 @@ static cln_status find_runs(cln_pipeline *p, int *first)
 {
     cln_status st = CLN_OK;
     const size_t leaves = (size_t)p->leaves;
-    uint32_t *ends = NULL;
+    uint32_t *ends = NULL, busiest = 0;
 
     CLN_TRY(make_room(p, 2 * leaves * sizeof *ends));
     ends = (uint32_t *)p->message;
@@ -116,7 +116,11 @@ static cln_status find_runs(cln_pipeline *p, int *first)
             sum += n;
         }
         first[r + 1] = first[r] + (int)sum;
+        busiest = sum > busiest ? sum : busiest;
+        p->samples_own += r == cln_ranks_me() ? sum : 0;
     }
+    p->samples_busiest += busiest;
+    p->samples_all += first[p->ranks];
 done:
     return st;
 }
@@ -283,23 +287,25 @@ done:
     return st;
 }
 
-cln_status cln_share_balance(cln_pipeline *p, int *moved)
+cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out)
 {
     cln_status st = CLN_OK;
     static const cln_buffer_id arrays[] = {CLN_BUFFER_params, CLN_BUFFER_adam_m, CLN_BUFFER_adam_v,
                                            CLN_BUFFER_adam_steps};
     int next[CLN_RANKS_MOST + 1];
 
-    *moved = 0;
+    *out = (cln_share_move){.before = 1, .after = 1};
     if (p->ranks <= 1)
         return CLN_OK;
     find_balance(p, next);
-    if (imbalance(p, p->rank_first) > LIMIT && imbalance(p, next) < imbalance(p, p->rank_first)) {
+    out->before = imbalance(p, p->rank_first);
+    out->after = imbalance(p, next);
+    if (out->before > LIMIT && out->after < out->before) {
         for (size_t i = 0; i < sizeof arrays / sizeof arrays[0]; i++)
             CLN_TRY(move(p, arrays[i], next));
         for (int r = 0; r < p->ranks; r++) /* what rank r keeps */
             for (int s = next[r]; s < next[r + 1]; s++)
-                *moved += s < p->rank_first[r] || s >= p->rank_first[r + 1];
+                out->leaves += s < p->rank_first[r] || s >= p->rank_first[r + 1];
         memcpy(p->rank_first, next, sizeof *next * ((size_t)p->ranks + 1));
         take_own(p);
         cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */

@@ -45,8 +45,13 @@ cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array);
 /* The most leaves of a rank, of so many. */
 int cln_share_most(const cln_pipeline *p, int leaves);
 
+typedef struct cln_share_move {
+    int leaves;           /* that changed their rank */
+    double before, after; /* the busiest rank's samples over the mean; after: had they been there */
+} cln_share_move;
+
 /* Moves leaves between ranks, weights and all, if the busiest rank had more than LIMIT times the
- * mean number of samples since the last time; *moved: leaves that changed their rank. */
-cln_status cln_share_balance(cln_pipeline *p, int *moved);
+ * mean number of samples since the last time. */
+cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out);
 
 #endif

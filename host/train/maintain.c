@@ -616,7 +616,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
     cln_pipeline *p = &t->pipeline;
     const bool fixed = c->tree_from[0] != 0;
     bool grown = false, regrown = false, full = false, decision = false;
-    int moved = 0;
+    cln_share_move move;
 
     if (!fixed && t->model.level < cln_structure_level(c, fraction))
         CLN_TRY(room_to_grow(t, &grown));
@@ -649,9 +649,9 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
             CLN_TRY(refresh(t, 0, p->leaves));
     }
     if (full && t->model.step > 0) {
-        CLN_TRY(cln_share_balance(p, &moved));
-        if (moved > 0)
-            cln_debug("step %lld: %d leaves moved to other ranks", (long long)t->model.step, moved);
+        CLN_TRY(cln_share_balance(p, &move));
+        if (move.leaves > 0)
+            CLN_TRY(cln_record_move(t, &move));
     }
 done:
     return st;

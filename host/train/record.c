@@ -205,6 +205,24 @@ done:
     return st;
 }
 
+/* How even the samples were since the row before. */
+static void add_balance(cln_trainer *t, json_t *row)
+{
+    const cln_pipeline *p = &t->pipeline;
+    const double all = p->samples_all - t->window.samples_all;
+
+    if (all > 0) {
+        json_object_set_new(row, "own_share",
+                            json_real((p->samples_own - t->window.samples_own) / all));
+        json_object_set_new(
+            row, "balance",
+            json_real((p->samples_busiest - t->window.samples_busiest) * p->ranks / all));
+    }
+    t->window.samples_own = p->samples_own;
+    t->window.samples_busiest = p->samples_busiest;
+    t->window.samples_all = p->samples_all;
+}
+
 cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
 {
     cln_status st = CLN_OK;
@@ -242,6 +260,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         json_object_set_new(row, "ranks", json_integer(cln_ranks_count()));
         json_object_set_new(row, "sent_bytes", json_real(cln_ranks_sent().bytes));
         json_object_set_new(row, "message_seconds", json_real(cln_ranks_sent().seconds));
+        add_balance(t, row);
     }
     if (evaluated) {
         json_object_set_new(row, "psnr_test", cln_json_real(t->psnr_test));
@@ -272,6 +291,26 @@ cln_status cln_record_decision(cln_trainer *t, const cln_decision *d)
         cln_json_real(d->psnr_pretrained), "distil_steps", d->distil_steps, "work_seconds",
         d->work_seconds);
 
+    if (!row)
+        return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
+    if (t->writes)
+        CLN_TRY(cln_metrics_add(t->metrics, row));
+done:
+    json_decref(row);
+    return st;
+}
+
+cln_status cln_record_move(cln_trainer *t, const cln_share_move *move)
+{
+    cln_status st = CLN_OK;
+    json_t *row = json_pack("{s:s, s:I, s:f, s:f, s:i, s:f, s:f}", "event", "balance", "step",
+                            (json_int_t)t->model.step, "seconds", t->model.train_seconds,
+                            "wall_seconds", cln_now() - t->began, "moved", move->leaves, "before",
+                            move->before, "after", move->after);
+
+    cln_debug("step %lld: %d leaves moved to other ranks: the busiest had %.2f times the mean, "
+              "has %.2f",
+              (long long)t->model.step, move->leaves, move->before, move->after);
     if (!row)
         return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
     if (t->writes)

@@ -3,6 +3,7 @@
 #ifndef CLN_RECORD_H
 #define CLN_RECORD_H
 
+#include "pipeline/share.h"
 #include "render/quality.h"
 #include "train/trainer.h"
 
@@ -26,6 +27,9 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
 
 /* Adds the row of a structure decision. */
 cln_status cln_record_decision(cln_trainer *t, const cln_decision *decision);
+
+/* Adds the row of leaves that moved between ranks. */
+cln_status cln_record_move(cln_trainer *t, const cln_share_move *move);
 
 /* Where an evaluation goes: IN/STEP-SPLIT, and of `count` views out of more IN/STEP-SPLIT-COUNT, so
  * that it never takes the place of one of all. Pictures go into a folder of that name, the document

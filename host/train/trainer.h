@@ -59,6 +59,7 @@ typedef struct cln_trainer {
         double began_seconds;
         double stage_seconds[CLN_STAGES]; /* the device's counter at its start */
         uint64_t waits;                   /* likewise */
+        double samples_own, samples_busiest, samples_all; /* the pipeline's, likewise */
     } window;
 } cln_trainer;
 
