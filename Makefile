@@ -12,6 +12,7 @@
 #   make bench-peers        build/bench-peers: leaf networks beside installed libraries
 #   make bench              install missing packages, time every kernel (docs/benches.md)
 #   make bench-sort         the sort beside other sorts (needs g++)
+#   make bench-scale        what 1 to 1,024 processes would do (needs libopenmpi-dev openmpi-bin)
 #   make install            program and library: PREFIX=/usr/local DESTDIR= LIBDIR=; uninstall
 #   make deb                a Debian package of the program, in build/
 #   make deps | clean       install what the build needs; remove build/
@@ -58,6 +59,8 @@ TABLE_SRC := bench/scenes/table.c bench/common/plot.c
 PEER_MAIN := bench/peers/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
 GROWTH_SRC := bench/growth/growth.c bench/common/plot.c
+# bench-scale: training by ranks, measured and computed, for bench/scale/scale.sh; with MPI=1
+SCALE_SRC := $(wildcard bench/scale/*.c)
 BENCH_SRC := $(wildcard bench/kernels/*.c)
 # MPI=1: one object differs, and what is linked goes to a folder of its own
 MPI_PKG := $(if $(MPI),ompi-c)
@@ -69,15 +72,16 @@ CLI_OBJ := $(CLI_SRC:%.c=$B/obj/%.o)
 DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
-            $(filter-out %/make_scene.o,$(DATA_OBJ))
+            $(filter-out %/make_scene.o,$(DATA_OBJ)) $B/obj/bench/scale/model.o
 # the fuzz targets: digests and checksums are 0 in them, see tests/fuzz/fuzz.c
 FUZZ_OBJ := $B/obj/tests/fuzz/fuzz.o $(filter-out %/main.o,$(CLI_OBJ)) $B/libcl-nascent.a
 FUZZ_LINK := -Wl,--wrap=cln_digest,--wrap=crc32 -lcmocka
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/common/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
+SCALE_OBJ := $(SCALE_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
-           bench/growth/growth.c $(PEER_MAIN) $(TEST_OWN)
+           bench/growth/growth.c $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 PAGES := $(wildcard host/view/page.*) host/view/path.js
 TUNE_ROWS := $(wildcard data/tune/*.txt)
@@ -150,6 +154,9 @@ $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$P/bench-scale: $(SCALE_OBJ) $P/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 # A peer is a file in bench/peers, a header to detect it by, and libraries to link.
@@ -310,6 +317,13 @@ bench-sort:
 	@$(MAKE) --no-print-directory build/bench-sort
 	build/bench-sort $(BENCH)
 
+bench-scale:
+	@tests/deps.sh build
+	@$(MAKE) --no-print-directory MPI=1 bench-scale-programs
+	bench/scale/scale.sh build/bench-scale $(BENCH)
+
+bench-scale-programs: $P/cl-nascent $P/bench-scale $B/make-scene
+
 bench-programs:
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
@@ -356,4 +370,4 @@ clean:
 .DELETE_ON_ERROR:
 FORCE:
 .PHONY: all FORCE deps demo test test-devices test-browser grind faults fuzz lint fmt bench \
-        bench-programs bench-peers bench-sort install uninstall deb clean
+        bench-programs bench-peers bench-sort bench-scale bench-scale-programs install uninstall deb clean

@@ -19,7 +19,7 @@ ORDER="cli api export train view render check pipeline report model scene device
     reference base"
 passed=0 failed=0 skipped=0
 c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench/growth/*.c \
-    bench/kernels/*.c bench/scenes/*.c 2>/dev/null)
+    bench/kernels/*.c bench/scale/*.c bench/scenes/*.c 2>/dev/null)
 all_files=$(ls host/*/*.[ch] include/*.h examples/*.c data/*.[ch] tests/*/*.[ch] tests/*.sh \
     tests/*/*.sh bench/*/*.[ch] kernels/* 2>/dev/null)
 work=$(mktemp -d)

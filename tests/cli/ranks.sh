@@ -140,4 +140,19 @@ section_pictures() {
     check "as with room for all of it" diff -r "$work/alone" "$work/four"
 }
 
-run_sections "same resume dies differ pictures" "$@"
+# The bytes that bench/scale computes are those that a training counted.
+section_scale() {
+    ${MAKE:-make} --no-print-directory MPI=1 build/mpi/bench-scale >"$work/out" 2>&1 ||
+        bad "make MPI=1 build/mpi/bench-scale"
+    baseline
+    run "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$work/bytes" "${small[@]}" \
+        --refresh-every 8 --steps 128 --start-level 2 --level-at "" --no-adaptive --cull-from 1
+    expect "bytes of a step" 0 "" build/mpi/bench-scale bytes "$work/bytes"
+    check "are the model's within 5 %" awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05) }' \
+        "$work/out"
+    expect "messages between two" 0 "" "${mpi[@]}" -n 2 build/mpi/bench-scale messages
+    check "take time" awk '{ exit !($1 > 0 && $2 > 0 && NF == 2) }' "$work/out"
+    expect "a run of one process has none" 3 "several" build/mpi/bench-scale bytes "$work/one"
+}
+
+run_sections "same resume dies differ pictures scale" "$@"

@@ -53,6 +53,7 @@ int test_group_roulette(void);
 int test_group_run_folder(void);
 int test_group_safetensors(void);
 int test_group_sampling(void);
+int test_group_scale(void);
 int test_group_scan_sort(void);
 int test_group_scene(void);
 int test_group_scene_input(void);

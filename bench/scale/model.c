@@ -1,0 +1,105 @@
+/* A step's time by ranks, and the fit of costs. See model.h. */
+#include "scale/model.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { SAMPLE_BYTES = 16 };
+
+double scale_sent(const scale_work *w, double share)
+{
+    const double samples = SAMPLE_BYTES * w->samples;
+    const double densities = w->density_bytes * w->leaves / w->refresh_every;
+
+    return w->ranks > 1 ? (share * samples + densities / w->ranks) * (w->ranks - 1) : 0;
+}
+
+scale_step scale_predict(const scale_machine *m, const scale_network *net, const scale_work *w)
+{
+    scale_step s = {.sent = scale_sent(w, 1 / w->ranks)};
+    const double met = w->leaves * -expm1(-w->samples / w->leaves);
+
+    s.shared = m->shared.step + (m->shared.sample * w->samples + m->shared.leaf * met +
+                                 m->refresh * w->leaves / w->refresh_every) *
+                                    w->balance / w->ranks;
+    s.repeated = m->repeated.step + m->repeated.sample * w->samples + m->repeated.leaf * w->leaves;
+    if (w->ranks > 1) /* a rank receives as much as it sends if all have the mean */
+        s.messages = net->latency * ceil(log2(w->ranks)) * (2 + 1 / w->refresh_every) +
+                     s.sent / net->bandwidth;
+    s.total = s.shared + s.repeated + s.messages;
+    return s;
+}
+
+/* Solves the n <= 3 normal equations of the columns that are in use; false if they depend on each
+ * other. */
+static int solve(double a[3][4])
+{
+    for (int i = 0; i < 3; i++) {
+        int pivot = i;
+
+        for (int r = i + 1; r < 3; r++)
+            if (fabs(a[r][i]) > fabs(a[pivot][i]))
+                pivot = r;
+        if (!(fabs(a[pivot][i]) > 1e-12))
+            return 0;
+        for (int c = 0; c < 4; c++) {
+            const double t = a[i][c];
+
+            a[i][c] = a[pivot][c];
+            a[pivot][c] = t;
+        }
+        for (int r = 0; r < 3; r++) {
+            const double f = a[r][i] / a[i][i];
+
+            for (int c = i; c < 4 && r != i; c++)
+                a[r][c] -= f * a[i][c];
+        }
+    }
+    return 1;
+}
+
+scale_cost scale_fit(int n, const double (*x)[3], const double *seconds)
+{
+    double best[3] = {0}, least = INFINITY, unit[3];
+
+    for (int k = 0; k < 3; k++) { /* columns of the order of 1 */
+        unit[k] = 0;
+        for (int i = 0; i < n; i++)
+            unit[k] = fmax(unit[k], x[i][k] / seconds[i]);
+    }
+    for (int used = 1; used < 8;
+         used++) { /* of all choices of columns, the best without negatives */
+        double a[3][4] = {{0}}, error = 0;
+        int legal = 1;
+
+        for (int r = 0; r < 3; r++) {
+            for (int i = 0; i < n && (used >> r & 1); i++) {
+                const double xr = x[i][r] / seconds[i] / unit[r];
+
+                for (int c = 0; c < 3; c++)
+                    if (used >> c & 1)
+                        a[r][c] += xr * x[i][c] / seconds[i] / unit[c];
+                a[r][3] += xr;
+            }
+            if (!(used >> r & 1))
+                a[r][r] = 1;
+        }
+        if (!solve(a))
+            continue;
+        for (int k = 0; k < 3; k++)
+            legal = legal && a[k][3] / a[k][k] >= 0;
+        for (int i = 0; i < n; i++) {
+            double sum = -1;
+
+            for (int k = 0; k < 3; k++)
+                sum += a[k][3] / a[k][k] * x[i][k] / seconds[i] / unit[k];
+            error += sum * sum;
+        }
+        if (legal && error < least) {
+            least = error;
+            for (int k = 0; k < 3; k++)
+                best[k] = a[k][3] / a[k][k] / unit[k];
+        }
+    }
+    return (scale_cost){best[0], best[1], best[2]};
+}

@@ -1,0 +1,379 @@
+/* build/mpi/bench-scale: how far a training by ranks goes, for bench/scale/scale.sh. Reads only run
+ * folders; the arithmetic and its assumptions are model.h's.
+ *
+ *   mpirun -n 2 bench-scale messages   latency and bandwidth of what training sends, here
+ *   bench-scale bytes RUN              bytes that rank 0 sent a step: by the model, by the run
+ *   bench-scale predict LATENCY BANDWIDTH CORES RUN... -- RUN...
+ *
+ * predict: fits the costs to the runs of one process before --, compares the model with the runs by
+ * ranks behind it, which share CORES cores and those messages, and prints what 1 to 1,024 ranks
+ * would do. Only the second half of a run's steps counts. Exit status as cl-nascent's. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "device/device.h"
+#include "io/run_folder.h"
+#include "ranks/ranks.h"
+#include "report/report_data.h"
+#include "scale/model.h"
+
+enum { MAX_RUNS = 32 };
+
+/* Assumptions of the prediction beside model.h's. */
+static const double BALANCE = 1.2;         /* leaves move above this (pipeline/share.c) */
+static const double PHOTO_BYTES = 3 * 2e6; /* a photo of 2 megapixels in host memory */
+static const double STEP_SAMPLES = 262144; /* of a step, the paper preset's */
+static const double REFRESH_EVERY = 256;   /* steps, likewise */
+static const struct {
+    const char *name;
+    scale_network network;
+} networks[] = {{"10 Gbit/s", {20e-6, 1.25e9}}, {"100 Gbit/s", {3e-6, 12.5e9}}};
+
+typedef struct run {
+    const char *path;
+    scale_work work;                    /* ranks, leaves, samples of a step */
+    double rays, steps, step;           /* of a step; measured; seconds of one */
+    double networks, refresh, repeated; /* seconds of one */
+    double sent, own_share, messages;   /* of a step by rank 0; seconds */
+} run;
+
+/* ---- from a run folder ---- */
+
+static double stage(const json_t *row, const char *name)
+{
+    const double s = cln_json_number(json_object_get(row, "stages"), name);
+
+    return isfinite(s) ? s : 0;
+}
+
+static void add_row(const json_t *row, const json_t *before, run *r)
+{
+    const double seconds = cln_json_number(row, "seconds") - cln_json_number(before, "seconds");
+    const double rays = cln_json_number(row, "rays_per_s") * seconds;
+    const double samples = rays * cln_json_number(row, "samples_per_ray");
+    const double share = cln_json_number(row, "own_share");
+    const double balance = cln_json_number(row, "balance");
+
+    r->steps += cln_json_number(row, "step") - cln_json_number(before, "step");
+    r->step += seconds;
+    r->rays += rays;
+    r->work.samples += samples;
+    r->networks +=
+        stage(row, "networks forward") + stage(row, "networks backward") + stage(row, "adam");
+    r->refresh += stage(row, "stage 1 refresh");
+    if (isfinite(share)) {
+        r->sent += cln_json_number(row, "sent_bytes") - cln_json_number(before, "sent_bytes");
+        r->messages +=
+            cln_json_number(row, "message_seconds") - cln_json_number(before, "message_seconds");
+        r->own_share += share * samples;
+        r->work.balance += balance * samples;
+    }
+}
+
+static cln_status read_rows(run *r, double from)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *text = NULL, *rest = NULL;
+    size_t bytes = 0;
+    json_t *before = NULL;
+
+    CLN_TRY(cln_path_join(&path, r->path, "metrics.jsonl"));
+    CLN_TRY(cln_read_file(path, (size_t)1 << 28, &text, &bytes));
+    for (char *line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest)) {
+        json_t *row = json_loads(line, 0, NULL);
+
+        if (!row || json_object_get(row, "event")) {
+            json_decref(row);
+            continue;
+        }
+        /* a row with an evaluation has its bytes, too */
+        if (before && cln_json_number(before, "step") >= from && !json_object_get(row, "psnr_test"))
+            add_row(row, before, r);
+        r->work.ranks = cln_json_number(row, "ranks");
+        json_decref(before);
+        before = row;
+    }
+    if (!(r->steps > 0 && r->work.samples > 0))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no two rows in its second half; more --steps or a smaller "
+                         "--log-every",
+                         path));
+    r->own_share /= r->work.samples;
+    r->work.balance /= r->work.samples;
+    for (size_t i = 0; i < 8; i++)
+        *(double *[]){&r->step,    &r->rays, &r->work.samples, &r->networks,
+                      &r->refresh, &r->sent, &r->messages,     &r->repeated}[i] /= r->steps;
+    if (!(r->work.ranks > 1)) {
+        r->work.ranks = r->work.balance = 1;
+        r->own_share = 1;
+    }
+    r->repeated = fmax(r->step - r->networks - r->refresh - r->messages, 1e-9);
+done:
+    json_decref(before);
+    free(path);
+    free(text);
+    return st;
+}
+
+static cln_status read_run(const char *path, run *r)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const json_t *config = NULL, *result = NULL;
+
+    *r = (run){.path = path};
+    CLN_TRY(cln_run_read(path, &document));
+    config = json_object_get(document, "config");
+    result = json_object_get(document, "result");
+    r->work.leaves = cln_json_number(result, "leaves");
+    r->work.density_bytes = 2 * pow(cln_json_number(config, "n1"), 3);
+    r->work.refresh_every = cln_json_number(config, "refresh_every");
+    CLN_TRY(read_rows(r, floor(cln_json_number(result, "step") / 2)));
+done:
+    json_decref(document);
+    return st;
+}
+
+/* ---- messages ---- */
+
+/* Seconds of a gather of so many rows of 16 bytes to both, the least of several series. */
+static double time_gather(char *rows, int count)
+{
+    const int half = count / 2, first[3] = {0, half, count};
+    double least = INFINITY;
+
+    for (int series = 0; series < 5; series++) {
+        const int calls = count > 100000 ? 5 : 200;
+        double began = 0, seconds = 0;
+
+        cln_ranks_gather(rows, 16, first, true); /* both begin together */
+        began = cln_now();
+        for (int i = 0; i < calls; i++)
+            cln_ranks_gather(rows, 16, first, true);
+        seconds = (cln_now() - began) / calls;
+        cln_ranks_largest(&seconds, 1);
+        least = fmin(least, seconds);
+    }
+    return least;
+}
+
+static cln_status measure_messages(void)
+{
+    enum { ROWS = 1 << 20 };
+    cln_status st = CLN_OK;
+    char *rows = NULL;
+    double small = 0, large = 0;
+
+    CLN_TRY(cln_ranks_open());
+    if (cln_ranks_count() != 2)
+        CLN_TRY(cln_fail(CLN_USAGE, "messages: start it as mpirun -n 2, with the program of "
+                                    "`make MPI=1 bench-scale-programs`"));
+    CLN_TRY(cln_alloc(&rows, ROWS, 16, "messages"));
+    memset(rows, 1, (size_t)ROWS * 16);
+    small = time_gather(rows, 2);
+    large = time_gather(rows, ROWS);
+    if (cln_ranks_me() == 0)
+        printf("%.3e %.4e\n", small, 8.0 * ROWS / fmax(large - small, 1e-9));
+done:
+    free(rows);
+    return st;
+}
+
+/* ---- checks ---- */
+
+static cln_status compare_bytes(const char *path)
+{
+    cln_status st = CLN_OK;
+    run r;
+    double model = 0;
+
+    CLN_TRY(read_run(path, &r));
+    if (!(r.sent > 0))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a training by several processes", path));
+    model = scale_sent(&r.work, r.own_share);
+    printf("%.0f %.0f %.4f\n", model, r.sent, model / r.sent - 1);
+done:
+    return st;
+}
+
+static void put_cost(const char *what, const scale_cost *c)
+{
+    printf("| %s | %.3f | %.3f | %.3f |\n", what, 1e3 * c->step, 1e6 * c->sample, 1e6 * c->leaf);
+}
+
+static void put_check(const scale_machine *m, const scale_network *here, double cores, const run *r)
+{
+    scale_machine slowed = *m;
+    const double turns = fmax(1, r->work.ranks / cores); /* ranks that share a core */
+    scale_step s;
+
+    for (size_t i = 0; i < 3; i++) {
+        *(double *[]){&slowed.shared.step, &slowed.shared.sample, &slowed.shared.leaf}[i] *= turns;
+        *(double *[]){&slowed.repeated.step, &slowed.repeated.sample, &slowed.repeated.leaf}[i] *=
+            turns;
+    }
+    slowed.refresh *= turns;
+    s = scale_predict(&slowed, here, &r->work);
+    printf("| %.0f | %.0f | %.0f | %.2f | %.2f | %.2f | %+.0f %% |", r->work.ranks, r->work.leaves,
+           r->work.samples, r->work.balance, 1e3 * s.total, 1e3 * r->step,
+           100 * (s.total / r->step - 1));
+    if (r->work.ranks > 1) {
+        const double sent = scale_sent(&r->work, r->own_share);
+
+        printf(" %.0f | %.0f | %+.1f %% |\n", sent, r->sent, 100 * (sent / r->sent - 1));
+    } else {
+        puts(" | | |");
+    }
+}
+
+/* ---- the prediction ---- */
+
+/* The larger one of what more ranks do not lessen. */
+static const char *reason(const scale_step *s)
+{
+    return s->messages >= s->repeated ? "messages: samples and densities go to all ranks"
+                                      : "work repeated on every rank";
+}
+
+static void put_network(const scale_machine *m, int n, double density_bytes)
+{
+    printf("\n### %s, %.0f us\n\n"
+           "| leaves | steps/s of 1 rank | speed-up of 4 | 16 | 64 | 256 | 1,024 ranks | most | "
+           "by ranks | half efficiency until | MB a step and rank beyond | its end | GiB of "
+           "densities on "
+           "every rank |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+           networks[n].name, 1e6 * networks[n].network.latency);
+    for (double leaves = 1e4; leaves < 2e7; leaves *= 10) {
+        scale_work w = {STEP_SAMPLES, leaves, density_bytes, REFRESH_EVERY, 1, 1};
+        const double alone = scale_predict(m, &networks[n].network, &w).total;
+        double most = 1, by = 1, half = 1;
+        scale_step end = scale_predict(m, &networks[n].network, &w);
+
+        printf("| %.0e | %.3g", leaves, 1 / alone);
+        for (int ranks = 2; ranks <= 1024; ranks *= 2) {
+            scale_step s;
+
+            w.ranks = ranks;
+            w.balance = BALANCE;
+            s = scale_predict(m, &networks[n].network, &w);
+            if (alone / s.total > most) {
+                most = alone / s.total;
+                by = ranks;
+            }
+            if (alone / s.total >= 0.5 * ranks)
+                half = ranks;
+            if (half * 2 >= ranks) /* the last with half, or the first without */
+                end = s;
+            if (ranks == 4 || ranks == 16 || ranks == 64 || ranks == 256 || ranks == 1024)
+                printf(" | %.2f", alone / s.total);
+        }
+        printf(" | %.2f | %.0f | %.0f | %.2f | %s | %.3g |\n", most, by, half, 1e-6 * end.sent,
+               reason(&end), leaves * density_bytes / (1 << 30));
+    }
+}
+
+static void put_photos(double seconds, double rays)
+{
+    printf("\n## Photos\n\nOf 2 megapixels, all of them in every rank's host memory. One pass: "
+           "steps until each pixel\nwas drawn once, at %.0f rays a step and %.3g s a step (1 rank, "
+           "10,000 leaves).\n\n| photos | GiB a rank | steps of a pass | days of a pass |\n"
+           "|---|---|---|---|\n",
+           rays, seconds);
+    for (double photos = 1e3; photos < 2e6; photos *= 10)
+        printf("| %.0e | %.3g | %.3g | %.3g |\n", photos, photos * PHOTO_BYTES / (1 << 30),
+               photos * 2e6 / rays, photos * 2e6 / rays * seconds / 86400);
+}
+
+static cln_status predict(int argc, char **argv)
+{
+    cln_status st = CLN_OK;
+    run runs[MAX_RUNS];
+    double x[MAX_RUNS][3], met[MAX_RUNS][3], networks_s[MAX_RUNS], repeated_s[MAX_RUNS];
+    const scale_network here = {atof(argv[0]), atof(argv[1])};
+    const double cores = atof(argv[2]);
+    scale_machine m = {0};
+    scale_work first = {STEP_SAMPLES, 1e4, 0, REFRESH_EVERY, 1, 1};
+    int count = 0, alone = 0, refreshed = 0;
+    double rays = 0;
+
+    for (int i = 3; i < argc; i++) {
+        if (strcmp(argv[i], "--") == 0) {
+            alone = count;
+            continue;
+        }
+        if (count == MAX_RUNS)
+            CLN_TRY(cln_fail(CLN_USAGE, "at most %d runs", MAX_RUNS));
+        CLN_TRY(read_run(argv[i], &runs[count++]));
+    }
+    if (alone < 3 || !(here.bandwidth > 0) || !(cores > 0))
+        CLN_TRY(cln_fail(CLN_USAGE, "predict: LATENCY BANDWIDTH CORES, three runs of one process "
+                                    "or more, --, runs by ranks"));
+    for (int i = 0; i < alone; i++) {
+        const scale_work *w = &runs[i].work;
+
+        x[i][0] = met[i][0] = 1;
+        x[i][1] = met[i][1] = w->samples;
+        x[i][2] = w->leaves;
+        met[i][2] = w->leaves * -expm1(-w->samples / w->leaves);
+        networks_s[i] = runs[i].networks;
+        repeated_s[i] = runs[i].repeated;
+        if (runs[i].refresh > 0) {
+            m.refresh += runs[i].refresh * w->refresh_every / w->leaves;
+            refreshed++;
+        }
+        rays += runs[i].rays / w->samples / alone * STEP_SAMPLES;
+    }
+    m.refresh /= refreshed > 0 ? refreshed : 1;
+    m.shared = scale_fit(alone, (const double(*)[3])met, networks_s);
+    m.repeated = scale_fit(alone, (const double(*)[3])x, repeated_s);
+    printf("# Scaling by ranks\n\n| a step costs | ms | us a sample | us a leaf |\n"
+           "|---|---|---|---|\n");
+    put_cost("networks, shared", &m.shared);
+    put_cost("all else, repeated on every rank", &m.repeated);
+    printf("\nA leaf's refresh: %.1f us every %.0f steps, shared. Messages here: %.1f us, %.2f "
+           "GB/s.\n",
+           1e6 * m.refresh, runs[0].work.refresh_every, 1e6 * here.latency, 1e-9 * here.bandwidth);
+    printf("\n## The model beside what ran here, on %.0f cores\n\n| ranks | leaves | samples | "
+           "balance | ms a step, model | run | error | bytes a step of rank 0, model | run | error "
+           "|\n|---|---|---|---|---|---|---|---|---|---|\n",
+           cores);
+    for (int i = 0; i < count; i++)
+        put_check(&m, &here, cores, &runs[i]);
+    printf("\n## What 1 to 1,024 ranks would do\n\nRanks like this machine's one core, a rank a "
+           "machine; %.0f samples a step, a refresh every %.0f;\nthe busiest rank has %.1f times "
+           "the mean. Half "
+           "efficiency: a speed-up of at least half the ranks. See bench/scale/model.h.\n",
+           STEP_SAMPLES, REFRESH_EVERY, BALANCE);
+    for (int n = 0; n < 2; n++)
+        put_network(&m, n, runs[0].work.density_bytes);
+    first.density_bytes = runs[0].work.density_bytes;
+    put_photos(scale_predict(&m, &here, &first).total, rays);
+done:
+    return st;
+}
+
+int main(int argc, char **argv)
+{
+    cln_status st = CLN_OK;
+
+    cln_log_set_sink(cln_log_stderr, NULL);
+    if (argc == 2 && strcmp(argv[1], "messages") == 0)
+        st = measure_messages();
+    else if (argc == 3 && strcmp(argv[1], "bytes") == 0)
+        st = compare_bytes(argv[2]);
+    else if (argc > 5 && strcmp(argv[1], "predict") == 0)
+        st = predict(argc - 2, argv + 2);
+    else
+        st = cln_fail(CLN_USAGE, "usage: bench-scale messages | bytes RUN | predict LATENCY "
+                                 "BANDWIDTH CORES RUN... -- RUN...");
+    if (st != CLN_OK)
+        fprintf(stderr, "bench-scale: %s: %s\n", cln_status_phrase(st), cln_error_text());
+    fflush(stdout);
+    cln_ranks_close(st != CLN_OK, cln_status_exit_code(st));
+    return cln_status_exit_code(st);
+}

@@ -1,0 +1,101 @@
+/* The model of bench/scale: its arithmetic against speed-ups and bytes worked out by hand, and the
+ * fit of costs against costs that made the data. No time is measured; tests/cli/ranks.sh compares
+ * its bytes with those of a real training. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include "scale/model.h"
+#include "tests.h"
+
+static const scale_network nothing = {0, INFINITY};
+
+static double speed_up(const scale_machine *m, const scale_network *net, double ranks)
+{
+    scale_work w = {1000, 50, 128, 10, 1, 1};
+    const double alone = scale_predict(m, net, &w).total;
+
+    w.ranks = ranks;
+    return alone / scale_predict(m, net, &w).total;
+}
+
+/* All work shared, messages for nothing: as fast as there are ranks. */
+static void test_all_shared(void **state)
+{
+    const scale_machine m = {.shared = {0, 2e-6, 3e-6}, .refresh = 1e-4};
+
+    (void)state;
+    for (double n = 1; n <= 1024; n *= 2)
+        assert_true(fabs(speed_up(&m, &nothing, n) / n - 1) < 1e-12);
+}
+
+/* A fifth of the work repeated: Amdahl's law, at most five times as fast. */
+static void test_amdahl(void **state)
+{
+    const scale_machine m = {.shared = {0, 4e-6, 0}, .repeated = {0, 1e-6, 0}};
+
+    (void)state;
+    for (double n = 1; n <= 1024; n *= 2)
+        assert_true(fabs(speed_up(&m, &nothing, n) * (0.2 + 0.8 / n) - 1) < 1e-12);
+    assert_true(speed_up(&m, &nothing, 1024) < 5);
+}
+
+/* 4 ranks: 16 x 1000 / 4 bytes to each of 3, and 128 x 50 / 4 of densities every tenth step. At
+ * 1e6 bytes a second and 1 ms, two messages a step, one a refresh, in log2(4) = 2 turns. */
+static void test_messages(void **state)
+{
+    const scale_machine m = {.shared = {0, 1e-6, 0}};
+    const scale_network slow = {1e-3, 1e6};
+    const scale_work w = {1000, 50, 128, 10, 4, 1}, alone = {1000, 50, 128, 10, 1, 1};
+    const scale_step s = scale_predict(&m, &slow, &w);
+
+    (void)state;
+    assert_true(fabs(s.sent - (3 * 4000 + 3 * 160)) < 1e-9);
+    assert_true(fabs(s.messages - (1e-3 * 2 * 2.1 + 12480e-6)) < 1e-12);
+    assert_true(fabs(s.total - s.messages - 1000e-6 / 4) < 1e-12);
+    assert_true(scale_predict(&m, &slow, &alone).messages == 0);
+    assert_true(fabs(scale_sent(&w, 0.5) - (3 * 8000 + 3 * 160)) < 1e-9);
+}
+
+/* The busiest rank's part makes the step; leaves without samples cost the networks nothing. */
+static void test_balance_and_leaves(void **state)
+{
+    const scale_machine m = {.shared = {0, 1e-6, 0}}, leaves = {.shared = {0, 0, 1}};
+    const scale_work w = {1000, 50, 0, 10, 4, 1.2}, many = {1000, 1e9, 0, 10, 1, 1};
+
+    (void)state;
+    assert_true(fabs(scale_predict(&m, &nothing, &w).shared - 1.2 * 1000e-6 / 4) < 1e-12);
+    assert_true(fabs(scale_predict(&leaves, &nothing, &many).shared / 1000 - 1) < 1e-5);
+}
+
+static void test_fit(void **state)
+{
+    static const double x[4][3] = {{1, 4096, 64}, {1, 16384, 64}, {1, 4096, 512}, {1, 16384, 512}};
+    double exact[4], negative[4];
+    scale_cost c;
+
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        exact[i] = 2e-3 + 1e-6 * x[i][1] + 5e-6 * x[i][2];
+        negative[i] = 2e-2 + 1e-6 * x[i][1] - 5e-6 * x[i][2];
+    }
+    c = scale_fit(4, x, exact);
+    assert_true(fabs(c.step / 2e-3 - 1) < 1e-6);
+    assert_true(fabs(c.sample / 1e-6 - 1) < 1e-6);
+    assert_true(fabs(c.leaf / 5e-6 - 1) < 1e-6);
+    c = scale_fit(4, x, negative); /* a leaf that saves time is noise */
+    assert_true(c.leaf == 0 && c.step > 0 && c.sample > 0);
+}
+
+int test_group_scale(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_all_shared), cmocka_unit_test(test_amdahl),
+        cmocka_unit_test(test_messages),   cmocka_unit_test(test_balance_and_leaves),
+        cmocka_unit_test(test_fit),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
