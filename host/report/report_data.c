@@ -113,13 +113,49 @@ static cln_report_decision decision_of(const json_t *row)
                                  .over_budget = json_is_true(json_object_get(row, "infeasible"))};
 }
 
-/* A row of training, or a decision on the structure; other events are not shown. */
+/* After add_row of the same row. */
+static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
+{
+    const double step = cln_json_number(row, "step"), seconds = cln_json_number(row, "seconds");
+    const double bytes = cln_json_number(row, "sent_bytes");
+    const double waited = cln_json_number(row, "message_seconds");
+    const double balance = cln_json_number(row, "balance");
+    const double rays = cln_json_number(row, "rays_per_s") * (seconds - sum->last_seconds);
+    const double steps = step - sum->last_step;
+
+    if (isfinite(bytes) && isfinite(waited) && steps > 0) {
+        const bool anew = bytes < sum->last_bytes; /* resumed */
+
+        sum->ranks = cln_json_number(row, "ranks");
+        sum->steps += steps;
+        sum->seconds += seconds - sum->last_seconds;
+        sum->rays += isfinite(rays) ? rays : 0;
+        sum->bytes += bytes - (anew ? 0 : sum->last_bytes);
+        sum->message_seconds += waited - (anew ? 0 : sum->last_message_seconds);
+        if (isfinite(balance)) {
+            sum->balanced += balance * steps;
+            sum->balance_weight += steps;
+        }
+        sum->last_bytes = bytes;
+        sum->last_message_seconds = waited;
+    }
+    sum->last_step = step;
+    sum->last_seconds = seconds;
+}
+
+/* A row of training, a decision on the structure, or a move; other events are not shown. */
 static void add_line(cln_report_data *data, const json_t *row)
 {
-    if (!json_object_get(row, "event"))
+    if (!json_object_get(row, "event")) {
         add_row(&data->rows, row);
-    else if (strcmp(cln_json_text(row, "event"), "structure") == 0)
+        add_ranks(&data->ranks, row);
+    } else if (strcmp(cln_json_text(row, "event"), "balance") == 0) {
+        data->moves[data->move_count++] =
+            (cln_report_move){cln_json_number(row, "step"), cln_json_number(row, "moved"),
+                              cln_json_number(row, "before"), cln_json_number(row, "after")};
+    } else if (strcmp(cln_json_text(row, "event"), "structure") == 0) {
         data->decisions[data->decision_count++] = decision_of(row);
+    }
 }
 
 /* Exponential mean, forwards then backwards (so without delay), over about 2 % of the rows. */
@@ -172,6 +208,7 @@ static cln_status read_metrics(const char *run, cln_report_data *data)
     for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++)
         CLN_TRY(cln_alloc(columns[c], (size_t)lines, sizeof(double), "report: metrics"));
     CLN_TRY(cln_alloc(&data->decisions, (size_t)lines, sizeof *data->decisions, "report: metrics"));
+    CLN_TRY(cln_alloc(&data->moves, (size_t)lines, sizeof *data->moves, "report: metrics"));
     line = text;
     while (*line) {
         size_t length = strcspn(line, "\n");
@@ -369,6 +406,7 @@ void cln_report_data_free(cln_report_data *data)
     }
     free(data->evals);
     free(data->decisions);
+    free(data->moves);
     json_decref(data->tree);
     json_decref(data->run);
     *data = (cln_report_data){.shown = -1};

@@ -31,6 +31,19 @@ typedef struct cln_report_decision {
     bool over_budget; /* the budget could not be met */
 } cln_report_decision;
 
+/* A row with the event "balance": leaves that moved between processes. */
+typedef struct cln_report_move {
+    double step, leaves, before, after;
+} cln_report_move;
+
+/* Sums over the rows of several processes; a resumed run counts bytes from 0 again. */
+typedef struct cln_report_ranks_sum {
+    double ranks; /* of the latest row; 0 or NaN without */
+    double steps, rays, seconds, bytes, message_seconds;
+    double balanced, balance_weight; /* balance by steps */
+    double last_step, last_seconds, last_bytes, last_message_seconds;
+} cln_report_ranks_sum;
+
 /* One eval/NNNNNNNN-SPLIT.json. */
 typedef struct cln_report_eval {
     char *stem; /* "00012300-test" */
@@ -46,6 +59,9 @@ typedef struct cln_report_data {
     cln_report_rows rows;
     int decision_count;
     cln_report_decision *decisions; /* in the file's order */
+    int move_count;
+    cln_report_move *moves; /* likewise */
+    cln_report_ranks_sum ranks;
     int eval_count;
     cln_report_eval *evals; /* by step, split, images */
     int shown;              /* the eval whose views are shown: latest, test before val before train;

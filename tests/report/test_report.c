@@ -299,7 +299,10 @@ static void sections_are_those_of_the_table(void **state)
         if (full) {
             put_run(run, "done", "nothing");
             put_metrics(run, 30);
-            put_text(run, "metrics.jsonl", "{\"event\":\"structure\",\"step\":1,\"seconds\":1}\n");
+            put_text(run, "metrics.jsonl",
+                     "{\"event\":\"structure\",\"step\":1,\"seconds\":1}\n"
+                     "{\"step\":9,\"seconds\":1,\"ranks\":2,\"sent_bytes\":1,"
+                     "\"message_seconds\":1}\n");
         }
         page = page_of(run);
         assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
@@ -465,6 +468,29 @@ static void decisions_are_marks_and_a_table(void **state)
     assert_int_equal(count_of(page, "class='mark'"), 5); /* one in each curve */
     assert_int_equal(count_of(page, "class='event'"), 0);
     assert_has(page, "512</b><span>leaves"); /* from the rows of training */
+    free(page);
+}
+
+/* 10 steps of 100 rays, then a resumed run's 10 of 200, which counts bytes from 0 again. */
+static void processes_are_summed_up(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    put_text(run, "metrics.jsonl",
+             "{\"step\":10,\"seconds\":2,\"rays_per_s\":500,\"ranks\":2,\"sent_bytes\":9000,"
+             "\"message_seconds\":0.5,\"balance\":1.5}\n"
+             "{\"event\":\"balance\",\"step\":10,\"moved\":7,\"before\":1.5,\"after\":1.02}\n"
+             "{\"step\":20,\"seconds\":4,\"rays_per_s\":1000,\"ranks\":4,\"sent_bytes\":6000,"
+             "\"message_seconds\":0.3,\"balance\":1.1}\n");
+    page = page_of(run);
+    assert_has(page, "<td>processes<td class=n>4\n");
+    assert_has(page, "bytes a step<td class=n>750\n");
+    assert_has(page, "and a ray<td class=n>5.0\n");
+    assert_has(page, " (20.0&thinsp;% of training)");
+    assert_has(page, "over the mean<td class=n>1.30\n");
+    assert_has(page, "<td class=n>10<td class=n>7<td class=n>1.50<td class=n>1.02\n");
     free(page);
 }
 
@@ -750,6 +776,7 @@ int test_group_report(void)
     const struct CMUnitTest tests[] = {
         ON_DISK(page_shows_what_the_run_left),
         ON_DISK(sections_are_those_of_the_table),
+        ON_DISK(processes_are_summed_up),
         ON_DISK(page_refers_to_nothing_outside),
         ON_DISK(hostile_texts_stay_text),
         ON_DISK(missing_and_damaged_files_give_a_page),

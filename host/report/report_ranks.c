@@ -1,0 +1,53 @@
+/* The report's section "Processes": what those of one training sent each other, waiting, and how
+ * even their work was, before and after leaves moved. Of rank 0, which wrote the rows. */
+#include "report/report_sections.h"
+
+#include <math.h>
+#include "io/progress.h"
+
+bool cln_report_has_ranks(const cln_report_data *data)
+{
+    return data->ranks.ranks > 1;
+}
+
+static void put_moves(FILE *to, const cln_report_data *data)
+{
+    fputs("<table><tr><th class=n>step<th class=n>leaves that moved<th class=n>balance before"
+          "<th class=n>after\n",
+          to);
+    for (int i = 0; i < data->move_count; i++) {
+        const cln_report_move *m = &data->moves[i];
+
+        fprintf(to, "<tr><td class=n>%.0f<td class=n>%.0f<td class=n>", m->step, m->leaves);
+        cln_report_number(to, m->before, 2);
+        fputs("<td class=n>", to);
+        cln_report_number(to, m->after, 2);
+        fputs("\n", to);
+    }
+    fputs("</table>\n", to);
+}
+
+cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
+{
+    const cln_report_ranks_sum *r = &data->ranks;
+    char messages[32];
+
+    cln_format_duration(r->message_seconds, messages);
+    fprintf(to,
+            "<table><tr><td>processes<td class=n>%.0f\n<tr><td>sent by the first, bytes a step"
+            "<td class=n>%.0f\n<tr><td>and a ray<td class=n>",
+            r->ranks, r->bytes / r->steps);
+    cln_report_number(to, r->bytes / r->rays, 1);
+    fprintf(to, "\n<tr><td>its time in messages, with waiting<td class=n>%s (", messages);
+    cln_report_number(to, 100 * r->message_seconds / r->seconds, 1);
+    fputs("&thinsp;% of training)\n<tr><td>balance: the busiest one's samples over the mean"
+          "<td class=n>",
+          to);
+    cln_report_number(to, r->balanced / r->balance_weight, 2);
+    fputs("\n</table>\n", to);
+    if (data->move_count > 0)
+        put_moves(to, data);
+    else
+        fputs("<p class=soft>No leaf moved between them.</p>\n", to);
+    return CLN_OK;
+}
