@@ -370,4 +370,5 @@ clean:
 .DELETE_ON_ERROR:
 FORCE:
 .PHONY: all FORCE deps demo test test-devices test-browser grind faults fuzz lint fmt bench \
-        bench-programs bench-peers bench-sort bench-scale bench-scale-programs install uninstall deb clean
+        bench-programs bench-peers bench-sort bench-scale bench-scale-programs \
+        install uninstall deb clean

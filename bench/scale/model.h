@@ -2,12 +2,12 @@
  * measuring. Assumptions:
  *
  *   - A step's time is compute and messages one after the other, as nothing overlaps today.
- *   - Networks (forward, backward, Adam) cost a constant, a time a sample and a time a leaf that has
- *     samples; of L leaves, samples S that fall anywhere meet L (1 - exp(-S / L)). Ranks share this
- *     evenly but for `balance`, the busiest one's part over the mean. So they do the refresh of
+ *   - Networks (forward, backward, Adam) cost a constant, a time a sample and a time a leaf
+ *     that has samples; S samples that fall anywhere meet L (1 - exp(-S / L)) of L leaves. Ranks share
+ *     this evenly but for `balance`, the busiest one's part over the mean. So they do the refresh of
  *     densities, a time a leaf every `refresh_every` steps.
- *   - All else (rays, intervals, placing, sorting, compositing, the host) is repeated on every rank,
- *     a constant, a time a sample, a time a leaf.
+ *   - All else (rays, intervals, placing, sorting, compositing, the host) is repeated on
+ *     every rank: a constant, a time a sample, a time a leaf.
  *   - Messages: each rank receives the other ranks' samples of 16 bytes, and densities of their
  *     leaves after a refresh, at the network's bandwidth; a message takes its latency log2(ranks)
  *     times, two a step (samples, the counts before them) and one a refresh. A rank sends its part
@@ -46,7 +46,8 @@ typedef struct scale_step {
 scale_step scale_predict(const scale_machine *machine, const scale_network *network,
                          const scale_work *work);
 
-/* Bytes of `share` of the samples, and the mean rank's densities, to the ranks - 1 others, a step. */
+/* Bytes of `share` of the samples, and the mean rank's densities, to the ranks - 1 others, a
+ * step. */
 double scale_sent(const scale_work *work, double share);
 
 /* Fits cost to n rows by least squares of relative errors, without negative costs. x: [n][3], the

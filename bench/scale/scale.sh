@@ -20,7 +20,8 @@ cln=${CLN:-build/mpi/cl-nascent}
 scale=${SCALE:-build/mpi/bench-scale}
 make_scene=${MAKE_SCENE:-build/make-scene}
 for program in "$cln" "$scale" "$make_scene"; do
-    [ -x "$program" ] || { echo "scale: $program is not there; make MPI=1 bench-scale-programs" >&2; exit 1; }
+    [ -x "$program" ] ||
+        { echo "scale: $program is not there; make MPI=1 bench-scale-programs" >&2; exit 1; }
 done
 command -v mpirun >/dev/null ||
     { echo "scale: no mpirun (apt-get install libopenmpi-dev openmpi-bin)" >&2; exit 1; }

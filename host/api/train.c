@@ -255,7 +255,8 @@ static cln_status check_ranks(const cln_trainer *t)
 
     if (cln_ranks_count() == 1)
         return CLN_OK;
-    CLN_TRY(cln_share_agree(&t->pipeline, &t->plan));
+    CLN_TRY(cln_share_agree(&t->pipeline, (size_t[]){t->plan.max_samples, t->plan.batch_samples,
+                                                     (size_t)t->plan.max_rays}));
     CLN_TRY(cln_config_to_json(&m->config, &config));
     settings = json_dumps(config, JSON_COMPACT);
     if (!settings)

@@ -174,7 +174,8 @@ const cln_arg cln_args[] = {
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
          "N x N rays for pixels at edges", .standard = "1"),
     TEXT(CLN_EVAL | CLN_RENDER, "device-mem", device.device_mem, "SIZE",
-         "device memory to stay under, bytes or 512M, 4G (0 = by the device)", .shown = "the run's"),
+         "device memory to stay under, bytes or 512M, 4G (0 = by the device)",
+         .shown = "the run's"),
     TEXT(CLN_RENDER, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1",
          "only what is inside this box, in the scene's own frame and units; the viewer tells the "
          "numbers of its crop box"),

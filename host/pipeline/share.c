@@ -10,7 +10,7 @@
 #include "cl_nascent.h"
 #include "ranks/ranks.h"
 
-cln_status cln_share_agree(const cln_pipeline *p, const cln_plan *plan)
+cln_status cln_share_agree(const cln_pipeline *p, const size_t room[3])
 {
     cln_status st = CLN_OK;
     const char *name = p->device->info.name;
@@ -24,9 +24,7 @@ cln_status cln_share_agree(const cln_pipeline *p, const cln_plan *plan)
     cln_tune_text(&p->tune, text);
     device = cln_digest(device, text, strlen(text));
     device = cln_digest(device, name, strlen(name));
-    device = cln_digest(device, &plan->max_samples, sizeof plan->max_samples);
-    device = cln_digest(device, &plan->batch_samples, sizeof plan->batch_samples);
-    device = cln_digest(device, &plan->max_rays, sizeof plan->max_rays);
+    device = cln_digest(device, room, 3 * sizeof *room);
     CLN_TRY(cln_ranks_agree(device, "device, or room on it for batches,"));
 done:
     return st;

@@ -13,11 +13,11 @@
 #define CLN_SHARE_H
 
 #include "pipeline/pipeline.h"
-#include "pipeline/plan.h"
 
 /* CLN_USAGE unless all ranks run the same version, and will place the same samples in the same
- * batches: their devices are of one kind and have room for as much. */
-cln_status cln_share_agree(const cln_pipeline *p, const cln_plan *plan);
+ * batches: their devices are of one kind and have room for as much. room: the plan's most
+ * samples, samples aimed at, most rays. */
+cln_status cln_share_agree(const cln_pipeline *p, const size_t room[3]);
 
 /* Where ranks begin, p->rank_first: leaves dealt evenly; after a change of the tree: new leaves
  * stay with the old ones that they come from. */

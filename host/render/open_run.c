@@ -90,7 +90,8 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_plan_check_host(&host_plan));
     cln_plan_text(&plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
-    CLN_TRY(cln_share_agree(p, &plan));
+    CLN_TRY(cln_share_agree(
+        p, (size_t[]){plan.max_samples, plan.batch_samples, (size_t)plan.max_rays}));
     cln_plan_apply(&plan, p);
     CLN_TRY(cln_pipeline_rebuild(p, opened->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(p, &opened->model, false));

@@ -57,8 +57,8 @@ typedef struct cln_trainer {
         int64_t rays, samples;
         double loss, square; /* sums of the steps' means */
         double began_seconds;
-        double stage_seconds[CLN_STAGES]; /* the device's counter at its start */
-        uint64_t waits;                   /* likewise */
+        double stage_seconds[CLN_STAGES];                 /* the device's counter at its start */
+        uint64_t waits;                                   /* likewise */
         double samples_own, samples_busiest, samples_all; /* the pipeline's, likewise */
     } window;
 } cln_trainer;
