@@ -3,9 +3,9 @@
  *
  *   - A step's time is compute and messages one after the other, as nothing overlaps today.
  *   - Networks (forward, backward, Adam) cost a constant, a time a sample and a time a leaf
- *     that has samples; S samples that fall anywhere meet L (1 - exp(-S / L)) of L leaves. Ranks share
- *     this evenly but for `balance`, the busiest one's part over the mean. So they do the refresh of
- *     densities, a time a leaf every `refresh_every` steps.
+ *     that has samples; S samples that fall anywhere meet L (1 - exp(-S / L)) of L leaves. Ranks
+ *     share this evenly but for `balance`, the busiest one's part over the mean. So they do the
+ *     refresh of densities, a time a leaf every `refresh_every` steps.
  *   - All else (rays, intervals, placing, sorting, compositing, the host) is repeated on
  *     every rank: a constant, a time a sample, a time a leaf.
  *   - Messages: each rank receives the other ranks' samples of 16 bytes, and densities of their
