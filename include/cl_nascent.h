@@ -248,6 +248,7 @@ typedef struct cln_eval_result {
     double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;
     int antialias; /* n x n rays for pixels at edges; 1 = one ray a pixel */
+    bool fast;     /* with fewer samples */
     double train_seconds;
     uint64_t digest;
     float background[3];
@@ -260,6 +261,7 @@ typedef struct cln_eval_desc {
     const char *split; /* "train", "val", "test" */
     int max_images;    /* evenly chosen; 0 = all */
     int antialias;     /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
+    bool fast;         /* fewer samples: less time, a little more error */
     bool save_images;  /* renders, truths, errors and pictures of the tree */
     const char *out;   /* the folder to write to; NULL = RUN/eval, and the report is renewed */
     cln_device_desc device;
@@ -293,6 +295,7 @@ typedef struct cln_render_desc {
     double fov;             /* orbit, spiral: horizontal, degrees; 0 = as the training images */
     int max_images;         /* file, split: evenly chosen; 0 = all */
     int antialias;          /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
+    bool fast;              /* fewer samples: less time, a little more error */
     bool cropped;           /* to `crop`: nothing outside of it is seen */
     double crop[6];         /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
     double stereo;          /* pairs side by side, left and right, of eyes so many scene units

@@ -43,7 +43,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
 {
     cln_status st = CLN_OK;
     const cln_split s = opened->scene->views[views[0]].split;
-    char *evals = NULL, *plain = NULL;
+    char *evals = NULL, *plain = NULL, finer[24] = "";
 
     if (!desc->out && !opened->same_scene)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -54,9 +54,8 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
     CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count,
                              cln_scene_split_count(opened->scene, s), &plain));
     if (desc->antialias > 1)
-        CLN_TRY(cln_asprintf(place, "%s-antialias%d", plain, desc->antialias));
-    else
-        CLN_TRY(cln_strdup(place, plain));
+        snprintf(finer, sizeof finer, "-antialias%d", desc->antialias);
+    CLN_TRY(cln_asprintf(place, "%s%s%s", plain, finer, desc->fast ? "-fast" : ""));
     if (desc->out)
         CLN_TRY(check_place(*place, cln_model_digest(&opened->model)));
     if (desc->save_images)
@@ -80,6 +79,7 @@ static cln_status check_ranks(const cln_eval_desc *desc, const cln_open_run *ope
         return CLN_OK;
     CLN_TRY(cln_ranks_agree(cln_model_digest(&opened->model), "checkpoint"));
     d = cln_digest(d, &desc->antialias, sizeof desc->antialias);
+    d = cln_digest(d, &desc->fast, sizeof desc->fast);
     for (int i = 0; i < count; i++) {
         const cln_camera *c = &opened->scene->views[views[i]].camera;
 
@@ -114,12 +114,15 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (writes)
         CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(check_ranks(desc, &opened, views, count));
+    if (desc->fast)
+        cln_render_faster(&opened.model.config);
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     opened.pipeline.antialias = desc->antialias;
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
     CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
                                 saves ? place : NULL, &desc->callbacks, result));
     result->antialias = desc->antialias > 1 ? desc->antialias : 1;
+    result->fast = desc->fast;
     result->step = opened.model.step;
     result->train_seconds = opened.model.train_seconds;
     result->digest = cln_model_digest(&opened.model);

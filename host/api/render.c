@@ -143,6 +143,8 @@ static void find_identity(const job *j, frame *f)
     d = cln_digest(d, c->distortion, sizeof c->distortion);
     if (j->desc->antialias > 1)
         d = cln_digest(d, &j->desc->antialias, sizeof j->desc->antialias);
+    if (j->desc->fast)
+        d = cln_digest(d, "fast", 4);
     if (j->desc->depth_unit > 0)
         d = cln_digest(d, &j->desc->depth_unit, sizeof j->desc->depth_unit);
     if (j->desc->cropped)
@@ -257,6 +259,8 @@ static json_t *describe(const job *j)
         json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
     if (about && d->antialias > 1)
         json_object_set_new(about, "antialias", json_integer(d->antialias));
+    if (about && d->fast)
+        json_object_set_new(about, "fast", json_true());
     if (about && d->stereo > 0)
         json_object_set_new(about, "stereo", json_real(d->stereo));
     if (about && d->cropped)
@@ -527,6 +531,8 @@ static cln_status start(job *j)
         cameras[i] = &j->eyes[i];
         lenses |= cln_camera_lenses(cameras[i]);
     }
+    if (j->desc->fast)
+        cln_render_faster(&v->model.config);
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     v->pipeline.antialias = j->desc->antialias;
     CLN_TRY(cln_crop_use(&v->pipeline, &v->model.space, &j->crop));

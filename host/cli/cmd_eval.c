@@ -63,6 +63,7 @@ cln_status cln_cmd_eval(const cln_options *options)
                           .split = options->split,
                           .max_images = options->max_images,
                           .antialias = options->antialias,
+                          .fast = options->fast,
                           .save_images = options->save_images,
                           .out = options->output,
                           .device = options->device};

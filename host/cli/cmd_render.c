@@ -52,6 +52,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .fps = options->fps,
                             .max_images = options->max_images,
                             .antialias = options->antialias,
+                            .fast = options->fast,
                             .overwrite = options->overwrite,
                             .z_depth = options->z_depth,
                             .pfm = options->pfm,

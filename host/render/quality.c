@@ -306,5 +306,7 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         "images", images);
     if (*out && r->antialias > 1)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
+    if (*out && r->fast)
+        json_object_set_new(*out, "fast", json_true());
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");
 }

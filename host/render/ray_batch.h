@@ -17,6 +17,10 @@ typedef struct cln_ray_batch {
  * batch. */
 cln_sampling cln_render_sampling(const cln_pipeline *p);
 
+/* Settings for pictures in less time, a little worse (method.md 13): before the pipeline is
+ * created. */
+void cln_render_faster(cln_config *config);
+
 /* Renders the first *rendered rays of the batch, as many as have room for their samples (at least
  * one); results: [n]. Waits for them. CLN_MEMORY, CLN_CL. */
 cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *batch, cln_ray_result *results,

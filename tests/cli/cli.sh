@@ -570,7 +570,7 @@ section_resume() {
 }
 
 section_results() {
-    local frames leaves
+    local frames leaves psnr
     baseline
     expect "eval" 0 "" "$cln" eval "$work/whole"
     check "eval prints a table with the names" grep -q 'r_002' "$work/out"
@@ -610,6 +610,12 @@ section_results() {
     check "it has a file of its own" [ -s "$work/whole/eval/00000300-test-antialias2.json" ]
     check "the other says nothing of it" \
         eval '! grep -q antialias "$work/whole/eval/00000300-test.json"'
+    psnr=$("$query" mean.psnr <"$work/whole/eval/00000300-test.json")
+    expect "eval --fast" 0 "" "$cln" eval "$work/whole" --fast --json
+    check "it says so" [ "$(json fast)" = true ]
+    check "it has a file of its own" [ -s "$work/whole/eval/00000300-test-fast.json" ]
+    check "it is another picture, a little worse" eval '[ "$(json mean.psnr)" != "$psnr" ] &&
+        number_above "$(json mean.psnr)" "$(awk -v p="$psnr" "BEGIN { print p - 0.5 }")"'
     expect "eval --min-psnr" 9 "psnr" "$cln" eval "$work/whole" --min-psnr 90
     expect "eval of a split that is not there" 3 "val" "$cln" eval "$work/whole" --split val
     mv "$work/blender" "$work/moved"
@@ -639,6 +645,12 @@ section_results() {
         -o "$work/edges" --antialias 2 --json
     check "renders it again" [ "$(json rendered)" = 1 ]
     check "to another picture" eval '! cmp -s "$work/edges/test_r_000.png" "$work/one_ray.png"'
+    run "$cln" render "$work/whole" --max-images 1 -o "$work/fast"
+    cp "$work/fast/test_r_000.png" "$work/slow.png"
+    expect "render --fast of what is there" 0 "" "$cln" render "$work/whole" --max-images 1 \
+        -o "$work/fast" --fast --json
+    check "renders it again" [ "$(json rendered)" = 1 ]
+    check "to another picture" eval '! cmp -s "$work/fast/test_r_000.png" "$work/slow.png"'
     cp "$work/edges/test_r_000.png" "$work/uncropped.png"
     expect "render --crop of what is there" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/edges" --antialias 2 --crop -0.25,-9,-9,9,9,9 --json
