@@ -135,7 +135,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     BOOL(adaptive, "adaptive", true, true,                                                      \
          "split and merge single leaves by the integer program, besides growth by level")       \
     INT(max_leaves, "max-leaves", 1024, 4096, 1, 262144, "adaptive: most leaves")               \
-    INT(max_level, "max-level", 5, 5, 0, CLN_LEVELS - 1, "adaptive: deepest level")             \
+    INT(max_level, "max-level", 5, 6, 0, CLN_LEVELS - 1, "adaptive: deepest level")             \
     REAL(structure_from, "structure-from", 0.233, 0.4, 0, 1,                                    \
          "adaptive: no change before this fraction of the budget")                              \
     REAL(structure_every, "structure-every", 0.0334, 0.05, 1e-4, 1,                             \

@@ -95,11 +95,20 @@ static void test_adds_up(void **state)
     }
 }
 
+/* A ray has at most 96 intervals. */
+static cln_config fast_to_level_5(void)
+{
+    cln_config config = preset("fast");
+
+    config.max_level = 5;
+    return config;
+}
+
 /* Decreasing largest allocations: rows that grow with the batch fit down to the smallest batch;
  * then the check names the row that does not fit. */
 static void test_cut_below_the_largest(void **state)
 {
-    const cln_config config = preset("fast");
+    const cln_config config = fast_to_level_5();
     size_t before = SIZE_MAX;
     fake f;
     cln_plan plan;
@@ -142,7 +151,7 @@ static int row_parts(const cln_plan *plan, const char *purpose)
  * full parts. */
 static void test_parts(void **state)
 {
-    const cln_config config = preset("fast");
+    const cln_config config = fast_to_level_5();
     const double n1 = config.n1, cells = n1 * n1 * n1;
     fake f;
     cln_plan plan;
