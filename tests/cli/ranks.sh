@@ -131,7 +131,8 @@ section_pictures() {
     check "nothing is written" [ ! -e "$work/no" ]
     expect "view by several is refused" 2 "one process" "${mpi[@]}" -n 2 "$ranked" view "$work/one"
     run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --width 64 \
-        --depth 8 --start-level 2 --level-at "" --rays 256 --batch-samples 2048 --n1 8 --steps 1
+        --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \
+        --n1 8 --steps 1
     expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
         "$work/large" -o "$work/four" --device-mem 38M
     expect "is rendered by four" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
