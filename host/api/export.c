@@ -97,7 +97,7 @@ static cln_status check_target(const cln_export_desc *desc, const export_row *ro
                         desc->what, wanted, folders ? "" : " files", (int)strcspn(wanted, "|"),
                         wanted);
     if (!there)
-        return check_folder_of(desc->file);
+        return folders ? CLN_OK : check_folder_of(desc->file);
     if (!S_ISREG(info.st_mode))
         return cln_fail(CLN_OUTPUT,
                         "%s: already exists and is not a plain file; choose another name",

@@ -120,8 +120,13 @@ static cln_status find_alike(const char *folder, const char *name, size_t length
     DIR *dir = opendir(folder);
 
     for (struct dirent *e; dir && !*out && (e = readdir(dir));)
-        if (strlen(e->d_name) == length && strncasecmp(e->d_name, name, length) == 0)
+        if (strlen(e->d_name) == length && strncasecmp(e->d_name, name, length) == 0) {
             CLN_TRY(cln_path_join(out, folder, e->d_name));
+            if (!cln_is_file(*out)) {
+                free(*out);
+                *out = NULL;
+            }
+        }
 done:
     if (dir)
         closedir(dir);

@@ -137,8 +137,8 @@ static void make_pixels(const cln_camera cameras[VIEWS], cln_pixel pixels[RAYS])
 /* ---- the device's lists ---- */
 
 typedef struct splat_lists {
-    int views, lists;
-    cln_grid *grids;  /* [view][6] */
+    int views, lists, levels;
+    cln_grid *grids;  /* [view][levels] */
     uint32_t *start;  /* [lists + 1] */
     float *t, *sigma; /* [entry] */
     const cln_model *model;
@@ -150,18 +150,18 @@ typedef struct splat_lists {
 static void read_lists(cln_pipeline *p, const cln_model *model, const cln_pixel *pixels,
                        const cln_camera *cameras, splat_lists *l)
 {
-    const size_t grids = VIEWS * 6 * sizeof *l->grids;
-
     memset(l, 0, sizeof *l);
+    l->levels = cln_config_deepest(&p->config) + 1;
     l->views = VIEWS;
     l->lists = p->list_total;
     l->model = model;
     l->pixels = pixels;
     l->cameras = cameras;
     l->space = p->space;
-    l->grids = test_alloc(VIEWS * 6, sizeof *l->grids);
+    l->grids = test_alloc((size_t)(VIEWS * l->levels), sizeof *l->grids);
     l->start = test_alloc((size_t)l->lists + 1, sizeof *l->start);
-    assert_ok(cln_buffer_read(p->device, &p->grids, 0, l->grids, grids));
+    assert_ok(cln_buffer_read(p->device, &p->grids, 0, l->grids,
+                              (size_t)(VIEWS * l->levels) * sizeof *l->grids));
     assert_ok(cln_buffer_read(p->device, &p->list_start, 0, l->start,
                               ((size_t)l->lists + 1) * sizeof *l->start));
     l->t = test_alloc(l->start[l->lists], sizeof *l->t);
@@ -181,7 +181,7 @@ static void free_lists(splat_lists *l)
 
 static uint32_t list_of(const splat_lists *l, const cln_pixel *pixel, int level)
 {
-    const cln_grid *grid = &l->grids[pixel->pad * 6 + (uint32_t)level];
+    const cln_grid *grid = &l->grids[(int)pixel->pad * l->levels + level];
 
     return grid->first + pixel->y / grid->coarse * grid->row + pixel->x / grid->coarse;
 }
@@ -193,7 +193,7 @@ static double length_of(const splat_lists *l, const cln_pixel *pixel, int slot, 
     const cln_octree *tree = &l->model->tree;
     const cln_camera *c = &l->cameras[pixel->view];
     const int level = tree->level[tree->leaf[slot]];
-    const double k = l->grids[pixel->pad * 6 + (uint32_t)level].coarse;
+    const double k = l->grids[(int)pixel->pad * l->levels + level].coarse;
     const double s = 2.0 / (1 << level) / l->model->config.n1;
 
     if (l->space.forward) /* pixels have one size in the cube */
@@ -252,7 +252,7 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
     const int n1 = config->n1, cells = n1 * n1 * n1, slot = index / cells, cell = index % cells;
     const int xyz[3] = {cell % n1, cell / n1 % n1, cell / (n1 * n1)};
     const int level = model->tree.level[model->tree.leaf[slot]];
-    const cln_grid *grid = &l->grids[view * 6 + level];
+    const cln_grid *grid = &l->grids[view * l->levels + level];
     const float *box = boxes + 4 * slot;
     const double spacing = (double)box[3] / n1, sigma = ref_from_bf16(model->density[index]);
     double point[3], place[3], u = 0, v = 0, z = 0, o[3], d[3], t = 0, hair = 0, near = 0;
