@@ -16,8 +16,9 @@
 typedef struct shape {
     const char *name, *preset, *tune; /* tune NULL: the device's */
     bool small;                       /* the smallest network instead of the preset's */
-    bool splat, distortion, forward;  /* forward: only rays and samples, the rest is the same */
-    bool in[CLN_SHAPES_TINY + 1];     /* sets that have it */
+    bool splat, distortion;
+    bool forward, crop;           /* only rays and samples, the rest is the same */
+    bool in[CLN_SHAPES_TINY + 1]; /* sets that have it */
 } shape;
 
 /* clang-format off */
@@ -34,11 +35,16 @@ static const shape shapes[] = {
      .small = true, .distortion = true, .in = FULL},
     {"paper preset", "paper", .splat = true, .in = FULL},
     {"forward space", "fast", .small = true, .forward = true, .in = FULL},
+    {"cropped", "fast", .small = true, .crop = true, .in = FULL},
     {"tiny, splatting", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
      .small = true, .splat = true, .distortion = true, .in = TINY},
     {"tiny, gathering", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
      .small = true, .in = TINY},
 };
+
+/* A box that is not in line with any leaf, one of its faces aslant. */
+static const float box[6][4] = {{1, 0, 0, 0.61f},  {0, 0.8f, 0.6f, 0.33f}, {0, 0, 1, 0.71f},
+                                {-1, 0, 0, 0.57f}, {0, -1, 0, 0.83f},      {0, 0, -1, 0.29f}};
 
 /* Adapts settings to the checks: little work, and slopes that the reference can follow. */
 static void prepare(cln_config *config)
@@ -100,7 +106,7 @@ done:
     return st;
 }
 
-static cln_status run_checks(cln_checks *c)
+static cln_status run_checks(cln_checks *c, bool rays_only)
 {
     cln_status st = CLN_OK;
     const int before = c->failed;
@@ -113,10 +119,10 @@ static cln_status run_checks(cln_checks *c)
         CLN_TRY(cln_check_sort(c, true));
     if (c->failed > before) /* with wrong offsets the others would write anywhere */
         goto done;
-    if (!c->p->space.forward)
+    if (!rays_only)
         CLN_TRY(cln_check_densities(c));
     CLN_TRY(cln_check_rays(c));
-    if (c->p->space.forward)
+    if (rays_only)
         goto done;
     CLN_TRY(cln_check_networks(c));
     CLN_TRY(cln_check_composite(c));
@@ -127,7 +133,7 @@ done:
     return st;
 }
 
-static cln_status run_pipeline(cln_pipeline *p, cln_checks *c)
+static cln_status run_pipeline(cln_pipeline *p, bool rays_only, cln_checks *c)
 {
     cln_status st = CLN_OK;
     cln_model model = {0};
@@ -135,10 +141,10 @@ static cln_status run_pipeline(cln_pipeline *p, cln_checks *c)
     p->max_entries = 1 << 20;
     CLN_TRY(make_model(&p->config, &model));
     CLN_TRY(cln_pipeline_rebuild(p, model.tree.leaf_count));
-    CLN_TRY(cln_pipeline_upload(p, &model, !p->space.forward));
+    CLN_TRY(cln_pipeline_upload(p, &model, !rays_only));
     c->p = p;
     c->model = &model;
-    CLN_TRY(run_checks(c));
+    CLN_TRY(run_checks(c, rays_only));
     CLN_TRY(cln_device_finish(p->device));
 done:
     cln_model_free(&model);
@@ -151,14 +157,17 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
     const cln_tune kept = device->tune;
     const bool exact = device->tune_exact;
     const cln_space space = s->forward ? cln_check_forward_space(1) : cln_space_unit;
+    const bool rays_only = s->forward || s->crop;
     const uint32_t rays_and_samples = CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(scan) |
-                                      CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(sort64);
+                                      CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(sort64) |
+                                      (s->crop ? CLN_PROGRAM_BIT(sampling_crop) : 0);
     size_t largest = 0;
     cln_config config;
     cln_pipeline pipeline = {0};
 
     c->shape = s->name;
     c->tiny = s->in[CLN_SHAPES_TINY];
+    c->crop = s->crop ? box : NULL;
     CLN_TRY(config_of(s, &config));
     if (s->tune) {
         CLN_TRY(cln_tune_parse(s->tune, &device->tune));
@@ -170,7 +179,7 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
         goto done;
     }
     st = cln_pipeline_create(device, &config, s->distortion ? 1u << CLN_LENS_OPENCV : 0, s->small,
-                             &space, s->forward ? rays_and_samples : CLN_PROGRAMS_ALL, &pipeline);
+                             &space, rays_only ? rays_and_samples : CLN_PROGRAMS_ALL, &pipeline);
     if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
         /* training would refuse this network, too */
         cln_check_report(c, s->name, false, true, cln_error_text());
@@ -179,7 +188,7 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
         goto done;
     }
     CLN_TRY(st);
-    CLN_TRY(run_pipeline(&pipeline, c));
+    CLN_TRY(run_pipeline(&pipeline, rays_only, c));
 done:
     device->tune = kept;
     device->tune_exact = exact;
@@ -222,7 +231,7 @@ cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln
     prepare(&small);
     CLN_TRY(cln_pipeline_create(device, &small, false, false, &cln_space_unit, CLN_PROGRAMS_ALL,
                                 &pipeline));
-    CLN_TRY(run_pipeline(&pipeline, &c));
+    CLN_TRY(run_pipeline(&pipeline, false, &c));
     CLN_TRY(verdict(device, &c));
 done:
     cln_pipeline_free(&pipeline);

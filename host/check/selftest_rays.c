@@ -211,13 +211,14 @@ static cln_status check_chords(cln_checks *c, const float (*ray_o)[4], const flo
 {
     cln_status st = CLN_OK;
     double *want = NULL;
-    ref_interval crossed[64];
+    const ref_way way = {.tree = &c->model->tree, .crop = c->crop};
+    ref_interval crossed[REF_MOST_INTERVALS];
 
     CLN_TRY(cln_alloc(&want, RAYS, sizeof *want, "self-test"));
     for (int r = 0; r < m->rays; r++) {
         const double o[3] = {ray_o[r][0], ray_o[r][1], ray_o[r][2]};
         const double d[3] = {ray_d[r][0], ray_d[r][1], ray_d[r][2]};
-        const int count = ref_intervals(&c->model->tree, o, d, crossed, 64);
+        const int count = ref_way_intervals(&way, o, d, crossed);
 
         for (int i = 0; i < count; i++)
             want[r] += crossed[i].t_out - crossed[i].t_in;
@@ -302,15 +303,16 @@ static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_p
                       const float (*boxes)[4])
 {
     const double margin = 3e-5, n1 = c->p->config.n1;
+    const ref_way way = {.tree = &c->model->tree, .crop = c->crop};
     double origin[3], direction[3], o[3], d[3];
-    ref_interval crossed[64];
+    ref_interval crossed[REF_MOST_INTERVALS];
     int count = 0;
 
     if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* lists, the same for all rays of a pixel */
         return true;
     cln_camera_ray(camera, pixel->x + 0.5, pixel->y + 0.5, origin, direction);
     cln_space_ray_to_cube(&c->p->space, origin, direction, o, d);
-    count = ref_intervals(&c->model->tree, o, d, crossed, 64);
+    count = ref_way_intervals(&way, o, d, crossed);
     for (int i = 0; i < count; i++) {
         const float *box = boxes[crossed[i].slot];
         const double length = crossed[i].t_out - crossed[i].t_in, cells = length * n1 / box[3];
@@ -411,7 +413,8 @@ cln_status cln_check_rays(cln_checks *c)
                                    .empty_share = 1,
                                    .seed = 3,
                                    .step = 1,
-                                   .max_samples = 1 << 24};
+                                   .max_samples = 1 << 24,
+                                   .crop = c->crop};
     cln_camera cameras[VIEWS];
     const cln_camera *pointers[VIEWS] = {&cameras[0], &cameras[1], &cameras[2]};
     cln_pixel *pixels = NULL;

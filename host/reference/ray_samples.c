@@ -11,9 +11,8 @@ static bool near_integer(double x, double within)
     return fabs(x - round(x)) < within;
 }
 
-/* The intervals of the way's ray; of a crop, what is inside all half-spaces. */
-static int find_intervals(const ref_way *way, const double o[3], const double d[3],
-                          ref_interval out[REF_MOST_INTERVALS])
+int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
+                      ref_interval out[REF_MOST_INTERVALS])
 {
     const int n = ref_intervals(way->tree, o, d, out, REF_MOST_INTERVALS);
     double begin = 0, end = INFINITY;
@@ -56,7 +55,7 @@ static bool near_edges(const ref_way *way, const double o[3], const double d[3],
         int m = 0;
 
         moved[k / 2] += k % 2 ? REF_NEAR : -REF_NEAR;
-        m = find_intervals(way, moved, d, other);
+        m = ref_way_intervals(way, moved, d, other);
         if (m != n)
             return true;
         for (int i = 0; i < n; i++) {
@@ -128,7 +127,7 @@ void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float f
 {
     const double o[3] = {fo[0], fo[1], fo[2]}, d[3] = {fd[0], fd[1], fd[2]};
     ref_interval iv[REF_MOST_INTERVALS];
-    const int n = find_intervals(way, o, d, iv);
+    const int n = ref_way_intervals(way, o, d, iv);
     double tau = 0;
     uint32_t kept = 0; /* intervals with samples */
 

@@ -114,6 +114,11 @@ typedef struct ref_samples {
     int slot[REF_MOST_SAMPLES];
 } ref_samples;
 
+/* The intervals of a ray by the tree alone; with a crop, what is inside all half-spaces of them.
+ * Front to back; returns their number. */
+int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
+                      ref_interval out[REF_MOST_INTERVALS]);
+
 /* Optical depth of an interval: its bins' densities times their widths. */
 double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma,
                           const double *lengths);

@@ -127,37 +127,64 @@ enum { SPECIAL_RAYS = sizeof special / sizeof special[0] };
 
 /* ---- tests ---- */
 
+/* Samples of random rays, cropped or not, by the device and by the reference. The caller frees all
+ * with free_random(). */
+typedef struct random_run {
+    cln_config config;
+    cln_model model;
+    ray_source from;
+    ref_gather_cache gather;
+    device_samples got;
+    float (*o)[4], (*d)[4], *boxes, *cache;
+} random_run;
+
+static void run_random(const sampling_case *c, const float (*crop)[4], random_run *r)
+{
+    cln_pipeline *p = NULL;
+
+    memset(r, 0, sizeof *r);
+    r->config = config_of(c);
+    p = test_pipeline(&tune_sets[c->set], &r->config, false, false);
+    r->o = test_alloc(RANDOM_RAYS, sizeof *r->o);
+    r->d = test_alloc(RANDOM_RAYS, sizeof *r->d);
+    make_sampling_model(&r->config, &r->model);
+    assert_ok(cln_octree_boxes(&r->model.tree, &r->boxes));
+    r->gather = make_gather(&r->model, r->boxes, &r->cache);
+    r->from = (ray_source){.config = &r->config,
+                           .sampling = sampling_of(c),
+                           .points = ref_gather_points,
+                           .tree = &r->model.tree,
+                           .user = &r->gather};
+    r->from.sampling.crop = crop;
+    random_rays(r->o, r->d);
+    assert_ok(cln_pipeline_upload(p, &r->model, false));
+    if (crop)
+        assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(sampling_crop)));
+    test_fill(p->device, &p->ray_o, r->o, RANDOM_RAYS * sizeof *r->o);
+    test_fill(p->device, &p->ray_d, r->d, RANDOM_RAYS * sizeof *r->d);
+    run_stage(p, RANDOM_RAYS, &r->from.sampling, &r->got);
+    assert_int_equal(r->got.rays, RANDOM_RAYS);
+}
+
+static void free_random(random_run *r)
+{
+    device_samples_free(&r->got);
+    cln_model_free(&r->model);
+    free(r->cache);
+    free(r->boxes);
+    free(r->o);
+    free(r->d);
+}
+
 static void check_random(const sampling_case *c)
 {
-    const cln_config config = config_of(c);
-    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
-    float(*o)[4] = test_alloc(RANDOM_RAYS, sizeof *o), (*d)[4] = test_alloc(RANDOM_RAYS, sizeof *d);
-    float *boxes = NULL, *cache = NULL;
-    device_samples got;
-    ref_gather_cache gather;
-    cln_model model;
-    ray_source from = {.config = &config, .sampling = sampling_of(c), .points = ref_gather_points};
+    random_run r;
 
-    make_sampling_model(&config, &model);
-    assert_ok(cln_octree_boxes(&model.tree, &boxes));
-    gather = make_gather(&model, boxes, &cache);
-    from.tree = &model.tree;
-    from.user = &gather;
-    random_rays(o, d);
-    assert_ok(cln_pipeline_upload(p, &model, false));
-    test_fill(p->device, &p->ray_o, o, RANDOM_RAYS * sizeof *o);
-    test_fill(p->device, &p->ray_d, d, RANDOM_RAYS * sizeof *d);
-    run_stage(p, RANDOM_RAYS, &from.sampling, &got);
-    assert_int_equal(got.rays, RANDOM_RAYS);
-    assert_true(got.n > RANDOM_RAYS);
-    check_samples(&model.tree, &got, o, d);
-    compare_samples(c->name, &from, &got, o, d, 0.05);
-    device_samples_free(&got);
-    cln_model_free(&model);
-    free(cache);
-    free(boxes);
-    free(o);
-    free(d);
+    run_random(c, NULL, &r);
+    assert_true(r.got.n > RANDOM_RAYS);
+    check_samples(&r.model.tree, &r.got, r.o, r.d);
+    compare_samples(c->name, &r.from, &r.got, r.o, r.d, 0.05);
+    free_random(&r);
 }
 
 static void test_random_rays(void **state)
@@ -443,45 +470,22 @@ static bool is_inside(const double p[3], double margin)
 
 static void check_crop(const sampling_case *c)
 {
-    const cln_config config = config_of(c);
-    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
-    float(*o)[4] = test_alloc(RANDOM_RAYS, sizeof *o), (*d)[4] = test_alloc(RANDOM_RAYS, sizeof *d);
-    float *boxes = NULL, *cache = NULL;
-    device_samples got;
-    ref_gather_cache gather;
-    cln_model model;
-    ray_source from = {.config = &config, .sampling = sampling_of(c), .points = ref_gather_points};
+    random_run r;
 
-    make_sampling_model(&config, &model);
-    assert_ok(cln_octree_boxes(&model.tree, &boxes));
-    gather = make_gather(&model, boxes, &cache);
-    from.tree = &model.tree;
-    from.user = &gather;
-    from.sampling.crop = box;
-    random_rays(o, d);
-    assert_ok(cln_pipeline_upload(p, &model, false));
-    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(sampling_crop)));
-    test_fill(p->device, &p->ray_o, o, RANDOM_RAYS * sizeof *o);
-    test_fill(p->device, &p->ray_d, d, RANDOM_RAYS * sizeof *d);
-    run_stage(p, RANDOM_RAYS, &from.sampling, &got);
-    assert_true(got.n > RANDOM_RAYS / 8);
-    for (uint32_t i = 0; i < got.n; i++) {
-        const cln_sample *s = &got.samples[i];
+    run_random(c, box, &r);
+    assert_true(r.got.n > RANDOM_RAYS / 8);
+    for (uint32_t i = 0; i < r.got.n; i++) {
+        const cln_sample *s = &r.got.samples[i];
         double at[3];
 
         for (int a = 0; a < 3; a++)
-            at[a] = (double)o[s->ray][a] + (double)s->t * (double)d[s->ray][a];
+            at[a] = (double)r.o[s->ray][a] + (double)s->t * (double)r.d[s->ray][a];
         if (!is_inside(at, 2e-6))
             fail_msg("%s: a sample of ray %u at %g, %g, %g is outside", c->name, s->ray, at[0],
                      at[1], at[2]);
     }
-    compare_samples(c->name, &from, &got, o, d, 0.08);
-    device_samples_free(&got);
-    cln_model_free(&model);
-    free(cache);
-    free(boxes);
-    free(o);
-    free(d);
+    compare_samples(c->name, &r.from, &r.got, r.o, r.d, 0.08);
+    free_random(&r);
 }
 
 static void test_crop(void **state)
