@@ -1,12 +1,14 @@
 /* Files of poses for `render --poses`. See frames.h. camera_path.json, as nerfstudio and its viewer
  * write it: one size, camera-to-world matrices of 16 numbers row by row with OpenGL's axes,
  * vertical fields of view in degrees. Transforms JSON: read as a scene's. Both in the scene's own
- * frame and units. Nothing of stereo panoramas, times, crops. */
+ * frame and units. Nothing of stereo panoramas and times; a crop is
+ * warned of. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "io/json.h"
 #include "io/names.h"
@@ -35,6 +37,8 @@ static cln_status read_film(const json_t *root, int width, int height, film *f, 
     CLN_TRY(cln_transforms_number(f->path, root, "render_width", &sides[0], &found));
     CLN_TRY(cln_transforms_number(f->path, root, "render_height", &sides[1], &found));
     CLN_TRY(cln_transforms_number(f->path, root, "fps", fps, &found));
+    if (json_is_object(json_object_get(root, "crop")))
+        cln_warn("%s: its crop is not read; give --crop", f->path);
     for (int i = 0; i < 2; i++)
         if (!(sides[i] >= 1 && sides[i] <= 1e6))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: %s is %g; it must be a size in pixels", f->path,

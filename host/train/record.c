@@ -276,9 +276,22 @@ done:
     return st;
 }
 
-cln_status cln_record_decision(cln_trainer *t, const cln_decision *d)
+/* Takes row over; NULL: there was no memory for it. */
+static cln_status add_row(const cln_trainer *t, json_t *row)
 {
     cln_status st = CLN_OK;
+
+    if (!row)
+        return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
+    if (t->writes)
+        CLN_TRY(cln_metrics_add(t->metrics, row));
+done:
+    json_decref(row);
+    return st;
+}
+
+cln_status cln_record_decision(cln_trainer *t, const cln_decision *d)
+{
     json_t *row = json_pack(
         "{s:s, s:I, s:f, s:f, s:i, s:i, s:i, s:i, s:i, s:i, s:b, s:o, s:o, s:o, s:o, s:o, s:i, "
         "s:f}",
@@ -291,18 +304,11 @@ cln_status cln_record_decision(cln_trainer *t, const cln_decision *d)
         cln_json_real(d->psnr_pretrained), "distil_steps", d->distil_steps, "work_seconds",
         d->work_seconds);
 
-    if (!row)
-        return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
-    if (t->writes)
-        CLN_TRY(cln_metrics_add(t->metrics, row));
-done:
-    json_decref(row);
-    return st;
+    return add_row(t, row);
 }
 
 cln_status cln_record_move(cln_trainer *t, const cln_share_move *move)
 {
-    cln_status st = CLN_OK;
     json_t *row = json_pack("{s:s, s:I, s:f, s:f, s:i, s:f, s:f}", "event", "balance", "step",
                             (json_int_t)t->model.step, "seconds", t->model.train_seconds,
                             "wall_seconds", cln_now() - t->began, "moved", move->leaves, "before",
@@ -311,13 +317,7 @@ cln_status cln_record_move(cln_trainer *t, const cln_share_move *move)
     cln_debug("step %lld: %d leaves moved to other ranks: the busiest had %.2f times the mean, "
               "has %.2f",
               (long long)t->model.step, move->leaves, move->before, move->after);
-    if (!row)
-        return cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
-    if (t->writes)
-        CLN_TRY(cln_metrics_add(t->metrics, row));
-done:
-    json_decref(row);
-    return st;
+    return add_row(t, row);
 }
 
 cln_status cln_record_place(const char *in, int64_t step, const char *split, int count, int total,

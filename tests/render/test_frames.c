@@ -5,8 +5,11 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <cmocka.h>
+#include "base/log.h"
 #include "render/frames.h"
 #include "render/vectors.h"
 #include "scratch.h"
@@ -77,6 +80,34 @@ static void test_camera_path(void **state)
     assert_int_equal(f.frame[0].camera.lens, CLN_LENS_EQUIRECTANGULAR);
     assert_true(f.frame[0].camera.width == 40 && f.fps == 0);
     cln_frames_free(&f);
+}
+
+static void count_warnings(cln_log_level level, const char *line, void *user)
+{
+    *(int *)user += level == CLN_LOG_WARN && strstr(line, "--crop");
+}
+
+/* A crop box is not read: no crop, or null, says nothing, a box is warned of. */
+static void test_path_with_crop(void **state)
+{
+    static const struct {
+        const char *crop;
+        int warnings;
+    } cases[] = {{"", 0}, {", \"crop\": null", 0}, {", \"crop\": {\"crop_center\": [0, 0, 0]}", 1}};
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[512];
+        int warnings = 0;
+        cln_frames f = {0};
+
+        snprintf(text, sizeof text, FILM("\"camera_path\": [" POSE(PLAIN, ", \"fov\": 90") "]%s"),
+                 cases[i].crop);
+        cln_log_to(CLN_LOG_WARN, count_warnings, &warnings);
+        assert_int_equal(cln_frames_read(put(state, text), 0, 0, &f), CLN_OK);
+        cln_log_to(CLN_LOG_WARN, NULL, NULL);
+        assert_int_equal(warnings, cases[i].warnings);
+        cln_frames_free(&f);
+    }
 }
 
 static void test_broken_paths(void **state)
@@ -336,6 +367,7 @@ int test_group_frames(void)
     const struct CMUnitTest tests[] = {ON_DISK(test_camera_path),
                                        ON_DISK(test_broken_paths),
                                        ON_DISK(test_transforms),
+                                       ON_DISK(test_path_with_crop),
                                        cmocka_unit_test(test_through),
                                        cmocka_unit_test(test_around),
                                        cmocka_unit_test(test_spiral_in_front),
