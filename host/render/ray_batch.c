@@ -3,7 +3,8 @@
 
 #include <math.h>
 
-/* Half the samples; intervals of a hundredth of the ray's light, or behind that, have none. */
+/* Half the samples, but for the most of a leaf; none in intervals of less than a hundredth of the
+ * ray's light, or behind what leaves less. */
 void cln_render_faster(cln_config *config)
 {
     static const double LITTLE = 0.01;

@@ -12,19 +12,21 @@
 #include "render/crop.h"
 #include "render/open_run.h"
 #include "render/quality.h"
+#include "render/ray_batch.h"
 #include "render/view.h"
 #include "run_fixture.h"
 #include "tests.h"
 
 /* The first test view of the run, with these settings of its sampling (NULL: its own), so many
  * times as large; max_rays 0: the pipeline's own. */
-static void render_fine(const cln_config *sampling, int antialias, int larger, int max_rays,
-                        cln_picture *out)
+static size_t render_fine(const cln_config *sampling, int antialias, int larger, int max_rays,
+                          cln_picture *out)
 {
     const bool pixels[CLN_SPLITS] = {false, false, true};
     const cln_device_desc device = fixture_device();
     cln_open_run v;
     int *views = NULL, count = 0;
+    size_t samples = 0;
 
     assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
     if (sampling)
@@ -47,13 +49,15 @@ static void render_fine(const cln_config *sampling, int antialias, int larger, i
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
     assert_ok(cln_render_prepare(&v.pipeline));
     assert_ok(cln_render_view(&v.pipeline, views[0], v.scene->background, false, NULL, out));
+    samples = v.pipeline.sample_total;
     cln_open_run_close(&v);
     free(views);
+    return samples;
 }
 
-static void render(const cln_config *sampling, cln_picture *out)
+static size_t render(const cln_config *sampling, cln_picture *out)
 {
-    render_fine(sampling, 1, 1, 0, out);
+    return render_fine(sampling, 1, 1, 0, out);
 }
 
 /* The same view cropped to a box of the scene; *space and *camera are the view's. */
@@ -126,6 +130,31 @@ static void test_agree_with_dense_sampling(void **state)
     cln_picture_free(&own);
     cln_picture_free(&even);
     cln_picture_free(&without);
+}
+
+/* Where a leaf's most samples do not bind, --fast takes at most two thirds of the samples; its
+ * picture is nearly the same. */
+static void test_fast(void **state)
+{
+    cln_config many, fast;
+    cln_picture own, other;
+    size_t samples = 0, fewer = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    many = config_of_run();
+    many.samples_per_leaf = 64;
+    many.batch_samples = 1 << 16; /* the picture is one batch */
+    fast = many;
+    cln_render_faster(&fast);
+    samples = render(&many, &own);
+    fewer = render(&fast, &other);
+    print_message("--fast: %.2f dB from the picture, %zu samples of %zu\n", psnr(&own, &other),
+                  fewer, samples);
+    assert_true(fewer > 0 && 3 * fewer < 2 * samples);
+    assert_true(psnr(&own, &other) > 35);
+    cln_picture_free(&own);
+    cln_picture_free(&other);
 }
 
 /* A pixel is the mean of a picture of three times the size where edges are, and the ray through its
@@ -235,7 +264,7 @@ int test_group_pictures(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling),
                                        cmocka_unit_test(test_antialias),
-                                       cmocka_unit_test(test_crop)};
+                                       cmocka_unit_test(test_fast), cmocka_unit_test(test_crop)};
 
     return cmocka_run_group_tests_name("pictures", tests, fixture_setup, fixture_teardown);
 }
