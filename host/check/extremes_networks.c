@@ -83,18 +83,9 @@ static cln_status make_data(cln_checks *c, double factor, data **out)
     CLN_TRY(cln_octree_boxes(&d->model.tree, (float **)&d->boxes));
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const uint32_t s = i % LEAVES;
-        double length = 0;
-
-        for (uint32_t a = 0; a < 3; a++) {
-            const double part = floor(cln_check_uniform(92, 3 * i + a, 0, 1024)) / 1024;
-
-            d->ray_o[i][a] = (float)(d->boxes[s][a] + part * d->boxes[s][3]);
-            d->ray_d[i][a] = (float)cln_check_uniform(93, 3 * i + a, -1, 1);
-            length += (double)d->ray_d[i][a] * d->ray_d[i][a];
+        cln_check_random_ray(d->boxes[s], 92, i, d->ray_o[i], d->ray_d[i]);
+        for (uint32_t a = 0; a < 3; a++)
             d->dout[i][a] = (float)cln_check_uniform(94, 3 * i + a, -1, 1);
-        }
-        for (int a = 0; a < 3; a++)
-            d->ray_d[i][a] = (float)(d->ray_d[i][a] / sqrt(length));
         d->dout[i][3] = (float)cln_check_uniform(95, i, -0.01, 0.01);
         d->samples[i] = (cln_sample){.delta = 0.01f, .ray = i, .slot = (int)s};
     }

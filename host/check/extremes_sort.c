@@ -95,40 +95,16 @@ static uint64_t key_of(key_kind k, uint32_t i)
 static cln_status check_sort(cln_checks *c, uint32_t n, key_kind k, bool wide, cln_extreme *row)
 {
     cln_status st = CLN_OK;
-    cln_device *device = c->p->device;
-    const size_t size = wide ? sizeof(uint64_t) : sizeof(uint32_t);
-    uint64_t *keys = NULL, *got = NULL;
-    uint32_t *narrow = NULL, *values = NULL, wrong = 0;
-    cln_buffer key_buffers[2] = {{0}, {0}}, value_buffers[2] = {{0}, {0}};
+    uint64_t *keys = NULL;
+    uint32_t wrong = 0;
 
     CLN_TRY(cln_alloc(&keys, n, sizeof *keys, "self-test"));
-    CLN_TRY(cln_alloc(&got, n, sizeof *got, "self-test"));
-    CLN_TRY(cln_alloc(&narrow, n, sizeof *narrow, "self-test"));
-    CLN_TRY(cln_alloc(&values, n, sizeof *values, "self-test"));
-    for (uint32_t i = 0; i < n; i++) {
+    for (uint32_t i = 0; i < n; i++)
         keys[i] = wide ? key_of(k, i) : key_of(k, i) >> (k == RAYS ? 0 : 32) & 0xFFFFFFFFu;
-        narrow[i] = (uint32_t)keys[i];
-        values[i] = i;
-    }
-    CLN_TRY(cln_check_put(device, &key_buffers[0], wide ? (void *)keys : narrow, n * size));
-    CLN_TRY(cln_check_put(device, &value_buffers[0], values, n * sizeof *values));
-    CLN_TRY(
-        cln_stage_sort(c->p, key_buffers, value_buffers, n, wide ? 64 : 32, wide, CLN_STAGE_OTHER));
-    CLN_TRY(cln_buffer_read(device, &key_buffers[0], 0, wide ? (void *)got : narrow, n * size));
-    CLN_TRY(cln_buffer_read(device, &value_buffers[0], 0, values, n * sizeof *values));
-    for (uint32_t i = 0; i < n && !wide; i++)
-        got[i] = narrow[i];
-    CLN_TRY(cln_check_sorted(keys, got, values, n, &wrong));
+    CLN_TRY(cln_check_sort_keys(c, keys, n, wide ? 64 : 32, wide, &wrong));
     cln_extreme_meet(row, wrong, 0, 1, 0, "%u %s keys", n, key_names[k]);
 done:
-    for (int b = 0; b < 2; b++) {
-        cln_buffer_free(device, &key_buffers[b]);
-        cln_buffer_free(device, &value_buffers[b]);
-    }
     free(keys);
-    free(got);
-    free(narrow);
-    free(values);
     return st;
 }
 

@@ -17,6 +17,15 @@ ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cl
 cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
                             uint32_t n, uint32_t *wrong);
 
+/* Sorts keys, which have so many bits (wide: up to 64, else 32), with the values 0 .. n - 1 on the
+ * device, and compares (cln_check_sorted). */
+cln_status cln_check_sort_keys(cln_checks *c, const uint64_t *keys, uint32_t n, int bits, bool wide,
+                               uint32_t *wrong);
+
+/* A point of the box (x, y, z of its lowest corner, side), a multiple of 1/1024 of the side from
+ * there, and a unit direction: numbers 3 i .. 3 i + 2 of the streams `stream` and the next. */
+void cln_check_random_ray(const float box[4], uint32_t stream, uint32_t i, float o[4], float d[4]);
+
 /* The checks; each reports its verdicts. A status other than CLN_OK: no verdict was possible. */
 cln_status cln_check_scan(cln_checks *c);
 cln_status cln_check_sort(cln_checks *c, bool wide);

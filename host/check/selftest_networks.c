@@ -99,6 +99,21 @@ static uint32_t samples_of(const cln_checks *c, int slot)
     return c->tiny ? (counts[slot % 8] + 3) / 4 : counts[slot % 8];
 }
 
+void cln_check_random_ray(const float box[4], uint32_t stream, uint32_t i, float o[4], float d[4])
+{
+    double length = 0;
+
+    for (uint32_t a = 0; a < 3; a++) {
+        const double part = floor(cln_check_uniform(stream, 3 * i + a, 0, 1024)) / 1024;
+
+        o[a] = (float)(box[a] + part * box[3]);
+        d[a] = (float)cln_check_uniform(stream + 1, 3 * i + a, -1, 1);
+        length += (double)d[a] * d[a];
+    }
+    for (int a = 0; a < 3; a++)
+        d[a] = (float)(d[a] / sqrt(length));
+}
+
 static cln_status make_data(const cln_checks *c, data *d)
 {
     cln_status st = CLN_OK;
@@ -119,18 +134,9 @@ static cln_status make_data(const cln_checks *c, data *d)
     for (uint32_t round = 0; at < d->n; round++) /* leaves in turn, so that grouping has work */
         for (int s = 0; s < leaves; s++)
             if (round < samples_of(c, s)) {
-                double length = 0;
-
-                for (uint32_t a = 0; a < 3; a++) {
-                    const double part = floor(cln_check_uniform(4, 3 * at + a, 0, 1024)) / 1024;
-
-                    d->ray_o[at][a] = (float)(d->boxes[s][a] + part * d->boxes[s][3]);
-                    d->ray_d[at][a] = (float)cln_check_uniform(5, 3 * at + a, -1, 1);
-                    length += (double)d->ray_d[at][a] * d->ray_d[at][a];
+                cln_check_random_ray(d->boxes[s], 4, at, d->ray_o[at], d->ray_d[at]);
+                for (uint32_t a = 0; a < 3; a++)
                     d->dout[at][a] = (float)cln_check_uniform(6, 3 * at + a, -1, 1);
-                }
-                for (int a = 0; a < 3; a++)
-                    d->ray_d[at][a] = (float)(d->ray_d[at][a] / sqrt(length));
                 d->dout[at][3] = (float)cln_check_uniform(7, at, -0.01, 0.01);
                 d->samples[at] = (cln_sample){.delta = 0.01f, .ray = at, .slot = s};
                 at++;

@@ -75,46 +75,58 @@ done:
 
 /* Checks that keys are sorted, stably, and keep their values (the places before). Wide keys are
  * enough for the sort to look for bits that vary. */
-cln_status cln_check_sort(cln_checks *c, bool wide)
+cln_status cln_check_sort_keys(cln_checks *c, const uint64_t *keys, uint32_t n, int bits, bool wide,
+                               uint32_t *wrong)
 {
-    enum { VALUES = 97 };
     cln_status st = CLN_OK;
-    const uint32_t n = c->tiny ? 331 : wide ? 33333 : 5003;
     cln_device *device = c->p->device;
     const size_t bytes = n * (wide ? sizeof(uint64_t) : sizeof(uint32_t));
-    uint64_t *keys = NULL, *got = NULL;
-    uint32_t *narrow = NULL, *values = NULL, wrong = 0;
+    uint64_t *got = NULL;
+    uint32_t *narrow = NULL, *values = NULL;
     cln_buffer key_buffers[2] = {{0}, {0}}, value_buffers[2] = {{0}, {0}};
 
-    CLN_TRY(cln_alloc(&keys, n, sizeof *keys, "self-test"));
     CLN_TRY(cln_alloc(&got, n, sizeof *got, "self-test"));
     CLN_TRY(cln_alloc(&narrow, n, sizeof *narrow, "self-test"));
     CLN_TRY(cln_alloc(&values, n, sizeof *values, "self-test"));
     for (uint32_t i = 0; i < n; i++) {
-        keys[i] = (uint64_t)(bits_of(3, i) % VALUES) * 0x9E3779B97F4A7C15ull >> (wide ? 12 : 40);
         narrow[i] = (uint32_t)keys[i];
         values[i] = i;
     }
-    CLN_TRY(cln_check_put(device, &key_buffers[0], wide ? (void *)keys : narrow, bytes));
+    CLN_TRY(cln_check_put(device, &key_buffers[0], wide ? (const void *)keys : narrow, bytes));
     CLN_TRY(cln_check_put(device, &value_buffers[0], values, n * sizeof *values));
-    CLN_TRY(
-        cln_stage_sort(c->p, key_buffers, value_buffers, n, wide ? 52 : 24, wide, CLN_STAGE_OTHER));
+    CLN_TRY(cln_stage_sort(c->p, key_buffers, value_buffers, n, bits, wide, CLN_STAGE_OTHER));
     CLN_TRY(cln_buffer_read(device, &key_buffers[0], 0, wide ? (void *)got : narrow, bytes));
     CLN_TRY(cln_buffer_read(device, &value_buffers[0], 0, values, n * sizeof *values));
     for (uint32_t i = 0; i < n && !wide; i++)
         got[i] = narrow[i];
-    CLN_TRY(cln_check_sorted(keys, got, values, n, &wrong));
-    cln_check_say(c, wide ? "sort, 64 bit" : "sort, 32 bit", wrong == 0, "%u of %u places wrong",
-                  wrong, n);
+    CLN_TRY(cln_check_sorted(keys, got, values, n, wrong));
 done:
     for (int b = 0; b < 2; b++) {
         cln_buffer_free(device, &key_buffers[b]);
         cln_buffer_free(device, &value_buffers[b]);
     }
-    free(keys);
     free(got);
     free(narrow);
     free(values);
+    return st;
+}
+
+cln_status cln_check_sort(cln_checks *c, bool wide)
+{
+    enum { VALUES = 97 };
+    cln_status st = CLN_OK;
+    const uint32_t n = c->tiny ? 331 : wide ? 33333 : 5003;
+    uint64_t *keys = NULL;
+    uint32_t wrong = 0;
+
+    CLN_TRY(cln_alloc(&keys, n, sizeof *keys, "self-test"));
+    for (uint32_t i = 0; i < n; i++)
+        keys[i] = (uint64_t)(bits_of(3, i) % VALUES) * 0x9E3779B97F4A7C15ull >> (wide ? 12 : 40);
+    CLN_TRY(cln_check_sort_keys(c, keys, n, wide ? 52 : 24, wide, &wrong));
+    cln_check_say(c, wide ? "sort, 64 bit" : "sort, 32 bit", wrong == 0, "%u of %u places wrong",
+                  wrong, n);
+done:
+    free(keys);
     return st;
 }
 
