@@ -67,8 +67,8 @@ scale_cost scale_fit(int n, const double (*x)[3], const double *seconds)
         for (int i = 0; i < n; i++)
             unit[k] = fmax(unit[k], x[i][k] / seconds[i]);
     }
-    for (int used = 1; used < 8;
-         used++) { /* of all choices of columns, the best without negatives */
+    /* of all choices of columns, the best without negatives */
+    for (int used = 1; used < 8; used++) {
         double a[3][4] = {{0}}, error = 0;
         int legal = 1;
 
