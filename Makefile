@@ -163,7 +163,7 @@ $P/bench-scale: $(SCALE_OBJ) $P/libcl-nascent.a
 PEERS := xsmm onednn openblas clblast
 PEER_HEADER_xsmm := libxsmm.h
 PEER_HEADER_onednn := oneapi/dnnl/dnnl.h
-PEER_HEADER_openblas := cblas.h
+PEER_HEADER_openblas := openblas_config.h
 PEER_HEADER_clblast := clblast_c.h
 PEER_LIBS_xsmm := -lxsmm -ldl
 PEER_LIBS_onednn := -ldnnl

@@ -8,6 +8,8 @@
 #include "base/memory.h"
 #include "device/buffer.h"
 #include "device/cl_error.h"
+#include "device/program.h"
+#include "device/queue.h"
 #include "peer.h"
 
 enum { W = PEER_WIDTH, L = PEER_LAYERS };

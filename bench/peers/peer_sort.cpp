@@ -109,7 +109,8 @@ class device_sort
         device = opened;
         must(cln_config_preset("fast", &config));
         config.stage1 = CLN_STAGE1_SPLAT; /* only splatting builds the 64-bit sort */
-        must(cln_pipeline_create(device, &config, false, false, &pipeline));
+        must(cln_pipeline_create(device, &config, 0, false, &cln_space_unit, CLN_PROGRAMS_ALL,
+                                 &pipeline));
     }
     ~device_sort()
     {
