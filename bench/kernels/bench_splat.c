@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/memory.h"
 #include "bench_scene.h"
 #include "pipeline/splat.h"
@@ -46,16 +47,22 @@ done:
 
 /* The device's lists of the batch, all views in one group. */
 typedef struct lists {
-    cln_grid *grids;  /* [view][6] */
+    cln_grid *grids;  /* [view][level] */
     uint32_t *start;  /* [lists + 1] */
     float *t, *sigma; /* [entry] */
 } lists;
+
+static int levels_of(const cln_pipeline *p)
+{
+    return cln_config_deepest(&p->config) + 1;
+}
 
 static cln_status read_lists(const run *r, lists *l)
 {
     cln_status st = CLN_OK;
     const cln_pipeline *p = r->scene.p;
-    const size_t grids = (size_t)p->batch_view_count * 6, count = (size_t)p->list_total;
+    const size_t grids = (size_t)(p->batch_view_count * levels_of(p)),
+                 count = (size_t)p->list_total;
 
     CLN_TRY(cln_alloc(&l->grids, grids, sizeof *l->grids, "bench"));
     CLN_TRY(cln_alloc(&l->start, count + 1, sizeof *l->start, "bench"));
@@ -78,7 +85,8 @@ static int project(const run *r, const lists *l, int view, int i, double *t)
     const int n1 = s->p->config.n1, cells = n1 * n1 * n1, slot = i / cells, cell = i % cells;
     const int at[3] = {cell % n1, cell / n1 % n1, cell / (n1 * n1)};
     const float *box = s->boxes + 4 * slot;
-    const cln_grid *grid = &l->grids[view * 6 + s->model.tree.level[s->model.tree.leaf[slot]]];
+    const cln_grid *grid =
+        &l->grids[view * levels_of(s->p) + s->model.tree.level[s->model.tree.leaf[slot]]];
     const cln_camera *camera = &s->cameras[view];
     double point[3], x = 0, y = 0, z = 0, o[3], d[3];
     uint32_t column = 0, row = 0;
