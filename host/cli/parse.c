@@ -238,6 +238,10 @@ static cln_status fail_letters(const cln_command *command, const char *argument,
     if (cln_arg_find(command, argument + 1, length) || cln_row_find(command, argument + 1, length))
         return cln_fail(CLN_USAGE, "%s: long options begin with two dashes: --%s", argument,
                         argument + 1);
+    if (access(argument, F_OK) == 0)
+        return cln_fail(CLN_USAGE,
+                        "%s: names that begin with a dash are taken for options; give ./%s",
+                        argument, argument);
     return cln_fail(CLN_USAGE, "unknown option -%c", letter);
 }
 

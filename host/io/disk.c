@@ -1,4 +1,4 @@
-/* Room on a disk. See disk.h; writes nothing. */
+/* Room on a disk. See disk.h; leaves nothing behind. */
 #include "io/disk.h"
 
 #include <errno.h>
@@ -30,6 +30,22 @@ done:
     return st;
 }
 
+/* Some file systems let nobody make a folder (/proc), though access() has nothing against it. */
+static cln_status try_folder(const char *folder, const char *there)
+{
+    cln_status st = CLN_OK;
+    char *trial = NULL;
+
+    CLN_TRY(cln_path_join(&trial, there, ".cl-nascent-XXXXXX"));
+    if (!mkdtemp(trial))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: in %s no folder can be made: %s; choose another", folder,
+                         there, strerror(errno)));
+    rmdir(trial);
+done:
+    free(trial);
+    return st;
+}
+
 cln_status cln_disk_check(const char *folder, double bytes, const char *what)
 {
     cln_status st = CLN_OK;
@@ -46,8 +62,10 @@ cln_status cln_disk_check(const char *folder, double bytes, const char *what)
                          : strcmp(there, folder) == 0 ? "this folder"
                                                       : there,
                          strerror(errno)));
-    if (statvfs(there, &disk) != 0 || disk.f_blocks == 0) /* some file systems do not tell */
+    if (statvfs(there, &disk) != 0 || disk.f_blocks == 0) { /* some file systems do not tell */
+        CLN_TRY(try_folder(folder, there));
         goto done;
+    }
     room = (double)disk.f_bavail * (double)disk.f_frsize;
     if (bytes <= room)
         goto done;

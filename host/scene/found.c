@@ -235,6 +235,9 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
                              found.scenes > 1 ? ", or another of its folders" : ""));
+    else if (known == kinds[JSON].advice && found.count[JSON] == 1)
+        CLN_TRY(cln_asprintf(advice, "if its frames are in that, give the file: '%s/%s'", path,
+                             found.first[JSON]));
     else
         CLN_TRY(cln_strdup(advice, known));
 done:

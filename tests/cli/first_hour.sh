@@ -61,6 +61,9 @@ section_words() {
     expect "--o for -o" 2 "~did.you.mean.-o" "$cln" train s --o r
     expect "a name like no other: no suggestion" 2 "me" "$cln" me
     check "none is made" not_said "did you mean"
+    (cd "$work" && touch -- -dash)
+    expect "a name that begins with a dash" 2 "./-dash" \
+        bash -c 'cd "$1" && exec "$2" info -dash' - "$work" "$cln"
     expect "an empty name of a scene" 2 "~SCENE.*is.empty" "$cln" info ""
     expect "--help before the command" 0 "" "$cln" --help train
     check "is the command's" printed "cl-nascent train SCENE"

@@ -334,6 +334,8 @@ static void test_disk_check(void **state)
     assert_int_equal(cln_disk_check(deep, 0, "things"), CLN_OUTPUT);
     assert_non_null(strstr(cln_error_text(), "new is not a folder"));
     cln_clear_error();
+    assert_int_equal(cln_disk_check("/proc/run", 0, "things"), CLN_OUTPUT); /* also as root */
+    cln_clear_error();
     assert_int_equal(cln_disk_check_file(scratch_path(*state, "file.ply"), 10, "boxes"), CLN_OK);
     assert_int_equal(cln_disk_check_file("file.ply", 1e18, "boxes"), CLN_OUTPUT);
     cln_clear_error();

@@ -76,7 +76,7 @@ static const no_scene cases[] = {
     {"JSON of another name",
      {"cameras.json", "a.png"},
      "",
-     {"it holds a JSON file ('cameras.json'), an image ('a.png'); ", "give that file"}},
+     {"it holds a JSON file ('cameras.json'), an image ('a.png'); ", "/cameras.json'"}},
     {"test without train",
      {"transforms_test.json"},
      "",
