@@ -27,10 +27,13 @@ ZSHDIR ?= $(PREFIX)/share/zsh/site-functions
 FISHDIR ?= $(PREFIX)/share/fish/vendor_completions.d
 B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
+CC ?= gcc
 # the viewer's server; without it `view` says what is missing
 MICROHTTPD := $(shell pkg-config --exists libmicrohttpd && echo libmicrohttpd)
 PKGS := OpenCL jansson zlib $(MICROHTTPD)
-CC ?= gcc
+# for export --mesh --triangles; without it that option says what is missing. It has no pkg-config.
+MESHOPTIMIZER := $(shell $(CC) -fsyntax-only -include meshoptimizer.h -x c /dev/null 2>/dev/null \
+                         && echo meshoptimizer)
 CLANG ?= $(firstword $(shell command -v clang-14 clang))
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
 OPT := $(if $(DEBUG),-O0,$(if $(SANITIZE),-O1,-O2)) -g
@@ -42,9 +45,11 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
+             $(if $(MESHOPTIMIZER),-DCLN_WITH_MESHOPTIMIZER) \
              $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
-LDLIBS_ALL = $(shell pkg-config --libs $(PKGS) $(MPI_PKG)) -lm -lpthread \
-             $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
+LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(MESHOPTIMIZER:%=-l% )-lm -lpthread
+LDLIBS_ALL = $(shell pkg-config --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
+             -lm -lpthread $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
 
 LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
 CLI_SRC := $(wildcard host/cli/*.c)
@@ -117,7 +122,7 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	   echo 'Version: $(VERSION)'; \
 	   echo 'Requires.private: $(filter-out libmicrohttpd,$(PKGS)) $(MPI_PKG)'; \
 	   echo 'Libs: -L$${libdir} -lcl-nascent'; \
-	   echo 'Libs.private: $(if $(MICROHTTPD),-lmicrohttpd )-lm -lpthread'; \
+	   echo 'Libs.private: $(LIBS_PRIVATE)'; \
 	   echo 'Cflags: -I$${includedir}'; } > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
@@ -242,11 +247,12 @@ $B/obj/pages_embed.o: $B/pages_embed.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
-# Compiled anew when libmicrohttpd comes or goes.
-$B/obj/host/view/server.o: $B/microhttpd
-$B/microhttpd: FORCE
+# Compiled anew when their libraries come or go.
+$B/obj/host/view/server.o $B/obj/host/export/reduce.o $B/obj/tests/export/test_reduce.o: $B/optional
+OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER)
+$B/optional: FORCE
 	@mkdir -p $(@D)
-	@echo '$(MICROHTTPD)' | cmp -s - $@ || echo '$(MICROHTTPD)' > $@
+	@echo '$(OPTIONAL)' | cmp -s - $@ || echo '$(OPTIONAL)' > $@
 
 # The table of test groups is made from the test files; a new file needs only its prototype in
 # tests.h.

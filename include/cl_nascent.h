@@ -384,6 +384,7 @@ typedef struct cln_export_desc {
     double spacing;
     int64_t count;          /* points: how many; 0 = 200,000 */
     bool closed;            /* points, mesh: also the parts that no training view sees */
+    int64_t triangles;      /* mesh: the most; 0 = all that its grid makes */
     cln_device_desc device; /* points, mesh, volume */
     cln_callbacks callbacks;
 } cln_export_desc;
@@ -394,13 +395,16 @@ typedef struct cln_export_result {
     int64_t step;
     int leaves, levels[CLN_LEVELS]; /* active leaves, in all and by level */
     int64_t vertices, faces;        /* points, mesh */
+    int64_t faces_before;           /* mesh: before `triangles` left some out; 0 = it did not */
+    double reduction_error;         /* how far that moved the surface at most, about; scene units */
     int shape[3];                   /* volume: of the grid, z, y, x */
     int views;                      /* cameras */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
  * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
- * for fields that it does not read, and for a grid that is too fine. */
+ * for fields that it does not read, and for a grid that is too fine; CLN_FAILED for `triangles` in
+ * a library that was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text about a scene or a run; the caller frees it. settings: how to read the scene;

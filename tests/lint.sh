@@ -61,6 +61,7 @@ warnings() {
            -Wmissing-prototypes -Werror -Iinclude -Ihost -Ibench -Itests/support
            -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)
            $(pkg-config --exists libmicrohttpd && echo -DCLN_WITH_MICROHTTPD)
+           $([ -e /usr/include/meshoptimizer.h ] && echo -DCLN_WITH_MESHOPTIMIZER)
            $(pkg-config --exists ompi-c && echo -DCLN_WITH_MPI "$(pkg-config \
                --cflags-only-I ompi-c)")"
     # shellcheck disable=SC2086

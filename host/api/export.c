@@ -11,6 +11,7 @@
 #include "base/memory.h"
 #include "cl_nascent.h"
 #include "export/export.h"
+#include "export/reduce.h"
 #include "io/run_folder.h"
 #include "render/tree_picture.h"
 
@@ -128,8 +129,11 @@ static cln_status check_options(const cln_export_desc *desc)
 {
     static const struct {
         const char *option, *of; /* the exports that read it */
-    } rows[] = {{"spacing", "points mesh volume"}, {"count", "points"}, {"closed", "points mesh"}};
-    const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed};
+    } rows[] = {{"spacing", "points mesh volume"},
+                {"count", "points"},
+                {"closed", "points mesh"},
+                {"triangles", "mesh"}};
+    const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed, desc->triangles != 0};
 
     if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
         return cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour);
@@ -139,10 +143,11 @@ static cln_status check_options(const cln_export_desc *desc)
                             rows[i].option, desc->what, rows[i].of);
     if (desc->spacing != 0 && desc->count != 0)
         return cln_fail(CLN_USAGE, "--spacing and --count: one gives the other; leave one out");
-    if (!(desc->spacing >= 0) || desc->count < 0)
-        return cln_fail(CLN_USAGE, "export: spacing %g and count %lld must not be below 0",
-                        desc->spacing, (long long)desc->count);
-    return CLN_OK;
+    if (!(desc->spacing >= 0) || desc->count < 0 || desc->triangles < 0)
+        return cln_fail(CLN_USAGE,
+                        "export: spacing %g, count %lld and triangles %lld must not be below 0",
+                        desc->spacing, (long long)desc->count, (long long)desc->triangles);
+    return desc->triangles ? cln_mesh_reduce_possible() : CLN_OK;
 }
 
 /* ---- the work ---- */

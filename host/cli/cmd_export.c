@@ -39,6 +39,11 @@ static cln_status print_document(const cln_options *options, const cln_export_re
                          options->operand, "file", options->export_file, "step",
                          (json_int_t)r->step, "leaves", r->leaves, "levels", levels);
     json_object_update(document, counts);
+    if (r->faces_before > 0) {
+        json_object_set_new(document, "triangles_before",
+                            json_integer((json_int_t)r->faces_before));
+        json_object_set_new(document, "reduction_error", json_real(r->reduction_error));
+    }
     json_decref(counts);
     return cln_print_json(document);
 }
@@ -80,6 +85,10 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
         before = ", ";
     }
     json_decref(counts);
+    if (r->faces_before > 0) {
+        cln_format_count((double)r->faces_before, text);
+        fprintf(to, " (of %s; moved by about %.2g units at most)", text, r->reduction_error);
+    }
     cln_format_count((double)r->step, text);
     fprintf(to, " of step %s\n", text);
 }
@@ -163,6 +172,7 @@ cln_status cln_cmd_export(const cln_options *options)
                             .spacing = options->spacing,
                             .count = options->count,
                             .closed = options->closed,
+                            .triangles = options->triangles,
                             .device = options->device};
 
     CLN_TRY(cln_console_open(options, &console));

@@ -237,6 +237,8 @@ const cln_arg cln_args[] = {
          "points: how many", .shown = "200000"),
     FLAG(CLN_EXPORT, "closed", closed,
          "points, mesh: also the parts that no training view sees; the mesh is closed then"),
+    INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,
+         "mesh: at most N, by leaving out those that matter least", .shown = "all"),
     WORD(CLN_EXPORT, "colour", colour, "level|error",
          "octree: what the boxes' colours show: the level, or the error on a logarithmic scale",
          .standard = "level"),

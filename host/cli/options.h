@@ -27,8 +27,8 @@ typedef struct cln_options {
     const char *poses, *depth, *crop;
     bool pfm, normals;
     double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe;
-    double spacing; /* 0 = not given */
-    int count;      /* 0 = not given */
+    double spacing;       /* 0 = not given */
+    int count, triangles; /* 0 = not given */
     bool closed;
     int image_width, image_height;
     const char *listen;

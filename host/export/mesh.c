@@ -3,7 +3,9 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include "base/log.h"
 #include "base/memory.h"
+#include "export/reduce.h"
 #include "io/disk.h"
 
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)
@@ -71,6 +73,14 @@ cln_status cln_export_mesh(cln_export_job *job)
     memcpy(mesh.colour, surface.colour, mesh.vertices * sizeof *mesh.colour);
     mesh.face = surface.face;
     mesh.faces = surface.faces;
+    memcpy(mesh.origin, job->opened.model.space.centre, sizeof mesh.origin);
+    if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
+        job->result->faces_before = (int64_t)mesh.faces;
+        CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error));
+        if (mesh.faces > (size_t)desc->triangles)
+            cln_warn("--triangles %lld: %zu are left, as fewer would tear the surface",
+                     (long long)desc->triangles, mesh.faces);
+    }
     CLN_TRY(cln_export_mesh_write(job, "the surface", &mesh));
 done:
     cln_export_mesh_free(&mesh);

@@ -7,6 +7,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <unistd.h>
+#include "export/reduce.h"
 #include "io/npy.h"
 #include "near.h"
 #include "run_fixture.h"
@@ -129,6 +130,33 @@ static void a_coarser_and_a_closed_mesh(void **state)
     desc.closed = true;
     assert_ok(cln_export(&desc, &closed));
     assert_true(closed.faces >= coarse.faces);
+}
+
+static void a_mesh_of_fewer_triangles(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "few.glb");
+    cln_export_result all, few;
+
+    NEED_DEVICE();
+    if (cln_mesh_reduce_possible() != CLN_OK) {
+        cln_clear_error();
+        skip();
+    }
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &all));
+    assert_true(all.faces_before == 0 && all.reduction_error == 0);
+    desc.triangles = all.faces / 4;
+    assert_ok(cln_export(&desc, &few));
+    assert_int_equal(few.faces_before, all.faces);
+    assert_in_range(few.faces, 10, desc.triangles);
+    assert_true(few.vertices < all.vertices / 2);
+    assert_true(few.reduction_error > 0 && few.reduction_error < 0.5);
+    desc.triangles = all.faces;
+    assert_ok(cln_export(&desc, &few));
+    assert_true(few.faces_before == 0 && few.faces == all.faces);
+    desc.what = "points";
+    desc.file = fixture_path("few.ply");
+    assert_fails(cln_export(&desc, &few), CLN_USAGE, "--triangles");
 }
 
 static void volumes_are_the_field(void **state)
@@ -277,9 +305,9 @@ int test_group_exports(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(points_are_on_the_ball),      cmocka_unit_test(formats_of_a_mesh_agree),
-        cmocka_unit_test(a_coarser_and_a_closed_mesh), cmocka_unit_test(volumes_are_the_field),
-        cmocka_unit_test(cameras_come_back),           cmocka_unit_test(mistakes_are_named),
-        cmocka_unit_test(a_signal_leaves_no_file),
+        cmocka_unit_test(a_coarser_and_a_closed_mesh), cmocka_unit_test(a_mesh_of_fewer_triangles),
+        cmocka_unit_test(volumes_are_the_field),       cmocka_unit_test(cameras_come_back),
+        cmocka_unit_test(mistakes_are_named),          cmocka_unit_test(a_signal_leaves_no_file),
     };
 
     return cmocka_run_group_tests_name("exports", tests, fixture_setup, fixture_teardown);

@@ -139,7 +139,8 @@ check "and the program's" [ "$("$usr/bin/cl-nascent" --version)" = "cl-nascent $
 run config --libs
 check "shared linking needs this library alone" [ "$(tr -d ' ' <out)" = -L/prefix/lib-lcl-nascent ]
 run config --static --libs
-for name in OpenCL jansson z m $(pkg-config --exists libmicrohttpd && echo microhttpd); do
+for name in OpenCL jansson z m $(pkg-config --exists libmicrohttpd && echo microhttpd) \
+    $([ -e /usr/include/meshoptimizer.h ] && echo meshoptimizer); do
     check "static linking names -l$name" grep -qE -- "-l$name( |\$)" out
 done
 

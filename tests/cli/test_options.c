@@ -286,12 +286,12 @@ static void every_other_option_is_read(void **state)
     assert_true(o->overwrite);
     done(&l);
 
-    o = parsed(&l, "export run --mesh m.glb --spacing 0.05 --closed --scene s -d 1");
+    o = parsed(&l, "export run --mesh m.glb --spacing 0.05 --closed --triangles 90 --scene s -d 1");
     assert_string_equal(o->export_what, "mesh");
     assert_string_equal(o->export_file, "m.glb");
     assert_string_equal(o->scene, "s");
     assert_string_equal(o->device.spec, "1");
-    assert_true(o->spacing == 0.05 && o->closed && o->count == 0);
+    assert_true(o->spacing == 0.05 && o->closed && o->count == 0 && o->triangles == 90);
     done(&l);
     o = parsed(&l, "export run --points p.ply --count 1000");
     assert_true(o->spacing == 0 && !o->closed && o->count == 1000);
@@ -562,6 +562,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train s -o r --no-skp", "--no-skp|did you mean --no-skip"},
         {"train s -o r --no-steps", "--no-steps"},
         {"train s -o r --quux", "unknown option --quux"},
+        {"info -x", "unknown option -x"},
         {"train s -o r --orbit", "--orbit is not an option of train|only of render"},
         {"eval r --lr 3", "--lr is not an option of eval|only of train"},
         {"train s -o r -z", "-z"},
@@ -588,6 +589,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"export r --octree f --colour red", "--colour|'red'|level|error"},
         {"export r --octree f --mesh g", "--octree and --mesh|one at a time"},
         {"export r --mesh f --spacing 0", "--spacing|'0'"},
+        {"export r --mesh f --triangles 3", "--triangles|'3'|4 to"},
         {"eval r --octree f", "--octree is not an option of eval|only of export"},
         {"devices here", "'here'"},
         {"eval r --max-images many", "--max-images|'many'"},

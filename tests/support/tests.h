@@ -61,6 +61,7 @@ int test_group_settings(void);
 int test_group_space(void);
 int test_group_splat(void);
 int test_group_structure(void);
+int test_group_reduce(void);
 int test_group_surface(void);
 int test_group_trace(void);
 int test_group_training(void);

@@ -1,0 +1,251 @@
+/* Fewer triangles of a mesh (host/export/reduce.h): balls and a sheet with exact places, far from 0
+ * too. Places, normals and colours must be those of vertices before; no edge may be open that was
+ * not; and the surface must stay where it was. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "export/mesh.h"
+#include "export/reduce.h"
+#include "near.h"
+#include "tests.h"
+
+#define NEED_MESHOPTIMIZER()                        \
+    do {                                            \
+        (void)state;                                \
+        if (cln_mesh_reduce_possible() != CLN_OK) { \
+            cln_clear_error();                      \
+            skip();                                 \
+        }                                           \
+    } while (0)
+
+enum { RINGS = 60, SECTORS = 120, SIDE = 50 };
+
+static void make_mesh(cln_mesh *mesh, size_t vertices, size_t faces)
+{
+    memset(mesh, 0, sizeof *mesh);
+    assert_int_equal(cln_export_mesh_make(mesh, vertices), CLN_OK);
+    assert_int_equal(cln_alloc(&mesh->face, faces, sizeof *mesh->face, "faces"), CLN_OK);
+}
+
+static void free_mesh(cln_mesh *mesh)
+{
+    free(mesh->face);
+    cln_export_mesh_free(mesh);
+}
+
+static void add_face(cln_mesh *mesh, size_t a, size_t b, size_t c)
+{
+    uint32_t *face = mesh->face[mesh->faces++];
+
+    face[0] = (uint32_t)a, face[1] = (uint32_t)b, face[2] = (uint32_t)c;
+}
+
+/* A ball of radius 1 about mesh->origin, of rings and sectors between two poles. The colour is the
+ * vertex' number. */
+static void add_ball(cln_mesh *mesh, size_t first, const double middle[3])
+{
+    const size_t south = first + (RINGS - 1) * SECTORS, north = south + 1;
+
+    for (size_t v = first; v <= north; v++) {
+        const size_t i = v - first;
+        const double polar = v == south   ? M_PI
+                             : v == north ? 0
+                                          : M_PI * (double)(i / SECTORS + 1) / RINGS;
+        const double round = 2 * M_PI * (double)(i % SECTORS) / SECTORS;
+        const double n[3] = {sin(polar) * cos(round), sin(polar) * sin(round), cos(polar)};
+
+        for (int a = 0; a < 3; a++) {
+            mesh->at[v][a] = middle[a] + n[a];
+            mesh->normal[v][a] = (float)n[a];
+            mesh->colour[v][a] = (uint8_t)(v >> 8 * a);
+        }
+    }
+    for (size_t s = 0; s < SECTORS; s++) {
+        const size_t t = (s + 1) % SECTORS, last = first + (RINGS - 2) * SECTORS;
+
+        add_face(mesh, north, first + s, first + t);
+        add_face(mesh, south, last + t, last + s);
+        for (size_t r = first; r < last; r += SECTORS) {
+            add_face(mesh, r + s, r + SECTORS + s, r + SECTORS + t);
+            add_face(mesh, r + s, r + SECTORS + t, r + t);
+        }
+    }
+}
+
+enum { BALL_VERTICES = (RINGS - 1) * SECTORS + 2, BALL_FACES = 2 * (RINGS - 1) * SECTORS };
+
+/* Of vertex `number` above the middle. */
+static double polar_height(size_t number)
+{
+    if (number >= BALL_VERTICES - 2)
+        return number == BALL_VERTICES - 2 ? -1 : 1;
+    return cos(M_PI * (double)(number / SECTORS + 1) / RINGS);
+}
+
+static int by_value(const void *a, const void *b)
+{
+    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+/* Directed edges without their opposite; none may occur twice. */
+static size_t open_edges(const cln_mesh *mesh)
+{
+    const size_t n = 3 * mesh->faces;
+    uint64_t *edges = NULL;
+    size_t open = 0;
+
+    assert_int_equal(cln_alloc(&edges, n, sizeof *edges, "edges"), CLN_OK);
+    for (size_t f = 0; f < mesh->faces; f++)
+        for (size_t k = 0; k < 3; k++)
+            edges[3 * f + k] = (uint64_t)mesh->face[f][k] << 32 | mesh->face[f][(k + 1) % 3];
+    qsort(edges, n, sizeof *edges, by_value);
+    for (size_t e = 0; e < n; e++) {
+        const uint64_t back = edges[e] << 32 | edges[e] >> 32;
+
+        assert_true(e == 0 || edges[e - 1] != edges[e]);
+        open += !bsearch(&back, edges, n, sizeof *edges, by_value);
+    }
+    free(edges);
+    return open;
+}
+
+static double area_of(const cln_mesh *mesh, size_t f, double middle[3])
+{
+    const uint32_t *v = mesh->face[f];
+    double u[3], w[3], sum = 0;
+
+    for (int a = 0; a < 3; a++) {
+        u[a] = mesh->at[v[1]][a] - mesh->at[v[0]][a];
+        w[a] = mesh->at[v[2]][a] - mesh->at[v[0]][a];
+        middle[a] = mesh->at[v[0]][a] + (u[a] + w[a]) / 3;
+    }
+    for (int a = 0; a < 3; a++)
+        sum += pow(u[(a + 1) % 3] * w[(a + 2) % 3] - u[(a + 2) % 3] * w[(a + 1) % 3], 2);
+    return sqrt(sum) / 2;
+}
+
+static void a_ball_stays_round_and_closed(void **state)
+{
+    static const double middles[][3] = {{0, 0, 0}, {500000, 4100000, 200}};
+
+    NEED_MESHOPTIMIZER();
+    for (int m = 0; m < 2; m++) {
+        const double *middle = middles[m];
+        double error = 0, worst = 0, area = 0;
+        bool met[BALL_VERTICES] = {false};
+        cln_mesh mesh;
+
+        make_mesh(&mesh, BALL_VERTICES, BALL_FACES);
+        memcpy(mesh.origin, middle, sizeof mesh.origin);
+        add_ball(&mesh, 0, middle);
+        assert_int_equal(mesh.faces, BALL_FACES);
+        assert_int_equal(open_edges(&mesh), 0);
+        assert_int_equal(cln_mesh_reduce(&mesh, 1000, &error), CLN_OK);
+        assert_in_range(mesh.faces, 900, 1000);
+        assert_int_equal(open_edges(&mesh), 0);
+        assert_int_equal(mesh.vertices, mesh.faces / 2 + 2); /* Euler: still one ball */
+        for (size_t v = 0; v < mesh.vertices; v++) {
+            size_t number = 0;
+
+            for (int a = 0; a < 3; a++) {
+                number |= (size_t)mesh.colour[v][a] << 8 * a;
+                assert_near(mesh.at[v][a] - middle[a], mesh.normal[v][a], 1e-6);
+            }
+            assert_true(number < BALL_VERTICES && !met[number]);
+            assert_near(mesh.normal[v][2], polar_height(number), 1e-6);
+            met[number] = true;
+        }
+        for (size_t f = 0; f < mesh.faces; f++) {
+            double at[3], r = 0;
+
+            area += area_of(&mesh, f, at);
+            for (int a = 0; a < 3; a++)
+                r += pow(at[a] - middle[a], 2);
+            worst = fmax(worst, 1 - sqrt(r));
+        }
+        print_message("    %zu of %d triangles: at most %.4f inside, area %.4f, error %.4f\n",
+                      mesh.faces, BALL_FACES, worst, area / (4 * M_PI), error);
+        assert_true(worst < 0.02); /* 1,000 equal triangles: 0.0048 */
+        assert_near(area / (4 * M_PI), 1, 0.02);
+        assert_true(error > 0 && error < 0.02);
+        free_mesh(&mesh);
+    }
+}
+
+/* A flat sheet needs two triangles, with its border. */
+static void a_sheet_keeps_its_border(void **state)
+{
+    double error = 0, area = 0, at[3];
+    cln_mesh mesh;
+
+    NEED_MESHOPTIMIZER();
+    make_mesh(&mesh, (SIDE + 1) * (SIDE + 1), 2 * SIDE * SIDE);
+    for (size_t v = 0; v < mesh.vertices; v++) {
+        mesh.at[v][0] = (double)(v % (SIDE + 1)) / SIDE;
+        mesh.at[v][1] = (double)(v / (SIDE + 1)) / SIDE;
+        mesh.at[v][2] = 3;
+    }
+    for (size_t y = 0; y < SIDE; y++)
+        for (size_t x = 0; x < SIDE; x++) {
+            const size_t v = y * (SIDE + 1) + x;
+
+            add_face(&mesh, v, v + 1, v + SIDE + 2);
+            add_face(&mesh, v, v + SIDE + 2, v + SIDE + 1);
+        }
+    assert_int_equal(open_edges(&mesh), 4 * SIDE);
+    assert_int_equal(cln_mesh_reduce(&mesh, 20, &error), CLN_OK);
+    assert_in_range(mesh.faces, 2, 20);
+    for (size_t f = 0; f < mesh.faces; f++)
+        area += area_of(&mesh, f, at);
+    assert_near(area, 1, 1e-6);
+    assert_true(error < 1e-6);
+    free_mesh(&mesh);
+}
+
+/* Two balls do not become one; enough is left as it is; the smallest number is reached. */
+static void parts_stay_and_enough_is_enough(void **state)
+{
+    const double left[3] = {-2, 0, 0}, right[3] = {2, 0, 0};
+    double error = 0;
+    size_t on_the_left = 0;
+    cln_mesh mesh;
+
+    NEED_MESHOPTIMIZER();
+    make_mesh(&mesh, 2 * BALL_VERTICES, 2 * BALL_FACES);
+    add_ball(&mesh, 0, left);
+    add_ball(&mesh, BALL_VERTICES, right);
+    assert_int_equal(cln_mesh_reduce(&mesh, 2 * BALL_FACES, &error), CLN_OK);
+    assert_int_equal(mesh.faces, 2 * BALL_FACES);
+    assert_int_equal(mesh.vertices, 2 * BALL_VERTICES);
+    assert_true(error == 0);
+    assert_int_equal(cln_mesh_reduce(&mesh, 400, &error), CLN_OK);
+    assert_in_range(mesh.faces, 300, 400);
+    assert_int_equal(open_edges(&mesh), 0);
+    assert_int_equal(mesh.vertices, mesh.faces / 2 + 4);
+    for (size_t v = 0; v < mesh.vertices; v++)
+        on_the_left += mesh.at[v][0] < 0;
+    assert_in_range(on_the_left, mesh.vertices / 3, 2 * mesh.vertices / 3);
+    assert_int_equal(cln_mesh_reduce(&mesh, 4, &error), CLN_OK);
+    assert_in_range(mesh.faces, 1, 8);
+    assert_int_equal(open_edges(&mesh), 0);
+    free_mesh(&mesh);
+}
+
+int test_group_reduce(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_ball_stays_round_and_closed),
+        cmocka_unit_test(a_sheet_keeps_its_border),
+        cmocka_unit_test(parts_stay_and_enough_is_enough),
+    };
+
+    return cmocka_run_group_tests_name("reduce", tests, NULL, NULL);
+}
