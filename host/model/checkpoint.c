@@ -61,12 +61,17 @@ static cln_status digest_document(json_t *document, char hex[17])
     return CLN_OK;
 }
 
+/* NULL without memory, or if one is not finite. */
 static json_t *reals(const double *v, size_t n)
 {
     json_t *array = json_array();
 
-    for (size_t i = 0; i < n; i++)
-        json_array_append_new(array, json_real(v[i]));
+    for (size_t i = 0; array && i < n; i++) {
+        if (json_array_append_new(array, json_real(v[i])) != 0) {
+            json_decref(array);
+            array = NULL;
+        }
+    }
     return array;
 }
 
@@ -81,12 +86,14 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
 {
     cln_status st = CLN_OK;
     json_t *config = NULL, *document = NULL;
+    json_error_t why;
     char data_hex[17], model_hex[17], hex[17];
 
     CLN_TRY(cln_config_to_json(&model->config, &config));
     hex_of(data_digest, data_hex);
     hex_of(cln_model_digest(model), model_hex);
-    document = json_pack(
+    document = json_pack_ex(
+        &why, 0,
         "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
         " s:b, s:b, s:s, s:s, s:s, s:O, s:{s:I, s:f, s:f, s:i}}",
         "schema", SCHEMA, "version", CLN_VERSION, "step", (json_int_t)model->step, "refresh_step",
@@ -100,13 +107,17 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         "tensors_digest", data_hex, "model_digest", model_hex, "config", config, "measured", "rays",
         (json_int_t)model->sum_rays, "square", model->sum_square, "last_square", model->last_square,
         "decisions", model->decisions);
-    if (!document)
+    if (!document && json_error_code(&why) == json_error_numeric_overflow)
         CLN_TRY(cln_fail(CLN_INTERNAL, "checkpoint of step %" PRId64 ": a setting is not finite",
                          model->step));
-    if (model->space.forward)
-        json_object_set_new(json_object_get(document, "cube"), "ndc", forward_json(&model->space));
+    if (!document ||
+        (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
+                                                     forward_json(&model->space)) != 0))
+        CLN_TRY(cln_fail(CLN_MEMORY, "checkpoint of step %" PRId64 ": out of host memory",
+                         model->step));
     CLN_TRY(digest_document(document, hex));
-    json_object_set_new(document, "digest", json_string(hex));
+    if (json_object_set_new(document, "digest", json_string(hex)) != 0)
+        CLN_TRY(cln_fail(CLN_MEMORY, "checkpoint: out of host memory"));
     *out = document;
     document = NULL;
 done:
