@@ -15,9 +15,23 @@
 
 enum { SAMPLE = 16, INTERVAL = 20, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
 
+/* Numbers of the layers that every sample meets; of a grid it meets 8 corners (grid_flop). */
+static double layer_weights(const cln_network *net)
+{
+    const double edge = net->cells + 1;
+
+    return net->learned - (net->cells > 0 ? edge * edge * edge * net->features : 0);
+}
+
+/* One sample's trilinear interpolation, or its gradient's way back to the corners. */
+static double grid_flop(const cln_network *net)
+{
+    return 2.0 * 8 * net->features;
+}
+
 static double density_weights(const cln_network *net)
 {
-    double n = net->learned - 3.0 * net->colour_width - 3;
+    double n = layer_weights(net) - 3.0 * net->colour_width - 3;
 
     if (net->view_dependence)
         n -= (double)(net->width + net->dir + 1) * net->view_width;
@@ -26,8 +40,10 @@ static double density_weights(const cln_network *net)
 
 bench_work bench_work_density(const cln_network *net, double cells, double leaves)
 {
-    return (bench_work){.flop = 2 * density_weights(net) * cells,
-                        .bytes = 2 * cells + leaves * WORD * density_weights(net)};
+    return (bench_work){
+        .flop = (2 * density_weights(net) + grid_flop(net)) * cells,
+        .bytes =
+            2 * cells + leaves * WORD * (density_weights(net) + net->learned - layer_weights(net))};
 }
 
 bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool training, double n,
@@ -35,7 +51,7 @@ bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool
 {
     const double kept = training ? (double)cln_pipeline_act_bytes(net, tune) : 0;
 
-    return (bench_work){.flop = 2.0 * net->learned * n,
+    return (bench_work){.flop = (2 * layer_weights(net) + grid_flop(net)) * n,
                         .bytes = n * (SAMPLE + WORD + RAY + COLOUR + kept) +
                                  slices * (double)sizeof(cln_slice) + leaves * WORD * net->params};
 }
@@ -43,12 +59,13 @@ bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool
 bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
                                double leaves, double slices)
 {
-    const double encoded = (double)net->enc * net->width * (net->skip_layer >= 0 ? 2 : 1) +
+    /* No gradient goes to an encoding, but to a grid's features. */
+    const double position = net->cells > 0 ? 0 : (double)net->enc * net->width;
+    const double encoded = position * (net->skip_layer >= 0 ? 2 : 1) +
                            (net->view_dependence ? (double)net->dir * net->view_width : 0);
-
     const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
 
-    return (bench_work){.flop = (4.0 * net->learned - 2 * encoded) * n,
+    return (bench_work){.flop = (4 * layer_weights(net) - 2 * encoded + grid_flop(net)) * n,
                         .bytes = n * (SAMPLE + WORD + RAY + 2 * COLOUR +
                                       (double)cln_pipeline_act_bytes(net, tune)) +
                                  leaves * WORD * (net->params + transposed) +

@@ -7,6 +7,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include "check/forward_scene.h"
 #include "device_test.h"
 #include "scene/scene.h"
 #include "tests.h"
@@ -161,6 +162,110 @@ static void test_cameras(void **state)
     test_report("rays");
 }
 
+/* A forward space seen through fisheyes that see behind themselves: rays that look forward are the
+ * host's, the others are outside the cube and away from it. */
+static void test_forward_wide(void **state)
+{
+    enum { VIEWS_HERE = CLN_FORWARD_VIEWS, FISHEYE = 7 };
+    const cln_config config = small_config();
+    const cln_space space = cln_check_forward_space(1);
+    const float white[4] = {1, 1, 1, 1};
+    cln_pipeline *p =
+        test_pipeline_in(&tune_sets[4], &config, 1u << CLN_LENS_OPENCV_FISHEYE, false, &space);
+    const cln_camera *list[VIEWS_HERE];
+    cln_camera cameras[VIEWS_HERE];
+    cln_pixel pixels[RAYS];
+    float o[RAYS][4], d[RAYS][4];
+    int behind = 0, ahead = 0;
+
+    (void)state;
+    for (int v = 0; v < VIEWS_HERE; v++) {
+        cln_camera *c = &cameras[v];
+
+        cln_check_forward_camera(v, &space, 160, 120, c);
+        c->lens = CLN_LENS_OPENCV_FISHEYE;
+        c->fx = c->fy = c->width / lenses[FISHEYE].wide;
+        list[v] = c;
+    }
+    for (int r = 0; r < RAYS; r++)
+        pixels[r] = (cln_pixel){.view = (uint32_t)(r % VIEWS_HERE),
+                                .x = (uint32_t)test_uniform(5, r, 0, 160),
+                                .y = (uint32_t)test_uniform(6, r, 0, 120)};
+    assert_ok(cln_pipeline_cameras(p, list, VIEWS_HERE, &space));
+    assert_ok(cln_pipeline_batch(p, pixels, RAYS, NULL, white));
+    assert_ok(cln_stage_rays(p, RAYS));
+    assert_ok(cln_buffer_read(p->device, &p->ray_o, 0, o, sizeof o));
+    assert_ok(cln_buffer_read(p->device, &p->ray_d, 0, d, sizeof d));
+    for (int r = 0; r < RAYS; r++) {
+        const cln_camera *c = &cameras[pixels[r].view];
+        double origin[3], along[3], forward = 0, error = 0;
+
+        assert_true(cln_camera_ray(c, pixels[r].x + 0.5, pixels[r].y + 0.5, origin, along));
+        for (int a = 0; a < 3; a++)
+            forward += along[a] * space.axes[6 + a];
+        if (fabs(forward) < 0.02) /* in the plane: far away sideways, and rounding decides */
+            continue;
+        cln_space_ray_to_cube(&space, origin, along, origin, along);
+        for (int a = 0; a < 3; a++)
+            error = fmax(error, fmax(fabs(o[r][a] - origin[a]) / (1 + fabs(origin[a])),
+                                     fabs(d[r][a] - along[a])));
+        if (!(error < 1e-5))
+            fail_msg("view %u, pixel %u, %u, forward %g: %g %g %g instead of %g %g %g",
+                     pixels[r].view, pixels[r].x, pixels[r].y, forward, (double)o[r][0],
+                     (double)o[r][1], (double)o[r][2], origin[0], origin[1], origin[2]);
+        behind += forward < 0;
+        ahead += forward > 0;
+    }
+    assert_true(behind > RAYS / 10 && ahead > RAYS / 10);
+}
+
+/* A fisheye far away from the cube: rays that look back do not meet it, they
+ * begin where rays.cl has those that see nothing. */
+static void test_far_wide(void **state)
+{
+    enum { SIZE = 24, FISHEYE = 7 };
+    const cln_config config = small_config();
+    const float white[4] = {1, 1, 1, 1};
+    cln_pipeline *p = test_pipeline(&tune_sets[4], &config, 1u << CLN_LENS_OPENCV_FISHEYE, false);
+    cln_camera camera;
+    const cln_camera *list = &camera;
+    cln_pixel pixels[SIZE * SIZE];
+    float o[SIZE * SIZE][4], d[SIZE * SIZE][4];
+    int back = 0;
+
+    (void)state;
+    make_camera(1, FISHEYE, &cln_space_unit, &camera);
+    for (int a = 0; a < 3; a++)
+        camera.c2w[4 * a + 3] *= 1000;
+    camera.width = camera.height = SIZE;
+    camera.cx = camera.cy = 0.5 * SIZE + 0.01;
+    camera.fx = camera.fy = SIZE / lenses[FISHEYE].wide;
+    for (uint32_t i = 0; i < SIZE * SIZE; i++)
+        pixels[i] = (cln_pixel){.x = i % SIZE, .y = i / SIZE};
+    assert_ok(cln_pipeline_cameras(p, &list, 1, &cln_space_unit));
+    assert_ok(cln_pipeline_batch(p, pixels, SIZE * SIZE, NULL, white));
+    assert_ok(cln_stage_rays(p, SIZE * SIZE));
+    assert_ok(cln_buffer_read(p->device, &p->ray_o, 0, o, sizeof o));
+    assert_ok(cln_buffer_read(p->device, &p->ray_d, 0, d, sizeof d));
+    for (int i = 0; i < SIZE * SIZE; i++) {
+        double from[3], along[3], axis = 0;
+
+        assert_true(cln_camera_ray(&camera, pixels[i].x + 0.5, pixels[i].y + 0.5, from, along));
+        for (int a = 0; a < 3; a++) {
+            axis += along[a] * camera.c2w[4 * a + 2];
+            from[a] = o[i][a];
+            along[a] = d[i][a];
+        }
+        if (axis > -0.01)
+            continue;
+        back++;
+        if (cln_space_met_by(&cln_space_unit, from, along) || from[0] != 3)
+            fail_msg("pixel %u, %u looks back, and begins at %g %g %g", pixels[i].x, pixels[i].y,
+                     from[0], from[1], from[2]);
+    }
+    assert_true(back > SIZE);
+}
+
 /* The last pixel of a batch is the last that is written; no rays are none. */
 static void test_few_rays(void **state)
 {
@@ -189,13 +294,96 @@ static void test_few_rays(void **state)
     }
 }
 
+/* Is the point in the picture? 1 or 0; -1 if rounding decides: of the places nearby some are. */
+static int in_picture(const cln_camera *c, const double point[3])
+{
+    int inside = 0;
+
+    for (int k = 0; k < 7; k++) {
+        double moved[3] = {point[0], point[1], point[2]}, u = 0, v = 0, z = 0;
+
+        if (k > 0)
+            moved[(k - 1) / 2] += k % 2 ? 1e-4 : -1e-4;
+        inside += cln_camera_project(c, moved, &u, &v, &z) && u >= 0 && v >= 0 && u < c->width &&
+                  v < c->height;
+    }
+    return inside == 7 ? 1 : inside == 0 ? 0 : -1;
+}
+
+/* Points all around a camera in the middle of the cube, through one lens: stats.cl's cells are in
+ * view where the host has a place for them, and nowhere else. With a short focal length the model's
+ * domain ends within the picture. */
+static void check_points(int set, int row, double focal)
+{
+    enum { N1 = 16, CELLS = N1 * N1 * N1 };
+    cln_config config = small_config();
+    const unsigned models = lenses[row].lens == PINHOLE ? 0 : 1u << lenses[row].lens;
+    cln_pipeline *p = NULL;
+    const cln_camera *list = NULL;
+    cln_camera camera;
+    cln_model model;
+    float *boxes = NULL;
+    uint8_t *seen = NULL;
+    int cells = 0, inside = 0, outside = 0;
+
+    config.n1 = N1;
+    p = test_pipeline(&tune_sets[set], &config, models, false);
+    make_camera(1, row, &cln_space_unit, &camera);
+    for (int a = 0; a < 3; a++)
+        camera.c2w[4 * a + 3] *= 0.03;
+    if (lenses[row].lens != CLN_LENS_EQUIRECTANGULAR) {
+        camera.fx *= focal;
+        camera.fy *= focal;
+    } else { /* it wraps: a part of the sphere */
+        camera.fx *= 1.5;
+    }
+    list = &camera;
+    assert_ok(cln_model_create(&config, &model));
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    assert_ok(cln_pipeline_cameras(p, &list, 1, &cln_space_unit));
+    p->training_views = 1;
+    cells = model.tree.leaf_count * CELLS;
+    test_fill(p->device, &p->seen, NULL, (size_t)cells);
+    assert_ok(cln_stage_seen(p));
+    seen = test_read(p->device, &p->seen, (size_t)cells, "seen");
+    assert_ok(cln_octree_boxes(&model.tree, &boxes));
+    for (int i = 0; i < cells; i++) {
+        const int cell = i % CELLS, xyz[3] = {cell % N1, cell / N1 % N1, cell / (N1 * N1)};
+        const float *box = boxes + 4 * (i / CELLS);
+        double point[3];
+        int want;
+
+        for (int a = 0; a < 3; a++)
+            point[a] = box[a] + (xyz[a] + 0.5) / N1 * (double)box[3];
+        want = in_picture(&camera, point);
+        if (want >= 0 && seen[i] != want)
+            fail_msg("%s, row %d: %g %g %g is %s the picture", cln_lens_models[camera.lens].name,
+                     row, point[0], point[1], point[2], want ? "in" : "not in");
+        inside += want == 1;
+        outside += want == 0;
+    }
+    assert_true(inside > 0 && (outside > 0 || focal < 1));
+    free(seen);
+    free(boxes);
+    cln_model_free(&model);
+}
+
+static void test_points(void **state)
+{
+    (void)state;
+    for (int row = 0; row < VIEWS; row++)
+        for (int wide = 0; wide < 2; wide++)
+            check_points(row % 2 ? 4 : 0, row, wide ? 0.05 : 1.5);
+}
+
 int test_group_rays(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cameras),
+        cmocka_unit_test(test_cameras),      cmocka_unit_test(test_points),
+        cmocka_unit_test(test_forward_wide), cmocka_unit_test(test_far_wide),
         cmocka_unit_test(test_few_rays),
     };
 
-    test_wanted = CLN_PROGRAM_BIT(rays);
+    test_wanted = CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(stats);
     return cmocka_run_group_tests_name("rays", tests, NULL, test_device_close);
 }
