@@ -1,0 +1,157 @@
+#!/bin/bash
+# Would the tests notice a mistake? Puts one at a time (a mutant: an operator, a number, a
+# condition, a statement less) into copies of this tree and runs tests until one fails. Not a part
+# of make test: it takes an hour. perl is needed.
+#
+#   tests/mutate.sh [FILE...]    sources to change (kernels, and host without cli, report and
+#                                ranks; not peak.cl, where only speed matters, nor share.cl,
+#                                which is for ranks)
+#   AGAIN=1 tests/mutate.sh      only those that survived, after tests were added
+#   COUNT=150                    mutants that compile
+#   SEED=1                       which ones
+#   JOBS=2                       copies, in build/mutants
+#   LIMIT=9999                   minutes after which no new one is begun
+# Results are rows in build/mutants/results, which a further call keeps; remove it to begin anew.
+# tests/support/mutants.txt explains survivors that no test can tell: file, changed line, reason.
+# The last line counts; the exit code is 1 if a mutant survived that is not explained there.
+set -u
+cd "$(dirname "$0")/.." || exit 1
+
+count=${COUNT:-150} seed=${SEED:-1} jobs=${JOBS:-2} limit=${LIMIT:-9999}
+out=$PWD/build/mutants
+results=$out/results
+perl=tests/support/mutants.pl
+programs=(build/tests build/cl-nascent build/make-scene build/json-query)
+mkdir -p "$out"
+touch "$results"
+export LC_ALL=C
+
+# ---- one copy ----
+
+# The tree as it is, with what is built; its tests pass, and times has the seconds of each group.
+make_copy() {
+    local copy=$1
+    rm -rf "$copy"
+    mkdir -p "$copy"
+    git ls-files -z -co --exclude-standard | tar -c --null -T - 2>/dev/null | tar -x -C "$copy"
+    mkdir -p "$copy/build"
+    cp -a build/obj "$copy/build/" 2>/dev/null
+    (
+        cd "$copy" || exit 1
+        make --no-print-directory "${programs[@]}" >log 2>&1 &&
+            POCL_CACHE_DIR=$copy/pocl build/tests >log 2>&1
+    ) || {
+        tail -n 5 "$copy/log"
+        echo "mutate: $copy: the tests do not pass without a mistake, either" >&2
+        return 1
+    }
+    sed -n 's/^\([a-z0-9_]*\)  *[0-9]* passed.*, \([0-9.]*\) s$/\2 \1/p' "$copy/log" |
+        sort -n >"$copy/times"
+}
+
+# Test groups in the order in which they may notice a mistake in a file: of its name, of its room,
+# the others; quick ones first.
+order() {
+    local file=$1 room name own near
+    name=$(basename "$file")
+    name=${name%%.*}
+    room=$(basename "$(dirname "$file")")
+    own="^(${name}s?|${name%_*})$"
+    [ "$room" != kernels ] || room=pipeline
+    near=$(sed -n 's/^int test_group_\([a-z0-9_]*\)(void)$/\1/p' \
+        tests/"$room"/test_*.c 2>/dev/null | paste -sd '|')
+    awk -v own="$own" -v near="^(${near:-none})$" '
+        { print ($2 ~ own ? 0 : $2 ~ near ? 1 : 2), $1, $2 }' times | sort -n -k1,1 -k2,2 |
+        cut -d ' ' -f 3
+}
+
+# notices SECONDS COMMAND...: it fails, or takes far too long
+notices() {
+    local seconds=$1
+    shift
+    ! timeout -k 5 "$seconds" "$@" >log 2>&1 </dev/null
+}
+
+# What notices the mistake in FILE, or nothing.
+noticed_by() {
+    local file=$1 group script
+    export POCL_CACHE_DIR=$PWD/pocl
+    for group in $(order "$file"); do
+        notices 300 build/tests "$group" && echo "$group" && return
+    done
+    if [ "${file%%/*}" = kernels ]; then
+        notices 300 build/cl-nascent selftest && echo selftest && return
+        notices 900 make --no-print-directory grind && echo grind
+        return
+    fi
+    for script in cli captures first_hour view; do
+        notices 600 "tests/cli/$script.sh" && echo "$script.sh" && return
+    done
+    export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
+    export UBSAN_OPTIONS=halt_on_error=1:suppressions=$PWD/tests/support/ubsan.supp
+    export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions=0
+    make --no-print-directory SANITIZE=address,undefined build/sanitize/tests >log 2>&1
+    for group in $(order "$file" | head -n 12); do
+        notices 600 build/sanitize/tests "$group" && echo "$group, sanitized" && return
+    done
+}
+
+# Takes mutants from the list, each worker every JOBS-th.
+work() {
+    local number=$1 copy=$out/copy$1 n=0 kind file line column old new by row changed
+    make_copy "$copy" || return 1
+    cd "$copy" || return 1
+    while IFS=$'\t' read -r kind file line column old new; do
+        [ $((n++ % jobs)) = "$number" ] || continue
+        [ "$(wc -l <"$results")" -lt "$count" ] || break
+        [ $SECONDS -lt $((limit * 60)) ] || break
+        row=$(printf '%s\t%s\t%s\t%s\t%s' "$file" "$line" "$column" "$old" "$new")
+        grep -qF "$row" "$results" && continue
+        cp "$file" kept
+        perl $perl apply "$file" "$line" "$column" "$old" "$new" || continue
+        if make --no-print-directory "${programs[@]}" >log 2>&1; then
+            by=$(noticed_by "$file")
+            changed=$(perl $perl line "$file" "$line")
+            printf '%s\t%s\t%s\t%s\n' "${by:-survived}" "$kind" "$row" "$changed" >>"$results"
+            printf '%s:%s: %s: %s\n' "$file" "$line" "${by:-SURVIVED}" "$changed"
+        fi
+        cp kept "$file"
+    done <"$out/list"
+}
+
+# ---- all ----
+
+if [ -n "${AGAIN:-}" ]; then
+    grep "^survived" "$results" | cut -f 2-7 >"$out/list"
+    count=$(wc -l <"$results")
+    grep -v "^survived" "$results" >"$results.new"
+    mv "$results.new" "$results"
+else
+    files=("$@")
+    [ $# -gt 0 ] || for file in kernels/* host/*/*.c; do
+        case $file in
+        kernels/peak.cl | kernels/share.cl | host/cli/* | host/report/* | host/ranks/*) ;;
+        *) files+=("$file") ;;
+        esac
+    done
+    perl $perl list "$seed" "${files[@]}" >"$out/list"
+fi
+trap 'kill $(jobs -p) 2>/dev/null' EXIT
+for ((i = 0; i < jobs; i++)); do
+    work "$i" &
+done
+wait
+
+# Those that survived and are not explained.
+awk -F '\t' '
+    FILENAME ~ /mutants.txt$/ { if (!/^#/) why[$1 FS $2] = 1; next }
+    $1 != "survived" { killed++; next }
+    ($3 FS $8) in why { explained++; next }
+    { left++; printf "survived  %s:%s  %s  (%s -> %s)\n", $3, $4, $8, $6, $7 }
+    END {
+        printf "%d mutants: %d noticed, %d survived, %d of them explained; " \
+            "%.1f %% noticed of the others\n",
+            NR ? killed + explained + left : 0, killed, explained + left, explained,
+            killed + left ? 100 * killed / (killed + left) : 0
+        exit left > 0
+    }' tests/support/mutants.txt "$results"
