@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 21 };
+enum { IDLE_ROWS = 22 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -25,9 +25,11 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
     const idle rows[] = {
         {"start-level init", facts->resume,
          "a resumed run has its tree and weights; start a new run for another"},
-        {"start-level level-at adaptive", tree, "--tree-from keeps that run's tree; leave one out"},
+        {"start-level level-at adaptive regrow", tree, "--tree-from keeps that run's tree; leave one out"},
         {ADAPTIVE, tree, "--tree-from keeps that run's tree; leave one out"},
         {ADAPTIVE, !c->adaptive, "the tree does not adapt; give --adaptive"},
+        {"regrow", c->regrow > 0 && facts->forward,
+         "nothing grows back in normalised device coordinates; give --space cube"},
         {"skip", c->skip && c->depth < 6,
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
         {"bands bands-by-level", c->encoding == CLN_ENCODING_GRID,

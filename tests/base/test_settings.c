@@ -142,7 +142,8 @@ static void collect(cln_log_level level, const char *line, void *user)
 }
 
 /* The warnings of a preset with "name=value name=value ...". */
-static const char *warnings(const char *preset, const char *given, bool resume, bool has_alpha)
+static const char *warnings_with(const char *preset, const char *given,
+                                 const cln_settings_facts *facts)
 {
     static char text[4096];
     cln_settings *settings = create(preset);
@@ -157,10 +158,16 @@ static const char *warnings(const char *preset, const char *given, bool resume, 
     }
     text[0] = 0;
     cln_log_set_sink(collect, text);
-    cln_settings_warn_idle(settings, &(cln_settings_facts){resume, has_alpha});
+    cln_settings_warn_idle(settings, facts);
     cln_log_set_sink(NULL, NULL);
     cln_settings_free(settings);
     return text;
+}
+
+static const char *warnings(const char *preset, const char *given, bool resume, bool has_alpha)
+{
+    return warnings_with(preset, given,
+                         &(cln_settings_facts){.resume = resume, .has_alpha = has_alpha});
 }
 
 static void test_idle(void **state)
@@ -195,6 +202,7 @@ static void test_idle(void **state)
         {"merge-factor=1 adaptive=no", "--merge-factor", "--adaptive", "merge-factor=1"},
         {"max-leaves=9 tree-from=x", "--max-leaves", "--tree-from", "max-leaves=9"},
         {"level-at= tree-from=x", "--level-at", "--tree-from", "level-at="},
+        {"regrow=0.5 tree-from=x", "--regrow", "--tree-from", "regrow=0.5"},
     };
 
     (void)state;
@@ -217,6 +225,9 @@ static void test_idle(void **state)
     assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
+    assert_non_null(strstr(
+        warnings_with("fast", "regrow=0.5", &(cln_settings_facts){.has_alpha = true, .forward = true}),
+        "--regrow has no effect: nothing grows back"));
     /* no warning of a preset's own settings, though the paper's has both a final rate and steps */
     assert_string_equal(warnings("paper", "rays=100", false, false), "");
     assert_string_equal(warnings("nerf", "rays=100", true, false), "");
