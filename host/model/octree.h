@@ -12,6 +12,7 @@
 #define CLN_OCTREE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 #include "base/status.h"
 #include "device_abi.h"
@@ -85,6 +86,15 @@ cln_status cln_octree_most_intervals(const cln_octree *tree, int *most);
 
 /* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */
 int cln_octree_find(const cln_octree *tree, const double point[3]);
+
+/* Place of a cell in [z][y][x] of n^3 cells. */
+static inline size_t cln_cell_at(int x, int y, int z, int n)
+{
+    return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
+}
+
+/* Cells [low, high) of a node in the map at `depth`; the cell it is in, if that is larger. */
+void cln_octree_cells(const cln_octree *tree, int node, int depth, int low[3], int high[3]);
 
 /* The tree as the kernels read it: a dense map at level `depth`, n = 2^depth cells along an axis.
  *
