@@ -1,0 +1,63 @@
+/* The frames of a cln_render, and their files in its folder: which are there, what they were made
+ * from, writing and reading them. Internal to api/. */
+#ifndef CLN_API_RENDER_FOLDER_H
+#define CLN_API_RENDER_FOLDER_H
+
+#include <jansson.h>
+#include "render/crop.h"
+#include "render/depth_picture.h"
+#include "render/frames.h"
+#include "render/open_run.h"
+#include "render/picture.h"
+
+typedef struct cln_render_frame {
+    const char *name;
+    cln_camera camera;
+    char made_from[17]; /* digest of all that its pictures depend on */
+    bool there;
+} cln_render_frame;
+
+typedef struct cln_render_job {
+    const cln_render_desc *desc;
+    bool writes; /* rank 0 (ranks/ranks.h) */
+    cln_open_run opened;
+    cln_frames cameras;
+    cln_crop crop;
+    cln_render_frame *frames;
+    cln_camera *eyes;           /* [count][1 or 2] what is rendered */
+    int count, there, pictured; /* frames; of these rendered, and with a depth picture */
+    json_t *run;                /* run.json */
+    json_t *before;             /* the folder's render.json; NULL if there is none */
+} cln_render_job;
+
+/* Eyes of a frame: 1, of stereo pairs 2. The width of a frame's pictures, which hold them side by
+ * side. */
+int cln_render_eyes(const cln_render_job *j);
+int cln_render_width(const cln_render_job *j, const cln_render_frame *f);
+
+/* CLN_OUTPUT if the folder holds files of others; *before: its render.json, NULL if there is
+ * none. */
+cln_status cln_render_check_folder(const char *out, json_t **before);
+
+/* Which frames are there as they would be made now, by j->before: sets frame.there, j->there and
+ * j->pictured. */
+cln_status cln_render_find_there(cln_render_job *j);
+
+/* Is there room for the frames that are not there? */
+cln_status cln_render_check_disk(const cln_render_job *j);
+
+/* Pictures of before that are made again go first: what is there is then what render.json says. */
+cln_status cln_render_drop_stale(const cln_render_job *j);
+
+/* Writes render.json. scale: of the depth pictures, NULL before they are drawn. */
+cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale *scale);
+
+/* Writes a frame's files but its depth picture. Depths of p: scene units; normals: NULL or
+ * [height][width][3]. */
+cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_frame *f,
+                                  const cln_picture *p, const float *normals);
+
+/* Draws all depth pictures on one scale, and writes render.json with it. */
+cln_status cln_render_draw_depths(const cln_render_job *j);
+
+#endif
