@@ -25,7 +25,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
     const idle rows[] = {
         {"start-level init", facts->resume,
          "a resumed run has its tree and weights; start a new run for another"},
-        {"start-level level-at adaptive regrow", tree, "--tree-from keeps that run's tree; leave one out"},
+        {"start-level level-at adaptive regrow", tree,
+         "--tree-from keeps that run's tree; leave one out"},
         {ADAPTIVE, tree, "--tree-from keeps that run's tree; leave one out"},
         {ADAPTIVE, !c->adaptive, "the tree does not adapt; give --adaptive"},
         {"regrow", c->regrow > 0 && facts->forward,

@@ -225,9 +225,9 @@ static void test_idle(void **state)
     assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
-    assert_non_null(strstr(
-        warnings_with("fast", "regrow=0.5", &(cln_settings_facts){.has_alpha = true, .forward = true}),
-        "--regrow has no effect: nothing grows back"));
+    assert_non_null(strstr(warnings_with("fast", "regrow=0.5",
+                                         &(cln_settings_facts){.has_alpha = true, .forward = true}),
+                           "--regrow has no effect: nothing grows back"));
     /* no warning of a preset's own settings, though the paper's has both a final rate and steps */
     assert_string_equal(warnings("paper", "rays=100", false, false), "");
     assert_string_equal(warnings("nerf", "rays=100", true, false), "");
