@@ -5,7 +5,7 @@
  *         is a pinhole. 0: no lens code.
  */
 #ifndef LENSES
-#define LENSES 0x1FF
+#define LENSES 0x7FFFFFFF /* all */
 #endif
 #define HAS_LENS(model)   ((LENSES) >> (model)&1)
 #define IS_LENS(c, model) (HAS_LENS(model) && (c).lens == (model))
