@@ -331,7 +331,7 @@ static cln_status write_csv(const run *runs, int count, const char *base)
     CLN_TRY(cln_asprintf(&path, "%s.csv", base));
     CLN_TRY(cln_atomic_open(path, &file));
     put_csv(cln_atomic_stream(file), runs, count);
-    st = cln_atomic_commit(file);
+    st = cln_atomic_commit(&file);
 done:
     free(path);
     return st;
@@ -386,7 +386,7 @@ static cln_status write_plot(const run *runs, int count, int series, const char 
     CLN_TRY(cln_atomic_open(path, &file));
     plot_write_scaling(cln_atomic_stream(file),
                        &(plot_text){title, series_units[series], "power of the work"}, plots, used);
-    st = cln_atomic_commit(file);
+    st = cln_atomic_commit(&file);
 done:
     free(lines);
     free(path);

@@ -101,8 +101,7 @@ cln_status bench_write_csv(const bench *b, const char *path)
         csv_text(to, b->device->info.driver);
         fprintf(to, ",%s\n", CLN_VERSION);
     }
-    CLN_TRY(cln_atomic_commit(file));
-    file = NULL;
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;

@@ -118,8 +118,7 @@ cln_status bench_write_page(const bench *b, const char *path)
         put_row(to, row);
     }
     fprintf(to, "%s</main></html>\n", *family ? "</table>" : "");
-    CLN_TRY(cln_atomic_commit(file));
-    file = NULL;
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;
@@ -186,8 +185,7 @@ cln_status bench_write_markdown(const bench *b, const char *path)
     }
     fputs("\nArithmetic:\n\n", to);
     put_arithmetic(to, b);
-    CLN_TRY(cln_atomic_commit(file));
-    file = NULL;
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;

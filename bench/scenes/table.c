@@ -344,7 +344,7 @@ static cln_status write_csv(const bench *b, const char *base)
     CLN_TRY(cln_asprintf(&path, "%s.csv", base));
     CLN_TRY(cln_atomic_open(path, &file));
     put_csv(cln_atomic_stream(file), b);
-    st = cln_atomic_commit(file);
+    st = cln_atomic_commit(&file);
 done:
     free(path);
     return st;
@@ -368,7 +368,7 @@ static cln_status write_plot(const bench *b, const char *base, const char *title
     CLN_TRY(cln_atomic_open(path, &file));
     plot_write(cln_atomic_stream(file), &(plot_text){title, "training time", "at the end, dB"},
                lines, b->run_count);
-    st = cln_atomic_commit(file);
+    st = cln_atomic_commit(&file);
 done:
     free(lines);
     free(path);

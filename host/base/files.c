@@ -152,12 +152,14 @@ static void sync_folder_of(const char *path)
     free(folder);
 }
 
-cln_status cln_atomic_commit(cln_atomic_file *file)
+cln_status cln_atomic_commit(cln_atomic_file **taken)
 {
     cln_status st = CLN_OK;
+    cln_atomic_file *file = *taken;
     bool renamed = false;
     int failed = 0;
 
+    *taken = NULL;
     if (ferror(file->stream))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: a write failed; make room or choose another folder",
                          file->path));
@@ -189,13 +191,10 @@ cln_status cln_write_file(const char *path, const void *data, size_t bytes)
 {
     cln_status st = CLN_OK;
     cln_atomic_file *file = NULL;
-    cln_atomic_file *finished = NULL;
 
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(cln_atomic_write(file, data, bytes));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;

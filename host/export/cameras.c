@@ -232,7 +232,7 @@ done:
 static cln_status write_colmap(const cln_export_job *job, const cln_scene *scene)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *files[FILES] = {NULL}, *finished = NULL;
+    cln_atomic_file *files[FILES] = {NULL};
     FILE *streams[FILES] = {NULL};
     char *paths[FILES] = {NULL};
 
@@ -249,11 +249,8 @@ static cln_status write_colmap(const cln_export_job *job, const cln_scene *scene
         streams[i] = cln_atomic_stream(files[i]);
     }
     CLN_TRY(put_views(scene, streams));
-    for (int i = 0; i < FILES; i++) {
-        finished = files[i];
-        files[i] = NULL;
-        CLN_TRY(cln_atomic_commit(finished));
-    }
+    for (int i = 0; i < FILES; i++)
+        CLN_TRY(cln_atomic_commit(&files[i]));
 done:
     for (int i = 0; i < FILES; i++) {
         cln_atomic_abandon(files[i]);

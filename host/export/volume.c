@@ -111,7 +111,7 @@ static cln_status write_slices(cln_export_job *job, grid *g)
     const cln_callbacks *callbacks = &job->desc->callbacks;
     const size_t area = (size_t)g->shape[1] * (size_t)g->shape[2];
     const int shape[4] = {g->shape[0], g->shape[1], g->shape[2], CHANNELS};
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     float(*values)[CHANNELS] = NULL;
 
     CLN_TRY(cln_alloc(&values, CHUNK, sizeof *values, "slice"));
@@ -126,9 +126,7 @@ static cln_status write_slices(cln_export_job *job, grid *g)
             CLN_TRY(cln_atomic_write(file, values, n * sizeof *values));
         }
     }
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
     if (callbacks->work)
         callbacks->work("volume", g->shape[0], g->shape[0], callbacks->user);
 done:

@@ -41,7 +41,8 @@ done:
     return st;
 }
 
-/* Rows of big-endian numbers, each behind its filter: none. */
+/* Fills PNG rows: a byte for the filter (0, none), then big-endian numbers. Returns how many pixels
+ * are beyond 65535 units. */
 static int fill_rows(int width, int height, const float *depth, double unit, uint8_t *rows)
 {
     int beyond = 0;
@@ -68,7 +69,7 @@ cln_status cln_depth_write_png16(const char *path, int width, int height, const 
     const size_t bytes = (size_t)height * (2 * (size_t)width + 1);
     uint8_t *rows = NULL, *packed = NULL, about[13] = {0};
     uLongf size = compressBound((uLong)bytes);
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     int over = 0;
 
     CLN_TRY(cln_alloc(&rows, bytes, 1, "depth"));
@@ -84,9 +85,7 @@ cln_status cln_depth_write_png16(const char *path, int width, int height, const 
     CLN_TRY(write_chunk(file, "IHDR", about, sizeof about));
     CLN_TRY(write_chunk(file, "IDAT", packed, size));
     CLN_TRY(write_chunk(file, "IEND", NULL, 0));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
     if (beyond)
         *beyond = over;
 done:
@@ -101,16 +100,14 @@ cln_status cln_depth_write_pfm(const char *path, int width, int height, const fl
     cln_status st = CLN_OK;
     char head[64];
     const int bytes = snprintf(head, sizeof head, "Pf\n%d %d\n-1.0\n", width, height);
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
 
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(cln_atomic_write(file, head, (size_t)bytes));
     for (int y = height - 1; y >= 0; y--)
         CLN_TRY(cln_atomic_write(file, depth + (size_t)y * (size_t)width,
                                  (size_t)width * sizeof *depth));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;

@@ -181,7 +181,7 @@ cln_status cln_film_end(cln_film *f)
     f->feed = NULL;
     f->file = NULL;
     if (file)
-        CLN_TRY(cln_atomic_commit(file));
+        CLN_TRY(cln_atomic_commit(&file));
     if (feed)
         CLN_TRY(cln_command_end(feed));
     if (f->part && rename(f->part, f->path) != 0)

@@ -86,7 +86,7 @@ done:
 cln_status cln_mesh_write_ply(const char *path, const cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     const bool wide = !cln_mesh_fits_floats(mesh);
 
     if (mesh->vertices > INT32_MAX)
@@ -95,9 +95,7 @@ cln_status cln_mesh_write_ply(const char *path, const cln_mesh *mesh)
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(ply_header(file, mesh, wide));
     CLN_TRY(ply_body(file, mesh, wide));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;
@@ -109,7 +107,7 @@ done:
 cln_status cln_mesh_write_obj(const char *path, const cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     const int digits = cln_mesh_fits_floats(mesh) ? 9 : 15;
     char line[LINE];
     int n = 0;
@@ -133,9 +131,7 @@ cln_status cln_mesh_write_obj(const char *path, const cln_mesh *mesh)
                      f[0] + 1ll, f[1] + 1ll, f[1] + 1ll, f[2] + 1ll, f[2] + 1ll);
         CLN_TRY(cln_atomic_write(file, line, (size_t)n));
     }
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;

@@ -123,7 +123,7 @@ cln_status cln_mesh_write_glb(const char *path, const cln_mesh *mesh)
         {"VEC3", FLOAT, ARRAY_BUFFER, false, mesh->vertices, 12},
         {"VEC4", UNSIGNED_SHORT, ARRAY_BUFFER, true, mesh->vertices, COLOUR_BYTES},
         {"SCALAR", UNSIGNED_INT, ELEMENT_ARRAY_BUFFER, false, 3 * mesh->faces, 4}};
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     size_t numbers = 0, bytes = 0;
     json_t *document = document_of(mesh, parts, mesh->faces ? 4 : 3, &numbers);
     char *text = document ? json_dumps(document, JSON_COMPACT) : NULL;
@@ -150,9 +150,7 @@ cln_status cln_mesh_write_glb(const char *path, const cln_mesh *mesh)
     CLN_TRY(cln_atomic_write(file, "   ", bytes - strlen(text)));
     CLN_TRY(cln_atomic_write(file, &head[5], 8));
     CLN_TRY(write_numbers(file, mesh));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     json_decref(document);

@@ -67,7 +67,7 @@ done:
 cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const float *data)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     size_t count = 0;
 
     CLN_ASSERT(dims >= 0 && dims <= MAX_DIMS);
@@ -75,9 +75,7 @@ cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: array too large for a .npy file of ours", path));
     CLN_TRY(cln_npy_begin_f32(path, dims, shape, &file));
     CLN_TRY(cln_atomic_write(file, data, count * sizeof(float)));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;

@@ -86,7 +86,7 @@ cln_status cln_ply_write_boxes(const char *path, int count, const cln_ply_box *b
                                const char *comment)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
 
     CLN_ASSERT(count >= 0 && count <= INT32_MAX / VERTICES && !strchr(comment, '\n'));
     CLN_TRY(cln_atomic_open(path, &file));
@@ -95,9 +95,7 @@ cln_status cln_ply_write_boxes(const char *path, int count, const cln_ply_box *b
         CLN_TRY(write_vertices(file, &boxes[i]));
     for (int i = 0; i < count; i++)
         CLN_TRY(write_faces(file, VERTICES * i));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
 done:
     cln_atomic_abandon(file);
     return st;

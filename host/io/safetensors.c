@@ -102,7 +102,7 @@ cln_status cln_safetensors_write(const char *path, int count, const cln_tensor *
                                  uint64_t *digest)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     char *header = NULL;
     uint64_t length = 0, data_digest = digest_of(count, tensors);
 
@@ -113,9 +113,7 @@ cln_status cln_safetensors_write(const char *path, int count, const cln_tensor *
     CLN_TRY(cln_atomic_write(file, header, length));
     for (int i = 0; i < count; i++)
         CLN_TRY(cln_atomic_write(file, tensors[i].data, cln_tensor_bytes(&tensors[i])));
-    finished = file;
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file));
     if (digest)
         *digest = data_digest;
 done:
@@ -138,16 +136,16 @@ static const char *read_entry(const json_t *entry, const char *data, size_t size
     while (dtype && type < DTYPES && strcmp(dtypes[type].name, dtype) != 0)
         type++;
     if (!dtype || type == DTYPES)
-        return "its dtype is none of F32, I32, U16, U8, BF16";
+        return "its dtype is not F32, I32, U16, U8 or BF16";
     if (!json_is_array(shape) || json_array_size(shape) > MAX_DIMS)
-        return "its shape is no list of up to 4 numbers";
+        return "its shape is not a list of up to 4 numbers";
     out->dtype = (cln_dtype)type;
     out->dims = (int)json_array_size(shape);
     bytes = dtypes[type].bytes;
     for (int k = 0; k < out->dims; k++) {
         const json_t *side = json_array_get(shape, (size_t)k);
         if (!json_is_integer(side) || json_integer_value(side) < 0)
-            return "its shape is no list of whole numbers from 0";
+            return "its shape is not a list of whole numbers from 0 on";
         out->shape[k] = json_integer_value(side);
         /* An empty tensor may have any sides; another one cannot be larger than the file. */
         if (out->shape[k] != 0 && bytes > size / (uint64_t)out->shape[k])

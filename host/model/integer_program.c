@@ -143,7 +143,7 @@ static double cost_of_splits(const group *g, int splits)
     return cost;
 }
 
-/* Call with rising leaves. */
+/* Adds a way to a group. Ways come in ascending order of leaves. */
 static void add_way(group *g, int leaves, double cost, int splits)
 {
     if (g->way_count > 0) {
@@ -406,7 +406,7 @@ cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, co
 {
     cln_status st = CLN_OK;
     program p = {0};
-    cln_atomic_file *file = NULL, *finished = NULL;
+    cln_atomic_file *file = NULL;
     FILE *f = NULL;
 
     CLN_TRY(make_program(desc, &p));
@@ -424,9 +424,7 @@ cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, co
     write_rows(f, &p, desc->max_leaves);
     write_binaries(f, &p);
     fprintf(f, "End\n");
-    finished = file; /* commit ends it in any case, and reports failed writes */
-    file = NULL;
-    CLN_TRY(cln_atomic_commit(finished));
+    CLN_TRY(cln_atomic_commit(&file)); /* reports failed writes, too */
 done:
     cln_atomic_abandon(file);
     free_program(&p);

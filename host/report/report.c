@@ -214,8 +214,7 @@ cln_status cln_report_write(const char *run)
     CLN_TRY(cln_path_join(&path, run, "report.html"));
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(put_page(cln_atomic_stream(file), &data));
-    st = cln_atomic_commit(file);
-    file = NULL;
+    st = cln_atomic_commit(&file);
 done:
     cln_atomic_abandon(file);
     cln_report_data_free(&data);

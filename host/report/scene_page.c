@@ -333,8 +333,7 @@ cln_status cln_scene_page(const char *path, const cln_scene *scene, const json_t
 
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(put_page(cln_atomic_stream(file), scene, document));
-    st = cln_atomic_commit(file);
-    file = NULL;
+    st = cln_atomic_commit(&file);
 done:
     cln_atomic_abandon(file);
     uselocale(outside);

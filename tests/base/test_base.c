@@ -391,7 +391,7 @@ static void test_atomic(void **state)
     assert_int_equal(cln_atomic_open(path, &file), CLN_OK);
     assert_int_equal(cln_atomic_write(file, "new", 3), CLN_OK);
     assert_true(fprintf(cln_atomic_stream(file), "er") > 0);
-    assert_int_equal(cln_atomic_commit(file), CLN_OK);
+    assert_int_equal(cln_atomic_commit(&file), CLN_OK);
     assert_content(path, "newer");
     assert_int_equal(entries(*state), 1);
 
@@ -423,10 +423,10 @@ static void test_disk_full(void **state)
     close(full);
     st = cln_atomic_write(file, block, 1 << 16);
     if (st == CLN_OK) {
-        st = cln_atomic_commit(file);
-    } else {
-        cln_atomic_abandon(file);
+        st = cln_atomic_commit(&file);
+        assert_null(file);
     }
+    cln_atomic_abandon(file);
     assert_failed(st, CLN_OUTPUT, "model.bin");
     assert_content(path, "old");
     assert_int_equal(entries(*state), 1);
