@@ -127,7 +127,7 @@ static cln_status check_batch(const batch *t, bool train, bench_errors *errors)
                            config->cauchy,
                            config->opacity_entropy,
                            config->distortion_loss,
-                           config->alpha_loss};
+                           t->p->opacity_loss};
     const int count = t->rays < MOST ? t->rays : MOST, each = train ? GRADIENTS : 5;
     cln_ray_result *results = NULL;
     float(*dout)[4] = NULL, *measures = NULL, *got = NULL, *shares = NULL;

@@ -289,7 +289,7 @@ cln_status cln_extremes_regularised(cln_checks *c)
                            config->cauchy,
                            config->opacity_entropy,
                            config->distortion_loss,
-                           config->alpha_loss};
+                           c->p->opacity_loss};
     cln_extreme colours = cln_extreme_row(c, "colour and opacity", range);
     cln_extreme losses = cln_extreme_row(c, "loss", range);
     cln_extreme by_colour = cln_extreme_row(c, "colour gradient by its weight", range);

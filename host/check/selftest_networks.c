@@ -66,7 +66,8 @@ cln_status cln_check_densities(cln_checks *c)
         got[i] = ref_from_bf16(density[slot * cells + cell]);
         want[i] = out[3];
     }
-    cln_check_say(c, "densities: numbers", wrong == 0, "%d of %d are none", wrong, leaves * cells);
+    cln_check_say(c, "densities: numbers", wrong == 0, "%d of %d are not finite", wrong,
+                  leaves * cells);
     /* bfloat16 keeps 8 bits: a relative rounding error of at most 2^-9 */
     cln_check_compare(c, "densities", got, want, (size_t)(2 * cells), 1.6e-5, 0.02);
 done:
@@ -608,7 +609,7 @@ static void compare_batch(cln_checks *c, batch *b)
                            config->cauchy,
                            config->opacity_entropy,
                            config->distortion_loss,
-                           config->alpha_loss};
+                           c->p->opacity_loss};
     double background[3], target[4], losses[RAYS];
     float got_losses[RAYS];
 

@@ -119,7 +119,7 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     const cl_uint rays = (cl_uint)n;
     const size_t wg = (size_t)p->tune.wg;
     const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
-    const cl_float alpha = (float)p->config.alpha_loss, cauchy = (float)p->config.cauchy;
+    const cl_float alpha = (float)p->opacity_loss, cauchy = (float)p->config.cauchy;
     const cl_float opacity = (float)p->config.opacity_entropy;
     const cl_float distort = (float)p->config.distortion_loss;
     const bool measured = cln_pipeline_measures(&p->config) > 0;

@@ -43,7 +43,8 @@ typedef enum cln_program_id {
 
 struct cln_pipeline {
     cln_device *device;
-    cln_config config; /* alpha_loss is opaque_loss where images have no alpha */
+    cln_config config;
+    double opacity_loss; /* config.alpha_loss, or opaque_loss where images have no alpha */
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
@@ -106,9 +107,9 @@ struct cln_pipeline {
 void cln_device_camera_origin(const cln_device_camera *c, double origin[3]);
 
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
- * (cln_camera_lenses). alpha: the images have it; otherwise opaque_loss takes alpha_loss's place.
- * space: where its cube is; cameras must be given with the same. wanted: bits of cln_program_id; of
- * these, what settings and device need is built.
+ * (cln_camera_lenses). alpha: the images have it; otherwise it counts as 1, weighed by
+ * opaque_loss. space: where its cube is; cameras must be given with the same. wanted: bits of
+ * cln_program_id; of these, what settings and device need is built.
  * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones
  * with a warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,

@@ -172,7 +172,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
          c->allocate, c->cdf, c->lists);
     line(&t, "#define LOSS %d\n#define ALPHA %d\n#define CAUCHY %d\n#define OPACITY %d", c->loss,
-         c->alpha_loss > 0, c->cauchy > 0, c->opacity_entropy > 0);
+         p->opacity_loss > 0, c->cauchy > 0, c->opacity_entropy > 0);
     line(&t, "#define DISTORT %d", c->distortion_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
     line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
@@ -376,8 +376,7 @@ static cln_status outline(cln_device *device, const cln_config *config, unsigned
     out->lenses = lenses;
     out->space = *space;
     out->ray_background = config->random_background;
-    if (!alpha)
-        out->config.alpha_loss = config->opaque_loss; /* each pixel shows something: alpha is 1 */
+    out->opacity_loss = alpha ? config->alpha_loss : config->opaque_loss;
     CLN_TRY(cln_network_layout(config, &out->net));
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);
