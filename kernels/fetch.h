@@ -34,7 +34,7 @@ typedef struct ahead {
     AHEAD_ROWS(p, ((n) + LINE_OF(p) - 1) / LINE_OF(p), LINE_OF(p), LINE_OF(p))
 #define AHEAD_NOTHING ((ahead){0, 0, 0, 0, 0, 0})
 
-/* The same, spread over so many turns. */
+/* Spreads the fetches of `a` over so many turns. */
 HELPER ahead in_turns(ahead a, int turns)
 {
     if (a.rows > 0)

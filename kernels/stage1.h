@@ -94,7 +94,7 @@ HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __glo
     }
 }
 
-/* Cells of points j. */
+/* The cells that hold the points j. */
 HELPER vi bundle_cells(const bundle *b, vi j, uint n1)
 {
     const vi last = (vi)((int)n1 - 1), none = (vi)(0);

@@ -38,7 +38,7 @@ void cln_format_digest(uint64_t digest, char out[32]);
 /* Flushes standard output; CLN_OUTPUT if not all of it could be written. A reader that went away
  * (`cl-nascent ... | head`) ends the process quietly, as SIGPIPE would have. */
 cln_status cln_flush_stdout(void);
-/* Bytes that are no text, then the same. */
+/* Writes bytes, not text, to standard output and flushes it likewise. */
 cln_status cln_write_stdout(const void *data, size_t bytes);
 
 #endif

@@ -171,7 +171,7 @@ static void put_program(FILE *to)
     fprintf(to, "  %-10s%s\n", "version", "The program's version; with -v also of what it uses");
     fprintf(to, "\n"
                 "  -h, --help            this help; after a command, its options\n"
-                "  -V, --version         version; with -v also of what the program uses\n"
+                "  -V, --version         version; with -v also those of libraries and drivers\n"
                 "\n"
                 "For example:\n"
                 "  cl-nascent devices\n"

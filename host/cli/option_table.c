@@ -153,12 +153,12 @@ const cln_arg cln_args[] = {
          .env = "CL_NASCENT_TUNE_FILE"),
     TEXT(ON_DEVICE, "max-alloc", device.max_alloc, "SIZE",
          "no buffer larger than this (512K, 64M, 4G), as if the device allowed no more: batches "
-         "are cut to it, and what has a row per leaf is split into up to four"),
+         "are cut to it, and arrays with a row per leaf are split into up to four"),
     FLAG(CLN_TRAIN, "skip-selftest", skip_selftest,
          "do not check the kernels on this device first"),
     TEXT(CLN_TRAIN, "dump-program", dump_program, "FILE",
-         "write the integer program of each structure decision to this file, in LP format; that "
-         "of the last one stays"),
+         "write the integer program of each structure decision to this file, in LP format; each "
+         "replaces the one before"),
 
     WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test",
          "which views of the scene; render: their poses", .standard = "test"),
@@ -188,15 +188,15 @@ const cln_arg cln_args[] = {
 
     NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "orbit", orbit_frames, "FRAMES", 1, 100000,
          "around the scene instead of a split's poses: a circle, or to and fro where the training "
-         "cameras cover an arc alone", .standard = "60"),
+         "cameras cover only an arc", .standard = "60"),
     FLAG(CLN_RENDER, "circle", circle,
          "orbit: all around, also where no training camera was"),
     REAL(CLN_RENDER, "elevation", elevation, "DEG", -90, 90,
          "orbit: degrees above the horizon of the training cameras",
          .shown = "as these stand in the mean"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
-         "orbit, spiral: distance, in mean training camera distances; a spiral in front of the "
-         "scene: its width, by that of the cameras", .standard = "1"),
+         "orbit, spiral: distance, 1 = the training cameras' mean; of a spiral in front of the "
+         "scene: its width, 1 = that of the cameras", .standard = "1"),
     NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "spiral", spiral_frames, "FRAMES", 1, 100000,
          "two turns within the training cameras' poses: in front of the scene, or all around, up "
          "and down", .standard = "120"),
@@ -223,7 +223,7 @@ const cln_arg cln_args[] = {
          "also NAME.depth16.png: 16-bit grey in steps of D scene units; 0 = not",
          .standard = "0"),
     WORD(CLN_RENDER, "depth", depth, "median|mean",
-         "of a ray's depth: where half of its opacity lies before, or the mean",
+         "what depth is: where half of a ray's opacity lies before, or the samples' mean",
          .standard = "median"),
 
 #define X(what, needs, form, help) \
@@ -238,7 +238,7 @@ const cln_arg cln_args[] = {
     FLAG(CLN_EXPORT, "closed", closed,
          "points, mesh: also the parts that no training view sees; the mesh is closed then"),
     INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,
-         "mesh: at most N, by leaving out those that matter least", .shown = "all"),
+         "mesh: at most N triangles; those that matter least are left out", .shown = "all"),
     WORD(CLN_EXPORT, "colour", colour, "level|error",
          "octree: what the boxes' colours show: the level, or the error on a logarithmic scale",
          .standard = "level"),
@@ -246,7 +246,7 @@ const cln_arg cln_args[] = {
     FLAG(CLN_TRAIN, "view", watch,
          "watch and steer the training in a browser, at the address that is printed"),
     REAL(CLN_TRAIN, "view-share", view_share, "PERCENT", 1, 90,
-         "of the time, the most that viewing takes from training", .standard = "20"),
+         "most percent of the time that viewing may take from training", .standard = "20"),
     INT(CLN_VIEW | CLN_TRAIN, "port", port, "N", 1, 65535,
         "port to listen on", .shown = "7007, or a free one if that is taken"),
     TEXT(CLN_VIEW | CLN_TRAIN, "listen", listen, "ADDRESS",
@@ -259,7 +259,7 @@ const cln_arg cln_args[] = {
     FLAG(CLN_DEVICES | CLN_BUGREPORT, "test", test,
          "run the quick self-test on each device", .standard = "yes", .negatable = true),
     REAL(CLN_TUNE, "budget", budget, "SECONDS", 1, 1e6,
-         "time to search in (also 90s, 10m, 1:30); what is best by then is taken",
+         "time to search in (also 90s, 10m, 1:30); the best set found by then is kept",
          .standard = "60", .seconds = true),
     FLAG(CLN_SELFTEST, "quick", quick,
          "only the checks that take about a second; of --extremes, no sorts of over 2^17 keys"),
@@ -290,7 +290,7 @@ const cln_arg cln_args[] = {
     FLAG(EVERY, "help", help,
          "this help", .letter = 'h'),
     FLAG(EVERY, "version", version,
-         "the program's version; with -v also of what it stands on", .letter = 'V'),
+         "the program's version; with -v also those of libraries and drivers", .letter = 'V'),
 };
 /* clang-format on */
 const int cln_arg_count = sizeof cln_args / sizeof cln_args[0];

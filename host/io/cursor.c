@@ -34,10 +34,11 @@ cln_status cln_cursor_count(cln_cursor *cursor, const char *what, size_t least, 
 
     CLN_TRY(cln_cursor_take(cursor, what, &told, sizeof told));
     if (told > (cursor->size - cursor->at) / least)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: it tells of %llu %s, but has %zu bytes left; it is cut off or not of "
-                         "this format; copy or export it again",
-                         cursor->path, (unsigned long long)told, what, cursor->size - cursor->at));
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: it announces %llu %s, but has %zu bytes left; it is cut off or not of "
+                     "this format; copy or export it again",
+                     cursor->path, (unsigned long long)told, what, cursor->size - cursor->at));
     *count = (size_t)told;
 done:
     return st;

@@ -85,7 +85,7 @@ cln_status cln_checkpoint_write(const char *run, const cln_model *model);
 /* *bytes: of one checkpoint with so many leaves, with training state. */
 cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes);
 
-/* *bytes: what checkpoints may yet take on the disk, at the largest tree of the settings: the two
+/* *bytes: what checkpoints may still take on the disk, at the largest tree of the settings: the two
  * that are kept and the one that is being written, less what there is in RUN. */
 cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes);
 

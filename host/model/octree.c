@@ -522,11 +522,11 @@ static const char *row_defect(const int32_t *rows, int node_count, int i)
     int p = row[ROW_PARENT], c = row[ROW_CHILD], octant = (i - 1) % 8, linked = i == 0;
 
     if (row[ROW_STATE] < CLN_NODE_INNER || row[ROW_STATE] > CLN_NODE_CULLED)
-        return "its state is none of 0, 1, 2";
+        return "its state is not 0, 1 or 2";
     if (row[ROW_STRIKES] < 0 || row[ROW_STRIKES] > UINT8_MAX)
         return "its strikes are out of range";
     if (i == 0 && (p != -1 || row[ROW_LEVEL] != 0 || row[5] != 0 || row[6] != 0 || row[7] != 0))
-        return "it is no root";
+        return "it is not a root";
     if (i > 0) {
         if (p < 0 || p >= i - octant)
             return "its parent is out of range";

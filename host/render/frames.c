@@ -55,7 +55,7 @@ done:
     return st;
 }
 
-/* Evenly chosen max_images of the file's. */
+/* The poses of a file, or max_images of them, evenly chosen. */
 static cln_status of_file(const cln_render_desc *desc, const cln_orbit_frame *seen, cln_frames *out)
 {
     cln_status st = CLN_OK;
@@ -101,7 +101,7 @@ done:
     return st;
 }
 
-/* Of poses that have a size: desc's. */
+/* Gives the frames desc's width and height. */
 static cln_status resize(const cln_render_desc *desc, cln_frames *frames)
 {
     cln_status st = CLN_OK;

@@ -23,7 +23,8 @@ typedef struct cln_orbit_frame {
 
 cln_status cln_orbit_frame_of(const cln_scene *scene, cln_orbit_frame *out);
 
-/* As run.json has it (docs/formats.md), to the last bit. Reading one that is none: CLN_INPUT. */
+/* To and from run.json's `orbit` (docs/formats.md), to the last bit. CLN_INPUT if `saved` is not
+ * one. */
 json_t *cln_orbit_frame_json(const cln_orbit_frame *frame);
 cln_status cln_orbit_frame_read(const json_t *saved, cln_orbit_frame *out);
 

@@ -113,7 +113,7 @@ static cln_report_decision decision_of(const json_t *row)
                                  .over_budget = json_is_true(json_object_get(row, "infeasible"))};
 }
 
-/* After add_row of the same row. */
+/* Adds what ranks sent up to a row; call it after add_row of that row. */
 static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
 {
     const double step = cln_json_number(row, "step"), seconds = cln_json_number(row, "seconds");

@@ -195,7 +195,7 @@ done:
     return st;
 }
 
-/* Does not apply if a training view does not tell its depths. */
+/* The cube by the dataset's near and far depths, if every training view has them. */
 static cln_status of_depths(const evidence *e, cln_space *space, char **because)
 {
     const int count = cln_scene_split_count(e->scene, CLN_SPLIT_TRAIN);

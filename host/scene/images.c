@@ -231,7 +231,7 @@ static bool counts(const cln_view *view, const uint8_t *mask, int channels, int 
     return true;
 }
 
-/* Reads the view's mask; what of its pixels counts becomes `kept`. */
+/* Reads the view's mask; the pixels that count become view->kept. */
 static cln_status add_mask(const cln_scene *scene, cln_view *view, bool wanted, uint64_t *digest)
 {
     cln_status st = CLN_OK;

@@ -42,7 +42,7 @@ extern const cln_lens_model cln_lens_models[CLN_LENSES];
  * PERSPECTIVE and FISHEYE624; CLN_LENSES if there is none. */
 cln_lens cln_lens_find(const char *name);
 
-/* Is it a pinhole with these parameters: no distortion. */
+/* Do these parameters make the lens a pinhole, without distortion? */
 bool cln_lens_is_pinhole(cln_lens lens, const double *params);
 
 /* The place of a direction, which may have any length. False outside the model's domain. */

@@ -1,6 +1,6 @@
 /* Reader of NeuS's scenes (DTU and others): cameras_sphere.npz with world_mat_I and scale_mat_I for
- * the I-th file of the folder image, by name, and in the folder mask, if it is there, what of it is
- * the object: white becomes alpha 1, black 0.
+ * the I-th file of the folder image, by name. The folder mask, if it is there, says which pixels
+ * are the object's: white becomes alpha 1, black 0.
  *   world_mat  P = K [R|t], the world's points to pixels, 4x4 (or 3x4); the centre of the top-left
  *              pixel is (0, 0) there
  *   scale_mat  the unit ball, which holds the object, to the world: the cube is around that ball

@@ -19,7 +19,8 @@ typedef struct numbers {
     double value[MOST];
 } numbers;
 
-/* Lines of numbers until there are MOST or a line is something else; blank lines are none. */
+/* Reads the first LINES lines of numbers, MOST at most; anything else in them is an error. Blank
+ * lines do not count. */
 static cln_status read_numbers(const char *path, numbers *out)
 {
     cln_status st = CLN_OK;

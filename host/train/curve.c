@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-/* Of every two, a point with a test PSNR stays: those are few. */
+/* Halves the points. Of every two, one with a test PSNR stays, as these are few. */
 static void thin_out(cln_curve *c)
 {
     for (int i = 0; i < CLN_CURVE_POINTS / 2; i++)

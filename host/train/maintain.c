@@ -222,7 +222,7 @@ done:
     return st;
 }
 
-/* It is not looked for what is missing if less than one leaf in FREE_PART is free. */
+/* Missing leaves are looked for while at least one leaf in FREE_PART is free. */
 enum { FREE_PART = 64 };
 
 /* Brings leaves back where something is missing: all, or none if the tree would then have no room;

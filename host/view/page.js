@@ -832,7 +832,7 @@ async function order(what) {
   }
 }
 
-/* At the second click within a few seconds. */
+/* The second click within a few seconds stops the training. */
 function stopTraining() {
   const button = $('stop'), sure = button.textContent !== 'Stop';
   button.textContent = sure ? 'Stop' : 'Really stop?';

@@ -381,7 +381,7 @@ done:
 
 /* ---- the work ---- */
 
-/* What an error of one painting alone is to a browser. */
+/* The HTTP status of an error that ends one painting only. */
 static int status_of(cln_status st)
 {
     return st == CLN_MEMORY ? 503 : st == CLN_INPUT ? 404 : st == CLN_USAGE ? 409 : 500;

@@ -286,7 +286,7 @@ section_doubts() {
     expect "translations too small" 0 "~too.near ~likely.the.scale" "$cln" info "$work/small"
     turn "$work/small" "1 1 1 0"
     expect "no translations" 0 "~one.place" "$cln" info "$work/small"
-    expect "check has no numbers that are none" 0 "" "$cln" check "$work/small" --probe 0
+    expect "check prints finite numbers only" 0 "" "$cln" check "$work/small" --probe 0
     check "nothing is nan" eval '! grep -q nan "$work/out"'
     "$make_scene" "$work/room" --kind room --size 16 --train 20 >/dev/null
     expect "info of a room from inside" 0 "" "$cln" info "$work/room"

@@ -146,7 +146,7 @@ section_usage() {
     expect "export without a file" 2 "--octree" "$cln" export r
     expect "export in a colour that is not offered" 2 "colour level" "$cln" export r --octree f \
         --colour red
-    expect "tune with a budget that is none" 2 "budget 1" "$cln" tune --budget 0
+    expect "tune with a budget of 0" 2 "budget 1" "$cln" tune --budget 0
     expect "tune with an option of train" 2 "lr train" "$cln" tune --lr 1
     check "wrong usage leaves stdout empty" [ ! -s "$work/out" ]
 }

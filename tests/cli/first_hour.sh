@@ -101,7 +101,7 @@ section_scenes() {
     expect "--no-conf" 0 "" "$cln" info "$s" --no-conf
     check "nothing was read" [ ! -s "$work/err" ]
     echo 'rayz 3' >>"$conf"
-    expect "a name that is none, with file and line" 3 "cl-nascent.conf ~line.6 rayz rays" \
+    expect "an unknown name, with file and line" 3 "cl-nascent.conf ~line.6 rayz rays" \
         "$cln" info "$s"
     printf 'no\033[31mname 3\n' >"$conf"
     expect "garbage: no suggestion" 3 "~line.1 ~no.such.setting" "$cln" info "$s"

@@ -319,7 +319,7 @@ section_token() {
     expect "a port that is taken" 2 "--port $port" "$cln" view "$work/run" --port "$port"
     stop TERM
     check "SIGTERM ends it with 143" [ $rc = 143 ]
-    expect "an address that is none" 2 "--listen localhost" "$cln" view "$work/run" \
+    expect "an address that is no number" 2 "--listen localhost" "$cln" view "$work/run" \
         --listen localhost
     mv "$work/photos" "$work/elsewhere"
     serve --listen 127.0.0.1

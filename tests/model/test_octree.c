@@ -158,7 +158,7 @@ static void test_wrong_level(void **state)
     cln_octree_free(&tree); /* a failed one is empty */
 }
 
-/* No line meets more leaves than is said. */
+/* No line meets more leaves than cln_octree_most_intervals says. */
 static void check_lines(const cln_octree *tree, uint32_t *counter)
 {
     int most = 0;

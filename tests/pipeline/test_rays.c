@@ -266,7 +266,7 @@ static void test_far_wide(void **state)
     assert_true(back > SIZE);
 }
 
-/* The last pixel of a batch is the last that is written; no rays are none. */
+/* Nothing is written behind the last ray of a batch, and nothing at all for 0 rays. */
 static void test_few_rays(void **state)
 {
     const cln_config config = small_config();

@@ -1,5 +1,5 @@
 /* Support of the tests of exports: how far points are from the surfaces of a generated scene, whose
- * shapes are known in closed form, and what of these surfaces points cover. */
+ * shapes are known in closed form, and how much of these surfaces points cover. */
 #ifndef CLN_TESTS_TRUTH_H
 #define CLN_TESTS_TRUTH_H
 
@@ -35,7 +35,7 @@ static inline double truth_shape(const shape *s, vec point)
     return 0;
 }
 
-/* To all of them together. */
+/* Distance from a point to the nearest of the shapes. */
 static inline double truth_distance(const shapes *scene, vec point)
 {
     double least = DBL_MAX;
@@ -45,7 +45,7 @@ static inline double truth_distance(const shapes *scene, vec point)
     return least;
 }
 
-/* Outward. */
+/* The surface's normal near p, outward: the slope of the distance. */
 static inline vec truth_normal(const shapes *scene, vec p)
 {
     const double h = 1e-4;

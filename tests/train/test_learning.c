@@ -1,7 +1,7 @@
 /* What a training learns, against what is known of its scene (run_fixture.h: a ball of radius 1
  * whose colour is its normal): pictures are better than any constant one, depth is the ball's, the
  * learning rate follows its schedule, random backgrounds empty the space around, and numbers that
- * are none end the training. */
+ * are not finite end the training. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
