@@ -168,7 +168,8 @@ static void put_program(FILE *to)
         fprintf(to, "  %-12s%s\n", cln_commands[i].name, cln_commands[i].purpose);
     fprintf(to, "  %-12s%s\n", "help",
             "This, or the options of a command: `cl-nascent help train`");
-    fprintf(to, "  %-12s%s\n", "version", "The program's version; with -v also those of libraries and drivers");
+    fprintf(to, "  %-12s%s\n", "version",
+            "Versions: the program's, with -v those of libraries, too");
     fprintf(to, "\n"
                 "  -h, --help            this help; after a command, its options\n"
                 "  -V, --version         version; with -v also those of libraries and drivers\n"

@@ -220,10 +220,26 @@ static void second_stop_leaves_at_once(void **state)
     assert_int_equal(WTERMSIG(status), SIGTERM);
 }
 
+/* The program's help: every command's name and purpose, with a space between them. */
+static void commands_stand_apart_from_purposes(void **state)
+{
+    char *text = printed(cln_help_print, NULL, true);
+    char wanted[256];
+
+    (void)state;
+    for (int c = 0; c < cln_command_count; c++) {
+        snprintf(wanted, sizeof wanted, " %s %s", cln_commands[c].name, cln_commands[c].purpose);
+        if (!strstr(text, wanted))
+            fail_msg("help: no '%s'", wanted);
+    }
+    free(text);
+}
+
 int test_group_help(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(help_names_every_option_with_its_defaults),
+        cmocka_unit_test(commands_stand_apart_from_purposes),
         cmocka_unit_test(help_shows_ranges_words_and_presets),
         cmocka_unit_test(help_fits_eighty_columns),
         cmocka_unit_test(manual_names_every_option),
