@@ -165,10 +165,10 @@ static void put_program(FILE *to)
                 "Posed photos in, a scene to look at from anywhere out, on any OpenCL device.\n\n"
                 "Commands:\n");
     for (int i = 0; i < cln_command_count; i++)
-        fprintf(to, "  %-10s%s\n", cln_commands[i].name, cln_commands[i].purpose);
-    fprintf(to, "  %-10s%s\n", "help",
+        fprintf(to, "  %-12s%s\n", cln_commands[i].name, cln_commands[i].purpose);
+    fprintf(to, "  %-12s%s\n", "help",
             "This, or the options of a command: `cl-nascent help train`");
-    fprintf(to, "  %-10s%s\n", "version", "The program's version; with -v also of what it uses");
+    fprintf(to, "  %-12s%s\n", "version", "The program's version; with -v also of what it uses");
     fprintf(to, "\n"
                 "  -h, --help            this help; after a command, its options\n"
                 "  -V, --version         version; with -v also of what the program uses\n"

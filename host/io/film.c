@@ -14,6 +14,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "io/command.h"
+#include "io/disk.h"
 
 struct cln_film {
     int width, height;
@@ -129,9 +130,7 @@ cln_status cln_film_begin(const char *path, int width, int height, double fps, b
     } else {
         CLN_TRY(cln_strdup(&f->path, path));
     }
-    if (cln_is_file(f->path) && !overwrite)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: already exists; choose another file, or give --overwrite",
-                         f->path));
+    CLN_TRY(cln_disk_check_new(f->path, overwrite));
     if (plain)
         CLN_TRY(start_y4m(f, fps));
     else

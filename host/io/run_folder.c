@@ -42,11 +42,12 @@ static cln_status folder_is_empty(const char *path, bool *empty)
     return CLN_OK;
 }
 
-static cln_status check_writable(const char *run)
+static cln_status check_writable(const char *run, bool resume)
 {
     if (access(run, W_OK | X_OK) != 0)
-        return cln_fail(CLN_OUTPUT, "%s: cannot write to this folder: %s; choose another with -o",
-                        run, strerror(errno));
+        return cln_fail(CLN_OUTPUT, "%s: cannot write to this folder: %s; %s", run, strerror(errno),
+                        resume ? "copy the run to a folder that can be written to"
+                               : "choose another with -o");
     return CLN_OK;
 }
 
@@ -95,7 +96,7 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
                          "%s: already holds a run; continue it with --resume %s, or choose a new "
                          "folder",
                          run, cln_shell_quote(run, quoted, sizeof quoted)));
-    CLN_TRY(check_writable(run));
+    CLN_TRY(check_writable(run, true));
 done:
     json_decref(document);
     free(reason);
@@ -111,7 +112,7 @@ cln_status cln_run_open(const char *run, bool resume)
     CLN_TRY(cln_run_check(run, resume, &empty));
     if (empty) {
         CLN_TRY(cln_make_dirs(run));
-        CLN_TRY(check_writable(run));
+        CLN_TRY(check_writable(run, resume));
     }
 done:
     return st;
