@@ -279,8 +279,10 @@ static cln_status parse_operand(parser *p, const char *argument)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes only options", argument,
                         command->name);
     if (p->out->operand)
-        return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'",
-                        argument, command->name, command->operand, p->out->operand);
+        return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'%s",
+                        argument, command->name, command->operand, p->out->operand,
+                        cln_arg_find_letter(command, 'o') ? "; what is written is named with -o"
+                                                          : "");
     if (!*argument)
         return cln_fail(CLN_USAGE, "%s: the name of %s is empty", command->name, command->operand);
     p->out->operand = argument;
@@ -318,6 +320,27 @@ static cln_status fail_before_command(const char *argument)
         return cln_fail(CLN_USAGE, "%s: commands have no dashes; did you mean `cl-nascent %s`?",
                         argument, name);
     return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
+}
+
+/* "cl-nascent photos/" */
+static cln_status fail_folder_first(const char *folder)
+{
+    cln_status st = CLN_OK;
+    char quoted[CLN_QUOTED_BYTES], *manifest = NULL;
+
+    CLN_TRY(cln_path_join(&manifest, folder, "run.json"));
+    cln_shell_quote(folder, quoted, sizeof quoted);
+    CLN_TRY(
+        cln_is_file(manifest)
+            ? cln_fail(CLN_USAGE,
+                       "%s: a command comes first; this is a run: `cl-nascent view %s` shows it",
+                       folder, quoted)
+            : cln_fail(CLN_USAGE,
+                       "%s: a command comes first: `cl-nascent train %s -o RUN`, or check", folder,
+                       quoted));
+done:
+    free(manifest);
+    return st;
 }
 
 /* help [CMD], --help, --version [-v], or a command. */
@@ -366,6 +389,8 @@ static cln_status parse_first(parser *p)
         return CLN_OK;
     }
     out->command = cln_command_find(first);
+    if (!out->command && cln_is_dir(first))
+        return fail_folder_first(first);
     return out->command ? CLN_OK : cln_fail_command(first);
 }
 
