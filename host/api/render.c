@@ -147,8 +147,10 @@ static void find_identity(const job *j, frame *f)
         d = cln_digest(d, "fast", 4);
     if (j->desc->depth_unit > 0)
         d = cln_digest(d, &j->desc->depth_unit, sizeof j->desc->depth_unit);
-    if (j->desc->cropped)
-        d = cln_digest(d, j->desc->crop, sizeof j->desc->crop);
+    if (j->crop.on)
+        d = cln_digest(d, j->crop.box, sizeof j->crop.box);
+    if (j->crop.on && !j->desc->cropped)
+        d = cln_digest(d, j->crop.turn, sizeof j->crop.turn);
     if (j->desc->stereo > 0) {
         d = cln_digest(d, "stereo", 6);
         d = cln_digest(d, &j->desc->stereo, sizeof j->desc->stereo);
@@ -263,10 +265,18 @@ static json_t *describe(const job *j)
         json_object_set_new(about, "fast", json_true());
     if (about && d->stereo > 0)
         json_object_set_new(about, "stereo", json_real(d->stereo));
-    if (about && d->cropped)
+    if (about && j->crop.on)
         json_object_set_new(about, "crop",
-                            json_pack("[f,f,f,f,f,f]", d->crop[0], d->crop[1], d->crop[2],
-                                      d->crop[3], d->crop[4], d->crop[5]));
+                            json_pack("[f,f,f,f,f,f]", j->crop.box[0], j->crop.box[1],
+                                      j->crop.box[2], j->crop.box[3], j->crop.box[4],
+                                      j->crop.box[5]));
+    if (about && cln_crop_is_turned(&j->crop)) {
+        json_t *axes = json_array();
+
+        for (int i = 0; i < 9; i++)
+            json_array_append_new(axes, json_real(j->crop.turn[i]));
+        json_object_set_new(about, "crop_axes", axes);
+    }
     if (about && d->poses)
         json_object_set_new(about, "file", json_string(d->poses));
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))
@@ -718,9 +728,16 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
-    if (desc->cropped)
-        cln_crop_warn("--crop", &j.opened.model.space, desc->crop);
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
+    if (!desc->cropped && j.cameras.crop.on) { /* the command line goes before the file */
+        j.crop = j.cameras.crop;
+        memcpy(j.opened.model.background, j.cameras.crop_background,
+               sizeof j.opened.model.background);
+        cln_info("%s: its crop box is shown alone, on its colour; --crop takes another",
+                 desc->poses);
+    }
+    if (j.crop.on)
+        cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &j.opened.model.space, &j.crop);
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
     for (int i = 0; i < j.count; i++)
