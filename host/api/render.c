@@ -701,6 +701,7 @@ static cln_status render_film(job *j, cln_render_result *result)
     if (j->writes)
         CLN_TRY(cln_film_begin(j->desc->out, width_of(j, &j->frames[0]), first->height,
                                told > 0 ? told : 24, j->desc->overwrite, &film));
+    result->plain_film = film && strcmp(cln_film_path(film), j->desc->out) != 0;
     CLN_TRY(start(j));
     CLN_TRY(render_frames(j, film, result));
     finished = film;

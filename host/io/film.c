@@ -110,6 +110,11 @@ done:
     return st;
 }
 
+const char *cln_film_path(const cln_film *f)
+{
+    return f->path;
+}
+
 cln_status cln_film_begin(const char *path, int width, int height, double fps, bool overwrite,
                           cln_film **out)
 {

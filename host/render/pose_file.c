@@ -108,7 +108,7 @@ static cln_status read_crop(const char *path, const json_t *root, cln_frames *ou
         const double s[3] = {sin(angle[0]), sin(angle[1]), sin(angle[2])};
         const double axes[9] = {c[2] * c[1],
                                 s[2] * c[1],
-                                -s[1],
+                                0 - s[1],
                                 c[2] * s[1] * s[0] - s[2] * c[0],
                                 s[2] * s[1] * s[0] + c[2] * c[0],
                                 c[1] * s[0],
