@@ -229,6 +229,31 @@ cln_status cln_run_write(const char *run, const json_t *document)
     return cln_run_write_json(run, "run.json", document);
 }
 
+/* What is none; a file or folder of a run is told the run. */
+static cln_status fail_no_run(const char *run)
+{
+    cln_status st = CLN_OK;
+    char *around = NULL, *path = NULL, *slash = NULL;
+
+    CLN_TRY(cln_strdup(&around, run));
+    for (size_t n = strlen(around); n > 1 && around[n - 1] == '/'; n--)
+        around[n - 1] = 0;
+    slash = strrchr(around, '/');
+    if (slash && slash != around) {
+        *slash = 0;
+        CLN_TRY(cln_path_join(&path, around, "run.json"));
+    }
+    if (path && cln_is_file(path))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a run, but in one: give %s", run, around));
+    CLN_TRY(cln_fail(
+        CLN_INPUT, "%s: %s; give the folder that `cl-nascent train SCENE -o RUN` made", run,
+        cln_is_dir(run) ? "not a run, as there is no run.json in it" : "no such folder"));
+done:
+    free(around);
+    free(path);
+    return st;
+}
+
 cln_status cln_run_read(const char *run, json_t **document)
 {
     cln_status st = CLN_OK;
@@ -239,9 +264,7 @@ cln_status cln_run_read(const char *run, json_t **document)
     *document = NULL;
     CLN_TRY(cln_path_join(&path, run, "run.json"));
     if (!cln_is_file(path))
-        CLN_TRY(cln_fail(
-            CLN_INPUT, "%s: %s; give the folder that `cl-nascent train SCENE -o RUN` made", run,
-            cln_is_dir(run) ? "not a run, as there is no run.json in it" : "no such folder"));
+        CLN_TRY(fail_no_run(run));
     CLN_TRY(cln_json_read(path, false, &read));
     schema = json_string_value(json_object_get(read, "schema"));
     if (!schema || strcmp(schema, SCHEMA) != 0)

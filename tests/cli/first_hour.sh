@@ -158,6 +158,11 @@ section_scenes() {
     : >"$work/nan/train/r_000.png"
     expect "an empty image" 3 "~empty --missing" "$cln" info "$work/nan"
 
+    cp -r "$s" "$work/mixed"
+    printf '%s' iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGP4//8/AAX+Av4N70a4AAAAAElFTkSuQmCC |
+        base64 -d >"$work/mixed/train/r_001.png"
+    expect "one image without alpha among others" 0 "~1.of.9.images r_001 opaque" \
+        "$cln" info "$work/mixed"
     sed -i 's/"file_path"/"depth_file_path": "d.png", "near": 1, "file_path"/' \
         "$s/transforms_train.json"
     expect "info" 0 "" "$cln" info "$s"
@@ -268,6 +273,7 @@ section_edges() {
 section_results() {
     local r="$work/run's 1"
     [ -d "$r" ] || section_training
+    expect "a file of a run in its place" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
     expect "export into no folder: said at once" 7 "$work/none ~no.folder" \
         "$cln" export "$r" --mesh "$work/none/a.ply"
     expect "nor where nothing can be made: before the work" 7 "/proc/a.ply ~made.in./proc" \
