@@ -46,7 +46,7 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
              $(if $(MESHOPTIMIZER),-DCLN_WITH_MESHOPTIMIZER) \
-             $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
+             -ffile-prefix-map="$(CURDIR)"=. $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
 LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(MESHOPTIMIZER:%=-l% )-lm -lpthread
 LDLIBS_ALL = $(shell pkg-config --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
              -lm -lpthread $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
@@ -349,6 +349,7 @@ install: all
 	install -m 644 $P/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
 	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
 	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
+	packaging/man-pages.sh $P/cl-nascent "$(DESTDIR)$(PREFIX)/share/man/man1"
 	install -m 644 docs/api.md README.md LICENSE "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
@@ -362,6 +363,7 @@ uninstall:
 	    "$(DESTDIR)$(LIBDIR)/libcl-nascent.a" "$(DESTDIR)$(LIBDIR)/$(SONAME)" \
 	    "$(DESTDIR)$(LIBDIR)/libcl-nascent.so" "$(DESTDIR)$(LIBDIR)/pkgconfig/cl-nascent.pc" \
 	    "$(DESTDIR)$(PREFIX)/share/man/man1/cl-nascent.1" \
+	    "$(DESTDIR)$(PREFIX)/share/man/man1/cl-nascent-"*.1 \
 	    "$(DESTDIR)$(BASHDIR)/cl-nascent" "$(DESTDIR)$(ZSHDIR)/_cl-nascent" \
 	    "$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
 	rm -rf "$(DESTDIR)$(PREFIX)/share/cl-nascent" "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent"

@@ -315,6 +315,7 @@ typedef struct cln_render_desc {
 typedef struct cln_render_result {
     int rendered, skipped;
     double seconds;
+    bool plain_film; /* it is in OUT with the ending .y4m, as ffmpeg is not installed */
 } cln_render_result;
 
 /* Writes OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (for

@@ -23,7 +23,7 @@ rm -r "$root/usr/include" "$root/usr/lib" "$root/usr/share/doc/cl-nascent/exampl
     "$root/usr/share/doc/cl-nascent/api.md" "$root/usr/share/doc/cl-nascent/README.md" \
     "$root/usr/share/doc/cl-nascent/LICENSE"
 strip --remove-section=.comment --remove-section=.note "$root/usr/bin/cl-nascent"
-gzip -9n "$root/usr/share/man/man1/cl-nascent.1"
+gzip -9n "$root"/usr/share/man/man1/cl-nascent*.1
 
 doc=$root/usr/share/doc/cl-nascent
 {

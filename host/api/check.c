@@ -3,33 +3,23 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/stat.h>
 
 #include "api/needs.h"
 #include "base/config.h"
 #include "cl_nascent.h"
+#include "io/disk.h"
 #include "report/scene_page.h"
 #include "scene/inspect.h"
 
 static cln_status check_page(const cln_check_desc *desc)
 {
     const char *ending = desc->page ? strrchr(desc->page, '.') : NULL;
-    struct stat info;
 
     if (!desc->page)
         return CLN_OK;
     if (!ending || strcasecmp(ending, ".html") != 0)
         return cln_fail(CLN_USAGE, "%s: the page is HTML; end the name with .html", desc->page);
-    if (lstat(desc->page, &info) != 0)
-        return CLN_OK;
-    if (!S_ISREG(info.st_mode))
-        return cln_fail(CLN_OUTPUT,
-                        "%s: already exists and is not a plain file; choose another name",
-                        desc->page);
-    if (!desc->overwrite)
-        return cln_fail(CLN_OUTPUT, "%s: already exists; choose another name, or give --overwrite",
-                        desc->page);
-    return CLN_OK;
+    return cln_disk_check_new(desc->page, desc->overwrite);
 }
 
 cln_status cln_check(const cln_check_desc *desc, char **json)

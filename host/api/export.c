@@ -12,6 +12,7 @@
 #include "cl_nascent.h"
 #include "export/export.h"
 #include "export/reduce.h"
+#include "io/disk.h"
 #include "io/run_folder.h"
 #include "render/tree_picture.h"
 
@@ -64,26 +65,9 @@ static bool may_end_so(const char *form, const char *ending)
     return false;
 }
 
-/* Found before the work, not after it. */
-static cln_status check_folder_of(const char *file)
-{
-    const char *slash = strrchr(file, '/');
-    cln_status st = CLN_OK;
-    char *folder = NULL;
-
-    if (!slash || slash == file)
-        return CLN_OK;
-    CLN_TRY(cln_asprintf(&folder, "%.*s", (int)(slash - file), file));
-    if (!cln_is_dir(folder))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: there is no folder %s; make it, or choose another place",
-                         file, folder));
-done:
-    free(folder);
-    return st;
-}
-
-/* Nothing that is there is replaced unasked, and nothing but a plain file ever; and no file is
- * called what it is not. A folder's files are its export's to check. */
+/* Asked before the work: nothing that is there is replaced unasked, and nothing but a plain file
+ * ever; no file is called what it is not, and its place can be written to. A folder's files are its
+ * export's to check. */
 static cln_status check_target(const cln_export_desc *desc, const export_row *row)
 {
     const char *ending = ending_of(desc->file), *wanted = strchr(row->form, '.');
@@ -97,16 +81,9 @@ static cln_status check_target(const cln_export_desc *desc, const export_row *ro
         return cln_fail(CLN_USAGE, "%s: --%s writes %s%s; end the name with %.*s", desc->file,
                         desc->what, wanted, folders ? "" : " files", (int)strcspn(wanted, "|"),
                         wanted);
-    if (!there)
-        return folders ? CLN_OK : check_folder_of(desc->file);
-    if (!S_ISREG(info.st_mode))
-        return cln_fail(CLN_OUTPUT,
-                        "%s: already exists and is not a plain file; choose another name",
-                        desc->file);
-    if (!desc->overwrite)
-        return cln_fail(CLN_OUTPUT, "%s: already exists; choose another name, or give --overwrite",
-                        desc->file);
-    return CLN_OK;
+    if (!there && folders)
+        return cln_disk_check_file(desc->file, 0, "");
+    return cln_disk_check_new(desc->file, desc->overwrite);
 }
 
 static cln_status find_export(const char *what, const export_row **found)

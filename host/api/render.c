@@ -87,8 +87,10 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
         d = cln_digest(d, "fast", 4);
     if (j->desc->depth_unit > 0)
         d = cln_digest(d, &j->desc->depth_unit, sizeof j->desc->depth_unit);
-    if (j->desc->cropped)
-        d = cln_digest(d, j->desc->crop, sizeof j->desc->crop);
+    if (j->crop.on)
+        d = cln_digest(d, j->crop.box, sizeof j->crop.box);
+    if (j->crop.on && !j->desc->cropped)
+        d = cln_digest(d, j->crop.turn, sizeof j->crop.turn);
     if (j->desc->stereo > 0) {
         d = cln_digest(d, "stereo", 6);
         d = cln_digest(d, &j->desc->stereo, sizeof j->desc->stereo);
@@ -301,6 +303,7 @@ static cln_status render_film(cln_render_job *j, cln_render_result *result)
     if (j->writes)
         CLN_TRY(cln_film_begin(j->desc->out, cln_render_width(j, &j->frames[0]), first->height,
                                told > 0 ? told : 24, j->desc->overwrite, &film));
+    result->plain_film = film && strcmp(cln_film_path(film), j->desc->out) != 0;
     CLN_TRY(start(j));
     CLN_TRY(render_frames(j, film, result));
     finished = film;
@@ -328,9 +331,16 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
-    if (desc->cropped)
-        cln_crop_warn("--crop", &j.opened.model.space, desc->crop);
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
+    if (!desc->cropped && j.cameras.crop.on) { /* the command line goes before the file */
+        j.crop = j.cameras.crop;
+        memcpy(j.opened.model.background, j.cameras.crop_background,
+               sizeof j.opened.model.background);
+        cln_info("%s: its crop box is shown alone, on its colour; --crop takes another",
+                 desc->poses);
+    }
+    if (j.crop.on)
+        cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &j.opened.model.space, &j.crop);
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
     for (int i = 0; i < j.count; i++)

@@ -127,10 +127,18 @@ static json_t *describe(const cln_render_job *j)
         json_object_set_new(about, "fast", json_true());
     if (about && d->stereo > 0)
         json_object_set_new(about, "stereo", json_real(d->stereo));
-    if (about && d->cropped)
+    if (about && j->crop.on)
         json_object_set_new(about, "crop",
-                            json_pack("[f,f,f,f,f,f]", d->crop[0], d->crop[1], d->crop[2],
-                                      d->crop[3], d->crop[4], d->crop[5]));
+                            json_pack("[f,f,f,f,f,f]", j->crop.box[0], j->crop.box[1],
+                                      j->crop.box[2], j->crop.box[3], j->crop.box[4],
+                                      j->crop.box[5]));
+    if (about && cln_crop_is_turned(&j->crop)) {
+        json_t *axes = json_array();
+
+        for (int i = 0; i < 9; i++)
+            json_array_append_new(axes, json_real(j->crop.turn[i]));
+        json_object_set_new(about, "crop_axes", axes);
+    }
     if (about && d->poses)
         json_object_set_new(about, "file", json_string(d->poses));
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))

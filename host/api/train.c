@@ -25,6 +25,8 @@
 #include "train/step.h"
 #include "train/watch.h"
 
+static const double LONG_CHECK = 5; /* seconds; with kernels that were compiled before it is less */
+
 cln_status cln_settings_of_run(const char *run, cln_settings **out)
 {
     cln_status st = CLN_OK;
@@ -280,6 +282,47 @@ done:
     return st;
 }
 
+static void show_work(const char *what, int done, int total, void *user)
+{
+    const cln_callbacks *callbacks = &((const cln_trainer *)user)->desc->callbacks;
+
+    if (callbacks->work)
+        callbacks->work(what, done, total, callbacks->user);
+}
+
+/* Compiling is what takes time where the driver has not done it before. */
+static cln_status check_kernels(cln_trainer *t, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+    const cln_callbacks callbacks = {.work = show_work, .interrupted = cln_loop_poll, .user = t};
+    const double began = cln_now();
+    char took[32];
+
+    cln_info("checking the kernels on %s", t->device->info.name);
+    st = cln_selftest_training(t->device, config, t->scene->space.forward, &callbacks);
+    if (st == CLN_CHECK)
+        cln_note("checking the device before training; --skip-selftest trains on it all the "
+                 "same, and what comes out may be wrong");
+    CLN_TRY(st);
+    if (cln_now() - began > LONG_CHECK) {
+        cln_format_duration(cln_now() - began, took);
+        cln_info("the kernels are right, after %s; most drivers keep what they compiled, so the "
+                 "next start is faster",
+                 took);
+    }
+done:
+    return st;
+}
+
+/* Before the first step there is nothing to save. */
+static cln_status stop_early(cln_trainer *t)
+{
+    cln_loop_poll(t);
+    if (t->signal == 0)
+        return CLN_OK;
+    return cln_fail(t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
+}
+
 static cln_status prepare(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -326,14 +369,9 @@ static cln_status prepare(cln_trainer *t)
                            &(cln_settings_facts){.resume = t->desc->resume,
                                                  .has_alpha = t->scene->has_alpha,
                                                  .forward = t->scene->space.forward});
-    if (!t->desc->skip_selftest) {
-        cln_info("checking the kernels on %s", t->device->info.name);
-        st = cln_selftest_training(t->device, &config, t->scene->space.forward);
-        if (st == CLN_CHECK)
-            cln_note("checking the device before training; --skip-selftest trains on it all the "
-                     "same, and what comes out may be wrong");
-        CLN_TRY(st);
-    }
+    CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
+    if (!t->desc->skip_selftest)
+        CLN_TRY(check_kernels(t, &config));
     CLN_TRY(load_model(t, &config));
     t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
@@ -347,6 +385,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(plan(t));
     say_what_runs(t);
     CLN_TRY(check_ranks(t));
+    CLN_TRY(stop_early(t));
     if (t->writes && !t->desc->resume) {
         CLN_TRY(cln_run_open(t->desc->run, false));
         CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
@@ -373,12 +412,18 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
                      .began = cln_now(),
                      .psnr_train = NAN,
                      .psnr_test = NAN,
+                     .start_seconds = NAN,
                      .eval_seconds = NAN,
                      .saved_step = -1};
     const char *state = "failed";
 
     memset(result, 0, sizeof *result);
-    CLN_TRY(prepare(&t));
+    st = prepare(&t);
+    if (st == CLN_SIGINT || st == CLN_SIGTERM) {
+        cln_clear_error();
+        (void)cln_fail(st, "stopped by a signal before the first step, so nothing was written");
+    }
+    CLN_TRY(st);
     CLN_TRY(cln_loop_run(&t));
 done:
     if (t.device) /* after a failure the queue may still have to do with our arrays */
@@ -394,7 +439,7 @@ done:
     result->leaves = t.model.tree.leaf_count;
     result->device_peak = t.device ? (double)t.device->peak : 0;
     result->host_peak = cln_peak_rss();
-    if (t.model.params && t.writes)
+    if (t.model.params && t.run)
         result->digest = cln_model_digest(&t.model);
     state = st == CLN_OK                            ? "done"
             : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted"

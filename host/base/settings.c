@@ -55,8 +55,19 @@ static void lift_used_up(cln_settings *settings)
         c->time_limit = 0;
 }
 
-/* "+N" of a budget: the run's own plus N; without such a budget, N more from where the run ended.
- * The last value counts, as for any setting. */
+/* Where a run ended far beyond its budget, which was lowered then: what it used, else 0. The last
+ * step may end some seconds after --time-limit. */
+static double used_beyond(const cln_settings *settings, const cln_config_row *row, double budget)
+{
+    if (strcmp(row->option, "steps") == 0 && settings->steps > budget)
+        return settings->steps;
+    if (strcmp(row->option, "time-limit") == 0 && settings->seconds > budget + 10)
+        return settings->seconds;
+    return 0;
+}
+
+/* "+N" of a budget: the run's own plus N; without such a budget, or where the run is far beyond it,
+ * N more from where the run ended. The last value counts, as for any setting. */
 static cln_status extend(cln_settings *settings, const cln_config_row *row, const char *more)
 {
     cln_status st = CLN_OK;
@@ -79,6 +90,8 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
                             "give --%s N for the whole",
                             row->option, more, row->option);
         lift_used_up(settings);
+    } else if (used_beyond(settings, row, a) > 0) {
+        a = used_beyond(settings, row, a);
     }
     snprintf(after, sizeof after, row->type == CLN_ROW_INT ? "%.0f" : "%.17g", a + b);
     CLN_TRY(cln_config_set(&settings->config, row, after));

@@ -4,6 +4,7 @@
 #include "check/selftest.h"
 
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -220,39 +221,95 @@ done:
     return st;
 }
 
-cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
-                               void *user)
+static cln_status run_config(cln_device *device, const cln_config *config, cln_checks *c)
 {
     cln_status st = CLN_OK;
-    cln_checks c = {.shape = "these networks", .verdicts = {.sink = sink, .user = user}};
     cln_pipeline pipeline = {0};
     cln_config small = *config;
 
+    c->shape = "these networks";
     prepare(&small);
     CLN_TRY(cln_pipeline_create(device, &small, false, false, &cln_space_unit, CLN_PROGRAMS_ALL,
                                 &pipeline));
-    CLN_TRY(run_pipeline(&pipeline, false, &c));
-    CLN_TRY(verdict(device, &c));
+    CLN_TRY(run_pipeline(&pipeline, false, c));
 done:
     cln_pipeline_free(&pipeline);
     return st;
 }
 
-cln_status cln_selftest_training(cln_device *device, const cln_config *config, bool forward)
+cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
+                               void *user)
 {
     cln_status st = CLN_OK;
-    const cln_selftest_plan plan = {.shapes = CLN_SHAPES_QUICK};
-    cln_checks c = {0};
-    cln_config fast;
+    cln_checks c = {.verdicts = {.sink = sink, .user = user}};
 
-    CLN_TRY(cln_selftest_device(device, &plan));
-    for (size_t i = 0; forward && i < sizeof shapes / sizeof shapes[0]; i++)
-        if (shapes[i].forward)
-            CLN_TRY(run_shape(device, &shapes[i], &c));
+    CLN_TRY(run_config(device, config, &c));
     CLN_TRY(verdict(device, &c));
+done:
+    return st;
+}
+
+/* ---- before a training ---- */
+
+typedef struct progress {
+    const cln_callbacks *callbacks;
+    int done, total, signal;
+} progress;
+
+static void poll_callbacks(progress *p)
+{
+    const cln_callbacks *c = p->callbacks;
+    const int signal = c->interrupted ? c->interrupted(c->user) : 0;
+
+    if (signal == SIGINT || signal == SIGTERM)
+        p->signal = signal;
+}
+
+/* After each check, so that a signal is answered at once. */
+static void on_check(const char *name, bool passed, bool skipped, const char *detail, void *user)
+{
+    (void)name, (void)passed, (void)skipped, (void)detail;
+    poll_callbacks(user);
+}
+
+/* Between two pipelines. */
+static cln_status advance(progress *p, const cln_checks *c)
+{
+    if (p->callbacks->work)
+        p->callbacks->work("checking kernels", p->done, p->total, p->callbacks->user);
+    poll_callbacks(p);
+    if (p->signal && c->failed == 0)
+        return cln_fail(p->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
+    p->done++;
+    return CLN_OK;
+}
+
+cln_status cln_selftest_training(cln_device *device, const cln_config *config, bool forward,
+                                 const cln_callbacks *callbacks)
+{
+    cln_status st = CLN_OK;
+    progress p = {.callbacks = callbacks};
+    cln_checks c = {.verdicts = {.sink = on_check, .user = &p}};
+    cln_config fast;
+    bool others = false;
+
     CLN_TRY(cln_config_preset("fast", &fast));
-    if (cln_config_differs(&fast, config, CLN_ROW_SHAPE))
-        CLN_TRY(cln_selftest_config(device, config, NULL, NULL));
+    others = cln_config_differs(&fast, config, CLN_ROW_SHAPE) != NULL;
+    p.total = others;
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
+        p.total += shapes[i].in[CLN_SHAPES_QUICK] || (forward && shapes[i].forward);
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0] && c.failed == 0; i++) {
+        if (!shapes[i].in[CLN_SHAPES_QUICK] && !(forward && shapes[i].forward))
+            continue;
+        CLN_TRY(advance(&p, &c));
+        CLN_TRY(run_shape(device, &shapes[i], &c));
+    }
+    if (others && c.failed == 0) {
+        CLN_TRY(advance(&p, &c));
+        CLN_TRY(run_config(device, config, &c));
+    }
+    CLN_TRY(verdict(device, &c));
+    CLN_TRY(advance(&p, &c));
 done:
     return st;
 }

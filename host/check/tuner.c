@@ -17,13 +17,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/settings.h"
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/settings.h"
 #include "device/tune.h"
 #include "check/selftest.h"
 #include "check/synthetic.h"
+#include "io/disk.h"
 #include "io/run_folder.h"
 
 enum { PAIRS = 9, FEWEST_PAIRS = 3, AGAINST = 2 };
@@ -395,6 +397,10 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     result->gain = 1;
     t.deadline = t.began + desc->budget;
     CLN_TRY(cln_config_check(&desc->settings->config));
+    if (desc->file && cln_is_dir(desc->file))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: is a folder; give the name of a file", desc->file));
+    if (desc->file) /* before the search; its folders are made */
+        CLN_TRY(cln_disk_check_file(desc->file, 0, ""));
     CLN_TRY(cln_device_open(&desc->device, &t.device));
     CLN_TRY(cln_network_layout(&desc->settings->config, &t.net));
     cln_network_text(&t.net, result->network);

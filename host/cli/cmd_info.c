@@ -2,6 +2,7 @@
  * reading. */
 #include "cli/commands.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -55,7 +56,11 @@ static bool print_time(const char *key, const json_t *value)
 {
     char text[32];
 
-    if (!json_is_number(value) || strcmp(key, "training_seconds") != 0)
+    const bool is_time = strcmp(key, "training_seconds") == 0 ||
+                         strcmp(key, "evaluation_seconds") == 0 ||
+                         strcmp(key, "start_seconds") == 0;
+
+    if (!json_is_number(value) || !is_time)
         return false;
     cln_format_duration(json_number_value(value), text);
     printf("about %s", text);
@@ -163,9 +168,67 @@ done:
     return st;
 }
 
+/* Pixels of a view, in the mean; 0 if nobody says. */
+static double mean_pixels(const json_t *described)
+{
+    const json_t *sizes = json_object_get(described, "sizes");
+    double views = 0, pixels = 0;
+
+    for (size_t i = 0; i < json_array_size(sizes); i++) {
+        const json_t *size = json_array_get(sizes, i);
+        const double n = json_number_value(json_object_get(size, "views"));
+
+        views += n;
+        pixels += n * json_number_value(json_object_get(size, "width")) *
+                  json_number_value(json_object_get(size, "height"));
+    }
+    return views > 0 ? pixels / views : 0;
+}
+
+/* How often a training of so many steps evaluates, the end included. */
+static cln_status count_evaluations(const cln_settings *settings, double steps, double *count)
+{
+    cln_status st = CLN_OK;
+    char every[CLN_SETTING_BYTES], at[CLN_SETTING_BYTES];
+
+    CLN_TRY(cln_settings_get(settings, "eval-every", every, sizeof every));
+    CLN_TRY(cln_settings_get(settings, "eval-at", at, sizeof at));
+    *count = 1;
+    if (atof(every) > 0)
+        *count += floor((steps - 1) / atof(every));
+    for (const char *c = at; *c; c += strspn(c, ","), *count += 1)
+        c += strcspn(c, ",");
+done:
+    return st;
+}
+
+/* Adds what is no training time: the start, and evaluations, whose time grows with the pixels. */
+static cln_status add_other_times(const cln_settings *settings, const json_t *run,
+                                  const json_t *scene, double steps, json_t *training)
+{
+    cln_status st = CLN_OK;
+    const double views = number_at(run, "result", "eval_views");
+    const double seconds = number_at(run, "result", "eval_seconds");
+    const double start = number_at(run, "result", "start_seconds");
+    const double its = mean_pixels(json_object_get(run, "dataset")), ours = mean_pixels(scene);
+    double wanted = 0, evaluations = 0, tests = number_at(scene, "splits", "test");
+    char images[CLN_SETTING_BYTES];
+
+    CLN_TRY(cln_settings_get(settings, "eval-images", images, sizeof images));
+    CLN_TRY(count_evaluations(settings, steps, &evaluations));
+    wanted = atof(images) > 0 ? fmin(atof(images), tests) : tests;
+    json_object_set_new(training, "evaluation_seconds",
+                        views > 0 && seconds > 0 && its > 0
+                            ? json_real(evaluations * wanted * seconds / views * ours / its)
+                            : json_null());
+    json_object_set_new(training, "start_seconds", start > 0 ? json_real(start) : json_null());
+done:
+    return st;
+}
+
 /* Adds to training how long it would take: at the pace of a run, as nothing else tells it before
  * steps were taken. A mean over that run's growth, so it stands for one that grows alike. */
-static cln_status add_time(const cln_options *options, json_t *training)
+static cln_status add_time(const cln_options *options, const json_t *scene, json_t *training)
 {
     cln_status st = CLN_OK;
     const double steps = json_number_value(json_object_get(training, "steps"));
@@ -197,6 +260,7 @@ static cln_status add_time(const cln_options *options, json_t *training)
                          *differences ? "; with another " : "", differences));
     json_object_set_new(training, "training_seconds", json_real(pace * steps));
     json_object_set_new(training, "training_seconds_from", json_string(from));
+    CLN_TRY(add_other_times(options->settings, run, scene, steps, training));
 done:
     json_decref(run);
     free(text);
@@ -225,7 +289,7 @@ cln_status cln_cmd_info(const cln_options *options)
         CLN_TRY(
             cln_fail(CLN_INTERNAL, "%s: its description is not a JSON object", options->operand));
     if (json_object_get(document, "training"))
-        CLN_TRY(add_time(options, json_object_get(document, "training")));
+        CLN_TRY(add_time(options, document, json_object_get(document, "training")));
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));
     else

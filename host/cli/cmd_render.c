@@ -32,7 +32,7 @@ cln_status cln_cmd_render(const cln_options *options)
     cln_status st = CLN_OK;
     cln_console console = {0};
     cln_render_result result = {0};
-    char *standard_out = NULL;
+    char *standard_out = NULL, *plain = NULL;
     char duration[32];
     const bool path = options->orbit_frames > 0 || options->spiral_frames > 0;
     cln_render_desc desc = {.run = options->operand,
@@ -77,6 +77,10 @@ cln_status cln_cmd_render(const cln_options *options)
     cln_console_close(&console);
     if (st != CLN_OK || cln_ranks_me() > 0)
         goto done;
+    if (result.plain_film) {
+        CLN_TRY(cln_asprintf(&plain, "%.*s.y4m", (int)(strrchr(desc.out, '.') - desc.out), desc.out));
+        desc.out = plain;
+    }
     if (options->json) {
         CLN_TRY(cln_print_json(
             json_pack("{s:s s:s s:s s:i s:i s:o}", "schema", "cl-nascent.render/1", "run",
@@ -93,5 +97,6 @@ cln_status cln_cmd_render(const cln_options *options)
 done:
     cln_console_close(&console);
     free(standard_out);
+    free(plain);
     return st;
 }

@@ -107,6 +107,8 @@ cln_status cln_cmd_train(const cln_options *options)
     cln_console_close(&console);
     if (trained != CLN_OK && trained != CLN_SIGINT && trained != CLN_SIGTERM)
         return trained;
+    if (trained != CLN_OK && result.digest == 0) /* stopped before the first step */
+        return trained;
     if (options->watch)
         cln_info("the viewer ends with the training; go on looking with `cl-nascent view %s`",
                  cln_shell_quote(run, quoted, sizeof quoted));

@@ -8,7 +8,7 @@
 #include "base/number.h"
 #include "cl_nascent.h"
 
-enum { LEFT = 26, RIGHT = 80 };
+enum { LEFT = 26, RIGHT = 80, MOST = 5 }; /* columns; commands that make an option general */
 
 /* ---- layout ---- */
 
@@ -147,15 +147,36 @@ static void put_rows(FILE *to, const cln_command *command)
     }
 }
 
+static bool is_of_most(const cln_arg *arg)
+{
+    int commands = 0;
+
+    for (unsigned bits = arg->commands; bits; bits &= bits - 1)
+        commands++;
+    return commands >= MOST;
+}
+
+/* A command's own options first, which its reader came for. */
+static void put_args(FILE *to, const cln_command *command, bool of_most, const char *title)
+{
+    bool titled = false;
+
+    for (int i = 0; i < cln_arg_count; i++) {
+        if (!cln_command_takes_arg(command, &cln_args[i]) || is_of_most(&cln_args[i]) != of_most)
+            continue;
+        if (!titled)
+            fprintf(to, "\n%s:\n", title);
+        titled = true;
+        put_arg(to, &cln_args[i]);
+    }
+}
+
 static void put_command(FILE *to, const cln_command *command)
 {
     fprintf(to, "Usage: cl-nascent %s\n\n%s.\n", command->usage, command->purpose);
     put_wrapped(to, 0, 0, command->notes);
-    fprintf(to, "\nOptions:\n");
-    for (int i = 0; i < cln_arg_count; i++) {
-        if (cln_command_takes_arg(command, &cln_args[i]))
-            put_arg(to, &cln_args[i]);
-    }
+    put_args(to, command, false, "Options");
+    put_args(to, command, true, "Options of most commands");
     put_rows(to, command);
 }
 

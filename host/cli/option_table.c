@@ -392,6 +392,74 @@ static const char *longer_option(const cln_command *command, const char *name)
     return NULL;
 }
 
+/* What other programs call it: ours, or in capitals what stands without an option here. */
+static const char *name_elsewhere(const cln_command *command, const char *name)
+{
+    static const struct {
+        const char *theirs, *ours; /* "-" for "_" */
+    } rows[] = {{"iterations", "steps"},
+                {"iters", "steps"},
+                {"n-iters", "steps"},
+                {"max-iterations", "steps"},
+                {"max-steps", "steps"},
+                {"num-steps", "steps"},
+                {"n-steps", "steps"},
+                {"max-num-iterations", "steps"},
+                {"learning-rate", "lr"},
+                {"lrate", "lr"},
+                {"batch-size", "rays"},
+                {"num-rays", "rays"},
+                {"n-rand", "rays"},
+                {"gpu", "device"},
+                {"cuda", "device"},
+                {"factor", "downscale"},
+                {"resolution", "downscale"},
+                {"downsample", "downscale"},
+                {"llffhold", "holdout"},
+                {"test-hold", "holdout"},
+                {"white-background", "background"},
+                {"aabb", "bbox"},
+                {"camera-path", "poses"},
+                {"camera-path-filename", "poses"},
+                {"trajectory", "orbit"},
+                {"traj", "orbit"},
+                {"ply", "points"},
+                {"glb", "mesh"},
+                {"obj", "mesh"},
+                {"data", "SCENE"},
+                {"datadir", "SCENE"},
+                {"data-dir", "SCENE"},
+                {"source-path", "SCENE"},
+                {"input", "SCENE"},
+                {"scene", "SCENE"},
+                {"model-path", "RUN"},
+                {"load-config", "RUN"},
+                {"checkpoint", "RUN"},
+                {"ckpt", "RUN"},
+                {"run", "RUN"},
+                {"model-path", "output"},
+                {"output-dir", "output"},
+                {"output-path", "output"},
+                {"expname", "output"},
+                {"workspace", "output"},
+                {"out", "output"}};
+    char plain[64];
+
+    snprintf(plain, sizeof plain, "%s", name);
+    for (char *c = plain; *c; c++)
+        *c = *c == '_' ? '-' : *c;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        const char *ours = rows[i].ours;
+        const size_t n = strlen(ours);
+
+        if (strcmp(plain, rows[i].theirs) == 0 &&
+            (cln_arg_find(command, ours, n) || cln_row_find(command, ours, n) ||
+             (command->operand && strstr(command->operand, ours))))
+            return ours;
+    }
+    return NULL;
+}
+
 /* A name that is in no table of this command: whose it is, or which one it resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length)
 {
@@ -419,6 +487,12 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
     }
     if (length == 1 && cln_arg_find_letter(command, *name))
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean -%s?", wanted, wanted);
+    best = name_elsewhere(command, wanted);
+    if (best && *best <= 'Z')
+        return cln_fail(CLN_USAGE, "unknown option --%s; %s stands without one: `cl-nascent %s %s`",
+                        wanted, best, command->name, best);
+    if (best)
+        return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s?", wanted, best);
     name = wanted;
     if (strncmp(wanted, "no-", 3) == 0) {
         name += 3;

@@ -36,6 +36,7 @@ typedef struct parser {
     setting *settings; /* [argc] */
     int setting_count;
     bool given[CLN_ARGS_MAX]; /* by row of cln_args */
+    const char *dashed;       /* letters that are also the name of a file, "-dash"; NULL: none */
 } parser;
 
 /* ---- values ---- */
@@ -230,6 +231,12 @@ done:
     return st;
 }
 
+static cln_status fail_dashed(const char *name)
+{
+    return cln_fail(CLN_USAGE, "%s: names that begin with a dash are taken for options; give ./%s",
+                    name, name);
+}
+
 /* "-steps" is a long option with one dash too few. */
 static cln_status fail_letters(const cln_command *command, const char *argument, char letter)
 {
@@ -239,9 +246,7 @@ static cln_status fail_letters(const cln_command *command, const char *argument,
         return cln_fail(CLN_USAGE, "%s: long options begin with two dashes: --%s", argument,
                         argument + 1);
     if (access(argument, F_OK) == 0)
-        return cln_fail(CLN_USAGE,
-                        "%s: names that begin with a dash are taken for options; give ./%s",
-                        argument, argument);
+        return fail_dashed(argument);
     return cln_fail(CLN_USAGE, "unknown option -%c", letter);
 }
 
@@ -257,6 +262,8 @@ static cln_status parse_letters(parser *p, const char *argument)
         if (!arg)
             return fail_letters(p->out->command, argument, *letter);
         CLN_TRY(apply_arg(p, arg, valued && letter[1] ? letter + 1 : NULL));
+        if (valued && letter[1] && access(argument, F_OK) == 0)
+            p->dashed = argument;
         if (valued)
             break;
     }
@@ -272,8 +279,10 @@ static cln_status parse_operand(parser *p, const char *argument)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes only options", argument,
                         command->name);
     if (p->out->operand)
-        return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'",
-                        argument, command->name, command->operand, p->out->operand);
+        return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'%s",
+                        argument, command->name, command->operand, p->out->operand,
+                        cln_arg_find_letter(command, 'o') ? "; what is written is named with -o"
+                                                          : "");
     if (!*argument)
         return cln_fail(CLN_USAGE, "%s: the name of %s is empty", command->name, command->operand);
     p->out->operand = argument;
@@ -311,6 +320,27 @@ static cln_status fail_before_command(const char *argument)
         return cln_fail(CLN_USAGE, "%s: commands have no dashes; did you mean `cl-nascent %s`?",
                         argument, name);
     return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
+}
+
+/* "cl-nascent photos/" */
+static cln_status fail_folder_first(const char *folder)
+{
+    cln_status st = CLN_OK;
+    char quoted[CLN_QUOTED_BYTES], *manifest = NULL;
+
+    CLN_TRY(cln_path_join(&manifest, folder, "run.json"));
+    cln_shell_quote(folder, quoted, sizeof quoted);
+    CLN_TRY(
+        cln_is_file(manifest)
+            ? cln_fail(CLN_USAGE,
+                       "%s: a command comes first; this is a run: `cl-nascent view %s` shows it",
+                       folder, quoted)
+            : cln_fail(CLN_USAGE,
+                       "%s: a command comes first: `cl-nascent train %s -o RUN`, or check", folder,
+                       quoted));
+done:
+    free(manifest);
+    return st;
 }
 
 /* help [CMD], --help, --version [-v], or a command. */
@@ -359,6 +389,8 @@ static cln_status parse_first(parser *p)
         return CLN_OK;
     }
     out->command = cln_command_find(first);
+    if (!out->command && cln_is_dir(first))
+        return fail_folder_first(first);
     return out->command ? CLN_OK : cln_fail_command(first);
 }
 
@@ -419,6 +451,8 @@ static cln_status check_train(const parser *p)
     if (out->resume && is_given(p, "preset"))
         return cln_fail(CLN_USAGE, "--preset cannot be combined with --resume: a run keeps its "
                                    "settings; give single options");
+    if (!out->resume && !out->operand && p->dashed)
+        return fail_dashed(p->dashed);
     if (!out->resume && !out->operand)
         return cln_fail(CLN_USAGE, "train: SCENE is missing; give a folder, or --resume RUN");
     if (!out->resume && !out->output)
@@ -536,8 +570,9 @@ static cln_status settle(parser *p)
     else if (bit == CLN_RENDER)
         CLN_TRY(check_render(p));
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
-        CLN_TRY(
-            cln_fail(CLN_USAGE, "%s: %s is missing", out->command->name, out->command->operand));
+        CLN_TRY(p->dashed ? fail_dashed(p->dashed)
+                          : cln_fail(CLN_USAGE, "%s: %s is missing", out->command->name,
+                                     out->command->operand));
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)

@@ -30,23 +30,24 @@ done:
     return st;
 }
 
-/* Some file systems let nobody make a folder (/proc), though access() has nothing against it. */
-static cln_status try_folder(const char *folder, const char *there)
+/* Some file systems let nobody make anything (/proc), though access() has nothing against it. */
+static cln_status try_folder(const char *subject, const char *there)
 {
     cln_status st = CLN_OK;
     char *trial = NULL;
 
     CLN_TRY(cln_path_join(&trial, there, ".cl-nascent-XXXXXX"));
     if (!mkdtemp(trial))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: in %s no folder can be made: %s; choose another", folder,
-                         there, strerror(errno)));
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: nothing can be made in %s: %s; choose another place",
+                         subject, there, strerror(errno)));
     rmdir(trial);
 done:
     free(trial);
     return st;
 }
 
-cln_status cln_disk_check(const char *folder, double bytes, const char *what)
+/* subject: what is to be written, with which the sentence begins. */
+static cln_status check(const char *subject, const char *folder, double bytes, const char *what)
 {
     cln_status st = CLN_OK;
     char *there = NULL, need[32], have[32];
@@ -55,15 +56,17 @@ cln_status cln_disk_check(const char *folder, double bytes, const char *what)
 
     CLN_TRY(nearest(folder, &there));
     if (!cln_is_dir(there))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s is not a folder; choose another", folder, there));
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s is not a folder; choose another place", subject,
+                         strcmp(there, subject) == 0 ? "this" : there));
     if (access(there, W_OK | X_OK) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s cannot be written to: %s; choose another", folder,
-                         strcmp(there, ".") == 0      ? "the folder one is in"
-                         : strcmp(there, folder) == 0 ? "this folder"
-                                                      : there,
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s cannot be written to: %s; choose another place",
+                         subject,
+                         strcmp(there, ".") == 0       ? "the folder one is in"
+                         : strcmp(there, subject) == 0 ? "this folder"
+                                                       : there,
                          strerror(errno)));
     if (statvfs(there, &disk) != 0 || disk.f_blocks == 0) { /* some file systems do not tell */
-        CLN_TRY(try_folder(folder, there));
+        CLN_TRY(try_folder(subject, there));
         goto done;
     }
     room = (double)disk.f_bavail * (double)disk.f_frsize;
@@ -74,22 +77,61 @@ cln_status cln_disk_check(const char *folder, double bytes, const char *what)
     CLN_TRY(cln_fail(CLN_OUTPUT,
                      "%s: the disk has too little room: %s need up to %s, %s are free; make room, "
                      "or choose another folder",
-                     folder, what, need, have));
+                     subject, what, need, have));
 done:
     free(there);
+    return st;
+}
+
+cln_status cln_disk_check(const char *folder, double bytes, const char *what)
+{
+    return check(folder, folder, bytes, what);
+}
+
+/* "a/b": "a"; "/b": "/"; "b": ".". */
+static cln_status folder_of(const char *path, char **folder)
+{
+    cln_status st = CLN_OK;
+    const char *slash = strrchr(path, '/');
+
+    if (!slash)
+        CLN_TRY(cln_strdup(folder, "."));
+    else
+        CLN_TRY(cln_asprintf(folder, "%.*s", slash == path ? 1 : (int)(slash - path), path));
+done:
     return st;
 }
 
 cln_status cln_disk_check_file(const char *path, double bytes, const char *what)
 {
     cln_status st = CLN_OK;
-    char *folder = NULL, *slash = NULL;
+    char *folder = NULL;
 
-    CLN_TRY(cln_strdup(&folder, path));
-    slash = strrchr(folder, '/');
-    if (slash)
-        slash[slash == folder] = 0; /* "/x" is in "/" */
-    CLN_TRY(cln_disk_check(slash ? folder : ".", bytes, what));
+    CLN_TRY(folder_of(path, &folder));
+    CLN_TRY(check(path, folder, bytes, what));
+done:
+    free(folder);
+    return st;
+}
+
+cln_status cln_disk_check_new(const char *path, bool replace)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL;
+    struct stat info;
+    const bool there = lstat(path, &info) == 0;
+
+    if (there && !S_ISREG(info.st_mode))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: already exists and is not a plain file; choose another name", path));
+    if (there && !replace)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: already exists; choose another name, or give --overwrite",
+                         path));
+    CLN_TRY(folder_of(path, &folder));
+    if (access(folder, F_OK) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: there is no folder %s; make it, or choose another place",
+                         path, folder));
+    CLN_TRY(check(path, folder, 0, ""));
 done:
     free(folder);
     return st;

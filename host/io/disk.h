@@ -2,6 +2,8 @@
 #ifndef CLN_DISK_H
 #define CLN_DISK_H
 
+#include <stdbool.h>
+
 #include "base/status.h"
 
 /* Can `bytes` be written in this folder, which need not be there yet: CLN_OUTPUT if it, or the
@@ -11,5 +13,9 @@ cln_status cln_disk_check(const char *folder, double bytes, const char *what);
 
 /* The same for a file in its folder. */
 cln_status cln_disk_check_file(const char *path, double bytes, const char *what);
+
+/* Can a file be written there: its folder exists and can be written to, and nothing is at `path`
+ * but, if it is to be replaced, a plain file. CLN_OUTPUT. */
+cln_status cln_disk_check_new(const char *path, bool replace);
 
 #endif

@@ -14,6 +14,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "io/command.h"
+#include "io/disk.h"
 
 struct cln_film {
     int width, height;
@@ -109,6 +110,11 @@ done:
     return st;
 }
 
+const char *cln_film_path(const cln_film *f)
+{
+    return f->path;
+}
+
 cln_status cln_film_begin(const char *path, int width, int height, double fps, bool overwrite,
                           cln_film **out)
 {
@@ -129,9 +135,7 @@ cln_status cln_film_begin(const char *path, int width, int height, double fps, b
     } else {
         CLN_TRY(cln_strdup(&f->path, path));
     }
-    if (cln_is_file(f->path) && !overwrite)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: already exists; choose another file, or give --overwrite",
-                         f->path));
+    CLN_TRY(cln_disk_check_new(f->path, overwrite));
     if (plain)
         CLN_TRY(start_y4m(f, fps));
     else

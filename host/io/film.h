@@ -13,6 +13,7 @@ bool cln_film_named(const char *path);
  * with a warning. It lies under a temporary name until cln_film_end. The file at *path must not be
  * there, or may be replaced (overwrite): else CLN_OUTPUT. */
 typedef struct cln_film cln_film;
+const char *cln_film_path(const cln_film *f); /* of the file that it becomes */
 cln_status cln_film_begin(const char *path, int width, int height, double fps, bool overwrite,
                           cln_film **out);
 

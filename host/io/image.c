@@ -238,15 +238,35 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
 {
     static const uint8_t png[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
 
+    static const struct {
+        size_t at;
+        const char *mark, *problem;
+    } others[] = {
+#define OTHER(at, mark, name) \
+    {at, mark, "is " name ", which is not read; convert it to PNG or JPEG"}
+        OTHER(8, "WEBP", "WebP"),      OTHER(0, "GIF8", "GIF"),
+        OTHER(0, "BM", "BMP"),         OTHER(0, "II*", "TIFF or a camera's raw format"),
+        OTHER(0, "MM", "TIFF"),        OTHER(4, "ftyphe", "HEIC"),
+        OTHER(4, "ftypmif", "HEIC"),   OTHER(4, "ftypavif", "AVIF"),
+        OTHER(0, "v/1\x01", "OpenEXR")};
+#undef OTHER
+
     memset(head, 0, sizeof *head);
     if (bytes == 0)
-        head->problem = "empty file";
+        head->problem = "empty file; copy it again, or take it away: frames without an image can "
+                        "be left out (--missing)";
     else if (bytes >= 8 && !memcmp(data, png, 8))
         walk_png(data, bytes, whole, head);
     else if (bytes >= 3 && data[0] == 0xFF && data[1] == 0xD8 && data[2] == 0xFF)
         walk_jpeg(data, bytes, whole, head);
     else
         head->problem = "not a PNG or JPEG image";
+    for (size_t i = 0; head->problem && i < sizeof others / sizeof others[0]; i++) {
+        const size_t n = strlen(others[i].mark);
+
+        if (bytes >= others[i].at + n && memcmp(data + others[i].at, others[i].mark, n) == 0)
+            head->problem = others[i].problem;
+    }
 }
 
 /* Sizes first: the user can act on them even if the rest is cut. */
@@ -262,8 +282,11 @@ static cln_status check_header(const char *path, const header *head)
                         path, (long long)head->width, (long long)head->height, CLN_IMAGE_MAX_SIDE,
                         CLN_IMAGE_MAX_PIXELS);
     if (head->cut)
-        return cln_fail(CLN_INPUT, "%s: truncated %s, the file ends too early; copy it again", path,
-                        head->png ? "PNG" : "JPEG");
+        return cln_fail(
+            CLN_INPUT,
+            "%s: truncated %s, the file ends too early; copy it again, or take it away: "
+            "frames without an image can be left out (--missing)",
+            path, head->png ? "PNG" : "JPEG");
     if (head->width < 1 || head->height < 1)
         return cln_fail(CLN_INPUT, "%s: image without pixels (%lld x %lld)", path,
                         (long long)head->width, (long long)head->height);

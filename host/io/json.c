@@ -1,12 +1,13 @@
 /* JSON through jansson, and the relaxed dialect of instant-ngp's files. See json.h.
  *
  * Relaxed text is cleaned in place before jansson sees it: comments (but not their newlines) and
- * trailing commas become blanks, so jansson's line and column are the file's. */
+ * trailing commas become blanks, NaN a string, so jansson's line and column are the file's. */
 #include "io/json.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/files.h"
 
 static const size_t MAX_BYTES = (size_t)512 << 20; /* 100,000 frames take about 100 MB */
@@ -96,6 +97,30 @@ static void blank_trailing_commas(char *text, size_t bytes)
     }
 }
 
+/* NaN and infinities, which Python writes and JSON has not, become strings of the same length: who
+ * reads the value says where it stands and that it is no number. */
+static void quote_no_numbers(char *text, size_t bytes)
+{
+    static const char *const words[] = {"nan", "infinity", "-infinity", "inf", "-inf"};
+
+    for (size_t at = 0; at < bytes; at++) {
+        if (text[at] == '"') {
+            at = skip_string(text, bytes, at) - 1;
+            continue;
+        }
+        for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+            const size_t n = strlen(words[i]);
+
+            if (n > bytes - at || strncasecmp(text + at, words[i], n) != 0 ||
+                (at + n < bytes && !strchr(",]} \t\r\n", text[at + n])))
+                continue;
+            text[at] = text[at + n - 1] = '"';
+            at += n - 1;
+            break;
+        }
+    }
+}
+
 cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
 {
     cln_status st = CLN_OK;
@@ -110,6 +135,7 @@ cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
             memset(text, ' ', 3);
         CLN_TRY(blank_comments(path, text, &bytes));
         blank_trailing_commas(text, bytes);
+        quote_no_numbers(text, bytes);
     }
     *out = json_loadb(text, bytes, 0, &error);
     if (!*out && bytes >= 2 && (!memcmp(text, "\xFF\xFE", 2) || !memcmp(text, "\xFE\xFF", 2)))

@@ -42,11 +42,12 @@ static cln_status folder_is_empty(const char *path, bool *empty)
     return CLN_OK;
 }
 
-static cln_status check_writable(const char *run)
+static cln_status check_writable(const char *run, bool resume)
 {
     if (access(run, W_OK | X_OK) != 0)
-        return cln_fail(CLN_OUTPUT, "%s: cannot write to this folder: %s; choose another with -o",
-                        run, strerror(errno));
+        return cln_fail(CLN_OUTPUT, "%s: cannot write to this folder: %s; %s", run, strerror(errno),
+                        resume ? "copy the run to a folder that can be written to"
+                               : "choose another with -o");
     return CLN_OK;
 }
 
@@ -95,7 +96,7 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
                          "%s: already holds a run; continue it with --resume %s, or choose a new "
                          "folder",
                          run, cln_shell_quote(run, quoted, sizeof quoted)));
-    CLN_TRY(check_writable(run));
+    CLN_TRY(check_writable(run, true));
 done:
     json_decref(document);
     free(reason);
@@ -111,7 +112,7 @@ cln_status cln_run_open(const char *run, bool resume)
     CLN_TRY(cln_run_check(run, resume, &empty));
     if (empty) {
         CLN_TRY(cln_make_dirs(run));
-        CLN_TRY(check_writable(run));
+        CLN_TRY(check_writable(run, resume));
     }
 done:
     return st;
@@ -228,6 +229,31 @@ cln_status cln_run_write(const char *run, const json_t *document)
     return cln_run_write_json(run, "run.json", document);
 }
 
+/* What is none; a file or folder of a run is told the run. */
+static cln_status fail_no_run(const char *run)
+{
+    cln_status st = CLN_OK;
+    char *around = NULL, *path = NULL, *slash = NULL;
+
+    CLN_TRY(cln_strdup(&around, run));
+    for (size_t n = strlen(around); n > 1 && around[n - 1] == '/'; n--)
+        around[n - 1] = 0;
+    slash = strrchr(around, '/');
+    if (slash && slash != around) {
+        *slash = 0;
+        CLN_TRY(cln_path_join(&path, around, "run.json"));
+    }
+    if (path && cln_is_file(path))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a run, but in one: give %s", run, around));
+    CLN_TRY(cln_fail(
+        CLN_INPUT, "%s: %s; give the folder that `cl-nascent train SCENE -o RUN` made", run,
+        cln_is_dir(run) ? "not a run, as there is no run.json in it" : "no such folder"));
+done:
+    free(around);
+    free(path);
+    return st;
+}
+
 cln_status cln_run_read(const char *run, json_t **document)
 {
     cln_status st = CLN_OK;
@@ -238,9 +264,7 @@ cln_status cln_run_read(const char *run, json_t **document)
     *document = NULL;
     CLN_TRY(cln_path_join(&path, run, "run.json"));
     if (!cln_is_file(path))
-        CLN_TRY(cln_fail(
-            CLN_INPUT, "%s: %s; give the folder that `cl-nascent train SCENE -o RUN` made", run,
-            cln_is_dir(run) ? "not a run, as there is no run.json in it" : "no such folder"));
+        CLN_TRY(fail_no_run(run));
     CLN_TRY(cln_json_read(path, false, &read));
     schema = json_string_value(json_object_get(read, "schema"));
     if (!schema || strcmp(schema, SCHEMA) != 0)

@@ -148,6 +148,8 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
                                    seen.to - seen.from >= 360 ? &seen : NULL, out));
         out->poses = "path";
         out->fps = keys.fps;
+        out->crop = keys.crop;
+        memcpy(out->crop_background, keys.crop_background, sizeof out->crop_background);
     }
 done:
     cln_frames_free(&keys);

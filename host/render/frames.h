@@ -6,6 +6,7 @@
 
 #include <jansson.h>
 #include "cl_nascent.h"
+#include "render/crop.h"
 #include "render/orbit.h"
 
 typedef struct cln_frame {
@@ -18,6 +19,8 @@ typedef struct cln_frames {
     cln_frame *frame;  /* [count] */
     const char *poses; /* where they come from: "test", "orbit", "spiral", "file", "path" */
     double fps;        /* that their file tells; 0 = none */
+    cln_crop crop;     /* likewise, with the colour around it */
+    float crop_background[3];
 } cln_frames;
 
 /* Whether desc's frames need the scene; an orbit only where run.json has no frame for it. */

@@ -1,8 +1,7 @@
 /* Files of poses for `render --poses`. See frames.h. camera_path.json, as nerfstudio and its viewer
  * write it: one size, camera-to-world matrices of 16 numbers row by row with OpenGL's axes,
  * vertical fields of view in degrees. Transforms JSON: read as a scene's. Both in the scene's own
- * frame and units. Nothing of stereo panoramas and times; a crop is
- * warned of. */
+ * frame and units. Nothing of stereo panoramas and times. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -37,8 +36,6 @@ static cln_status read_film(const json_t *root, int width, int height, film *f, 
     CLN_TRY(cln_transforms_number(f->path, root, "render_width", &sides[0], &found));
     CLN_TRY(cln_transforms_number(f->path, root, "render_height", &sides[1], &found));
     CLN_TRY(cln_transforms_number(f->path, root, "fps", fps, &found));
-    if (json_is_object(json_object_get(root, "crop")))
-        cln_warn("%s: its crop is not read; give --crop", f->path);
     for (int i = 0; i < 2; i++)
         if (!(sides[i] >= 1 && sides[i] <= 1e6))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: %s is %g; it must be a size in pixels", f->path,
@@ -61,6 +58,79 @@ static cln_status read_film(const json_t *root, int width, int height, film *f, 
                          "equirectangular",
                          f->path, word));
 done:
+    return st;
+}
+
+/* Three numbers of an array. */
+static cln_status read_three(const char *where, const json_t *object, const char *key, bool needed,
+                             double out[3])
+{
+    const json_t *array = json_object_get(object, key);
+
+    if (!array && !needed)
+        return CLN_OK;
+    for (size_t i = 0; i < 3; i++) {
+        const json_t *value = json_array_get(array, i);
+
+        if (json_array_size(array) != 3 || !json_is_number(value))
+            return cln_fail(CLN_INPUT, "%s: %s must be 3 numbers", where, key);
+        out[i] = json_number_value(value);
+    }
+    return CLN_OK;
+}
+
+/* A box with its middle, its sides and, about its middle, angles in radians about x, then y, then z;
+ * and the colour around it, 0 to 255. */
+static cln_status read_crop(const char *path, const json_t *root, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    const json_t *crop = json_object_get(root, "crop"), *colour = NULL;
+    double middle[3], sides[3], angle[3] = {0};
+    char *where = NULL;
+    cln_crop *box = &out->crop;
+
+    if (!json_is_object(crop))
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&where, "%s: crop", path));
+    CLN_TRY(read_three(where, crop, "crop_center", true, middle));
+    CLN_TRY(read_three(where, crop, "crop_scale", true, sides));
+    CLN_TRY(read_three(where, crop, "crop_rot", false, angle));
+    for (int a = 0; a < 3; a++) {
+        box->box[a] = middle[a] - 0.5 * sides[a];
+        box->box[a + 3] = middle[a] + 0.5 * sides[a];
+    }
+    if (cln_crop_check("box", box->box) != CLN_OK || !isfinite(angle[0] + angle[1] + angle[2])) {
+        cln_clear_error();
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: crop_scale must be the sides of a box, above 0", where));
+    }
+    if (angle[0] != 0 || angle[1] != 0 || angle[2] != 0) {
+        const double c[3] = {cos(angle[0]), cos(angle[1]), cos(angle[2])};
+        const double s[3] = {sin(angle[0]), sin(angle[1]), sin(angle[2])};
+        const double axes[9] = {c[2] * c[1],
+                                s[2] * c[1],
+                                0 - s[1],
+                                c[2] * s[1] * s[0] - s[2] * c[0],
+                                s[2] * s[1] * s[0] + c[2] * c[0],
+                                c[1] * s[0],
+                                c[2] * s[1] * c[0] + s[2] * s[0],
+                                s[2] * s[1] * c[0] - c[2] * s[0],
+                                c[1] * c[0]};
+
+        memcpy(box->turn, axes, sizeof axes);
+    }
+    colour = json_object_get(crop, "crop_bg_color");
+    for (int i = 0; i < 3; i++) {
+        static const char *const names[] = {"r", "g", "b"};
+        double value = 0;
+        bool found = false;
+
+        if (json_is_object(colour))
+            CLN_TRY(cln_transforms_number(where, colour, names[i], &value, &found));
+        out->crop_background[i] = (float)fmin(fmax(value / 255, 0), 1);
+    }
+    box->on = true;
+done:
+    free(where);
     return st;
 }
 
@@ -106,6 +176,7 @@ static cln_status read_path(const char *path, const json_t *root, const json_t *
     film f = {.path = path};
 
     CLN_TRY(read_film(root, width, height, &f, &out->fps));
+    CLN_TRY(read_crop(path, root, out));
     for (int i = 0; i < out->count; i++) {
         CLN_TRY(read_station(&f, json_array_get(stations, (size_t)i), i, &out->frame[i].camera));
         CLN_TRY(cln_asprintf(&out->frame[i].name, "path_%04d", i));

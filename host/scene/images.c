@@ -74,6 +74,25 @@ done:
     return st;
 }
 
+/* Opaque images among others are good ones if they are opaque indeed. */
+static void warn_mixed_alpha(const cln_scene *scene)
+{
+    const char *first = NULL;
+    int opaque = 0;
+
+    for (int i = 0; i < scene->view_count && scene->has_alpha; i++) {
+        if (scene->views[i].channels == 4)
+            continue;
+        first = first ? first : scene->views[i].name;
+        opaque++;
+    }
+    if (opaque > 0)
+        cln_warn(
+            "%s: %d of %d images have no alpha channel ('%s'%s), the others have: all that they "
+            "show counts as opaque, their background, too",
+            scene->folder, opaque, scene->view_count, first, opaque > 1 ? ", ..." : "");
+}
+
 cln_status cln_scene_size_views(cln_scene *scene, int downscale)
 {
     cln_status st = CLN_OK;
@@ -102,6 +121,7 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
         scene->has_alpha |= view->channels == 4;
         scene->lenses |= cln_camera_lenses(&view->camera);
     }
+    warn_mixed_alpha(scene);
     scene->downscale = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
     scene->downscale = scene->downscale < shortest ? scene->downscale : shortest;
     scene->downscale = downscale > 0 ? downscale : scene->downscale;

@@ -462,8 +462,9 @@ static void check_exposure(inspection *in)
     if (json_array_size(views))
         cln_found_fault(in->findings, "exposure", true, json_incref(views),
                         "brighter or darker than photos of the same things, by up to %.2g stops: "
-                        "%s; take photos with fixed exposure, or leave these out",
-                        most, name_some(views, names, sizeof names));
+                        "%s; take photos with fixed exposure, or leave these out%s",
+                        most, name_some(views, names, sizeof names),
+                        in->scene->has_alpha ? "" : ", or train with --exposure");
     else if (high - low > EXPOSURE_RANGE)
         cln_found_fault(in->findings, "exposure", false, NULL,
                         "exposure changes over the set, by %.2g stops in all: the model will blend "

@@ -231,34 +231,40 @@ void cln_space_box_to_scene(const cln_space *space, const float cube[4], float l
     }
 }
 
-/* sign (p_axis - value) >= 0, p in the scene; forward: times 1 / q_z, which is positive. */
-static void plane_to_cube(const cln_space *space, int axis, double sign, double value,
-                          double plane[4])
+/* n p + d >= 0, p in the scene; forward: times 1 / q_z, which is positive. */
+void cln_space_plane_to_cube(const cln_space *space, const double scene[4], float cube[4])
 {
-    const double from = space->centre[axis] - value;
+    double plane[4] = {0}, from = scene[3], length = 0;
 
+    for (int a = 0; a < 3; a++)
+        from += scene[a] * space->centre[a];
     if (space->forward) {
-        for (int k = 0; k < 2; k++)
-            plane[k] = sign * space->half * space->axes[3 * k + axis] / space->scale[k];
-        plane[2] = -0.5 * sign * from;
-        plane[3] = sign * (space->half * space->axes[6 + axis] + 0.5 * from);
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++)
+                plane[k == 2 ? 3 : k] += scene[a] * space->half * space->axes[3 * k + a] /
+                                         (k == 2 ? 1 : space->scale[k]);
+        plane[2] = -0.5 * from;
+        plane[3] += 0.5 * from;
     } else {
         for (int k = 0; k < 3; k++)
-            plane[k] = k == axis ? sign * space->half : 0;
-        plane[3] = sign * from;
+            plane[k] = scene[k] * space->half;
+        plane[3] = from;
     }
+    for (int k = 0; k < 3; k++)
+        length = hypot(length, plane[k]);
+    for (int k = 0; k < 4; k++)
+        cube[k] = (float)fmax(-1e30, fmin(1e30, plane[k] / fmax(length, 1e-300)));
 }
 
 void cln_space_box_to_planes(const cln_space *space, const double box[6], float planes[6][4])
 {
     for (int i = 0; i < 6; i++) {
-        double plane[4], length = 0;
+        const double sign = i < 3 ? 1 : -1;
+        double plane[4] = {0};
 
-        plane_to_cube(space, i % 3, i < 3 ? 1 : -1, box[i], plane);
-        for (int k = 0; k < 3; k++)
-            length = hypot(length, plane[k]);
-        for (int k = 0; k < 4; k++)
-            planes[i][k] = (float)fmax(-1e30, fmin(1e30, plane[k] / fmax(length, 1e-300)));
+        plane[i % 3] = sign;
+        plane[3] = -sign * box[i];
+        cln_space_plane_to_cube(space, plane, planes[i]);
     }
 }
 

@@ -81,6 +81,9 @@ void cln_space_box_to_scene(const cln_space *space, const float cube[4], float l
  * so this holds in a forward space, too. */
 void cln_space_box_to_planes(const cln_space *space, const double box[6], float planes[6][4]);
 
+/* One half-space, of unit normal in the cube: n p + d >= 0 in the scene. */
+void cln_space_plane_to_cube(const cln_space *space, const double scene[4], float cube[4]);
+
 /* A point of the cube in a forward space's camera units, over its q_z: (q_x / q_z, q_y / q_z, 1)
  * and 1 / q_z, which is 0 at infinity. */
 void cln_space_point_to_view(const cln_space *space, const double cube[3], double out[4]);

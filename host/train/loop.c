@@ -65,9 +65,8 @@ static void say_used_up(const cln_trainer *t)
 
 /* ---- evaluation, checkpoints ---- */
 
-/* Polls the caller and the browser for a signal, and keeps it for the loop: it may come during an
- * evaluation. All ranks poll at the same places, and each obeys a signal to any of them. */
-static int poll_signal(void *user)
+/* It may come during an evaluation, so it is kept for the loop. */
+int cln_loop_poll(void *user)
 {
     cln_trainer *t = user;
     const cln_callbacks *callbacks = &t->desc->callbacks;
@@ -101,7 +100,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     cln_status st = CLN_OK, rendered = CLN_OK;
     cln_eval_result result = {0};
     const double began = cln_now();
-    const cln_callbacks callbacks = {.work = show_work, .interrupted = poll_signal, .user = t};
+    const cln_callbacks callbacks = {.work = show_work, .interrupted = cln_loop_poll, .user = t};
 
     *done = false;
     if (t->eval_count == 0)
@@ -374,7 +373,7 @@ static cln_status let_watch(cln_trainer *t)
     while (cln_watch_paused(t) && t->signal == 0) {
         cln_watch_say(t, "paused");
         CLN_TRY(cln_watch_paint(t));
-        poll_signal(t);
+        cln_loop_poll(t);
         CLN_TRY(save_if_wanted(t));
     }
     if (t->signal == 0)
@@ -407,6 +406,7 @@ cln_status cln_loop_run(cln_trainer *t)
     if (t->desc->resume && fraction_used(t) >= 1)
         say_used_up(t);
     CLN_TRY(warm_up(t));
+    t->start_seconds = cln_now() - t->began;
     CLN_TRY(cln_watch_start(t));
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;
@@ -436,7 +436,7 @@ cln_status cln_loop_run(cln_trainer *t)
                      t->model.train_seconds);
             break;
         }
-        poll_signal(t);
+        cln_loop_poll(t);
         CLN_TRY(save_if_wanted(t));
         CLN_TRY(let_watch(t));
     }

@@ -10,4 +10,8 @@
  * after a checkpoint. CLN_DIVERGED, CLN_MEMORY, CLN_CL, CLN_OUTPUT. */
 cln_status cln_loop_run(cln_trainer *t);
 
+/* Polls the caller and the browser for a signal, and keeps it (t->signal, t->save_wanted). All
+ * ranks poll at the same places, and each obeys a signal to any of them. user: a cln_trainer. */
+int cln_loop_poll(void *user);
+
 #endif

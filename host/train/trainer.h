@@ -37,6 +37,7 @@ typedef struct cln_trainer {
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     double psnr_train, psnr_test; /* newest, NaN before */
+    double start_seconds;         /* from `began` to the first step; NaN before it */
     double eval_seconds;          /* time of the newest evaluation; NaN before the first */
     cln_train_progress shown;     /* rates and means of the newest results */
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */

@@ -129,6 +129,24 @@ function saveText(document, name) {
   download(new Blob([JSON.stringify(document, null, 1)], {type: 'application/json'}), name);
 }
 
+/* In nerfstudio's words; null without a box. */
+function cropOfPath() {
+  if (!isCropped()) return null;
+  const sides = cropSides(), [r, g, b] = background().map((v) => Math.round(255 * v));
+  return {crop_center: [0, 1, 2].map((a) => (sides[a] + sides[a + 3]) / 2),
+    crop_scale: [0, 1, 2].map((a) => sides[a + 3] - sides[a]), crop_rot: [0, 0, 0],
+    crop_bg_color: {r, g, b}};
+}
+
+/* Takes over the box of a file; one that is turned cannot be shown here. */
+function openCrop(read) {
+  const {crop_center: middle, crop_scale: sides, crop_rot: angles} = read.crop || {};
+  if (!middle || !sides || (angles || []).some((v) => v !== 0)) return;
+  crop = [0, 1, 2, 3, 4, 5].map((i) => middle[i % 3] + (i < 3 ? -0.5 : 0.5) * sides[i % 3]);
+  $('crop').checked = true;
+  changeCrop();
+}
+
 function savePath() {
   const path = framesOfPath(), f = frame(), aspect = f.width / f.height;
   if (!path) return;
@@ -139,7 +157,7 @@ function savePath() {
     fps: perSecond(), seconds: seconds(), is_cycle: $('cycle').checked, smoothness_value: 0,
     keyframes: keyframes.map((c) => ({matrix: toNerfstudio(c), fov: vertical(c), aspect})),
     camera_path: path.map((c) => ({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect})),
-    crop: null,
+    crop: cropOfPath(),
   }, 'camera_path.json');
 }
 
@@ -185,6 +203,7 @@ async function openPath(file) {
     if (read.seconds > 0) $('seconds').value = read.seconds;
     if (read.fps > 0) $('fps').value = read.fps;
     $('cycle').checked = Boolean(read.is_cycle);
+    openCrop(read);
     listKeys();
     fly(keyframes[0]);
   } catch (error) {

@@ -126,6 +126,16 @@ static void test_extend(void **state)
     set(settings, "steps", "+5");
     assert_int_equal(settings->config.steps, 325);
     assert_true(settings->config.time_limit == 0);
+    settings->base.steps = 300; /* lowered below what was trained: from there, too */
+    set(settings, "steps", "+5");
+    assert_int_equal(settings->config.steps, 325);
+    settings->base.time_limit = 60; /* the last step ended after it */
+    settings->seconds = 61;
+    set(settings, "time-limit", "+10");
+    assert_true(settings->config.time_limit == 70);
+    settings->seconds = 600;
+    set(settings, "time-limit", "+10");
+    assert_true(settings->config.time_limit == 610);
     assert_set_refused(settings, "lr", "+x", "--lr|'+x'");
     cln_settings_free(settings);
 }

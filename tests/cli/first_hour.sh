@@ -64,6 +64,18 @@ section_words() {
     (cd "$work" && touch -- -dash)
     expect "a name that begins with a dash" 2 "./-dash" \
         bash -c 'cd "$1" && exec "$2" info -dash' - "$work" "$cln"
+    expect "where its letters are an option, too" 2 "./-dash" \
+        bash -c 'cd "$1" && exec "$2" train -dash -o r' - "$work" "$cln"
+    expect "iterations, as other programs have it" 2 "--iterations --steps" \
+        "$cln" train s -o r --iterations 5
+    expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
+    expect "the scene as an option" 2 "~SCENE.stands.without.*train.SCENE" "$cln" train --data s
+    expect "the run as an option" 2 "~RUN.stands.without.*eval.RUN" "$cln" eval --model_path r
+    expect "but of a training it is the output" 2 "--output" "$cln" train s --model_path r
+    expect "where to write, without -o" 2 "-o" "$cln" train s r
+    expect "a folder in place of a command" 2 "~command.comes.first train" "$cln" "$work"
+    expect "--help" 0 "" "$cln" --help
+    check "no command runs into its purpose" eval '! grep -qE "^  [a-z]+[A-Z]" "$work/out"'
     expect "an empty name of a scene" 2 "~SCENE.*is.empty" "$cln" info ""
     expect "--help before the command" 0 "" "$cln" --help train
     check "is the command's" printed "cl-nascent train SCENE"
@@ -136,6 +148,21 @@ section_scenes() {
     expect "a Record3D capture" 3 "Record3D ns-process-data" "$cln" info "$work/odd/record3d"
     expect "its file" 3 "unpack" "$cln" info "$work/odd/capture.r3d"
 
+    cp -r "$s" "$work/nan"
+    sed -i '0,/"file_path": ".*r_002"/b; 0,/[0-9]\.[0-9][0-9]*/s//NaN/' \
+        "$work/nan/transforms_train.json"
+    expect "no number in a pose: which frame" 3 "r_002 ~row.1.column.1" "$cln" info "$work/nan"
+    printf 'RIFF....WEBPVP8 ' >"$work/nan/train/r_000.png"
+    cp "$s/transforms_train.json" "$work/nan"
+    expect "a WebP: what to do" 3 "WebP ~convert" "$cln" info "$work/nan"
+    : >"$work/nan/train/r_000.png"
+    expect "an empty image" 3 "~empty --missing" "$cln" info "$work/nan"
+
+    cp -r "$s" "$work/mixed"
+    printf '%s' iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGP4//8/AAX+Av4N70a4AAAAAElFTkSuQmCC |
+        base64 -d >"$work/mixed/train/r_001.png"
+    expect "one image without alpha among others" 0 "~1.of.9.images r_001 opaque" \
+        "$cln" info "$work/mixed"
     sed -i 's/"file_path"/"depth_file_path": "d.png", "near": 1, "file_path"/' \
         "$s/transforms_train.json"
     expect "info" 0 "" "$cln" info "$s"
@@ -153,7 +180,7 @@ section_scenes() {
 
 # A first training and what it prints.
 section_training() {
-    local s=$work/my\ scene r="$work/run's 1"
+    local s=$work/my\ scene r="$work/run's 1" step
     "$make_scene" "$s" --size 32 --train 6 --test 3 >/dev/null
     printf '%s\n' 'eval-images 2' 'rays 128' >"$s/cl-nascent.conf"
     expect "train" 0 "" "$cln" train "$s" -o "$r" "${small[@]}" --time-limit 2
@@ -191,12 +218,27 @@ section_training() {
         -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
         -v k="$("$query" result.step <"$r/run.json")" \
         'BEGIN { d = a - n * s / k; exit !(a > 0 && d * d < 1e-6 * a * a) }'
+    check "the start's seconds, and of 3 views what is known of 2" awk \
+        -v a="$(json training.start_seconds)" -v b="$(json training.evaluation_seconds)" \
+        -v c="$("$query" result.start_seconds <"$r/run.json")" \
+        -v d="$("$query" result.eval_seconds <"$r/run.json")" \
+        'BEGIN { c = a - c; d = b - 1.5 * d; exit !(a > 0 && b > 0 && c * c + d * d < 1e-12) }'
     check "and settings that differ" grep -q 'with another width, depth' "$work/out"
     expect "of a run there is no pace to take" 2 "--like SCENE" "$cln" info "$r" --like "$r"
     expect "nor from what is no run" 3 "run.json" "$cln" info "$s" --like "$s"
     expect "bugreport of the run" 0 "" env HOME="$work" "$cln" bugreport --no-test "$r"
     check "what differs from the preset" grep -qE "^ +rays 256" "$work/out"
     check "no home folder is named" eval '! printed "$work"'
+    expect "a budget below what was trained" 0 "~used.up" "$cln" train --resume "$r" \
+        "${small[@]:0:3}" --steps 3 --json
+    step=$(json step)
+    expect "what it tells to go on with" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
+        --steps "$(sed -n 's/.*--steps \(+[0-9]*\)`.*/\1/p' "$work/err")" --json
+    check "does" [ "$(json step)" = $((step + 3)) ]
+    run timeout --preserve-status -s INT 0.3 "$cln" train "$s" -o "$work/early"
+    check "Ctrl-C before the first step: it ends" [ $rc = 130 ]
+    check "says that nothing was written" said "nothing was written"
+    check "nor is there anything" [ ! -e "$work/early" ]
     on_terminal 80 "$cln" train --resume "$r" --skip-selftest --steps +40
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
         grep -aE "^train" | sed "s/\x1b\[K//" | grep -vqE "(train|test|left|evaluation|[0-9]|/s)$"'
@@ -231,8 +273,34 @@ section_edges() {
 section_results() {
     local r="$work/run's 1"
     [ -d "$r" ] || section_training
+    expect "a file of a run in its place" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
     expect "export into no folder: said at once" 7 "$work/none ~no.folder" \
         "$cln" export "$r" --mesh "$work/none/a.ply"
+    expect "nor where nothing can be made: before the work" 7 "/proc/a.ply ~made.in./proc" \
+        "$cln" export "$r" --mesh /proc/a.ply
+    check "none was begun" not_said "depths"
+    expect "a page" 7 "/proc/a.html" "$cln" check "$work/my scene" -o /proc/a.html
+    expect "an evaluation" 7 "/proc/a" "$cln" eval "$r" -o /proc/a
+    check "no device was asked" not_said "device:"
+    expect "a film" 7 "/proc/a.y4m" "$cln" render "$r" --orbit 2 -o /proc/a.y4m
+    expect "a row" 7 "/proc/a" "$cln" tune -o /proc/a
+    check "no search was begun" not_said "device:"
+    expect "a film that may need ffmpeg" 0 "" "$cln" render "$r" --orbit 1 --width 16 \
+        -o "$work/a.mp4" --progress none
+    check "the line names the file that is there" [ -s "$(sed 's/: 1 rendered.*//' "$work/out")" ]
+    printf '%s' '{"render_width": 24, "render_height": 20, "camera_path": [{"fov": 50,' \
+        '"camera_to_world": [1,0,0,0, 0,0,-1,-4, 0,1,0,0, 0,0,0,1]}], "crop": ' >"$work/free.json"
+    cp "$work/free.json" "$work/boxed.json"
+    echo 'null}' >>"$work/free.json"
+    printf '%s' '{"crop_center": [0, 0, 0.25], "crop_scale": [1, 1, 0.5], "crop_bg_color": ' \
+        '{"r": 255, "g": 255, "b": 255}}}' >>"$work/boxed.json"
+    expect "a camera path with a crop box" 0 "boxed.json ~crop.box" "$cln" render "$r" \
+        --poses "$work/boxed.json" -o "$work/boxed"
+    expect "the same by --crop" 0 "" "$cln" render "$r" --poses "$work/free.json" \
+        -o "$work/freed" --crop=-0.5,-0.5,0,0.5,0.5,0.5
+    check "is the same picture" cmp "$work/boxed/path_0000.png" "$work/freed/path_0000.png"
+    expect "and without" 0 "" "$cln" render "$r" --poses "$work/free.json" -o "$work/whole"
+    check "another" eval '! cmp -s "$work/boxed/path_0000.png" "$work/whole/path_0000.png"'
     run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"
     check "a file beyond its limit is an error, and leaves nothing" eval \
         '[ "$rc" = 7 ] && ! ls "$work"/large.ply* 2>/dev/null'

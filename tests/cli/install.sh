@@ -32,6 +32,23 @@ for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-na
     check "$file is there" [ -s "$usr/$file" ]
 done
 
+# ---- manual pages ----
+
+"$usr/bin/cl-nascent" --help | sed -n '/^Commands:/,/^$/s/^  \([a-z]*\) .*/\1/p' |
+    grep -vxE 'help|version' >"$work/commands"
+check "there are commands" [ "$(wc -l <"$work/commands")" -gt 10 ]
+while read -r command; do
+    page=$usr/share/man/man1/cl-nascent-$command.1
+    check "the page of $command says what it is" grep -q "^cl.-nascent.-$command .- [a-zA-Z]" \
+        "$page"
+    check "has its options" grep -q '^\.SS All commands' "$page"
+    if command -v man >/dev/null && command -v groff >/dev/null; then
+        LC_ALL=C.UTF-8 MANROFFSEQ='' MANWIDTH=80 man --warnings -E UTF-8 -l -Tutf8 -Z "$page" \
+            2>"$work/err" >/dev/null
+        check "and is clean" [ ! -s "$work/err" ]
+    fi
+done <"$work/commands"
+
 # ---- completion ----
 
 bash_completion=$usr/share/bash-completion/completions/cl-nascent

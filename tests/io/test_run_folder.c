@@ -339,6 +339,32 @@ static void test_disk_check(void **state)
     assert_int_equal(cln_disk_check_file(scratch_path(*state, "file.ply"), 10, "boxes"), CLN_OK);
     assert_int_equal(cln_disk_check_file("file.ply", 1e18, "boxes"), CLN_OUTPUT);
     cln_clear_error();
+    assert_int_equal(cln_disk_check_file("/proc/a.ply", 0, ""), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "/proc/a.ply: nothing can be made in /proc"));
+    cln_clear_error();
+}
+
+/* A file that is to be made: in a folder that is there, and nothing is lost. */
+static void test_disk_check_new(void **state)
+{
+    char there[512];
+
+    snprintf(there, sizeof there, "%s", scratch_path(*state, "there.ply"));
+    scratch_put(there, "x", 1);
+    assert_int_equal(cln_disk_check_new(scratch_path(*state, "new.ply"), false), CLN_OK);
+    assert_false(cln_is_file(scratch_path(*state, "new.ply")));
+    assert_int_equal(cln_disk_check_new(there, true), CLN_OK);
+    assert_int_equal(cln_disk_check_new(there, false), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "--overwrite"));
+    cln_clear_error();
+    assert_int_equal(cln_disk_check_new(scratch_path(*state, "none/new.ply"), true), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "there is no folder"));
+    cln_clear_error();
+    assert_int_equal(cln_disk_check_new(scratch_path(*state, "there.ply/new"), true), CLN_OUTPUT);
+    cln_clear_error();
+    assert_int_equal(cln_disk_check_new("/dev/null", true), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "not a plain file"));
+    cln_clear_error();
 }
 
 int test_group_run_folder(void)
@@ -355,6 +381,7 @@ int test_group_run_folder(void)
         cmocka_unit_test(test_view_file_name),
         cmocka_unit_test(test_view_file_names),
         cmocka_unit_test_setup_teardown(test_disk_check, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_disk_check_new, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("run_folder", tests, NULL, NULL);

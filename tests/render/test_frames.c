@@ -82,32 +82,75 @@ static void test_camera_path(void **state)
     cln_frames_free(&f);
 }
 
-static void count_warnings(cln_log_level level, const char *line, void *user)
-{
-    *(int *)user += level == CLN_LOG_WARN && strstr(line, "--crop");
-}
+#define CROPPED(rest) FILM("\"camera_path\": [" POSE(PLAIN, ", \"fov\": 90") "], \"crop\": " rest)
 
-/* A crop box is not read: no crop, or null, says nothing, a box is warned of. */
+/* A file's crop box: middle, sides, colour; turned about its middle by angles about x, y and z, one
+ * after the other. */
 static void test_path_with_crop(void **state)
 {
-    static const struct {
-        const char *crop;
-        int warnings;
-    } cases[] = {{"", 0}, {", \"crop\": null", 0}, {", \"crop\": {\"crop_center\": [0, 0, 0]}", 1}};
+    static const double box[6] = {0, -2, 2.5, 2, 6, 3.5}, angle[3] = {0.3, -0.7, 1.9};
+    const cln_space space = {.centre = {1, 2, 3}, .half = 5};
+    int inside = 0;
+    cln_frames f = {0};
 
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        char text[512];
-        int warnings = 0;
-        cln_frames f = {0};
+    assert_int_equal(cln_frames_read(put(state, CROPPED("null")), 0, 0, &f), CLN_OK);
+    assert_false(f.crop.on);
+    cln_frames_free(&f);
+    assert_int_equal(
+        cln_frames_read(
+            put(state, CROPPED("{\"crop_center\": [1, 2, 3], \"crop_scale\": [2, 8, 1], "
+                               "\"crop_bg_color\": {\"r\": 0, \"g\": 51, \"b\": 255}}")),
+            0, 0, &f),
+        CLN_OK);
+    assert_true(f.crop.on && !cln_crop_is_turned(&f.crop));
+    for (int i = 0; i < 6; i++)
+        assert_true(f.crop.box[i] == box[i]);
+    assert_true(f.crop_background[0] == 0 && fabsf(f.crop_background[1] - 0.2f) < 1e-6f);
+    assert_true(f.crop_background[2] == 1);
+    cln_frames_free(&f);
+    assert_int_equal(
+        cln_frames_read(
+            put(state, CROPPED("{\"crop_center\": [1, 2, 3], \"crop_scale\": [2, 8, 1], "
+                               "\"crop_rot\": [0.3, -0.7, 1.9]}")),
+            0, 0, &f),
+        CLN_OK);
+    cln_crop_place(&space, &f.crop);
+    for (int i = 0; i < 4000; i++) { /* points of the box and around it, before they are turned */
+        double at[3], side = 1e9, least = 1e9;
 
-        snprintf(text, sizeof text, FILM("\"camera_path\": [" POSE(PLAIN, ", \"fov\": 90") "]%s"),
-                 cases[i].crop);
-        cln_log_to(CLN_LOG_WARN, count_warnings, &warnings);
-        assert_int_equal(cln_frames_read(put(state, text), 0, 0, &f), CLN_OK);
-        cln_log_to(CLN_LOG_WARN, NULL, NULL);
-        assert_int_equal(warnings, cases[i].warnings);
-        cln_frames_free(&f);
+        for (int a = 0; a < 3; a++) {
+            const double half = 0.5 * (box[a + 3] - box[a]);
+
+            at[a] = half * (0.003 * ((i * (7 + 12 * a)) % 1000) - 1.5);
+            side = fmin(side, half - fabs(at[a]));
+        }
+        for (int k = 0; k < 3; k++) {
+            const int u = (k + 1) % 3, v = (k + 2) % 3;
+            const double before = at[u];
+
+            at[u] = cos(angle[k]) * before - sin(angle[k]) * at[v];
+            at[v] = sin(angle[k]) * before + cos(angle[k]) * at[v];
+        }
+        for (int k = 0; k < 6; k++) {
+            double here = (double)f.crop.planes[k][3];
+
+            for (int a = 0; a < 3; a++)
+                here += (double)f.crop.planes[k][a] * at[a] / 5;
+            least = fmin(least, here);
+        }
+        if (fabs(side) > 1e-4)
+            assert_int_equal(least > 0, side > 0);
+        inside += side > 0;
     }
+    assert_in_range(inside, 500, 3000);
+    cln_frames_free(&f);
+    refuses(state, CROPPED("{\"crop_center\": [0, 0]}"), "crop_center must be 3 numbers");
+    refuses(state, CROPPED("{\"crop_center\": [0, 0, 0], \"crop_scale\": [1, 0, 1]}"),
+            "crop_scale");
+    refuses(state,
+            CROPPED("{\"crop_center\": [0, 0, 0], \"crop_scale\": [1, 1, 1], "
+                    "\"crop_rot\": 3}"),
+            "crop_rot");
 }
 
 static void test_broken_paths(void **state)

@@ -90,7 +90,7 @@ static const broken documents[] = {
     {"null in the pose", POSED(ROWS(GOOD_ROW, "[0,1,0,null]")), {"'a.png'", "row 2 column 4"}},
     {"NaN in the pose",
      "{\"camera_angle_x\":0.8,\n\"frames\":[" FRAME("a.png", ROWS("[NaN,0,0,0]", GOOD_ROW)) "]}",
-     {"transforms.json", "line 2", "NaN"}},
+     {"transforms.json", "frame 0 ('a.png')", "row 1 column 1"}},
     {"infinity in the pose", POSED(ROWS("[1,0,0,1e999]", GOOD_ROW)), {"transforms.json", "line 1"}},
     {"far away", POSED(ROWS("[1,0,0,1e200]", "[0,1,0,0]")), {"'a.png'", "1e+200"}},
     {"scaled", POSED(ROWS("[1,0,0,0]", "[0,1.01,0,0]")), {"'a.png'", "not rigid", "1.01"}},
@@ -345,6 +345,9 @@ static void test_json_read(void **state)
         {"/", "line 1", true},
         {"[] /*", "line 1 column 4", true},
         {"[] /*/", "line 1 column 4", true},
+        {"{\"a\": [NaN, -Infinity], \"nan\": nan\n}", NULL, true},
+        {"[1, NaN]", "line 1 column 7", false},
+        {"[nano]", "line 1", true},
     };
     const char *path = scratch_path(*state, "a.json");
 
