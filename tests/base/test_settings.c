@@ -157,7 +157,7 @@ static const char *warnings(const char *preset, const char *given, bool resume, 
     }
     text[0] = 0;
     cln_log_set_sink(collect, text);
-    cln_settings_warn_idle(settings, &(cln_settings_facts){resume, has_alpha});
+    cln_settings_warn_idle(settings, &(cln_settings_facts){resume, has_alpha, 1});
     cln_log_set_sink(NULL, NULL);
     cln_settings_free(settings);
     return text;
