@@ -90,6 +90,7 @@ struct cln_pipeline {
     uint32_t stretch_total;
     /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
     double samples_own, samples_busiest, samples_all;
+    double stretches_own, stretches_all; /* likewise */
     char *message;
     size_t message_bytes;
 

@@ -151,11 +151,12 @@ static cln_status check_same(uint32_t samples, uint32_t stretches, uint32_t own,
     *busiest = all[4];
     if (all[0] == -all[1] && all[2] == -all[3])
         return CLN_OK;
-    return cln_fail(CLN_CL,
-                    "ranks placed different samples on the same rays (%.0f and %.0f, in %.0f and "
-                    "%.0f stretches): their devices differ in the last bits; give all ranks devices "
-                    "of one kind, with one driver",
-                    -all[1], all[0], -all[3], all[2]);
+    return cln_fail(
+        CLN_CL,
+        "ranks placed different samples on the same rays (%.0f and %.0f, in %.0f and "
+        "%.0f stretches): their devices differ in the last bits; give all ranks devices "
+        "of one kind, with one driver",
+        -all[1], all[0], -all[3], all[2]);
 }
 
 cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples)

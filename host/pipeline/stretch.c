@@ -74,7 +74,7 @@ cln_status cln_stretch_exchange(cln_pipeline *p)
     cln_status st = CLN_OK;
     const size_t count = p->stretch_total, row = SUMS * sizeof(float);
     const int me = cln_ranks_me();
-    int first[CLN_RANKS_MOST + 1] = {0}, next[CLN_RANKS_MOST];
+    int first[CLN_RANKS_MOST + 1] = {0}, next[CLN_RANKS_MOST] = {0};
     const uint32_t *rank = NULL;
     char *sums = NULL, *sent = NULL;
 
@@ -82,8 +82,8 @@ cln_status cln_stretch_exchange(cln_pipeline *p)
     sums = p->message;
     sent = sums + count * row;
     rank = (const uint32_t *)(sent + count * row);
-    CLN_TRY(cln_buffer_read(p->device, &p->stretch_rank, 0, sent + count * row,
-                            count * sizeof *rank));
+    CLN_TRY(
+        cln_buffer_read(p->device, &p->stretch_rank, 0, sent + count * row, count * sizeof *rank));
     CLN_TRY(cln_buffer_read(p->device, &p->stretch_sums, 0, sums, count * row));
     for (size_t k = 0; k < count; k++)
         first[rank[k] + 1]++;
@@ -94,6 +94,8 @@ cln_status cln_stretch_exchange(cln_pipeline *p)
     for (size_t k = 0; k < count; k++)
         if ((int)rank[k] == me)
             memcpy(sent + (size_t)next[me]++ * row, sums + k * row, row);
+    p->stretches_own += next[me] - first[me];
+    p->stretches_all += (double)count;
     next[me] = first[me];
     cln_ranks_gather(sent, row, first, true);
     for (size_t k = 0; k < count; k++)
@@ -117,17 +119,28 @@ cln_status cln_stretch_train(cln_pipeline *p, int n, int me, uint32_t samples)
     CLN_TRY(CLN_RESERVE(p, dout, samples));
     CLN_TRY(CLN_RESERVE(p, measures, samples));
     /* the kernel has the last argument only if something is measured */
-    CLN_TRY(cln_launch(
-        p->device, p->k.stretch_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
-        (const cln_arg[]){CLN_ARG(p->intervals.mem), CLN_ARG(p->stretch_starts.mem),
-                          CLN_ARG(p->stretch_rank.mem), CLN_ARG(p->stretch_first.mem),
-                          CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem),
-                          CLN_ARG(p->targets.mem), CLN_ARG(p->stretch_sums.mem),
-                          CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays),
-                          CLN_ARG(own), CLN_ARG(scale), CLN_ARG(huber), CLN_ARG(alpha),
-                          CLN_ARG(cauchy), CLN_ARG(opacity), CLN_ARG(distort),
-                          CLN_ARG(p->measures.mem)},
-        measured ? 20 : 19));
+    CLN_TRY(cln_launch(p->device, p->k.stretch_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
+                       (const cln_arg[]){CLN_ARG(p->intervals.mem),
+                                         CLN_ARG(p->stretch_starts.mem),
+                                         CLN_ARG(p->stretch_rank.mem),
+                                         CLN_ARG(p->stretch_first.mem),
+                                         CLN_ARG(p->samples.mem),
+                                         CLN_ARG(p->out.mem),
+                                         CLN_ARG(p->backgrounds.mem),
+                                         CLN_ARG(p->targets.mem),
+                                         CLN_ARG(p->stretch_sums.mem),
+                                         CLN_ARG(p->dout.mem),
+                                         CLN_ARG(p->results.mem),
+                                         CLN_ARG(rays),
+                                         CLN_ARG(own),
+                                         CLN_ARG(scale),
+                                         CLN_ARG(huber),
+                                         CLN_ARG(alpha),
+                                         CLN_ARG(cauchy),
+                                         CLN_ARG(opacity),
+                                         CLN_ARG(distort),
+                                         CLN_ARG(p->measures.mem)},
+                       measured ? 20 : 19));
 done:
     return st;
 }

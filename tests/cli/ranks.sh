@@ -202,7 +202,7 @@ section_scale() {
         bad "make MPI=1 build/mpi/bench-scale"
     baseline
     run "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$work/bytes" "${small[@]}" \
-        --refresh-every 8 --steps 128 --start-level 2 --level-at "" --no-adaptive --cull-from 1
+        --refresh-every 8 --steps 256 --start-level 2 --level-at "" --no-adaptive --cull-from 1
     expect "bytes of a step" 0 "" build/mpi/bench-scale bytes "$work/bytes"
     check "are the model's within 5 %" awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05) }' \
         "$work/out"

@@ -296,8 +296,8 @@ static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4
         rank = rank ? rank : test_alloc(p->stretch_total, sizeof *rank);
         assert_ok(cln_stretch_composite(p, RAYS, me));
         assert_ok(cln_buffer_read(p->device, &p->stretch_sums, 0, part, bytes));
-        assert_ok(cln_buffer_read(p->device, &p->stretch_rank, 0, rank,
-                                  p->stretch_total * sizeof *rank));
+        assert_ok(
+            cln_buffer_read(p->device, &p->stretch_rank, 0, rank, p->stretch_total * sizeof *rank));
         for (uint32_t k = 0; k < p->stretch_total; k++)
             if ((int)rank[k] == me)
                 memcpy(all[k], part[k], sizeof *all);
