@@ -39,7 +39,8 @@ __kernel void stretch_count(const __global cln_interval *restrict intervals, /* 
 
 /* Lists the stretches, and takes the samples of other ranks' intervals away. */
 __kernel void stretch_list(__global cln_interval *restrict intervals, /* [most][rays] */
-                           const __global uint *restrict used, const __global uint *restrict leaf_rank,
+                           const __global uint *restrict used,
+                           const __global uint *restrict leaf_rank,
                            const __global uint *restrict own_starts,     /* [ray + 1] */
                            const __global uint *restrict stretch_starts, /* [ray + 1] */
                            __global uint *restrict stretch_rank,         /* [stretch] */

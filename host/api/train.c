@@ -322,9 +322,9 @@ static cln_status prepare(cln_trainer *t)
     if (t->desc->dump_program)
         CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
     cln_scene_warn_doubts(t->scene);
-    cln_settings_warn_idle(t->desc->settings,
-                           &(cln_settings_facts){t->desc->resume, t->scene->has_alpha,
-                                                 cln_ranks_count()});
+    cln_settings_warn_idle(
+        t->desc->settings,
+        &(cln_settings_facts){t->desc->resume, t->scene->has_alpha, cln_ranks_count()});
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
         st = cln_selftest_training(t->device, &config, t->scene->space.forward);

@@ -104,13 +104,15 @@ section_stretches() {
             sed "s/\"loss\"://g" | awk "{ d = \$1 / \$2 - 1; exit !(d * d < 1e-10) }"'
     run "${mpi[@]}" -n 3 "$ranked" train "$work/scene" -o "$work/sent" "${small[@]}" --steps 200 \
         --exchange samples
-    check "fewer bytes than by samples" awk -v a="$(number sent_bytes "$work/stretch-3/metrics.jsonl")" \
-        -v b="$(number sent_bytes "$work/sent/metrics.jsonl")" 'BEGIN { exit !(a > 0 && a < 0.8 * b) }'
+    check "fewer bytes than by samples" awk \
+        -v a="$(number sent_bytes "$work/stretch-3/metrics.jsonl")" \
+        -v b="$(number sent_bytes "$work/sent/metrics.jsonl")" \
+        'BEGIN { exit !(a > 0 && a < 0.8 * b) }'
     expect "every loss, by stretches" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
         -o "$work/losses" "${small[@]}" --steps 40 --distortion-loss 0.01 --cauchy 1e-4 \
         --opacity-entropy 0.01 --loss huber --stage1 splat
-    expect "regularisers of points, by samples" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
-        -o "$work/points" "${small[@]}" --steps 40 --sparsity 0.01
+    expect "regularisers of points, by samples" 0 "" "${mpi[@]}" -n 2 "$ranked" train \
+        "$work/scene" -o "$work/points" "${small[@]}" --steps 40 --sparsity 0.01
     run "$cln" train "$work/scene" -o "$work/points-one" "${small[@]}" --steps 40 --sparsity 0.01
     check "with the bits of one process" same "$work/points" "$work/points-one"
 }

@@ -1,6 +1,6 @@
-/* composite.cl, and stretch.cl with three ranks, against the float64 reference: pictures, losses and
- * gradients of rays from none to many samples, with optical depths from 1e-12 to 1e6, opaque first
- * samples, and every loss and regulariser. Bounds as in each comparison;
+/* composite.cl, and stretch.cl with three ranks, against the float64 reference: pictures, losses
+ * and gradients of rays from none to many samples, with optical depths from 1e-12 to 1e6, opaque
+ * first samples, and every loss and regulariser. Bounds as in each comparison;
  * tests/check/test_extremes.c has relative ones. */
 #include <stdarg.h>
 #include <stddef.h>
