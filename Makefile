@@ -60,6 +60,8 @@ TEST_OWN := tests/support/json_query.c tests/device/device_cases.c tests/support
 TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/scenes/table.c bench/common/plot.c
+# bench-views: error of views by their distance from the training cameras
+VIEWS_SRC := bench/scenes/views.c
 # bench-peers: the leaf networks beside installed libraries for small products
 PEER_MAIN := bench/peers/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
@@ -83,9 +85,10 @@ FUZZ_OBJ := $B/obj/tests/fuzz/fuzz.o $(filter-out %/main.o,$(CLI_OBJ)) $B/libcl-
 FUZZ_LINK := -Wl,--wrap=cln_digest,--wrap=crc32 -lcmocka
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/common/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
+VIEWS_OBJ := $(VIEWS_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 SCALE_OBJ := $(SCALE_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) $(VIEWS_SRC) \
            bench/growth/growth.c $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 PAGES := $(wildcard host/view/page.*) host/view/path.js
@@ -156,6 +159,9 @@ $B/bench-sort: bench/peers/peer_sort.cpp $B/libcl-nascent.a
 	    $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench-views: $(VIEWS_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
@@ -333,7 +339,7 @@ bench-scale-programs: $P/cl-nascent $P/bench-scale $B/make-scene
 bench-programs:
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
-	    build/bench-kernels build/bench-table build/bench-growth
+	    build/bench-kernels build/bench-table build/bench-views build/bench-growth
 
 # Quoted, as DESTDIR and PREFIX may have spaces.
 install: all

@@ -41,6 +41,10 @@ static const char usage[] =
     "             llff            poses_bounds.npy with exact depths, RGB images, without splits\n"
     "  --size N                   width and height in pixels, 8 to 4096 (default 200)\n"
     "  --train N --val N --test N number of views of each split (default 60, 0, 8)\n"
+    "  --from all|cone|low|near   where the training views of an object are; those of other\n"
+    "                             splits stay all around it: everywhere (default), within 40\n"
+    "                             degrees of one direction, below 15 degrees of height, at one\n"
+    "                             distance (others: 0.55 to 1.8 times that)\n"
     "  --lens MODEL               lens model, by COLMAP's name (not with blender) [OPENCV]\n"
     "  --distortion k1,k2,p1,p2   its parameters, all of them [0]\n"
     "  --depth                    also write NAME.depth.npy, distance along the ray; 0 = nothing\n"
@@ -59,12 +63,15 @@ static const char *const kinds[] = {"object", "room", "forward", "terrain", NULL
 static cln_status (*const scenes[])(world *) = {scene_object, scene_room, scene_forward,
                                                 scene_terrain};
 
+enum { FROM_ALL, FROM_CONE, FROM_LOW, FROM_NEAR };
+static const char *const places[] = {"all", "cone", "low", "near", NULL};
+
 enum { BLENDER, NERFSTUDIO, NGP, LLFF };
 static const char *const formats[] = {"blender", "nerfstudio", "ngp", "llff", NULL};
 
 typedef struct settings {
     const char *out;
-    int kind, format, fault;
+    int kind, format, fault, from;
     bool depth, masks;
     int size, seed;
     int views[CLN_SPLITS];
@@ -136,7 +143,30 @@ static void place_terrain(const settings *set, int split, int i, double turn, co
 }
 
 /* Object: evenly over the sphere, from a little below the horizon to nearly overhead, by the golden
- * angle. Room: anywhere in its middle, looking all around. Each split has its own sequence. */
+ * angle; training views by --from: over less of it, and the others at many distances. */
+static void place_object(const settings *set, int split, int i, double yaw, const float u[4],
+                         cln_camera *camera)
+{
+    const int from = split == CLN_SPLIT_TRAIN || set->from == FROM_NEAR ? set->from : FROM_ALL;
+    const double part = (i + 0.2 + 0.6 * u[0]) / set->views[split], usual = 4.03;
+    double z = -0.12 + (from == FROM_LOW ? 0.38 : 1.07) * part, r = sqrt(1 - z * z),
+           distance = usual;
+    vec at = vec3(r * cos(yaw), r * sin(yaw), z);
+
+    if (from == FROM_CONE) { /* around a direction 25 degrees above the horizon */
+        const vec axis = vec3(0.906, 0, 0.423), side = vec3(0, 1, 0), up = vec3(-0.423, 0, 0.906);
+
+        z = 1 - (1 - cos(40 * pi / 180)) * part;
+        r = sqrt(1 - z * z);
+        at = along(along(scale(axis, z), r * cos(yaw), side), r * sin(yaw), up);
+    }
+    if (from == FROM_NEAR && split != CLN_SPLIT_TRAIN)
+        distance *= 0.55 * pow(1.8 / 0.55, fmod(0.618034 * i, 1));
+    at = scale(at, distance);
+    look(camera, at, scale(at, -1));
+}
+
+/* Room: anywhere in its middle, looking all around. Each split has its own sequence. */
 static void place_camera(const settings *set, int split, int i, cln_camera *camera)
 {
     const double golden = pi * (3 - sqrt(5));
@@ -165,10 +195,7 @@ static void place_camera(const settings *set, int split, int i, cln_camera *came
         look(camera, vec3(1.1 * (u[1] - 0.5), 1.1 * (u[2] - 0.5), 0.7 * (u[3] - 0.4)),
              vec3(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch)));
     } else {
-        double part = (i + 0.2 + 0.6 * u[0]) / set->views[split];
-        double z = -0.12 + 1.07 * part, r = sqrt(1 - z * z);
-        vec from = scale(vec3(r * cos(yaw), r * sin(yaw), z), 4.03);
-        look(camera, from, scale(from, -1));
+        place_object(set, split, i, yaw, u, camera);
     }
 }
 
@@ -357,12 +384,12 @@ static cln_status write_marker(const settings *set)
 
     for (int i = 0; i < cln_lens_models[set->lens].count; i++)
         json_array_append_new(distortion, json_real(set->distortion[i]));
-    json_t *document =
-        json_pack("{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:o, s:b, s:b, s:s, s:i}", "generator",
-                  "make-scene", "kind", kinds[set->kind], "format", formats[set->format], "size",
-                  set->size, "views", set->views[0], set->views[1], set->views[2], "lens",
-                  cln_lens_models[set->lens].name, "distortion", distortion, "depth", set->depth,
-                  "masks", set->masks, "fault", fault_names[set->fault], "seed", set->seed);
+    json_t *document = json_pack(
+        "{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:s, s:o, s:b, s:b, s:s, s:i}", "generator",
+        "make-scene", "kind", kinds[set->kind], "format", formats[set->format], "size", set->size,
+        "views", set->views[0], set->views[1], set->views[2], "from", places[set->from], "lens",
+        cln_lens_models[set->lens].name, "distortion", distortion, "depth", set->depth, "masks",
+        set->masks, "fault", fault_names[set->fault], "seed", set->seed);
     cln_status st = write_json(set->out, "generator.json", document);
     json_decref(document);
     return st;
@@ -584,19 +611,14 @@ static cln_status parse_word(const char *option, const char *text, const char *c
 
 static cln_status parse(int argc, char **argv, settings *set)
 {
-    static const struct option options[] = {{"kind", required_argument, NULL, 'k'},
-                                            {"format", required_argument, NULL, 'f'},
-                                            {"size", required_argument, NULL, 's'},
-                                            {"train", required_argument, NULL, 't'},
-                                            {"val", required_argument, NULL, 'v'},
-                                            {"test", required_argument, NULL, 'e'},
-                                            {"distortion", required_argument, NULL, 'd'},
-                                            {"lens", required_argument, NULL, 'l'},
-                                            {"depth", no_argument, NULL, 'z'},
-                                            {"masks", no_argument, NULL, 'm'},
-                                            {"fault", required_argument, NULL, 'x'},
-                                            {"seed", required_argument, NULL, 'r'},
-                                            {NULL, 0, NULL, 0}};
+    static const struct option options[] = {
+        {"kind", required_argument, NULL, 'k'}, {"format", required_argument, NULL, 'f'},
+        {"size", required_argument, NULL, 's'}, {"train", required_argument, NULL, 't'},
+        {"val", required_argument, NULL, 'v'},  {"test", required_argument, NULL, 'e'},
+        {"from", required_argument, NULL, 'w'}, {"distortion", required_argument, NULL, 'd'},
+        {"lens", required_argument, NULL, 'l'}, {"depth", no_argument, NULL, 'z'},
+        {"masks", no_argument, NULL, 'm'},      {"fault", required_argument, NULL, 'x'},
+        {"seed", required_argument, NULL, 'r'}, {NULL, 0, NULL, 0}};
     cln_status st = CLN_OK;
 
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;)
@@ -618,6 +640,9 @@ static cln_status parse(int argc, char **argv, settings *set)
             break;
         case 'e':
             CLN_TRY(parse_int("test", optarg, 0, 10000, &set->views[CLN_SPLIT_TEST]));
+            break;
+        case 'w':
+            CLN_TRY(parse_word("from", optarg, places, &set->from));
             break;
         case 'd':
             set->bent_by = optarg;
@@ -653,6 +678,8 @@ static cln_status parse(int argc, char **argv, settings *set)
                         "--lens, --distortion: the %s format has none; add --format "
                         "nerfstudio",
                         formats[set->format]);
+    if (set->from != FROM_ALL && set->kind != OBJECT)
+        return cln_fail(CLN_USAGE, "--from %s: is for --kind object", places[set->from]);
     if (set->masks && set->format != NERFSTUDIO)
         return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
     if (set->fault == FAULT_mask && !set->masks)
@@ -668,9 +695,12 @@ int main(int argc, char **argv)
 {
     settings set = {.size = 200, .seed = 1, .views = {60, 0, 8}};
     cln_status st;
+    bool help = false;
 
     cln_log_set_sink(cln_log_stderr, NULL);
-    if (argc < 2 || !strcmp(argv[1], "--help")) {
+    for (int i = 1; i < argc; i++)
+        help |= !strcmp(argv[i], "--help");
+    if (argc < 2 || help) {
         fputs(usage, argc < 2 ? stderr : stdout);
         return argc < 2 ? 2 : 0;
     }

@@ -1,4 +1,4 @@
-/* needs: space */
+/* needs: space loss */
 /* Compositing along each ray, the loss, and its gradient back to every sample's (r, g, b, sigma)
  * (method.md 9, 10; twin: host/reference/composite.c). One work-item per ray, samples front to
  * back.
@@ -12,38 +12,7 @@
  * A picture's depth is the median of the weights: where half of the opacity lies before. `depth`
  * has the bits of CLN_DEPTH_*: along the camera's axis; the mean instead.
  *
- *   RAY_BACKGROUND 0 | 1   one background for all rays, or one each
- *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
- *     alpha_weight (T_end - (1 - a))^2;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built
- *     in
- *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
- *                          share of the ray's error; and T sigma delta, T delta (density weighted
- *                          by transmittance)
- */
-#ifndef LOSS
-#define RAY_BACKGROUND 1
-#define LOSS           1
-#define ALPHA          1
-#define CAUCHY         1
-#define OPACITY        1
-#define DISTORT        1
-#define MEASURES       3
-#endif
-
-#if MEASURES > 0
-#define MEASURE_ARGUMENT , __global float *restrict measures /* [sample][MEASURES] */
-#else
-#define MEASURE_ARGUMENT
-#endif
-
-/* sigma delta >= 0, clamped; a NaN stays visible (clamp() would hide it). */
-#define OPTICAL_DEPTH(x) ((x) > CLN_MAX_OPTICAL_DEPTH ? CLN_MAX_OPTICAL_DEPTH : (x))
-
-#if RAY_BACKGROUND
-#define BACKGROUND(r) (backgrounds[r])
-#else
-#define BACKGROUND(r) (backgrounds[0])
-#endif
+ * Losses, regularisers and their parameters: loss.h. */
 
 /* Where half of the opacity lies before, the samples being as long as their deltas: there the
  * optical depth is -log(1 - opacity / 2). */
@@ -124,8 +93,8 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
     const float4 back = BACKGROUND(r);
     /* moments are about the first sample: differences of those about 0 would cancel far away */
     const float start = begin < end ? samples[begin].t : 0.0f;
-    float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f, loss, extra = 0.0f;
-    float4 colour = (float4)(0.0f), g, difference;
+    float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f;
+    float4 colour = (float4)(0.0f);
 #if MEASURES > 0
     float length = 0.0f; /* of the ray in the leaves with samples: their deltas sum to it */
 #endif
@@ -149,81 +118,22 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 #endif
     }
     colour = MAD((float4)(through), back, colour);
-    difference = colour - targets[r];
-    difference.w = 0.0f;
-    const float square = dot(difference, difference) * (1.0f / 3.0f);
+    const ray_loss l = loss_of_ray(colour, back, targets[r], through, opacity, huber, alpha_weight,
+                                   opacity_weight);
+    sweep s = {opacity, moment, l.rest, 0.0f, 0.0f, l.extra};
 
-#if LOSS == 1
-    const float4 a = fabs(difference);
-    const float4 each =
-        select(huber * (a - 0.5f * huber), 0.5f * difference * difference, a <= huber);
-
-    loss = (each.x + each.y + each.z) * (1.0f / 3.0f);
-    g = clamp(difference, -huber, huber) * (1.0f / 3.0f);
-#else
-    loss = square;
-    g = difference * (2.0f / 3.0f);
-#endif
-    float rest = dot(g.xyz, back.xyz); /* dL/dT_end, then S_i */
-#if ALPHA
-    const float surplus = through - (1.0f - targets[r].w);
-
-    extra = alpha_weight * surplus * surplus;
-    rest += 2.0f * alpha_weight * surplus;
-#endif
-    rest *= through;
-#if OPACITY
-    const float miss = 1.0f - opacity;
-
-    extra += opacity_weight * log1p(opacity * miss / 0.11f);
-    const float g_opacity = opacity_weight * (1.0f - 2.0f * opacity) / (0.11f + opacity * miss);
-#endif
-#if DISTORT
-    float behind = 0.0f, moment_behind = 0.0f; /* sums of w and w t over j > i */
-#endif
     for (uint i = end; i-- > begin;) {
         const float4 kept = dout[i], o = out[i];
-        const float delta = samples[i].delta, weight = kept.x * kept.y;
-        float gain = dot(g.xyz, o.xyz), direct = 0.0f;
+        const float delta = samples[i].delta;
 
-#if OPACITY
-        gain += g_opacity;
-#endif
-#if DISTORT
-        const float t = samples[i].t - start;
-        const float before = opacity - weight - behind;
-        const float moment_before = moment - weight * t - moment_behind;
-        const float spread = t * (before - behind) - (moment_before - moment_behind);
-
-        gain += distort * (2.0f * spread + (2.0f / 3.0f) * weight * delta);
-        extra += distort * weight * (spread + weight * delta * (1.0f / 3.0f));
-        behind += weight;
-        moment_behind = MAD(weight, t, moment_behind);
-#endif
-#if CAUCHY
-        /* sigma = few * times: the square of few is finite, and 1 beside it nothing if times > 1 */
-        const float few = fmin(o.w, 1e6f), times = fmax(o.w, 1e6f) * 1e-6f;
-
-        direct = cauchy * 4.0f * few / ((1.0f + 2.0f * few * few) * times);
-        extra += cauchy * (log1p(2.0f * few * few) + 2.0f * log(times));
-#endif
-        float4 d = weight * g;
-
-        d.w = delta * (kept.z * gain - rest) + direct;
-        rest = MAD(weight, gain, rest);
-        dout[i] = d * scale;
+        dout[i] = scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy);
 #if MEASURES > 0
-        /* what was seen through blames the leaves that it was seen through, by length */
-        measures[i * MEASURES] = square * (weight + through * delta / fmax(length, CLN_MIN_CHORD));
-#endif
-#if MEASURES == 3
-        measures[i * 3u + 1u] = kept.x * o.w * delta;
-        measures[i * 3u + 2u] = kept.x * delta;
+        measure_sample(measures, i, l.square, kept, o.w, delta, through, length);
 #endif
     }
     const float depth = MAD(start, opacity, moment) / fmax(opacity, 1e-10f);
-    const cln_ray_result result = {colour.x, colour.y,     colour.z, depth,
-                                   opacity,  loss + extra, square,   0.0f};
+    const cln_ray_result result = {colour.x, colour.y,         colour.z, depth,
+                                   opacity,  l.loss + s.extra, l.square, 0.0f};
 
     results[r] = result;
 }

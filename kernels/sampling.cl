@@ -341,9 +341,14 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
             c->interval = 0;
             continue;
         }
-        const uint l = b->filled++;
         const cln_interval v = intervals[c->interval * rays + c->ray];
         const uint count = CLN_INTERVAL_SAMPLES(v.count);
+
+        if (count == 0u) { /* another rank's (stretch.cl) */
+            c->interval++;
+            continue;
+        }
+        const uint l = b->filled++;
 
         b->of.t_in[l] = v.t_in;
         b->of.t_out[l] = v.t_out;

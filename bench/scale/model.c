@@ -4,19 +4,34 @@
 #include <math.h>
 #include <string.h>
 
-enum { SAMPLE_BYTES = 16 };
+enum { SAMPLE_BYTES = 16, STRETCH_BYTES = 32 };
 
-double scale_sent(const scale_work *w, double share)
+static double change_rate(double leaves, double ranks)
 {
-    const double samples = SAMPLE_BYTES * w->samples;
+    return fmin(1, cbrt(ranks / leaves));
+}
+
+double scale_stretches(double passed, double leaves, double ranks)
+{
+    return 1 + (passed - 1) * change_rate(leaves, ranks);
+}
+
+double scale_passed(double stretches, double leaves, double ranks)
+{
+    return 1 + (stretches - 1) / change_rate(leaves, ranks);
+}
+
+double scale_sent(const scale_work *w, double share, double leaf_share)
+{
+    const double told = w->stretches > 0 ? STRETCH_BYTES * w->stretches : SAMPLE_BYTES * w->samples;
     const double densities = w->density_bytes * w->leaves / w->refresh_every;
 
-    return w->ranks > 1 ? (share * samples + densities / w->ranks) * (w->ranks - 1) : 0;
+    return w->ranks > 1 ? (share * told + leaf_share * densities) * (w->ranks - 1) : 0;
 }
 
 scale_step scale_predict(const scale_machine *m, const scale_network *net, const scale_work *w)
 {
-    scale_step s = {.sent = scale_sent(w, 1 / w->ranks)};
+    scale_step s = {.sent = scale_sent(w, 1 / w->ranks, 1 / w->ranks)};
     const double met = w->leaves * -expm1(-w->samples / w->leaves);
 
     s.shared = m->shared.step + (m->shared.sample * w->samples + m->shared.leaf * met +

@@ -2,17 +2,20 @@
  * measuring. Assumptions:
  *
  *   - A step's time is compute and messages one after the other, as nothing overlaps today.
- *   - Networks (forward, backward, Adam) cost a constant, a time a sample and a time a leaf
- *     that has samples; S samples that fall anywhere meet L (1 - exp(-S / L)) of L leaves. Ranks
- *     share this evenly but for `balance`, the busiest one's part over the mean. So they do the
- *     refresh of densities, a time a leaf every `refresh_every` steps.
- *   - All else (rays, intervals, placing, sorting, compositing, the host) is repeated on
- *     every rank: a constant, a time a sample, a time a leaf.
- *   - Messages: each rank receives the other ranks' samples of 16 bytes, and densities of their
- *     leaves after a refresh, at the network's bandwidth; a message takes its latency log2(ranks)
- *     times, two a step (samples, the counts before them) and one a refresh. A rank sends its part
- *     to each of the others; the network carries all ranks' traffic at once (no bottleneck between
- *     switches), one rank a machine.
+ *   - Samples and what is done with them (placing, sorting, networks, compositing, Adam) cost a
+ *     constant, a time a sample and a time a leaf that has samples; S samples that fall anywhere
+ *     meet L (1 - exp(-S / L)) of L leaves. Ranks share this evenly but for `balance`, the busiest
+ *     one's part over the mean. So they do the refresh of densities, a time a leaf every
+ *     `refresh_every` steps.
+ *   - All else (rays, intervals, the host) is repeated on every rank: a constant, a time a sample,
+ *     a time a leaf.
+ *   - Messages: each rank receives the sums of the other ranks' stretches of rays, 32 bytes each,
+ *     and densities of their leaves after a refresh, at the network's bandwidth; a message takes
+ *     its latency log2(ranks) times, two a step (stretches, the counts before them) and one a
+ *     refresh. A rank sends its part to each of the others; the network carries all ranks' traffic
+ *     at once (no bottleneck between switches), one rank a machine.
+ *   - Two leaves that follow each other on a ray are of different ranks as often as a face of a
+ *     leaf is one of its rank's region, if regions are compact: (ranks / leaves)^(1/3).
  *     Left out: 40 bytes of counts a step, and the weights of leaves that move, which is seldom.
  *   - Photos cost no time in a step; every rank keeps all of them in host memory. */
 #ifndef SCALE_MODEL_H
@@ -33,6 +36,7 @@ typedef struct scale_network {
 
 typedef struct scale_work {
     double samples, leaves;      /* of a step; of the tree */
+    double stretches;            /* of a step's rays; 0: samples are exchanged */
     double density_bytes;        /* of a leaf */
     double refresh_every, ranks; /* steps; > 0 */
     double balance;              /* >= 1; of one rank 1 */
@@ -40,15 +44,19 @@ typedef struct scale_work {
 
 typedef struct scale_step {
     double shared, repeated, messages, total; /* seconds */
-    double sent; /* bytes by a rank with the mean share of samples and leaves */
+    double sent; /* bytes by a rank with the mean share of stretches and leaves */
 } scale_step;
 
 scale_step scale_predict(const scale_machine *machine, const scale_network *network,
                          const scale_work *work);
 
-/* Bytes of `share` of the samples, and the mean rank's densities, to the ranks - 1 others, a
- * step. */
-double scale_sent(const scale_work *work, double share);
+/* Stretches of a ray that has samples in `passed` leaves, and the inverse. */
+double scale_stretches(double passed, double leaves, double ranks);
+double scale_passed(double stretches, double leaves, double ranks);
+
+/* Bytes of `share` of the stretches or samples, and of densities of `leaf_share` of the leaves, to
+ * the ranks - 1 others, a step. */
+double scale_sent(const scale_work *work, double share, double leaf_share);
 
 /* Fits cost to n rows by least squares of relative errors, without negative costs. x: [n][3], the
  * factors of step, sample and leaf; seconds: [n], > 0. */

@@ -36,10 +36,11 @@ static const struct {
 
 typedef struct run {
     const char *path;
-    scale_work work;                    /* ranks, leaves, samples of a step */
-    double rays, steps, step;           /* of a step; measured; seconds of one */
-    double networks, refresh, repeated; /* seconds of one */
-    double sent, own_share, messages;   /* of a step by rank 0; seconds */
+    scale_work work;                  /* ranks, leaves, samples of a step */
+    double rays, steps, step;         /* of a step; measured; seconds of one */
+    double shared, refresh, repeated; /* seconds of one */
+    double sent, own_share, messages; /* of a step by rank 0; of what it tells; seconds */
+    double own_leaves;
 } run;
 
 /* ---- from a run folder ---- */
@@ -51,26 +52,34 @@ static double stage(const json_t *row, const char *name)
     return isfinite(s) ? s : 0;
 }
 
+/* What ranks share: a stage's seconds are of the samples of a rank's leaves. */
+static const char *const shared_stages[] = {
+    "samples", "group", "networks forward", "composite", "networks backward", "adam"};
+
 static void add_row(const json_t *row, const json_t *before, run *r)
 {
     const double seconds = cln_json_number(row, "seconds") - cln_json_number(before, "seconds");
     const double rays = cln_json_number(row, "rays_per_s") * seconds;
     const double samples = rays * cln_json_number(row, "samples_per_ray");
-    const double share = cln_json_number(row, "own_share");
+    const double steps = cln_json_number(row, "step") - cln_json_number(before, "step");
+    const double stretches = cln_json_number(row, "stretches");
+    const double share = cln_json_number(row, isfinite(stretches) ? "own_stretches" : "own_share");
     const double balance = cln_json_number(row, "balance");
 
-    r->steps += cln_json_number(row, "step") - cln_json_number(before, "step");
+    r->steps += steps;
     r->step += seconds;
     r->rays += rays;
     r->work.samples += samples;
-    r->networks +=
-        stage(row, "networks forward") + stage(row, "networks backward") + stage(row, "adam");
+    for (size_t i = 0; i < sizeof shared_stages / sizeof *shared_stages; i++)
+        r->shared += stage(row, shared_stages[i]);
+    r->work.stretches += isfinite(stretches) ? stretches * steps : 0;
     r->refresh += stage(row, "stage 1 refresh");
     if (isfinite(share)) {
         r->sent += cln_json_number(row, "sent_bytes") - cln_json_number(before, "sent_bytes");
         r->messages +=
             cln_json_number(row, "message_seconds") - cln_json_number(before, "message_seconds");
         r->own_share += share * samples;
+        r->own_leaves += cln_json_number(row, "own_leaves") * samples;
         r->work.balance += balance * samples;
     }
 }
@@ -104,15 +113,17 @@ static cln_status read_rows(run *r, double from)
                          "--log-every",
                          path));
     r->own_share /= r->work.samples;
+    r->own_leaves /= r->work.samples;
     r->work.balance /= r->work.samples;
-    for (size_t i = 0; i < 8; i++)
-        *(double *[]){&r->step,    &r->rays, &r->work.samples, &r->networks,
-                      &r->refresh, &r->sent, &r->messages,     &r->repeated}[i] /= r->steps;
+    for (size_t i = 0; i < 9; i++)
+        *(double *[]){&r->step, &r->rays,     &r->work.samples, &r->shared,        &r->refresh,
+                      &r->sent, &r->messages, &r->repeated,     &r->work.stretches}[i] /= r->steps;
     if (!(r->work.ranks > 1)) {
         r->work.ranks = r->work.balance = 1;
         r->own_share = 1;
+        r->own_leaves = r->work.leaves;
     }
-    r->repeated = fmax(r->step - r->networks - r->refresh - r->messages, 1e-9);
+    r->repeated = fmax(r->step - r->shared - r->refresh - r->messages, 1e-9);
 done:
     json_decref(before);
     free(path);
@@ -195,7 +206,7 @@ static cln_status compare_bytes(const char *path)
     CLN_TRY(read_run(path, &r));
     if (!(r.sent > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: not a training by several processes", path));
-    model = scale_sent(&r.work, r.own_share);
+    model = scale_sent(&r.work, r.own_share, r.own_leaves / r.work.leaves);
     printf("%.0f %.0f %.4f\n", model, r.sent, model / r.sent - 1);
 done:
     return st;
@@ -223,7 +234,7 @@ static void put_check(const scale_machine *m, const scale_network *here, double 
            r->work.samples, r->work.balance, 1e3 * s.total, 1e3 * r->step,
            100 * (s.total / r->step - 1));
     if (r->work.ranks > 1) {
-        const double sent = scale_sent(&r->work, r->own_share);
+        const double sent = scale_sent(&r->work, r->own_share, r->own_leaves / r->work.leaves);
 
         printf(" %.0f | %.0f | %+.1f %% |\n", sent, r->sent, 100 * (sent / r->sent - 1));
     } else {
@@ -236,11 +247,13 @@ static void put_check(const scale_machine *m, const scale_network *here, double 
 /* The larger one of what more ranks do not lessen. */
 static const char *reason(const scale_step *s)
 {
-    return s->messages >= s->repeated ? "messages: samples and densities go to all ranks"
+    return s->messages >= s->repeated ? "messages: stretches and densities go to all ranks"
                                       : "work repeated on every rank";
 }
 
-static void put_network(const scale_machine *m, int n, double density_bytes)
+/* rays: of a step; passed: leaves with samples of one. */
+static void put_network(const scale_machine *m, int n, double density_bytes, double rays,
+                        double passed)
 {
     printf("\n### %s, %.0f us\n\n"
            "| leaves | steps/s of 1 rank | speed-up of 4 | 16 | 64 | 256 | 1,024 ranks | most | "
@@ -249,7 +262,7 @@ static void put_network(const scale_machine *m, int n, double density_bytes)
            "every rank |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
            networks[n].name, 1e6 * networks[n].network.latency);
     for (double leaves = 1e4; leaves < 2e7; leaves *= 10) {
-        scale_work w = {STEP_SAMPLES, leaves, density_bytes, REFRESH_EVERY, 1, 1};
+        scale_work w = {STEP_SAMPLES, leaves, 0, density_bytes, REFRESH_EVERY, 1, 1};
         const double alone = scale_predict(m, &networks[n].network, &w).total;
         double most = 1, by = 1, half = 1;
         scale_step end = scale_predict(m, &networks[n].network, &w);
@@ -259,6 +272,7 @@ static void put_network(const scale_machine *m, int n, double density_bytes)
             scale_step s;
 
             w.ranks = ranks;
+            w.stretches = rays * scale_stretches(passed, leaves, ranks);
             w.balance = BALANCE;
             s = scale_predict(m, &networks[n].network, &w);
             if (alone / s.total > most) {
@@ -293,13 +307,13 @@ static cln_status predict(int argc, char **argv)
 {
     cln_status st = CLN_OK;
     run runs[MAX_RUNS];
-    double x[MAX_RUNS][3], met[MAX_RUNS][3], networks_s[MAX_RUNS], repeated_s[MAX_RUNS];
+    double x[MAX_RUNS][3], met[MAX_RUNS][3], shared_s[MAX_RUNS], repeated_s[MAX_RUNS];
     const scale_network here = {atof(argv[0]), atof(argv[1])};
     const double cores = atof(argv[2]);
     scale_machine m = {0};
-    scale_work first = {STEP_SAMPLES, 1e4, 0, REFRESH_EVERY, 1, 1};
-    int count = 0, alone = 0, refreshed = 0;
-    double rays = 0;
+    scale_work first = {STEP_SAMPLES, 1e4, 0, 0, REFRESH_EVERY, 1, 1};
+    int count = 0, alone = 0, refreshed = 0, several = 0;
+    double rays = 0, passed = 0;
 
     for (int i = 3; i < argc; i++) {
         if (strcmp(argv[i], "--") == 0) {
@@ -320,7 +334,7 @@ static cln_status predict(int argc, char **argv)
         x[i][1] = met[i][1] = w->samples;
         x[i][2] = w->leaves;
         met[i][2] = w->leaves * -expm1(-w->samples / w->leaves);
-        networks_s[i] = runs[i].networks;
+        shared_s[i] = runs[i].shared;
         repeated_s[i] = runs[i].repeated;
         if (runs[i].refresh > 0) {
             m.refresh += runs[i].refresh * w->refresh_every / w->leaves;
@@ -328,16 +342,27 @@ static cln_status predict(int argc, char **argv)
         }
         rays += runs[i].rays / w->samples / alone * STEP_SAMPLES;
     }
+    for (int i = alone; i < count; i++)
+        if (runs[i].work.stretches > 0) {
+            const run *by = &runs[i];
+
+            passed += scale_passed(by->work.stretches / by->rays, by->work.leaves, by->work.ranks);
+            several++;
+        }
+    if (several == 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "predict: no run by ranks with stretches behind --"));
+    passed /= several;
     m.refresh /= refreshed > 0 ? refreshed : 1;
-    m.shared = scale_fit(alone, (const double(*)[3])met, networks_s);
+    m.shared = scale_fit(alone, (const double(*)[3])met, shared_s);
     m.repeated = scale_fit(alone, (const double(*)[3])x, repeated_s);
     printf("# Scaling by ranks\n\n| a step costs | ms | us a sample | us a leaf |\n"
            "|---|---|---|---|\n");
-    put_cost("networks, shared", &m.shared);
+    put_cost("samples and networks, shared", &m.shared);
     put_cost("all else, repeated on every rank", &m.repeated);
     printf("\nA leaf's refresh: %.1f us every %.0f steps, shared. Messages here: %.1f us, %.2f "
            "GB/s.\n",
            1e6 * m.refresh, runs[0].work.refresh_every, 1e6 * here.latency, 1e-9 * here.bandwidth);
+    printf("A ray has samples in %.1f leaves, by the stretches of the runs by ranks.\n", passed);
     printf("\n## The model beside what ran here, on %.0f cores\n\n| ranks | leaves | samples | "
            "balance | ms a step, model | run | error | bytes a step of rank 0, model | run | error "
            "|\n|---|---|---|---|---|---|---|---|---|---|\n",
@@ -350,7 +375,7 @@ static cln_status predict(int argc, char **argv)
            "efficiency: a speed-up of at least half the ranks. See bench/scale/model.h.\n",
            STEP_SAMPLES, REFRESH_EVERY, BALANCE);
     for (int n = 0; n < 2; n++)
-        put_network(&m, n, runs[0].work.density_bytes);
+        put_network(&m, n, runs[0].work.density_bytes, rays, passed);
     first.density_bytes = runs[0].work.density_bytes;
     put_photos(scale_predict(&m, &here, &first).total, rays);
 done:

@@ -368,7 +368,8 @@ static cln_status prepare(cln_trainer *t)
     cln_settings_warn_idle(t->desc->settings,
                            &(cln_settings_facts){.resume = t->desc->resume,
                                                  .has_alpha = t->scene->has_alpha,
-                                                 .forward = t->scene->space.forward});
+                                                 .forward = t->scene->space.forward,
+                                                 .ranks = cln_ranks_count()});
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
     if (!t->desc->skip_selftest)
         CLN_TRY(check_kernels(t, &config));

@@ -66,6 +66,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMAT_OPENSFM,
        CLN_FORMATS
 };
+enum { CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
 enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
 
@@ -290,7 +291,11 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
          .flags = CLN_ROW_BYTES)                                                                  \
     REAL(host_mem, "host-mem", 0, 0, 0, 1e15,                                                     \
          "host memory to stay under, bytes or 512M, 4G (0 = what the machine has)",               \
-         .flags = CLN_ROW_BYTES)
+         .flags = CLN_ROW_BYTES)                                                                  \
+    ENUM(exchange, "exchange", CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES, "samples|stretches", \
+         "what several processes tell each other of a step: every sample's colour and density, "  \
+         "with the bits of one process; or sums of each ray's stretches, which is less",          \
+         .flags = CLN_ROW_LATER)
 
 #define CLN_CONFIG_LIST(INT, REAL, BOOL, ENUM, TEXT) \
     CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)  \

@@ -23,6 +23,7 @@ typedef struct cln_settings_facts {
     bool resume;    /* it resumes a run */
     bool has_alpha; /* its images have alpha */
     bool forward;   /* its space is that of normalised device coordinates */
+    int ranks;      /* processes */
 } cln_settings_facts;
 
 /* Warns in the log of each given setting that has no effect with the others and the facts. */

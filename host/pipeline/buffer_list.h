@@ -50,6 +50,7 @@ typedef enum cln_per {
     CLN_PER_TARGET,    /* of rays, or of distillation's points */
     CLN_PER_INTERVAL,  /* rays * most_intervals */
     CLN_PER_SAMPLE,
+    CLN_PER_SAMPLE_START, /* samples + 1 */
     CLN_PER_SLICE,
     CLN_PER_GRADIENT_P, /* cln_pipeline_gradients() */
     CLN_PER_CHUNK,      /* of a scan or sort */
@@ -113,6 +114,7 @@ typedef enum cln_when {
     X(end, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                          \
     X(slice_counts, cl_uint, 1, LEAF, TREE, ALWAYS, "slice counts")                              \
     X(slice_starts, cl_uint, 1, LEAF_START, TREE, ALWAYS, "slice counts")                        \
+    X(leaf_rank, cl_uint, 1, LEAF, TREE, SHARED, "ranks of leaves")                              \
     X(cameras, cln_device_camera, 1, VIEW, TREE, ALWAYS, "cameras")                              \
     /* samples; r, g, b, sigma of each and their gradients; keys and order of grouping */        \
     X(samples, cln_sample, 1, SAMPLE, SAMPLES, ALWAYS, "samples")                                \
@@ -120,6 +122,10 @@ typedef enum cln_when {
     X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                         \
     X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                \
     X(packed, cl_float4, 1, SAMPLE, SAMPLES, SHARED, "messages")                                 \
+    /* stretches, of which each has a sample: rank, first sample here, sums (stretch.cl) */      \
+    X(stretch_rank, cl_uint, 1, SAMPLE, SAMPLES, SHARED, "stretches")                            \
+    X(stretch_first, cl_uint, 1, SAMPLE_START, SAMPLES, SHARED, "stretches")                     \
+    X(stretch_sums, cl_float4, 2, SAMPLE, SAMPLES, SHARED, "stretches")                          \
     PAIR(keys, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group keys")                                \
     PAIR(values, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group order")                             \
     X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                    \
@@ -136,6 +142,11 @@ typedef enum cln_when {
     X(used, cl_uint, 1, RAY, RAYS, ALWAYS, "intervals")                                          \
     X(sample_counts, cl_uint, 1, RAY, RAYS, ALWAYS, "samples")                                   \
     X(sample_starts, cl_uint, 1, RAY_START, RAYS, ALWAYS, "samples")                             \
+    /* by ranks: a ray's samples here, and its stretches */                                      \
+    X(own_counts, cl_uint, 1, RAY, RAYS, SHARED, "samples here")                                 \
+    X(own_starts, cl_uint, 1, RAY_START, RAYS, SHARED, "samples here")                           \
+    X(stretch_counts, cl_uint, 1, RAY, RAYS, SHARED, "stretches")                                \
+    X(stretch_starts, cl_uint, 1, RAY_START, RAYS, SHARED, "stretches")                          \
     /* splatting: the batch's views, their grids of lists, counts of projected samples */        \
     X(batch_views, cl_uint, 1, BATCH_VIEW, LISTS, SPLATTING, "views")                            \
     X(grids, cln_grid, 1, GRID, LISTS, SPLATTING, "grids")                                       \

@@ -200,6 +200,7 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
     const carry c = {.p = p, .change = &own}; /* of this rank's leaves */
 
     CLN_ASSERT(change->count == tree->leaf_count);
+    CLN_TRY(cln_share_sums(p));
     cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
     cln_buffer_free(p->device, &p->seen);
     cln_buffer_free(p->device, &p->transposed);

@@ -32,6 +32,7 @@
     X(regularise, regularise, PLAIN, REGULARISED)    \
     X(distil, distil, PLAIN, MEASURED)               \
     X(share, share, PLAIN, SHARED)                   \
+    X(stretch, stretch, PLAIN, SHARED)               \
     X(sampling_crop, sampling, CROP, ALWAYS)
 
 /* X(member, kernel, program, when): created with its program if `when` holds, too. SERIAL: tune.sg
@@ -78,6 +79,10 @@
     X(distil_gradient, distil_gradient, distil, ALWAYS)             \
     X(share_pack, share_pack, share, ALWAYS)                        \
     X(share_unpack, share_unpack, share, ALWAYS)                    \
+    X(stretch_count, stretch_count, stretch, ALWAYS)                \
+    X(stretch_list, stretch_list, stretch, ALWAYS)                  \
+    X(stretch_composite, stretch_composite, stretch, ALWAYS)        \
+    X(stretch_train, stretch_train, stretch, ALWAYS)                \
     X(intervals_crop, intervals_fill, sampling_crop, ALWAYS)
 
 #endif

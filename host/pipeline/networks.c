@@ -9,6 +9,8 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "pipeline/share.h"
+#include "pipeline/stretch.h"
+#include "ranks/ranks.h"
 
 cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *slice_count)
 {
@@ -124,6 +126,14 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     const cl_float distort = (float)p->config.distortion_loss;
     const bool measured = cln_pipeline_measures(&p->config) > 0;
 
+    if (p->stretched) {
+        const int me = cln_ranks_me();
+
+        CLN_TRY(cln_stretch_composite(p, n, me));
+        CLN_TRY(cln_stretch_exchange(p));
+        CLN_TRY(cln_stretch_train(p, n, me, sample_count));
+        goto done;
+    }
     CLN_TRY(CLN_RESERVE(p, dout, sample_count));
     CLN_TRY(CLN_RESERVE(p, measures, sample_count));
     /* the kernel has the last argument only if something is measured */

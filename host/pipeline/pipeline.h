@@ -7,6 +7,7 @@
  *   carry                 a change of the tree on the device
  *   networks, sampling    the stages (stages.h)
  *   transfer              tree, weights, cameras and batches, in and out
+ *   stretch               a step's rays shared by ranks
  *   share                 what ranks tell each other
  *   stage1_methods        the table of stage-1 methods (stage1.h)
  *   splat                 one of them
@@ -34,7 +35,7 @@ typedef enum cln_program_id {
 /* Sets of programs: bits of cln_program_id. All: of a training. Pictures need no gradients and
  * change no tree; a crop (cln_sampling) needs sampling_crop, too. */
 #define CLN_PROGRAM_BIT(member) (1u << CLN_PROGRAM_##member)
-#define CLN_PROGRAMS_ALL        (CLN_PROGRAM_BIT(share) * 2u - 1u)
+#define CLN_PROGRAMS_ALL        (CLN_PROGRAM_BIT(stretch) * 2u - 1u)
 #define CLN_PROGRAMS_PICTURES                                                      \
     (CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(sort64) | CLN_PROGRAM_BIT(rays) |     \
      CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(splat) | CLN_PROGRAM_BIT(group) | \
@@ -84,8 +85,13 @@ struct cln_pipeline {
      * since they were dealt; room for messages. */
     int ranks, *rank_first; /* [ranks + 1] */
     double *load;           /* [leaf] */
+    bool leaf_rank_there;   /* p->leaf_rank is that of rank_first */
+    bool stretched;         /* the batch has only samples of this rank's leaves (stretch.h) */
+    uint32_t samples_here;  /* of it, then; and stretches of its rays */
+    uint32_t stretch_total;
     /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
     double samples_own, samples_busiest, samples_all;
+    double stretches_own, stretches_all; /* likewise */
     char *message;
     size_t message_bytes;
 

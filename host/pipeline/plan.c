@@ -144,6 +144,8 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
         return s->rays * cln_config_most_intervals(c);
     case CLN_PER_SAMPLE:
         return s->samples;
+    case CLN_PER_SAMPLE_START:
+        return s->samples + 1;
     case CLN_PER_SLICE:
         return s->slices;
     case CLN_PER_GRADIENT_P:

@@ -6,6 +6,8 @@
 
 #include "base/memory.h"
 #include "pipeline/stage1.h"
+#include "pipeline/stretch.h"
+#include "ranks/ranks.h"
 
 cln_status cln_stage_rays(cln_pipeline *p, int n)
 {
@@ -87,7 +89,7 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_ray_gro
     ADD(&a, p->ray_d.mem);
     ADD(&a, p->intervals.mem);
     ADD(&a, p->used.mem);
-    ADD(&a, p->sample_starts.mem);
+    ADD(&a, (s->stretches ? &p->own_starts : &p->sample_starts)->mem);
     ADD(&a, p->samples.mem);
     ADD(&a, first);
     ADD(&a, n);
@@ -147,6 +149,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
 
     *rays_used = n;
     *sample_count = 0;
+    p->stretched = s->stretches;
     CLN_TRY(CLN_RESERVE(p, intervals, rays * (size_t)p->most_intervals));
     CLN_TRY(CLN_RESERVE(p, used, rays));
     CLN_TRY(CLN_RESERVE(p, sample_counts, rays));
@@ -164,6 +167,11 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
         cln_stage_scan(p, &p->sample_counts, &p->sample_starts, count, CLN_STAGE_INTERVALS, NULL));
     CLN_TRY(cln_buffer_fetch(device, &p->sample_starts, rays * sizeof(cl_uint), &p->sample_total,
                              sizeof p->sample_total));
+    if (s->stretches) {
+        CLN_TRY(cln_stretch_find(p, n, cln_ranks_me()));
+        CLN_TRY(cln_buffer_fetch(device, &p->own_starts, rays * sizeof(cl_uint), &p->samples_here,
+                                 sizeof p->samples_here));
+    }
     CLN_TRY(cln_device_mark(device, &mark));
     /* The reserved room mostly suffices: the device then goes on while the host waits. */
     if (group_count == 1 && limit > 0)
@@ -171,15 +179,21 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     CLN_TRY(cln_device_wait(device, &mark));
     CLN_TRY(made);
     *sample_count = p->sample_total;
-    if (n > 0 && *sample_count > s->max_samples)
+    if (!s->stretches)
+        p->samples_here = *sample_count;
+    if (n > 0 && *sample_count > s->max_samples) {
         CLN_TRY(cut(p, n, s->max_samples, rays_used, sample_count));
-    if (group_count == 1 && *sample_count <= limit)
+        p->samples_here = *sample_count;
+        if (s->stretches)
+            CLN_TRY(cln_stretch_cut(p, *rays_used, &p->samples_here));
+    }
+    if (group_count == 1 && p->samples_here <= limit)
         goto done;
-    CLN_TRY(CLN_RESERVE(p, samples, *sample_count + extra));
+    CLN_TRY(CLN_RESERVE(p, samples, p->samples_here + extra));
     for (int g = 0; g < group_count; g++) {
         if (stage1->make && group_count > 1) /* a single group's lists are still there */
             CLN_TRY(stage1->make(p, densities(p, s), &groups[g]));
-        CLN_TRY(emit(p, s, &groups[g], n, *sample_count));
+        CLN_TRY(emit(p, s, &groups[g], n, p->samples_here));
     }
 done:
     free(cut_groups);

@@ -38,6 +38,7 @@ static void take_own(cln_pipeline *p)
 
     p->first = p->rank_first[me];
     p->own = p->rank_first[me + 1] - p->first;
+    p->leaf_rank_there = false;
 }
 
 void cln_share_evenly(cln_pipeline *p, int leaves)
@@ -76,8 +77,7 @@ done:
 
 /* ---- samples and densities ---- */
 
-/* Room on the host for messages. */
-static cln_status make_room(cln_pipeline *p, size_t bytes)
+cln_status cln_share_room(cln_pipeline *p, size_t bytes)
 {
     cln_status st = CLN_OK;
 
@@ -92,6 +92,24 @@ done:
     return st;
 }
 
+cln_status cln_share_leaf_ranks(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    uint32_t *rank = NULL;
+
+    if (p->leaf_rank_there)
+        return CLN_OK;
+    CLN_TRY(cln_share_room(p, (size_t)p->leaves * sizeof *rank));
+    rank = (uint32_t *)p->message;
+    for (int r = 0; r < p->ranks; r++)
+        for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++)
+            rank[s] = (uint32_t)r;
+    CLN_TRY(CLN_PUT(p, leaf_rank, rank, (size_t)p->leaves));
+    p->leaf_rank_there = true;
+done:
+    return st;
+}
+
 /* first[r]: grouped samples before those of rank r. Leaves' samples are added to p->load. */
 static cln_status find_runs(cln_pipeline *p, int *first)
 {
@@ -99,7 +117,7 @@ static cln_status find_runs(cln_pipeline *p, int *first)
     const size_t leaves = (size_t)p->leaves;
     uint32_t *ends = NULL, busiest = 0;
 
-    CLN_TRY(make_room(p, 2 * leaves * sizeof *ends));
+    CLN_TRY(cln_share_room(p, 2 * leaves * sizeof *ends));
     ends = (uint32_t *)p->message;
     CLN_TRY(cln_buffer_read(p->device, &p->begin, 0, ends, leaves * sizeof *ends));
     CLN_TRY(cln_buffer_read(p->device, &p->end, 0, ends + leaves, leaves * sizeof *ends));
@@ -123,19 +141,68 @@ done:
     return st;
 }
 
-/* All ranks have placed the same samples: a difference would let them wait forever. */
-static cln_status check_same(uint32_t samples)
+/* All ranks have placed the same samples and stretches: a difference would let them wait forever.
+ * own: this rank's samples; *busiest: of the rank with the most. */
+static cln_status check_same(uint32_t samples, uint32_t stretches, uint32_t own, double *busiest)
 {
-    double both[2] = {samples, -(double)samples};
+    double all[5] = {samples, -(double)samples, stretches, -(double)stretches, own};
 
-    cln_ranks_largest(both, 2);
-    if (both[0] == -both[1])
+    cln_ranks_largest(all, 5);
+    *busiest = all[4];
+    if (all[0] == -all[1] && all[2] == -all[3])
         return CLN_OK;
-    return cln_fail(CLN_CL,
-                    "ranks placed different samples on the same rays (%.0f and %.0f): their "
-                    "devices differ in the last bits; give all ranks devices of one kind, with one "
-                    "driver",
-                    -both[1], both[0]);
+    return cln_fail(
+        CLN_CL,
+        "ranks placed different samples on the same rays (%.0f and %.0f, in %.0f and "
+        "%.0f stretches): their devices differ in the last bits; give all ranks devices "
+        "of one kind, with one driver",
+        -all[1], all[0], -all[3], all[2]);
+}
+
+cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->own, at = (size_t)p->first * sizeof(cl_uint);
+    uint32_t *ends = NULL;
+    double busiest = 0;
+
+    CLN_TRY(check_same(samples, p->stretch_total, own, &busiest));
+    p->samples_own += own;
+    p->samples_busiest += busiest;
+    p->samples_all += samples;
+    CLN_TRY(cln_share_room(p, 2 * leaves * sizeof *ends));
+    ends = (uint32_t *)p->message;
+    CLN_TRY(cln_buffer_read(p->device, &p->begin, at, ends, leaves * sizeof *ends));
+    CLN_TRY(cln_buffer_read(p->device, &p->end, at, ends + leaves, leaves * sizeof *ends));
+    for (size_t s = 0; s < leaves; s++)
+        p->load[(size_t)p->first + s] += ends[leaves + s] - ends[s];
+done:
+    return st;
+}
+
+static cln_status share_rows(cln_pipeline *p, cln_buffer_id id)
+{
+    cln_status st = CLN_OK;
+    const size_t leaves = (size_t)p->leaves, row = cln_buffer_row_bytes(p, id);
+
+    CLN_TRY(cln_share_room(p, leaves * row));
+    CLN_TRY(cln_pipeline_get(p, id, p->message, leaves));
+    cln_ranks_gather(p->message, row, p->rank_first, true);
+    CLN_TRY(cln_pipeline_put(p, id, p->message, leaves));
+done:
+    return st;
+}
+
+cln_status cln_share_sums(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+
+    if (p->ranks <= 1 || cln_pipeline_measures(&p->config) == 0)
+        return CLN_OK;
+    CLN_TRY(share_rows(p, CLN_BUFFER_leaf_sums));
+    CLN_TRY(share_rows(p, CLN_BUFFER_leaf_met));
+done:
+    return st;
 }
 
 cln_status cln_share_samples(cln_pipeline *p, uint32_t samples)
@@ -146,17 +213,18 @@ cln_status cln_share_samples(cln_pipeline *p, uint32_t samples)
     int runs[CLN_RANKS_MOST + 1];
     cl_uint first = 0, end = 0, count = 0;
     const cl_uint n = samples;
+    double busiest = 0;
 
-    if (p->ranks <= 1)
+    if (p->ranks <= 1 || p->stretched)
         return CLN_OK;
-    CLN_TRY(check_same(samples));
+    CLN_TRY(check_same(samples, 0, 0, &busiest));
     CLN_TRY(find_runs(p, runs));
     CLN_ASSERT(runs[p->ranks] == (int)samples);
     first = (cl_uint)runs[me];
     end = (cl_uint)runs[me + 1];
     count = end - first;
     CLN_TRY(CLN_RESERVE(p, packed, samples));
-    CLN_TRY(make_room(p, samples * each));
+    CLN_TRY(cln_share_room(p, samples * each));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.share_pack, CLN_STAGE_COMPOSITE, cln_groups(count, wg), wg,
                        CLN_ARG(p->out.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->packed.mem),
                        CLN_ARG(first), CLN_ARG(count)));
@@ -189,7 +257,7 @@ cln_status cln_share_densities(cln_pipeline *p, const cln_buffer *density, int f
     }
     mine = (size_t)runs[cln_ranks_me()] * row;
     after = (size_t)runs[cln_ranks_me() + 1] * row;
-    CLN_TRY(make_room(p, (size_t)count * row));
+    CLN_TRY(cln_share_room(p, (size_t)count * row));
     CLN_TRY(cln_buffer_read(p->device, density, (size_t)first * row + mine, p->message + mine,
                             after - mine));
     cln_ranks_gather(p->message, row, runs, true);
@@ -295,10 +363,12 @@ cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out)
     *out = (cln_share_move){.before = 1, .after = 1};
     if (p->ranks <= 1)
         return CLN_OK;
+    cln_ranks_gather(p->load, sizeof *p->load, p->rank_first, true);
     find_balance(p, next);
     out->before = imbalance(p, p->rank_first);
     out->after = imbalance(p, next);
     if (out->before > LIMIT && out->after < out->before) {
+        CLN_TRY(cln_share_sums(p));
         for (size_t i = 0; i < sizeof arrays / sizeof arrays[0]; i++)
             CLN_TRY(move(p, arrays[i], next));
         for (int r = 0; r < p->ranks; r++) /* what rank r keeps */

@@ -1,14 +1,15 @@
 /* A pipeline shared by ranks (host/ranks): which leaves' weights are here, and what the ranks tell
  * each other about the rest. With one rank nothing is done.
  *
- *   every rank has        the tree, stage 1's densities, rays, samples, measures: of all leaves
+ *   every rank has        the tree, stage 1's densities, rays and their intervals: of all leaves
  *   only its rank has     weights, their gradients, Adam's state: of leaves [first, first + own)
- *   after forward         each sample's colour and density go to all ranks; all composite all rays
  *   after a refresh       the leaves' densities go to all ranks
  *
- * So all ranks draw the same rays, place the same samples and composite them alike, and each takes
- * its own leaves' gradients, bit for bit those of one rank. No weight or gradient travels, except
- * weights of leaves that are dealt to another rank. */
+ * Training steps share rays by stretches (stretch.h), in which a rank has the samples of its own
+ * leaves alone, or, with --exchange samples, and for pictures, by samples: all ranks place all
+ * samples, each sample's colour and density go to all ranks after the forward pass, all composite
+ * all rays, and each takes its own leaves' gradients, bit for bit those of one rank. No weight or
+ * gradient travels, except weights of leaves that are dealt to another rank. */
 #ifndef CLN_SHARE_H
 #define CLN_SHARE_H
 
@@ -32,6 +33,20 @@ static inline int cln_share_row(const cln_pipeline *p, int slot)
 {
     return slot >= p->first && slot < p->first + p->own ? slot - p->first : -1;
 }
+
+/* Room on the host for messages, p->message. */
+cln_status cln_share_room(cln_pipeline *p, size_t bytes);
+
+/* p->leaf_rank [leaf], if it is not there. */
+cln_status cln_share_leaf_ranks(cln_pipeline *p);
+
+/* Each rank has measured its own leaves since the last time: brings p->leaf_sums and p->leaf_met of
+ * all leaves to all ranks. */
+cln_status cln_share_sums(cln_pipeline *p);
+
+/* Of a step that is shared by stretches, in which this rank has `own` of `samples`: counts them,
+ * and CLN_CL unless all ranks agree on the samples and stretches. */
+cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples);
 
 /* After the forward pass: p->out of all samples. */
 cln_status cln_share_samples(cln_pipeline *p, uint32_t samples);

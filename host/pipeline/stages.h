@@ -27,13 +27,15 @@ typedef struct cln_sampling {
     uint64_t seed;
     uint32_t step;
     size_t max_samples; /* most samples of a batch (memory plan) */
+    bool stretches;     /* with cln_stretch_can(): only samples of this rank's leaves (stretch.h) */
     /* [6] half-spaces of the cube, x, y, z, w: rays see what is inside all of them, x p_x + y p_y +
      * z p_z + w >= 0, alone (sampling_crop must be built); NULL: all of the cube. */
     const float (*crop)[4];
 } cln_sampling;
 
 /* Makes intervals and samples of rays 0 .. n-1. *rays_used: the longest prefix of rays whose
- * samples fit max_samples (at least one ray). Waits for the total; the device makes samples
+ * samples fit max_samples (at least one ray). *sample_count: samples of them, in leaves of all
+ * ranks; p->samples_here: those that are made. Waits for the total; the device makes samples
  * meanwhile, as far as they fit the reserved buffer. */
 cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *sampling, int *rays_used,
                             uint32_t *sample_count);
@@ -61,6 +63,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                              bool training, uint32_t step_key);
 /* depth: 0, or bits CLN_DEPTH_*. */
 cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth);
+/* With p->stretched: exchanges the sums of stretches between ranks. */
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
 /* Chooses the samples of the backward pass (kernels/roulette.cl) in leaves with at least
  * min_samples samples, into p->heads, p->chosen and p->chosen_counts. The backward passes below

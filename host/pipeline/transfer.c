@@ -111,6 +111,7 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
         CLN_TRY(cln_share_get(p, CLN_BUFFER_adam_steps, model->adam_steps));
         CLN_TRY(CLN_GET(p, density, model->density, leaves));
         if (cln_pipeline_measures(&p->config) > 0) {
+            CLN_TRY(cln_share_sums(p));
             CLN_TRY(CLN_GET(p, leaf_sums, model->sums, leaves));
             CLN_TRY(CLN_GET(p, leaf_met, model->met, leaves));
         }
@@ -256,5 +257,6 @@ done:
 
 cln_status cln_pipeline_samples(cln_pipeline *p, const cln_sample *samples, uint32_t n)
 {
+    p->stretched = false;
     return CLN_PUT(p, samples, samples, n);
 }

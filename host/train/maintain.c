@@ -58,6 +58,7 @@ static cln_status leaf_stats(cln_trainer *t, float **mean, float **peak)
     CLN_TRY(cln_stage_stats(p, pairs[0]));
     if (t->model.config.density_weight == CLN_WEIGHT_VISIBILITY) {
         CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "leaf statistics"));
+        CLN_TRY(cln_share_sums(p));
         CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, sums_count * sizeof(float)));
     }
     for (size_t i = 0; i < leaves; i++) {
@@ -486,6 +487,7 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
     CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "measures of leaves"));
     CLN_TRY(cln_alloc(&met, leaves, sizeof *met, "measures of leaves"));
     CLN_TRY(leaf_stats(t, &mean, &peak));
+    CLN_TRY(cln_share_sums(p));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, leaves * sizeof *sums));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
     for (size_t i = 0; i < leaves; i++) {

@@ -219,6 +219,16 @@ static void add_balance(cln_trainer *t, json_t *row)
             row, "balance",
             json_real((p->samples_busiest - t->window.samples_busiest) * p->ranks / all));
     }
+    json_object_set_new(row, "own_leaves", json_integer(p->own));
+    if (p->stretches_all > t->window.stretches_all) {
+        const double stretches = p->stretches_all - t->window.stretches_all;
+
+        json_object_set_new(row, "stretches", json_real(stretches / t->window.steps));
+        json_object_set_new(row, "own_stretches",
+                            json_real((p->stretches_own - t->window.stretches_own) / stretches));
+    }
+    t->window.stretches_own = p->stretches_own;
+    t->window.stretches_all = p->stretches_all;
     t->window.samples_own = p->samples_own;
     t->window.samples_busiest = p->samples_busiest;
     t->window.samples_all = p->samples_all;

@@ -5,6 +5,8 @@
 
 #include "base/config.h"
 #include "base/rng.h"
+#include "pipeline/share.h"
+#include "pipeline/stretch.h"
 
 /* method.md 11: x0.1 at each third (the paper's every 10 of 30 epochs), or exponential. */
 double cln_step_learning_rate(const cln_config *c, double fraction)
@@ -119,8 +121,9 @@ cln_status cln_step(cln_trainer *t, double fraction)
         .empty_share = (float)c->empty_share,
         .seed = (uint64_t)c->seed,
         .step = number,
-        .max_samples = t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p)};
-    uint32_t samples = 0, measured = 0, slices = 0;
+        .max_samples = t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p),
+        .stretches = c->exchange == CLN_EXCHANGE_STRETCHES && cln_stretch_can(p)};
+    uint32_t samples = 0, measured = 0, here = 0, slices = 0; /* here: made by this rank */
     int rays = 0;
 
     if (!t->drawn)
@@ -136,13 +139,16 @@ cln_status cln_step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_rays(p, t->model.rays));
     CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples));
     CLN_TRY(account(t));
-    measured = samples;
-    CLN_TRY(cln_stage_regularise(p, &sampling, rays, &samples));
-    CLN_TRY(cln_stage_group(p, samples, &slices));
-    CLN_TRY(cln_stage_forward(p, samples, slices, true, key));
-    CLN_TRY(cln_stage_composite_train(p, rays, samples));
-    CLN_TRY(cln_stage_regularise_gradient(p, &sampling, samples));
-    CLN_TRY(cln_stage_update(p, samples, slices, (uint32_t)c->min_leaf_samples, key,
+    measured = here = p->samples_here;
+    CLN_TRY(cln_stage_regularise(p, &sampling, rays, &here));
+    CLN_TRY(cln_stage_group(p, here, &slices));
+    if (sampling.stretches)
+        CLN_TRY(cln_share_count(p, here, samples));
+    samples += here - measured;
+    CLN_TRY(cln_stage_forward(p, here, slices, true, key));
+    CLN_TRY(cln_stage_composite_train(p, rays, here));
+    CLN_TRY(cln_stage_regularise_gradient(p, &sampling, here));
+    CLN_TRY(cln_stage_update(p, here, slices, (uint32_t)c->min_leaf_samples, key,
                              cln_step_learning_rate(c, fraction)));
     CLN_TRY(cln_stage_measure(p, measured));
     CLN_TRY(

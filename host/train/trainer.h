@@ -61,6 +61,7 @@ typedef struct cln_trainer {
         double stage_seconds[CLN_STAGES];                 /* the device's counter at its start */
         uint64_t waits;                                   /* likewise */
         double samples_own, samples_busiest, samples_all; /* the pipeline's, likewise */
+        double stretches_own, stretches_all;
     } window;
 } cln_trainer;
 

@@ -14,7 +14,7 @@ static const scale_network nothing = {0, INFINITY};
 
 static double speed_up(const scale_machine *m, const scale_network *net, double ranks)
 {
-    scale_work w = {1000, 50, 128, 10, 1, 1};
+    scale_work w = {1000, 50, 0, 128, 10, 1, 1};
     const double alone = scale_predict(m, net, &w).total;
 
     w.ranks = ranks;
@@ -48,7 +48,7 @@ static void test_messages(void **state)
 {
     const scale_machine m = {.shared = {0, 1e-6, 0}};
     const scale_network slow = {1e-3, 1e6};
-    const scale_work w = {1000, 50, 128, 10, 4, 1}, alone = {1000, 50, 128, 10, 1, 1};
+    const scale_work w = {1000, 50, 0, 128, 10, 4, 1}, alone = {1000, 50, 0, 128, 10, 1, 1};
     const scale_step s = scale_predict(&m, &slow, &w);
 
     (void)state;
@@ -56,14 +56,27 @@ static void test_messages(void **state)
     assert_true(fabs(s.messages - (1e-3 * 2 * 2.1 + 12480e-6)) < 1e-12);
     assert_true(fabs(s.total - s.messages - 1000e-6 / 4) < 1e-12);
     assert_true(scale_predict(&m, &slow, &alone).messages == 0);
-    assert_true(fabs(scale_sent(&w, 0.5) - (3 * 8000 + 3 * 160)) < 1e-9);
+    assert_true(fabs(scale_sent(&w, 0.5, 0.25) - (3 * 8000 + 3 * 160)) < 1e-9);
+}
+
+/* 300 stretches of 32 bytes instead of samples. A ray through 9 leaves of 512: with 8 ranks every
+ * fourth face is a border of regions, with 4,096 each. */
+static void test_stretches(void **state)
+{
+    const scale_work w = {1000, 50, 300, 128, 10, 4, 1};
+
+    (void)state;
+    assert_true(fabs(scale_sent(&w, 0.25, 0.25) - (3 * 2400 + 3 * 160)) < 1e-9);
+    assert_true(fabs(scale_stretches(9, 512, 8) - 3) < 1e-12);
+    assert_true(fabs(scale_stretches(9, 512, 4096) - 9) < 1e-12);
+    assert_true(fabs(scale_passed(3, 512, 8) - 9) < 1e-12);
 }
 
 /* The busiest rank's part makes the step; leaves without samples cost the networks nothing. */
 static void test_balance_and_leaves(void **state)
 {
     const scale_machine m = {.shared = {0, 1e-6, 0}}, leaves = {.shared = {0, 0, 1}};
-    const scale_work w = {1000, 50, 0, 10, 4, 1.2}, many = {1000, 1e9, 0, 10, 1, 1};
+    const scale_work w = {1000, 50, 0, 0, 10, 4, 1.2}, many = {1000, 1e9, 0, 0, 10, 1, 1};
 
     (void)state;
     assert_true(fabs(scale_predict(&m, &nothing, &w).shared - 1.2 * 1000e-6 / 4) < 1e-12);
@@ -92,9 +105,9 @@ static void test_fit(void **state)
 int test_group_scale(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_all_shared), cmocka_unit_test(test_amdahl),
-        cmocka_unit_test(test_messages),   cmocka_unit_test(test_balance_and_leaves),
-        cmocka_unit_test(test_fit),
+        cmocka_unit_test(test_all_shared),         cmocka_unit_test(test_amdahl),
+        cmocka_unit_test(test_messages),           cmocka_unit_test(test_stretches),
+        cmocka_unit_test(test_balance_and_leaves), cmocka_unit_test(test_fit),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

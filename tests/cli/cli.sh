@@ -263,6 +263,21 @@ section_scenes() {
     check "make-scene: depth beside each image" \
         [ "$(find "$work/blender" -name '*.depth.npy' | wc -l)" = 15 ]
     mkdir -p "$work/foreign" && echo keep >"$work/foreign/file"
+    expect "make-scene: training views of an object alone" 2 "object" \
+        "$make_scene" "$work/x" --kind room --from cone
+    "$make_scene" "$work/cone" --from cone --size 8 --train 6 --test 6 >/dev/null
+    # cosines of the cameras' places with the cone's axis
+    for split in train test; do
+        for i in 0 1 2 3 4 5; do
+            for row in 0 2; do
+                "$query" frames.$i.transform_matrix.$row.3 <"$work/cone/transforms_$split.json"
+            done | paste -s | awk '{ print (0.906 * $1 + 0.423 * $2) / 4.03 }'
+        done | sort -g >"$work/cone.$split"
+    done
+    check "make-scene: training views in a cone of 40 degrees" \
+        eval 'head -1 "$work/cone.train" | awk "{ exit !(\$1 > 0.766) }"'
+    check "make-scene: test views beyond it" \
+        eval 'head -1 "$work/cone.test" | awk "{ exit !(\$1 < 0.2) }"'
     expect "make-scene: a folder that is not its own" 7 "foreign" "$make_scene" "$work/foreign"
     check "make-scene: left as it was" [ "$(ls "$work/foreign")" = file ]
     expect "make-scene: wrong usage" 2 "size" "$make_scene" "$work/x" --size 3

@@ -1,7 +1,8 @@
 #!/bin/bash
 # Training, evaluation and rendering by several processes (docs/scale-out.md): the same model and
-# pictures as by one, bit for bit, also when resumed by another number of them; what differs between
-# them, and one that dies, end all.
+# pictures as by one, bit for bit, also when resumed by another number of them, if they exchange
+# samples; nearly the same, in fewer bytes, if they exchange stretches; what differs between them,
+# and one that dies, end all.
 #   tests/cli/ranks.sh [SECTION...]    sections are in the last line
 # Skipped without OpenMPI (libopenmpi-dev openmpi-bin), which neither build nor tests install.
 set -u
@@ -49,10 +50,12 @@ baseline() {
         --steps 200
 }
 
+samples=(--exchange samples) # with the bits of one process
+
 section_same() {
     baseline
     expect "train with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
-        -o "$work/two" "${small[@]}" --steps 200 -v
+        -o "$work/two" "${small[@]}" "${samples[@]}" --steps 200 -v
     check "leaves moved between them" said "moved to other ranks"
     check "the model is that of one process" same "$work/one" "$work/two"
     check "one of them speaks" [ "$(grep -c '^run ' "$work/out")" = 1 ]
@@ -63,6 +66,55 @@ section_same() {
     expect "three ranks, with regularisers and splatting" 0 "" "${mpi[@]}" -n 3 "$ranked" train \
         "$work/scene" -o "$work/three" "${small[@]}" "${more[@]}"
     check "their model is that of one process" same "$work/more" "$work/three"
+}
+
+# number KEY FILE: of the last row that has it
+number() {
+    sed -n 's/.*"'"$1"'":\([0-9.e+-]*\).*/\1/p' "$2" | tail -n 1
+}
+
+# psnr RUN: of its last evaluation
+psnr() {
+    "$query" mean.psnr <"$(ls "$1"/eval/*-test.json | tail -n 1)"
+}
+
+# near A B: two PSNRs of trainings that differ by rounding, which grows with every step
+near() {
+    awk -v a="$1" -v b="$2" 'BEGIN { exit !(a > 12 && a - b < 0.7 && b - a < 0.7) }'
+}
+
+section_stretches() {
+    baseline
+    local n on
+    for n in 2 3; do
+        on=$work/stretch-$n
+        expect "train with $n ranks by stretches" 0 "" "${mpi[@]}" -n $n "$ranked" train \
+            "$work/scene" -o "$on" "${small[@]}" --steps 200 -v
+        check "leaves moved between them" said "moved to other ranks"
+        check "the pictures are about as good as those of one process" \
+            near "$(psnr "$on")" "$(psnr "$work/one")"
+    done
+    expect "the same again" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
+        -o "$work/stretch-again" "${small[@]}" --steps 200
+    check "the same ranks and seed give the same bits" same "$work/stretch-2" "$work/stretch-again"
+    # the first step has one process's rays and samples: its loss differs by rounding alone
+    check "the first step's loss is that of one process" eval '
+        paste <(grep -o "\"loss\":[0-9.e-]*" "$work/one/metrics.jsonl" | head -n 1) \
+              <(grep -o "\"loss\":[0-9.e-]*" "$work/stretch-2/metrics.jsonl" | head -n 1) |
+            sed "s/\"loss\"://g" | awk "{ d = \$1 / \$2 - 1; exit !(d * d < 1e-10) }"'
+    run "${mpi[@]}" -n 3 "$ranked" train "$work/scene" -o "$work/sent" "${small[@]}" --steps 200 \
+        --exchange samples
+    check "fewer bytes than by samples" awk \
+        -v a="$(number sent_bytes "$work/stretch-3/metrics.jsonl")" \
+        -v b="$(number sent_bytes "$work/sent/metrics.jsonl")" \
+        'BEGIN { exit !(a > 0 && a < 0.8 * b) }'
+    expect "every loss, by stretches" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
+        -o "$work/losses" "${small[@]}" --steps 40 --distortion-loss 0.01 --cauchy 1e-4 \
+        --opacity-entropy 0.01 --loss huber --stage1 splat
+    expect "regularisers of points, by samples" 0 "" "${mpi[@]}" -n 2 "$ranked" train \
+        "$work/scene" -o "$work/points" "${small[@]}" --steps 40 --sparsity 0.01
+    run "$cln" train "$work/scene" -o "$work/points-one" "${small[@]}" --steps 40 --sparsity 0.01
+    check "with the bits of one process" same "$work/points" "$work/points-one"
 }
 
 # start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
@@ -79,7 +131,7 @@ start() {
 
 section_resume() {
     baseline
-    start "$work/on" --steps 200
+    start "$work/on" "${samples[@]}" --steps 200
     kill -TERM "$(pgrep -P "$child" | tail -n 1)" # any of them
     wait "$child"
     check "a signal to one stops all, after a checkpoint" said "stopped by a signal"
@@ -87,6 +139,11 @@ section_resume() {
     expect "three ranks go on with the run of two" 0 "resumed" "${mpi[@]}" -n 3 "$ranked" train \
         --resume "$work/on" --skip-selftest --progress none
     check "the model is that of one process" same "$work/one" "$work/on"
+    start "$work/by-stretches" --steps 200
+    kill -TERM "$(pgrep -P "$child" | tail -n 1)"
+    wait "$child"
+    expect "one process goes on with a run by stretches" 0 "resumed" "$cln" train \
+        --resume "$work/by-stretches" --skip-selftest --progress none
 }
 
 section_dies() {
@@ -147,7 +204,7 @@ section_scale() {
         bad "make MPI=1 build/mpi/bench-scale"
     baseline
     run "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$work/bytes" "${small[@]}" \
-        --refresh-every 8 --steps 128 --start-level 2 --level-at "" --no-adaptive --cull-from 1
+        --refresh-every 8 --steps 256 --start-level 2 --level-at "" --no-adaptive --cull-from 1
     expect "bytes of a step" 0 "" build/mpi/bench-scale bytes "$work/bytes"
     check "are the model's within 5 %" awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05) }' \
         "$work/out"
@@ -156,4 +213,4 @@ section_scale() {
     expect "a run of one process has none" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same resume dies differ pictures scale" "$@"
+run_sections "same stretches resume dies differ pictures scale" "$@"

@@ -1,12 +1,14 @@
-/* composite.cl against the float64 reference: pictures, losses and gradients of rays from none
- * to many samples, with optical depths from 1e-12 to 1e6, opaque first samples, and every loss
- * and regulariser. Bounds as in each comparison; tests/check/test_extremes.c has relative ones. */
+/* composite.cl, and stretch.cl with three ranks, against the float64 reference: pictures, losses
+ * and gradients of rays from none to many samples, with optical depths from 1e-12 to 1e6, opaque
+ * first samples, and every loss and regulariser. Bounds as in each comparison;
+ * tests/check/test_extremes.c has relative ones. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
 #include "device_test.h"
+#include "pipeline/stretch.h"
 #include "reference/reference.h"
 #include "tests.h"
 
@@ -200,7 +202,129 @@ static const loss_case loss_cases[] = {
     {"all", {CLN_LOSS_HUBER, 0.2, 0.001, 0.05, 0.2, 0.1}, true},
 };
 
-static void check_losses(const loss_case *c, const tune_set *set, const batch *b)
+enum { RANKS = 3 };
+
+/* The rays' samples, cut into intervals of one to four in leaves 0 to RANKS - 1, one of each rank.
+ * [k][ray], as the kernels have them. */
+static cln_interval *make_intervals(const batch *b, uint32_t *used)
+{
+    cln_interval *all = test_alloc(MOST * RAYS, sizeof *all);
+
+    for (int r = 0; r < RAYS; r++) {
+        used[r] = 0;
+        for (uint32_t i = b->starts[r]; i < b->starts[r + 1];) {
+            const uint32_t left = b->starts[r + 1] - i;
+            const uint32_t wanted = 1 + (uint32_t)test_uniform(10, (int)i, 0, 4);
+            const uint32_t n = wanted < left ? wanted : left;
+            cln_interval *v = &all[used[r]++ * RAYS + (uint32_t)r];
+
+            v->t_in = b->sample[i].t - b->sample[i].delta / 2;
+            v->slot = (int32_t)test_uniform(11, (int)i, 0, RANKS);
+            v->count = CLN_INTERVAL_COUNT(n, 3u);
+            i += n;
+        }
+    }
+    return all;
+}
+
+/* Takes rank `me`'s part of the batch to the device; mine: [sample] its samples' numbers. */
+static void upload_part(cln_pipeline *p, const batch *b, int me, uint32_t *mine)
+{
+    cln_sample *sample = test_alloc(b->samples, sizeof *sample);
+    float(*out)[4] = test_alloc(b->samples, sizeof *out);
+    uint32_t used[RAYS], count = 0, starts[RAYS + 1], seen[RAYS];
+    cln_interval *intervals = make_intervals(b, used), *listed = NULL;
+
+    for (int r = 0; r < RAYS; r++) {
+        uint32_t i = b->starts[r];
+
+        starts[r] = count;
+        for (uint32_t k = 0; k < used[r]; k++) {
+            const cln_interval v = intervals[k * RAYS + (uint32_t)r];
+
+            for (uint32_t j = 0; j < CLN_INTERVAL_SAMPLES(v.count); j++, i++)
+                if (v.slot == me) {
+                    sample[count] = b->sample[i];
+                    memcpy(out[count], b->out[i], sizeof *out);
+                    mine[count++] = i;
+                }
+        }
+    }
+    starts[RAYS] = count;
+    test_fill(p->device, &p->intervals, intervals, MOST * RAYS * sizeof *intervals);
+    test_fill(p->device, &p->used, used, sizeof used);
+    assert_ok(cln_stretch_find(p, RAYS, me));
+    assert_ok(cln_buffer_read(p->device, &p->own_starts, 0, seen, sizeof seen));
+    assert_memory_equal(seen, starts, sizeof seen);
+    listed = test_read(p->device, &p->intervals, MOST * RAYS * sizeof *intervals, "intervals");
+    for (int r = 0; r < RAYS; r++) /* others' samples are not placed here */
+        for (uint32_t k = 0; k < used[r]; k++) {
+            const cln_interval v = intervals[k * RAYS + (uint32_t)r];
+
+            assert_int_equal(listed[k * RAYS + (uint32_t)r].count,
+                             v.slot == me ? v.count : CLN_INTERVAL_COUNT(0u, 3u));
+        }
+    test_fill(p->device, &p->samples, sample, count * sizeof *sample);
+    test_fill(p->device, &p->out, out, count * sizeof *out);
+    test_fill(p->device, &p->results, NULL, RAYS * sizeof(cln_ray_result));
+    free(sample);
+    free(out);
+    free(intervals);
+    free(listed);
+}
+
+/* composite_train by RANKS ranks, one after the other: each sees the others' sums alone. */
+static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4],
+                                cln_ray_result *results)
+{
+    uint32_t *mine = test_alloc(b->samples, sizeof *mine), *rank = NULL;
+    float(*all)[8] = NULL, (*part)[8] = NULL, (*got)[4] = test_alloc(b->samples, sizeof *got);
+    cln_ray_result others[RAYS];
+    size_t bytes = 0;
+
+    p->ranks = RANKS;
+    p->leaves = RANKS;
+    p->rank_first = test_alloc(RANKS + 1, sizeof *p->rank_first);
+    for (int r = 0; r <= RANKS; r++)
+        p->rank_first[r] = r;
+    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(stretch) | CLN_PROGRAM_BIT(scan)));
+    for (int me = 0; me < RANKS; me++) {
+        upload_part(p, b, me, mine);
+        bytes = p->stretch_total * sizeof *all;
+        all = all ? all : test_alloc(p->stretch_total, sizeof *all);
+        part = part ? part : test_alloc(p->stretch_total, sizeof *part);
+        rank = rank ? rank : test_alloc(p->stretch_total, sizeof *rank);
+        assert_ok(cln_stretch_composite(p, RAYS, me));
+        assert_ok(cln_buffer_read(p->device, &p->stretch_sums, 0, part, bytes));
+        assert_ok(
+            cln_buffer_read(p->device, &p->stretch_rank, 0, rank, p->stretch_total * sizeof *rank));
+        for (uint32_t k = 0; k < p->stretch_total; k++)
+            if ((int)rank[k] == me)
+                memcpy(all[k], part[k], sizeof *all);
+    }
+    for (int me = 0; me < RANKS; me++) {
+        uint32_t count = 0;
+
+        upload_part(p, b, me, mine);
+        assert_ok(cln_buffer_write(p->device, &p->stretch_sums, 0, all, bytes));
+        assert_ok(cln_stretch_cut(p, RAYS, &count));
+        assert_ok(cln_stretch_train(p, RAYS, me, count));
+        assert_ok(cln_buffer_read(p->device, &p->dout, 0, got, count * sizeof *got));
+        for (uint32_t i = 0; i < count; i++)
+            memcpy(dout[mine[i]], got[i], sizeof *dout);
+        assert_ok(cln_buffer_read(p->device, &p->results, 0, me ? others : results, sizeof others));
+        if (me) /* the same on all ranks */
+            assert_memory_equal(others, results, sizeof others);
+    }
+    free(mine);
+    free(rank);
+    free(all);
+    free(part);
+    free(got);
+}
+
+/* By one rank, or by several. */
+static void check_losses(const loss_case *c, const tune_set *set, const batch *b, bool stretches)
 {
     cln_config config = small_config();
     cln_ray_result *results = NULL;
@@ -220,9 +344,15 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     config.random_background = c->per_ray;
     p = test_pipeline(set, &config, false, true);
     upload(p, b, c->per_ray);
-    assert_ok(cln_stage_composite_train(p, RAYS, b->samples));
-    results = test_read(p->device, &p->results, RAYS * sizeof *results, "results");
-    dout = test_read(p->device, &p->dout, b->samples * sizeof *dout, "dout");
+    if (stretches) {
+        results = test_alloc(RAYS, sizeof *results);
+        dout = test_alloc(b->samples, sizeof *dout);
+        composite_stretches(p, b, dout, results);
+    } else {
+        assert_ok(cln_stage_composite_train(p, RAYS, b->samples));
+        results = test_read(p->device, &p->results, RAYS * sizeof *results, "results");
+        dout = test_read(p->device, &p->dout, b->samples * sizeof *dout, "dout");
+    }
     for (int r = 0; r < RAYS; r++) {
         wide_ray w;
         double rgb[3], depth = 0, opacity = 0;
@@ -266,9 +396,21 @@ static void test_losses(void **state)
     (void)state;
     make_batch(&b);
     for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
-        check_losses(&loss_cases[c], &tune_sets[c % TUNE_SETS], &b);
+        check_losses(&loss_cases[c], &tune_sets[c % TUNE_SETS], &b, false);
     free_batch(&b);
     test_report("losses and gradients");
+}
+
+static void test_stretches(void **state)
+{
+    batch b;
+
+    (void)state;
+    make_batch(&b);
+    for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
+        check_losses(&loss_cases[c], &tune_sets[(c + 1) % TUNE_SETS], &b, true);
+    free_batch(&b);
+    test_report("losses and gradients by ranks");
 }
 
 /* No rays at all: nothing is launched, nothing written. */
@@ -293,6 +435,7 @@ int test_group_composite(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_pictures),
         cmocka_unit_test(test_losses),
+        cmocka_unit_test(test_stretches),
         cmocka_unit_test(test_no_rays),
     };
 

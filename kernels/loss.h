@@ -1,0 +1,152 @@
+/* The loss of a ray, and what compositing's backward sweep begins with (method.md 9, 10; twin:
+ * host/reference/composite.c). For composite.cl, and for stretch.cl, where ranks composite parts of
+ * a ray.
+ *
+ *   RAY_BACKGROUND 0 | 1   one background for all rays, or one each
+ *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
+ *     alpha_weight (T_end - (1 - a))^2;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built
+ *     in
+ *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
+ *                          share of the ray's error; and T sigma delta, T delta (density weighted
+ *                          by transmittance)
+ */
+#ifndef LOSS
+#define RAY_BACKGROUND 1
+#define LOSS           1
+#define ALPHA          1
+#define CAUCHY         1
+#define OPACITY        1
+#define DISTORT        1
+#define MEASURES       3
+#endif
+
+#if MEASURES > 0
+#define MEASURE_ARGUMENT , __global float *restrict measures /* [sample][MEASURES] */
+#else
+#define MEASURE_ARGUMENT
+#endif
+
+/* sigma delta >= 0, clamped; a NaN stays visible (clamp() would hide it). */
+#define OPTICAL_DEPTH(x) ((x) > CLN_MAX_OPTICAL_DEPTH ? CLN_MAX_OPTICAL_DEPTH : (x))
+
+#if RAY_BACKGROUND
+#define BACKGROUND(r) (backgrounds[r])
+#else
+#define BACKGROUND(r) (backgrounds[0])
+#endif
+
+typedef struct ray_loss {
+    float loss, square; /* without the regularisers; mean squared error */
+    float4 g;           /* dL/dC */
+    float rest;         /* T_end dL/dT_end: where S_i begins, at the back */
+    float extra;        /* regularisers of the whole ray */
+    float g_opacity;    /* dL/dA of one of them */
+} ray_loss;
+
+/* colour: with the background behind it; through: T_end; target: r, g, b, a. */
+HELPER ray_loss loss_of_ray(float4 colour, float4 back, float4 target, float through, float opacity,
+                            float huber, float alpha_weight, float opacity_weight)
+{
+    ray_loss l;
+    float4 difference = colour - target;
+
+    difference.w = 0.0f;
+    l.extra = l.g_opacity = 0.0f;
+    l.square = dot(difference, difference) * (1.0f / 3.0f);
+#if LOSS == 1
+    const float4 a = fabs(difference);
+    const float4 each =
+        select(huber * (a - 0.5f * huber), 0.5f * difference * difference, a <= huber);
+
+    l.loss = (each.x + each.y + each.z) * (1.0f / 3.0f);
+    l.g = clamp(difference, -huber, huber) * (1.0f / 3.0f);
+#else
+    l.loss = l.square;
+    l.g = difference * (2.0f / 3.0f);
+#endif
+    l.rest = dot(l.g.xyz, back.xyz); /* dL/dT_end */
+#if ALPHA
+    const float surplus = through - (1.0f - target.w);
+
+    l.extra = alpha_weight * surplus * surplus;
+    l.rest += 2.0f * alpha_weight * surplus;
+#endif
+    l.rest *= through;
+#if OPACITY
+    const float miss = 1.0f - opacity;
+
+    l.extra += opacity_weight * log1p(opacity * miss / 0.11f);
+    l.g_opacity = opacity_weight * (1.0f - 2.0f * opacity) / (0.11f + opacity * miss);
+#endif
+    return l;
+}
+
+/* log(1 + 2 sigma^2). sigma = few * times: the square of few is finite, and 1 beside it nothing if
+ * times > 1. */
+HELPER float cauchy_of(float sigma)
+{
+    const float few = fmin(sigma, 1e6f), times = fmax(sigma, 1e6f) * 1e-6f;
+
+    return log1p(2.0f * few * few) + 2.0f * log(times);
+}
+
+/* The backward sweep along a ray, from its last sample to its first. */
+typedef struct sweep {
+    float opacity, moment;       /* of the whole ray: sums of w and w t */
+    float rest;                  /* S_i */
+    float behind, moment_behind; /* sums of w and w t over j > i */
+    float extra;                 /* regularisers of samples so far */
+} sweep;
+
+/* Takes the next sample: kept = T_i, alpha_i, T_(i+1); returns its dL/d(r, g, b, sigma). */
+HELPER float4 sweep_back(sweep *s, const ray_loss *l, float4 kept, float4 o, float t, float delta,
+                         float distort, float cauchy)
+{
+    const float weight = kept.x * kept.y;
+    float gain = dot(l->g.xyz, o.xyz), direct = 0.0f;
+
+    (void)t;
+    (void)distort;
+    (void)cauchy;
+#if OPACITY
+    gain += l->g_opacity;
+#endif
+#if DISTORT
+    const float before = s->opacity - weight - s->behind;
+    const float moment_before = s->moment - weight * t - s->moment_behind;
+    const float spread = t * (before - s->behind) - (moment_before - s->moment_behind);
+
+    gain += distort * (2.0f * spread + (2.0f / 3.0f) * weight * delta);
+    s->extra += distort * weight * (spread + weight * delta * (1.0f / 3.0f));
+    s->behind += weight;
+    s->moment_behind = MAD(weight, t, s->moment_behind);
+#endif
+#if CAUCHY
+    const float few = fmin(o.w, 1e6f), times = fmax(o.w, 1e6f) * 1e-6f;
+
+    direct = cauchy * 4.0f * few / ((1.0f + 2.0f * few * few) * times);
+    s->extra += cauchy * cauchy_of(o.w);
+#endif
+    float4 d = weight * l->g;
+
+    d.w = delta * (kept.z * gain - s->rest) + direct;
+    s->rest = MAD(weight, gain, s->rest);
+    return d;
+}
+
+#if MEASURES > 0
+/* Of a sample; through: T_end. What was seen through blames the leaves that it was seen through, by
+ * length. */
+HELPER void measure_sample(__global float *measures, uint i, float square, float4 kept, float sigma,
+                           float delta, float through, float length)
+{
+    measures[i * MEASURES] =
+        square * (kept.x * kept.y + through * delta / fmax(length, CLN_MIN_CHORD));
+#if MEASURES == 3
+    measures[i * 3u + 1u] = kept.x * sigma * delta;
+    measures[i * 3u + 2u] = kept.x * delta;
+#else
+    (void)sigma;
+#endif
+}
+#endif

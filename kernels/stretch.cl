@@ -1,0 +1,230 @@
+/* needs: loss */
+/* Compositing of rays whose samples are on several ranks (host/pipeline/stretch.h). A stretch is a
+ * run of a ray's intervals in leaves of one rank. All ranks know all intervals; a rank has only the
+ * samples of its own leaves, and composites its own stretches as if nothing were before them. From
+ * the sums of all stretches it takes the ray's colour, its loss and its own samples' gradient:
+ * composite.cl's, but for rounding (twin: host/reference/composite.c).
+ *
+ *   sums[k] of a stretch, T counted from its begin, t from the ray's first interval:
+ *     [0] sum w_i c_i; optical depth        [1] length, sum w_i t_i, distortion, cauchy
+ *   T_k = exp(-optical depths before k);  C = sum_k T_k C_k + T_end background
+ *   S behind stretch k = sum over the stretches behind it of sum_i w_i G_i, + T_end dL/dT_end
+ *
+ * One work-item per ray; stretches of ray r: stretch_starts[r] to stretch_starts[r + 1], front to
+ * back; samples of stretch k that are here: stretch_first[k] to stretch_first[k + 1]. */
+
+/* Counts a ray's stretches, and its samples here. leaf_rank: [leaf]. */
+__kernel void stretch_count(const __global cln_interval *restrict intervals, /* [most][rays] */
+                            const __global uint *restrict used,              /* [ray] */
+                            const __global uint *restrict leaf_rank,
+                            __global uint *restrict own_counts, /* [ray] samples */
+                            __global uint *restrict stretch_counts, uint n, uint rays, uint me)
+{
+    const uint r = get_global_id(0);
+    uint own = 0, count = 0, before = UINT_MAX;
+
+    if (r >= n)
+        return;
+    for (uint k = 0; k < used[r]; k++) {
+        const cln_interval v = intervals[k * rays + r];
+        const uint rank = leaf_rank[v.slot];
+
+        count += rank != before;
+        before = rank;
+        own += rank == me ? CLN_INTERVAL_SAMPLES(v.count) : 0u;
+    }
+    own_counts[r] = own;
+    stretch_counts[r] = count;
+}
+
+/* Lists the stretches, and takes the samples of other ranks' intervals away. */
+__kernel void stretch_list(__global cln_interval *restrict intervals, /* [most][rays] */
+                           const __global uint *restrict used,
+                           const __global uint *restrict leaf_rank,
+                           const __global uint *restrict own_starts,     /* [ray + 1] */
+                           const __global uint *restrict stretch_starts, /* [ray + 1] */
+                           __global uint *restrict stretch_rank,         /* [stretch] */
+                           __global uint *restrict stretch_first,        /* [stretch + 1] */
+                           uint n, uint rays, uint me)
+{
+    const uint r = get_global_id(0);
+    uint before = UINT_MAX;
+
+    if (r >= n)
+        return;
+    uint at = stretch_starts[r], sample = own_starts[r];
+
+    for (uint k = 0; k < used[r]; k++) {
+        const cln_interval v = intervals[k * rays + r];
+        const uint rank = leaf_rank[v.slot];
+
+        if (rank != before) {
+            stretch_rank[at] = rank;
+            stretch_first[at++] = sample;
+        }
+        before = rank;
+        if (rank == me)
+            sample += CLN_INTERVAL_SAMPLES(v.count);
+        else
+            intervals[k * rays + r].count =
+                CLN_INTERVAL_COUNT(0u, CLN_INTERVAL_LEVEL(v.count));
+    }
+    if (r == n - 1u)
+        stretch_first[at] = sample;
+}
+
+/* The sums of the stretches that are here. */
+__kernel void stretch_composite(const __global cln_interval *restrict intervals,
+                                const __global uint *restrict stretch_starts,
+                                const __global uint *restrict stretch_rank,
+                                const __global uint *restrict stretch_first,
+                                const __global cln_sample *restrict samples,
+                                const __global float4 *restrict out, /* [sample] r, g, b, sigma */
+                                __global float4 *restrict sums,      /* [stretch][2] */
+                                uint n, uint me)
+{
+    const uint r = get_global_id(0);
+
+    if (r >= n)
+        return;
+    for (uint k = stretch_starts[r]; k < stretch_starts[r + 1u]; k++) {
+        const float start = intervals[r].t_in;
+        float tau = 0.0f, through = 1.0f, length = 0.0f, moment = 0.0f, distortion = 0.0f;
+        float cauchy = 0.0f;
+#if DISTORT
+        float weights = 0.0f;
+#endif
+        float4 colour = (float4)(0.0f);
+
+        if (stretch_rank[k] != me)
+            continue;
+        for (uint i = stretch_first[k]; i < stretch_first[k + 1u]; i++) {
+            const float4 o = out[i];
+            const float delta = samples[i].delta, depth_here = OPTICAL_DEPTH(o.w * delta);
+            const float weight = through * ONE_MINUS_EXP(float, depth_here);
+            const float t = samples[i].t - start;
+
+            colour = MAD((float4)(weight), o, colour);
+#if DISTORT
+            /* pairs with what is before, twice, and with itself */
+            distortion += weight * (2.0f * (t * weights - moment) + weight * delta * (1.0f / 3.0f));
+            weights += weight;
+#endif
+#if CAUCHY
+            cauchy += cauchy_of(o.w);
+#endif
+            moment = MAD(weight, t, moment);
+            length += delta;
+            tau += depth_here;
+            through = EXP(-tau);
+        }
+        colour.w = tau;
+        sums[2u * k] = colour;
+        sums[2u * k + 1u] = (float4)(length, moment, distortion, cauchy);
+    }
+    (void)r;
+}
+
+/* Results of every ray, gradients and measures of the samples here. sums: of all ranks; changed. */
+__kernel void stretch_train(const __global cln_interval *restrict intervals,
+                            const __global uint *restrict stretch_starts,
+                            const __global uint *restrict stretch_rank,
+                            const __global uint *restrict stretch_first,
+                            const __global cln_sample *restrict samples,
+                            const __global float4 *restrict out,
+                            const __global float4 *restrict backgrounds, /* [1] or [ray] */
+                            const __global float4 *restrict targets,     /* [ray] r, g, b, a */
+                            __global float4 *restrict sums, __global float4 *restrict dout,
+                            __global cln_ray_result *restrict results, uint n, uint me, float scale,
+                            float huber, float alpha_weight, float cauchy, float opacity_weight,
+                            float distort MEASURE_ARGUMENT)
+{
+    const uint r = get_global_id(0);
+
+    if (r >= n)
+        return;
+    const uint begin = stretch_starts[r], end = stretch_starts[r + 1u];
+    const float4 back = BACKGROUND(r);
+    const float start = begin < end ? intervals[r].t_in : 0.0f;
+    float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f, length = 0.0f;
+    float distortion = 0.0f, cauchies = 0.0f;
+    float4 colour = (float4)(0.0f);
+
+    for (uint k = begin; k < end; k++) { /* sums keep the optical depth before k, and of k */
+        const float4 c = sums[2u * k], more = sums[2u * k + 1u];
+        const float weight = through * ONE_MINUS_EXP(float, c.w), far = through * more.y;
+
+        colour = MAD((float4)(through), c, colour);
+#if DISTORT
+        distortion += through * through * more.z + 2.0f * (opacity * far - weight * moment);
+#endif
+        opacity += weight;
+        moment += far;
+        length += more.x;
+        cauchies += more.w;
+        sums[2u * k].w = tau;
+        sums[2u * k + 1u].w = c.w;
+        tau += c.w;
+        through = EXP(-tau);
+    }
+    colour.w = 0.0f;
+    colour = MAD((float4)(through), back, colour);
+    const ray_loss l = loss_of_ray(colour, back, targets[r], through, opacity, huber, alpha_weight,
+                                   opacity_weight);
+    sweep s = {opacity, moment, l.rest, 0.0f, 0.0f, 0.0f};
+    const float extra = l.extra + distort * distortion + cauchy * cauchies;
+
+    for (uint k = end; k-- > begin;) {
+        const float4 c = sums[2u * k], more = sums[2u * k + 1u];
+        const float front = EXP(-c.w), weight = front * ONE_MINUS_EXP(float, more.w);
+        const float far = front * more.y;
+
+        if (stretch_rank[k] != me) { /* at once, as sweep_back() its samples */
+            float gain = front * dot(l.g.xyz, c.xyz);
+
+#if OPACITY
+            gain += l.g_opacity * weight;
+#endif
+#if DISTORT
+            const float before = opacity - weight - s.behind;
+            const float moment_before = moment - far - s.moment_behind;
+
+            gain += 2.0f * distort *
+                    (front * front * more.z + far * (before - s.behind) -
+                     weight * (moment_before - s.moment_behind));
+#endif
+            s.rest += gain;
+            s.behind += weight;
+            s.moment_behind += far;
+            continue;
+        }
+        float tau_here = c.w, through_here = front;
+
+        for (uint i = stretch_first[k]; i < stretch_first[k + 1u]; i++) {
+            /* dout keeps T_i, alpha_i, T_(i+1) for what follows */
+            const float depth_here = OPTICAL_DEPTH(out[i].w * samples[i].delta);
+            const float alpha = ONE_MINUS_EXP(float, depth_here);
+
+            tau_here += depth_here;
+            const float after = EXP(-tau_here);
+
+            dout[i] = (float4)(through_here, alpha, after, 0.0f);
+            through_here = after;
+        }
+        for (uint i = stretch_first[k + 1u]; i-- > stretch_first[k];) {
+            const float4 kept = dout[i], o = out[i];
+            const float delta = samples[i].delta;
+
+            dout[i] =
+                scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy);
+#if MEASURES > 0
+            measure_sample(measures, i, l.square, kept, o.w, delta, through, length);
+#endif
+        }
+    }
+    const float depth = MAD(start, opacity, moment) / fmax(opacity, 1e-10f);
+    const cln_ray_result result = {colour.x, colour.y,       colour.z, depth,
+                                   opacity,  l.loss + extra, l.square, 0.0f};
+
+    results[r] = result;
+}
