@@ -16,6 +16,8 @@
  *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
  *     alpha_weight (T_end - (1 - a))^2;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built
  *     in
+ *   DEPTH_LOSS 0 | 1       of rays that show a known point, where they end:
+ *                          depth_loss trust (sum w_i |t_i - t*| + T_end), t* the point's t
  *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
  *                          share of the ray's error; and T sigma delta, T delta (density weighted
  *                          by transmittance)
@@ -27,7 +29,18 @@
 #define CAUCHY         1
 #define OPACITY        1
 #define DISTORT        1
+#define DEPTH_LOSS     1
 #define MEASURES       3
+#endif
+
+#if DEPTH_LOSS
+#define DEPTH_ARGUMENTS                                                                         \
+    , const __global float4 *restrict ray_o, /* [ray] */                                        \
+        const __global float4 *restrict ray_d,                                                  \
+        const __global float4 *restrict shown, /* [ray] a point of the cube, its trust */       \
+        float depth_loss
+#else
+#define DEPTH_ARGUMENTS
 #endif
 
 #if MEASURES > 0
@@ -114,7 +127,7 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
                               __global float4 *restrict dout,              /* [sample] */
                               __global cln_ray_result *restrict results, uint n, float scale,
                               float huber, float alpha_weight, float cauchy, float opacity_weight,
-                              float distort MEASURE_ARGUMENT)
+                              float distort DEPTH_ARGUMENTS MEASURE_ARGUMENT)
 {
     const uint r = get_global_id(0);
 
@@ -171,6 +184,13 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
     extra = alpha_weight * surplus * surplus;
     rest += 2.0f * alpha_weight * surplus;
 #endif
+#if DEPTH_LOSS
+    const float pull = depth_loss * shown[r].w;
+    const float reach = dot(shown[r].xyz - ray_o[r].xyz, ray_d[r].xyz); /* t of the point */
+
+    extra = MAD(pull, through, extra);
+    rest += pull;
+#endif
     rest *= through;
 #if OPACITY
     const float miss = 1.0f - opacity;
@@ -188,6 +208,12 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 
 #if OPACITY
         gain += g_opacity;
+#endif
+#if DEPTH_LOSS
+        const float off = pull * fabs(samples[i].t - reach);
+
+        gain += off;
+        extra = MAD(weight, off, extra);
 #endif
 #if DISTORT
         const float t = samples[i].t - start;

@@ -200,6 +200,9 @@ static void say_what_runs(cln_trainer *t)
     if (json_array_size(scene->ignored) > 0)
         cln_info("scene: keys of its files that are not used: %s",
                  join(scene->ignored, ", ", text, sizeof text));
+    if (t->batch.shown)
+        cln_info("depths: %lld pixels of the training views show sparse points (--depth-loss %g)",
+                 (long long)scene->sight_count, t->model.config.depth_loss);
     cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
              t->device->info.compute_units);
     cln_tune_text(&t->pipeline.tune, text);
@@ -323,7 +326,9 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
     cln_scene_warn_doubts(t->scene);
     cln_settings_warn_idle(t->desc->settings,
-                           &(cln_settings_facts){t->desc->resume, t->scene->has_alpha});
+                           &(cln_settings_facts){.resume = t->desc->resume,
+                                                 .has_alpha = t->scene->has_alpha,
+                                                 .no_sights = t->scene->sight_count == 0});
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
         st = cln_selftest_training(t->device, &config, t->scene->space.forward);
@@ -339,6 +344,8 @@ static cln_status prepare(cln_trainer *t)
                       "ray results"));
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
     cln_info("building kernels for %s", t->device->info.name);
+    if (!cln_batch_knows(t->scene, &config))
+        config.depth_loss = 0; /* not built */
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
                                 &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
     CLN_TRY(cln_pipeline_share(&t->pipeline));

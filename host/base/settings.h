@@ -22,6 +22,7 @@ bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)
 typedef struct cln_settings_facts {
     bool resume;    /* it resumes a run */
     bool has_alpha; /* its images have alpha */
+    bool no_sights; /* no sparse point is known with the training images that show it */
 } cln_settings_facts;
 
 /* Warns in the log of each given setting that has no effect with the others and the facts. */

@@ -130,6 +130,8 @@ typedef enum cln_when {
     X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                  \
+    /* points that rays show, in the cube, and what their depth counts; with a depth loss */     \
+    X(shown, cl_float4, shown_of(p), RAY, RAYS, TRAINING, "points of rays")                      \
     X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                               \
     X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                              \
     X(intervals, cln_interval, 1, INTERVAL, RAYS, ALWAYS, "intervals")                           \

@@ -142,6 +142,7 @@ static void collect(cln_log_level level, const char *line, void *user)
 }
 
 /* The warnings of a preset with "name=value name=value ...". */
+static bool no_sights; /* a fact, like the arguments */
 static const char *warnings(const char *preset, const char *given, bool resume, bool has_alpha)
 {
     static char text[4096];
@@ -157,7 +158,7 @@ static const char *warnings(const char *preset, const char *given, bool resume, 
     }
     text[0] = 0;
     cln_log_set_sink(collect, text);
-    cln_settings_warn_idle(settings, &(cln_settings_facts){resume, has_alpha});
+    cln_settings_warn_idle(settings, &(cln_settings_facts){resume, has_alpha, no_sights});
     cln_log_set_sink(NULL, NULL);
     cln_settings_free(settings);
     return text;
@@ -194,6 +195,9 @@ static void test_idle(void **state)
         {"cull-max=1 cull=mean", "--cull-max", "--cull guarded", "cull-max=1"},
         {"merge-factor=1 adaptive=no", "--merge-factor", "--adaptive", "merge-factor=1"},
         {"max-leaves=9 tree-from=x", "--max-leaves", "--tree-from", "max-leaves=9"},
+        {"depth-loss=0.1 stage1=splat", "--depth-loss", "--stage1 gather", "depth-loss=0.1"},
+        {"depth-until=0.2 depth-loss=0", "--depth-until", "--depth-loss",
+         "depth-until=0.2 depth-loss=0.1"},
         {"level-at= tree-from=x", "--level-at", "--tree-from", "level-at="},
     };
 
@@ -215,6 +219,9 @@ static void test_idle(void **state)
     assert_string_equal(warnings("fast", "opaque-loss=0.1", false, false), "");
     assert_non_null(strstr(warnings("fast", "alpha-loss=0.1", false, false), "no alpha"));
     assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
+    no_sights = true;
+    assert_non_null(strstr(warnings("fast", "depth-loss=0.1", false, false), "name no points"));
+    no_sights = false;
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
     /* no warning of a preset's own settings, though the paper's has both a final rate and steps */

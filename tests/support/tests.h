@@ -59,6 +59,8 @@ int test_group_scene(void);
 int test_group_scene_input(void);
 int test_group_settings(void);
 int test_group_space(void);
+int test_group_sight_rays(void);
+int test_group_sights(void);
 int test_group_splat(void);
 int test_group_structure(void);
 int test_group_reduce(void);
