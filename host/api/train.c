@@ -20,6 +20,7 @@
 #include "ranks/ranks.h"
 #include "render/quality.h"
 #include "render/recorded.h"
+#include "train/carve.h"
 #include "train/loop.h"
 #include "train/record.h"
 #include "train/step.h"
@@ -118,6 +119,32 @@ done:
     return st;
 }
 
+/* A new model on the full tree of --start-level without the leaves that are empty by geometry. */
+static cln_status create(const cln_config *config, const cln_scene *scene, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    cln_octree tree = {0};
+    cln_octree_change change = {0};
+    uint8_t *marks = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_octree_create(config->start_level, &tree));
+    CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, &marks, &count));
+    if (count > 0) {
+        CLN_TRY(cln_octree_cull(&tree, marks, &change));
+        cln_info("tree: %d of the first %d leaves are left out, as they are seen by too few views, "
+                 "or outside the box",
+                 count, count + tree.leaf_count);
+    }
+    CLN_TRY(cln_model_create_on(config, &tree, out));
+    out->level = config->start_level;
+done:
+    free(marks);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+    return st;
+}
+
 static cln_status load_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -140,7 +167,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         if (config->tree_from[0])
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
         else
-            CLN_TRY(cln_model_create(config, &t->model));
+            CLN_TRY(create(config, t->scene, &t->model));
         t->model.space = t->scene->space;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;

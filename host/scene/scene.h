@@ -97,6 +97,8 @@ typedef struct cln_scene {
     unsigned lenses;     /* so: cln_camera_lenses */
     cln_space space;     /* its cube */
     char *bounds_rule;   /* where the cube comes from, a phrase */
+    bool has_box;        /* the cube is around a box, which may be a slab: */
+    double box[6];       /* minimum and maximum, scene units */
     bool cube_guessed;   /* from the cameras alone */
     double cube_share;   /* of the training rays, those that meet the cube */
     double spread;       /* of the training cameras about their middle, half sides */
