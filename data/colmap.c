@@ -123,8 +123,7 @@ cln_status colmap_write(const colmap_scene *s, const cln_camera *cameras)
     CLN_TRY(open_file(folder, "cameras.txt", &f));
     for (int v = 0; v < s->count; v++)
         fprintf(f, "%d PINHOLE %d %d %.17g %.17g %.17g %.17g\n", v + 1, cameras[v].width,
-                cameras[v].height, cameras[v].fx, cameras[v].fy, cameras[v].cx,
-                cameras[v].cy);
+                cameras[v].height, cameras[v].fx, cameras[v].fy, cameras[v].cx, cameras[v].cy);
     CLN_TRY(close_file(f, folder));
     CLN_TRY(open_file(folder, "images.txt", &f));
     for (int v = 0; v < s->count; v++)

@@ -10,8 +10,8 @@ typedef struct colmap_scene {
     const char *out; /* folder of the scene; the model is in its sparse/0 */
     const world *world;
     int count, seed;
-    const cln_camera *exact;   /* [count] pinholes that take the photos */
-    char *const *names;        /* [count] images/NAME, without ".png" */
+    const cln_camera *exact; /* [count] pinholes that take the photos */
+    char *const *names;      /* [count] images/NAME, without ".png" */
 } colmap_scene;
 
 /* cameras: what the model says of them. CLN_OUTPUT. */

@@ -681,7 +681,8 @@ static cln_status parse(int argc, char **argv, settings *set)
         return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
     if (set->fault == FAULT_mask && !set->masks)
         return cln_fail(CLN_USAGE, "--fault mask: add --masks");
-    if ((set->format == LLFF || set->format == COLMAP) && (set->fault == FAULT_axes || set->fault == FAULT_inverse))
+    if ((set->format == LLFF || set->format == COLMAP) &&
+        (set->fault == FAULT_axes || set->fault == FAULT_inverse))
         return cln_fail(CLN_USAGE, "--fault %s: choose another --format than %s",
                         fault_names[set->fault], formats[set->format]);
 done:

@@ -296,13 +296,13 @@ cln_status cln_extremes_regularised(cln_checks *c)
     cln_status st = CLN_OK;
     const cln_config *config = &c->p->config;
     ref_loss loss = {config->loss,
-                           config->huber_delta,
-                           config->cauchy,
-                           config->opacity_entropy,
-                           config->distortion_loss,
-                           config->alpha_loss,
-                           config->depth_loss,
-                           0};
+                     config->huber_delta,
+                     config->cauchy,
+                     config->opacity_entropy,
+                     config->distortion_loss,
+                     config->alpha_loss,
+                     config->depth_loss,
+                     0};
     cln_extreme colours = cln_extreme_row(c, "colour and opacity", range);
     cln_extreme losses = cln_extreme_row(c, "loss", range);
     cln_extreme by_colour = cln_extreme_row(c, "colour gradient by its weight", range);
@@ -319,8 +319,7 @@ cln_status cln_extremes_regularised(cln_checks *c)
         const double reach = ref_reach(b.ray_o[r], b.ray_d[r], b.shown[r]);
         const double pull = config->depth_loss * b.shown[r][3];
         const double most = 3 + loss.opacity_entropy / 0.11 + 4 * loss.distortion * span +
-                            2 * loss.alpha +
-                            pull * (1 + fabs(reach) + b.t[n - 1]); /* of dL/dw */
+                            2 * loss.alpha + pull * (1 + fabs(reach) + b.t[n - 1]); /* of dL/dw */
         double background[3], target[4], rgb[3], depth = 0, opacity = 0, tau = 0, want = 0;
 
         loss.depth = pull;

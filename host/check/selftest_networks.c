@@ -609,13 +609,13 @@ static void compare_batch(cln_checks *c, batch *b)
 {
     const cln_config *config = &c->p->config;
     ref_loss loss = {config->loss,
-                           config->huber_delta,
-                           config->cauchy,
-                           config->opacity_entropy,
-                           config->distortion_loss,
-                           config->alpha_loss,
-                           config->depth_loss,
-                           0};
+                     config->huber_delta,
+                     config->cauchy,
+                     config->opacity_entropy,
+                     config->distortion_loss,
+                     config->alpha_loss,
+                     config->depth_loss,
+                     0};
     double background[3], target[4], losses[RAYS];
     float got_losses[RAYS];
 

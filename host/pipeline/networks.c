@@ -123,13 +123,20 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     const cl_float opacity = (float)p->config.opacity_entropy;
     const cl_float distort = (float)p->config.distortion_loss;
     const cl_float depth = (float)p->config.depth_loss;
-    cln_arg args[19] = {CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
-                        CLN_ARG(p->out.mem),           CLN_ARG(p->backgrounds.mem),
-                        CLN_ARG(p->targets.mem),       CLN_ARG(p->dout.mem),
-                        CLN_ARG(p->results.mem),       CLN_ARG(rays),
-                        CLN_ARG(scale),                CLN_ARG(huber),
-                        CLN_ARG(alpha),                CLN_ARG(cauchy),
-                        CLN_ARG(opacity),              CLN_ARG(distort)};
+    cln_arg args[19] = {CLN_ARG(p->sample_starts.mem),
+                        CLN_ARG(p->samples.mem),
+                        CLN_ARG(p->out.mem),
+                        CLN_ARG(p->backgrounds.mem),
+                        CLN_ARG(p->targets.mem),
+                        CLN_ARG(p->dout.mem),
+                        CLN_ARG(p->results.mem),
+                        CLN_ARG(rays),
+                        CLN_ARG(scale),
+                        CLN_ARG(huber),
+                        CLN_ARG(alpha),
+                        CLN_ARG(cauchy),
+                        CLN_ARG(opacity),
+                        CLN_ARG(distort)};
     int count = 14; /* and what the kernel has only if it is built in */
 
     CLN_TRY(CLN_RESERVE(p, dout, sample_count));

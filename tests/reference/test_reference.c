@@ -400,14 +400,10 @@ static double loss_of(const ref_loss *loss, const ray_data *ray, double (*grad)[
 }
 
 static const ref_loss losses[] = {
-    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0},
-    {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0.05, 0, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0.3, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.4, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0.7, 0.4},
-    {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1, 0.2, 0.3, 1},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0},     {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0, 0, 0},
+    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0, 0, 0, 0},  {CLN_LOSS_L2, 0.1, 0, 0.05, 0, 0, 0, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0.3, 0, 0, 0},   {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.4, 0, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0.7, 0.4}, {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1, 0.2, 0.3, 1},
 };
 
 /* Bound: 1e-6 of the gradient's size, plus the rounding of a loss of up to 50 in double at this

@@ -14,11 +14,11 @@ enum { POINTS = 200 };
 static void make_points(cln_point points[POINTS])
 {
     for (int i = 0; i < POINTS; i++)
-        points[i] = (cln_point){{1 + 0.2 * (i % 5 - 2), 2 + 0.15 * (i / 5 % 5 - 2),
-                                 3 + 0.1 * (i / 25 % 5 - 2)},
-                                {1, 2, 3},
-                                i % 7,
-                                0};
+        points[i] = (cln_point){
+            {1 + 0.2 * (i % 5 - 2), 2 + 0.15 * (i / 5 % 5 - 2), 3 + 0.1 * (i / 25 % 5 - 2)},
+            {1, 2, 3},
+            i % 7,
+            0};
 }
 
 static cln_scene *load_with(const char *folder, int holdout, double depth_loss)
@@ -37,7 +37,7 @@ static cln_scene *load_with(const char *folder, int holdout, double depth_loss)
 
 /* Every sight, in order, by the definition. holdout: view v is test where v % holdout is 0. */
 static void assert_sights(const cln_scene *scene, const cln_camera *cameras,
-                          const cln_point *points, int holdout)
+                          const cln_point *points, int holdout, double trust)
 {
     int64_t at = 0;
 
@@ -61,7 +61,7 @@ static void assert_sights(const cln_scene *scene, const cln_camera *cameras,
             assert_int_equal(sight->y, (int)y);
             for (int k = 0; k < 3; k++)
                 assert_float_equal(sight->point[k], points[i].xyz[k], 1e-12);
-            assert_float_equal(sight->trust, exp(-1), 1e-6); /* all have the same error */
+            assert_float_equal(sight->trust, trust, 1e-6);
         }
     }
     assert_int_equal(at, scene->sight_count);
@@ -83,9 +83,33 @@ static void test_colmap(void **state)
         for (int holdout = 3; holdout <= 1000; holdout += 997) { /* 1000: view 0 alone */
             cln_scene *scene = load_with(folder, holdout, 0.1);
 
-            assert_sights(scene, cameras, points, holdout);
+            assert_sights(scene, cameras, points, holdout, exp(-1)); /* one error for all */
             cln_scene_free(scene);
         }
+    }
+}
+
+/* The same from tracks.csv, beside reconstruction.json; no errors are told. */
+static void test_opensfm(void **state)
+{
+    cln_point points[POINTS];
+    cln_camera cameras[FORMAT_VIEWS];
+
+    make_points(points);
+    format_cameras(cameras);
+    for (int version = 0; version < 2; version++) {
+        const char *folder = scratch_path(*state, version ? "new" : "old");
+        cln_scene *scene = NULL;
+
+        format_images(scratch_path(folder, "images"), 1);
+        format_opensfm(scratch_path(folder, "opensfm"), cameras, "brown", points, POINTS);
+        scene = load_with(folder, 3, 0.1);
+        assert_int_equal(scene->sight_count, 0);
+        cln_scene_free(scene);
+        format_opensfm_tracks(scratch_path(folder, "opensfm"), version, points, POINTS);
+        scene = load_with(folder, 3, 0.1);
+        assert_sights(scene, cameras, points, 3, 1);
+        cln_scene_free(scene);
     }
 }
 
@@ -140,6 +164,7 @@ int test_group_sights(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_colmap, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_none, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_trust, scratch_make, scratch_remove),
     };

@@ -84,8 +84,7 @@ static void test_draw(void **state)
         }
         draw.depth = 0; /* later in training */
         cln_batch_draw(&b, scene, &config, &draw);
-        assert_memory_equal(b.pixels, plain_batch.pixels,
-                            (size_t)config.rays * sizeof *b.pixels);
+        assert_memory_equal(b.pixels, plain_batch.pixels, (size_t)config.rays * sizeof *b.pixels);
         for (int i = 0; i < config.rays; i++)
             assert_true(b.shown[i][3] == 0);
     }
