@@ -234,7 +234,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
          "weight of (opacity - alpha)^2 per ray, for images with alpha", .flags = CLN_ROW_LATER)   \
     REAL(opaque_loss, "opaque-loss", 0, 0.01, 0, 1e3,                                              \
          "weight of (1 - opacity)^2 per ray, for images without alpha", .flags = CLN_ROW_LATER)    \
-    REAL(depth_loss, "depth-loss", 0, 0, 0, 1e3,                                                   \
+    REAL(depth_loss, "depth-loss", 0, 2, 0, 1e3,                                                   \
          "weight of the distance between where a ray ends and a sparse point that it shows",       \
          .flags = CLN_ROW_LATER)                                                                   \
     REAL(depth_until, "depth-until", 0.5, 0.5, 0, 1,                                               \
