@@ -18,6 +18,7 @@
 #include "base/rng.h"
 #include "io/image.h"
 #include "io/npy.h"
+#include "colmap.h"
 #include "faults.h"
 #include "picture.h"
 
@@ -39,6 +40,8 @@ static const char usage[] =
     "white\n"
     "             ngp             as nerfstudio, with aabb_scale and without splits\n"
     "             llff            poses_bounds.npy with exact depths, RGB images, without splits\n"
+    "             colmap          sparse/0 with exact points of surfaces, RGB images, without\n"
+    "                             splits\n"
     "  --size N                   width and height in pixels, 8 to 4096 (default 200)\n"
     "  --train N --val N --test N number of views of each split (default 60, 0, 8)\n"
     "  --from all|cone|low|near   where the training views of an object are; those of other\n"
@@ -66,8 +69,8 @@ static cln_status (*const scenes[])(world *) = {scene_object, scene_room, scene_
 enum { FROM_ALL, FROM_CONE, FROM_LOW, FROM_NEAR };
 static const char *const places[] = {"all", "cone", "low", "near", NULL};
 
-enum { BLENDER, NERFSTUDIO, NGP, LLFF };
-static const char *const formats[] = {"blender", "nerfstudio", "ngp", "llff", NULL};
+enum { BLENDER, NERFSTUDIO, NGP, LLFF, COLMAP };
+static const char *const formats[] = {"blender", "nerfstudio", "ngp", "llff", "colmap", NULL};
 
 typedef struct settings {
     const char *out;
@@ -377,6 +380,26 @@ done:
     return st;
 }
 
+static cln_status write_colmap(const job *j)
+{
+    cln_status st = CLN_OK;
+    cln_camera *cameras = NULL;
+    const colmap_scene scene = {.out = j->set->out,
+                                .world = &j->world,
+                                .count = j->view_count,
+                                .seed = j->set->seed,
+                                .exact = j->cameras,
+                                .names = j->names};
+
+    CLN_TRY(cln_alloc(&cameras, (size_t)j->view_count, sizeof *cameras, "cameras"));
+    for (int v = 0; v < j->view_count; v++)
+        cameras[v] = written(j, v);
+    CLN_TRY(colmap_write(&scene, cameras));
+done:
+    free(cameras);
+    return st;
+}
+
 /* generator.json records the options, and marks the folder as one that may be overwritten. */
 static cln_status write_marker(const settings *set)
 {
@@ -563,9 +586,10 @@ static cln_status make_scene(const settings *set)
     CLN_TRY(write_marker(set));
     CLN_TRY(render_all(j));
     /* Last, so that a folder with transforms is complete. */
-    CLN_TRY(set->format == BLENDER ? write_blender(j)
-            : set->format == LLFF  ? write_llff(j)
-                                   : write_single(j));
+    CLN_TRY(set->format == BLENDER  ? write_blender(j)
+            : set->format == LLFF   ? write_llff(j)
+            : set->format == COLMAP ? write_colmap(j)
+                                    : write_single(j));
 done:
     if (j) {
         for (int i = 0; i < j->view_count; i++)
@@ -673,7 +697,7 @@ static cln_status parse(int argc, char **argv, settings *set)
     if (set->bent_by)
         CLN_TRY(cln_parse_reals(set->bent_by, cln_lens_models[set->lens].count, set->distortion));
     if (!cln_lens_is_pinhole(set->lens, set->distortion) &&
-        (set->format == BLENDER || set->format == LLFF))
+        (set->format == BLENDER || set->format == LLFF || set->format == COLMAP))
         return cln_fail(CLN_USAGE,
                         "--lens, --distortion: the %s format has none; add --format "
                         "nerfstudio",
@@ -684,9 +708,10 @@ static cln_status parse(int argc, char **argv, settings *set)
         return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
     if (set->fault == FAULT_mask && !set->masks)
         return cln_fail(CLN_USAGE, "--fault mask: add --masks");
-    if (set->format == LLFF && (set->fault == FAULT_axes || set->fault == FAULT_inverse))
-        return cln_fail(CLN_USAGE, "--fault %s: choose another --format than llff",
-                        fault_names[set->fault]);
+    if ((set->format == LLFF || set->format == COLMAP) &&
+        (set->fault == FAULT_axes || set->fault == FAULT_inverse))
+        return cln_fail(CLN_USAGE, "--fault %s: choose another --format than %s",
+                        fault_names[set->fault], formats[set->format]);
 done:
     return st;
 }

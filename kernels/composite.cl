@@ -83,7 +83,7 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
                               __global float4 *restrict dout,              /* [sample] */
                               __global cln_ray_result *restrict results, uint n, float scale,
                               float huber, float alpha_weight, float cauchy, float opacity_weight,
-                              float distort MEASURE_ARGUMENT)
+                              float distort DEPTH_ARGUMENTS MEASURE_ARGUMENT)
 {
     const uint r = get_global_id(0);
 
@@ -118,15 +118,17 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 #endif
     }
     colour = MAD((float4)(through), back, colour);
+    const float2 pull = DEPTH_PASS(r);
     const ray_loss l = loss_of_ray(colour, back, targets[r], through, opacity, huber, alpha_weight,
-                                   opacity_weight);
+                                   opacity_weight, pull);
     sweep s = {opacity, moment, l.rest, 0.0f, 0.0f, l.extra};
 
     for (uint i = end; i-- > begin;) {
         const float4 kept = dout[i], o = out[i];
         const float delta = samples[i].delta;
 
-        dout[i] = scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy);
+        dout[i] = scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy,
+                                     pull.x, fabs(samples[i].t - pull.y));
 #if MEASURES > 0
         measure_sample(measures, i, l.square, kept, o.w, delta, through, length);
 #endif

@@ -6,6 +6,8 @@
  *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
  *     alpha_weight (T_end - (1 - a))^2;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built
  *     in
+ *   DEPTH_LOSS 0 | 1       of rays that show a known point, where they end:
+ *                          depth_loss trust (sum w_i |t_i - t*| + T_end), t* the point's t
  *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
  *                          share of the ray's error; and T sigma delta, T delta (density weighted
  *                          by transmittance)
@@ -17,7 +19,20 @@
 #define CAUCHY         1
 #define OPACITY        1
 #define DISTORT        1
+#define DEPTH_LOSS     1
 #define MEASURES       3
+#endif
+
+#if DEPTH_LOSS
+#define DEPTH_ARGUMENTS                                                                         \
+    , const __global float4 *restrict ray_o, /* [ray] */                                        \
+        const __global float4 *restrict ray_d,                                                  \
+        const __global float4 *restrict shown, /* [ray] a point of the cube, its trust */       \
+        float depth_loss
+#define DEPTH_PASS(r) depth_pull(shown[r], ray_o[r], ray_d[r], depth_loss)
+#else
+#define DEPTH_ARGUMENTS
+#define DEPTH_PASS(r) ((float2)(0.0f))
 #endif
 
 #if MEASURES > 0
@@ -35,6 +50,14 @@
 #define BACKGROUND(r) (backgrounds[0])
 #endif
 
+#if DEPTH_LOSS
+/* How strongly a ray is pulled to the point that it shows, and that point's t. */
+HELPER float2 depth_pull(float4 shown, float4 o, float4 d, float depth_loss)
+{
+    return (float2)(depth_loss * shown.w, dot(shown.xyz - o.xyz, d.xyz));
+}
+#endif
+
 typedef struct ray_loss {
     float loss, square; /* without the regularisers; mean squared error */
     float4 g;           /* dL/dC */
@@ -43,9 +66,9 @@ typedef struct ray_loss {
     float g_opacity;    /* dL/dA of one of them */
 } ray_loss;
 
-/* colour: with the background behind it; through: T_end; target: r, g, b, a. */
+/* colour: with the background behind it; through: T_end; target: r, g, b, a; pull: DEPTH_PASS. */
 HELPER ray_loss loss_of_ray(float4 colour, float4 back, float4 target, float through, float opacity,
-                            float huber, float alpha_weight, float opacity_weight)
+                            float huber, float alpha_weight, float opacity_weight, float2 pull)
 {
     ray_loss l;
     float4 difference = colour - target;
@@ -71,6 +94,11 @@ HELPER ray_loss loss_of_ray(float4 colour, float4 back, float4 target, float thr
     l.extra = alpha_weight * surplus * surplus;
     l.rest += 2.0f * alpha_weight * surplus;
 #endif
+#if DEPTH_LOSS
+    l.extra = MAD(pull.x, through, l.extra);
+    l.rest += pull.x;
+#endif
+    (void)pull;
     l.rest *= through;
 #if OPACITY
     const float miss = 1.0f - opacity;
@@ -98,9 +126,10 @@ typedef struct sweep {
     float extra;                 /* regularisers of samples so far */
 } sweep;
 
-/* Takes the next sample: kept = T_i, alpha_i, T_(i+1); returns its dL/d(r, g, b, sigma). */
+/* Takes the next sample: kept = T_i, alpha_i, T_(i+1); t from where the sums of w t are from, off =
+ * |t_i - t*|; returns its dL/d(r, g, b, sigma). */
 HELPER float4 sweep_back(sweep *s, const ray_loss *l, float4 kept, float4 o, float t, float delta,
-                         float distort, float cauchy)
+                         float distort, float cauchy, float pull, float off)
 {
     const float weight = kept.x * kept.y;
     float gain = dot(l->g.xyz, o.xyz), direct = 0.0f;
@@ -108,8 +137,14 @@ HELPER float4 sweep_back(sweep *s, const ray_loss *l, float4 kept, float4 o, flo
     (void)t;
     (void)distort;
     (void)cauchy;
+    (void)pull;
+    (void)off;
 #if OPACITY
     gain += l->g_opacity;
+#endif
+#if DEPTH_LOSS
+    gain += pull * off;
+    s->extra = MAD(weight, pull * off, s->extra);
 #endif
 #if DISTORT
     const float before = s->opacity - weight - s->behind;

@@ -7,11 +7,14 @@
  *
  *   sums[k] of a stretch, T counted from its begin, t from the ray's first interval:
  *     [0] sum w_i c_i; optical depth        [1] length, sum w_i t_i, distortion, cauchy
+ *     with DEPTH_LOSS: [2] sum w_i |t_i - t*|
  *   T_k = exp(-optical depths before k);  C = sum_k T_k C_k + T_end background
  *   S behind stretch k = sum over the stretches behind it of sum_i w_i G_i, + T_end dL/dT_end
  *
  * One work-item per ray; stretches of ray r: stretch_starts[r] to stretch_starts[r + 1], front to
  * back; samples of stretch k that are here: stretch_first[k] to stretch_first[k + 1]. */
+
+#define SUMS (2u + DEPTH_LOSS)
 
 /* Counts a ray's stretches, and its samples here. leaf_rank: [leaf]. */
 __kernel void stretch_count(const __global cln_interval *restrict intervals, /* [most][rays] */
@@ -80,17 +83,20 @@ __kernel void stretch_composite(const __global cln_interval *restrict intervals,
                                 const __global uint *restrict stretch_first,
                                 const __global cln_sample *restrict samples,
                                 const __global float4 *restrict out, /* [sample] r, g, b, sigma */
-                                __global float4 *restrict sums,      /* [stretch][2] */
-                                uint n, uint me)
+                                __global float4 *restrict sums,      /* [stretch][SUMS] */
+                                uint n, uint me DEPTH_ARGUMENTS)
 {
     const uint r = get_global_id(0);
 
     if (r >= n)
         return;
+    const float2 pull = DEPTH_PASS(r);
+
+    (void)pull;
     for (uint k = stretch_starts[r]; k < stretch_starts[r + 1u]; k++) {
         const float start = intervals[r].t_in;
         float tau = 0.0f, through = 1.0f, length = 0.0f, moment = 0.0f, distortion = 0.0f;
-        float cauchy = 0.0f;
+        float cauchy = 0.0f, off = 0.0f;
 #if DISTORT
         float weights = 0.0f;
 #endif
@@ -113,14 +119,22 @@ __kernel void stretch_composite(const __global cln_interval *restrict intervals,
 #if CAUCHY
             cauchy += cauchy_of(o.w);
 #endif
+#if DEPTH_LOSS
+            off = MAD(weight, fabs(samples[i].t - pull.y), off);
+#endif
             moment = MAD(weight, t, moment);
             length += delta;
             tau += depth_here;
             through = EXP(-tau);
         }
         colour.w = tau;
-        sums[2u * k] = colour;
-        sums[2u * k + 1u] = (float4)(length, moment, distortion, cauchy);
+        sums[SUMS * k] = colour;
+        sums[SUMS * k + 1u] = (float4)(length, moment, distortion, cauchy);
+#if DEPTH_LOSS
+        sums[SUMS * k + 2u] = (float4)(off);
+#else
+        (void)off;
+#endif
     }
     (void)r;
 }
@@ -137,7 +151,7 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
                             __global float4 *restrict sums, __global float4 *restrict dout,
                             __global cln_ray_result *restrict results, uint n, uint me, float scale,
                             float huber, float alpha_weight, float cauchy, float opacity_weight,
-                            float distort MEASURE_ARGUMENT)
+                            float distort DEPTH_ARGUMENTS MEASURE_ARGUMENT)
 {
     const uint r = get_global_id(0);
 
@@ -147,11 +161,11 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
     const float4 back = BACKGROUND(r);
     const float start = begin < end ? intervals[r].t_in : 0.0f;
     float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f, length = 0.0f;
-    float distortion = 0.0f, cauchies = 0.0f;
+    float distortion = 0.0f, cauchies = 0.0f, off = 0.0f;
     float4 colour = (float4)(0.0f);
 
     for (uint k = begin; k < end; k++) { /* sums keep the optical depth before k, and of k */
-        const float4 c = sums[2u * k], more = sums[2u * k + 1u];
+        const float4 c = sums[SUMS * k], more = sums[SUMS * k + 1u];
         const float weight = through * ONE_MINUS_EXP(float, c.w), far = through * more.y;
 
         colour = MAD((float4)(through), c, colour);
@@ -162,20 +176,25 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
         moment += far;
         length += more.x;
         cauchies += more.w;
-        sums[2u * k].w = tau;
-        sums[2u * k + 1u].w = c.w;
+#if DEPTH_LOSS
+        off = MAD(through, sums[SUMS * k + 2u].x, off);
+#endif
+        sums[SUMS * k].w = tau;
+        sums[SUMS * k + 1u].w = c.w;
         tau += c.w;
         through = EXP(-tau);
     }
     colour.w = 0.0f;
     colour = MAD((float4)(through), back, colour);
+    const float2 pull = DEPTH_PASS(r);
     const ray_loss l = loss_of_ray(colour, back, targets[r], through, opacity, huber, alpha_weight,
-                                   opacity_weight);
+                                   opacity_weight, pull);
     sweep s = {opacity, moment, l.rest, 0.0f, 0.0f, 0.0f};
-    const float extra = l.extra + distort * distortion + cauchy * cauchies;
+    const float extra =
+        l.extra + distort * distortion + cauchy * cauchies + pull.x * off;
 
     for (uint k = end; k-- > begin;) {
-        const float4 c = sums[2u * k], more = sums[2u * k + 1u];
+        const float4 c = sums[SUMS * k], more = sums[SUMS * k + 1u];
         const float front = EXP(-c.w), weight = front * ONE_MINUS_EXP(float, more.w);
         const float far = front * more.y;
 
@@ -184,6 +203,9 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
 
 #if OPACITY
             gain += l.g_opacity * weight;
+#endif
+#if DEPTH_LOSS
+            gain += pull.x * front * sums[SUMS * k + 2u].x;
 #endif
 #if DISTORT
             const float before = opacity - weight - s.behind;
@@ -215,8 +237,8 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
             const float4 kept = dout[i], o = out[i];
             const float delta = samples[i].delta;
 
-            dout[i] =
-                scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy);
+            dout[i] = scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort,
+                                         cauchy, pull.x, fabs(samples[i].t - pull.y));
 #if MEASURES > 0
             measure_sample(measures, i, l.square, kept, o.w, delta, through, length);
 #endif

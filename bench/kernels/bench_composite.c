@@ -19,7 +19,7 @@ typedef struct batch {
     int rays;
     uint32_t samples, *starts;
     cln_sample *sample;
-    float (*out)[4], (*targets)[4], (*ray_o)[4], (*ray_d)[4], background[4];
+    float (*out)[4], (*targets)[4], (*ray_o)[4], (*ray_d)[4], (*shown)[4], background[4];
 } batch;
 
 /* Rays of 16 samples: empty, faint and opaque. */
@@ -37,6 +37,7 @@ static cln_status make_batch(batch *t)
     CLN_TRY(cln_alloc(&t->targets, rays, sizeof *t->targets, "bench"));
     CLN_TRY(cln_alloc(&t->ray_o, rays, sizeof *t->ray_o, "bench"));
     CLN_TRY(cln_alloc(&t->ray_d, rays, sizeof *t->ray_d, "bench"));
+    CLN_TRY(cln_alloc(&t->shown, rays, sizeof *t->shown, "bench"));
     for (uint32_t r = 0; r < (uint32_t)t->rays; r++) {
         double along = cln_check_uniform(8, r, 0, 2);
 
@@ -55,7 +56,11 @@ static cln_status make_batch(batch *t)
         }
         for (uint32_t k = 0; k < 3; k++)
             t->targets[r][k] = (float)cln_check_uniform(12, 3 * r + k, 0, 1);
-        t->ray_d[r][3] = 1;
+        t->ray_d[r][3] = t->ray_d[r][2] = 1;
+        if (r % 8 == 7) { /* as often as in training */
+            t->shown[r][2] = (float)along;
+            t->shown[r][3] = 1;
+        }
     }
     t->starts[rays] = at;
     for (int k = 0; k < 3; k++)
@@ -67,6 +72,8 @@ static cln_status make_batch(batch *t)
     CLN_TRY(cln_check_put(device, &t->p->backgrounds, t->background, sizeof t->background));
     CLN_TRY(cln_check_put(device, &t->p->ray_o, t->ray_o, rays * sizeof *t->ray_o));
     CLN_TRY(cln_check_put(device, &t->p->ray_d, t->ray_d, rays * sizeof *t->ray_d));
+    if (t->p->config.depth_loss > 0)
+        CLN_TRY(cln_check_put(device, &t->p->shown, t->shown, rays * sizeof *t->shown));
     CLN_TRY(cln_check_spoil(device, &t->p->results, rays * sizeof(cln_ray_result)));
 done:
     return st;
@@ -80,6 +87,7 @@ static void free_batch(batch *t)
     free(t->targets);
     free(t->ray_o);
     free(t->ray_d);
+    free(t->shown);
 }
 
 static cln_status picture_body(void *context)
@@ -122,12 +130,14 @@ static cln_status check_batch(const batch *t, bool train, bench_errors *errors)
     enum { GRADIENTS = PER_RAY * 4 };
     cln_status st = CLN_OK;
     const cln_config *config = &t->p->config;
-    const ref_loss rule = {config->loss,
-                           config->huber_delta,
-                           config->cauchy,
-                           config->opacity_entropy,
-                           config->distortion_loss,
-                           t->p->opacity_loss};
+    ref_loss rule = {config->loss,
+                     config->huber_delta,
+                     config->cauchy,
+                     config->opacity_entropy,
+                     config->distortion_loss,
+                     t->p->opacity_loss,
+                     config->depth_loss,
+                     0};
     const int count = t->rays < MOST ? t->rays : MOST, each = train ? GRADIENTS : 5;
     cln_ray_result *results = NULL;
     float(*dout)[4] = NULL, *measures = NULL, *got = NULL, *shares = NULL;
@@ -164,6 +174,8 @@ static cln_status check_batch(const batch *t, bool train, bench_errors *errors)
                    5 * sizeof(float));
             continue;
         }
+        rule.depth = config->depth_loss * t->shown[r][3];
+        rule.reach = ref_reach(t->ray_o[r], t->ray_d[r], t->shown[r]);
         ref_loss_of_ray(&rule, PER_RAY, (const double(*)[4])w.out, w.t, w.delta, w.background,
                         w.target, grad);
         ref_measures(PER_RAY, (const double(*)[4])w.out, w.delta, w.background, w.target, measured);

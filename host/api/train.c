@@ -20,6 +20,7 @@
 #include "ranks/ranks.h"
 #include "render/quality.h"
 #include "render/recorded.h"
+#include "train/carve.h"
 #include "train/loop.h"
 #include "train/record.h"
 #include "train/step.h"
@@ -120,6 +121,32 @@ done:
     return st;
 }
 
+/* A new model on the full tree of --start-level without the leaves that are empty by geometry. */
+static cln_status create(const cln_config *config, const cln_scene *scene, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    cln_octree tree = {0};
+    cln_octree_change change = {0};
+    uint8_t *marks = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_octree_create(config->start_level, &tree));
+    CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, &marks, &count));
+    if (count > 0) {
+        CLN_TRY(cln_octree_cull(&tree, marks, &change));
+        cln_info("tree: %d of the first %d leaves are left out, as they are seen by too few views, "
+                 "or outside the box",
+                 count, count + tree.leaf_count);
+    }
+    CLN_TRY(cln_model_create_on(config, &tree, out));
+    out->level = config->start_level;
+done:
+    free(marks);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+    return st;
+}
+
 static cln_status load_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -142,7 +169,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         if (config->tree_from[0])
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
         else
-            CLN_TRY(cln_model_create(config, &t->model));
+            CLN_TRY(create(config, t->scene, &t->model));
         t->model.space = t->scene->space;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
@@ -202,6 +229,9 @@ static void say_what_runs(cln_trainer *t)
     if (json_array_size(scene->ignored) > 0)
         cln_info("scene: keys of its files that are not used: %s",
                  join(scene->ignored, ", ", text, sizeof text));
+    if (t->batch.shown)
+        cln_info("depths: %lld pixels of the training views show sparse points (--depth-loss %g)",
+                 (long long)scene->sight_count, t->model.config.depth_loss);
     cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
              t->device->info.compute_units);
     cln_tune_text(&t->pipeline.tune, text);
@@ -369,7 +399,8 @@ static cln_status prepare(cln_trainer *t)
                            &(cln_settings_facts){.resume = t->desc->resume,
                                                  .has_alpha = t->scene->has_alpha,
                                                  .forward = t->scene->space.forward,
-                                                 .ranks = cln_ranks_count()});
+                                                 .ranks = cln_ranks_count(),
+                                                 .no_sights = t->scene->sight_count == 0});
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
     if (!t->desc->skip_selftest)
         CLN_TRY(check_kernels(t, &config));
@@ -380,6 +411,8 @@ static cln_status prepare(cln_trainer *t)
                       "ray results"));
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
     cln_info("building kernels for %s", t->device->info.name);
+    if (!cln_batch_knows(t->scene, &config))
+        config.depth_loss = 0; /* not built */
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
                                 &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
     CLN_TRY(cln_pipeline_share(&t->pipeline));

@@ -127,6 +127,11 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     INT(cull_after, "cull-after", 0, 512, 0, 1000000,                                           \
         "no culling in so many steps after the start or a growth of the tree",                  \
         .flags = CLN_ROW_LATER)                                                                 \
+    INT(seen_by, "seen-by", 0, 0, 0, 1000,                                                      \
+        "space that fewer training views see stays empty", .flags = CLN_ROW_LATER)              \
+    BOOL(slab, "slab", false, false,                                                            \
+         "what lies in the cube but outside --bbox, or the box of the points, stays empty",     \
+         .flags = CLN_ROW_LATER)                                                                \
     REAL(regrow, "regrow", 0, 0.7, 0, 1,                                                        \
          "after growth, culled leaves come back where this share of the photos has errors (0: " \
          "never)",                                                                              \
@@ -230,6 +235,11 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
          "weight of (opacity - alpha)^2 per ray, for images with alpha", .flags = CLN_ROW_LATER)   \
     REAL(opaque_loss, "opaque-loss", 0, 0.01, 0, 1e3,                                              \
          "weight of (1 - opacity)^2 per ray, for images without alpha", .flags = CLN_ROW_LATER)    \
+    REAL(depth_loss, "depth-loss", 0, 2, 0, 1e3,                                                   \
+         "weight of the distance between where a ray ends and a sparse point that it shows",       \
+         .flags = CLN_ROW_LATER)                                                                   \
+    REAL(depth_until, "depth-until", 0.5, 0.5, 0, 1,                                               \
+         "depth-loss: falls to 0 until this fraction of the budget", .flags = CLN_ROW_LATER)       \
     BOOL(exposure, "exposure", false, false,                                                       \
          "fit a gain to each training photo and channel, for images without alpha",                \
          .flags = CLN_ROW_LATER)                                                                   \

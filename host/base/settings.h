@@ -24,6 +24,7 @@ typedef struct cln_settings_facts {
     bool has_alpha; /* its images have alpha */
     bool forward;   /* its space is that of normalised device coordinates */
     int ranks;      /* processes */
+    bool no_sights; /* no sparse point is known with the training images that show it */
 } cln_settings_facts;
 
 /* Warns in the log of each given setting that has no effect with the others and the facts. */

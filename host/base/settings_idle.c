@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 24 };
+enum { IDLE_ROWS = 27 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -46,6 +46,11 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "the images have no alpha; give --opaque-loss"},
         {"opaque-loss", c->opaque_loss > 0 && facts->has_alpha,
          "the images have alpha; give --alpha-loss"},
+        {"depth-loss", c->depth_loss > 0 && c->stage1 == CLN_STAGE1_SPLAT,
+         "--stage1 splat draws rays of a few views; give --stage1 gather"},
+        {"depth-loss", c->depth_loss > 0 && facts->no_sights,
+         "the scene's files name no points with the images that show them; leave it out"},
+        {"depth-until", c->depth_loss <= 0, "there is no depth loss; give --depth-loss"},
         {"exposure", c->exposure && facts->has_alpha,
          "images with alpha are taken as they are; leave it out"},
         {"epochs", c->steps > 0 || c->time_limit > 0,

@@ -86,7 +86,7 @@ static void plain(cln_config *config)
     config->roulette = 0;
     config->loss = CLN_LOSS_L2;
     config->alpha_loss = config->opaque_loss = 0;
-    config->opacity_entropy = config->cauchy = config->distortion_loss = 0;
+    config->opacity_entropy = config->cauchy = config->distortion_loss = config->depth_loss = 0;
     config->random_background = false;
     config->stage1 = CLN_STAGE1_GATHER;
 }
@@ -103,6 +103,7 @@ static void with_regularisers(cln_config *config)
     config->alpha_loss = 0.1;
     config->opacity_entropy = 0.05;
     config->distortion_loss = 0.2;
+    config->depth_loss = 0.3;
     config->random_background = true;
 }
 

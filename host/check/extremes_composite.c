@@ -15,6 +15,7 @@ typedef struct batch {
     uint32_t n, *starts; /* [rays + 1] */
     cln_sample *samples;
     float (*out)[4], (*dout)[4], (*targets)[4], (*backgrounds)[4], (*ray_o)[4], (*ray_d)[4];
+    float (*shown)[4];
     cln_ray_result *median, *mean, *trained;
     double (*wide)[4], *t, *delta, (*grad)[4]; /* of the ray with the most samples */
 } batch;
@@ -34,6 +35,7 @@ static cln_status make(batch *b, int rays, uint32_t most_samples, uint32_t longe
     CLN_TRY(cln_alloc(&b->backgrounds, n, sizeof *b->backgrounds, what));
     CLN_TRY(cln_alloc(&b->ray_o, n, sizeof *b->ray_o, what));
     CLN_TRY(cln_alloc(&b->ray_d, n, sizeof *b->ray_d, what));
+    CLN_TRY(cln_alloc(&b->shown, n, sizeof *b->shown, what));
     CLN_TRY(cln_alloc(&b->median, n, sizeof *b->median, what));
     CLN_TRY(cln_alloc(&b->mean, n, sizeof *b->mean, what));
     CLN_TRY(cln_alloc(&b->trained, n, sizeof *b->trained, what));
@@ -57,6 +59,7 @@ static void free_batch(batch *b)
     free(b->backgrounds);
     free(b->ray_o);
     free(b->ray_d);
+    free(b->shown);
     free(b->median);
     free(b->mean);
     free(b->trained);
@@ -81,6 +84,8 @@ static cln_status run(cln_pipeline *p, batch *b)
     CLN_TRY(cln_check_put(device, &p->backgrounds, b->backgrounds, rays * row));
     CLN_TRY(cln_check_put(device, &p->ray_o, b->ray_o, rays * row));
     CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, rays * row));
+    if (p->config.depth_loss > 0)
+        CLN_TRY(cln_check_put(device, &p->shown, b->shown, rays * row));
     CLN_TRY(cln_check_spoil(device, &p->dout, b->n * row));
     for (int pass = 0; pass < 3; pass++) {
         CLN_TRY(cln_check_spoil(device, &p->results, rays * sizeof **results));
@@ -273,6 +278,12 @@ static void fill_mixed(batch *b)
             b->targets[r][k] = (float)cln_check_uniform(55, 4 * r + k, 0, 1);
             b->backgrounds[r][k] = (float)cln_check_uniform(56, 4 * r + k, 0, 1);
         }
+        for (uint32_t k = 0; k < 3; k++) { /* points on the ray and beside it; of some, none */
+            b->ray_o[r][k] = (float)cln_check_uniform(57, 4 * r + k, -1, 1);
+            b->ray_d[r][k] = k == 1 ? 0 : k ? 0.8f : 0.6f;
+            b->shown[r][k] = (float)cln_check_uniform(58, 4 * r + k, -1, 3);
+        }
+        b->shown[r][3] = r % 5 ? (float)cln_check_uniform(59, r, 0, 1) : 0;
     }
     b->starts[MIXED_RAYS] = b->n;
 }
@@ -284,12 +295,14 @@ cln_status cln_extremes_regularised(cln_checks *c)
     static const char range[] = "sigma delta 0 to 1e6, 1 to 60 samples, equal t, deltas of 0";
     cln_status st = CLN_OK;
     const cln_config *config = &c->p->config;
-    const ref_loss loss = {config->loss,
-                           config->huber_delta,
-                           config->cauchy,
-                           config->opacity_entropy,
-                           config->distortion_loss,
-                           c->p->opacity_loss};
+    ref_loss loss = {config->loss,
+                     config->huber_delta,
+                     config->cauchy,
+                     config->opacity_entropy,
+                     config->distortion_loss,
+                     c->p->opacity_loss,
+                     config->depth_loss,
+                     0};
     cln_extreme colours = cln_extreme_row(c, "colour and opacity", range);
     cln_extreme losses = cln_extreme_row(c, "loss", range);
     cln_extreme by_colour = cln_extreme_row(c, "colour gradient by its weight", range);
@@ -303,10 +316,14 @@ cln_status cln_extremes_regularised(cln_checks *c)
         const int n = widen(&b, r), back = c->p->ray_background ? r : 0;
         const char *kind = kinds[r % KINDS];
         const double span = b.t[n - 1] - b.t[0] + b.delta[n - 1];
+        const double reach = ref_reach(b.ray_o[r], b.ray_d[r], b.shown[r]);
+        const double pull = config->depth_loss * b.shown[r][3];
         const double most = 3 + loss.opacity_entropy / 0.11 + 4 * loss.distortion * span +
-                            2 * loss.alpha; /* of dL/dw */
+                            2 * loss.alpha + pull * (1 + fabs(reach) + b.t[n - 1]); /* of dL/dw */
         double background[3], target[4], rgb[3], depth = 0, opacity = 0, tau = 0, want = 0;
 
+        loss.depth = pull;
+        loss.reach = reach;
         for (int k = 0; k < 3; k++)
             background[k] = b.backgrounds[back][k];
         for (int k = 0; k < 4; k++)

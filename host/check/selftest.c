@@ -81,6 +81,7 @@ static cln_status config_of(const shape *s, cln_config *config)
         config->loss = CLN_LOSS_HUBER;
         config->opacity_entropy = 0.05;
         config->alpha_loss = 0.1;
+        config->depth_loss = 0.2;
         config->random_background = true;
         config->distortion_loss = 0.1;
         config->sparsity = config->edge = 0.1;

@@ -516,7 +516,7 @@ typedef struct batch {
     uint32_t starts[RAYS + 1];
     cln_sample samples[RAYS * MOST];
     float out[RAYS * MOST][4], dout[RAYS * MOST][4], targets[RAYS][4], backgrounds[RAYS][4];
-    float ray_o[RAYS][4], ray_d[RAYS][4];
+    float ray_o[RAYS][4], ray_d[RAYS][4], shown[RAYS][4];
     cln_ray_result pictures[RAYS], results[RAYS];
     float got[RAYS * MOST * 4], shares[RAYS * MOST];
     double want[RAYS * MOST * 4], ref_out[MOST][4], ref_t[MOST], ref_delta[MOST], ref_grad[MOST][4];
@@ -550,6 +550,9 @@ static void make_batch(batch *b)
         }
         b->ray_o[r][3] = (float)cln_check_uniform(14, r, 0, 3);
         b->ray_d[r][3] = 1;
+        b->ray_d[r][r % 3] = 1;
+        for (uint32_t k = 0; k < 4; k++)
+            b->shown[r][k] = (float)cln_check_uniform(15, 4 * r + k, 0, 1);
     }
     b->starts[RAYS] = at;
 }
@@ -567,6 +570,8 @@ static cln_status run_batch(cln_pipeline *p, batch *b)
     CLN_TRY(cln_check_put(device, &p->backgrounds, b->backgrounds, sizeof b->backgrounds));
     CLN_TRY(cln_check_put(device, &p->ray_o, b->ray_o, sizeof b->ray_o));
     CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, sizeof b->ray_d));
+    if (p->config.depth_loss > 0)
+        CLN_TRY(cln_check_put(device, &p->shown, b->shown, sizeof b->shown));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
     CLN_TRY(cln_stage_composite(p, RAYS, 0));
     CLN_TRY(cln_buffer_read(device, &p->results, 0, b->pictures, sizeof b->pictures));
@@ -604,12 +609,14 @@ static int widen(const cln_pipeline *p, batch *b, int r, double background[3], d
 static void compare_batch(cln_checks *c, batch *b)
 {
     const cln_config *config = &c->p->config;
-    const ref_loss loss = {config->loss,
-                           config->huber_delta,
-                           config->cauchy,
-                           config->opacity_entropy,
-                           config->distortion_loss,
-                           c->p->opacity_loss};
+    ref_loss loss = {config->loss,
+                     config->huber_delta,
+                     config->cauchy,
+                     config->opacity_entropy,
+                     config->distortion_loss,
+                     c->p->opacity_loss,
+                     config->depth_loss,
+                     0};
     double background[3], target[4], losses[RAYS];
     float got_losses[RAYS];
 
@@ -629,6 +636,8 @@ static void compare_batch(cln_checks *c, batch *b)
     for (int r = 0; r < RAYS; r++) {
         const int n = widen(c->p, b, r, background, target);
 
+        loss.depth = config->depth_loss * b->shown[r][3];
+        loss.reach = ref_reach(b->ray_o[r], b->ray_d[r], b->shown[r]);
         losses[r] = ref_loss_of_ray(&loss, n, (const double(*)[4])b->ref_out, b->ref_t,
                                     b->ref_delta, background, target, b->ref_grad);
         got_losses[r] = b->results[r].loss;

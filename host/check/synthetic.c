@@ -126,6 +126,7 @@ cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cl
     size_t cells = 0;
 
     memset(out, 0, sizeof *out);
+    ours.depth_loss = 0; /* no ray shows a known point */
     CLN_TRY(make_tree(level_of(config), &tree));
     while (ours.n1 > 2 && (double)tree.leaf_count * pow(ours.n1, 3) > MAX_CELLS)
         ours.n1 /= 2;

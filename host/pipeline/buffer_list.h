@@ -125,7 +125,7 @@ typedef enum cln_when {
     /* stretches, of which each has a sample: rank, first sample here, sums (stretch.cl) */      \
     X(stretch_rank, cl_uint, 1, SAMPLE, SAMPLES, SHARED, "stretches")                            \
     X(stretch_first, cl_uint, 1, SAMPLE_START, SAMPLES, SHARED, "stretches")                     \
-    X(stretch_sums, cl_float4, 2, SAMPLE, SAMPLES, SHARED, "stretches")                          \
+    X(stretch_sums, cl_float4, sums_of(p), SAMPLE, SAMPLES, SHARED, "stretches")                 \
     PAIR(keys, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group keys")                                \
     PAIR(values, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group order")                             \
     X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                    \
@@ -136,6 +136,8 @@ typedef enum cln_when {
     X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                  \
+    /* points that rays show, in the cube, and what their depth counts; with a depth loss */     \
+    X(shown, cl_float4, shown_of(p), RAY, RAYS, TRAINING, "points of rays")                      \
     X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                               \
     X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                              \
     X(intervals, cln_interval, 1, INTERVAL, RAYS, ALWAYS, "intervals")                           \

@@ -56,6 +56,17 @@ static size_t moments_of(const cln_pipeline *p)
     return cln_moment_bytes(&p->config) * (size_t)p->net.params;
 }
 
+static size_t shown_of(const cln_pipeline *p)
+{
+    return p->config.depth_loss > 0;
+}
+
+/* float4s of a stretch's sums (kernels/stretch.cl). */
+static size_t sums_of(const cln_pipeline *p)
+{
+    return p->config.depth_loss > 0 ? 3 : 2;
+}
+
 static size_t longest_of(const cln_pipeline *p)
 {
     const size_t weights = (size_t)p->net.params * sizeof(cl_float);

@@ -124,7 +124,22 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     const cl_float alpha = (float)p->opacity_loss, cauchy = (float)p->config.cauchy;
     const cl_float opacity = (float)p->config.opacity_entropy;
     const cl_float distort = (float)p->config.distortion_loss;
-    const bool measured = cln_pipeline_measures(&p->config) > 0;
+    const cl_float depth = (float)p->config.depth_loss;
+    cln_arg args[19] = {CLN_ARG(p->sample_starts.mem),
+                        CLN_ARG(p->samples.mem),
+                        CLN_ARG(p->out.mem),
+                        CLN_ARG(p->backgrounds.mem),
+                        CLN_ARG(p->targets.mem),
+                        CLN_ARG(p->dout.mem),
+                        CLN_ARG(p->results.mem),
+                        CLN_ARG(rays),
+                        CLN_ARG(scale),
+                        CLN_ARG(huber),
+                        CLN_ARG(alpha),
+                        CLN_ARG(cauchy),
+                        CLN_ARG(opacity),
+                        CLN_ARG(distort)};
+    int count = 14; /* and what the kernel has only if it is built in */
 
     if (p->stretched) {
         const int me = cln_ranks_me();
@@ -136,15 +151,16 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     }
     CLN_TRY(CLN_RESERVE(p, dout, sample_count));
     CLN_TRY(CLN_RESERVE(p, measures, sample_count));
-    /* the kernel has the last argument only if something is measured */
-    CLN_TRY(cln_launch(
-        p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
-        (const cln_arg[]){CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
-                          CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem), CLN_ARG(p->targets.mem),
-                          CLN_ARG(p->dout.mem), CLN_ARG(p->results.mem), CLN_ARG(rays),
-                          CLN_ARG(scale), CLN_ARG(huber), CLN_ARG(alpha), CLN_ARG(cauchy),
-                          CLN_ARG(opacity), CLN_ARG(distort), CLN_ARG(p->measures.mem)},
-        measured ? 15 : 14));
+    if (p->config.depth_loss > 0) {
+        args[count++] = (cln_arg)CLN_ARG(p->ray_o.mem);
+        args[count++] = (cln_arg)CLN_ARG(p->ray_d.mem);
+        args[count++] = (cln_arg)CLN_ARG(p->shown.mem);
+        args[count++] = (cln_arg)CLN_ARG(depth);
+    }
+    if (cln_pipeline_measures(&p->config) > 0)
+        args[count++] = (cln_arg)CLN_ARG(p->measures.mem);
+    CLN_TRY(cln_launch(p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
+                       wg, args, count));
 done:
     return st;
 }

@@ -173,7 +173,8 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
          c->allocate, c->cdf, c->lists);
     line(&t, "#define LOSS %d\n#define ALPHA %d\n#define CAUCHY %d\n#define OPACITY %d", c->loss,
          p->opacity_loss > 0, c->cauchy > 0, c->opacity_entropy > 0);
-    line(&t, "#define DISTORT %d", c->distortion_loss > 0);
+    line(&t, "#define DISTORT %d\n#define DEPTH_LOSS %d", c->distortion_loss > 0,
+         c->depth_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
     line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
     real(&t, "BETA1", c->beta1);

@@ -7,8 +7,6 @@
 #include "pipeline/stages.h"
 #include "ranks/ranks.h"
 
-enum { SUMS = 8 }; /* floats of a stretch */
-
 bool cln_stretch_can(const cln_pipeline *p)
 {
     return p->ranks > 1 && cln_pipeline_extra_samples(p) == 0;
@@ -56,23 +54,44 @@ done:
     return st;
 }
 
+/* Adds what kernels have only if the loss of depths is built in; *depth: its weight, which must stay
+ * until the launch. */
+static int add_depth(const cln_pipeline *p, const cl_float *depth, cln_arg *args)
+{
+    const cln_arg all[] = {CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->shown.mem),
+                           CLN_ARG(*depth)};
+
+    if (p->config.depth_loss <= 0)
+        return 0;
+    memcpy(args, all, sizeof all);
+    return sizeof all / sizeof *all;
+}
+
 cln_status cln_stretch_composite(cln_pipeline *p, int n, int me)
 {
     const cl_uint rays = (cl_uint)n, own = (cl_uint)me;
+    const cl_float depth = (float)p->config.depth_loss;
     const size_t wg = (size_t)p->tune.wg;
+    cln_arg args[13] = {CLN_ARG(p->intervals.mem),
+                        CLN_ARG(p->stretch_starts.mem),
+                        CLN_ARG(p->stretch_rank.mem),
+                        CLN_ARG(p->stretch_first.mem),
+                        CLN_ARG(p->samples.mem),
+                        CLN_ARG(p->out.mem),
+                        CLN_ARG(p->stretch_sums.mem),
+                        CLN_ARG(rays),
+                        CLN_ARG(own)};
+    const int count = 9 + add_depth(p, &depth, args + 9);
 
-    return CLN_LAUNCH(p->device, p->k.stretch_composite, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
-                      wg, CLN_ARG(p->intervals.mem), CLN_ARG(p->stretch_starts.mem),
-                      CLN_ARG(p->stretch_rank.mem), CLN_ARG(p->stretch_first.mem),
-                      CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem), CLN_ARG(p->stretch_sums.mem),
-                      CLN_ARG(rays), CLN_ARG(own));
+    return cln_launch(p->device, p->k.stretch_composite, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
+                      wg, args, count);
 }
 
 /* In a message, the stretches of each rank are a run, in the order of all. */
 cln_status cln_stretch_exchange(cln_pipeline *p)
 {
     cln_status st = CLN_OK;
-    const size_t count = p->stretch_total, row = SUMS * sizeof(float);
+    const size_t count = p->stretch_total, row = cln_buffer_row_bytes(p, CLN_BUFFER_stretch_sums);
     const int me = cln_ranks_me();
     int first[CLN_RANKS_MOST + 1] = {0}, next[CLN_RANKS_MOST] = {0};
     const uint32_t *rank = NULL;
@@ -111,36 +130,37 @@ cln_status cln_stretch_train(cln_pipeline *p, int n, int me, uint32_t samples)
     const cl_uint rays = (cl_uint)n, own = (cl_uint)me;
     const size_t wg = (size_t)p->tune.wg;
     const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
-    const cl_float alpha = (float)p->config.alpha_loss, cauchy = (float)p->config.cauchy;
+    const cl_float alpha = (float)p->opacity_loss, cauchy = (float)p->config.cauchy;
     const cl_float opacity = (float)p->config.opacity_entropy;
     const cl_float distort = (float)p->config.distortion_loss;
-    const bool measured = cln_pipeline_measures(&p->config) > 0;
+    const cl_float depth = (float)p->config.depth_loss;
+    cln_arg args[24] = {CLN_ARG(p->intervals.mem),
+                        CLN_ARG(p->stretch_starts.mem),
+                        CLN_ARG(p->stretch_rank.mem),
+                        CLN_ARG(p->stretch_first.mem),
+                        CLN_ARG(p->samples.mem),
+                        CLN_ARG(p->out.mem),
+                        CLN_ARG(p->backgrounds.mem),
+                        CLN_ARG(p->targets.mem),
+                        CLN_ARG(p->stretch_sums.mem),
+                        CLN_ARG(p->dout.mem),
+                        CLN_ARG(p->results.mem),
+                        CLN_ARG(rays),
+                        CLN_ARG(own),
+                        CLN_ARG(scale),
+                        CLN_ARG(huber),
+                        CLN_ARG(alpha),
+                        CLN_ARG(cauchy),
+                        CLN_ARG(opacity),
+                        CLN_ARG(distort)};
+    int count = 19 + add_depth(p, &depth, args + 19);
 
     CLN_TRY(CLN_RESERVE(p, dout, samples));
     CLN_TRY(CLN_RESERVE(p, measures, samples));
-    /* the kernel has the last argument only if something is measured */
+    if (cln_pipeline_measures(&p->config) > 0)
+        args[count++] = (cln_arg)CLN_ARG(p->measures.mem);
     CLN_TRY(cln_launch(p->device, p->k.stretch_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
-                       (const cln_arg[]){CLN_ARG(p->intervals.mem),
-                                         CLN_ARG(p->stretch_starts.mem),
-                                         CLN_ARG(p->stretch_rank.mem),
-                                         CLN_ARG(p->stretch_first.mem),
-                                         CLN_ARG(p->samples.mem),
-                                         CLN_ARG(p->out.mem),
-                                         CLN_ARG(p->backgrounds.mem),
-                                         CLN_ARG(p->targets.mem),
-                                         CLN_ARG(p->stretch_sums.mem),
-                                         CLN_ARG(p->dout.mem),
-                                         CLN_ARG(p->results.mem),
-                                         CLN_ARG(rays),
-                                         CLN_ARG(own),
-                                         CLN_ARG(scale),
-                                         CLN_ARG(huber),
-                                         CLN_ARG(alpha),
-                                         CLN_ARG(cauchy),
-                                         CLN_ARG(opacity),
-                                         CLN_ARG(distort),
-                                         CLN_ARG(p->measures.mem)},
-                       measured ? 20 : 19));
+                       args, count));
 done:
     return st;
 }

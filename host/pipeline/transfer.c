@@ -242,6 +242,11 @@ done:
     return st;
 }
 
+cln_status cln_pipeline_shown(cln_pipeline *p, const float *shown, int n)
+{
+    return CLN_PUT_SOON(p, shown, shown, (size_t)n);
+}
+
 cln_status cln_pipeline_points(cln_pipeline *p, const float *origins, const float *directions,
                                const float *targets, uint32_t rays)
 {

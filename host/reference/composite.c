@@ -81,6 +81,15 @@ static double weight_of(int i, const double (*out)[4], const double *delta)
     return exp(-tau) * -expm1(-optical_depth(out[i][3], delta[i]));
 }
 
+double ref_reach(const float origin[4], const float direction[4], const float point[4])
+{
+    double sum = 0;
+
+    for (int k = 0; k < 3; k++)
+        sum += ((double)point[k] - origin[k]) * direction[k];
+    return sum;
+}
+
 /* sum_j w_j |t_i - t_j|: half the derivative of the distortion's first term by w_i. */
 static double spread(int i, int n, const double (*out)[4], const double *t, const double *delta)
 {
@@ -109,6 +118,10 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
     surplus = behind - (1 - target[3]);
     total += loss->alpha * surplus * surplus;
     dtrans += 2 * loss->alpha * surplus;
+    total += loss->depth * behind;
+    dtrans += loss->depth;
+    for (int i = 0; i < n; i++)
+        total += loss->depth * weight_of(i, out, delta) * fabs(t[i] - loss->reach);
     for (int i = 0; i < n; i++)
         total += loss->cauchy * log1p(2 * out[i][3] * out[i][3]);
     total += loss->opacity_entropy * log1p(opacity * (1 - opacity) / 0.11);
@@ -134,6 +147,7 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
         }
         if (loss->distortion != 0)
             dw += loss->distortion * 2 * (spread(i, n, out, t, delta) + w * delta[i] / 3);
+        dw += loss->depth * fabs(t[i] - loss->reach);
         dalpha = trans * (dw - dtrans);
         dtrans = alpha * dw + exp(-x) * dtrans;
         grad[i][3] = out[i][3] * delta[i] < max_depth ? dalpha * exp(-x) * delta[i] : 0;

@@ -175,6 +175,7 @@ typedef struct ref_loss {
     int kind; /* CLN_LOSS_* */
     double huber_delta;
     double cauchy, opacity_entropy, distortion, alpha;
+    double depth, reach; /* times its trust; t of the point that the ray shows */
 } ref_loss;
 
 /* Composites n samples front to back: out[i] = r, g, b, sigma. sigma * delta is clamped to 80.
@@ -186,10 +187,14 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
 /* Where half of the weights' sum lies before; 0 without any. Sample i is t[i] +- delta[i] / 2. */
 double ref_median_depth(int n, const double (*out)[4], const double *t, const double *delta);
 
+/* t of the point of a ray that is nearest to `point`. */
+double ref_reach(const float origin[4], const float direction[4], const float point[4]);
+
 /* Loss of a ray, not yet averaged over rays. l2: mean_c (C - target)^2; huber: mean_c of d^2/2
  * below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum log(1 + 2 sigma^2)
  * + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i - t_j| + 1/3 sum
- * w_i^2 delta_i) + alpha * (T_end - (1 - target[3]))^2. grad (may be NULL): dL/d(r, g, b, sigma)
+ * w_i^2 delta_i) + alpha * (T_end - (1 - target[3]))^2 + depth * (sum_i w_i |t_i - reach| + T_end).
+ * grad (may be NULL): dL/d(r, g, b, sigma)
  * per sample, by a true backward sweep. */
 double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
                        const double *delta, const double background[3], const double target[4],

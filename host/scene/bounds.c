@@ -142,10 +142,18 @@ static void enclose(const double low[3], const double high[3], cln_space *space)
     }
 }
 
+/* Keeps the box that the cube is around. */
+static void keep_box(cln_scene *scene, const double low[3], const double high[3])
+{
+    scene->has_box = true;
+    memcpy(scene->box, low, 3 * sizeof *low);
+    memcpy(scene->box + 3, high, 3 * sizeof *high);
+}
+
 /* ---- the rules: each leaves *because NULL if it does not apply ---- */
 
 typedef struct evidence {
-    const cln_scene *scene;
+    cln_scene *scene; /* its box may be filled in */
     const cln_reader_result *result;
     const char *bbox; /* "" = none */
     axes mean;        /* of the training cameras */
@@ -164,6 +172,7 @@ static cln_status given_box(const evidence *e, cln_space *space, char **because)
             CLN_TRY(cln_fail(CLN_USAGE, "--bbox %s: the minimum %g is not below the maximum %g",
                              e->bbox, box[i], box[i + 3]));
     enclose(box, box + 3, space);
+    keep_box(e->scene, box, box + 3);
     CLN_TRY(cln_asprintf(because, "the cube around --bbox %s", e->bbox));
 done:
     return st;
@@ -187,6 +196,7 @@ static cln_status of_points(const evidence *e, cln_space *space, char **because)
     if (!found)
         goto done;
     enclose(low, high, space);
+    keep_box(e->scene, low, high);
     CLN_TRY(cln_asprintf(because,
                          "around the %d sparse points and what the images show there, without "
                          "outliers; --bbox sets a tighter one",

@@ -62,6 +62,9 @@ cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_resul
 cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_result *result,
                                    double low[3], double high[3], bool *found);
 
+/* sights.c: fills sights by the reader's observations. Views have their sizes and kept pixels. */
+cln_status cln_scene_find_sights(cln_scene *scene, const cln_reader_result *result);
+
 /* bounds.c: CLN_INPUT if no training camera has a ray through the cube. */
 cln_status cln_scene_check_seen(const cln_scene *scene);
 

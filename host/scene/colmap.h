@@ -14,7 +14,7 @@ typedef struct cln_colmap_camera {
 typedef struct cln_colmap_image {
     char *name;
     double pose[7]; /* world to camera: quaternion w x y z, translation */
-    uint32_t camera;
+    uint32_t id, camera;
 } cln_colmap_image;
 
 typedef struct cln_colmap {
@@ -23,6 +23,8 @@ typedef struct cln_colmap {
     cln_colmap_camera *cameras;
     cln_colmap_image *images;
     cln_point *points;
+    int64_t observation_count;
+    cln_observation *observations; /* view: the image's id, as cln_colmap_read leaves it */
 } cln_colmap;
 
 /* Has the folder a model: cameras and images, both .bin or both .txt? *missing as in cln_reader. */

@@ -2,7 +2,7 @@
  *   cameras   id, camera model, width, height, parameters
  *   images    id, quaternion w x y z and translation of world-to-camera, id of the camera, name,
  *             and where its points are in it, which is skipped
- *   points3D  id, x y z, colour, error, and the images that have it, of which the number is kept
+ *   points3D  id, x y z, colour, error, and the images that have it
  * Newer models have rigs and frames besides; images still have every pose. Not the database. */
 #include "scene/colmap.h"
 
@@ -31,6 +31,18 @@ static cln_status too_many(const char *path, size_t count, const char *what, int
 {
     return cln_fail(CLN_INPUT, "%s: %zu %s, more than the %d that are read", path, count, what,
                     most);
+}
+
+static cln_status add_observation(cln_colmap *out, uint32_t image)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_dataset_grow(&out->observations, out->observation_count, sizeof *out->observations,
+                             "images of points"));
+    out->observations[out->observation_count++] =
+        (cln_observation){.point = out->point_count, .view = (int32_t)image};
+done:
+    return st;
 }
 
 /* ---- binary ---- */
@@ -75,11 +87,10 @@ done:
 static cln_status read_image(cln_cursor *c, cln_colmap_image *image)
 {
     cln_status st = CLN_OK;
-    uint32_t id = 0;
     const char *name = NULL;
     size_t points = 0;
 
-    CLN_TRY(cln_cursor_take(c, "an image", &id, sizeof id));
+    CLN_TRY(cln_cursor_take(c, "an image", &image->id, sizeof image->id));
     CLN_TRY(cln_cursor_take(c, "an image", image->pose, sizeof image->pose));
     CLN_TRY(cln_cursor_take(c, "an image", &image->camera, sizeof image->camera));
     CLN_TRY(cln_cursor_text(c, "the name of an image", &name));
@@ -129,8 +140,14 @@ static cln_status read_points(cln_cursor *c, cln_colmap *out)
                                  c->path, (unsigned long long)id));
         CLN_TRY(cln_cursor_take(c, "a point", point->rgb, sizeof point->rgb));
         CLN_TRY(cln_cursor_take(c, "a point", &error, sizeof error));
+        point->error = error > 0 && error < 1e6 ? (float)error : 0;
         CLN_TRY(cln_cursor_count(c, "images of a point", 8, &track));
-        c->at += 8 * track;
+        for (size_t i = 0; i < track; i++) {
+            uint32_t seen[2]; /* the image's id, and which of its points it is there */
+
+            CLN_TRY(cln_cursor_take(c, "an image of a point", seen, sizeof seen));
+            CLN_TRY(add_observation(out, seen[0]));
+        }
         point->views = track < CLN_MAX_VIEWS ? (int)track : CLN_MAX_VIEWS;
     }
 done:
@@ -151,24 +168,6 @@ static char *data_line(cln_cursor *c)
 static cln_status bad_line(const cln_cursor *c, const char *form)
 {
     return cln_fail(CLN_INPUT, "%s: line %d is not: %s", c->path, c->line, form);
-}
-
-/* Room for one more of what there are `count`; *array grows at powers of two. */
-static cln_status grow(void *array_pointer, int count, size_t size, const char *what)
-{
-    void **array = array_pointer;
-    void *more = NULL;
-    cln_status st = CLN_OK;
-
-    if (count & (count - 1))
-        return CLN_OK;
-    CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, size, what));
-    if (count)
-        memcpy(more, *array, (size_t)count * size);
-    free(*array);
-    *array = more;
-done:
-    return st;
 }
 
 static bool parse_camera(char *line, cln_colmap_camera *camera, double size[2])
@@ -199,7 +198,8 @@ static cln_status parse_cameras(cln_cursor *c, cln_colmap *out)
 
         if (out->camera_count >= CLN_MAX_VIEWS)
             CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "cameras", CLN_MAX_VIEWS));
-        CLN_TRY(grow(&out->cameras, out->camera_count, sizeof *out->cameras, "cameras"));
+        CLN_TRY(
+            cln_dataset_grow(&out->cameras, out->camera_count, sizeof *out->cameras, "cameras"));
         if (!parse_camera(line, &out->cameras[out->camera_count], size))
             CLN_TRY(bad_line(c, "id, one of COLMAP's camera models, width, height and the model's "
                                 "parameters"));
@@ -221,7 +221,7 @@ static cln_status parse_images(cln_cursor *c, cln_colmap *out)
 
         if (out->image_count >= CLN_MAX_VIEWS)
             CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "images", CLN_MAX_VIEWS));
-        CLN_TRY(grow(&out->images, out->image_count, sizeof *out->images, "images"));
+        CLN_TRY(cln_dataset_grow(&out->images, out->image_count, sizeof *out->images, "images"));
         image = &out->images[out->image_count];
         for (int i = 0; i < 7 && good; i++)
             good = cln_field_number(&line, &image->pose[i]);
@@ -230,6 +230,7 @@ static cln_status parse_images(cln_cursor *c, cln_colmap *out)
         if (!good || !*line) /* the rest is the name, which may have blanks */
             CLN_TRY(bad_line(c, "id, quaternion, translation, id of the camera and name of an "
                                 "image"));
+        image->id = (uint32_t)id;
         image->camera = (uint32_t)camera;
         CLN_TRY(cln_dataset_name(c->path, line, &image->name));
         out->image_count++;
@@ -252,7 +253,7 @@ static cln_status parse_points(cln_cursor *c, cln_colmap *out)
 
         if (out->point_count >= MAX_POINTS)
             CLN_TRY(too_many(c->path, (size_t)MAX_POINTS + 1, "points", MAX_POINTS));
-        CLN_TRY(grow(&out->points, out->point_count, sizeof *out->points, "points"));
+        CLN_TRY(cln_dataset_grow(&out->points, out->point_count, sizeof *out->points, "points"));
         point = &out->points[out->point_count];
         for (int i = 0; i < 3 && good; i++)
             good = cln_field_number(&line, &point->xyz[i]);
@@ -263,8 +264,14 @@ static cln_status parse_points(cln_cursor *c, cln_colmap *out)
         }
         if (!good || !cln_field_number(&line, &value))
             CLN_TRY(bad_line(c, "id, position, colour, error and images of a point"));
-        while (words < 2 * CLN_MAX_VIEWS && cln_field_word(&line, &word))
-            words++;
+        point->error = value > 0 && value < 1e6 ? (float)value : 0;
+        for (; words < 2 * CLN_MAX_VIEWS && cln_field_word(&line, &word); words++)
+            if (words % 2 == 0) {
+                double image = 0;
+
+                if (cln_field_whole(&word, UINT32_MAX, &image))
+                    CLN_TRY(add_observation(out, (uint32_t)image));
+            }
         point->views = words / 2; /* of an image its id and where the point is in it */
         out->point_count++;
     }
@@ -329,6 +336,7 @@ void cln_colmap_free(cln_colmap *model)
     free(model->images);
     free(model->cameras);
     free(model->points);
+    free(model->observations);
     free(model->camera_file);
     free(model->image_file);
     *model = (cln_colmap){0};

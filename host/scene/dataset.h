@@ -44,6 +44,9 @@ cln_status cln_dataset_image_folder(const char *base, char **out);
 cln_status cln_dataset_find_images(const char *where, const char *const *bases, int base_count,
                                    cln_reader_result *result, char **folder);
 
+/* Room for one more of what there are `count`; *array grows at powers of two. */
+cln_status cln_dataset_grow(void *array, int64_t count, size_t size, const char *what);
+
 /* "OPENCV (k1 k2 p1 p2), ...": every lens model there is. The caller frees *out. */
 cln_status cln_dataset_lenses(char **out);
 

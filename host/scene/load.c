@@ -245,6 +245,8 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
                          result->view_count, CLN_MAX_VIEWS));
     scene->views = result->views;
     scene->view_count = result->view_count;
+    for (int i = 0; i < scene->view_count; i++)
+        scene->views[i].number = i;
     result->views = NULL;
     result->view_count = 0;
     scene->dialect = result->dialect;
@@ -261,6 +263,8 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     if (!desc->unseen)
         CLN_TRY(cln_scene_check_seen(scene));
     cln_scene_find_doubts(scene);
+    if (desc->config->depth_loss > 0 && desc->pixels[CLN_SPLIT_TRAIN])
+        CLN_TRY(cln_scene_find_sights(scene, result));
     CLN_TRY(cln_scene_check_memory(scene, desc->pixels, desc->config->host_mem));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));
 done:
@@ -282,6 +286,7 @@ cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out)
 done:
     free_views(result.views, result.view_count);
     free(result.points);
+    free(result.observations);
     free(result.bounds_rule);
     free(result.because);
     json_decref(result.ignored);
@@ -304,6 +309,7 @@ void cln_scene_free(cln_scene *scene)
     json_decref(scene->ignored);
     free(scene->split_rule);
     free(scene->bounds_rule);
+    free(scene->sights);
     free(scene);
 }
 

@@ -21,8 +21,14 @@
 typedef struct cln_point {
     double xyz[3]; /* scene units */
     uint8_t rgb[3];
-    int views; /* images that it was found in; 0 = not told */
+    int views;   /* images that it was found in; 0 = not told */
+    float error; /* mean distance in the images from where they have it, pixels; 0 = not told */
 } cln_point;
+
+/* An image in which a point was found; where, its projection tells. */
+typedef struct cln_observation {
+    int32_t point, view; /* of the result's */
+} cln_observation;
 
 typedef struct cln_reader_result {
     int view_count;
@@ -33,6 +39,8 @@ typedef struct cln_reader_result {
     char *bounds_rule;
     int point_count;
     cln_point *points;
+    int64_t observation_count; /* 0 = not told */
+    cln_observation *observations;
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
     const char *dialect; /* what cln_scene.dialect is to say */
     char *because;       /* why it was read as that, a phrase */

@@ -156,6 +156,53 @@ done:
     return st;
 }
 
+/* ---- what its points were found in ---- */
+
+typedef struct image_index {
+    uint32_t id;
+    int32_t index;
+} image_index;
+
+static int by_image_id(const void *a, const void *b)
+{
+    const image_index *x = a, *y = b;
+
+    return x->id < y->id ? -1 : x->id > y->id;
+}
+
+/* Points and their images, by the images' order instead of their ids; of images that are not there
+ * nothing is kept. */
+static cln_status give_points(cln_colmap *model, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const size_t images = (size_t)model->image_count;
+    image_index *ids = NULL;
+    int64_t kept = 0;
+
+    CLN_TRY(cln_alloc(&ids, images, sizeof *ids, "images"));
+    for (size_t i = 0; i < images; i++)
+        ids[i] = (image_index){model->images[i].id, (int32_t)i};
+    if (images)
+        qsort(ids, images, sizeof *ids, by_image_id);
+    for (int64_t i = 0; i < model->observation_count && images; i++) {
+        const image_index key = {.id = (uint32_t)model->observations[i].view};
+        const image_index *at = bsearch(&key, ids, images, sizeof *ids, by_image_id);
+
+        if (at)
+            model->observations[kept++] =
+                (cln_observation){model->observations[i].point, at->index};
+    }
+    result->points = model->points;
+    result->point_count = model->point_count;
+    result->observations = model->observations;
+    result->observation_count = kept;
+    model->points = NULL;
+    model->observations = NULL;
+done:
+    free(ids);
+    return st;
+}
+
 /* ---- the reader ---- */
 
 static bool detect(const char *path, const char **missing)
@@ -198,9 +245,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(sort_cameras(&model));
     CLN_TRY(make_views(&model, result));
     CLN_TRY(find_images(folder, places[place].depth, model.image_file, result, &images));
-    result->points = model.points;
-    result->point_count = model.point_count;
-    model.points = NULL;
+    CLN_TRY(give_points(&model, result));
     result->dialect = "COLMAP";
     CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s",
                          cln_dataset_within(path, folder), cln_dataset_within(path, images)));

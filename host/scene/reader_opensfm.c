@@ -4,7 +4,9 @@
  *           centre are in units of the longer side
  *   shot    world to camera, with our axes: rotation, a vector along the axis as long as the angle,
  *           and translation
- *   points  coordinates and color; they say where the cube is
+ *   points  coordinates and color; they say where the cube is. tracks.csv beside it, if it is there,
+ *           has a row for each image that a point was found in: image, point, feature, ..., divided
+ *           by tabs; before them a line with the version, in old files none
  * Of several reconstructions, the one with the most shots is read. */
 #include <math.h>
 #include <stdlib.h>
@@ -12,10 +14,12 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "io/cursor.h"
 #include "io/json.h"
 #include "scene/dataset.h"
 #include "scene/transforms.h"
 
+static const size_t MAX_BYTES = (size_t)1 << 34; /* of tracks.csv */
 enum { MAX_PARAMS = 5, MAX_SIDE = 1000000, MAX_POINTS = 100000000 };
 
 /* Projection types, with their parameters in the order of the lens model. */
@@ -188,6 +192,60 @@ done:
     return st;
 }
 
+/* The next field of a row of tracks.csv; NULL behind the last. */
+static const char *next_field(char **at)
+{
+    char *field = *at;
+
+    if (!field)
+        return NULL;
+    *at = strchr(field, '\t');
+    if (*at)
+        *(*at)++ = 0;
+    return field;
+}
+
+/* {key: index} of an object's entries, in their order. The caller decrefs it. */
+static json_t *index_of(const json_t *object)
+{
+    json_t *index = json_object(), *entry = NULL;
+    const char *key = NULL;
+    json_int_t count = 0;
+
+    json_object_foreach((json_t *)object, key, entry)
+        json_object_set_new(index, key, json_integer(count++));
+    return index;
+}
+
+/* What tracks.csv says of which image shows which point; rows of others are passed over. */
+static cln_status read_tracks(const char *path, const json_t *shots, const json_t *points,
+                              cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_cursor c = {.path = path};
+    json_t *views = index_of(shots), *numbers = index_of(points);
+
+    CLN_TRY(cln_read_file(path, MAX_BYTES, &c.data, &c.size));
+    for (char *line = NULL; (line = cln_cursor_line(&c));) {
+        char *rest = line;
+        const char *image = next_field(&rest), *point = next_field(&rest);
+        const json_t *view = json_object_get(views, image);
+        const json_t *number = point ? json_object_get(numbers, point) : NULL;
+
+        if (!view || !number)
+            continue;
+        CLN_TRY(cln_dataset_grow(&result->observations, result->observation_count,
+                                 sizeof *result->observations, "images of points"));
+        result->observations[result->observation_count++] = (cln_observation){
+            (int32_t)json_integer_value(number), (int32_t)json_integer_value(view)};
+    }
+done:
+    free(c.data);
+    json_decref(views);
+    json_decref(numbers);
+    return st;
+}
+
 /* The reconstruction with the most shots. */
 static const json_t *largest(const json_t *root)
 {
@@ -203,7 +261,7 @@ static const json_t *largest(const json_t *root)
     return best;
 }
 
-static cln_status read_reconstruction(const char *file, const json_t *root,
+static cln_status read_reconstruction(const char *file, const json_t *root, const char *tracks,
                                       cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -225,6 +283,8 @@ static cln_status read_reconstruction(const char *file, const json_t *root,
     json_object_foreach((json_t *)shots, name, shot)
         CLN_TRY(add_view(file, name, shot, cameras, result));
     CLN_TRY(read_points(file, json_object_get(one, "points"), result));
+    if (cln_is_file(tracks))
+        CLN_TRY(read_tracks(tracks, shots, json_object_get(one, "points"), result));
 done:
     return st;
 }
@@ -240,13 +300,14 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     const bool inner = !cln_dataset_has(path, "reconstruction.json");
-    char *file = NULL, *folder = NULL, *images = NULL;
+    char *file = NULL, *folder = NULL, *images = NULL, *tracks = NULL;
     json_t *root = NULL;
 
     CLN_TRY(cln_path_join(&folder, path, "opensfm"));
     CLN_TRY(cln_path_join(&file, inner ? folder : path, "reconstruction.json"));
     CLN_TRY(cln_json_read(file, false, &root));
-    CLN_TRY(read_reconstruction(file, root, result));
+    CLN_TRY(cln_path_join(&tracks, inner ? folder : path, "tracks.csv"));
+    CLN_TRY(read_reconstruction(file, root, tracks, result));
     CLN_TRY(cln_dataset_find_images(file, (const char *const[2]){path, folder}, 1 + inner, result,
                                     &images));
     result->dialect = "OpenSfM";
@@ -257,6 +318,7 @@ done:
     free(file);
     free(folder);
     free(images);
+    free(tracks);
     return st;
 }
 

@@ -64,6 +64,7 @@ typedef struct cln_view {
     cln_split split;
     cln_camera camera;           /* at the size of `pixels` */
     double near, far;            /* depths that the scene lies between; both 0 = not told */
+    int number;                  /* among the views as its reader gave them */
     int file_width, file_height; /* size before --downscale */
     int channels;                /* 3, or 4 with straight alpha */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not loaded */
@@ -71,6 +72,13 @@ typedef struct cln_view {
     int64_t left_out;            /* number of pixels beyond the fold of its lens */
     uint8_t *masked;             /* `kept` is it, if the view has a mask and pixels; else NULL */
 } cln_view;
+
+/* A pixel of a training view that shows a point whose place is known. */
+typedef struct cln_sight {
+    int view, x, y; /* index in cln_scene.views */
+    float trust;    /* 0..1, less the worse the point fits its images */
+    double point[3];
+} cln_sight;
 
 typedef struct cln_scene {
     char *path; /* as given: the folder, or a file in it */
@@ -89,10 +97,14 @@ typedef struct cln_scene {
     unsigned lenses;     /* so: cln_camera_lenses */
     cln_space space;     /* its cube */
     char *bounds_rule;   /* where the cube comes from, a phrase */
+    bool has_box;        /* the cube is around a box, which may be a slab: */
+    double box[6];       /* minimum and maximum, scene units */
     bool cube_guessed;   /* from the cameras alone */
     double cube_share;   /* of the training rays, those that meet the cube */
     double spread;       /* of the training cameras about their middle, half sides */
     double apart_share;  /* of pairs of them, those that look apart; NaN: too few to tell */
+    int64_t sight_count; /* with config.depth_loss, for training: what points tell of depths */
+    cln_sight *sights;   /* by view, then by point */
     float background[3]; /* composited behind alpha and behind the scene */
     uint64_t digest;     /* of poses, intrinsics, split, names and image bytes on disk */
 } cln_scene;

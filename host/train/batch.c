@@ -19,6 +19,8 @@ cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cl
     CLN_TRY(cln_alloc(&out->pixels, (size_t)out->capacity, sizeof *out->pixels, "batch"));
     CLN_TRY(cln_alloc(&out->targets, (size_t)out->capacity, sizeof *out->targets, "batch"));
     CLN_TRY(cln_alloc(&out->backgrounds, (size_t)out->capacity, sizeof *out->backgrounds, "batch"));
+    if (cln_batch_knows(scene, config))
+        CLN_TRY(cln_alloc(&out->shown, (size_t)out->capacity, sizeof *out->shown, "batch"));
     CLN_TRY(cln_alloc(&out->first, (size_t)out->train_views + 1, sizeof *out->first, "batch"));
     CLN_TRY(cln_coverage_create(scene, &out->coverage));
     for (int i = 0; i < out->train_views; i++) {
@@ -37,6 +39,7 @@ void cln_batch_free(cln_batch *batch)
     free(batch->pixels);
     free(batch->targets);
     free(batch->backgrounds);
+    free(batch->shown);
     free(batch->first);
     cln_coverage_free(&batch->coverage);
     memset(batch, 0, sizeof *batch);
@@ -48,10 +51,10 @@ static uint64_t bounded64(uint64_t random, uint64_t n)
     return (uint64_t)(((unsigned __int128)random * n) >> 64);
 }
 
-static void draw_bits(uint64_t seed, uint32_t step, uint32_t index, uint32_t attempt,
-                      uint32_t bits[4])
+static void draw_bits(uint64_t seed, uint32_t stream, uint32_t step, uint32_t index,
+                      uint32_t attempt, uint32_t bits[4])
 {
-    const uint32_t counter[4] = {index, CLN_STREAM_PIXELS << 24, step, attempt};
+    const uint32_t counter[4] = {index, stream << 24, step, attempt};
     const uint32_t key[2] = {(uint32_t)seed, (uint32_t)(seed >> 32)};
 
     cln_philox(counter, key, bits);
@@ -135,7 +138,7 @@ static bool draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_c
     uint32_t choice[4];
     const cln_camera *camera = NULL;
 
-    draw_bits((uint64_t)config->seed, d->step, 0x80000000u + slot, 0, choice);
+    draw_bits((uint64_t)config->seed, CLN_STREAM_PIXELS, d->step, 0x80000000u + slot, 0, choice);
     out->index = (int)cln_bounded(choice[0], (uint32_t)b->train_views);
     camera = camera_of(scene, out->index);
     out->x = (int)cln_bounded(bits[0], (uint32_t)camera->width);
@@ -155,7 +158,7 @@ static bool draw(const cln_batch *b, const cln_scene *scene, const cln_config *c
         uint32_t bits[4];
         bool found = false;
 
-        draw_bits((uint64_t)config->seed, d->step, ray, k, bits);
+        draw_bits((uint64_t)config->seed, CLN_STREAM_PIXELS, d->step, ray, k, bits);
         found = by_view ? draw_in_slot(b, scene, config, d, bits, slot, out)
                         : draw_place(b, scene, d, bits, out);
         if (d->step < (uint32_t)config->precrop_steps)
@@ -164,6 +167,34 @@ static bool draw(const cln_batch *b, const cln_scene *scene, const cln_config *c
             return true;
     }
     return false;
+}
+
+bool cln_batch_knows(const cln_scene *scene, const cln_config *config)
+{
+    return config->depth_loss > 0 && scene->sight_count > 0 && !cln_stage1_of(config)->by_view;
+}
+
+/* Makes every CLN_SIGHT_EVERY-th ray go through a pixel that shows a sparse point. */
+static void draw_sights(cln_batch *b, const cln_scene *scene, const cln_config *config,
+                        const cln_draw *d)
+{
+    memset(b->shown, 0, (size_t)d->n * sizeof *b->shown);
+    for (int i = 0; i < d->n && d->depth > 0; i++) {
+        uint32_t bits[4];
+        const cln_sight *sight = NULL;
+        double cube[3];
+
+        if (!cln_batch_is_sight(i))
+            continue;
+        draw_bits((uint64_t)config->seed, CLN_STREAM_SIGHTS, d->step, (uint32_t)i, 0, bits);
+        sight = &scene->sights[bounded64((uint64_t)bits[0] << 32 | bits[1],
+                                         (uint64_t)scene->sight_count)];
+        b->pixels[i] = (cln_pixel){(cln_u32)sight->view, (cln_u32)sight->x, (cln_u32)sight->y, 0};
+        cln_space_point_to_cube(d->space, sight->point, cube);
+        for (int k = 0; k < 3; k++)
+            b->shown[i][k] = (float)cube[k];
+        b->shown[i][3] = (float)(sight->trust * d->depth);
+    }
 }
 
 static int by_view_and_row(const void *a, const void *b)
@@ -198,6 +229,8 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
     }
     if (by_view)
         qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);
+    if (b->shown)
+        draw_sights(b, scene, config, d);
     memcpy(b->backgrounds[0], scene->background, sizeof scene->background);
     for (int i = 0; i < n; i++) {
         const cln_view *view = &scene->views[b->pixels[i].view];

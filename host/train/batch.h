@@ -13,6 +13,7 @@ typedef struct cln_batch {
     cln_pixel *pixels;       /* [ray] */
     float (*targets)[4];     /* [ray] r, g, b over its background, alpha */
     float (*backgrounds)[4]; /* [ray] with random_background, else [1] */
+    float (*shown)[4];       /* [ray] the point that it shows, cube; what it counts; else NULL */
     int train_views;
     uint64_t *first;       /* [train_views + 1] pixels before view i */
     cln_coverage coverage; /* the owner keeps it up to date */
@@ -23,7 +24,19 @@ typedef struct cln_draw {
     int n; /* rays */
     bool ray_background;
     bool covered; /* only covered tiles of batch->coverage, at least one; gather only */
+    double depth; /* > 0: every CLN_SIGHT_EVERY-th ray goes to a sparse point, whose trust counts
+                     as much */
+    const cln_space *space; /* of the cube, for that */
 } cln_draw;
+
+enum { CLN_SIGHT_EVERY = 8 };
+
+/* Whether rays are drawn that go to sparse points: a depth loss is wanted, and such are known. */
+bool cln_batch_knows(const cln_scene *scene, const cln_config *config);
+static inline bool cln_batch_is_sight(int ray)
+{
+    return ray % CLN_SIGHT_EVERY == CLN_SIGHT_EVERY - 1;
+}
 
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out);
 void cln_batch_free(cln_batch *batch);

@@ -28,19 +28,6 @@ static const double TARGET_SECONDS = 15; /* between evaluations for --target-psn
 
 /* ---- budgets ---- */
 
-/* The used fraction 0..1 of the budget in steps or in time, whichever is larger. */
-static double fraction_used(const cln_trainer *t)
-{
-    const cln_config *c = &t->model.config;
-    double fraction = 0;
-
-    if (t->steps > 0)
-        fraction = (double)t->model.step / (double)t->steps;
-    if (c->time_limit > 0)
-        fraction = fmax(fraction, t->model.train_seconds / c->time_limit);
-    return fmin(fraction, 1);
-}
-
 /* Names the option that extends a resumed run whose budget is used up. */
 static void say_used_up(const cln_trainer *t)
 {
@@ -403,7 +390,7 @@ cln_status cln_loop_run(cln_trainer *t)
 
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = cln_config_epoch_steps(c, (double)t->batch.first[t->batch.train_views]);
-    if (t->desc->resume && fraction_used(t) >= 1)
+    if (t->desc->resume && cln_step_fraction(t) >= 1)
         say_used_up(t);
     CLN_TRY(warm_up(t));
     t->start_seconds = cln_now() - t->began;
@@ -411,18 +398,18 @@ cln_status cln_loop_run(cln_trainer *t)
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;
     t->saved_at = cln_now();
-    while (fraction_used(t) < 1 && t->signal == 0) {
+    while (cln_step_fraction(t) < 1 && t->signal == 0) {
         const double began = cln_now();
-        const double fraction = fraction_used(t);
+        const double fraction = cln_step_fraction(t);
         bool row = false;
 
         CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(cln_step(t, fraction));
         t->model.train_seconds += cln_now() - began;
         agree(t);
-        report_progress(t, fraction_used(t));
+        report_progress(t, cln_step_fraction(t));
         evaluated = false;
-        row = t->model.step % c->log_every == 0 || fraction_used(t) >= 1;
+        row = t->model.step % c->log_every == 0 || cln_step_fraction(t) >= 1;
         if (evaluation_due(t)) {
             CLN_TRY(wait_for_step(t));
             CLN_TRY(evaluate(t, NULL, &evaluated));

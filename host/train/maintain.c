@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "device/queue.h"
+#include "train/carve.h"
 #include "train/distil.h"
 #include "train/regrow.h"
 #include "train/step.h"
@@ -187,6 +188,29 @@ done:
     return st;
 }
 
+/* After a split, culls leaves that are empty by geometry, as a part of that change. */
+static cln_status carve(cln_trainer *t, cln_octree_change *splits)
+{
+    cln_status st = CLN_OK;
+    uint8_t *marks = NULL;
+    cln_octree_change change = {0};
+    int count = 0;
+
+    CLN_TRY(cln_carve_find(t->scene, &t->model.space, &t->model.config, &t->model.tree, &marks,
+                           &count));
+    if (count > 0) {
+        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
+        CLN_TRY(cln_model_follow(&t->model, &change));
+        CLN_TRY(cln_octree_change_join(splits, &change));
+        cln_debug("step %lld: %d leaves are seen by too few views, or outside the box",
+                  (long long)t->model.step, count);
+    }
+done:
+    free(marks);
+    cln_octree_change_free(&change);
+    return st;
+}
+
 /* Splits every leaf once by the exact split; there is room. */
 static cln_status grow(cln_trainer *t)
 {
@@ -206,6 +230,7 @@ static cln_status grow(cln_trainer *t)
     }
     CLN_TRY(cln_octree_split(&t->model.tree, NULL, &splits));
     CLN_TRY(cln_model_follow(&t->model, &splits));
+    CLN_TRY(carve(t, &splits));
     if (change.count > 0)
         CLN_TRY(cln_octree_change_join(&change, &splits));
     t->model.level++;

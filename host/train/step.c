@@ -8,6 +8,18 @@
 #include "pipeline/share.h"
 #include "pipeline/stretch.h"
 
+double cln_step_fraction(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+    double fraction = 0;
+
+    if (t->steps > 0)
+        fraction = (double)t->model.step / (double)t->steps;
+    if (c->time_limit > 0)
+        fraction = fmax(fraction, t->model.train_seconds / c->time_limit);
+    return fmin(fraction, 1);
+}
+
 /* method.md 11: x0.1 at each third (the paper's every 10 of 30 epochs), or exponential. */
 double cln_step_learning_rate(const cln_config *c, double fraction)
 {
@@ -42,15 +54,20 @@ static cln_status account(cln_trainer *t)
 {
     const cln_coverage *cover = &t->batch.coverage;
     double loss = 0, square = 0, rays = t->owed.rays;
+    int counted = 0;
 
     if (!t->owed.due)
         return CLN_OK;
     t->owed.due = false;
     for (int i = 0; i < t->owed.rays; i++) {
         loss += t->results[i].loss;
+        if (t->owed.sights && cln_batch_is_sight(i))
+            continue; /* where points are found, there is more to see than elsewhere */
         square += t->results[i].square_error;
+        counted++;
     }
     loss /= rays;
+    rays = counted;
     if (cln_batch_skips(&t->batch, &t->model.config, t->owed.step)) {
         rays = round(rays / cover->share);
         loss *= cover->share;
@@ -93,15 +110,26 @@ void cln_step_cover(cln_trainer *t)
         cln_coverage_update(&t->batch.coverage, t->scene, &t->model.tree, &t->model.space);
 }
 
+/* What a sparse point's depth counts at this fraction: less and less, then nothing. */
+static double depth_share(const cln_trainer *t)
+{
+    const double until = t->model.config.depth_until;
+
+    return t->batch.shown && until > 0 ? fmax(0, 1 - cln_step_fraction(t) / until) : 0;
+}
+
 static void draw(cln_trainer *t)
 {
     const cln_draw d = {.step = (uint32_t)t->model.step,
                         .n = t->model.rays,
                         .ray_background = t->pipeline.ray_background,
-                        .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step)};
+                        .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step),
+                        .depth = depth_share(t),
+                        .space = &t->model.space};
 
     cln_batch_draw(&t->batch, t->scene, &t->model.config, &d);
     t->drawn = true;
+    t->drawn_sights = d.depth > 0;
 }
 
 /* The host waits once, for the number of samples. It reads a step's results in the next step, and
@@ -125,10 +153,12 @@ cln_status cln_step(cln_trainer *t, double fraction)
         .stretches = c->exchange == CLN_EXCHANGE_STRETCHES && cln_stretch_can(p)};
     uint32_t samples = 0, measured = 0, here = 0, slices = 0; /* here: made by this rank */
     int rays = 0;
+    bool sights = false;
 
     if (!t->drawn)
         draw(t);
     t->drawn = false;
+    sights = t->drawn_sights;
     if (cln_exposure_due(&t->exposure, number) && !t->undone) {
         CLN_TRY(cln_step_catch_up(t));
         cln_exposure_update(&t->exposure, &t->model);
@@ -136,6 +166,8 @@ cln_status cln_step(cln_trainer *t, double fraction)
     cln_exposure_apply(&t->exposure, &t->model, &t->batch, number, t->model.rays);
     CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],
                                t->batch.backgrounds[0]));
+    if (t->batch.shown)
+        CLN_TRY(cln_pipeline_shown(p, t->batch.shown[0], t->model.rays));
     CLN_TRY(cln_stage_rays(p, t->model.rays));
     CLN_TRY(cln_stage_sample(p, t->model.rays, &sampling, &rays, &samples));
     CLN_TRY(account(t));
@@ -158,6 +190,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     t->owed.step = t->model.step;
     t->owed.rays = rays;
     t->owed.samples = samples;
+    t->owed.sights = sights;
     t->model.rays = adapt_rays(t, rays, samples);
     t->model.step++;
     draw(t);

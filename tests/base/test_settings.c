@@ -174,10 +174,13 @@ static const char *warnings_with(const char *preset, const char *given,
     return text;
 }
 
+static bool no_sights; /* a fact, like the arguments */
 static const char *warnings(const char *preset, const char *given, bool resume, bool has_alpha)
 {
-    return warnings_with(preset, given,
-                         &(cln_settings_facts){.resume = resume, .has_alpha = has_alpha});
+    return warnings_with(
+        preset, given,
+        &(cln_settings_facts){
+            .resume = resume, .has_alpha = has_alpha, .ranks = 1, .no_sights = no_sights});
 }
 
 static void test_idle(void **state)
@@ -211,6 +214,9 @@ static void test_idle(void **state)
         {"cull-max=1 cull=mean", "--cull-max", "--cull guarded", "cull-max=1"},
         {"merge-factor=1 adaptive=no", "--merge-factor", "--adaptive", "merge-factor=1"},
         {"max-leaves=9 tree-from=x", "--max-leaves", "--tree-from", "max-leaves=9"},
+        {"depth-loss=0.1 stage1=splat", "--depth-loss", "--stage1 gather", "depth-loss=0.1"},
+        {"depth-until=0.2 depth-loss=0", "--depth-until", "--depth-loss",
+         "depth-until=0.2 depth-loss=0.1"},
         {"level-at= tree-from=x", "--level-at", "--tree-from", "level-at="},
         {"regrow=0.5 tree-from=x", "--regrow", "--tree-from", "regrow=0.5"},
     };
@@ -233,6 +239,9 @@ static void test_idle(void **state)
     assert_string_equal(warnings("fast", "opaque-loss=0.1", false, false), "");
     assert_non_null(strstr(warnings("fast", "alpha-loss=0.1", false, false), "no alpha"));
     assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
+    no_sights = true;
+    assert_non_null(strstr(warnings("fast", "depth-loss=0.1", false, false), "name no points"));
+    no_sights = false;
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
     assert_non_null(strstr(warnings_with("fast", "regrow=0.5",

@@ -426,6 +426,46 @@ section_depth() {
         "$(depth_error "$work/air views/test_r_000.depth.npy" "$work/air/test/r_000.depth.npy")"
 }
 
+# digest RUN: of its weights
+digest() {
+    "$cln" info "$1" --json | grep -o '"model_digest": *"[0-9a-f]*"' | head -n 1
+}
+
+# The same village by few photos, with the points of a sparse model: what these tell of depths. 14
+# photos train, two are held out.
+section_sparse() {
+    local air=$work/sparse net error without says
+    net=("${small[@]}" --bands 4 --start-level 2 --level-at 3:0.3 --rays 1024 --batch-samples 16384
+        --n1 12 --steps 150)
+    "$make_scene" "$air" --kind terrain --format colmap --size 40 --train 16 --test 0 --depth \
+        >/dev/null
+    for loss in 0 5; do
+        says=
+        [ $loss = 0 ] || says="~pixels.of.the.training.views.show.sparse.points"
+        expect "train with --depth-loss $loss" 0 "$says" "$cln" train "$air" -o "$air run $loss" \
+            "${net[@]}" --depth-loss $loss
+        expect "render held-out views" 0 "" "$cln" render "$air run $loss" -o "$air views $loss"
+    done
+    without=$(depth_error "$air views 0/frame_00009.depth.npy" "$air/images/frame_00009.depth.npy")
+    error=$(depth_error "$air views 5/frame_00009.depth.npy" \
+        "$air/images/frame_00009.depth.npy")
+    check "depths are better with sparse points: $error instead of $without" \
+        awk -v a="$error" -v b="$without" 'BEGIN { exit !(a < 0.5 * b) }'
+
+    env --default-signal=INT "$cln" train "$air" -o "$air stopped" "${net[@]}" --depth-loss 5 \
+        -q >/dev/null 2>&1 &
+    local child=$!
+    sleep 2
+    kill -INT $child 2>/dev/null
+    wait $child
+    expect "interrupted and resumed" 0 "" "$cln" train --resume "$air stopped" --skip-selftest
+    check "it has the same weights" [ "$(digest "$air stopped")" = "$(digest "$air run 5")" ]
+
+    expect "too few views of a part, and a slab" 0 "~leaves.are.left.out" "$cln" train "$air" \
+        -o "$air slab" "${net[@]}" --slab --seen-by 2 --steps 2
+    check "leave leaves out" number_above 512 "$("$query" result.leaves <"$air slab/run.json")"
+}
+
 # A still life from the front, in normalised device coordinates: depths in the scene's units. Its
 # photos are small and taken from nearly one place, so surfaces come out a little in front of where
 # they are; a depth that counts from the near plane would be 40 % off.
@@ -462,4 +502,4 @@ section_forward() {
         "$cln" info "$work/photos" --space ndc
 }
 
-run_sections "missing moved second orbit frames evals disk doubts check poses depth forward" "$@"
+run_sections "missing moved second orbit frames evals disk doubts check poses depth sparse forward" "$@"

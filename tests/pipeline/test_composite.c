@@ -17,7 +17,7 @@ enum { RAYS = 203, MOST = 61 };
 typedef struct batch {
     uint32_t starts[RAYS + 1], samples;
     cln_sample *sample;
-    float (*out)[4], (*targets)[4], (*backgrounds)[4], (*ray_o)[4], (*ray_d)[4];
+    float (*out)[4], (*targets)[4], (*backgrounds)[4], (*ray_o)[4], (*ray_d)[4], (*shown)[4];
 } batch;
 
 /* sigma * delta of sample i of ray r: every kind of ray that the way there can make. */
@@ -51,6 +51,7 @@ static void make_batch(batch *b)
     b->backgrounds = test_alloc(RAYS, sizeof *b->backgrounds);
     b->ray_o = test_alloc(RAYS, sizeof *b->ray_o);
     b->ray_d = test_alloc(RAYS, sizeof *b->ray_d);
+    b->shown = test_alloc(RAYS, sizeof *b->shown);
     for (int r = 0; r < RAYS; r++) {
         const int n = (int)(b->starts[r + 1] - b->starts[r]);
         double t = test_uniform(2, r, 0, 4);
@@ -74,6 +75,12 @@ static void make_batch(batch *b)
         }
         b->targets[r][3] = r % 3 ? (float)test_uniform(8, r, 0, 1) : (float)(r % 2);
         b->ray_d[r][3] = (float)test_uniform(7, r, 0.5, 1);
+        for (int k = 0; k < 3; k++) { /* points on the ray and beside it; of some, none */
+            b->ray_o[r][k] = (float)test_uniform(10, 3 * r + k, -2, 2);
+            b->ray_d[r][k] = k == r % 3 ? 0 : k == (r + 1) % 3 ? 0.8f : -0.6f;
+            b->shown[r][k] = (float)test_uniform(11, 3 * r + k, -1, 1);
+        }
+        b->shown[r][3] = r % 5 ? (float)test_uniform(12, r, 0, 1) : 0;
         b->ray_o[r][3] = r % 4 ? 0 : (float)test_uniform(9, r, 0, 20);
     }
 }
@@ -86,6 +93,7 @@ static void free_batch(batch *b)
     free(b->backgrounds);
     free(b->ray_o);
     free(b->ray_d);
+    free(b->shown);
 }
 
 static void upload(cln_pipeline *p, const batch *b, bool per_ray)
@@ -100,6 +108,8 @@ static void upload(cln_pipeline *p, const batch *b, bool per_ray)
               (per_ray ? RAYS : 1) * sizeof *b->backgrounds);
     test_fill(device, &p->ray_o, b->ray_o, RAYS * sizeof *b->ray_o);
     test_fill(device, &p->ray_d, b->ray_d, RAYS * sizeof *b->ray_d);
+    if (p->config.depth_loss > 0)
+        test_fill(device, &p->shown, b->shown, RAYS * sizeof *b->shown);
     test_fill(device, &p->results, NULL, RAYS * sizeof(cln_ray_result));
     test_fill(device, &p->dout, NULL, b->samples * sizeof *b->out);
 }
@@ -193,13 +203,14 @@ typedef struct loss_case {
 } loss_case;
 
 static const loss_case loss_cases[] = {
-    {"l2", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0}, false},
-    {"huber", {CLN_LOSS_HUBER, 0.15, 0, 0, 0, 0}, true},
-    {"cauchy", {CLN_LOSS_L2, 0.1, 0.01, 0, 0, 0}, false},
-    {"opacity entropy", {CLN_LOSS_L2, 0.1, 0, 0.1, 0, 0}, true},
-    {"distortion", {CLN_LOSS_L2, 0.1, 0, 0, 0.5, 0}, false},
-    {"alpha", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.3}, false},
-    {"all", {CLN_LOSS_HUBER, 0.2, 0.001, 0.05, 0.2, 0.1}, true},
+    {"l2", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0}, false},
+    {"huber", {CLN_LOSS_HUBER, 0.15, 0, 0, 0, 0, 0, 0}, true},
+    {"cauchy", {CLN_LOSS_L2, 0.1, 0.01, 0, 0, 0, 0, 0}, false},
+    {"opacity entropy", {CLN_LOSS_L2, 0.1, 0, 0.1, 0, 0, 0, 0}, true},
+    {"distortion", {CLN_LOSS_L2, 0.1, 0, 0, 0.5, 0, 0, 0}, false},
+    {"alpha", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.3, 0, 0}, false},
+    {"depth", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0.4, 0}, false},
+    {"all", {CLN_LOSS_HUBER, 0.2, 0.001, 0.05, 0.2, 0.1, 0.3, 0}, true},
 };
 
 enum { RANKS = 3 };
@@ -278,7 +289,9 @@ static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4
                                 cln_ray_result *results)
 {
     uint32_t *mine = test_alloc(b->samples, sizeof *mine), *rank = NULL;
-    float(*all)[8] = NULL, (*part)[8] = NULL, (*got)[4] = test_alloc(b->samples, sizeof *got);
+    char *all = NULL, *part = NULL; /* sums of stretches, of `row` bytes each */
+    float(*got)[4] = test_alloc(b->samples, sizeof *got);
+    const size_t row = cln_buffer_row_bytes(p, CLN_BUFFER_stretch_sums);
     cln_ray_result others[RAYS];
     size_t bytes = 0;
 
@@ -290,9 +303,9 @@ static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4
     assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(stretch) | CLN_PROGRAM_BIT(scan)));
     for (int me = 0; me < RANKS; me++) {
         upload_part(p, b, me, mine);
-        bytes = p->stretch_total * sizeof *all;
-        all = all ? all : test_alloc(p->stretch_total, sizeof *all);
-        part = part ? part : test_alloc(p->stretch_total, sizeof *part);
+        bytes = p->stretch_total * row;
+        all = all ? all : test_alloc(p->stretch_total, row);
+        part = part ? part : test_alloc(p->stretch_total, row);
         rank = rank ? rank : test_alloc(p->stretch_total, sizeof *rank);
         assert_ok(cln_stretch_composite(p, RAYS, me));
         assert_ok(cln_buffer_read(p->device, &p->stretch_sums, 0, part, bytes));
@@ -300,7 +313,7 @@ static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4
             cln_buffer_read(p->device, &p->stretch_rank, 0, rank, p->stretch_total * sizeof *rank));
         for (uint32_t k = 0; k < p->stretch_total; k++)
             if ((int)rank[k] == me)
-                memcpy(all[k], part[k], sizeof *all);
+                memcpy(all + k * row, part + k * row, row);
     }
     for (int me = 0; me < RANKS; me++) {
         uint32_t count = 0;
@@ -341,6 +354,7 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     config.opacity_entropy = c->loss.opacity_entropy;
     config.distortion_loss = c->loss.distortion;
     config.alpha_loss = c->loss.alpha;
+    config.depth_loss = c->loss.depth;
     config.random_background = c->per_ray;
     p = test_pipeline(set, &config, false, true);
     upload(p, b, c->per_ray);
@@ -355,11 +369,14 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     }
     for (int r = 0; r < RAYS; r++) {
         wide_ray w;
+        ref_loss rule = c->loss;
         double rgb[3], depth = 0, opacity = 0;
 
+        rule.depth *= b->shown[r][3];
+        rule.reach = ref_reach(b->ray_o[r], b->ray_d[r], b->shown[r]);
         widen(b, r, c->per_ray, &w);
         ref_composite(w.n, w.out, w.t, w.delta, w.background, rgb, &depth, &opacity, NULL);
-        want_loss[r] = ref_loss_of_ray(&c->loss, w.n, w.out, w.t, w.delta, w.background, w.target,
+        want_loss[r] = ref_loss_of_ray(&rule, w.n, w.out, w.t, w.delta, w.background, w.target,
                                        want + b->starts[r]);
         want_square[r] = 0;
         for (int k = 0; k < 3; k++)

@@ -400,13 +400,10 @@ static double loss_of(const ref_loss *loss, const ray_data *ray, double (*grad)[
 }
 
 static const ref_loss losses[] = {
-    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0},
-    {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0.05, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0.3, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.4},
-    {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1, 0.2},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0},     {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0, 0, 0},
+    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0, 0, 0, 0},  {CLN_LOSS_L2, 0.1, 0, 0.05, 0, 0, 0, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0.3, 0, 0, 0},   {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.4, 0, 0},
+    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0.7, 0.4}, {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1, 0.2, 0.3, 1},
 };
 
 /* Bound: 1e-6 of the gradient's size, plus the rounding of a loss of up to 50 in double at this
@@ -480,7 +477,7 @@ static void test_composite_by_hand(void **state)
     const double out[2][4] = {{0.2, 0.4, 0.6, half / 0.5}, {1, 0.5, 0, half / 0.25}};
     const double target[4] = {0, 0, 0, 0};
     double rgb[4], depth = 0, opacity = 0, w[2] = {0, 0}, plain = 0;
-    ref_loss loss = {CLN_LOSS_L2, 0.1, 0, 0, 0, 0};
+    ref_loss loss = {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0};
 
     (void)state;
     ref_composite(0, NULL, NULL, NULL, bg, rgb, &depth, &opacity, NULL);
@@ -524,11 +521,19 @@ static void test_composite_by_hand(void **state)
     loss.alpha = 2;
     rgb[3] = 0.25; /* of the target; the ray's is 0.75 */
     assert_near(ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL), 2 * 0.25, 1e-15);
+    loss.alpha = 0;
+    loss.depth = 2;
+    loss.reach = 1.5; /* weights 1/2 at 1, 1/4 at 3, 1/4 beyond */
+    assert_near(ref_loss_of_ray(&loss, 2, out, t, delta, bg, rgb, NULL),
+                2 * (0.5 * 0.5 + 0.25 * 1.5 + 0.25), 1e-15);
+    assert_near(ref_reach((const float[4]){1, 2, 3, 0}, (const float[4]){0, 0.6f, 0.8f, 1},
+                          (const float[4]){9, 3, 4, 0}),
+                1.4, 1e-6);
 }
 
 static void test_huber_by_hand(void **state)
 {
-    const ref_loss loss = {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0};
+    const ref_loss loss = {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0, 0, 0};
     const double bg[3] = {0.5, 0.5, 0.5}, target[4] = {0.45, 0.8, 0.5, 1};
 
     (void)state;

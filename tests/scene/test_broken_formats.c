@@ -67,7 +67,7 @@ static void patch(const char *file, long at, const void *bytes, size_t count, vo
 
 /* ---- COLMAP ---- */
 
-static const cln_point few_points[2] = {{{1, 2, 3}, {4, 5, 6}, 2}, {{2, 2, 3}, {4, 5, 6}, 3}};
+static const cln_point few_points[2] = {{{1, 2, 3}, {4, 5, 6}, 2, 0}, {{2, 2, 3}, {4, 5, 6}, 3, 0}};
 
 /* A good model of two points in "sparse/0". */
 static void put_colmap(const char *folder, bool binary)

@@ -211,10 +211,10 @@ static int make_points(cln_point points[1100], int outliers, int views)
         const int x = i % 10, y = i / 10 % 10, z = i / 100;
 
         points[count] =
-            (cln_point){{x / 9.0 * 4 - 1, y / 9.0 * 2 + 1, z / 9.0 + 2.5}, {1, 2, 3}, 4};
+            (cln_point){{x / 9.0 * 4 - 1, y / 9.0 * 2 + 1, z / 9.0 + 2.5}, {1, 2, 3}, 4, 0};
     }
     for (int i = 0; i < outliers; i++, count++)
-        points[count] = (cln_point){{1e6 * (i + 1), -1e5, 1e4 * i}, {0, 0, 0}, views};
+        points[count] = (cln_point){{1e6 * (i + 1), -1e5, 1e4 * i}, {0, 0, 0}, views, 0};
     return count;
 }
 

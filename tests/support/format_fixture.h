@@ -503,4 +503,20 @@ static inline void format_opensfm(const char *folder, const cln_camera *cameras,
     fclose(f);
 }
 
+/* tracks.csv beside it: point i is in the first points[i].views views. And rows of what is not
+ * there, and one that is cut off. */
+static inline void format_opensfm_tracks(const char *folder, bool version, const cln_point *points,
+                                         int count)
+{
+    FILE *f = format_open(folder, "tracks.csv");
+
+    fprintf(f, version ? "OPENSFM_TRACKS_VERSION_v2\n" : "");
+    fprintf(f, "other.png\t0\t7\t0.1\t0.2\t0.004\t9\t9\t9\t-1\t-1\n");
+    for (int i = 0; i < count; i++)
+        for (int v = 0; v < points[i].views; v++)
+            fprintf(f, "view_%02d.png\t%d\t%d\t0.1\t-0.2\t0.004\t9\t9\t9\t-1\t-1\n", v, i, i + 3);
+    fprintf(f, "view_00.png\t%d\t3\t0\t0\t1\t9\t9\t9\nview_01.png", count);
+    fclose(f);
+}
+
 #endif

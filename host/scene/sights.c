@@ -1,0 +1,93 @@
+/* What points from structure from motion tell of the depths of training pixels: a sight for each
+ * training view in which a point was found, where its projection is. A point counts if two training
+ * views have it, so held-out views alone never tell of one. How far a point is to be trusted follows
+ * DS-NeRF (arXiv 2107.02791): exp(-(e / m)^2), e its error in its images, m the mean of all. */
+#include <math.h>
+#include <stdlib.h>
+#include "base/memory.h"
+#include "scene/build.h"
+
+enum { NO_VIEW = -1, SEVERAL = -2 }; /* training views of a point; else the only one */
+
+/* Index among the scene's views by the reader's number, of training views; the others' are
+ * NO_VIEW. The caller frees *out. */
+static cln_status number_views(const cln_scene *scene, int **out)
+{
+    cln_status st = CLN_OK;
+    const int all = scene->view_count + scene->missing;
+
+    CLN_TRY(cln_alloc(out, (size_t)all, sizeof **out, "views"));
+    for (int i = 0; i < all; i++)
+        (*out)[i] = NO_VIEW;
+    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
+        const int view = cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i);
+
+        (*out)[scene->views[view].number] = view;
+    }
+done:
+    return st;
+}
+
+/* The pixel that shows the sight's point; false if there is none. */
+static bool place(const cln_scene *scene, cln_sight *sight)
+{
+    const cln_view *view = &scene->views[sight->view];
+    double u, v, z;
+
+    if (!cln_camera_project(&view->camera, sight->point, &u, &v, &z) || z <= 0 ||
+        !(u >= 0 && v >= 0 && u < view->camera.width && v < view->camera.height))
+        return false;
+    sight->x = (int)u;
+    sight->y = (int)v;
+    return true;
+}
+
+static double mean_error(const cln_reader_result *result)
+{
+    double sum = 0;
+    int count = 0;
+
+    for (int i = 0; i < result->point_count; i++) {
+        sum += (double)result->points[i].error;
+        count += result->points[i].error > 0;
+    }
+    return count ? sum / count : 1;
+}
+
+cln_status cln_scene_find_sights(cln_scene *scene, const cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const double mean = mean_error(result);
+    int *view_of = NULL, *only = NULL;
+
+    if (result->observation_count == 0)
+        return CLN_OK;
+    CLN_TRY(number_views(scene, &view_of));
+    CLN_TRY(cln_alloc(&only, (size_t)result->point_count, sizeof *only, "points"));
+    CLN_TRY(cln_alloc(&scene->sights, (size_t)result->observation_count, sizeof *scene->sights,
+                      "depths of points"));
+    for (int i = 0; i < result->point_count; i++)
+        only[i] = NO_VIEW;
+    for (int64_t i = 0; i < result->observation_count; i++) {
+        const cln_observation *o = &result->observations[i];
+        const int view = view_of[o->view];
+
+        if (view != NO_VIEW && only[o->point] != view)
+            only[o->point] = only[o->point] == NO_VIEW ? view : SEVERAL;
+    }
+    for (int64_t i = 0; i < result->observation_count; i++) {
+        const cln_observation *o = &result->observations[i];
+        const cln_point *point = &result->points[o->point];
+        const double share = (double)point->error / mean;
+        cln_sight sight = {.view = view_of[o->view],
+                           .trust = (float)exp(-share * share),
+                           .point = {point->xyz[0], point->xyz[1], point->xyz[2]}};
+
+        if (sight.view != NO_VIEW && only[o->point] == SEVERAL && place(scene, &sight))
+            scene->sights[scene->sight_count++] = sight;
+    }
+done:
+    free(view_of);
+    free(only);
+    return st;
+}

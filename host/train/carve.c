@@ -1,0 +1,72 @@
+/* Leaves that the training views tell nothing of. See carve.h. */
+#include "train/carve.h"
+
+#include <stdlib.h>
+
+#include "base/config.h"
+#include "base/memory.h"
+
+enum { PLACES = 4 }; /* of a leaf along an axis, its faces included */
+
+static bool sees(const cln_camera *camera, const double point[3])
+{
+    double u, v, z;
+
+    return cln_camera_project(camera, point, &u, &v, &z) && z > 0 && u >= 0 && v >= 0 &&
+           u < camera->width && v < camera->height;
+}
+
+/* Whether at least `least` training views see one place of a box of the cube. */
+static bool is_seen(const cln_scene *scene, const cln_space *space, const float box[4], int least)
+{
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    const int first = cln_scene_split_view(scene, CLN_SPLIT_TRAIN, 0);
+
+    for (int i = 0; i < PLACES * PLACES * PLACES; i++) {
+        const int at[3] = {i % PLACES, i / PLACES % PLACES, i / PLACES / PLACES};
+        double point[3];
+        int seen = 0;
+
+        for (int a = 0; a < 3; a++)
+            point[a] = (double)box[a] + (double)box[3] * at[a] / (PLACES - 1);
+        cln_space_point_to_scene(space, point, point);
+        for (int v = 0; v < views && seen < least; v++)
+            seen += sees(&scene->views[first + v].camera, point);
+        if (seen >= least)
+            return true;
+    }
+    return false;
+}
+
+static bool is_within(const cln_scene *scene, const cln_space *space, const float box[4])
+{
+    for (int a = 0; a < 3; a++) {
+        const double low = space->centre[a] + space->half * (double)box[a];
+
+        if (low >= scene->box[3 + a] || low + space->half * (double)box[3] <= scene->box[a])
+            return false;
+    }
+    return true;
+}
+
+cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const cln_config *config,
+                          const cln_octree *tree, uint8_t **marks, int *count)
+{
+    cln_status st = CLN_OK;
+    const bool slab = config->slab && scene->has_box && !space->forward;
+
+    *count = 0;
+    CLN_TRY(cln_alloc(marks, (size_t)tree->leaf_count, 1, "leaf marks"));
+    for (int s = 0; s < tree->leaf_count && (slab || config->seen_by > 0); s++) {
+        float box[4];
+
+        cln_octree_box(tree, tree->leaf[s], box);
+        (*marks)[s] = (slab && !is_within(scene, space, box)) ||
+                      (config->seen_by > 0 && !is_seen(scene, space, box, config->seen_by));
+        *count += (*marks)[s];
+    }
+    if (*count == tree->leaf_count) /* then it is the cameras that are wrong */
+        *count = 0;
+done:
+    return st;
+}
