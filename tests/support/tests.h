@@ -14,6 +14,7 @@ int test_group_composite(void);
 int test_group_config(void);
 int test_group_coverage(void);
 int test_group_exposure(void);
+int test_group_float64(void);
 int test_group_doubts(void);
 int test_group_export(void);
 int test_group_exports(void);
