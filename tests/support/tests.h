@@ -58,6 +58,7 @@ int test_group_scale(void);
 int test_group_scan_sort(void);
 int test_group_scene(void);
 int test_group_scene_input(void);
+int test_group_seams(void);
 int test_group_settings(void);
 int test_group_space(void);
 int test_group_splat(void);
