@@ -116,7 +116,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(check_ranks(desc, &opened, views, count));
     if (desc->seams && cln_ranks_count() > 1)
-        CLN_TRY(cln_fail(CLN_USAGE, "--seams: works in one process alone; run eval without mpirun"));
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "--seams: works in one process alone; run eval without mpirun"));
     if (desc->fast)
         cln_render_faster(&opened.model.config);
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));

@@ -27,8 +27,8 @@ static void print_jump(const char *where, const cln_eval_jump *jump)
     cln_format_real(jump->colour_95, 4, numbers[1]);
     cln_format_real(jump->alpha, 4, numbers[2]);
     cln_format_real(jump->alpha_95, 4, numbers[3]);
-    printf("%-22s  %8s  %10s  %10s  %10s  %10s\n", where, pairs, numbers[0], numbers[1],
-           numbers[2], numbers[3]);
+    printf("%-22s  %8s  %10s  %10s  %10s  %10s\n", where, pairs, numbers[0], numbers[1], numbers[2],
+           numbers[3]);
 }
 
 static void print_seams(const cln_eval_seams *seams)

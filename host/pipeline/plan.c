@@ -230,7 +230,8 @@ static double fit_rays(const cln_plan_desc *d, double largest)
     const double each = cln_config_most_intervals(&d->pipeline->config);
     const double room = floor(largest / (each * BYTES(d, intervals)));
 
-    return fmax(16, fmin(rays, fmin(room, floor(UINT32_MAX / each)))); /* kernels count in 32 bits */
+    return fmax(16,
+                fmin(rays, fmin(room, floor(UINT32_MAX / each)))); /* kernels count in 32 bits */
 }
 
 static sizes find_sizes(const cln_plan_desc *d)

@@ -106,8 +106,8 @@ static double density_gradient(const ref_network *r, double s)
     }
 }
 
-static void run_forward(const ref_network *r, weights p, const double local[3],
-                        const double dir[3], const double *slopes, double slope, pass *f)
+static void run_forward(const ref_network *r, weights p, const double local[3], const double dir[3],
+                        const double *slopes, double slope, pass *f)
 {
     const cln_network *net = &r->net;
     int w = net->width;

@@ -75,8 +75,8 @@ static void test_rows(void **state)
 {
     const size_t bytes = (size_t)1 << 36;
     const uint32_t row = 61636; /* of W64-D8-V256: 2^31 elements from leaf 34842 on */
-    const uint32_t leaves[] = {0, 1, 34841, 34842, 69684, 69999, 70000, 139999, 140000, 209999,
-                               210000, 262143};
+    const uint32_t leaves[] = {0,     1,      34841,  34842,  69684,  69999,
+                               70000, 139999, 140000, 209999, 210000, 262143};
     const uint32_t slices[] = {0, 1199999999u, 1200000000u, 2399999999u, 2400000000u, 4294967295u};
     char *at = reserve(bytes, PROT_NONE);
 
@@ -87,8 +87,8 @@ static void test_rows(void **state)
 
         assert_true(row_of_one(at, leaves[i], row) == at + place);
         assert_true(row_of_four(at, at + ((size_t)1 << 33), at + ((size_t)2 << 33),
-                                at + ((size_t)3 << 33), leaves[i], row) ==
-                    base + (size_t)(leaves[i] % 70000) * row);
+                                at + ((size_t)3 << 33), leaves[i],
+                                row) == base + (size_t)(leaves[i] % 70000) * row);
     }
     for (size_t i = 0; i < sizeof slices / sizeof *slices; i++) {
         const size_t part = slices[i] / 1200000000u;

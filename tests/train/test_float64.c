@@ -90,8 +90,8 @@ static void open_trainer(const cln_config *config, cln_trainer *t)
     t->model.has_alpha = t->scene->has_alpha;
     t->steps = config->steps;
     assert_ok(cln_batch_create(t->scene, config, &t->batch));
-    assert_ok(cln_alloc(&t->results, (size_t)cln_config_most_rays(config), sizeof *t->results,
-                        "test"));
+    assert_ok(
+        cln_alloc(&t->results, (size_t)cln_config_most_rays(config), sizeof *t->results, "test"));
     assert_ok(cln_exposure_start(t->scene, cln_config_most_rays(config), &t->model, &t->exposure));
     assert_ok(cln_pipeline_create(t->device, config, t->scene->lenses, t->scene->has_alpha,
                                   &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
