@@ -240,8 +240,8 @@ typedef struct cln_eval_image {
                              NAN where there are none */
 } cln_eval_image;
 
-/* Changes of the field over a small step: colours (mean over channels) and alphas of a small length,
- * on the mean, and what 95 % of the pairs do not exceed; NAN without pairs. */
+/* Changes of the field over a small step: colours (mean over channels) and alphas of a small
+ * length, on the mean, and what 95 % of the pairs do not exceed; NAN without pairs. */
 typedef struct cln_eval_jump {
     int pairs;
     double colour, colour_95, alpha, alpha_95;

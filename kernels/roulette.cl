@@ -16,9 +16,9 @@ HELPER float size_of(float4 g)
     return (a.x + a.y) + (a.z + a.w);
 }
 
-/* Gradient of the raw colours, given that of the colours, g. Where a sigmoid is at its end, o (1 - o)
- * is 0 in float32, and a colour would stay there for good: a gradient that leads back from the end
- * counts with a slope of SLOPE_LEAST there, less than any but an end's. */
+/* Gradient of the raw colours, given that of the colours, g. Where a sigmoid is at its end, o (1 -
+ * o) is 0 in float32, and a colour would stay there for good: a gradient that leads back from the
+ * end counts with a slope of at least SLOPE_LEAST, which is less than any slope but an end's. */
 #define SLOPE_LEAST 0x1p-25f
 HELPER float4 colour_gradient(float4 o, float4 g)
 {

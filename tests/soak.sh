@@ -1,6 +1,6 @@
 #!/bin/bash
-# A soak: trains for hours with a stop and a resume every few minutes, beside one training of as many
-# steps that is not stopped. Fails if the process grows, or if the two end with other weights. Not a
+# A soak: trains for hours with a stop and a resume every few minutes, beside one training of as
+# many steps that is not stopped. Fails if the process grows, or if the two end with other weights. Not a
 # part of make test.
 #
 #   HOURS=6 tests/soak.sh [SCENE] [TRAIN OPTIONS]
@@ -54,7 +54,8 @@ now() {
 
 # A twentieth of the time, at most 10 minutes, with a schedule that is that short.
 probe=$(awk -v h="$hours" 'BEGIN { s = h * 180; print (s > 600 ? 600 : s < 20 ? 20 : s) }')
-"$cln" train "$scene" -o "$out/probe" --time-limit "$probe" "${options[@]}" >"$out/probe.log" 2>&1 ||
+"$cln" train "$scene" -o "$out/probe" --time-limit "$probe" "${options[@]}" \
+    >"$out/probe.log" 2>&1 ||
     { tail -n 3 "$out/probe.log" >&2; echo "soak: the first training failed"; exit 1; }
 took=$(value "$out/probe/run.json" result.wall_seconds 2>/dev/null || echo "$probe")
 steps=$(awk -v n="$(value "$out/probe/run.json" result.step)" -v s="$took" -v h="$hours" \
@@ -71,7 +72,8 @@ while kill -0 $child 2>/dev/null; do
     [ "$kib" = 0 ] || echo "$(now) $kib" >>"$out/whole.rss"
     sleep 1
 done
-wait $child || { tail -n 3 "$out/whole.log" >&2; echo "soak: the run without stops failed"; exit 1; }
+wait $child ||
+    { tail -n 3 "$out/whole.log" >&2; echo "soak: the run without stops failed"; exit 1; }
 child=
 awk -v growth="$growth" '
     { kib[NR] = $2 }
@@ -122,7 +124,7 @@ while :; do
     [ -e "$out/run/checkpoint/latest" ] || continue
     resume=(train --resume "$out/run" --skip-selftest --progress none -q)
 done
-echo "soak: $stops stops in $(($(now) - began)) s; a row each in $out/stops: seconds, step, peak KiB"
+echo "soak: $stops stops in $(($(now) - began)) s; $out/stops has their seconds, steps, peak KiB"
 if [ $stops = 0 ]; then
     found "it was not stopped: give a smaller EVERY, or more HOURS"
 elif ! awk -v growth="$growth" '

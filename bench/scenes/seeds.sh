@@ -1,14 +1,15 @@
 #!/bin/sh
-# How much does the seed decide? Trains one scene from several seeds for as many steps, and evaluates
-# every test view: a row a seed, then mean, spread (standard deviation) and worst. By steps the same
+# How much does the seed decide? Trains one scene from several seeds for as many steps, and
+# evaluates every test view: a row a seed, then mean, spread (standard deviation) and worst. By steps the same
 # command has the same bits, so other work on the machine changes only the seconds.
 #
 #   bench/scenes/seeds.sh SCENE OUT STEPS SEEDS [TRAIN OPTIONS]
-#   bench/scenes/seeds.sh build/demo/scene build/seeds 3000 "$(seq 0 19)"
+#   bench/scenes/seeds.sh build/demo/scene build/seeds 2500 "$(seq 0 19)"
 #
 # A run is OUT/seed-N. The same command again keeps finished runs, resumes interrupted ones, and
 # shows a table of what is there after each. TRAIN OPTIONS go to every run; a run made with others
-# ends the bench. The self-test is left out. Seconds are the process' processor seconds, training and evaluation.
+# ends the bench. The self-test is left out. Seconds are processor
+# seconds of training and evaluation.
 # CLN, QUERY: the programs (build/cl-nascent, build/json-query).
 set -eu
 [ $# -ge 4 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
@@ -69,8 +70,8 @@ write_table() {
             spread = variance > 0 ? sqrt(variance) : 0
             printf "\n%d seeds, %d steps each: PSNR test %.2f dB on the mean, standard deviation ",
                 NR, steps, mean
-            printf "%.2f dB, best %.2f dB, worst %.2f dB (seed %d, %.2f dB below the best); ", spread,
-                best, worst, which, best - worst
+            printf "%.2f dB, best %.2f dB, worst %.2f dB (seed %d, %.2f dB below the best); ",
+                spread, best, worst, which, best - worst
             printf "PSNR train %.2f dB, SSIM test %.4f on the mean.\n", train / NR, ssim / NR
         }' >"$out/seeds.md.new"
     mv "$out/seeds.md.new" "$out/seeds.md"

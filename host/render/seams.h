@@ -1,5 +1,5 @@
-/* How much the field jumps between neighbouring leaves, beside what it changes by over the same step
- * inside a leaf, at the surfaces that the training views see. */
+/* How much the field jumps between neighbouring leaves, beside what it changes by over the same
+ * step inside a leaf, at the surfaces that the training views see. */
 #ifndef CLN_SEAMS_H
 #define CLN_SEAMS_H
 
