@@ -1,7 +1,7 @@
 #!/bin/bash
 # A soak: trains for hours with a stop and a resume every few minutes, beside one training of as
-# many steps that is not stopped. Fails if the process grows, or if the two end with other weights. Not a
-# part of make test.
+# many steps that is not stopped. Fails if the process grows, or if the two end with other weights.
+# Not a part of make test. EVERY must be several times what a start takes.
 #
 #   HOURS=6 tests/soak.sh [SCENE] [TRAIN OPTIONS]
 #   SCENE          a scene (the generated one of data/scenes.h, 64 x 64)

@@ -1,7 +1,7 @@
 #!/bin/sh
 # How much does the seed decide? Trains one scene from several seeds for as many steps, and
-# evaluates every test view: a row a seed, then mean, spread (standard deviation) and worst. By steps the same
-# command has the same bits, so other work on the machine changes only the seconds.
+# evaluates every test view: a row a seed, then mean, spread (standard deviation) and worst. By
+# steps the same command has the same bits: other work on the machine changes only the seconds.
 #
 #   bench/scenes/seeds.sh SCENE OUT STEPS SEEDS [TRAIN OPTIONS]
 #   bench/scenes/seeds.sh build/demo/scene build/seeds 2500 "$(seq 0 19)"
