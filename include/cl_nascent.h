@@ -240,6 +240,18 @@ typedef struct cln_eval_image {
                              NAN where there are none */
 } cln_eval_image;
 
+/* Changes of the field over a small step: colours (mean over channels) and alphas of a small
+ * length, on the mean, and what 95 % of the pairs do not exceed; NAN without pairs. */
+typedef struct cln_eval_jump {
+    int pairs;
+    double colour, colour_95, alpha, alpha_95;
+} cln_eval_jump;
+
+typedef struct cln_eval_seams {
+    bool measured;
+    cln_eval_jump across, inside; /* from leaf to leaf; inside of leaves */
+} cln_eval_seams;
+
 typedef struct cln_eval_result {
     int count;
     cln_eval_image *images;
@@ -249,6 +261,7 @@ typedef struct cln_eval_result {
     int64_t step;
     int antialias; /* n x n rays for pixels at edges; 1 = one ray a pixel */
     bool fast;     /* with fewer samples */
+    cln_eval_seams seams;
     double train_seconds;
     uint64_t digest;
     float background[3];
@@ -262,6 +275,7 @@ typedef struct cln_eval_desc {
     int max_images;    /* evenly chosen; 0 = all */
     int antialias;     /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
     bool fast;         /* fewer samples: less time, a little more error */
+    bool seams;        /* also jumps between leaves at surfaces, of up to 16 training views */
     bool save_images;  /* renders, truths, errors and pictures of the tree */
     const char *out;   /* the folder to write to; NULL = RUN/eval, and the report is renewed */
     cln_device_desc device;

@@ -16,6 +16,18 @@ HELPER float size_of(float4 g)
     return (a.x + a.y) + (a.z + a.w);
 }
 
+/* Gradient of the raw colours, given that of the colours, g. Where a sigmoid is at its end, o (1 -
+ * o) is 0 in float32, and a colour would stay there for good: a gradient that leads back from the
+ * end counts with a slope of at least SLOPE_LEAST, which is less than any slope but an end's. */
+#define SLOPE_LEAST 0x1p-25f
+HELPER float4 colour_gradient(float4 o, float4 g)
+{
+    const float4 slope = o * (1.0f - o);
+    const int4 back = (g > 0.0f) == (o > 0.5f);
+
+    return g * select(slope, fmax(slope, (float4)(SLOPE_LEAST)), back);
+}
+
 /* A work-group per slice. From the slice's start on, heads and chosen hold the chosen_counts[slice]
  * samples that take part (chosen: ascending, counted from the slice's start). A sample with a
  * gradient below `cutoff` times its segment's mean takes part with the ratio of the two as
@@ -71,7 +83,7 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
             VSTORE(density_gradient(VLOAD(sigma)), sigma);
             for (uint l = 0; l < VW && s + l < upto; l++) {
                 const uint id = order[at + s + l];
-                const float4 o = out[id], g = dout[id], d = g * (o * (1.0f - o));
+                const float4 o = out[id], g = dout[id], d = colour_gradient(o, g);
                 const float4 head = (float4)(d.xyz, g.w * sigma[l]);
 
                 raw[s + l] = head;

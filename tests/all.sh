@@ -84,7 +84,7 @@ part "unit: rest" groups build/tests rest
 part devices tests/device/devices.sh -q
 part install tests/cli/install.sh
 # under sanitizers without the tests that build many kernels: they run the same host code
-part "sanitized unit: rest" groups build/sanitize/tests rest tuner
+part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
 part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no_samples \
     mlp/test_in_parts

@@ -10,6 +10,7 @@
 #include "ranks/ranks.h"
 #include "train/record.h"
 #include "render/open_run.h"
+#include "render/seams.h"
 #include "report/report.h"
 
 /* In a folder of the user's, a file that is there may be replaced by figures of the same model. */
@@ -116,6 +117,9 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (writes)
         CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(check_ranks(desc, &opened, views, count));
+    if (desc->seams && cln_ranks_count() > 1)
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "--seams: works in one process alone; run eval without mpirun"));
     if (desc->fast)
         cln_render_faster(&opened.model.config);
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
@@ -123,6 +127,9 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
     CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
                                 saves ? place : NULL, &desc->callbacks, result));
+    if (desc->seams)
+        CLN_TRY(cln_seams_measure(&opened.pipeline, &opened.model, opened.scene, &desc->callbacks,
+                                  &result->seams));
     result->antialias = desc->antialias > 1 ? desc->antialias : 1;
     result->fast = desc->fast;
     result->step = opened.model.step;

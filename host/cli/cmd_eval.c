@@ -18,6 +18,28 @@ static void print_row(int width, const char *name, double psnr, double ssim, dou
     printf("%-*s  %6s  %6s  %7.2f\n", width, name, p, s, seconds);
 }
 
+static void print_jump(const char *where, const cln_eval_jump *jump)
+{
+    char numbers[4][32], pairs[32];
+
+    cln_format_count(jump->pairs, pairs);
+    cln_format_real(jump->colour, 4, numbers[0]);
+    cln_format_real(jump->colour_95, 4, numbers[1]);
+    cln_format_real(jump->alpha, 4, numbers[2]);
+    cln_format_real(jump->alpha_95, 4, numbers[3]);
+    printf("%-22s  %8s  %10s  %10s  %10s  %10s\n", where, pairs, numbers[0], numbers[1], numbers[2],
+           numbers[3]);
+}
+
+static void print_seams(const cln_eval_seams *seams)
+{
+    printf("%-22s  %8s  %10s  %10s  %10s  %10s\n", "changes at surfaces", "pairs", "colour", "95 %",
+           "alpha", "95 %");
+    print_jump("from leaf to leaf", &seams->across);
+    print_jump("the same step inside", &seams->inside);
+    putchar('\n');
+}
+
 static void print_table(const cln_eval_result *r)
 {
     char digest[32], step[32], duration[32];
@@ -37,6 +59,8 @@ static void print_table(const cln_eval_result *r)
                   r->images[i].seconds);
     print_row(width, "mean", r->psnr, r->ssim, r->seconds);
     putchar('\n');
+    if (r->seams.measured)
+        print_seams(&r->seams);
     if (isfinite(r->psnr_fitted))
         printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
                r->psnr_fitted);
@@ -64,6 +88,7 @@ cln_status cln_cmd_eval(const cln_options *options)
                           .max_images = options->max_images,
                           .antialias = options->antialias,
                           .fast = options->fast,
+                          .seams = options->seams,
                           .save_images = options->save_images,
                           .out = options->output,
                           .device = options->device};

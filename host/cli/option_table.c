@@ -173,6 +173,9 @@ const cln_arg cln_args[] = {
          "only N views, evenly chosen (0 = all)", .standard = "0"),
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
          "N x N rays for pixels at edges", .standard = "1"),
+    FLAG(CLN_EVAL, "seams", seams,
+         "also how much colour and alpha jump between leaves at surfaces, beside the same step "
+         "inside"),
     FLAG(CLN_EVAL | CLN_RENDER, "fast", fast, "fewer samples: less time, a little more error"),
     TEXT(CLN_EVAL | CLN_RENDER, "device-mem", device.device_mem, "SIZE",
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",

@@ -21,7 +21,7 @@ typedef struct cln_options {
     bool conf;       /* cl-nascent.conf beside the scene is read */
     char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
     bool circle, fast, json, quiet, test, quick, extremes, skip_selftest, save_images, overwrite,
-        z_depth;
+        z_depth, seams;
     int verbose, max_images, antialias, frames;
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
     const char *poses, *depth, *crop;

@@ -229,10 +229,11 @@ static double fit_rays(const cln_plan_desc *d, double largest)
 {
     const int wanted = d->training ? cln_config_most_rays(&d->pipeline->config) : 0;
     const double rays = wanted > CLN_RENDER_RAYS ? wanted : CLN_RENDER_RAYS;
-    const double room =
-        floor(largest / (cln_config_most_intervals(&d->pipeline->config) * BYTES(d, intervals)));
+    const double each = cln_config_most_intervals(&d->pipeline->config);
+    const double room = floor(largest / (each * BYTES(d, intervals)));
 
-    return fmax(16, fmin(rays, room));
+    return fmax(16,
+                fmin(rays, fmin(room, floor(UINT32_MAX / each)))); /* kernels count in 32 bits */
 }
 
 static sizes find_sizes(const cln_plan_desc *d)

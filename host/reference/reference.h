@@ -134,6 +134,8 @@ typedef struct ref_network {
     int density;            /* CLN_DENSITY_* */
     double kappa, bias;     /* sigma = kappa * softplus(s + bias), etc. */
     double level_bands[10]; /* weight of band k (bands_by_level), else 1 */
+    const double *wide;     /* weights to use instead of params, which may be NULL then; or NULL.
+                               Not with a grid */
 } ref_network;
 
 /* Encodings. Frequency: x[3] -> out[enc_pad]; zero padding. Grid: linear between the vertices of
@@ -148,6 +150,11 @@ void ref_grid_backward(int cells, int features, const double x[3], const double 
  * view layer; NULL = `slope` everywhere. out[4] = colour r, g, b in 0..1 and sigma. */
 void ref_forward(const ref_network *r, const float *params, const double local[3],
                  const double dir[3], const double *slopes, double slope, double out[4]);
+
+/* dc/d(raw) of a colour c = sigmoid(raw), given dL/dc: c (1 - c), but at least this where the
+ * gradient leads back from the end that c is near (method.md 9). */
+#define REF_SLOPE_LEAST 0x1p-25
+double ref_colour_slope(double colour, double gradient);
 
 /* The smallest absolute pre-activation of a sample: below rounding errors, float32 may have it on
  * the other side of zero, with another gradient. */

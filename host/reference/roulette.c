@@ -28,9 +28,10 @@ double ref_roulette(const ref_network *r, double cutoff, uint32_t key, int n, co
         factors[i] = 0;
         for (int k = 0; k < 4; k++) {
             const double o = out[ids[i]][k];
-            const double slope = k < 3 ? o * (1 - o) : density_slope(r->density, r->kappa, o);
+            const double g = dout[ids[i]][k];
 
-            heads[i][k] = dout[ids[i]][k] * slope;
+            heads[i][k] =
+                g * (k < 3 ? ref_colour_slope(o, g) : density_slope(r->density, r->kappa, o));
             factors[i] += fabs(heads[i][k]); /* the size, for now */
         }
         least += factors[i] * cutoff / n;

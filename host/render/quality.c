@@ -272,6 +272,14 @@ static double deviation(const cln_eval_result *r, bool ssim)
     return r->count > 0 ? sqrt(sum / r->count) : 0;
 }
 
+static json_t *jump_json(const cln_eval_jump *jump)
+{
+    return json_pack("{s:i, s:o, s:o, s:o, s:o}", "pairs", jump->pairs, "colour",
+                     cln_json_real(jump->colour), "colour_95", cln_json_real(jump->colour_95),
+                     "alpha", cln_json_real(jump->alpha), "alpha_95",
+                     cln_json_real(jump->alpha_95));
+}
+
 cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
 {
     char digest[24];
@@ -308,5 +316,9 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
     if (*out && r->fast)
         json_object_set_new(*out, "fast", json_true());
+    if (*out && r->seams.measured)
+        json_object_set_new(*out, "seams",
+                            json_pack("{s:o, s:o}", "across", jump_json(&r->seams.across), "inside",
+                                      jump_json(&r->seams.inside)));
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "evaluation: cannot make JSON");
 }

@@ -625,6 +625,10 @@ section_results() {
     check "it has a file of its own" [ -s "$work/whole/eval/00000300-test-antialias2.json" ]
     check "the other says nothing of it" \
         eval '! grep -q antialias "$work/whole/eval/00000300-test.json"'
+    expect "eval --seams" 0 "" "$cln" eval "$work/whole" --seams --json -o "$work/seams"
+    check "it has pairs" [ "$(json seams.across.pairs)" -gt 100 ]
+    expect "eval --seams as a table" 0 "" "$cln" eval "$work/whole" --seams -o "$work/seams"
+    check "it says where" grep -q "^from leaf to leaf" "$work/out"
     psnr=$("$query" mean.psnr <"$work/whole/eval/00000300-test.json")
     expect "eval --fast" 0 "" "$cln" eval "$work/whole" --fast --json
     check "it says so" [ "$(json fast)" = true ]

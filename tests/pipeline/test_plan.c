@@ -260,6 +260,50 @@ static void test_limits_by_name(void **state)
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--n1");
 }
 
+/* On a device without limits, what kernels count in 32 bits stays below that, or is refused: rays'
+ * intervals, samples, cells; weights and gradients may have more, as their rows have places of 64
+ * bits (test_counts.c). */
+static void test_counts(void **state)
+{
+    const double two_32 = 4294967296.0;
+    cln_config config = preset("paper");
+    fake f;
+    cln_plan plan;
+    double most = 0;
+
+    (void)state;
+    config.max_level = 8;
+    config.rays = 1048576;
+    config.leaf_samples = 10000;
+    config.batch_samples = 16777216;
+    config.stage1 = CLN_STAGE1_GATHER;
+    config.n1 = 64;
+    make_fake(&f, &config, 1e15, "gpu");
+    f.device.info.global_mem = 1e16;
+    f.pipeline.part_leaves = 1 << 20;
+    f.pipeline.part_slices = 1 << 30;
+    f.desc.leaves = 16383; /* 2^32 cells but for one leaf's; 1e9 weights */
+    cln_plan_device(&f.desc, &plan);
+    assert_ok(cln_plan_check(&f.device, &plan));
+    assert_true(plan.cells == two_32 - 64 * 64 * 64);
+    most = cln_config_most_intervals(&config);
+    assert_true((double)cln_config_most_rays(&config) * most > two_32);
+    assert_true(plan.max_rays * most < two_32 && (plan.max_rays + 1) * most >= two_32);
+    assert_true((double)plan.max_samples < two_32 / 2);
+    f.desc.leaves = 16384;
+    cln_plan_device(&f.desc, &plan);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "lower --n1");
+    f.pipeline.config.n1 = 12;
+    f.desc.leaves = 262144; /* 1.6e10 weights */
+    cln_plan_device(&f.desc, &plan);
+    assert_ok(cln_plan_check(&f.device, &plan));
+    assert_true(row_bytes(&plan, "network weights", false) ==
+                262144.0 * f.pipeline.net.params * sizeof(float));
+    f.device.info.global_mem = 1e9;
+    cln_plan_device(&f.desc, &plan);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--device-mem");
+}
+
 /* ---- runs ---- */
 
 static char warnings[4096], said[16384];
@@ -482,6 +526,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_peak_is_planned), cmocka_unit_test(test_growth_stops_at_the_limit),
         cmocka_unit_test(test_cut_batches),     cmocka_unit_test(test_images_that_do_not_fit),
         cmocka_unit_test(test_parts),           cmocka_unit_test(test_split_arrays),
+        cmocka_unit_test(test_counts),
     };
 
     return cmocka_run_group_tests_name("plan", tests, fixture_setup, fixture_teardown);

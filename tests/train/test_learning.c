@@ -206,12 +206,66 @@ static void test_diverges(void **state)
     }
 }
 
+/* A training that begins with colours at the ends of their sigmoids, as weights from elsewhere may
+ * have them: red and blue at 1, green at 0, in all leaves. Returns the test PSNR. */
+static double train_saturated(const char *run, double logit)
+{
+    cln_config config = fixture_config();
+    fixture_stop stop = {.signal = SIGINT, .step = 2}; /* for a checkpoint to change */
+    cln_train_result result;
+    cln_model model = {0};
+    size_t leaves = 0, moments = 0;
+
+    config.steps = 400;
+    config.lr_final = config.lr;
+    assert_fails(fixture_train(run, false, &config, &stop, &result), CLN_SIGINT, "");
+    assert_ok(cln_checkpoint_read(fixture_path(run), true, &model));
+    leaves = (size_t)model.tree.leaf_count;
+    moments = leaves * (size_t)model.net.params * cln_moment_bytes(&config);
+    for (size_t s = 0; s < leaves; s++)
+        for (int c = 0; c < 3; c++)
+            model.params[s * (size_t)model.net.params + (size_t)(model.net.colour_b + c)] =
+                (float)(c == 1 ? -logit : logit);
+    memset(model.adam_m, 0, moments);
+    memset(model.adam_v, 0, moments);
+    memset(model.adam_steps, 0, leaves * sizeof *model.adam_steps);
+    assert_ok(cln_checkpoint_write(fixture_path(run), &model));
+    cln_model_free(&model);
+    assert_ok(fixture_train(run, true, &config, NULL, &result));
+    return result.psnr_test;
+}
+
+/* They come back; where the sigmoids' slope is what float32 makes of it, they do not. */
+static void test_recovers(void **state)
+{
+    const char *before = getenv("CLN_TEST_KERNEL_DIR");
+    const double constant = fixture_constant_psnr();
+    double stuck = 0, near = 0, far = 0;
+
+    NEED_DEVICE();
+    near = train_saturated("saturated", 40);
+    far = train_saturated("far", 200);
+    setenv("CLN_TEST_KERNEL_DIR",
+           fixture_kernels_changed("no slope", "roulette.cl", "SLOPE_LEAST 0x1p-25f",
+                                   "SLOPE_LEAST 0.0f"),
+           1);
+    stuck = train_saturated("stuck", 40);
+    if (before)
+        setenv("CLN_TEST_KERNEL_DIR", before, 1);
+    else
+        unsetenv("CLN_TEST_KERNEL_DIR");
+    print_message("PSNR from logits of 40: %.2f, 200: %.2f, without a least slope: %.2f\n", near,
+                  far, stuck);
+    assert_true(near > constant + 4 && far > constant + 4);
+    assert_true(stuck < constant + 1);
+}
+
 int test_group_learning(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_beats_a_constant), cmocka_unit_test(test_depth_is_the_balls),
         cmocka_unit_test(test_learning_rate),    cmocka_unit_test(test_random_background),
-        cmocka_unit_test(test_diverges),
+        cmocka_unit_test(test_diverges),         cmocka_unit_test(test_recovers),
     };
 
     return cmocka_run_group_tests_name("learning", tests, fixture_setup, fixture_teardown);
