@@ -22,6 +22,7 @@
 #include "render/recorded.h"
 #include "train/loop.h"
 #include "train/record.h"
+#include "train/refine.h"
 #include "train/step.h"
 #include "train/watch.h"
 
@@ -338,6 +339,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
                       "ray results"));
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
+    CLN_TRY(cln_refine_start(t));
     cln_info("building kernels for %s", t->device->info.name);
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
                                 &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
@@ -409,6 +411,7 @@ done:
     free(t.results);
     cln_batch_free(&t.batch);
     cln_exposure_free(&t.exposure);
+    cln_refine_free(&t.refine);
     cln_pipeline_free(&t.pipeline);
     cln_model_free(&t.model);
     cln_scene_free(t.scene);

@@ -557,6 +557,32 @@ section_resume() {
     expect "resume with gains" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "gains resume, too" [ "$(digest "$r")" = "$(digest "$work/exposed")" ]
 
+    scene shaken --fault shaken --size 48 --train 12 --test 3
+    expect "--refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" \
+        --steps $steps --refine-poses
+    r=$work/refined-stopped
+    start "$cln" train "$work/shaken" -o "$r" "${small[@]}" --steps $steps --refine-poses
+    wait_for 60 rows_of "$r" 150 # after poses have changed
+    kill -INT "$child"
+    finish
+    check "SIGINT with --refine-poses: exit code 130" [ $rc = 130 ]
+    expect "resume with poses" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
+    check "poses resume, too" [ "$(digest "$r")" = "$(digest "$work/refined")" ]
+    for run in refined refined-stopped; do
+        expect "export --cameras of $run" 0 "" "$cln" export "$work/$run" --cameras \
+            "$work/$run.json"
+    done
+    check "the same cameras" cmp -s "$work/refined.json" "$work/refined-stopped.json"
+    expect "the cameras as given" 0 "" "$cln" train "$work/shaken" -o "$work/unrefined" \
+        "${small[@]}" --steps 2
+    expect "export of them" 0 "" "$cln" export "$work/unrefined" --cameras "$work/given.json"
+    check "training cameras have moved" [ "$("$query" frames.0.transform_matrix.0.3 \
+        <"$work/refined.json")" != "$("$query" frames.0.transform_matrix.0.3 \
+        <"$work/given.json")" ]
+    check "test cameras have not" [ "$("$query" frames.14.transform_matrix.0.3 \
+        <"$work/refined.json")" = "$("$query" frames.14.transform_matrix.0.3 \
+        <"$work/given.json")" ]
+
     cp -r "$work/whole" "$work/longer"
     expect "resume with +N steps" 0 "" "$cln" train --resume "$work/longer" --skip-selftest \
         --progress none --steps +20 --json
