@@ -256,24 +256,13 @@ static int ascending(const void *a, const void *b)
     return (*p > *q) - (*p < *q);
 }
 
-/* Of a channel between the looks k and k + 1, per pixel: the smaller of the slopes to both sides,
- * as at an edge the larger one is not what a small motion meets. */
-static double slope(const cln_ray_result looks[CLN_SPOT_LOOKS], int k, int c)
-{
-    const double here = channel(&looks[0], c);
-    const double before = here - channel(&looks[k], c), after = channel(&looks[k + 1], c) - here;
-
-    if (before * after <= 0)
-        return 0;
-    return fabs(before) < fabs(after) ? before : after;
-}
-
 /* A spot's part of the normal equations, weighed by 1 / (1 + r^2 / scale^2). */
 static void add_spot(const cln_spot *spot, const cln_ray_result looks[CLN_SPOT_LOOKS],
                      double slopes[6][2], double weight, double m[6][6], double b[6])
 {
     for (int c = 0; c < 3; c++) {
-        const double across = slope(looks, 1, c), down = slope(looks, 3, c);
+        const double across = (channel(&looks[2], c) - channel(&looks[1], c)) / 2;
+        const double down = (channel(&looks[4], c) - channel(&looks[3], c)) / 2;
         const double lacks = (double)spot->photo[c] - channel(&looks[0], c);
         double j[6];
 
