@@ -268,10 +268,8 @@ static cln_status check_ranks(const cln_trainer *t)
         const cln_view *v = &scene->views[i];
 
         photos = cln_digest(photos, v->camera.c2w, sizeof v->camera.c2w);
-        if (v->pixels)
-            photos = cln_digest(photos, v->pixels,
-                                (size_t)v->camera.width * (size_t)v->camera.height *
-                                    (size_t)v->channels);
+        if (cln_view_is_loaded(v))
+            photos = cln_view_digest(v, photos);
     }
     CLN_TRY(cln_ranks_agree(photos, "scene"));
     CLN_TRY(cln_ranks_agree(cln_model_digest(m) + (uint64_t)m->step, "checkpoint"));

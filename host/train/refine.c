@@ -26,6 +26,8 @@ static const double FROM = 0.05;        /* of the budget: before, there is nothi
 static const double DAMPING = 0.01;     /* of the normal equations' diagonal */
 static const double MOST_SHIFT = 1;     /* pixels of a step, root of the mean square */
 static const double LEAST_SCALE = 0.01; /* residuals below are noise */
+static const double SURE = 2;           /* standard errors by which a step must be better */
+static const double DOUBT = 5;          /* white spots that speak for a gain of 1 */
 static const float LEAST_OPACITY = 0.02f;
 
 static const int looks_x[CLN_SPOT_LOOKS] = {0, -1, 1, 0, 0};
@@ -236,17 +238,36 @@ static double channel(const cln_ray_result *r, int c)
     return (double)(c == 0 ? r->r : c == 1 ? r->g : r->b);
 }
 
-/* Mean square of what a render lacks from a spot's photo. */
-static double residual(const cln_spot *spot, const cln_ray_result *look)
+/* What a render lacks from a spot's photo, and its mean square. */
+static double lack(const cln_spot *spot, const cln_ray_result *look, const double gain[3], int c)
+{
+    return (double)spot->photo[c] / gain[c] - channel(look, c);
+}
+
+static double residual(const cln_spot *spot, const cln_ray_result *look, const double gain[3])
 {
     double sum = 0;
 
-    for (int c = 0; c < 3; c++) {
-        const double lacks = (double)spot->photo[c] - channel(look, c);
-
-        sum += lacks * lacks / 3;
-    }
+    for (int c = 0; c < 3; c++)
+        sum += pow(lack(spot, look, gain, c), 2) / 3;
     return sum;
+}
+
+/* The factors from rendered to photo's colours: a photo that is brighter as a whole has not moved. */
+static void find_gain(int count, const int *found, const cln_spot *spots,
+                      const cln_ray_result (*looks)[CLN_SPOT_LOOKS], double gain[3])
+{
+    for (int c = 0; c < 3; c++) {
+        double cross = DOUBT, square = DOUBT;
+
+        for (int i = 0; i < count; i++) {
+            const double colour = channel(&looks[found[i]][0], c);
+
+            cross += colour * (double)spots[found[i]].photo[c];
+            square += colour * colour;
+        }
+        gain[c] = cross / square;
+    }
 }
 
 static int ascending(const void *a, const void *b)
@@ -258,12 +279,13 @@ static int ascending(const void *a, const void *b)
 
 /* A spot's part of the normal equations, weighed by 1 / (1 + r^2 / scale^2). */
 static void add_spot(const cln_spot *spot, const cln_ray_result looks[CLN_SPOT_LOOKS],
-                     double slopes[6][2], double weight, double m[6][6], double b[6])
+                     double slopes[6][2], const double gain[3], double weight, double m[6][6],
+                     double b[6])
 {
     for (int c = 0; c < 3; c++) {
         const double across = (channel(&looks[2], c) - channel(&looks[1], c)) / 2;
         const double down = (channel(&looks[4], c) - channel(&looks[3], c)) / 2;
-        const double lacks = (double)spot->photo[c] - channel(&looks[0], c);
+        const double lacks = lack(spot, &looks[0], gain, c);
         double j[6];
 
         for (int k = 0; k < 6; k++) /* the picture moves with the point */
@@ -276,36 +298,12 @@ static void add_spot(const cln_spot *spot, const cln_ray_result looks[CLN_SPOT_L
     }
 }
 
-bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
-                      const cln_spot *spots, const cln_ray_result (*looks)[CLN_SPOT_LOOKS],
-                      double motion[6], double *scale)
+/* Root mean square of how far a motion moves the points in the image. */
+static double shift_of(const cln_camera *camera, int count, const double (*points)[3],
+                       const double *depths, const double motion[6])
 {
-    double residuals[SPOTS], m[6][6] = {{0}}, square = 0, by = 1;
-    double points[SPOTS][3], depths[SPOTS], slopes[6][2];
-    int found[SPOTS], count = 0;
+    double square = 0, slopes[6][2];
 
-    CLN_ASSERT(n <= SPOTS);
-    memset(motion, 0, 6 * sizeof *motion);
-    for (int i = 0; i < n; i++)
-        if (point_of(camera, space, &spots[i], looks[i], points[count], &depths[count])) {
-            residuals[count] = residual(&spots[i], &looks[i][0]);
-            found[count++] = i;
-        }
-    if (count < TELLING)
-        return false;
-    qsort(residuals, (size_t)count, sizeof *residuals, ascending);
-    *scale = fmax(2 * sqrt(residuals[count / 2]), LEAST_SCALE);
-    for (int i = 0; i < count; i++) {
-        const cln_spot *spot = &spots[found[i]];
-        const double lacks = residual(spot, &looks[found[i]][0]) / (*scale * *scale);
-
-        if (slopes_of(camera, points[i], depths[i], slopes))
-            add_spot(spot, looks[found[i]], slopes, 1 / (1 + lacks), m, motion);
-    }
-    for (int k = 0; k < 6; k++)
-        m[k][k] *= 1 + DAMPING;
-    if (!solve6(m, motion))
-        return false;
     for (int i = 0; i < count; i++) {
         double shift[2] = {0};
 
@@ -316,24 +314,69 @@ bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
                 shift[a] += slopes[k][a] * motion[k];
         square += (shift[0] * shift[0] + shift[1] * shift[1]) / count;
     }
-    if (!isfinite(square))
+    return sqrt(square);
+}
+
+bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
+                      const cln_spot *spots, const cln_ray_result (*looks)[CLN_SPOT_LOOKS],
+                      cln_pose_step *out)
+{
+    double residuals[SPOTS], m[6][6] = {{0}}, shift = 0;
+    double points[SPOTS][3], depths[SPOTS], slopes[6][2];
+    int found[SPOTS], count = 0;
+
+    CLN_ASSERT(n <= SPOTS);
+    memset(out, 0, sizeof *out);
+    for (int i = 0; i < n; i++)
+        if (point_of(camera, space, &spots[i], looks[i], points[count], &depths[count]))
+            found[count++] = i;
+    if (count < TELLING)
         return false;
-    if (square > MOST_SHIFT * MOST_SHIFT)
-        by = MOST_SHIFT / sqrt(square);
+    find_gain(count, found, spots, looks, out->gain);
+    for (int i = 0; i < count; i++)
+        residuals[i] = residual(&spots[found[i]], &looks[found[i]][0], out->gain);
+    qsort(residuals, (size_t)count, sizeof *residuals, ascending);
+    out->scale = fmax(2 * sqrt(residuals[count / 2]), LEAST_SCALE);
+    for (int i = 0; i < count; i++) {
+        const cln_spot *spot = &spots[found[i]];
+        const double lacks =
+            residual(spot, &looks[found[i]][0], out->gain) / (out->scale * out->scale);
+
+        if (slopes_of(camera, points[i], depths[i], slopes))
+            add_spot(spot, looks[found[i]], slopes, out->gain, 1 / (1 + lacks), m, out->motion);
+    }
     for (int k = 0; k < 6; k++)
-        motion[k] *= by;
+        m[k][k] *= 1 + DAMPING;
+    if (!solve6(m, out->motion))
+        return false;
+    shift = shift_of(camera, count, (const double(*)[3])points, depths, out->motion);
+    if (!isfinite(shift))
+        return false;
+    for (int k = 0; k < 6 && shift > MOST_SHIFT; k++)
+        out->motion[k] *= MOST_SHIFT / shift;
     return true;
 }
 
-/* Error of the checked spots, which grows little beyond the scale. */
-static double error_of(const cln_spot *spots, const cln_ray_result *looks, double scale)
+/* Do the checked spots agree? Their mean error, which grows little beyond the scale, must fall by
+ * more than twice the standard error of that: poses that are right would wander by chance. */
+static bool is_better(const cln_spot *spots, const cln_ray_result *before,
+                      const cln_ray_result *after, const cln_pose_step *step)
 {
-    double sum = 0;
+    const double square = step->scale * step->scale;
+    double sum = 0, squares = 0, n = 0;
 
-    for (int i = 0; i < CHECKED; i++)
-        if (spots[i].x >= 0)
-            sum += log1p(residual(&spots[i], &looks[i]) / (scale * scale));
-    return sum;
+    for (int i = 0; i < CHECKED; i++) {
+        double fall = 0;
+
+        if (spots[i].x < 0)
+            continue;
+        fall = log1p(residual(&spots[i], &before[i], step->gain) / square) -
+               log1p(residual(&spots[i], &after[i], step->gain) / square);
+        sum += fall;
+        squares += fall * fall;
+        n++;
+    }
+    return n > 1 && sum > 0 && sum * sum > SURE * SURE * (squares - sum * sum / n) * n / (n - 1);
 }
 
 /* ---- a turn ---- */
@@ -345,7 +388,8 @@ typedef struct turn {
     cln_ray_result before[CHECKED], after[CHECKED];
     int view; /* among the training views */
     bool moved;
-    double scale, pose[12]; /* before */
+    cln_pose_step step;
+    double pose[12]; /* before */
 } turn;
 
 static cln_pixel pixel_of(const cln_trainer *t, const turn *c, int spot, int look)
@@ -431,14 +475,12 @@ static cln_status take_turns(cln_trainer *t, turn *turns, int count)
     for (int i = 0; i < count; i++) {
         turn *c = &turns[i];
         cln_camera *camera = &train_view(t, c->view)->camera;
-        double motion[CLN_MOTION];
 
-        c->moved =
-            cln_refine_solve(camera, &t->model.space, FITTED, c->spots,
-                             (const cln_ray_result(*)[CLN_SPOT_LOOKS])c->looks, motion, &c->scale);
+        c->moved = cln_refine_solve(camera, &t->model.space, FITTED, c->spots,
+                                    (const cln_ray_result(*)[CLN_SPOT_LOOKS])c->looks, &c->step);
         memcpy(c->pose, camera->c2w, sizeof c->pose);
         if (c->moved)
-            cln_motion_apply(c->pose, motion, camera->c2w);
+            cln_motion_apply(c->pose, c->step.motion, camera->c2w);
         moved += c->moved;
     }
     if (moved == 0)
@@ -447,10 +489,8 @@ static cln_status take_turns(cln_trainer *t, turn *turns, int count)
     CLN_TRY(look(t, turns, count, true));
     for (int i = 0; i < count; i++) {
         turn *c = &turns[i];
-        const cln_spot *checked = c->spots + FITTED;
 
-        if (c->moved &&
-            error_of(checked, c->after, c->scale) < error_of(checked, c->before, c->scale))
+        if (c->moved && is_better(c->spots + FITTED, c->before, c->after, &c->step))
             kept++;
         else
             memcpy(train_view(t, c->view)->camera.c2w, c->pose, sizeof c->pose);

@@ -7,8 +7,8 @@
  * their photo has contrast, it compares the rendered colour with the photo's, and how the rendered
  * one would change as the camera moves: by its slope between the neighbouring pixels, times the way
  * that the surface's point at the rendered depth moves in the image (Lucas and Kanade, 1981, for a
- * rendered picture). So no gradient passes the networks. A step counts if it lowers the error of
- * other pixels. What moves all cameras alike is taken out again. A function of seed, step, model
+ * rendered picture). So no gradient passes the networks. A step counts if it surely lowers the error
+ * of other pixels. What moves all cameras alike is taken out again. A function of seed, step, model
  * and photos alone. */
 #ifndef CLN_REFINE_H
 #define CLN_REFINE_H
@@ -35,11 +35,16 @@ typedef struct cln_spot {
 
 enum { CLN_SPOT_LOOKS = 5 }; /* the pixel, then those left, right, above, below */
 
-/* The step for a camera: `motion` relative to its present pose, from n spots and what is rendered
- * there, looks [n][CLN_SPOT_LOOKS]; *scale: the residual that is half trusted. False if they do
- * not tell one. */
+typedef struct cln_pose_step {
+    double motion[6]; /* relative to the present pose */
+    double scale;     /* the residual that is half trusted */
+    double gain[3];   /* of the photo: how much brighter it is than what is rendered */
+} cln_pose_step;
+
+/* The step for a camera, from n spots and what is rendered there, looks [n][CLN_SPOT_LOOKS]. False
+ * if they do not tell one. */
 bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
                       const cln_spot *spots, const cln_ray_result (*looks)[CLN_SPOT_LOOKS],
-                      double motion[6], double *scale);
+                      cln_pose_step *out);
 
 #endif

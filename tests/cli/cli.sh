@@ -844,14 +844,14 @@ section_output() {
 }
 
 section_memory() {
-    local r limit psnr
+    local r limit psnr whole_peak frames i
     blender
     expect "too little device memory: the plan is printed" 5 \
         "device-mem ~[0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --device-mem 1M
     check "and nothing written" [ ! -e "$work/never" ]
-    expect "too little host memory for the images" 5 "--host-mem ~--downscale.[0-9]" \
-        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 100K
+    expect "too little host memory to read an image" 5 "--host-mem ~smaller.copies" \
+        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 20K
     expect "too little host memory for the rest: the plan is printed" 5 "--host-mem ~images.[0-9]" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 200M
     expect "four parts are too small, by name" 5 "weights ~iB.in.each.of.4.parts" \
@@ -877,6 +877,31 @@ section_memory() {
         --host-mem "$limit" --json
     check "a training that keeps to --host-mem" [ "$(json state)" = "done" ]
     check "its peak is below it" number_above "$limit" "$(json host_peak)"
+
+    # 61 photos of 4 MiB do not fit: they lie in a file, and training draws the same pixels
+    "$make_scene" "$work/large" --size 1024 --train 1 --test 1 >/dev/null
+    frames=
+    for i in {11..70}; do
+        ln "$work/large/train/r_000.png" "$work/large/train/$i.png"
+        frames+=",{\"file_path\":\"./train/$i\",\"transform_matrix\":[[1,0,0,0.$i],[0,1,0,0],"
+        frames+="[0,0,1,4],[0,0,0,1]]}"
+    done
+    printf '{"camera_angle_x":0.7,"frames":[%s]}' "${frames#,}" \
+        >"$work/large/transforms_train.json"
+    run "$cln" train "$work/large" -o "$work/in-memory" "${small[@]}" --steps 20 --no-adaptive --json
+    whole_peak=$(json host_peak)
+    run "$cln" train "$work/large" -o "$work/stored" "${small[@]}" --steps 20 --no-adaptive \
+        --host-mem 480M --json
+    check "what does not fit lies in a file" grep -q "their pixels lie in a file" "$work/err"
+    check "memory is less by most of the photos" number_above "$whole_peak" \
+        "$(awk -v p="$(json host_peak)" 'BEGIN { printf "%.0f", p + 150 * 1048576 }')"
+    check "and keeps to --host-mem" number_above 503316480 "$(json host_peak)"
+    check "the model is the same" [ "$(digest "$work/stored")" = "$(digest "$work/in-memory")" ]
+    check "so are the evaluation's pictures and photos" diff -r \
+        "$work/in-memory/eval/00000020-test" "$work/stored/eval/00000020-test"
+    check "the report shows them" grep -q 'alt="truth of test/r_000"' \
+        "$work/stored/report.html"
+    rm -r "$work/large" "$work/in-memory" "$work/stored"
 
     # a limit with room for level 1 and a half: growth by level and by the integer program stay
     # below it

@@ -62,6 +62,7 @@ int test_group_scene_input(void);
 int test_group_settings(void);
 int test_group_space(void);
 int test_group_splat(void);
+int test_group_store(void);
 int test_group_structure(void);
 int test_group_reduce(void);
 int test_group_surface(void);

@@ -140,8 +140,8 @@ static void look(const cln_camera *truth, const cln_camera *now, cln_spot *spots
     }
 }
 
-/* Steps end at the true pose, with a lens, too, and in a cube of another size; some photos' pixels
- * that are wrong altogether do little. */
+/* Steps end at the true pose, with a lens, too, in a cube of another size with a photo of less light;
+ * some pixels that are wrong altogether do little. */
 static void test_steps(void **state)
 {
     cln_spot spots[SPOTS];
@@ -152,7 +152,8 @@ static void test_steps(void **state)
         for (int i = 0; i < 6; i++) {
             cln_camera truth = camera_of(i, 6, 0.3), now;
             cln_space space = cln_space_unit;
-            double motion[6], scale = 0, before = 0, after = 0;
+            double before = 0, after = 0;
+            cln_pose_step step;
 
             if (kind == 1)
                 truth.k1 = -0.2;
@@ -164,18 +165,20 @@ static void test_steps(void **state)
             for (int round = 0; round < 20; round++) {
                 look(&truth, &now, spots, looks);
                 for (int s = 0; s < SPOTS; s++) {
+                    for (int a = 0; a < 3 && kind == 2; a++) /* less light */
+                        spots[s].photo[a] *= 0.85f;
                     if (kind == 3 && s % 10 == 0) /* something stood there for that photo */
                         spots[s].photo[0] = spots[s].photo[1] = spots[s].photo[2] = 0;
                     for (int k = 0; k < CLN_SPOT_LOOKS; k++)
                         looks[s][k].depth /= (float)space.half;
                 }
                 assert_true(cln_refine_solve(&now, &space, SPOTS, spots,
-                                             (const cln_ray_result(*)[CLN_SPOT_LOOKS])looks, motion,
-                                             &scale));
-                cln_motion_apply(now.c2w, motion, now.c2w);
+                                             (const cln_ray_result(*)[CLN_SPOT_LOOKS])looks,
+                                             &step));
+                cln_motion_apply(now.c2w, step.motion, now.c2w);
             }
             after = apart(&truth, truth.c2w, now.c2w);
-            if (!(before > 0.3 && after < 0.1 * before))
+            if (!(before > 0.3 && after < (kind == 2 ? 0.2 : 0.1) * before))
                 fail_msg("kind %d, view %d: off by %.4f pixels, then %.5f", kind, i, before, after);
         }
 }
@@ -186,7 +189,7 @@ static void test_no_step(void **state)
     cln_spot spots[SPOTS];
     cln_ray_result looks[SPOTS][CLN_SPOT_LOOKS];
     const cln_camera c = camera_of(0, 6, 0);
-    double motion[6], scale = 0;
+    cln_pose_step step;
 
     (void)state;
     for (int kind = 0; kind < 3; kind++) {
@@ -201,8 +204,7 @@ static void test_no_step(void **state)
                     looks[s][k].r = looks[s][k].g = looks[s][k].b = 0.5f;
             }
         assert_false(cln_refine_solve(&c, &cln_space_unit, SPOTS, spots,
-                                      (const cln_ray_result(*)[CLN_SPOT_LOOKS])looks, motion,
-                                      &scale));
+                                      (const cln_ray_result(*)[CLN_SPOT_LOOKS])looks, &step));
     }
 }
 
