@@ -27,7 +27,7 @@ static const double DAMPING = 0.01;     /* of the normal equations' diagonal */
 static const double MOST_SHIFT = 1;     /* pixels of a step, root of the mean square */
 static const double LEAST_SCALE = 0.01; /* residuals below are noise */
 static const double SURE = 2;           /* standard errors by which a step must be better */
-static const double DOUBT = 5;          /* white spots that speak for a gain of 1 */
+static const double LEAST_COLOUR = 0.01, MOST_GAIN = 8;
 static const float LEAST_OPACITY = 0.02f;
 
 static const int looks_x[CLN_SPOT_LOOKS] = {0, -1, 1, 0, 0};
@@ -253,28 +253,26 @@ static double residual(const cln_spot *spot, const cln_ray_result *look, const d
     return sum;
 }
 
-/* The factors from rendered to photo's colours: a photo that is brighter as a whole has not moved. */
-static void find_gain(int count, const int *found, const cln_spot *spots,
-                      const cln_ray_result (*looks)[CLN_SPOT_LOOKS], double gain[3])
-{
-    for (int c = 0; c < 3; c++) {
-        double cross = DOUBT, square = DOUBT;
-
-        for (int i = 0; i < count; i++) {
-            const double colour = channel(&looks[found[i]][0], c);
-
-            cross += colour * (double)spots[found[i]].photo[c];
-            square += colour * colour;
-        }
-        gain[c] = cross / square;
-    }
-}
-
 static int ascending(const void *a, const void *b)
 {
     const double *p = a, *q = b;
 
     return (*p > *q) - (*p < *q);
+}
+
+/* The medians of photo over rendered colour: a photo that is brighter as a whole has not moved. */
+static void find_gain(int count, const int *found, const cln_spot *spots,
+                      const cln_ray_result (*looks)[CLN_SPOT_LOOKS], double gain[3])
+{
+    for (int c = 0; c < 3; c++) {
+        double ratios[SPOTS];
+
+        for (int i = 0; i < count; i++)
+            ratios[i] = (double)spots[found[i]].photo[c] /
+                        fmax(channel(&looks[found[i]][0], c), LEAST_COLOUR);
+        qsort(ratios, (size_t)count, sizeof *ratios, ascending);
+        gain[c] = fmin(fmax(ratios[count / 2], 1 / MOST_GAIN), MOST_GAIN);
+    }
 }
 
 /* A spot's part of the normal equations, weighed by 1 / (1 + r^2 / scale^2). */

@@ -178,7 +178,7 @@ static void test_steps(void **state)
                 cln_motion_apply(now.c2w, step.motion, now.c2w);
             }
             after = apart(&truth, truth.c2w, now.c2w);
-            if (!(before > 0.3 && after < (kind == 2 ? 0.2 : 0.1) * before))
+            if (!(before > 0.3 && after < 0.1 * before))
                 fail_msg("kind %d, view %d: off by %.4f pixels, then %.5f", kind, i, before, after);
         }
 }
