@@ -7,9 +7,9 @@
  * their photo has contrast, it compares the rendered colour with the photo's, and how the rendered
  * one would change as the camera moves: by its slope between the neighbouring pixels, times the way
  * that the surface's point at the rendered depth moves in the image (Lucas and Kanade, 1981, for a
- * rendered picture). So no gradient passes the networks. A step counts if it surely lowers the error
- * of other pixels. What moves all cameras alike is taken out again. A function of seed, step, model
- * and photos alone. */
+ * rendered picture). So no gradient passes the networks. A step counts if it surely lowers the
+ * error of other pixels. What moves all cameras alike is taken out again. A function of seed, step,
+ * model and photos alone. */
 #ifndef CLN_REFINE_H
 #define CLN_REFINE_H
 

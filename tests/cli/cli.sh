@@ -888,7 +888,8 @@ section_memory() {
     done
     printf '{"camera_angle_x":0.7,"frames":[%s]}' "${frames#,}" \
         >"$work/large/transforms_train.json"
-    run "$cln" train "$work/large" -o "$work/in-memory" "${small[@]}" --steps 20 --no-adaptive --json
+    run "$cln" train "$work/large" -o "$work/in-memory" "${small[@]}" --steps 20 \
+        --no-adaptive --json
     whole_peak=$(json host_peak)
     run "$cln" train "$work/large" -o "$work/stored" "${small[@]}" --steps 20 --no-adaptive \
         --host-mem 480M --json
