@@ -1,15 +1,41 @@
 /* See faults.h. What `axes` and `inverse` do to a matrix, make_scene.c does where it writes it. */
 #include "faults.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/rng.h"
+#include "scene/motion.h"
 
 const char *const fault_names[FAULTS + 1] = {
 #define X(name, what) #name,
     FAULT_LIST(X)
 #undef X
         NULL};
+
+/* A direction, evenly distributed, from two numbers in [0, 1). */
+static void direction(const float of[2], double by, double out[3])
+{
+    const double z = 2 * (double)of[0] - 1, angle = 2 * M_PI * (double)of[1], r = sqrt(1 - z * z);
+
+    out[0] = by * r * cos(angle);
+    out[1] = by * r * sin(angle);
+    out[2] = by * z;
+}
+
+/* A turn and a shift of fixed sizes, each about a direction of its own. */
+static void shake(int view, cln_camera *camera)
+{
+    const double distance = hypot(hypot(camera->c2w[3], camera->c2w[7]), camera->c2w[11]);
+    double motion[CLN_MOTION];
+    float random[4];
+
+    cln_uniform4(1, CLN_STREAM_SCENE, 0, (uint32_t)view, 99, random);
+    direction(random, 0.3 * M_PI / 180, motion);
+    direction(random + 2, 0.005 * distance, motion + 3);
+    cln_motion_apply(camera->c2w, motion, camera->c2w);
+}
 
 void fault_camera(fault which, int view, cln_camera *camera)
 {
@@ -25,6 +51,8 @@ void fault_camera(fault which, int view, cln_camera *camera)
         view == FAULT_VIEW) /* rows: world x and y, so a half turn around z */
         for (int k = 0; k < 8; k++)
             camera->c2w[k] *= -1;
+    if (which == FAULT_shaken && view >= 0)
+        shake(view, camera);
 }
 
 int fault_photo(fault which, int view, int train)

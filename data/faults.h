@@ -19,6 +19,7 @@
     X(copy, "one photo is there twice, under the name of another one, too") \
     X(exposure, "one photo has half of its light")                          \
     X(blur, "one photo is blurred")                                         \
+    X(shaken, "poses of training views are off, by 0.3 degrees and 0.5 %")  \
     X(mask, "masks are inverted (with --masks)")
 
 typedef enum {

@@ -23,6 +23,7 @@
 #include "train/carve.h"
 #include "train/loop.h"
 #include "train/record.h"
+#include "train/refine.h"
 #include "train/step.h"
 #include "train/watch.h"
 
@@ -299,10 +300,8 @@ static cln_status check_ranks(const cln_trainer *t)
         const cln_view *v = &scene->views[i];
 
         photos = cln_digest(photos, v->camera.c2w, sizeof v->camera.c2w);
-        if (v->pixels)
-            photos = cln_digest(photos, v->pixels,
-                                (size_t)v->camera.width * (size_t)v->camera.height *
-                                    (size_t)v->channels);
+        if (cln_view_is_loaded(v))
+            photos = cln_view_digest(v, photos);
     }
     CLN_TRY(cln_ranks_agree(photos, "scene"));
     CLN_TRY(cln_ranks_agree(cln_model_digest(m) + (uint64_t)m->step, "checkpoint"));
@@ -410,6 +409,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
                       "ray results"));
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
+    CLN_TRY(cln_refine_start(t));
     cln_info("building kernels for %s", t->device->info.name);
     if (!cln_batch_knows(t->scene, &config))
         config.depth_loss = 0; /* not built */
@@ -490,6 +490,7 @@ done:
     free(t.results);
     cln_batch_free(&t.batch);
     cln_exposure_free(&t.exposure);
+    cln_refine_free(&t.refine);
     cln_pipeline_free(&t.pipeline);
     cln_model_free(&t.model);
     cln_scene_free(t.scene);

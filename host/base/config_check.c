@@ -257,6 +257,10 @@ cln_status cln_config_check(const cln_config *config)
         return cln_fail(CLN_USAGE,
                         "--space ndc and --bbox: what the cameras see from a near plane to "
                         "infinity is no box; leave one out");
+    if (config->refine_poses && config->stage1 == CLN_STAGE1_SPLAT)
+        return cln_fail(CLN_USAGE,
+                        "--refine-poses and --stage1 splat: single pixels of many views are "
+                        "compared, which splatting does not do; give --stage1 gather");
 done:
     return st;
 }

@@ -243,6 +243,9 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     BOOL(exposure, "exposure", false, false,                                                       \
          "fit a gain to each training photo and channel, for images without alpha",                \
          .flags = CLN_ROW_LATER)                                                                   \
+    BOOL(refine_poses, "refine-poses", false, false,                                               \
+         "gather: correct the training cameras' poses a little, by their photos",                  \
+         .flags = CLN_ROW_FIXED | CLN_ROW_LATER)                                                   \
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \
     REAL(sparsity, "sparsity", 0, 0, 0, 1e3, "weight of 1-exp(-0.05 sigma) at random points")      \

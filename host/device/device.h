@@ -33,6 +33,7 @@
     X(REFRESH, "stage 1 refresh")    \
     X(STRUCTURE, "structure")        \
     X(PROBE, "probes")               \
+    X(POSES, "poses")                \
     X(EVALUATION, "evaluation")      \
     X(VIEWING, "viewing")            \
     X(OTHER, "other")

@@ -8,6 +8,7 @@
  * size read is compared with the settings and the tree before it is used. Does not touch the rest
  * of the run folder. */
 #include "model/model.h"
+#include "scene/motion.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -33,7 +34,7 @@ enum {
     KEEP = 2,
     SHOWN_TENSORS = 3,
     TRAINING_TENSORS = 10,
-    MAX_TENSORS = 11,
+    MAX_TENSORS = 12,
     ROW = 8,
     NAME_BYTES = 64,
     JSON_BYTES = 16384
@@ -265,13 +266,18 @@ static cln_status write_tensors(const char *path, const cln_model *model, uint64
         {"density", CLN_DTYPE_BF16, 4, {leaves, n1, n1, n1}, model->density},
         {"leaf_sums", CLN_DTYPE_F32, 3, {leaves, CLN_MEASURES, 2}, model->sums},
         {"leaf_met", CLN_DTYPE_I32, 1, {leaves}, model->met},
-        {"leaf_saved", CLN_DTYPE_F32, 1, {leaves}, model->saved},
-        {"exposure", CLN_DTYPE_F32, 2, {model->exposure_views, 9}, model->exposure}};
+        {"leaf_saved", CLN_DTYPE_F32, 1, {leaves}, model->saved}};
 
     CLN_TRY(cln_octree_pack(&model->tree, &rows));
     tensors[0].data = rows;
     if (model->adam_m)
-        count = model->exposure ? MAX_TENSORS : TRAINING_TENSORS;
+        count = TRAINING_TENSORS;
+    if (model->adam_m && model->exposure)
+        tensors[count++] =
+            (cln_tensor){"exposure", CLN_DTYPE_F32, 2, {model->exposure_views, 9}, model->exposure};
+    if (model->motions)
+        tensors[count++] = (cln_tensor){
+            "poses", CLN_DTYPE_F32, 2, {model->motion_views, CLN_MOTION}, model->motions};
     CLN_TRY(cln_safetensors_write(path, count, tensors, digest));
 done:
     free(rows);
@@ -321,19 +327,34 @@ done:
     return st;
 }
 
-/* Gains of the training photos, if there are any. */
-static cln_status read_exposure(const cln_safetensors *file, const char *path, cln_model *out)
+/* A tensor with a row per training view, of which there are *views. */
+static cln_status take_views(const cln_safetensors *file, const char *path, const char *name,
+                             int width, void *out, int *views)
 {
     cln_status st = CLN_OK;
     cln_tensor tensor;
-    int64_t shape[2] = {0, 9};
+    int64_t shape[2] = {0, width};
 
-    if (!out->config.exposure || out->has_alpha)
-        return CLN_OK;
-    CLN_TRY(cln_safetensors_get(file, "exposure", CLN_DTYPE_F32, &tensor));
+    CLN_TRY(cln_safetensors_get(file, name, CLN_DTYPE_F32, &tensor));
     shape[0] = tensor.dims == 2 && tensor.shape[0] < INT32_MAX ? tensor.shape[0] : 0;
-    CLN_TRY(take_tensor(file, path, "exposure", CLN_DTYPE_F32, 2, shape, &out->exposure));
-    out->exposure_views = (int)shape[0];
+    CLN_TRY(take_tensor(file, path, name, CLN_DTYPE_F32, 2, shape, out));
+    *views = (int)shape[0];
+done:
+    return st;
+}
+
+/* Corrections of the training cameras: small ones. */
+static cln_status read_motions(const cln_safetensors *file, const char *path, cln_model *out)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(take_views(file, path, "poses", CLN_MOTION, &out->motions, &out->motion_views));
+    for (int i = 0; i < out->motion_views; i++)
+        for (int k = 0; k < CLN_MOTION; k++)
+            if (!isfinite(out->motions[i][k]) || (k < 3 && fabsf(out->motions[i][k]) > 1))
+                CLN_TRY(cln_fail(CLN_CHECKPOINT,
+                                 "%s: tensor 'poses' has a correction that cannot be (row %d)",
+                                 path, i));
 done:
     return st;
 }
@@ -363,8 +384,11 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
         CLN_TRY(take_tensor(file, path, "leaf_sums", CLN_DTYPE_F32, 3, sums, &out->sums));
         CLN_TRY(take_tensor(file, path, "leaf_met", CLN_DTYPE_I32, 1, shape, &out->met));
         CLN_TRY(take_tensor(file, path, "leaf_saved", CLN_DTYPE_F32, 1, shape, &out->saved));
-        CLN_TRY(read_exposure(file, path, out));
+        if (out->config.exposure && !out->has_alpha)
+            CLN_TRY(take_views(file, path, "exposure", 9, &out->exposure, &out->exposure_views));
     }
+    if (out->config.refine_poses)
+        CLN_TRY(read_motions(file, path, out));
 done:
     cln_safetensors_free(file);
     return st;

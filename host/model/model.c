@@ -32,6 +32,7 @@ void cln_model_free(cln_model *model)
     free(model->error);
     free(model->saved);
     free(model->exposure);
+    free(model->motions);
     memset(model, 0, sizeof *model);
 }
 

@@ -40,6 +40,10 @@ typedef struct cln_model {
      * times photo's colour and of the rendered one's square; NULL without --exposure. */
     float (*exposure)[9]; /* [exposure_views] */
     int exposure_views;
+    /* Corrections of the training cameras' poses (scene/motion.h), in the split's order; NULL
+     * without --refine-poses. A model that only renders has them, too. */
+    float (*motions)[6]; /* [motion_views] */
+    int motion_views;
 } cln_model;
 
 /* Of each leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */

@@ -325,19 +325,12 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
     const cln_config *c = &d->pipeline->config;
     const double densities = s->leaves * BYTES(d, density), params = s->leaves * BYTES(d, params);
-    double images = 0;
 
     out->limit = c->host_mem > 0 ? c->host_mem : cln_host_memory();
-    for (int i = 0; i < d->scene->view_count; i++) {
-        const cln_view *v = &d->scene->views[i];
-
-        if (v->pixels)
-            images += (double)v->camera.width * v->camera.height * v->channels;
-    }
     row(out, "program and driver", NULL);
     add(out, program_bytes);
     row(out, "images", "the size with --downscale, or the number of views");
-    add(out, images);
+    add(out, cln_scene_pixel_bytes(d->scene));
     row(out, "model", CLN_LOWER_LEAVES);
     add(out, params);
     if (d->training) {

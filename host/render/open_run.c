@@ -11,6 +11,7 @@
 #include "pipeline/share.h"
 #include "io/run_folder.h"
 #include "render/recorded.h"
+#include "scene/motion.h"
 
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)
 {
@@ -56,6 +57,9 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
     memcpy(desc.pixels, pixels, sizeof desc.pixels);
     CLN_TRY(cln_open_run_model(run, out));
     CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
+    if (out->same_scene && out->model.motions &&
+        out->model.motion_views == cln_scene_split_count(out->scene, CLN_SPLIT_TRAIN))
+        cln_motion_views(out->scene, (const float(*)[CLN_MOTION])out->model.motions);
 done:
     if (st != CLN_OK)
         cln_open_run_close(out);

@@ -103,11 +103,15 @@ static void measure_opacity(const cln_view *view, const uint8_t *kept, const cln
     if (view->channels != 4)
         return;
     for (size_t i = 0; i < pixels; i++) {
-        const uint8_t alpha = view->pixels[4 * i + 3];
-        const double d = picture->opacity[i] - alpha / 255.0;
+        uint8_t rgba[4], alpha = 0;
+        double d = 0;
 
         if (kept && !kept[i])
             continue;
+        cln_view_bytes(view, (int)(i % (size_t)picture->width), (int)(i / (size_t)picture->width),
+                       rgba);
+        alpha = rgba[3];
+        d = picture->opacity[i] - alpha / 255.0;
         count++;
         square += d * d;
         air += alpha == 0;
@@ -148,6 +152,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->psnr_fitted = cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
+    CLN_TRY(cln_scene_check_pixels(scene));
     if (folder)
         CLN_TRY(save(folder, v->file, width, height, picture->rgb, truth, rounded));
 done:

@@ -51,9 +51,9 @@ static int within(int i, int count)
 /* Straight colours, without the background: transparency must not draw outlines of its own. */
 static float grey(const cln_view *view, int x, int y)
 {
-    const uint8_t *p = view->pixels + ((size_t)y * (size_t)view->camera.width + (size_t)x) *
-                                          (size_t)view->channels;
+    uint8_t p[4];
 
+    cln_view_bytes(view, x, y, p);
     return (0.299f * p[0] + 0.587f * p[1] + 0.114f * p[2]) / 255;
 }
 
@@ -324,6 +324,7 @@ static void search(const cln_view *view, const octave *o, double pixel, found *l
                 found one = {.strength = fabsf(here)};
                 float fx = 0, fy = 0;
                 int px = 0, py = 0;
+                uint8_t bytes[4];
 
                 if (!is_extremum(o, s, x, y))
                     continue;
@@ -337,11 +338,9 @@ static void search(const cln_view *view, const octave *o, double pixel, found *l
                 one.feature.value = get(&o->blurred[s], x, y);
                 px = within((int)one.feature.u, view->camera.width);
                 py = within((int)one.feature.v, view->camera.height);
+                cln_view_bytes(view, px, py, bytes);
                 one.feature.kept =
-                    cln_view_keeps(view, px, py) &&
-                    (view->channels == 3 ||
-                     view->pixels[4 * ((size_t)py * (size_t)view->camera.width + (size_t)px) + 3] >
-                         127);
+                    cln_view_keeps(view, px, py) && (view->channels == 3 || bytes[3] > 127);
                 describe(&o->blurred[s], fx, fy, sigma,
                          main_direction(&o->blurred[s], fx, fy, sigma), one.feature.about);
                 keep_strongest(list, count, &one);

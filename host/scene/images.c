@@ -140,12 +140,11 @@ done:
     return st;
 }
 
-cln_status cln_scene_check_memory(const cln_scene *scene, const bool wanted[CLN_SPLITS],
-                                  double limit)
+cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS], double limit)
 {
     const double room = limit > 0 ? limit : cln_host_memory();
     double kept = 0, largest = 0, reading = 0;
-    char need[32], have[32], advice[64] = "leave images out";
+    char need[32], have[32];
     int images = 0;
 
     for (int i = 0; i < scene->view_count; i++) {
@@ -158,18 +157,20 @@ cln_status cln_scene_check_memory(const cln_scene *scene, const bool wanted[CLN_
         largest = fmax(largest, (double)v->file_width * v->file_height * v->channels);
     }
     reading = 2 * THREADS * largest; /* the file or the row filters, and the pixels */
-    if (kept + reading <= room)
+    if (kept + reading <= (limit > 0 ? limit / 2 : room))
         return CLN_OK;
-    cln_format_bytes(kept + reading, need);
+    cln_format_bytes(reading, need);
     cln_format_bytes(room, have);
-    if (room > reading)
-        snprintf(advice, sizeof advice, "use --downscale %.0f",
-                 ceil(scene->downscale * sqrt(kept / (room - reading))));
-    return cln_fail(CLN_MEMORY,
-                    "%s: %d images, with --downscale %d, need %s of host memory, %s is %s; %s, or "
-                    "raise --host-mem",
-                    scene->folder, images, scene->downscale, need,
-                    limit > 0 ? "--host-mem" : "this machine's", have, advice);
+    if (reading > room)
+        return cln_fail(CLN_MEMORY,
+                        "%s: to read its largest images needs %s of host memory, %s is %s; make "
+                        "smaller copies of them, or raise --host-mem",
+                        scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have);
+    scene->cached = room / 8;
+    cln_format_bytes(kept, need);
+    cln_info("scene: %d images have %s, and host memory %s: their pixels lie in a file in %s",
+             images, need, have, cln_store_folder());
+    return CLN_OK;
 }
 
 /* One reading of all files. Indices are handed out in order and none after a failure, so the lowest
@@ -178,7 +179,7 @@ typedef struct job {
     cln_scene *scene;
     const bool *wanted;
     uint64_t *digests; /* [view] */
-    size_t *places;    /* [view] in scene->pixels */
+    size_t *places;    /* [view] in scene->pixels, or in the store */
     atomic_int next;
     atomic_bool stop;
     pthread_mutex_t mutex; /* guards the failure */
@@ -334,7 +335,13 @@ static cln_status read_view(job *work, int index)
         CLN_TRY(changed(view->path));
     CLN_TRY(cln_image_downscale(work->scene->downscale, &width, &height, channels, &pixels));
     CLN_ASSERT(width == view->camera.width && height == view->camera.height);
-    view->pixels = work->scene->pixels + work->places[index];
+    view->place = work->places[index];
+    if (work->scene->store) {
+        CLN_TRY(cln_store_write(work->scene->store, view->place, width, height, channels, pixels));
+        view->store = work->scene->store;
+        goto done;
+    }
+    view->pixels = work->scene->pixels + view->place;
     memcpy(view->pixels, pixels, (size_t)width * (size_t)height * (size_t)channels);
 done:
     free(pixels);
@@ -386,10 +393,16 @@ static cln_status make_room(job *work)
         const cln_view *v = &scene->views[i];
 
         work->places[i] = bytes;
-        if (work->wanted[v->split])
-            bytes += (size_t)v->camera.width * (size_t)v->camera.height * (size_t)v->channels;
+        if (!work->wanted[v->split])
+            continue;
+        bytes += scene->cached > 0
+                     ? cln_store_room(v->camera.width, v->camera.height, v->channels)
+                     : (size_t)v->camera.width * (size_t)v->camera.height * (size_t)v->channels;
     }
-    CLN_TRY(cln_alloc(&scene->pixels, bytes, 1, "images"));
+    if (scene->cached > 0)
+        CLN_TRY(cln_store_create((double)bytes, scene->cached, &scene->store));
+    else
+        CLN_TRY(cln_alloc(&scene->pixels, bytes, 1, "images"));
 done:
     return st;
 }

@@ -617,6 +617,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
     for (int i = 0; i < scene->view_count; i++)
         cln_photo_measure(&scene->views[i], &in.photos[i]);
     CLN_TRY(cln_agree(scene, &in.agreement));
+    CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
     check_agreement(&in);
     check_strays(&in);

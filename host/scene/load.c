@@ -265,7 +265,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     cln_scene_find_doubts(scene);
     if (desc->config->depth_loss > 0 && desc->pixels[CLN_SPLIT_TRAIN])
         CLN_TRY(cln_scene_find_sights(scene, result));
-    CLN_TRY(cln_scene_check_memory(scene, desc->pixels, desc->config->host_mem));
+    CLN_TRY(cln_scene_place_images(scene, desc->pixels, desc->config->host_mem));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));
 done:
     free(others);
@@ -303,6 +303,7 @@ void cln_scene_free(cln_scene *scene)
     free(scene->maps);
     free_views(scene->views, scene->view_count + scene->missing);
     free(scene->pixels);
+    cln_store_free(scene->store);
     free(scene->path);
     free(scene->folder);
     free(scene->because);
@@ -313,6 +314,11 @@ void cln_scene_free(cln_scene *scene)
     free(scene);
 }
 
+bool cln_view_is_loaded(const cln_view *view)
+{
+    return view->pixels || view->store;
+}
+
 static const uint8_t *pixel_of(const cln_view *view, int x, int y)
 {
     return view->pixels +
@@ -321,14 +327,56 @@ static const uint8_t *pixel_of(const cln_view *view, int x, int y)
 
 void cln_view_fetch(const cln_view *view, int x, int y)
 {
-    __builtin_prefetch(pixel_of(view, x, y));
+    if (view->store)
+        cln_store_fetch(view->store, view->place, view->camera.width, view->channels, x, y);
+    else
+        __builtin_prefetch(pixel_of(view, x, y));
+}
+
+void cln_view_bytes(const cln_view *view, int x, int y, uint8_t out[4])
+{
+    if (view->store)
+        cln_store_pixel(view->store, view->place, view->camera.width, view->channels, x, y, out);
+    else
+        memcpy(out, pixel_of(view, x, y), (size_t)view->channels);
+}
+
+uint64_t cln_view_digest(const cln_view *view, uint64_t digest)
+{
+    for (int y = 0; y < view->camera.height; y++)
+        for (int x = 0; x < view->camera.width; x++) {
+            uint8_t p[4];
+
+            cln_view_bytes(view, x, y, p);
+            digest = cln_digest(digest, p, (size_t)view->channels);
+        }
+    return digest;
+}
+
+double cln_scene_pixel_bytes(const cln_scene *scene)
+{
+    double bytes = scene->store ? cln_store_cached(scene->store) : 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+
+        if (v->pixels)
+            bytes += (double)v->camera.width * v->camera.height * v->channels;
+    }
+    return bytes;
+}
+
+cln_status cln_scene_check_pixels(const cln_scene *scene)
+{
+    return scene->store ? cln_store_check(scene->store) : CLN_OK;
 }
 
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha)
 {
-    const uint8_t *p = pixel_of(view, x, y);
+    uint8_t p[4];
 
+    cln_view_bytes(view, x, y, p);
     *alpha = view->channels == 4 ? (float)p[3] / 255 : 1;
     for (int c = 0; c < 3; c++)
         rgb[c] = (float)p[c] / 255 * *alpha + background[c] * (1 - *alpha);

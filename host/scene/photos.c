@@ -8,9 +8,9 @@ static const float STRONG = 6; /* gradients that count, of 255 */
 
 static float grey(const cln_view *view, int x, int y)
 {
-    const uint8_t *p = view->pixels + ((size_t)y * (size_t)view->camera.width + (size_t)x) *
-                                          (size_t)view->channels;
+    uint8_t p[4];
 
+    cln_view_bytes(view, x, y, p);
     return 0.299f * p[0] + 0.587f * p[1] + 0.114f * p[2];
 }
 

@@ -14,6 +14,7 @@
 #include "base/config_rows.h"
 #include "scene/lens.h"
 #include "scene/space.h"
+#include "scene/store.h"
 
 typedef enum { CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, CLN_SPLIT_TEST, CLN_SPLITS } cln_split;
 extern const char *const cln_split_names[CLN_SPLITS]; /* "train", "val", "test" */
@@ -67,10 +68,12 @@ typedef struct cln_view {
     int number;                  /* among the views as its reader gave them */
     int file_width, file_height; /* size before --downscale */
     int channels;                /* 3, or 4 with straight alpha */
-    uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not loaded */
-    const uint8_t *kept;         /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
-    int64_t left_out;            /* number of pixels beyond the fold of its lens */
-    uint8_t *masked;             /* `kept` is it, if the view has a mask and pixels; else NULL */
+    uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not in memory */
+    cln_store *store;            /* the scene's, if they are there, at `place`; else NULL */
+    size_t place;
+    const uint8_t *kept; /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
+    int64_t left_out;    /* number of pixels beyond the fold of its lens */
+    uint8_t *masked;     /* `kept` is it, if the view has a mask and pixels; else NULL */
 } cln_view;
 
 /* A pixel of a training view that shows a point whose place is known. */
@@ -92,6 +95,8 @@ typedef struct cln_scene {
     cln_view *views;     /* train, then val, then test; by name within a split */
     int missing;         /* frames without an image, left out: they stand behind the views */
     uint8_t *pixels;     /* of all loaded views: one piece, so that it lies in huge pages */
+    cln_store *store;    /* or they are here, if memory has no room for them */
+    double cached;       /* bytes of them that may be in memory; 0: all are */
     uint8_t **maps;      /* [view_count] of the views' kept pixels; as many as there are lenses */
     bool has_alpha;      /* over the views of all splits */
     unsigned lenses;     /* so: cln_camera_lenses */
@@ -134,6 +139,21 @@ int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 /* The point nearest to the optical axes of the training views, scene units; false if these are
  * parallel. */
 bool cln_scene_focus(const cln_scene *scene, double point[3]);
+
+/* Are its pixels there, in memory or in the store? */
+bool cln_view_is_loaded(const cln_view *view);
+
+/* Pixel (x, y) of a loaded view as it is stored: its channels. */
+void cln_view_bytes(const cln_view *view, int x, int y, uint8_t out[4]);
+
+/* CLN_OUTPUT if pixels could not be read from the store: what was made of them is wrong. */
+cln_status cln_scene_check_pixels(const cln_scene *scene);
+
+/* Bytes of host memory that the loaded views' pixels take. */
+double cln_scene_pixel_bytes(const cln_scene *scene);
+
+/* A digest of a loaded view's pixels. */
+uint64_t cln_view_digest(const cln_view *view, uint64_t digest);
 
 /* Pixel (x, y) of a loaded view as float RGB in 0..1 over `background`, alpha in *alpha (1
  * without). */

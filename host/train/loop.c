@@ -1,5 +1,5 @@
 /* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way:
- * loop -> maintain -> step, loop and maintain -> record, loop -> watch. Every decision is a
+ * loop -> maintain, refine -> step, loop and maintain -> record, loop -> watch. Every decision is a
  * function of the seed, the step and the model, so a resumed run equals an uninterrupted one bit
  * for bit (except with a budget in time). */
 #include "train/loop.h"
@@ -21,6 +21,7 @@
 #include "render/quality.h"
 #include "train/maintain.h"
 #include "train/record.h"
+#include "train/refine.h"
 #include "train/step.h"
 #include "train/watch.h"
 
@@ -318,7 +319,7 @@ static cln_status warm_up(cln_trainer *t)
     CLN_TRY(cln_stage_refresh(&t->pipeline, 0, 1, true, 0, 0));
     CLN_TRY(cln_step(t, 0));
     CLN_TRY(cln_step_catch_up(t));
-    if (t->model.config.adaptive)
+    if (t->model.config.adaptive || t->model.config.refine_poses)
         CLN_TRY(cln_maintain_probe(t, &psnr));
     t->model = before;
     t->undone = t->drawn = false;
@@ -404,6 +405,7 @@ cln_status cln_loop_run(cln_trainer *t)
         bool row = false;
 
         CLN_TRY(cln_maintain(t, fraction));
+        CLN_TRY(cln_refine_poses(t, fraction));
         CLN_TRY(cln_step(t, fraction));
         t->model.train_seconds += cln_now() - began;
         agree(t);
@@ -429,6 +431,7 @@ cln_status cln_loop_run(cln_trainer *t)
     }
     CLN_TRY(wait_for_step(t));
     cln_exposure_say(&t->exposure, &t->model);
+    cln_refine_say(t);
     CLN_TRY(checkpoint(t));
     if (t->signal)
         CLN_TRY(stopped(t, "after a checkpoint"));

@@ -159,6 +159,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
         draw(t);
     t->drawn = false;
     sights = t->drawn_sights;
+    CLN_TRY(cln_scene_check_pixels(t->scene));
     if (cln_exposure_due(&t->exposure, number) && !t->undone) {
         CLN_TRY(cln_step_catch_up(t));
         cln_exposure_update(&t->exposure, &t->model);

@@ -12,6 +12,10 @@
 
 enum { CLN_EVAL_POINTS = 32 };
 
+typedef struct cln_refine {
+    double (*given)[12]; /* [training view] the scene's poses; NULL without --refine-poses */
+} cln_refine;
+
 typedef struct cln_trainer {
     const cln_train_desc *desc;
     int lock;    /* on the run folder (io/run_folder.h) */
@@ -27,6 +31,7 @@ typedef struct cln_trainer {
     bool drawn_sights;       /* some of its rays go to sparse points */
     bool undone;             /* the step on its way will be undone */
     cln_exposure exposure;
+    cln_refine refine;
     struct { /* results that the host has not read yet */
         bool due;
         int64_t step;

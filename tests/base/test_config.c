@@ -95,6 +95,21 @@ static void test_presets(void **state)
     assert_int_equal(cln_config_check(&fast), CLN_OK);
 }
 
+/* Poses are refined by rays of many views, which the paper's splatting does not take. */
+static void test_refine_poses(void **state)
+{
+    cln_config config;
+
+    (void)state;
+    assert_int_equal(cln_config_preset("fast", &config), CLN_OK);
+    config.refine_poses = true;
+    assert_int_equal(cln_config_check(&config), CLN_OK);
+    config.stage1 = CLN_STAGE1_SPLAT;
+    assert_int_equal(cln_config_check(&config), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "--stage1 gather"));
+    cln_clear_error();
+}
+
 /* Is `word` one of "a b c"? */
 static bool is_among(const char *words, const char *word)
 {
@@ -820,6 +835,7 @@ int test_group_config(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_presets),
+        cmocka_unit_test(test_refine_poses),
         cmocka_unit_test(test_baselines),
         cmocka_unit_test(test_rows),
         cmocka_unit_test(test_round_trip),

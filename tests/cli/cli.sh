@@ -572,6 +572,32 @@ section_resume() {
     expect "resume with gains" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "gains resume, too" [ "$(digest "$r")" = "$(digest "$work/exposed")" ]
 
+    scene shaken --fault shaken --size 48 --train 12 --test 3
+    expect "--refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" \
+        --steps $steps --refine-poses
+    r=$work/refined-stopped
+    start "$cln" train "$work/shaken" -o "$r" "${small[@]}" --steps $steps --refine-poses
+    wait_for 60 rows_of "$r" 150 # after poses have changed
+    kill -INT "$child"
+    finish
+    check "SIGINT with --refine-poses: exit code 130" [ $rc = 130 ]
+    expect "resume with poses" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
+    check "poses resume, too" [ "$(digest "$r")" = "$(digest "$work/refined")" ]
+    for run in refined refined-stopped; do
+        expect "export --cameras of $run" 0 "" "$cln" export "$work/$run" --cameras \
+            "$work/$run.json"
+    done
+    check "the same cameras" cmp -s "$work/refined.json" "$work/refined-stopped.json"
+    expect "the cameras as given" 0 "" "$cln" train "$work/shaken" -o "$work/unrefined" \
+        "${small[@]}" --steps 2
+    expect "export of them" 0 "" "$cln" export "$work/unrefined" --cameras "$work/given.json"
+    check "training cameras have moved" [ "$("$query" frames.0.transform_matrix.0.3 \
+        <"$work/refined.json")" != "$("$query" frames.0.transform_matrix.0.3 \
+        <"$work/given.json")" ]
+    check "test cameras have not" [ "$("$query" frames.14.transform_matrix.0.3 \
+        <"$work/refined.json")" = "$("$query" frames.14.transform_matrix.0.3 \
+        <"$work/given.json")" ]
+
     cp -r "$work/whole" "$work/longer"
     expect "resume with +N steps" 0 "" "$cln" train --resume "$work/longer" --skip-selftest \
         --progress none --steps +20 --json
@@ -837,14 +863,14 @@ section_output() {
 }
 
 section_memory() {
-    local r limit psnr
+    local r limit psnr whole_peak frames i
     blender
     expect "too little device memory: the plan is printed" 5 \
         "device-mem ~[0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --device-mem 1M
     check "and nothing written" [ ! -e "$work/never" ]
-    expect "too little host memory for the images" 5 "--host-mem ~--downscale.[0-9]" \
-        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 100K
+    expect "too little host memory to read an image" 5 "--host-mem ~smaller.copies" \
+        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 20K
     expect "too little host memory for the rest: the plan is printed" 5 "--host-mem ~images.[0-9]" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 200M
     expect "four parts are too small, by name" 5 "weights ~iB.in.each.of.4.parts" \
@@ -870,6 +896,32 @@ section_memory() {
         --host-mem "$limit" --json
     check "a training that keeps to --host-mem" [ "$(json state)" = "done" ]
     check "its peak is below it" number_above "$limit" "$(json host_peak)"
+
+    # 61 photos of 4 MiB do not fit: they lie in a file, and training draws the same pixels
+    "$make_scene" "$work/large" --size 1024 --train 1 --test 1 >/dev/null
+    frames=
+    for i in {11..70}; do
+        ln "$work/large/train/r_000.png" "$work/large/train/$i.png"
+        frames+=",{\"file_path\":\"./train/$i\",\"transform_matrix\":[[1,0,0,0.$i],[0,1,0,0],"
+        frames+="[0,0,1,4],[0,0,0,1]]}"
+    done
+    printf '{"camera_angle_x":0.7,"frames":[%s]}' "${frames#,}" \
+        >"$work/large/transforms_train.json"
+    run "$cln" train "$work/large" -o "$work/in-memory" "${small[@]}" --steps 20 \
+        --no-adaptive --json
+    whole_peak=$(json host_peak)
+    run "$cln" train "$work/large" -o "$work/stored" "${small[@]}" --steps 20 --no-adaptive \
+        --host-mem 480M --json
+    check "what does not fit lies in a file" grep -q "their pixels lie in a file" "$work/err"
+    check "memory is less by most of the photos" number_above "$whole_peak" \
+        "$(awk -v p="$(json host_peak)" 'BEGIN { printf "%.0f", p + 150 * 1048576 }')"
+    check "and keeps to --host-mem" number_above 503316480 "$(json host_peak)"
+    check "the model is the same" [ "$(digest "$work/stored")" = "$(digest "$work/in-memory")" ]
+    check "so are the evaluation's pictures and photos" diff -r \
+        "$work/in-memory/eval/00000020-test" "$work/stored/eval/00000020-test"
+    check "the report shows them" grep -q 'alt="truth of test/r_000"' \
+        "$work/stored/report.html"
+    rm -r "$work/large" "$work/in-memory" "$work/stored"
 
     # a limit with room for level 1 and a half: growth by level and by the integer program stay
     # below it

@@ -16,6 +16,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 #include "base/config.h"
+#include "base/memory.h"
 #include "io/safetensors.h"
 #include "model_fixture.h"
 #include "scratch.h"
@@ -91,6 +92,41 @@ static void test_round_trip(void **state)
     cln_model_free(&back);
     assert_int_equal(cln_checkpoint_read(*state, true, &back), CLN_CHECKPOINT);
     assert_non_null(strstr(cln_error_text(), "adam_m"));
+    cln_model_free(&model);
+}
+
+/* Corrections of poses are read for pictures, too, and only such as can be. */
+static void test_poses(void **state)
+{
+    enum { VIEWS = 3 };
+    cln_model model, back;
+
+    make_model(7, &model);
+    model.config.refine_poses = true;
+    assert_int_equal(cln_checkpoint_write(*state, &model), CLN_OK);
+    assert_int_equal(cln_checkpoint_read(*state, false, &back), CLN_CHECKPOINT);
+    assert_non_null(strstr(cln_error_text(), "poses"));
+    cln_clear_error();
+    assert_int_equal(cln_alloc(&model.motions, VIEWS, sizeof *model.motions, "test"), CLN_OK);
+    model.motion_views = VIEWS;
+    for (int i = 0; i < VIEWS; i++)
+        for (int k = 0; k < 6; k++)
+            model.motions[i][k] = 0.01f * (float)(6 * i + k) - 0.05f;
+    for (int training = 0; training < 2; training++) {
+        assert_int_equal(cln_checkpoint_write(*state, &model), CLN_OK);
+        assert_int_equal(cln_checkpoint_read(*state, training, &back), CLN_OK);
+        same_model(&model, &back, training);
+        assert_int_equal(back.motion_views, VIEWS);
+        same_bytes(model.motions, back.motions, VIEWS * sizeof *model.motions);
+        cln_model_free(&back);
+    }
+    for (int kind = 0; kind < 2; kind++) {
+        model.motions[1][2] = kind == 0 ? NAN : 1.5f; /* radians */
+        assert_int_equal(cln_checkpoint_write(*state, &model), CLN_OK);
+        assert_int_equal(cln_checkpoint_read(*state, true, &back), CLN_CHECKPOINT);
+        assert_non_null(strstr(cln_error_text(), "row 1"));
+        cln_clear_error();
+    }
     cln_model_free(&model);
 }
 
@@ -538,6 +574,7 @@ int test_group_checkpoint(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_round_trip, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_empty_tree, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_poses, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_keeps_two, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mixed_halves, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_damaged, scratch_make, scratch_remove),
