@@ -67,7 +67,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMATS
 };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
-enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
+enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 
 /* The leaf networks: compile-time constants of the kernels (method.md sections 1, 2). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
@@ -193,7 +193,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     REAL(render_min_transmittance, "render-min-transmittance", 1e-3, 1e-3, 0, 0.5,                 \
          "the same when rendering", .alias = "render-t-min")                                       \
     REAL(occlusion_from, "occlusion-from", 0.067, 0.02, 0, 1,                                      \
-         "no samples left out as occluded before this fraction of the budget")
+         "no samples left out as occluded before this fraction of the budget")                     \
+    REAL(near, "near", 0, 0, 0, 1,                                                                 \
+         "rays begin at this distance from the camera, in half sides of the scene's cube",         \
+         .flags = CLN_ROW_LATER)
 
 /* Loss, regularisers, optimiser, batch (method.md sections 10, 11). */
 #define CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                              \
@@ -273,9 +276,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     TEXT(bbox, "bbox", "", "",                                                                    \
          "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)",       \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                  \
-    ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc",                         \
-         "what the tree divides: a cube of the scene, or normalised device coordinates for "      \
-         "cameras that all look one way; auto: ndc for LLFF scenes like that without --bbox",     \
+    ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc|shell",                   \
+         "what the tree divides: a cube of the scene, normalised device coordinates for cameras " \
+         "that all look one way, or a cube and a shell that holds all that lies beyond it; auto: " \
+         "ndc for LLFF scenes like that without --bbox",                                          \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                  \
     TEXT(background, "background", "white", "white",                                              \
          "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)              \

@@ -325,6 +325,7 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
         CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
     }
+    space->shell = config->space == CLN_SPACE_SHELL && !space->forward;
     CLN_TRY(add_refused(scene, refused));
     sane = space->half >= HALF_MIN && space->half <= HALF_MAX;
     for (int i = 0; i < 3; i++)
