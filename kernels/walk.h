@@ -267,7 +267,11 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
         const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, from, to);
 
         w->cell[a] = select(along, over, exits[a] <= t);
+#if SHELL /* the line has ended, then, perhaps in what holds nothing */
+        t = select(w->end, t, (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n)));
+#else
         w->more = w->more & (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n));
+#endif
     }
 #if CROP && !SHELL
     w->more = w->more & (t < w->end);

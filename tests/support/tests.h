@@ -58,6 +58,8 @@ int test_group_scan_sort(void);
 int test_group_scene(void);
 int test_group_scene_input(void);
 int test_group_settings(void);
+int test_group_shell(void);
+int test_group_shell_rays(void);
 int test_group_space(void);
 int test_group_splat(void);
 int test_group_structure(void);
