@@ -329,7 +329,7 @@ static cln_status prepare(cln_trainer *t)
                            &(cln_settings_facts){t->desc->resume, t->scene->has_alpha});
     if (!t->desc->skip_selftest) {
         cln_info("checking the kernels on %s", t->device->info.name);
-        st = cln_selftest_training(t->device, &config, t->scene->space.forward);
+        st = cln_selftest_training(t->device, &config, &t->scene->space);
         if (st == CLN_CHECK)
             cln_note("checking the device before training; --skip-selftest trains on it all the "
                      "same, and what comes out may be wrong");

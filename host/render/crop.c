@@ -22,7 +22,7 @@ void cln_crop_warn(const char *name, const cln_space *space, const double box[6]
     for (int a = 0; a < 3; a++)
         apart = apart || box[a] > space->centre[a] + space->half ||
                 box[a + 3] < space->centre[a] - space->half;
-    if (apart && !space->forward)
+    if (apart && !space->forward && !space->shell)
         cln_warn("%s: nothing is in this box; the scene is in %g,%g,%g,%g,%g,%g", name,
                  space->centre[0] - space->half, space->centre[1] - space->half,
                  space->centre[2] - space->half, space->centre[0] + space->half,

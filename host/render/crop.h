@@ -15,7 +15,7 @@ typedef struct cln_crop {
  * name: what they are called. */
 cln_status cln_crop_check(const char *name, const double box[6]);
 
-/* Warns if the cube has nothing in the box. Forward spaces: never. */
+/* Warns if the cube has nothing in the box. Forward and shell spaces: never. */
 void cln_crop_warn(const char *name, const cln_space *space, const double box[6]);
 
 /* The pictures of the pipeline are cropped from here on; NULL, or one that is not on: they are not

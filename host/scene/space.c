@@ -471,6 +471,19 @@ bool cln_space_met_by(const cln_space *space, const double origin[3], const doub
     return enter < leave;
 }
 
+cln_space cln_space_core(const cln_space *space)
+{
+    cln_space core = *space;
+
+    core.shell = false;
+    return core;
+}
+
+const char *cln_space_name(const cln_space *space)
+{
+    return space->forward ? "ndc" : space->shell ? "shell" : "cube";
+}
+
 bool cln_space_equal(const cln_space *a, const cln_space *b)
 {
     bool same = a->forward == b->forward && a->shell == b->shell && fabs(a->half - b->half) <= 1e-6 * b->half;

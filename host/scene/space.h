@@ -118,6 +118,12 @@ void cln_space_point_to_u(const double cube[3], double u[3]);
 bool cln_space_holds(const cln_space *space, const double scene[3]);
 bool cln_space_met_by(const cln_space *space, const double origin[3], const double direction[3]);
 
+/* The scene's cube alone: of a shell space, the plain space of its core; else a copy. */
+cln_space cln_space_core(const cln_space *space);
+
+/* As --space calls it. */
+const char *cln_space_name(const cln_space *space);
+
 /* Are they the same to a millionth of b's half? */
 bool cln_space_equal(const cln_space *a, const cln_space *b);
 
