@@ -60,6 +60,8 @@ TEST_OWN := tests/support/json_query.c tests/device/device_cases.c tests/support
 TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/scenes/table.c bench/common/plot.c
+# bench-floaters: opacity where a generated scene is empty
+FLOATERS_SRC := bench/scenes/floaters.c
 # bench-peers: the leaf networks beside installed libraries for small products
 PEER_MAIN := bench/peers/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
@@ -85,7 +87,7 @@ BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/common/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 SCALE_OBJ := $(SCALE_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
+ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) $(FLOATERS_SRC) \
            bench/growth/growth.c $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 PAGES := $(wildcard host/view/page.*) host/view/path.js
@@ -156,6 +158,9 @@ $B/bench-sort: bench/peers/peer_sort.cpp $B/libcl-nascent.a
 	    $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench-floaters: $B/obj/bench/scenes/floaters.o $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
@@ -333,7 +338,7 @@ bench-scale-programs: $P/cl-nascent $P/bench-scale $B/make-scene
 bench-programs:
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
-	    build/bench-kernels build/bench-table build/bench-growth
+	    build/bench-kernels build/bench-table build/bench-growth build/bench-floaters
 
 # Quoted, as DESTDIR and PREFIX may have spaces.
 install: all
