@@ -5,7 +5,9 @@
  * SCENE is one that make-scene wrote with --depth. Along rays of its test views, GRID x GRID a view,
  * the run's density is integrated from the camera to SHARE of the true depth. Prints a line per run:
  * the mean opacity there, the share of rays on which it is above a half (a floater hides the scene),
- * and the mean within the first tenth of the way, before the lens. Exit status as cl-nascent's. */
+ * and the mean within the first tenth of the way, before the lens; for rays that end in the run's
+ * cube, then for those that end beyond it, whose depth photos hardly tell. Exit status as
+ * cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -58,6 +60,7 @@ done:
     return st;
 }
 
+/* sums: [2], of rays that end in the cube, and beyond it. */
 static cln_status add_view(cln_field *field, const cln_view *view, sums *out)
 {
     cln_status st = CLN_OK;
@@ -76,10 +79,15 @@ static cln_status add_view(cln_field *field, const cln_view *view, sums *out)
         const int x = (int)((i % GRID + 0.5) / GRID * shape[1]);
         const int y = (int)((i / GRID + 0.5) / GRID * shape[0]);
         const double end = depth[y * shape[1] + x];
-        double o[3], d[3];
+        double o[3], d[3], min[3], max[3];
+        bool beyond = false;
 
-        if (end > 0 && cln_camera_ray(&view->camera, x + 0.5, y + 0.5, o, d))
-            CLN_TRY(add_ray(field, o, d, SHARE * end, out));
+        if (!(end > 0 && cln_camera_ray(&view->camera, x + 0.5, y + 0.5, o, d)))
+            continue;
+        cln_field_box(field, min, max);
+        for (int a = 0; a < 3; a++)
+            beyond = beyond || o[a] + end * d[a] < min[a] || o[a] + end * d[a] > max[a];
+        CLN_TRY(add_ray(field, o, d, SHARE * end, &out[beyond]));
     }
 done:
     free(path);
@@ -91,14 +99,16 @@ static cln_status measure(const cln_scene *scene, const char *run)
 {
     cln_status st = CLN_OK;
     cln_field *field = NULL;
-    sums sum = {0};
+    sums sum[2] = {{0}};
 
     CLN_TRY(cln_field_open(run, NULL, &field));
     for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TEST); i++)
         CLN_TRY(add_view(field, &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TEST, i)],
-                         &sum));
-    printf("| %s | %.4f | %.2f %% | %.4f |\n", run, sum.opacity / sum.rays,
-           100 * sum.hidden / sum.rays, sum.first / sum.rays);
+                         sum));
+    for (int beyond = 0; beyond < 2; beyond++)
+        printf("| %s | %s | %.0f | %.4f | %.2f %% | %.4f |\n", run, beyond ? "beyond" : "cube",
+               sum[beyond].rays, sum[beyond].opacity / sum[beyond].rays,
+               100 * sum[beyond].hidden / sum[beyond].rays, sum[beyond].first / sum[beyond].rays);
 done:
     cln_field_close(field);
     return st;
@@ -117,8 +127,8 @@ int main(int argc, char **argv)
     CLN_TRY(cln_config_preset("fast", &config));
     config.holdout = 8;
     CLN_TRY(cln_scene_load(&(cln_scene_desc){.path = argv[1], .config = &config}, &scene));
-    printf("| run | opacity in empty space | rays hidden | opacity in the first tenth |\n"
-           "|---|---|---|---|\n");
+    printf("| run | end in | rays | opacity in empty space | rays hidden | in the first tenth |\n"
+           "|---|---|---|---|---|---|\n");
     for (int i = 2; i < argc; i++)
         CLN_TRY(measure(scene, argv[i]));
 done:

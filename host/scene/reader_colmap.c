@@ -201,6 +201,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->points = model.points;
     result->point_count = model.point_count;
     model.points = NULL;
+    result->beyond = true;
     result->dialect = "COLMAP";
     CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s",
                          cln_dataset_within(path, folder), cln_dataset_within(path, images)));
