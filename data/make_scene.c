@@ -137,7 +137,8 @@ static void place_terrain(const settings *set, int split, int i, double turn, co
 }
 
 /* Object: evenly over the sphere, from a little below the horizon to nearly overhead, by the golden
- * angle. Room: anywhere in its middle, looking all around. Street: from a walk around. Each split has its own sequence. */
+ * angle. Room: anywhere in its middle, looking all around. Street: from a walk around. Each split
+ * has its own sequence. */
 static void place_camera(const settings *set, int split, int i, cln_camera *camera)
 {
     const double golden = pi * (3 - sqrt(5));

@@ -81,8 +81,9 @@ static void town(builder *b)
             const double side = 0.45 * wide * (k % 2 ? 1 : -1), up = high * (k / 2 ? 0.4 : -0.3);
             const vec out = vec3(-cos(angle), -sin(angle), 0), across = vec3(out.y, -out.x, 0);
 
-            add_turned_box(b, window, along(along(vec3(at.x, at.y, at.z + up), 1.4, out), side, across),
-                           0.05, 0.25, 0.35, angle);
+            add_turned_box(b, window,
+                           along(along(vec3(at.x, at.y, at.z + up), 1.4, out), side, across), 0.05,
+                           0.25, 0.35, angle);
         }
     }
 }
@@ -98,7 +99,8 @@ static void far_away(builder *b)
     for (int i = 0; i < 7; i++) {
         const double angle = 0.9 * i, far = 38 + 9 * (i * 3 % 4);
 
-        add_sphere(b, i % 2 ? rock : wood, vec3(far * cos(angle), far * sin(angle), -9), 14 + i % 3);
+        add_sphere(b, i % 2 ? rock : wood, vec3(far * cos(angle), far * sin(angle), -9),
+                   14 + i % 3);
     }
     add_cylinder(b, tower, vec3(24, -26, -1), vec3(24, -26, 14), 1.2);
     add_sphere(b, sky, vec3(0, 0, 0), SKY);

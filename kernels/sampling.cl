@@ -27,14 +27,14 @@
 #if SHELL
 #define LINE_ARGUMENT , const __global float4 *ray_o
 #define LINE_PASS     , ray_o
-#define LINE_OF(of, l) \
+#define FIND_ROW(of, l) \
     ((of)->row[l] = line_row(ray_o, (of)->ray[l], 0.5f * ((of)->t_in[l] + (of)->t_out[l])))
-#define LINE_AS_FIRST(of, l) ((of)->row[l] = (of)->row[0])
+#define ROW_AS_FIRST(of, l) ((of)->row[l] = (of)->row[0])
 #else
 #define LINE_ARGUMENT
 #define LINE_PASS
-#define LINE_OF(of, l)
-#define LINE_AS_FIRST(of, l)
+#define FIND_ROW(of, l)
+#define ROW_AS_FIRST(of, l)
 #endif
 
 /* ---- intervals ---- */
@@ -149,12 +149,12 @@ HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, fl
             t->of.level[l] = CLN_MAP_LEVEL(p->entry[k]);
             t->whose[l] = o->whose[l];
             any = true;
-            LINE_OF(&t->of, l);
+            FIND_ROW(&t->of, l);
         } else { /* an empty one */
             t->of.t_in[l] = t->of.t_out[l] = 0.0f;
             t->of.ray[l] = begin;
             t->of.slot[l] = t->of.level[l] = 0;
-            LINE_OF(&t->of, l);
+            FIND_ROW(&t->of, l);
             t->whose[l] = RAYS;
         }
     }
@@ -373,7 +373,7 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         b->of.ray[l] = c->ray;
         b->of.slot[l] = v.slot;
         b->of.level[l] = (int)CLN_INTERVAL_LEVEL(v.count);
-        LINE_OF(&b->of, l);
+        FIND_ROW(&b->of, l);
         b->mass[l] = v.mass;
         b->number[l] = (int)count;
         b->start[l] = c->sample;
@@ -387,7 +387,7 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         b->of.ray[l] = b->of.ray[0];
         b->of.slot[l] = b->of.slot[0];
         b->of.level[l] = b->of.level[0];
-        LINE_AS_FIRST(&b->of, l);
+        ROW_AS_FIRST(&b->of, l);
         b->mass[l] = b->mass[0];
         b->number[l] = b->number[0];
         b->start[l] = b->start[0];
@@ -490,7 +490,8 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                 VSTORE(delta, deltas);
 #pragma unroll
                 for (uint l = 0; l < VW; l++) { /* finished lanes write their last one again */
-                    const cln_sample sample = {ts[l], deltas[l], ROW_OF(&now->of, l), now->of.slot[l]};
+                    const cln_sample sample = {ts[l], deltas[l], ROW_OF(&now->of, l),
+                                               now->of.slot[l]};
 
                     samples[now->start[l] + min(k, (uint)now->number[l]) - 1u] = sample;
                 }

@@ -1,6 +1,6 @@
-/* Shell spaces (method.md 3.3; twin: host/scene/space.c), where the cube's middle half, the core, is
- * the scene's cube, and six faces around it hold what lies beyond. u: the scene moved and scaled,
- * so that its cube is [-1, 1]^3.
+/* Shell spaces (method.md 3.3; twin: host/scene/space.c), where the cube's middle half, the core,
+ * is the scene's cube, and six faces around it hold what lies beyond. u: the scene moved and
+ * scaled, so that its cube is [-1, 1]^3.
  *
  *   core   p = u / 2                       where max |u| <= 1
  *   face   p_a = s (1 - w / 2), p_b = u_b w / 2, w = 1 / (s u_a)    where s u_a is the largest |u|
@@ -17,7 +17,9 @@
 #endif
 #ifndef BEGINS
 #define BEGINS 0
-#define BEGIN  0.0f
+#endif
+#ifndef BEGIN
+#define BEGIN 0.0f
 #endif
 
 #define NEVER 1e30f
@@ -116,7 +118,8 @@ HELPER float leave_piece(piece f, float3 o, float3 d, float s, piece *next)
 
 /* Writes a ray's rows, without lines unless `found`; o, d: of u; o.w: how far the ray's origin is
  * from the camera. */
-HELPER void shell_lines(bool found, float4 o, float4 d, __global float4 *ray_o, __global float4 *ray_d)
+HELPER void shell_lines(bool found, float4 o, float4 d, __global float4 *ray_o,
+                        __global float4 *ray_d)
 {
     float s = found ? fmax(BEGIN - o.w, 0.0f) : NEVER, t = 0.0f;
     piece here = piece_of(MAD((float3)(s), d.xyz, o.xyz), 1.0f), next = {CORE, 1.0f};

@@ -43,7 +43,8 @@ HELPER float3 view_direction(float4 o, float4 d, float4 box)
     /* the map's inverse has this derivative, times a positive factor, all along the line */
     const float ahead = along_axis(d.xyz, f.axis);
     const float w = 2.0f * (1.0f - f.sign * along_axis(o.xyz, f.axis));
-    const float3 v = with_axis(MAD((float3)(w), d.xyz, 2.0f * f.sign * ahead * o.xyz), f.axis, ahead);
+    const float3 v =
+        with_axis(MAD((float3)(w), d.xyz, 2.0f * f.sign * ahead * o.xyz), f.axis, ahead);
 
     return v * rsqrt(dot(v, v));
 #elif NDC
@@ -104,7 +105,8 @@ HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
     return camera_project(c, point, pixel);
 }
 
-/* Depth at t of ray r, along its camera's axis or itself; where the ray begins counts by `share`. */
+/* Depth at t of ray r, along its camera's axis or itself; where the ray begins counts by `share`.
+ * */
 HELPER float ray_depth(float t, const __global float4 *ray_o, const __global float4 *ray_d, uint r,
                        float share, bool axis)
 {

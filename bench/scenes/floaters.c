@@ -2,11 +2,11 @@
  *
  *   bench-floaters SCENE RUN...
  *
- * SCENE is one that make-scene wrote with --depth. Along rays of its test views, GRID x GRID a view,
- * the run's density is integrated from the camera to SHARE of the true depth. Prints a line per run:
- * the mean opacity there, the share of rays on which it is above a half (a floater hides the scene),
- * and the mean within the first tenth of the way, before the lens; for rays that end in the run's
- * cube, then for those that end beyond it, whose depth photos hardly tell. Exit status as
+ * SCENE is one that make-scene wrote with --depth. Along rays of its test views, GRID x GRID a
+ * view, the run's density is integrated from the camera to SHARE of the true depth. Prints a line
+ * per run: the mean opacity there, the share of rays on which it is above a half (a floater hides
+ * the scene), and the mean within the first tenth of the way, before the lens; for rays that end in
+ * the run's cube, then for those that end beyond it, whose depth photos hardly tell. Exit status as
  * cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
@@ -103,8 +103,8 @@ static cln_status measure(const cln_scene *scene, const char *run)
 
     CLN_TRY(cln_field_open(run, NULL, &field));
     for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TEST); i++)
-        CLN_TRY(add_view(field, &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TEST, i)],
-                         sum));
+        CLN_TRY(
+            add_view(field, &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TEST, i)], sum));
     for (int beyond = 0; beyond < 2; beyond++)
         printf("| %s | %s | %.0f | %.4f | %.2f %% | %.4f |\n", run, beyond ? "beyond" : "cube",
                sum[beyond].rays, sum[beyond].opacity / sum[beyond].rays,

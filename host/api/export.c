@@ -156,8 +156,7 @@ static cln_status check_options(const cln_export_desc *desc)
  * cells. */
 static cln_status check_space(const cln_export_desc *desc, const cln_model *model)
 {
-    const bool cells =
-        strcmp(desc->what, "octree") == 0 || strcmp(desc->what, "volume") == 0;
+    const bool cells = strcmp(desc->what, "octree") == 0 || strcmp(desc->what, "volume") == 0;
 
     if (model->space.shell && cells)
         return cln_fail(CLN_USAGE,

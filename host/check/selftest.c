@@ -247,7 +247,8 @@ done:
     return st;
 }
 
-cln_status cln_selftest_training(cln_device *device, const cln_config *config, const cln_space *space)
+cln_status cln_selftest_training(cln_device *device, const cln_config *config,
+                                 const cln_space *space)
 {
     cln_status st = CLN_OK;
     const cln_selftest_plan plan = {.shapes = CLN_SHAPES_QUICK};

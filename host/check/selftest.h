@@ -24,8 +24,9 @@ cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan
 cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
                                void *user);
 
-/* Runs the checks before a training: the quick set, rays of a forward or shell space for a scene in one, and
- * these settings if their networks' kernels differ from the fast preset's. */
-cln_status cln_selftest_training(cln_device *device, const cln_config *config, const cln_space *space);
+/* Runs the checks before a training: the quick set, rays of a forward or shell space for a scene in
+ * one, and these settings if their networks' kernels differ from the fast preset's. */
+cln_status cln_selftest_training(cln_device *device, const cln_config *config,
+                                 const cln_space *space);
 
 #endif

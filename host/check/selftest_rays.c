@@ -422,8 +422,9 @@ static bool line_is_steady(const cln_checks *c, const ref_way *way, const cln_sp
             return false;
         for (int k = 0; k < (int)points; k++)
             for (int a = 0; a < 3; a++) {
-                const double at = line->origin[a] +
-                                  line->direction[a] * (crossed[i].t_in + (k + 0.5) * length / points);
+                const double at =
+                    line->origin[a] +
+                    line->direction[a] * (crossed[i].t_in + (k + 0.5) * length / points);
                 const double cell = (at - box[a]) * n1 / box[3];
 
                 if (fabs(cell - round(cell)) < margin)
@@ -571,8 +572,8 @@ cln_status cln_check_rays(cln_checks *c)
     CLN_TRY(check_directions(c, cameras, pixels, (const float(*)[4])ray_o, (const float(*)[4])ray_d,
                              rays));
     if (p->space.shell)
-        CLN_TRY(check_lines(c, cameras, pixels, (const float(*)[4])ray_o,
-                            (const float(*)[4])ray_d, rays));
+        CLN_TRY(check_lines(c, cameras, pixels, (const float(*)[4])ray_o, (const float(*)[4])ray_d,
+                            rays));
     CLN_TRY(put_densities(c));
     CLN_TRY(cln_stage_sample(p, rays, &sampling, &used, &samples));
     CLN_TRY(read_batch(c, samples, m));

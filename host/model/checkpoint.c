@@ -113,8 +113,8 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     if (!document ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
                                                      forward_json(&model->space)) != 0) ||
-        (model->space.shell && json_object_set_new(json_object_get(document, "cube"), "shell",
-                                                   json_true()) != 0))
+        (model->space.shell &&
+         json_object_set_new(json_object_get(document, "cube"), "shell", json_true()) != 0))
         CLN_TRY(cln_fail(CLN_MEMORY, "checkpoint of step %" PRId64 ": out of host memory",
                          model->step));
     CLN_TRY(digest_document(document, hex));

@@ -50,8 +50,7 @@ typedef struct line {
     int row;
 } line;
 
-static int lines_of(const ref_way *way, const float *fo, const float *fd,
-                    line out[CLN_LINE_ROWS])
+static int lines_of(const ref_way *way, const float *fo, const float *fd, line out[CLN_LINE_ROWS])
 {
     int count = 0;
 
@@ -207,8 +206,7 @@ static void sample_interval(const ref_way *way, int r, const line *l, const ref_
     }
 }
 
-void ref_ray_samples(const ref_way *way, int r, const float *fo, const float *fd,
-                     ref_samples *out)
+void ref_ray_samples(const ref_way *way, int r, const float *fo, const float *fd, ref_samples *out)
 {
     line lines[CLN_LINE_ROWS];
     const int count = lines_of(way, fo, fd, lines);

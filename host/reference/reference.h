@@ -125,8 +125,7 @@ double ref_interval_depth(const ref_interval *v, int m, const double *t, const d
                           const double *lengths);
 
 /* Makes the samples of ray r of a batch, in all intervals. o, d: its row, or all of its rows. */
-void ref_ray_samples(const ref_way *way, int r, const float *o, const float *d,
-                     ref_samples *out);
+void ref_ray_samples(const ref_way *way, int r, const float *o, const float *d, ref_samples *out);
 
 /* ---- leaf networks (method.md 1) ---- */
 

@@ -294,25 +294,25 @@ done:
     return st;
 }
 
-/* The rule that found the cube says why it is one, or what is around it: a shell where it is wanted,
- * or where photos have a cube around their sparse points. */
+/* The rule that found the cube says why it is one, or what is around it: a shell where it is
+ * wanted, or where photos have a cube around their sparse points. */
 static cln_status add_reasons(cln_scene *scene, const char *refused, bool by_points,
                               const cln_config *config)
 {
     cln_status st = CLN_OK;
-    const bool chosen = config->space == CLN_SPACE_AUTO && by_points &&
-                        config->stage1 == CLN_STAGE1_GATHER;
+    const bool chosen =
+        config->space == CLN_SPACE_AUTO && by_points && config->stage1 == CLN_STAGE1_GATHER;
     char *longer = NULL;
 
     scene->space.shell = chosen || config->space == CLN_SPACE_SHELL;
     if (!refused[0] && !scene->space.shell)
         return CLN_OK;
     CLN_TRY(cln_asprintf(&longer, "%s%s%s%s", scene->bounds_rule,
-                         refused[0] ? "; not normalised device coordinates, because " : "",
-                         refused, !scene->space.shell ? ""
-                                  : chosen ? "; and a shell, as photos show what lies beyond it, too "
-                                             "(--space cube: without)"
-                                           : "; and a shell with what lies beyond it"));
+                         refused[0] ? "; not normalised device coordinates, because " : "", refused,
+                         !scene->space.shell ? ""
+                         : chosen ? "; and a shell, as photos show what lies beyond it, too "
+                                    "(--space cube: without)"
+                                  : "; and a shell with what lies beyond it"));
     free(scene->bounds_rule);
     scene->bounds_rule = longer;
 done:

@@ -486,7 +486,8 @@ const char *cln_space_name(const cln_space *space)
 
 bool cln_space_equal(const cln_space *a, const cln_space *b)
 {
-    bool same = a->forward == b->forward && a->shell == b->shell && fabs(a->half - b->half) <= 1e-6 * b->half;
+    bool same = a->forward == b->forward && a->shell == b->shell &&
+                fabs(a->half - b->half) <= 1e-6 * b->half;
 
     for (int i = 0; i < 3; i++)
         same = same && fabs(a->centre[i] - b->centre[i]) <= 1e-6 * b->half;

@@ -20,8 +20,8 @@
  * = (scene - centre) / half and m = max |u_a|:
  *   core    cube = u / 2 where m <= 1: the root's middle [-1/2, 1/2]^3
  *   face    elsewhere, of the axis a and the sign s for which s u_a = m, w = 1 / m:
- *           cube_a = s (1 - w / 2), in (1/2, 1];  cube_b = u_b w / 2, in [-1/2, 1/2], for the others
- * so infinity is at |cube_a| = 1; the root's edges and corners, where two of |cube_a| are above 1/2,
+ *           cube_a = s (1 - w / 2), in (1/2, 1];  the others cube_b = u_b w / 2, in [-1/2, 1/2]
+ * so infinity is at |cube_a| = 1; the root's edges and corners, where two |cube_a| are above 1/2,
  * hold nothing. Each of these seven pieces is convex in the scene, and in each straight lines stay
  * straight: a ray is at most CLN_SPACE_LINES lines. Depths are lengths of u, which the device
  * returns.
@@ -60,8 +60,8 @@ void cln_space_ray_to_cube(const cln_space *space, const double origin[3],
                            const double direction[3], double cube_origin[3],
                            double cube_direction[3]);
 
-/* A part of a ray: from begin to end, its point at t is origin + t direction. t is the length of the
- * way in the cube; from one part to the next the way may jump over an edge that holds nothing. */
+/* A part of a ray: from begin to end, its point at t is origin + t direction. t is the length of
+ * the way in the cube. From one part to the next it may jump over an edge that holds nothing. */
 typedef struct cln_space_line {
     double origin[3], direction[3], begin, end;
 } cln_space_line;

@@ -501,5 +501,5 @@ section_beyond() {
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
-run_sections "missing moved second orbit frames evals disk doubts check poses depth forward beyond" \
-    "$@"
+every="missing moved second orbit frames evals disk doubts check poses depth forward beyond"
+run_sections "$every" "$@"

@@ -18,9 +18,9 @@ static const cln_space space = {.centre = {3, -2, 0.5}, .half = 1.5, .shell = tr
 /* In the core, looking out; just outside, looking in and along the cube; far away; and far beyond
  * an edge. */
 static const double poses[VIEWS][6] = {
-    {0.1, -0.2, 0.3, 0.9, 0.2, -0.1},   {-0.5, 0.6, 0.05, -0.2, 1, 0.7},
-    {2.1, 0.3, -0.4, -1, 0.1, 0.15},    {0.2, -3, 1.2, 0.4, 0.6, 0.31},
-    {-9, 7, 12.5, 0.62, -0.5, -0.83},   {1.5, 1.45, -1.4, -0.3, -0.8, 0.35},
+    {0.1, -0.2, 0.3, 0.9, 0.2, -0.1}, {-0.5, 0.6, 0.05, -0.2, 1, 0.7},
+    {2.1, 0.3, -0.4, -1, 0.1, 0.15},  {0.2, -3, 1.2, 0.4, 0.6, 0.31},
+    {-9, 7, 12.5, 0.62, -0.5, -0.83}, {1.5, 1.45, -1.4, -0.3, -0.8, 0.35},
 };
 
 static void make_camera(int v, cln_camera *c)
@@ -35,7 +35,8 @@ static void make_camera(int v, cln_camera *c)
         z[a] = ahead[a] / length;
     for (int a = 0; a < 3; a++) {
         c->c2w[4 * a] = right[a];
-        c->c2w[4 * a + 1] = z[(a + 1) % 3] * right[(a + 2) % 3] - z[(a + 2) % 3] * right[(a + 1) % 3];
+        c->c2w[4 * a + 1] =
+            z[(a + 1) % 3] * right[(a + 2) % 3] - z[(a + 2) % 3] * right[(a + 1) % 3];
         c->c2w[4 * a + 2] = z[a];
         c->c2w[4 * a + 3] = space.centre[a] + space.half * eye[a];
     }
@@ -349,7 +350,7 @@ static void check_field(int set)
     shell_run s;
     cln_ray_result *results = test_alloc(RAYS, sizeof *results);
     cln_pipeline *p = NULL;
-    float (*out)[4] = NULL, *got = NULL, depths[RAYS];
+    float(*out)[4] = NULL, *got = NULL, depths[RAYS];
     double *want = NULL, want_depths[RAYS];
     uint32_t slices = 0;
     int far = 0;
@@ -430,9 +431,8 @@ static void test_field(void **state)
 int test_group_shell_rays(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_lines), cmocka_unit_test(test_samples),
-        cmocka_unit_test(test_whole), cmocka_unit_test(test_crop),
-        cmocka_unit_test(test_field),
+        cmocka_unit_test(test_lines), cmocka_unit_test(test_samples), cmocka_unit_test(test_whole),
+        cmocka_unit_test(test_crop),  cmocka_unit_test(test_field),
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(sampling) |
