@@ -62,6 +62,8 @@ TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 TABLE_SRC := bench/scenes/table.c bench/common/plot.c
 # bench-views: error of views by their distance from the training cameras
 VIEWS_SRC := bench/scenes/views.c
+# bench-floaters: opacity where a generated scene is empty
+FLOATERS_SRC := bench/scenes/floaters.c
 # bench-peers: the leaf networks beside installed libraries for small products
 PEER_MAIN := bench/peers/peer_gemm.c
 # bench-growth: cost over leaves, samples, pixels, for bench/growth/growth.sh
@@ -89,6 +91,7 @@ VIEWS_OBJ := $(VIEWS_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 SCALE_OBJ := $(SCALE_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) $(VIEWS_SRC) \
+           $(FLOATERS_SRC) \
            bench/growth/growth.c $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 PAGES := $(wildcard host/view/page.*) host/view/path.js
@@ -162,6 +165,9 @@ $B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-views: $(VIEWS_OBJ) $B/libcl-nascent.a
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/bench-floaters: $B/obj/bench/scenes/floaters.o $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
@@ -339,7 +345,8 @@ bench-scale-programs: $P/cl-nascent $P/bench-scale $B/make-scene
 bench-programs:
 	@tests/deps.sh build
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene build/json-query \
-	    build/bench-kernels build/bench-table build/bench-views build/bench-growth
+	    build/bench-kernels build/bench-table build/bench-views build/bench-growth \
+	    build/bench-floaters
 
 # Quoted, as DESTDIR and PREFIX may have spaces.
 install: all

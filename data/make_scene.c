@@ -29,11 +29,12 @@
 static const char usage[] =
     "usage: make-scene OUT [options]\n"
     "Renders a scene with exactly known geometry, colour and depth into the folder OUT.\n"
-    "  --kind object|room|forward|terrain\n"
+    "  --kind object|room|forward|terrain|street\n"
     "                             an object seen from all sides (default), a room from inside, a\n"
     "                             still life from the front, a village from the air (the first "
     "half\n"
-    "                             of the views straight down, the others obliquely)\n"
+    "                             of the views straight down, the others obliquely), a fountain\n"
+    "                             from around, with a town and hills behind it\n"
     "  --format NAME              how the cameras are written:\n"
     "             blender         transforms_SPLIT.json, RGBA images (default)\n"
     "             nerfstudio      one transforms.json that names the splits, RGB images over "
@@ -61,10 +62,10 @@ static const char usage[] =
 
 static const double pi = 3.14159265358979323846;
 
-enum { OBJECT, ROOM, FORWARD, TERRAIN };
-static const char *const kinds[] = {"object", "room", "forward", "terrain", NULL};
+enum { OBJECT, ROOM, FORWARD, TERRAIN, STREET };
+static const char *const kinds[] = {"object", "room", "forward", "terrain", "street", NULL};
 static cln_status (*const scenes[])(world *) = {scene_object, scene_room, scene_forward,
-                                                scene_terrain};
+                                                scene_terrain, scene_street};
 
 enum { FROM_ALL, FROM_CONE, FROM_LOW, FROM_NEAR };
 static const char *const places[] = {"all", "cone", "low", "near", NULL};
@@ -169,12 +170,13 @@ static void place_object(const settings *set, int split, int i, double yaw, cons
     look(camera, at, scale(at, -1));
 }
 
-/* Room: anywhere in its middle, looking all around. Each split has its own sequence. */
+/* Room: anywhere in its middle, looking all around. Street: from a walk around. Each split has its
+ * own sequence. */
 static void place_camera(const settings *set, int split, int i, cln_camera *camera)
 {
     const double golden = pi * (3 - sqrt(5));
     static const double fovs[] = {
-        [OBJECT] = 0.76, [ROOM] = 1.25, [FORWARD] = 0.56, [TERRAIN] = 0.3};
+        [OBJECT] = 0.76, [ROOM] = 1.25, [FORWARD] = 0.56, [TERRAIN] = 0.3, [STREET] = 0.95};
     const double fov = fovs[set->kind];
     float start[4], u[4];
 
@@ -193,6 +195,12 @@ static void place_camera(const settings *set, int split, int i, cln_camera *came
         place_forward(set, split, i, u, camera);
     } else if (set->kind == TERRAIN) {
         place_terrain(set, split, i, yaw, u, camera);
+    } else if (set->kind == STREET) {
+        const double far = 2.5 + 0.8 * u[0];
+        const vec from = vec3(far * cos(yaw), far * sin(yaw), 1.1 * u[1] - 0.1);
+        const vec at = vec3(0.5 * (u[2] - 0.5), 0.5 * (u[3] - 0.5), -0.1);
+
+        look(camera, from, sub(at, from));
     } else if (set->kind == ROOM) {
         double pitch = 0.8 * (u[0] - 0.55);
         look(camera, vec3(1.1 * (u[1] - 0.5), 1.1 * (u[2] - 0.5), 0.7 * (u[3] - 0.4)),

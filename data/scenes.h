@@ -1,4 +1,5 @@
-/* The generated scenes, as lists of shapes and materials. All fit in [-1.5, 1.5]^3; z is up. */
+/* The generated scenes, as lists of shapes and materials. All but the street's background fit in
+ * [-1.5, 1.5]^3; z is up. */
 #ifndef DATA_SCENES_H
 #define DATA_SCENES_H
 
@@ -42,5 +43,8 @@ cln_status scene_forward(world *w);
 
 /* Fields and a village seen from the air. */
 cln_status scene_terrain(world *w);
+
+/* A fountain that the cameras walk around; a square, a town, hills and the sky behind it. */
+cln_status scene_street(world *w);
 
 #endif

@@ -365,8 +365,9 @@ typedef struct cln_field cln_field;
 CLN_API cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out);
 CLN_API void cln_field_close(cln_field *field); /* accepts NULL */
 
-/* The cube that holds the scene, in scene units; it is empty outside. Of a run in normalised device
- * coordinates: a box around what its cameras see as far as 1,000 near planes; it goes on behind. */
+/* The cube that holds the scene, in scene units; it is empty outside, unless the run has a shell
+ * (--space shell). Of a run in normalised device coordinates: a box around what its cameras see as
+ * far as 1,000 near planes; it goes on behind. */
 CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3]);
 
 /* Evaluates colour and density at n points, as in pictures.

@@ -20,6 +20,10 @@ typedef float cln_f32;
 
 /* Chords up to this length, in normalised units, are skipped (method.md 3). */
 #define CLN_MIN_CHORD 1e-5f
+/* Most lines of a ray in a shell space (method.md 3.3), and rows that it has on the device: the
+ * scene's ray, then its lines. */
+#define CLN_SPACE_LINES 7
+#define CLN_LINE_ROWS   8
 /* Clamp of sigma * delta: exp(-80) is close to the smallest normal float (method.md 9). */
 #define CLN_MAX_OPTICAL_DEPTH 80.0f
 

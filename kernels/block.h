@@ -30,7 +30,7 @@ HELPER uint block_slope_key(block b, int s, int layer)
 
 typedef struct sample_source {
     const __global cln_sample *samples;     /* [sample] */
-    const __global float4 *ray_o, *ray_d;   /* [ray] */
+    const __global float4 *ray_o, *ray_d;   /* [ray], [row] in a shell space */
 } sample_source;
 
 /* Loads local positions at [3][NB] and directions along [3][NB] of the samples that this work-item
@@ -57,7 +57,7 @@ HELPER void load_samples(block b, sample_source from, float4 box, __local float 
         at[NB + s] = p.y;
         at[2 * NB + s] = p.z;
 #if VIEW > 0
-        const float3 view = view_direction(o, d);
+        const float3 view = view_direction(o, d, box);
 
         along[s] = view.x;
         along[NB + s] = view.y;

@@ -68,7 +68,7 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
                                                           sample_starts[r + 1u], opacity);
     const cln_ray_result result = {
         colour.x, colour.y,
-        colour.z, ray_depth(t, ray_o[r] * share, ray_d[r], depth & CLN_DEPTH_AXIS),
+        colour.z, ray_depth(t, ray_o, ray_d, r, share, depth & CLN_DEPTH_AXIS),
         opacity,  0.0f,
         0.0f,     0.0f};
 

@@ -1,3 +1,4 @@
+/* needs: shell */
 /* The loss of a ray, and what compositing's backward sweep begins with (method.md 9, 10; twin:
  * host/reference/composite.c). For composite.cl, and for stretch.cl, where ranks composite parts of
  * a ray.
@@ -29,7 +30,7 @@
         const __global float4 *restrict ray_d,                                                  \
         const __global float4 *restrict shown, /* [ray] a point of the cube, its trust */       \
         float depth_loss
-#define DEPTH_PASS(r) depth_pull(shown[r], ray_o[r], ray_d[r], depth_loss)
+#define DEPTH_PASS(r) depth_pull(shown[r], ray_o, ray_d, r, depth_loss)
 #else
 #define DEPTH_ARGUMENTS
 #define DEPTH_PASS(r) ((float2)(0.0f))
@@ -51,10 +52,34 @@
 #endif
 
 #if DEPTH_LOSS
-/* How strongly a ray is pulled to the point that it shows, and that point's t. */
-HELPER float2 depth_pull(float4 shown, float4 o, float4 d, float depth_loss)
+/* t of the point of ray r that is nearest to one of the cube. */
+HELPER float reach_of(float3 point, const __global float4 *ray_o, const __global float4 *ray_d,
+                      uint r)
 {
-    return (float2)(depth_loss * shown.w, dot(shown.xyz - o.xyz, d.xyz));
+#if SHELL
+    float least = NEVER, reach = 0.0f;
+
+    for (uint row = r * CLN_LINE_ROWS + 1u; row < (r + 1u) * CLN_LINE_ROWS; row++) {
+        const float4 o = ray_o[row], d = ray_d[row];
+        const float t = fmin(fmax(dot(point - o.xyz, d.xyz), o.w), d.w);
+        const float3 gap = point - MAD((float3)(t), d.xyz, o.xyz);
+
+        if (o.w < NEVER && dot(gap, gap) < least) {
+            least = dot(gap, gap);
+            reach = t;
+        }
+    }
+    return reach;
+#else
+    return dot(point - ray_o[r].xyz, ray_d[r].xyz);
+#endif
+}
+
+/* How strongly ray r is pulled to the point that it shows, and that point's t. */
+HELPER float2 depth_pull(float4 shown, const __global float4 *ray_o, const __global float4 *ray_d,
+                         uint r, float depth_loss)
+{
+    return (float2)(depth_loss * shown.w, reach_of(shown.xyz, ray_o, ray_d, r));
 }
 #endif
 

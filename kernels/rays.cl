@@ -4,8 +4,8 @@
 
 __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [view] */
                         const __global cln_pixel *restrict pixels,         /* [ray] */
-                        __global float4 *restrict ray_o, /* [ray] origin, for ray_depth() */
-                        __global float4 *restrict ray_d, /* [ray] direction, for ray_depth() */
+                        /* [ray], [ray][CLN_LINE_ROWS] in a shell space: for ray_depth() */
+                        __global float4 *restrict ray_o, __global float4 *restrict ray_d,
                         uint n)
 {
     const uint r = get_global_id(0);
@@ -16,10 +16,17 @@ __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [
     const cln_device_camera camera = cameras[pixel.view];
     float4 o, d;
 
-    if (!pixel_ray(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f, &o, &d)) {
+    const bool found =
+        pixel_ray(camera, convert_float(pixel.x) + 0.5f, convert_float(pixel.y) + 0.5f, &o, &d);
+
+    if (!found) {
         o = (float4)(3.0f, 3.0f, 3.0f, 0.0f); /* outside the cube, and away from it: sees nothing */
         d = (float4)(1.0f, 0.0f, 0.0f, 1.0f);
     }
+#if SHELL
+    shell_lines(found, o, d, ray_o + r * CLN_LINE_ROWS, ray_d + r * CLN_LINE_ROWS);
+#else
     ray_o[r] = o;
     ray_d[r] = d;
+#endif
 }

@@ -23,6 +23,20 @@
 
 #define EMPTY_BIN 1e-5f
 
+/* Shell spaces: an interval is on one line of its ray. */
+#if SHELL
+#define LINE_ARGUMENT , const __global float4 *ray_o
+#define LINE_PASS     , ray_o
+#define FIND_ROW(of, l) \
+    ((of)->row[l] = line_row(ray_o, (of)->ray[l], 0.5f * ((of)->t_in[l] + (of)->t_out[l])))
+#define ROW_AS_FIRST(of, l) ((of)->row[l] = (of)->row[0])
+#else
+#define LINE_ARGUMENT
+#define LINE_PASS
+#define FIND_ROW(of, l)
+#define ROW_AS_FIRST(of, l)
+#endif
+
 /* ---- intervals ---- */
 
 /* Groups of VW rays of a work-item: intervals of many rays leave few lanes empty. */
@@ -53,6 +67,9 @@ HELPER void walk_ahead(walk *w, const __global int *map, int depth, walked *p, u
     for (uint i = 0; i < VW; i++)
         at[i] = (l + i) * AHEAD;
     for (int node = 0; node < AHEAD && V_ANY(w->more); node++) {
+#if SHELL
+        walk_line(w, depth);
+#endif
         VSTORE(w->t, t_in);
         VSTORE(walk_next(w, map, depth), entry);
         VSTORE(w->t, t_out);
@@ -107,7 +124,7 @@ typedef struct places {
 /* Takes every lane's next interval: a lane finishes a ray, then takes the next ray. False if none
  * is left. */
 HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, float max_depth,
-                      uint begin, uint count)
+                      uint begin, uint count LINE_ARGUMENT)
 {
     bool any = false;
 
@@ -132,10 +149,12 @@ HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, fl
             t->of.level[l] = CLN_MAP_LEVEL(p->entry[k]);
             t->whose[l] = o->whose[l];
             any = true;
+            FIND_ROW(&t->of, l);
         } else { /* an empty one */
             t->of.t_in[l] = t->of.t_out[l] = 0.0f;
             t->of.ray[l] = begin;
             t->of.slot[l] = t->of.level[l] = 0;
+            FIND_ROW(&t->of, l);
             t->whose[l] = RAYS;
         }
     }
@@ -182,7 +201,11 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
     const float4 planes[6] = {crop_0, crop_1, crop_2, crop_3, crop_4, crop_5};
 
     for (uint g = 0; g * VW < count; g++)
+#if SHELL
+        walks[g].planes = planes;
+#else
         walk_crop(&walks[g], planes, depth);
+#endif
 #endif
     while (more) {
         places at = {.next = 0u};
@@ -193,7 +216,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             walk_ahead(&walks[g], map, depth, &p, g * VW);
         for (int l = 0; l < VW; l++)
             at.at[l] = at.upto[l] = at.whose[l] = 0u;
-        next = turn_take(&turns[0], &at, &p, taus, max_depth, begin, count);
+        next = turn_take(&turns[0], &at, &p, taus, max_depth, begin, count LINE_PASS);
         if (next) {
             bundle_open(&turns[0].points, STAGE1_PASS, &turns[0].of, ray_o, ray_d LIST_PASS);
             bundle_fetch(&turns[0].points, STAGE1_PASS);
@@ -204,7 +227,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             float tau[VW], mass[VW];
             int numbers[VW];
 
-            next = turn_take(behind, &at, &p, taus, max_depth, begin, count);
+            next = turn_take(behind, &at, &p, taus, max_depth, begin, count LINE_PASS);
             if (next) {
                 bundle_open(&behind->points, STAGE1_PASS, &behind->of, ray_o, ray_d LIST_PASS);
                 bundle_fetch(&behind->points, STAGE1_PASS);
@@ -332,7 +355,7 @@ typedef struct cursor {
 
 /* Takes the next VW intervals of rays up to `end`. Lanes without one repeat the first. */
 HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *intervals,
-                       const __global uint *used, uint end, uint rays)
+                       const __global uint *used, uint end, uint rays LINE_ARGUMENT)
 {
     b->filled = b->most = 0u;
     while (b->filled < VW && c->ray < end) {
@@ -355,6 +378,7 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         b->of.ray[l] = c->ray;
         b->of.slot[l] = v.slot;
         b->of.level[l] = (int)CLN_INTERVAL_LEVEL(v.count);
+        FIND_ROW(&b->of, l);
         b->mass[l] = v.mass;
         b->number[l] = (int)count;
         b->start[l] = c->sample;
@@ -368,6 +392,7 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         b->of.ray[l] = b->of.ray[0];
         b->of.slot[l] = b->of.slot[0];
         b->of.level[l] = b->of.level[0];
+        ROW_AS_FIRST(&b->of, l);
         b->mass[l] = b->mass[0];
         b->number[l] = b->number[0];
         b->start[l] = b->start[0];
@@ -399,7 +424,7 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
     const uint key = stream_key(seed, STREAM_SAMPLES, step);
 
     c.sample = sample_starts[begin];
-    batch_fill(&batches[0], &c, intervals, used, end, rays);
+    batch_fill(&batches[0], &c, intervals, used, end, rays LINE_PASS);
     if (batches[0].filled) {
         bundle_open(&batches[0].points, STAGE1_PASS, &batches[0].of, ray_o, ray_d LIST_PASS);
         bundle_fetch(&batches[0].points, STAGE1_PASS);
@@ -411,7 +436,7 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
         window w;
         blend mix;
 
-        batch_fill(next, &c, intervals, used, end, rays);
+        batch_fill(next, &c, intervals, used, end, rays LINE_PASS);
         if (next->filled) {
             bundle_open(&next->points, STAGE1_PASS, &next->of, ray_o, ray_d LIST_PASS);
             bundle_fetch(&next->points, STAGE1_PASS);
@@ -470,7 +495,8 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
                 VSTORE(delta, deltas);
 #pragma unroll
                 for (uint l = 0; l < VW; l++) { /* finished lanes write their last one again */
-                    const cln_sample sample = {ts[l], deltas[l], now->of.ray[l], now->of.slot[l]};
+                    const cln_sample sample = {ts[l], deltas[l], ROW_OF(&now->of, l),
+                                               now->of.slot[l]};
 
                     samples[now->start[l] + min(k, (uint)now->number[l]) - 1u] = sample;
                 }

@@ -1,4 +1,4 @@
-/* needs: camera */
+/* needs: camera shell */
 /* The spaces of kernels and the maps between them. Twin: host/scene/space.h.
  *
  *   scene   space of the cameras; pixels see it through camera.h
@@ -11,7 +11,11 @@
  * NDC 1: a forward space (method.md 3.2). The cameras are in camera units, where the near plane is
  * at z = 1, and pixel_ray() and point_pixel() bend space: (x, y, z) becomes
  * (NDC_X x / z, NDC_Y y / z, 1 - 2 / z). Straight lines stay straight. ray_depth() returns camera
- * units. */
+ * units.
+ *
+ * SHELL 1: a shell space, by shell.h. The cameras are in u, and ray_depth() returns lengths of u.
+ *
+ * BEGINS 1: rays begin at a distance BEGIN before their camera, in u or the cube. */
 #ifndef NDC
 #define NDC 0
 #endif
@@ -28,10 +32,22 @@
 #endif
 
 /* The unit direction of the scene, in its own axes or a forward space's, of a ray of the cube:
- * what a network's colour depends on. */
-HELPER float3 view_direction(float4 o, float4 d)
+ * what a network's colour depends on. box: of the leaf where it is. */
+HELPER float3 view_direction(float4 o, float4 d, float4 box)
 {
-#if NDC
+#if SHELL
+    const piece f = piece_of(box.xyz + 0.5f * box.w, 0.5f);
+
+    if (f.axis == CORE)
+        return d.xyz;
+    /* the map's inverse has this derivative, times a positive factor, all along the line */
+    const float ahead = along_axis(d.xyz, f.axis);
+    const float w = 2.0f * (1.0f - f.sign * along_axis(o.xyz, f.axis));
+    const float3 v =
+        with_axis(MAD((float3)(w), d.xyz, 2.0f * f.sign * ahead * o.xyz), f.axis, ahead);
+
+    return v * rsqrt(dot(v, v));
+#elif NDC
     /* at the face z = 1, which is infinitely far, a ray's place is its direction */
     const float2 v = MAD((float2)((1.0f - o.z) / fmax(d.z, LEAST_FORWARD)), d.xy, o.xy) *
                      (float2)(1.0f / NDC_X, 1.0f / NDC_Y);
@@ -64,7 +80,14 @@ HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *
     *d = (float4)(along * rsqrt(dot(along, along)), q.w);
     return true;
 #else
-    return camera_ray(c, u, v, o, d);
+    const bool found = camera_ray(c, u, v, o, d);
+
+#if BEGINS && !SHELL
+    const float to_begin = fmax(BEGIN - o->w, 0.0f);
+
+    *o = MAD((float4)(to_begin), (float4)(d->xyz, 1.0f), *o);
+#endif
+    return found;
 #endif
 }
 
@@ -76,16 +99,30 @@ HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
 
     point = (float3)(point.x * (z / NDC_X), point.y * (z / NDC_Y), z);
 #endif
+#if SHELL
+    point = out_of_piece(piece_of(point, 0.5f), point);
+#endif
     return camera_project(c, point, pixel);
 }
 
-/* Depth at t of a ray, along its camera's axis or itself. */
-HELPER float ray_depth(float t, float4 o, float4 d, bool axis)
+/* Depth at t of ray r, along its camera's axis or itself; where the ray begins counts by `share`.
+ * */
+HELPER float ray_depth(float t, const __global float4 *ray_o, const __global float4 *ray_d, uint r,
+                       float share, bool axis)
 {
+#if SHELL
+    const uint row = line_row(ray_o, r, t);
+    const float3 p = MAD((float3)(t), ray_d[row].xyz, ray_o[row].xyz);
+    const float4 o = ray_o[r * CLN_LINE_ROWS] * share, d = ray_d[r * CLN_LINE_ROWS];
+
+    t = share * dot(out_of_piece(piece_of(p, 0.5f), p) - ray_o[r * CLN_LINE_ROWS].xyz, d.xyz);
+#else
+    const float4 o = ray_o[r] * share, d = ray_d[r];
+#endif
 #if NDC
     const float z = 2.0f / fmax(1.0f - MAD(t, d.z, o.z), LEAST_TO_INFINITY);
 
-    t = (z - 2.0f / (1.0f - o.z)) / view_direction(o, d).z;
+    t = (z - 2.0f / (1.0f - o.z)) / view_direction(o, d, (float4)(0.0f)).z;
 #endif
     return (t + o.w) * (axis ? d.w : 1.0f);
 }

@@ -56,6 +56,11 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
         d.xyz = normalize(point - o.xyz);
     const float t = fmax(dot(point - o.xyz, d.xyz), 0.0f);
 
+#if BEGINS
+    if (dot(point - o.xyz, d.xyz) < 0.0f) /* before the ray begins */
+        return false;
+#endif
+
     *key = (ulong)(grid.first + cy * grid.row + cx) << 32 | as_uint(t);
     return true;
 }

@@ -1,4 +1,4 @@
-/* needs: leaves fetch bfloat16 */
+/* needs: leaves fetch bfloat16 shell */
 /* Stage 1 along rays (method.md 4, 5): the points of VW intervals at a time, one interval per lane,
  * by bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). An interval's
  * points ascend in t and have densities; a point's bin reaches half way to its neighbours, the
@@ -46,7 +46,15 @@ typedef struct lanes {
     float t_in[VW], t_out[VW];
     uint ray[VW];
     int slot[VW], level[VW];
+#if SHELL
+    uint row[VW]; /* of its line */
+#endif
 } lanes;
+#if SHELL
+#define ROW_OF(of, l) ((of)->row[l])
+#else
+#define ROW_OF(of, l) ((of)->ray[l])
+#endif
 
 #if STAGE1 == 1
 #define STAGE1_ARGUMENTS                                                   \
@@ -64,7 +72,8 @@ HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __glo
 
 #pragma unroll
     for (int l = 0; l < VW; l++) {
-        const float4 from = ray_o[p->ray[l]], along = ray_d[p->ray[l]], box = boxes[p->slot[l]];
+        const float4 from = ray_o[ROW_OF(p, l)], along = ray_d[ROW_OF(p, l)];
+        const float4 box = boxes[p->slot[l]];
 
         o[0][l] = from.x;
         o[1][l] = from.y;

@@ -1,10 +1,11 @@
+/* needs: shell */
 /* The walk of rays through the octree (method.md 3; twin: host/reference/rays.c), VW rays side by
  * side, over the dense map of leaves and empty boxes (cln_octree_map, host/model/octree.h). For
  * sampling.cl, which decides what happens in the leaves.
  *
  *   CROP 0 | 1   1: rays walk only inside of six planes
+ *   SHELL 0 | 1  1: they walk from line to line
  */
-#define NEVER 1e30f
 #ifndef CROP
 #define CROP 0
 #endif
@@ -16,8 +17,15 @@ typedef struct walk {
     vi cell[3];    /* of the map */
     vf t;          /* the ray's position */
     vi more;       /* it walks on: a mask like a vector comparison's */
+#if CROP || SHELL
+    vf end; /* where it leaves what is inside, or its line */
+#endif
+#if SHELL
+    const __global float4 *ray_o, *ray_d; /* [row] */
 #if CROP
-    vf end; /* where it leaves what is inside */
+    const float4 *planes; /* of u */
+#endif
+    uint row[VW], last[VW]; /* of its line; of the ray's last */
 #endif
 } walk;
 
@@ -27,6 +35,118 @@ HELPER vi cell_of(vf o, vf d, vf t, float half_n, vi low, vi high)
     return clamp(V_TO_INT((MAD(d, t, o) + 1.0f) * half_n), low, high);
 }
 
+#if SHELL
+#if CROP
+/* Cuts a line to what is inside of the planes, which are of u. */
+HELPER void line_crop(const float4 *planes, float3 o, float3 d, float *begin, float *end)
+{
+    const piece f = piece_of(MAD((float3)(0.5f * (*begin + *end)), d, o), 0.5f);
+
+    for (int k = 0; k < 6; k++) {
+        /* plane . (u, 1) times w, which is linear in p: 2 (1 - s p_a) in a face */
+        float3 to = 2.0f * planes[k].xyz;
+        float rest = planes[k].w;
+
+        if (f.axis != CORE) {
+            rest = MAD(f.sign, along_axis(planes[k].xyz, f.axis), 2.0f * planes[k].w);
+            to = with_axis(to, f.axis, -2.0f * f.sign * planes[k].w);
+        }
+        const float here = dot(to, o) + rest, along = dot(to, d), t = -here / along;
+
+        if (along > 0.0f)
+            *begin = fmax(*begin, t);
+        else if (along < 0.0f)
+            *end = fmin(*end, t);
+        else if (here < 0.0f)
+            *end = -1.0f;
+    }
+}
+#endif
+
+/* Rays that are at the end of their line take the next one. */
+HELPER void walk_line(walk *w, int depth)
+{
+    const vi none = (vi)(0), last = (vi)((1 << depth) - 1);
+    const vi ended = w->more & (w->t >= w->end);
+    float o[3][VW], d[3][VW], t[VW], end[VW];
+    int turns[VW], more[VW];
+
+    if (!V_ANY(ended))
+        return;
+#pragma unroll
+    for (int a = 0; a < 3; a++) {
+        VSTORE(w->o[a], o[a]);
+        VSTORE(w->d[a], d[a]);
+    }
+    VSTORE(w->t, t);
+    VSTORE(w->end, end);
+    VSTORE(w->more, more);
+    VSTORE(ended, turns);
+    for (int l = 0; l < VW; l++) {
+        if (!turns[l])
+            continue;
+        more[l] = 0;
+        while (!more[l] && w->row[l] < w->last[l]) {
+            const float4 from = w->ray_o[++w->row[l]], along = w->ray_d[w->row[l]];
+            float begin = from.w, until = along.w;
+
+            if (begin >= NEVER)
+                break;
+#if CROP
+            line_crop(w->planes, from.xyz, along.xyz, &begin, &until);
+#endif
+            if (until > begin) {
+                o[0][l] = from.x;
+                o[1][l] = from.y;
+                o[2][l] = from.z;
+                d[0][l] = along.x;
+                d[1][l] = along.y;
+                d[2][l] = along.z;
+                t[l] = begin;
+                end[l] = until;
+                more[l] = -1;
+            }
+        }
+    }
+    w->t = VLOAD(t);
+    w->end = VLOAD(end);
+    w->more = VLOAD(more);
+#pragma unroll
+    for (int a = 0; a < 3; a++) {
+        w->o[a] = VLOAD(o[a]);
+        w->d[a] = VLOAD(d[a]);
+        const vi parallel = fabs(w->d[a]) < (vf)(1e-12f);
+
+        w->inverse[a] = select((vf)(1.0f) / w->d[a], (vf)(0.0f), parallel);
+        w->never[a] = select((vf)(0.0f), (vf)(NEVER), parallel);
+        w->ascends[a] = select(none, (vi)(-1), w->inverse[a] > (vf)(0.0f));
+        w->cell[a] = select(
+            w->cell[a],
+            cell_of(w->o[a], w->d[a], w->t, 0.5f * (float)(1 << depth), none, last), ended);
+    }
+}
+
+/* Rays first .. first + VW - 1 are at the end of no line; those from `end` on do not walk. */
+HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global float4 *ray_d,
+                       uint first, uint end, int depth)
+{
+    w->ray_o = ray_o;
+    w->ray_d = ray_d;
+#pragma unroll
+    for (uint l = 0; l < VW; l++) {
+        w->row[l] = min(first + l, end - 1u) * CLN_LINE_ROWS;
+        w->last[l] = w->row[l] + CLN_SPACE_LINES;
+    }
+    w->more = V_TO_INT(V_IOTA) < (vi)((int)(end - first));
+    w->t = w->end = (vf)(0.0f);
+#pragma unroll
+    for (int a = 0; a < 3; a++) {
+        w->o[a] = w->d[a] = (vf)(0.0f);
+        w->cell[a] = (vi)(0);
+    }
+    (void)depth;
+}
+#else
 /* Rays first .. first + VW - 1 enter the cube; those from `end` on, and those that miss it, do not
  * walk. Components under 1e-12 count as zero. */
 HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global float4 *ray_d,
@@ -72,7 +192,9 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
         w->cell[a] = cell_of(w->o[a], w->d[a], t0, 0.5f * (float)(1 << depth), none, last);
 }
 
-#if CROP
+#endif
+
+#if CROP && !SHELL
 /* Cuts rays that have just started to what is inside: plane.xyz . p + plane.w >= 0. */
 HELPER void walk_crop(walk *w, const float4 *planes, int depth)
 {
@@ -145,10 +267,17 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
         const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, from, to);
 
         w->cell[a] = select(along, over, exits[a] <= t);
+#if SHELL /* the line has ended, then, perhaps in what holds nothing */
+        t = select(w->end, t, (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n)));
+#else
         w->more = w->more & (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n));
+#endif
     }
-#if CROP
+#if CROP && !SHELL
     w->more = w->more & (t < w->end);
+    t = fmin(t, w->end);
+#endif
+#if SHELL
     t = fmin(t, w->end);
 #endif
     w->t = t;

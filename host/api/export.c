@@ -129,12 +129,23 @@ static cln_status check_options(const cln_export_desc *desc)
 
 /* ---- the work ---- */
 
-/* What has no meaning in a forward space (scene/space.h): boxes, and a grid of equal cells. */
+/* What has no meaning in a forward or shell space (scene/space.h): boxes, and a grid of equal
+ * cells. */
 static cln_status check_space(const cln_export_desc *desc, const cln_model *model)
 {
+    const bool cells = strcmp(desc->what, "octree") == 0 || strcmp(desc->what, "volume") == 0;
+
+    if (model->space.shell && cells)
+        return cln_fail(CLN_USAGE,
+                        "%s: it was trained with a shell beyond the cube (--space shell), whose "
+                        "%s grow with the distance and are no boxes of the scene: --%s cannot "
+                        "write them. Train with --space cube for that, or export --points or "
+                        "--mesh, of what is in the cube",
+                        desc->run, strcmp(desc->what, "octree") == 0 ? "leaves" : "cells",
+                        desc->what);
     if (!model->space.forward)
         return CLN_OK;
-    if (strcmp(desc->what, "octree") == 0 || strcmp(desc->what, "volume") == 0)
+    if (cells)
         return cln_fail(CLN_USAGE,
                         "%s: it was trained in normalised device coordinates (--space ndc), whose "
                         "%s grow with the distance and are no boxes of the scene: --%s cannot "

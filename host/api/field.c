@@ -61,8 +61,10 @@ void cln_field_box(const cln_field *field, double min[3], double max[3])
         }
         return;
     }
-    cln_space_point_to_scene(space, (const double[3]){-1, -1, -1}, min);
-    cln_space_point_to_scene(space, (const double[3]){1, 1, 1}, max);
+    for (int a = 0; a < 3; a++) { /* of a shell space, the core */
+        min[a] = space->centre[a] - space->half;
+        max[a] = space->centre[a] + space->half;
+    }
 }
 
 static cln_status to_cube(const cln_space *space, size_t i, const double position[3], float out[4])
@@ -99,15 +101,15 @@ static cln_status to_unit(size_t i, const float *direction, float out[4])
     return CLN_OK;
 }
 
-/* Forward: the direction becomes one of the cube; `look` keeps that of the scene, or without one
- * the mean camera's axis. */
+/* Forward, shell: the direction becomes one of the cube; `look` keeps that of the scene, or without
+ * one the mean camera's axis, or z. */
 static void turn_to_cube(const cln_space *space, const double position[3], bool given,
                          float towards[4], double look[3])
 {
     double cube[3];
 
     for (int a = 0; a < 3; a++)
-        look[a] = given ? (double)towards[a] : space->axes[6 + a];
+        look[a] = given || space->shell ? (double)towards[a] : space->axes[6 + a];
     cln_space_direction_to_cube(space, position, look, cube);
     for (int a = 0; a < 3; a++)
         towards[a] = (float)cube[a];
@@ -134,7 +136,7 @@ cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3]
         for (size_t i = 0; i < count; i++) {
             CLN_TRY(to_cube(&model->space, first + i, positions[first + i], at[i]));
             CLN_TRY(to_unit(first + i, directions ? directions[first + i] : NULL, towards[i]));
-            if (model->space.forward)
+            if (model->space.forward || model->space.shell)
                 turn_to_cube(&model->space, positions[first + i], directions != NULL, towards[i],
                              looks[i]);
         }

@@ -78,7 +78,7 @@ static cln_status add_checkpoint(const char *run, json_t *about)
                         json_pack("{s:i, s:[f,f,f], s:f, s:s}", "params_per_leaf", model.net.params,
                                   "centre", model.space.centre[0], model.space.centre[1],
                                   model.space.centre[2], "half", model.space.half, "space",
-                                  model.space.forward ? "ndc" : "cube"));
+                                  cln_space_name(&model.space)));
 done:
     free(folder);
     cln_model_free(&model);

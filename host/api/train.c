@@ -85,10 +85,11 @@ static cln_status check_same_cube(const char *run, const cln_model *other, const
 
     if (cln_space_equal(its, ours))
         return CLN_OK;
-    if (its->forward != ours->forward)
+    if (its->forward != ours->forward || its->shell != ours->shell)
         return cln_fail(CLN_USAGE,
-                        "--tree-from '%s': one of the two is in normalised device coordinates, the "
-                        "other in a cube; give both the same --space",
+                        "--tree-from '%s': one of the two runs is in a cube, in a cube and a shell "
+                        "or in normalised device coordinates, the other in another; give both the "
+                        "same --space",
                         run);
     return cln_fail(
         CLN_USAGE,
@@ -169,6 +170,8 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
     } else {
         if (config->tree_from[0])
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
+        else if (t->scene->space.shell)
+            CLN_TRY(cln_model_create_shell(config, &t->model));
         else
             CLN_TRY(create(config, t->scene, &t->model));
         t->model.space = t->scene->space;
@@ -328,7 +331,7 @@ static cln_status check_kernels(cln_trainer *t, const cln_config *config)
     char took[32];
 
     cln_info("checking the kernels on %s", t->device->info.name);
-    st = cln_selftest_training(t->device, config, t->scene->space.forward, &callbacks);
+    st = cln_selftest_training(t->device, config, &t->scene->space, &callbacks);
     if (st == CLN_CHECK)
         cln_note("checking the device before training; --skip-selftest trains on it all the "
                  "same, and what comes out may be wrong");

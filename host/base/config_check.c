@@ -253,6 +253,11 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
     CLN_TRY(cln_config_background(config, rgb));
     CLN_TRY(check_bbox(config->bbox));
+    if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
+        return cln_fail(CLN_USAGE,
+                        "--space shell and --stage1 splat: a list of a pixel's samples is along "
+                        "one line, and rays in a shell have several; give --stage1 gather, or "
+                        "--space cube");
     if (config->space == CLN_SPACE_NDC && config->bbox[0])
         return cln_fail(CLN_USAGE,
                         "--space ndc and --bbox: what the cameras see from a near plane to "

@@ -68,7 +68,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
 };
 enum { CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
-enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
+enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 
 /* The leaf networks: compile-time constants of the kernels (method.md sections 1, 2). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
@@ -127,8 +127,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     INT(cull_after, "cull-after", 0, 512, 0, 1000000,                                           \
         "no culling in so many steps after the start or a growth of the tree",                  \
         .flags = CLN_ROW_LATER)                                                                 \
-    INT(seen_by, "seen-by", 0, 0, 0, 1000,                                                      \
-        "space that fewer training views see stays empty", .flags = CLN_ROW_LATER)              \
+    INT(seen_by, "seen-by", 0, 0, 0, 1000, "space that fewer training views see stays empty",   \
+        .flags = CLN_ROW_LATER)                                                                 \
     BOOL(slab, "slab", false, false,                                                            \
          "what lies in the cube but outside --bbox, or the box of the points, stays empty",     \
          .flags = CLN_ROW_LATER)                                                                \
@@ -199,7 +199,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     REAL(render_min_transmittance, "render-min-transmittance", 1e-3, 1e-3, 0, 0.5,                 \
          "the same when rendering", .alias = "render-t-min")                                       \
     REAL(occlusion_from, "occlusion-from", 0.067, 0.02, 0, 1,                                      \
-         "no samples left out as occluded before this fraction of the budget")
+         "no samples left out as occluded before this fraction of the budget")                     \
+    REAL(near, "near", 0, 0, 0, 1,                                                                 \
+         "rays begin at this distance from the camera, in half sides of the scene's cube",         \
+         .flags = CLN_ROW_LATER)
 
 /* Loss, regularisers, optimiser, batch (method.md sections 10, 11). */
 #define CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                              \
@@ -258,56 +261,57 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
         "first steps that draw rays from the middle half of the images only")
 
 /* Data, budgets and output of a run. */
-#define CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)                                               \
-    INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                       \
-    INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)", .flags = CLN_ROW_BUDGET) \
-    REAL(time_limit, "time-limit", 0, 0, 0, 1e9,                                                  \
-         "budget: training seconds, or 90s 10m 2h 1:30 (0 = none)",                               \
-         .flags = CLN_ROW_SECONDS | CLN_ROW_BUDGET)                                               \
-    REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                                \
-         "budget: stop when test PSNR reaches this (0 = none)")                                   \
-    INT(epochs, "epochs", 30, 30, 1, 1000000,                                                     \
-        "budget when none other is set; an epoch draws a tenth of all training pixels",           \
-        .flags = CLN_ROW_BUDGET)                                                                  \
-    INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")        \
-    TEXT(eval_at, "eval-at", "", "",                                                              \
-         "test PSNR during training at these points: 60s,2m,5m or steps")                         \
-    INT(eval_every, "eval-every", 0, 0, 0, 1000000000,                                            \
-        "test PSNR during training every N steps (0 = never)")                                    \
-    INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")        \
-    REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints",               \
-         .flags = CLN_ROW_SECONDS)                                                                \
-    ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO,                                      \
-         "auto|transforms|colmap|llff|neus|nsvf|opensfm",                                         \
-         "what the scene is read as; auto: the first of the others that is there",                \
-         .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                  \
-    INT(downscale, "downscale", 0, 0, 0, 64,                                                      \
-        "divide the image size by N with an area filter (0 or auto: longest side <= 1600)",       \
-        .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                    \
-    TEXT(bbox, "bbox", "", "",                                                                    \
-         "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)",       \
-         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                  \
-    ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc",                         \
-         "what the tree divides: a cube of the scene, or normalised device coordinates for "      \
-         "cameras that all look one way; auto: ndc for LLFF scenes like that without --bbox",     \
-         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                  \
-    TEXT(background, "background", "white", "white",                                              \
-         "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)              \
-    INT(holdout, "holdout", 8, 8, 0, 1000000,                                                     \
-        "every Nth image is test where no split is named (0 = none)", .flags = CLN_ROW_SCENE)     \
-    ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                \
-         "frames whose image is not there: leave them out while they are fewer than a tenth, "    \
-         "leave them out however many, or refuse the scene",                                      \
-         .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                  \
-    REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                 \
-         "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                    \
-         .flags = CLN_ROW_BYTES)                                                                  \
-    REAL(host_mem, "host-mem", 0, 0, 0, 1e15,                                                     \
-         "host memory to stay under, bytes or 512M, 4G (0 = what the machine has)",               \
-         .flags = CLN_ROW_BYTES)                                                                  \
-    ENUM(exchange, "exchange", CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES, "samples|stretches", \
-         "what several processes tell each other of a step: every sample's colour and density, "  \
-         "with the bits of one process; or sums of each ray's stretches, which is less",          \
+#define CLN_CONFIG_RUN(INT, REAL, BOOL, ENUM, TEXT)                                                \
+    INT(seed, "seed", 42, 42, 0, 2147483647, "seed of every random number")                        \
+    INT(steps, "steps", 0, 0, 0, 2000000000, "budget: steps (0 = none)", .flags = CLN_ROW_BUDGET)  \
+    REAL(time_limit, "time-limit", 0, 0, 0, 1e9,                                                   \
+         "budget: training seconds, or 90s 10m 2h 1:30 (0 = none)",                                \
+         .flags = CLN_ROW_SECONDS | CLN_ROW_BUDGET)                                                \
+    REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                                 \
+         "budget: stop when test PSNR reaches this (0 = none)")                                    \
+    INT(epochs, "epochs", 30, 30, 1, 1000000,                                                      \
+        "budget when none other is set; an epoch draws a tenth of all training pixels",            \
+        .flags = CLN_ROW_BUDGET)                                                                   \
+    INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")         \
+    TEXT(eval_at, "eval-at", "", "",                                                               \
+         "test PSNR during training at these points: 60s,2m,5m or steps")                          \
+    INT(eval_every, "eval-every", 0, 0, 0, 1000000000,                                             \
+        "test PSNR during training every N steps (0 = never)")                                     \
+    INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")         \
+    REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints",                \
+         .flags = CLN_ROW_SECONDS)                                                                 \
+    ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO,                                       \
+         "auto|transforms|colmap|llff|neus|nsvf|opensfm",                                          \
+         "what the scene is read as; auto: the first of the others that is there",                 \
+         .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
+    INT(downscale, "downscale", 0, 0, 0, 64,                                                       \
+        "divide the image size by N with an area filter (0 or auto: longest side <= 1600)",        \
+        .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                     \
+    TEXT(bbox, "bbox", "", "",                                                                     \
+         "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)",        \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                   \
+    ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc|shell",                    \
+         "what the tree divides: a cube of the scene, normalised device coordinates for cameras "  \
+         "that all look one way, or a cube and a shell that holds all that lies beyond it; auto: " \
+         "ndc for LLFF scenes like that without --bbox, shell around COLMAP's points",             \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
+    TEXT(background, "background", "white", "white",                                               \
+         "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)               \
+    INT(holdout, "holdout", 8, 8, 0, 1000000,                                                      \
+        "every Nth image is test where no split is named (0 = none)", .flags = CLN_ROW_SCENE)      \
+    ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
+         "frames whose image is not there: leave them out while they are fewer than a tenth, "     \
+         "leave them out however many, or refuse the scene",                                       \
+         .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
+    REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                  \
+         "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                     \
+         .flags = CLN_ROW_BYTES)                                                                   \
+    REAL(host_mem, "host-mem", 0, 0, 0, 1e15,                                                      \
+         "host memory to stay under, bytes or 512M, 4G (0 = what the machine has)",                \
+         .flags = CLN_ROW_BYTES)                                                                   \
+    ENUM(exchange, "exchange", CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES, "samples|stretches",  \
+         "what several processes tell each other of a step: every sample's colour and density, "   \
+         "with the bits of one process; or sums of each ray's stretches, which is less",           \
          .flags = CLN_ROW_LATER)
 
 #define CLN_CONFIG_LIST(INT, REAL, BOOL, ENUM, TEXT) \

@@ -9,7 +9,7 @@ cln_space cln_check_forward_space(double unit)
     const double a = 0.6, b = -0.4; /* about y, then about x */
     const double axes[9] = {cos(a),  sin(a) * sin(b), sin(a) * cos(b), 0, cos(b), -sin(b),
                             -sin(a), cos(a) * sin(b), cos(a) * cos(b)};
-    cln_space space = {{2 * unit, -unit, 0.5 * unit}, 1.5 * unit, true, {0}, {1.25, 1.6}};
+    cln_space space = {{2 * unit, -unit, 0.5 * unit}, 1.5 * unit, true, {0}, {1.25, 1.6}, false};
 
     memcpy(space.axes, axes, sizeof axes);
     return space;

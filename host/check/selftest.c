@@ -6,9 +6,11 @@
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/config.h"
+#include "base/memory.h"
 #include "check/forward_scene.h"
 #include "check/selftest_checks.h"
 
@@ -18,7 +20,7 @@ typedef struct shape {
     const char *name, *preset, *tune; /* tune NULL: the device's */
     bool small;                       /* the smallest network instead of the preset's */
     bool splat, distortion;
-    bool forward, crop;           /* only rays and samples, the rest is the same */
+    bool forward, shell, crop;    /* only rays and samples, the rest is the same */
     bool in[CLN_SHAPES_TINY + 1]; /* sets that have it */
 } shape;
 
@@ -36,6 +38,7 @@ static const shape shapes[] = {
      .small = true, .distortion = true, .in = FULL},
     {"paper preset", "paper", .splat = true, .in = FULL},
     {"forward space", "fast", .small = true, .forward = true, .in = FULL},
+    {"shell space", "fast", .small = true, .shell = true, .in = FULL},
     {"cropped", "fast", .small = true, .crop = true, .in = FULL},
     {"tiny, splatting", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
      .small = true, .splat = true, .distortion = true, .in = TINY},
@@ -91,19 +94,22 @@ done:
 }
 
 /* Makes a model with leaves of two levels and different weights. */
-static cln_status make_model(const cln_config *config, cln_model *model)
+static cln_status make_model(const cln_config *config, bool shell, cln_model *model)
 {
     cln_status st = CLN_OK;
-    uint8_t split[8] = {1};
+    uint8_t *split = NULL;
     cln_octree_change change = {0};
     const double scale = sqrt(2.0 / config->width);
 
-    CLN_TRY(cln_model_create(config, model));
+    CLN_TRY(shell ? cln_model_create_shell(config, model) : cln_model_create(config, model));
+    CLN_TRY(cln_alloc(&split, (size_t)model->tree.leaf_count, 1, "self-test"));
+    split[0] = 1;
     CLN_TRY(cln_octree_split(&model->tree, split, &change));
     CLN_TRY(cln_model_apply(model, &change));
     for (int i = 0; i < model->tree.leaf_count * model->net.params; i++)
         model->params[i] = (float)(scale * cln_check_uniform(1, (uint32_t)i, -1, 1));
 done:
+    free(split);
     cln_octree_change_free(&change);
     return st;
 }
@@ -141,7 +147,7 @@ static cln_status run_pipeline(cln_pipeline *p, bool rays_only, cln_checks *c)
     cln_model model = {0};
 
     p->max_entries = 1 << 20;
-    CLN_TRY(make_model(&p->config, &model));
+    CLN_TRY(make_model(&p->config, p->space.shell, &model));
     CLN_TRY(cln_pipeline_rebuild(p, model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(p, &model, !rays_only));
     c->p = p;
@@ -158,8 +164,11 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
     cln_status st = CLN_OK;
     const cln_tune kept = device->tune;
     const bool exact = device->tune_exact;
-    const cln_space space = s->forward ? cln_check_forward_space(1) : cln_space_unit;
-    const bool rays_only = s->forward || s->crop;
+    const cln_space shell = {.half = 0.73, .shell = true};
+    const cln_space space = s->forward ? cln_check_forward_space(1)
+                            : s->shell ? shell
+                                       : cln_space_unit;
+    const bool rays_only = s->forward || s->shell || s->crop;
     const uint32_t rays_and_samples = CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(scan) |
                                       CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(sort64) |
                                       (s->crop ? CLN_PROGRAM_BIT(sampling_crop) : 0);
@@ -285,8 +294,14 @@ static cln_status advance(progress *p, const cln_checks *c)
     return CLN_OK;
 }
 
-cln_status cln_selftest_training(cln_device *device, const cln_config *config, bool forward,
-                                 const cln_callbacks *callbacks)
+/* Whether a shape is checked before a training in this space. */
+static bool is_due(const shape *s, const cln_space *space)
+{
+    return s->in[CLN_SHAPES_QUICK] || (space->forward && s->forward) || (space->shell && s->shell);
+}
+
+cln_status cln_selftest_training(cln_device *device, const cln_config *config,
+                                 const cln_space *space, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
     progress p = {.callbacks = callbacks};
@@ -298,9 +313,9 @@ cln_status cln_selftest_training(cln_device *device, const cln_config *config, b
     others = cln_config_differs(&fast, config, CLN_ROW_SHAPE) != NULL;
     p.total = others;
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
-        p.total += shapes[i].in[CLN_SHAPES_QUICK] || (forward && shapes[i].forward);
+        p.total += is_due(&shapes[i], space);
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0] && c.failed == 0; i++) {
-        if (!shapes[i].in[CLN_SHAPES_QUICK] && !(forward && shapes[i].forward))
+        if (!is_due(&shapes[i], space))
             continue;
         CLN_TRY(advance(&p, &c));
         CLN_TRY(run_shape(device, &shapes[i], &c));

@@ -24,11 +24,11 @@ cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan
 cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
                                void *user);
 
-/* Runs the checks before a training: the quick set, rays of a forward space for a scene in one, and
- * these settings if their networks' kernels differ from the fast preset's. Shows its progress, and
- * is interrupted (CLN_SIGINT, CLN_SIGTERM): where the driver has compiled nothing before, it takes
- * a minute. */
-cln_status cln_selftest_training(cln_device *device, const cln_config *config, bool forward,
-                                 const cln_callbacks *callbacks);
+/* Runs the checks before a training: the quick set, rays of a forward or shell space for a scene in
+ * one, and these settings if their networks' kernels differ from the fast preset's. Shows its
+ * progress, and is interrupted (CLN_SIGINT, CLN_SIGTERM): where the driver has compiled nothing
+ * before, it takes a minute. */
+cln_status cln_selftest_training(cln_device *device, const cln_config *config,
+                                 const cln_space *space, const cln_callbacks *callbacks);
 
 #endif

@@ -183,11 +183,102 @@ static void make_cameras(const cln_pipeline *p, cln_camera cameras[VIEWS])
     }
 }
 
+/* The lines of a camera's ray in the cube, one unless there is a shell. */
+static int lines_of(const cln_space *space, const cln_camera *camera, const cln_pixel *pixel,
+                    cln_space_line lines[CLN_SPACE_LINES])
+{
+    double origin[3], direction[3];
+
+    cln_camera_ray(camera, pixel->x + 0.5, pixel->y + 0.5, origin, direction);
+    if (space->shell)
+        return cln_space_lines(space, origin, direction, 0, lines);
+    cln_space_ray_to_cube(space, origin, direction, lines->origin, lines->direction);
+    lines->begin = -INFINITY;
+    lines->end = INFINITY;
+    return 1;
+}
+
+/* The same of the device's rows. */
+static int device_lines(const cln_pipeline *p, const float (*ray_o)[4], const float (*ray_d)[4],
+                        int r, cln_space_line lines[CLN_SPACE_LINES])
+{
+    const int rows = cln_pipeline_rows(p);
+    int count = 0;
+
+    for (int row = rows > 1; row < rows; row++) {
+        const float *o = ray_o[r * rows + row], *d = ray_d[r * rows + row];
+
+        if (rows > 1 && !(o[3] < 1e30f))
+            break;
+        lines[count++] = (cln_space_line){{o[0], o[1], o[2]},
+                                          {d[0], d[1], d[2]},
+                                          rows > 1 ? (double)o[3] : -INFINITY,
+                                          rows > 1 ? (double)d[3] : INFINITY};
+    }
+    return count;
+}
+
+static int line_intervals(const ref_way *way, const cln_space_line *line,
+                          ref_interval out[REF_MOST_INTERVALS])
+{
+    const int n = ref_way_intervals(way, line->origin, line->direction, out);
+    int kept = 0;
+
+    for (int i = 0; i < n; i++) {
+        const ref_interval v = {out[i].slot, fmax(out[i].t_in, line->begin),
+                                fmin(out[i].t_out, line->end)};
+
+        if (v.t_out - v.t_in > (double)CLN_MIN_CHORD)
+            out[kept++] = v;
+    }
+    return kept;
+}
+
+/* Checks the middles of a ray's lines, and their ends. */
+static cln_status check_lines(cln_checks *c, const cln_camera *cameras, const cln_pixel *pixels,
+                              const float (*ray_o)[4], const float (*ray_d)[4], int rays)
+{
+    cln_status st = CLN_OK;
+    float *got = NULL;
+    double *want = NULL;
+    size_t n = 0;
+
+    CLN_TRY(cln_alloc(&got, RAYS * CLN_SPACE_LINES * 4, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&want, RAYS * CLN_SPACE_LINES * 4, sizeof *want, "self-test"));
+    for (int r = 0; r < rays; r++) {
+        cln_space_line host[CLN_SPACE_LINES], device[CLN_SPACE_LINES];
+        const int count = lines_of(&c->p->space, &cameras[pixels[r].view], &pixels[r], host);
+        const int found = device_lines(c->p, ray_o, ray_d, r, device);
+
+        for (int k = 0; k < count; k++) {
+            const double t = 0.5 * (host[k].begin + host[k].end);
+            int at = 0;
+
+            if (host[k].end - host[k].begin < 1e-4) /* as good as none */
+                continue;
+            while (at + 1 < found && device[at + 1].begin <= t)
+                at++;
+            for (int a = 0; a < 3; a++, n++) {
+                want[n] = host[k].origin[a] + t * host[k].direction[a];
+                got[n] = (float)(device[at].origin[a] + t * device[at].direction[a]);
+            }
+            want[n] = host[k].end;
+            got[n++] = (float)device[at].end;
+        }
+    }
+    cln_check_compare(c, "lines of rays", got, want, n, 1e-12, 1e-5);
+done:
+    free(got);
+    free(want);
+    return st;
+}
+
 static cln_status check_directions(cln_checks *c, const cln_camera *cameras,
                                    const cln_pixel *pixels, const float (*ray_o)[4],
                                    const float (*ray_d)[4], int rays)
 {
     cln_status st = CLN_OK;
+    const int rows = cln_pipeline_rows(c->p);
     float *got = NULL;
     double *want = NULL, origin[3], direction[3];
 
@@ -197,8 +288,8 @@ static cln_status check_directions(cln_checks *c, const cln_camera *cameras,
         cln_camera_ray(&cameras[pixels[r].view], pixels[r].x + 0.5, pixels[r].y + 0.5, origin,
                        direction);
         cln_space_ray_to_cube(&c->p->space, origin, direction, want + 6 * r, want + 6 * r + 3);
-        memcpy(got + 6 * r, ray_o[r], 3 * sizeof(float));
-        memcpy(got + 6 * r + 3, ray_d[r], 3 * sizeof(float));
+        memcpy(got + 6 * r, ray_o[r * rows], 3 * sizeof(float));
+        memcpy(got + 6 * r + 3, ray_d[r * rows], 3 * sizeof(float));
     }
     cln_check_compare(c, "rays", got, want, (size_t)rays * 6, 1e-12, 1e-5);
 done:
@@ -228,12 +319,15 @@ static cln_status check_chords(cln_checks *c, const float (*ray_o)[4], const flo
 
     CLN_TRY(cln_alloc(&want, RAYS, sizeof *want, "self-test"));
     for (int r = 0; r < m->rays; r++) {
-        const double o[3] = {ray_o[r][0], ray_o[r][1], ray_o[r][2]};
-        const double d[3] = {ray_d[r][0], ray_d[r][1], ray_d[r][2]};
-        const int count = ref_way_intervals(&way, o, d, crossed);
+        cln_space_line lines[CLN_SPACE_LINES];
+        const int found = device_lines(c->p, ray_o, ray_d, r, lines);
 
-        for (int i = 0; i < count; i++)
-            want[r] += crossed[i].t_out - crossed[i].t_in;
+        for (int k = 0; k < found; k++) {
+            const int count = line_intervals(&way, &lines[k], crossed);
+
+            for (int i = 0; i < count; i++)
+                want[r] += crossed[i].t_out - crossed[i].t_in;
+        }
     }
     cln_check_compare(c, "intervals: chord of a ray", m->chords, want, (size_t)m->rays, 1e-10,
                       1e-4);
@@ -245,6 +339,7 @@ done:
 /* Checks that samples of an interval lie in its chord, ascending, and their deltas add up to it. */
 static void check_samples(cln_checks *c, made *m)
 {
+    const uint32_t rows = (uint32_t)cln_pipeline_rows(c->p);
     double worst = 0;
     int wrong = 0, intervals = 0;
 
@@ -265,7 +360,7 @@ static void check_samples(cln_checks *c, made *m)
             }
             for (uint32_t k = 0; k < count; k++, s++) {
                 wrong += !(s->t >= last && s->t <= v.t_out && s->delta >= 0 && s->slot == v.slot &&
-                           s->ray == (uint32_t)r);
+                           s->ray / rows == (uint32_t)r);
                 last = s->t;
                 sum += s->delta;
             }
@@ -309,22 +404,15 @@ static bool counts_agree(const made *m, uint32_t samples)
     return agree;
 }
 
-/* Returns whether a camera's ray has stage-1 points clear of borders between cells, and a clear
- * number of them. Else rounding decides which density counts, and devices may differ. */
-static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_pixel *pixel,
-                      const float (*boxes)[4])
+/* Returns whether a line has stage-1 points clear of borders between cells, and a clear number of
+ * them. */
+static bool line_is_steady(const cln_checks *c, const ref_way *way, const cln_space_line *line,
+                           const float (*boxes)[4])
 {
     const double margin = 3e-5, n1 = c->p->config.n1;
-    const ref_way way = {.tree = &c->model->tree, .crop = c->crop};
-    double origin[3], direction[3], o[3], d[3];
     ref_interval crossed[REF_MOST_INTERVALS];
-    int count = 0;
+    const int count = line_intervals(way, line, crossed);
 
-    if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* lists, the same for all rays of a pixel */
-        return true;
-    cln_camera_ray(camera, pixel->x + 0.5, pixel->y + 0.5, origin, direction);
-    cln_space_ray_to_cube(&c->p->space, origin, direction, o, d);
-    count = ref_way_intervals(&way, o, d, crossed);
     for (int i = 0; i < count; i++) {
         const float *box = boxes[crossed[i].slot];
         const double length = crossed[i].t_out - crossed[i].t_in, cells = length * n1 / box[3];
@@ -334,13 +422,33 @@ static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_p
             return false;
         for (int k = 0; k < (int)points; k++)
             for (int a = 0; a < 3; a++) {
-                const double at = o[a] + d[a] * (crossed[i].t_in + (k + 0.5) * length / points);
+                const double at =
+                    line->origin[a] +
+                    line->direction[a] * (crossed[i].t_in + (k + 0.5) * length / points);
                 const double cell = (at - box[a]) * n1 / box[3];
 
                 if (fabs(cell - round(cell)) < margin)
                     return false;
             }
     }
+    return true;
+}
+
+/* Returns whether all of a camera's ray is steady. Else rounding decides which density counts, and
+ * devices may differ. */
+static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_pixel *pixel,
+                      const float (*boxes)[4])
+{
+    const ref_way way = {.tree = &c->model->tree, .crop = c->crop};
+    cln_space_line lines[CLN_SPACE_LINES];
+    int count = 0;
+
+    if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* lists, the same for all rays of a pixel */
+        return true;
+    count = lines_of(&c->p->space, camera, pixel, lines);
+    for (int k = 0; k < count; k++)
+        if (!line_is_steady(c, &way, &lines[k], boxes))
+            return false;
     return true;
 }
 
@@ -378,7 +486,9 @@ static cln_status put_out_batch(cln_checks *c, const cln_camera *cameras, const 
             places[2 * samples + 1] = m->samples[i].delta;
         }
     }
-    cln_check_say(c, "rays clear of borders", left_out <= 1 + m->rays / 50, "all but %d of %d",
+    /* a ray in a shell has several lines, which end at faces */
+    cln_check_say(c, "rays clear of borders",
+                  left_out <= 1 + m->rays / (c->p->space.shell ? 20 : 50), "all but %d of %d",
                   left_out, m->rays);
     cln_check_numbers(c, "intervals: leaves and samples", numbers, 2 * (size_t)intervals);
     cln_check_values(c, "intervals: ends", ends, 2 * (size_t)intervals, 1e-12, 1e-5);
@@ -431,6 +541,7 @@ cln_status cln_check_rays(cln_checks *c)
     const cln_camera *pointers[VIEWS] = {&cameras[0], &cameras[1], &cameras[2]};
     cln_pixel *pixels = NULL;
     const int rays = c->tiny ? RAYS / 10 : RAYS;
+    const size_t rows = (size_t)cln_pipeline_rows(p);
     float(*backgrounds)[4] = NULL, (*ray_o)[4] = NULL, (*ray_d)[4] = NULL;
     made *m = NULL;
     uint32_t samples = 0;
@@ -439,8 +550,8 @@ cln_status cln_check_rays(cln_checks *c)
     CLN_TRY(cln_alloc(&m, 1, sizeof *m, "self-test"));
     CLN_TRY(cln_alloc(&pixels, RAYS, sizeof *pixels, "self-test"));
     CLN_TRY(cln_alloc(&backgrounds, RAYS, sizeof *backgrounds, "self-test"));
-    CLN_TRY(cln_alloc(&ray_o, RAYS, sizeof *ray_o, "self-test"));
-    CLN_TRY(cln_alloc(&ray_d, RAYS, sizeof *ray_d, "self-test"));
+    CLN_TRY(cln_alloc(&ray_o, RAYS * rows, sizeof *ray_o, "self-test"));
+    CLN_TRY(cln_alloc(&ray_d, RAYS * rows, sizeof *ray_d, "self-test"));
     make_cameras(p, cameras);
     m->rays = rays;
     for (int r = 0; r < rays; r++) {
@@ -452,14 +563,17 @@ cln_status cln_check_rays(cln_checks *c)
         pixels[r].y = at / row * STEP + 2;
     }
     CLN_TRY(cln_pipeline_cameras(p, pointers, VIEWS, &p->space));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_o, (size_t)rays * sizeof *ray_o));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_d, (size_t)rays * sizeof *ray_d));
+    CLN_TRY(cln_check_spoil(p->device, &p->ray_o, (size_t)rays * rows * sizeof *ray_o));
+    CLN_TRY(cln_check_spoil(p->device, &p->ray_d, (size_t)rays * rows * sizeof *ray_d));
     CLN_TRY(cln_pipeline_batch(p, pixels, rays, NULL, backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, rays));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, ray_o, (size_t)rays * sizeof *ray_o));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, ray_d, (size_t)rays * sizeof *ray_d));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, ray_o, (size_t)rays * rows * sizeof *ray_o));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, ray_d, (size_t)rays * rows * sizeof *ray_d));
     CLN_TRY(check_directions(c, cameras, pixels, (const float(*)[4])ray_o, (const float(*)[4])ray_d,
                              rays));
+    if (p->space.shell)
+        CLN_TRY(check_lines(c, cameras, pixels, (const float(*)[4])ray_o, (const float(*)[4])ray_d,
+                            rays));
     CLN_TRY(put_densities(c));
     CLN_TRY(cln_stage_sample(p, rays, &sampling, &used, &samples));
     CLN_TRY(read_batch(c, samples, m));

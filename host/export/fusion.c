@@ -107,7 +107,8 @@ static double depth_at(const cln_fusion *f, const cln_fusion_view *view, double 
 
 float cln_fusion_at(const cln_fusion *fusion, const float at[3])
 {
-    const double point[3] = {at[0], at[1], at[2]};
+    const double point[3] = {fusion->to_tree * at[0], fusion->to_tree * at[1],
+                             fusion->to_tree * at[2]};
     double sum = 0, weights = 0;
     bool in_sight = false;
 
@@ -169,7 +170,13 @@ static int by_size(const void *a, const void *b)
 cln_status cln_fusion_start(const cln_space *space, const cln_octree *tree, int count,
                             cln_fusion *out)
 {
-    *out = (cln_fusion){.space = space, .tree = tree, .count = count};
+    *out = (cln_fusion){.space = space,
+                        .core = cln_space_core(space),
+                        .to_tree = space->shell ? 0.5 : 1,
+                        .tree = tree,
+                        .count = count};
+    if (space->shell)
+        out->space = &out->core;
     return cln_alloc(&out->views, (size_t)count, sizeof *out->views, "views");
 }
 

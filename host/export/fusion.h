@@ -10,8 +10,11 @@
 
 typedef struct cln_fusion_view cln_fusion_view;
 
+/* Of a shell space, only what is in the core, as if that were a plain one: points are of it. */
 typedef struct cln_fusion {
-    const cln_space *space;
+    const cln_space *space; /* the caller's, or &core: a fusion is not copied */
+    cln_space core;
+    double to_tree; /* from its points to the tree's */
     const cln_octree *tree;
     int count;
     cln_fusion_view *views; /* [count] */
@@ -34,8 +37,8 @@ cln_status cln_fusion_start(const cln_space *space, const cln_octree *tree, int 
 cln_status cln_fusion_set(cln_fusion *fusion, int view, const cln_camera *camera, float *depth,
                           double *pixel);
 
-/* At a point of the cube: -1 .. 1, above 0 behind the surface. Behind all surfaces: 1; out of every
- * view's sight, or where the tree is empty: -1. */
+/* At a point of the cube (its space's): -1 .. 1, above 0 behind the surface. Behind all surfaces:
+ * 1; out of every view's sight, or where the tree is empty: -1. */
 float cln_fusion_at(const cln_fusion *fusion, const float at[3]);
 
 /* The view that sees a point of the surface most from the front (normal: unit): sets the unit

@@ -58,6 +58,7 @@ cln_status cln_export_mesh(cln_export_job *job)
     cln_status st = CLN_OK;
     const cln_export_desc *desc = job->desc;
     const cln_surface_desc how = {&job->opened, desc->spacing, desc->closed, &desc->callbacks};
+    const cln_space space = cln_space_core(&job->opened.model.space);
     cln_surface surface = {0};
     cln_mesh mesh = {0};
 
@@ -66,9 +67,8 @@ cln_status cln_export_mesh(cln_export_job *job)
     for (size_t i = 0; i < mesh.vertices; i++) {
         const double cube[3] = {surface.at[i][0], surface.at[i][1], surface.at[i][2]};
 
-        cln_space_point_to_scene(&job->opened.model.space, cube, mesh.at[i]);
-        cln_space_normal_to_scene(&job->opened.model.space, cube, surface.normal[i],
-                                  mesh.normal[i]);
+        cln_space_point_to_scene(&space, cube, mesh.at[i]);
+        cln_space_normal_to_scene(&space, cube, surface.normal[i], mesh.normal[i]);
     }
     memcpy(mesh.colour, surface.colour, mesh.vertices * sizeof *mesh.colour);
     mesh.face = surface.face;

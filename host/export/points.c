@@ -57,6 +57,7 @@ static void place(const cln_export_job *job, const cln_surface *s, size_t face, 
                   cln_mesh *mesh)
 {
     const uint32_t *v = s->face[face];
+    const cln_space space = cln_space_core(&job->opened.model.space);
     float u[4];
     double share[3], cube[3] = {0}, colour[3] = {0}, normal[3] = {0}, length = 0;
 
@@ -77,8 +78,8 @@ static void place(const cln_export_job *job, const cln_surface *s, size_t face, 
         mesh->normal[i][a] = length > 0 ? (float)(normal[a] / length) : s->normal[v[0]][a];
         mesh->colour[i][a] = (uint8_t)lround(colour[a]);
     }
-    cln_space_point_to_scene(&job->opened.model.space, cube, mesh->at[i]);
-    cln_space_normal_to_scene(&job->opened.model.space, cube, mesh->normal[i], mesh->normal[i]);
+    cln_space_point_to_scene(&space, cube, mesh->at[i]);
+    cln_space_normal_to_scene(&space, cube, mesh->normal[i], mesh->normal[i]);
 }
 
 cln_status cln_export_points(cln_export_job *job)

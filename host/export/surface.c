@@ -39,7 +39,9 @@ static cln_status poll(const cln_callbacks *callbacks)
 
 double cln_surface_cell(const cln_model *model)
 {
-    return 2.0 / ((double)(1 << cln_octree_depth(&model->tree)) * model->config.n1);
+    const double root = model->space.shell ? 4 : 2; /* in units of the cube that is traced */
+
+    return root / ((double)(1 << cln_octree_depth(&model->tree)) * model->config.n1);
 }
 
 static cln_status ask_fusion(void *user, size_t n, const float (*at)[4], float *values)
@@ -138,6 +140,7 @@ done:
 static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
 {
     cln_status st = CLN_OK;
+    const float to_tree = desc->opened->model.space.shell ? 0.5f : 1;
     float(*at)[4] = NULL, (*looks)[4] = NULL, (*out)[4] = NULL;
 
     CLN_TRY(cln_alloc(&at, CHUNK, sizeof *at, "points"));
@@ -153,7 +156,7 @@ static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
             const bool seen = towards[0] != 0 || towards[1] != 0 || towards[2] != 0;
 
             for (int a = 0; a < 3; a++) {
-                at[i][a] = s->at[first + i][a];
+                at[i][a] = s->at[first + i][a] * to_tree;
                 looks[i][a] = seen ? towards[a] : -normal[a];
             }
             at[i][3] = 0;

@@ -113,7 +113,9 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
                          model->step));
     if (!document ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
-                                                     forward_json(&model->space)) != 0))
+                                                     forward_json(&model->space)) != 0) ||
+        (model->space.shell &&
+         json_object_set_new(json_object_get(document, "cube"), "shell", json_true()) != 0))
         CLN_TRY(cln_fail(CLN_MEMORY, "checkpoint of step %" PRId64 ": out of host memory",
                          model->step));
     CLN_TRY(digest_document(document, hex));
@@ -198,6 +200,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
         out->background[a] = (float)channel;
     }
     CLN_TRY(read_forward(json_object_get(cube, "ndc"), path, &out->space));
+    out->space.shell = json_is_true(json_object_get(cube, "shell"));
     if (!(out->space.half > 0))
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its cube has no size", path));
     if (!json_is_boolean(alpha) || !json_is_boolean(distortion))

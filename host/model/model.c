@@ -7,6 +7,7 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "model/shell_tree.h"
 
 /* Frees the arrays that the device also holds during training. */
 static void free_carried(cln_model *model)
@@ -123,6 +124,21 @@ cln_status cln_model_create(const cln_config *config, cln_model *out)
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_octree_create(config->start_level, &tree));
     CLN_TRY(cln_model_create_on(config, &tree, out));
+done:
+    cln_octree_free(&tree);
+    return st;
+}
+
+cln_status cln_model_create_shell(const cln_config *config, cln_model *out)
+{
+    cln_status st = CLN_OK;
+    const int level = config->start_level > 2 ? config->start_level : 2;
+    cln_octree tree = {0};
+
+    memset(out, 0, sizeof *out);
+    CLN_TRY(cln_shell_tree_create(level, &tree));
+    CLN_TRY(cln_model_create_on(config, &tree, out));
+    out->level = level;
 done:
     cln_octree_free(&tree);
     return st;

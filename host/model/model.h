@@ -53,8 +53,10 @@ enum { CLN_MEASURES = 3 };
 size_t cln_moment_bytes(const cln_config *config);
 
 /* Create a model on a full tree of config.start_level, or on a copy of `tree`: initial weights,
- * zero training state. */
+ * zero training state. shell: on the tree of a shell space, whose levels count as those of the
+ * core's leaves less one. */
 cln_status cln_model_create(const cln_config *config, cln_model *out);
+cln_status cln_model_create_shell(const cln_config *config, cln_model *out);
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out);
 void cln_model_free(cln_model *model); /* accepts a zeroed model */
 

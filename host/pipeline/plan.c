@@ -62,7 +62,7 @@ static int largest_row(const cln_plan *plan)
 
 /* What the numbers of rows are computed from. */
 typedef struct sizes {
-    double leaves, rays, extra_rays, samples, slices, points, gradients;
+    double leaves, rays, ray_rows, extra_rays, samples, slices, points, gradients;
     double views, pixels;            /* of a splatted batch; of the largest view */
     double runs;                     /* of cells: a work-item projects one into a view */
     double entries;                  /* projected samples held at a time */
@@ -119,8 +119,8 @@ static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
 /* The most rows of a buffer of this kind. */
 static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
 {
-    const cln_config *c = &d->pipeline->config;
-    const double levels = cln_config_deepest(c) + 1;
+    const int deepest = cln_pipeline_deepest(d->pipeline);
+    const double levels = deepest + 1;
 
     switch (per) {
     case CLN_PER_LEAF:
@@ -129,7 +129,7 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
     case CLN_PER_LEAF_START:
         return s->leaves + 1;
     case CLN_PER_CELL:
-        return 1 << (3 * cln_config_deepest(c));
+        return 1 << (3 * deepest);
     case CLN_PER_VIEW:
         return d->scene->view_count;
     case CLN_PER_RAY:
@@ -137,11 +137,11 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
     case CLN_PER_RAY_START:
         return s->rays + 1;
     case CLN_PER_ORIGIN:
-        return fmax(s->rays + s->extra_rays, s->points);
+        return fmax(s->rays * s->ray_rows + s->extra_rays, s->points);
     case CLN_PER_TARGET:
         return fmax(s->rays, s->points);
     case CLN_PER_INTERVAL:
-        return s->rays * cln_config_most_intervals(c);
+        return s->rays * cln_pipeline_most_intervals(d->pipeline);
     case CLN_PER_SAMPLE:
         return s->samples;
     case CLN_PER_SAMPLE_START:
@@ -205,7 +205,7 @@ static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest
 {
     const cln_config *c = &d->pipeline->config;
     const double slice = d->pipeline->tune.sl;
-    double least = cln_config_most_intervals(c) * c->samples_per_leaf;
+    double least = cln_pipeline_most_intervals(d->pipeline) * c->samples_per_leaf;
     double wanted = c->batch_samples, room = 0;
 
     if (d->training) {
@@ -229,7 +229,7 @@ static double fit_rays(const cln_plan_desc *d, double largest)
 {
     const int wanted = d->training ? cln_config_most_rays(&d->pipeline->config) : 0;
     const double rays = wanted > CLN_RENDER_RAYS ? wanted : CLN_RENDER_RAYS;
-    const double each = cln_config_most_intervals(&d->pipeline->config);
+    const double each = cln_pipeline_most_intervals(d->pipeline);
     const double room = floor(largest / (each * BYTES(d, intervals)));
 
     return fmax(16,
@@ -246,6 +246,7 @@ static sizes find_sizes(const cln_plan_desc *d)
                .part_leaves = cln_pipeline_part_leaves(p),
                .part_slices = cln_pipeline_part_slices(p),
                .split = cln_pipeline_in_parts(p, d->leaves),
+               .ray_rows = cln_pipeline_rows(p),
                .extra_rays = d->training ? cln_pipeline_extra_rays(p) : 0,
                .views = d->training ? c->views_per_batch : 1,
                .pixels = view_pixels(d->scene),

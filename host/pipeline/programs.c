@@ -11,6 +11,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "model/shell_tree.h"
 #include "ranks/ranks.h"
 
 /* Local memory of a work-group of mlp_backward, the largest: bytes per sample of a block of NB. */
@@ -156,7 +157,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define DENSITY %d", c->density);
     real(&t, "KAPPA", c->density_scale);
     real(&t, "BIAS", cln_network_density_bias(c));
-    line(&t, "#define LEVELS %du", cln_config_deepest(c) + 1);
+    line(&t, "#define LEVELS %du", cln_pipeline_deepest(p) + 1);
     real(&t, "SLOPE_LOWER", c->rrelu_lower);
     real(&t, "SLOPE_UPPER", c->rrelu_upper);
     line(&t, "#define RRELU %d\n#define BANDS_BY_LEVEL %d", c->rrelu_scope, c->bands_by_level);
@@ -167,6 +168,12 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
         line(&t, "#define NDC 1");
         real(&t, "NDC_X", p->space.scale[0]);
         real(&t, "NDC_Y", p->space.scale[1]);
+    }
+    if (p->space.shell)
+        line(&t, "#define SHELL 1");
+    if (c->near > 0 && !p->space.forward) {
+        line(&t, "#define BEGINS 1");
+        real(&t, "BEGIN", c->near);
     }
     line(&t, "#define DROPPED %d", c->splat_min_alpha > 0);
     line(&t, "#define STAGE1 %d\n#define ALLOCATE %d\n#define CDF %d\n#define PADDED %d", c->stage1,
@@ -262,6 +269,24 @@ static bool is_true(const cln_pipeline *p, enum when when)
         return p->ranks > 1;
     }
     return false;
+}
+
+int cln_pipeline_deepest(const cln_pipeline *p)
+{
+    const int most = cln_config_deepest(&p->config) + p->space.shell;
+
+    return most < CLN_MAX_LEVEL ? most : CLN_MAX_LEVEL;
+}
+
+int cln_pipeline_rows(const cln_pipeline *p)
+{
+    return p->space.shell ? CLN_LINE_ROWS : 1;
+}
+
+double cln_pipeline_most_intervals(const cln_pipeline *p)
+{
+    return p->space.shell ? cln_shell_most_intervals(cln_pipeline_deepest(p))
+                          : cln_config_most_intervals(&p->config);
 }
 
 static cln_program *program_of(cln_pipeline *p, int i)

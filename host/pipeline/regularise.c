@@ -27,7 +27,7 @@ cln_status cln_stage_regularise(cln_pipeline *p, const cln_sampling *s, int rays
 {
     cln_status st = CLN_OK;
     const cl_uint points = points_of(p), pairs = pairs_of(p), leaves = (cl_uint)p->leaves;
-    const cl_uint first_ray = (cl_uint)rays, first_sample = *samples;
+    const cl_uint first_ray = (cl_uint)(rays * cln_pipeline_rows(p)), first_sample = *samples;
     const cl_int depth = p->depth;
     const cl_uint2 seed = {{(cl_uint)s->seed, (cl_uint)(s->seed >> 32)}};
     const size_t wg = (size_t)p->tune.wg;

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "model/shell_tree.h"
 
 cln_status cln_pipeline_derive(cln_pipeline *p)
 {
@@ -65,7 +66,10 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
     p->leaves = (int)leaves;
     CLN_TRY(cln_share_begin(p));
     p->depth = cln_octree_depth(tree);
-    CLN_TRY(cln_octree_most_intervals(tree, &p->most_intervals));
+    if (p->space.shell)
+        CLN_TRY(cln_shell_tree_most_intervals(tree, &p->most_intervals));
+    else
+        CLN_TRY(cln_octree_most_intervals(tree, &p->most_intervals));
     CLN_TRY(cln_octree_boxes(tree, &boxes));
     CLN_TRY(cln_octree_map(tree, p->depth, &map));
     CLN_TRY(CLN_PUT(p, boxes, boxes, leaves));
@@ -127,7 +131,8 @@ static void begin_near_cube(const double c2w[12], const cln_space *space, cln_de
     const double in_scene[3] = {c2w[3], c2w[7], c2w[11]};
     double o[3], centre[3] = {0, 0, 0}, distance = 0;
 
-    cln_space_point_to_cube(space, in_scene, o);
+    cln_space_ray_to_cube(space, in_scene, in_scene, o, centre);
+    memset(centre, 0, sizeof centre);
     for (int a = 0; a < 3; a++) {
         distance = hypot(distance, o[a]);
         for (int k = 0; k < 3; k++) /* of the cube, in the camera's frame */
@@ -226,7 +231,8 @@ cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, c
                               const float *backgrounds)
 {
     cln_status st = CLN_OK;
-    const size_t rays = (size_t)n, all = rays + (size_t)cln_pipeline_extra_rays(p);
+    const size_t rays = (size_t)n;
+    const size_t all = rays * (size_t)cln_pipeline_rows(p) + (size_t)cln_pipeline_extra_rays(p);
     const cln_stage1 *stage1 = cln_stage1_of(&p->config);
 
     CLN_TRY(CLN_PUT_SOON(p, pixels, pixels, rays));

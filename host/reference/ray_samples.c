@@ -44,18 +44,64 @@ int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
     return kept;
 }
 
-/* Returns whether the ray meets other leaves if it is moved a little. */
-static bool near_edges(const ref_way *way, const double o[3], const double d[3],
-                       const ref_interval *iv, int n)
+/* A line of a ray, t from begin to end; a ray without lines is one. */
+typedef struct line {
+    double o[3], d[3], begin, end;
+    int row;
+} line;
+
+static int lines_of(const ref_way *way, const float *fo, const float *fd, line out[CLN_LINE_ROWS])
 {
+    int count = 0;
+
+    for (int row = way->lines; row < (way->lines ? CLN_LINE_ROWS : 1); row++) {
+        const float *o = fo + 4 * row, *d = fd + 4 * row;
+
+        if (way->lines && !(o[3] < 1e30f))
+            break;
+        out[count++] = (line){{o[0], o[1], o[2]},
+                              {d[0], d[1], d[2]},
+                              way->lines ? (double)o[3] : -INFINITY,
+                              way->lines ? (double)d[3] : INFINITY,
+                              row};
+    }
+    return count;
+}
+
+/* The intervals of a line, from o + moved. */
+static int line_intervals(const ref_way *way, const line *l, const double moved[3],
+                          ref_interval out[REF_MOST_INTERVALS])
+{
+    const double o[3] = {l->o[0] + moved[0], l->o[1] + moved[1], l->o[2] + moved[2]};
+    const int n = ref_way_intervals(way, o, l->d, out);
+    int kept = 0;
+
+    for (int i = 0; i < n; i++) {
+        const ref_interval v = {out[i].slot, fmax(out[i].t_in, l->begin),
+                                fmin(out[i].t_out, l->end)};
+
+        if (v.t_out - v.t_in > (double)CLN_MIN_CHORD)
+            out[kept++] = v;
+    }
+    return kept;
+}
+
+/* Returns whether the line meets other leaves if it is moved a little, or hardly meets one. Lines
+ * end at faces of leaves, many of them at a small angle: they are moved less. */
+static bool near_edges(const ref_way *way, const line *l, const ref_interval *iv, int n)
+{
+    const double move = way->lines ? REF_NEAR / 8 : REF_NEAR;
     ref_interval other[REF_MOST_INTERVALS];
 
+    for (int i = 0; i < n; i++)
+        if (way->lines && iv[i].t_out - iv[i].t_in < 10 * REF_NEAR)
+            return true;
     for (int k = 0; k < 6; k++) {
-        double moved[3] = {o[0], o[1], o[2]};
+        double moved[3] = {0, 0, 0};
         int m = 0;
 
-        moved[k / 2] += k % 2 ? REF_NEAR : -REF_NEAR;
-        m = ref_way_intervals(way, moved, d, other);
+        moved[k / 2] += k % 2 ? move : -move;
+        m = line_intervals(way, l, moved, other);
         if (m != n)
             return true;
         for (int i = 0; i < n; i++) {
@@ -122,43 +168,58 @@ int ref_gather_points(void *user, int r, const double o[3], const double d[3],
     return m;
 }
 
-void ref_ray_samples(const ref_way *way, int r, const float fo[4], const float fd[4],
-                     ref_samples *out)
+/* A ray that is being sampled. */
+typedef struct progress {
+    double tau;
+    uint32_t met, kept; /* intervals; those with samples */
+} progress;
+
+static void sample_interval(const ref_way *way, int r, const line *l, const ref_interval *v,
+                            progress *at_ray, ref_samples *out)
 {
-    const double o[3] = {fo[0], fo[1], fo[2]}, d[3] = {fd[0], fd[1], fd[2]};
-    ref_interval iv[REF_MOST_INTERVALS];
-    const int n = ref_way_intervals(way, o, d, iv);
-    double tau = 0;
-    uint32_t kept = 0; /* intervals with samples */
+    const double side = leaf_side(way->tree, v->slot), length = v->t_out - v->t_in;
+    double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], lengths[REF_MOST_POINTS];
+    double xi[256], at[256], delta[256];
+    const int m = way->points(way->user, r, l->o, l->d, v, t, sigma, lengths, &out->close);
+    const double optical_depth = ref_interval_depth(v, m, t, sigma, lengths);
+    const float chance = cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
+                                          CLN_DRAW_ROULETTE + at_ray->met++, 0);
+    const int count =
+        ref_sample_count(&way->rule, length, side, at_ray->tau, optical_depth, chance);
+
+    out->close = out->close || close_count(&way->rule, length, side, at_ray->tau, optical_depth);
+    at_ray->tau += optical_depth;
+    CLN_ASSERT(count <= 256 && out->n + count <= REF_MOST_SAMPLES);
+    for (int k = 0; k < count; k++) {
+        xi[k] = way->jitter ? (double)cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step,
+                                                       (uint32_t)r, at_ray->kept, (uint32_t)k)
+                            : 0.5;
+    }
+    at_ray->kept += count > 0;
+    ref_sample_positions(&way->rule, v->t_in, v->t_out, m, t, sigma, lengths, count, xi, at);
+    ref_deltas(v->t_in, v->t_out, count, at, delta);
+    for (int k = 0; k < count; k++) {
+        out->t[out->n] = at[k];
+        out->delta[out->n] = delta[k];
+        out->row[out->n] = l->row;
+        out->slot[out->n++] = v->slot;
+    }
+}
+
+void ref_ray_samples(const ref_way *way, int r, const float *fo, const float *fd, ref_samples *out)
+{
+    line lines[CLN_LINE_ROWS];
+    const int count = lines_of(way, fo, fd, lines);
+    progress at = {0, 0, 0};
 
     out->n = 0;
-    out->close = near_edges(way, o, d, iv, n);
-    for (int i = 0; i < n; i++) {
-        const double side = leaf_side(way->tree, iv[i].slot), length = iv[i].t_out - iv[i].t_in;
-        double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], lengths[REF_MOST_POINTS];
-        double xi[256], at[256], delta[256];
-        const int m = way->points(way->user, r, o, d, &iv[i], t, sigma, lengths, &out->close);
-        const double optical_depth = ref_interval_depth(&iv[i], m, t, sigma, lengths);
-        const float chance = cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
-                                              CLN_DRAW_ROULETTE + (uint32_t)i, 0);
-        const int count = ref_sample_count(&way->rule, length, side, tau, optical_depth, chance);
+    out->close = false;
+    for (int k = 0; k < count; k++) {
+        ref_interval iv[REF_MOST_INTERVALS];
+        const int n = line_intervals(way, &lines[k], (double[3]){0, 0, 0}, iv);
 
-        out->close = out->close || close_count(&way->rule, length, side, tau, optical_depth);
-        tau += optical_depth;
-        CLN_ASSERT(count <= 256 && out->n + count <= REF_MOST_SAMPLES);
-        for (int k = 0; k < count; k++) {
-            xi[k] = way->jitter ? (double)cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step,
-                                                           (uint32_t)r, kept, (uint32_t)k)
-                                : 0.5;
-        }
-        kept += count > 0;
-        ref_sample_positions(&way->rule, iv[i].t_in, iv[i].t_out, m, t, sigma, lengths, count, xi,
-                             at);
-        ref_deltas(iv[i].t_in, iv[i].t_out, count, at, delta);
-        for (int k = 0; k < count; k++) {
-            out->t[out->n] = at[k];
-            out->delta[out->n] = delta[k];
-            out->slot[out->n++] = iv[i].slot;
-        }
+        out->close = out->close || near_edges(way, &lines[k], iv, n);
+        for (int i = 0; i < n; i++)
+            sample_interval(way, r, &lines[k], &iv[i], &at, out);
     }
 }

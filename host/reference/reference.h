@@ -104,14 +104,15 @@ typedef struct ref_way {
     uint32_t step;
     ref_points_fn *points;
     void *user;
-    const float (*crop)[4]; /* [6], as cln_sampling's */
+    const float (*crop)[4]; /* [6], as cln_sampling's; not with lines */
+    bool lines;             /* a ray has CLN_LINE_ROWS rows, of a shell space */
 } ref_way;
 
 typedef struct ref_samples {
     bool close; /* float32 may decide differently somewhere */
     int n;
     double t[REF_MOST_SAMPLES], delta[REF_MOST_SAMPLES];
-    int slot[REF_MOST_SAMPLES];
+    int slot[REF_MOST_SAMPLES], row[REF_MOST_SAMPLES]; /* row: of its line; 0 without lines */
 } ref_samples;
 
 /* The intervals of a ray by the tree alone; with a crop, what is inside all half-spaces of them.
@@ -123,9 +124,8 @@ int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
 double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma,
                           const double *lengths);
 
-/* Makes the samples of ray r of a batch, in all intervals. */
-void ref_ray_samples(const ref_way *way, int r, const float o[4], const float d[4],
-                     ref_samples *out);
+/* Makes the samples of ray r of a batch, in all intervals. o, d: its row, or all of its rows. */
+void ref_ray_samples(const ref_way *way, int r, const float *o, const float *d, ref_samples *out);
 
 /* ---- leaf networks (method.md 1) ---- */
 

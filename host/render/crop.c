@@ -30,7 +30,7 @@ void cln_crop_warn(const char *name, const cln_space *space, const cln_crop *cro
     for (int a = 0; a < 3; a++)
         apart = apart || crop->box[a] > space->centre[a] + space->half ||
                 crop->box[a + 3] < space->centre[a] - space->half;
-    if (apart && !space->forward && !cln_crop_is_turned(crop))
+    if (apart && !space->forward && !space->shell && !cln_crop_is_turned(crop))
         cln_warn("%s: nothing is in this box; the scene is in %g,%g,%g,%g,%g,%g", name,
                  space->centre[0] - space->half, space->centre[1] - space->half,
                  space->centre[2] - space->half, space->centre[0] + space->half,

@@ -16,7 +16,8 @@ typedef struct cln_crop {
  * name: what they are called. */
 cln_status cln_crop_check(const char *name, const double box[6]);
 
-/* Warns if the cube has nothing in the box. Forward spaces and turned boxes: never. */
+/* Warns if the cube has nothing in the box. Forward and shell spaces and turned boxes:
+ * never. */
 void cln_crop_warn(const char *name, const cln_space *space, const cln_crop *crop);
 
 bool cln_crop_is_turned(const cln_crop *crop);

@@ -28,11 +28,12 @@ static bool flatten(const double up[3], double v[3])
 
 static void find_target(const cln_scene *scene, double target[3])
 {
+    const cln_space core = cln_space_core(&scene->space);
     double focus[3];
 
     /* the cube's centre: of a forward space, two near planes before the mean camera */
     cln_space_point_to_scene(&scene->space, (const double[3]){0, 0, 0}, target);
-    if (cln_scene_focus(scene, focus) && cln_space_holds(&scene->space, focus))
+    if (cln_scene_focus(scene, focus) && cln_space_holds(&core, focus))
         memcpy(target, focus, sizeof focus);
 }
 

@@ -304,16 +304,25 @@ done:
     return st;
 }
 
-/* The rule that found the cube says why it is one. */
-static cln_status add_refused(cln_scene *scene, const char *refused)
+/* The rule that found the cube says why it is one, or what is around it: a shell where it is
+ * wanted, or where photos have a cube around their sparse points. */
+static cln_status add_reasons(cln_scene *scene, const char *refused, bool by_points,
+                              const cln_config *config)
 {
     cln_status st = CLN_OK;
+    const bool chosen =
+        config->space == CLN_SPACE_AUTO && by_points && config->stage1 == CLN_STAGE1_GATHER;
     char *longer = NULL;
 
-    if (!refused[0])
+    scene->space.shell = chosen || config->space == CLN_SPACE_SHELL;
+    if (!refused[0] && !scene->space.shell)
         return CLN_OK;
-    CLN_TRY(cln_asprintf(&longer, "%s; not normalised device coordinates, because %s",
-                         scene->bounds_rule, refused));
+    CLN_TRY(cln_asprintf(&longer, "%s%s%s%s", scene->bounds_rule,
+                         refused[0] ? "; not normalised device coordinates, because " : "", refused,
+                         !scene->space.shell ? ""
+                         : chosen ? "; and a shell, as photos show what lies beyond it, too "
+                                    "(--space cube: without)"
+                                  : "; and a shell with what lies beyond it"));
     free(scene->bounds_rule);
     scene->bounds_rule = longer;
 done:
@@ -327,15 +336,17 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
     cln_space *space = &scene->space;
     evidence e = {.scene = scene, .result = result, .bbox = config->bbox};
     char refused[CLN_REFUSED_BYTES];
-    bool sane = true;
+    bool sane = true, by_points = false;
 
     CLN_TRY(find_forward(scene, result, config, refused));
     gather_axes(scene, &e.mean);
     for (size_t i = 0; i < sizeof rules / sizeof *rules && !scene->bounds_rule; i++) {
         CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
+        by_points = rules[i] == of_points && result->beyond;
     }
-    CLN_TRY(add_refused(scene, refused));
+    if (!space->forward)
+        CLN_TRY(add_reasons(scene, refused, by_points, config));
     sane = space->half >= HALF_MIN && space->half <= HALF_MAX;
     for (int i = 0; i < 3; i++)
         sane = sane && fabs(space->centre[i]) <= HALF_MAX; /* false for NaN, too */

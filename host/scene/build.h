@@ -47,7 +47,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS
 cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]);
 
 /* bounds.c: the cube, by the first of its rules that applies; fills space and bounds_rule. Of
- * config: space, bbox. */
+ * config: space, bbox, stage1. */
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
                                  const cln_config *config);
 

@@ -133,8 +133,8 @@ static cln_status describe(const cln_scene *scene, json_t **out)
         "channels", channels, "alpha", scene->has_alpha, "distortion", scene->lenses != 0,
         "beyond_fold", "views", fold.views, "share", fold.share, "downscale", scene->downscale,
         "centre", centre, "half", cln_json_real(scene->space.half), "space",
-        scene->space.forward ? "ndc" : "cube", "bounds_rule", scene->bounds_rule, "background",
-        background, "digest", digest, "camera_distance", cln_json_real(distance), "cube_share",
+        cln_space_name(&scene->space), "bounds_rule", scene->bounds_rule, "background", background,
+        "digest", digest, "camera_distance", cln_json_real(distance), "cube_share",
         cln_json_real(scene->cube_share), "spread", cln_json_real(scene->spread), "apart_share",
         cln_json_real(scene->apart_share), "intrinsics", describe_intrinsics(scene), "cameras",
         describe_views(scene));

@@ -269,7 +269,7 @@ static cln_status check_cube(inspection *in)
 {
     cln_status st = CLN_OK;
     const cln_agreement *a = &in->agreement;
-    const cln_space *space = &in->scene->space;
+    const cln_space *space = &in->scene->space, core = cln_space_core(space);
     const int count = a->point_count;
     double *values = NULL, low[3], high[3], span = 0, inside = 0, cameras = 0;
 
@@ -277,7 +277,7 @@ static cln_status check_cube(inspection *in)
     for (int i = 0; i < in->scene->view_count; i++) {
         const double *m = in->scene->views[i].camera.c2w;
 
-        cameras += cln_space_holds(space, (const double[3]){m[3], m[7], m[11]});
+        cameras += cln_space_holds(&core, (const double[3]){m[3], m[7], m[11]});
     }
     measure(in, "cameras_inside", cameras);
     measure(in, "cameras_outside", in->scene->view_count - cameras);
@@ -292,7 +292,7 @@ static cln_status check_cube(inspection *in)
         goto done;
     }
     for (int i = 0; i < count; i++)
-        inside += cln_space_holds(space, a->points[i]) / (double)count;
+        inside += cln_space_holds(&core, a->points[i]) / (double)count;
     if (space->forward) { /* it ends nowhere: only its beginning can be wrong */
         measure(in, "points", count);
         measure(in, "points_inside", inside);
@@ -323,7 +323,7 @@ static cln_status check_cube(inspection *in)
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
-    if (inside < INSIDE_LEAST)
+    if (inside < INSIDE_LEAST && !space->shell)
         cln_found_fault(in->findings, "cube", true, NULL,
                         "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "
                         "Around it would be --bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",

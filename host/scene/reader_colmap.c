@@ -246,6 +246,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(make_views(&model, result));
     CLN_TRY(find_images(folder, places[place].depth, model.image_file, result, &images));
     CLN_TRY(give_points(&model, result));
+    result->beyond = true;
     result->dialect = "COLMAP";
     CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s",
                          cln_dataset_within(path, folder), cln_dataset_within(path, images)));

@@ -58,6 +58,142 @@ void cln_space_point_to_view(const cln_space *space, const double cube[3], doubl
     out[3] = 0.5 * (1 - cube[2]);
 }
 
+/* ---- shell spaces ---- */
+
+/* The face's axis and sign of a point of u, or the core (CORE). */
+enum { CORE = 3 };
+typedef struct piece {
+    int axis;
+    double sign;
+} piece;
+
+/* least: where the core ends, 1 for points of u, 1/2 for those of the cube. */
+static piece piece_of(const double p[3], double least)
+{
+    int a = 0;
+
+    for (int b = 1; b < 3; b++)
+        if (fabs(p[b]) > fabs(p[a]))
+            a = b;
+    if (fabs(p[a]) <= least)
+        return (piece){CORE, 1};
+    return (piece){a, p[a] < 0 ? -1 : 1};
+}
+
+/* A point of u in the piece, on its border or anywhere that its map reaches. */
+static void into_piece(piece f, const double u[3], double cube[3])
+{
+    const double w = f.axis == CORE ? 1 : f.sign / u[f.axis];
+
+    for (int a = 0; a < 3; a++)
+        cube[a] = a == f.axis ? f.sign * (1 - 0.5 * w) : 0.5 * w * u[a];
+}
+
+static void out_of_piece(piece f, const double cube[3], double u[3])
+{
+    const double w =
+        f.axis == CORE ? 1 : fmax(2 * (1 - f.sign * cube[f.axis]), LEAST_TO_INFINITY / 2);
+
+    for (int a = 0; a < 3; a++)
+        u[a] = a == f.axis ? f.sign / w : 2 * cube[a] / w;
+}
+
+/* How the point u of the piece moves in the cube when it moves by v, times a positive factor, which
+ * it returns. u and v may be a ray's origin and direction: all points of a line have the same. */
+static double bend_in_piece(piece f, const double u[3], const double v[3], double out[3])
+{
+    if (f.axis == CORE) {
+        memmove(out, v, 3 * sizeof *out);
+        return 2;
+    }
+    for (int a = 0; a < 3; a++)
+        if (a != f.axis)
+            out[a] = f.sign * (v[a] * u[f.axis] - u[a] * v[f.axis]);
+    out[f.axis] = v[f.axis];
+    return 2 * u[f.axis] * u[f.axis];
+}
+
+/* Where the ray u = o + s d, at `s` in the piece, leaves it for *next: INFINITY if never. Behind a
+ * face's border the next piece's sign-true coordinate grows faster, so none comes twice. */
+static double leave_piece(piece f, const double o[3], const double d[3], double s, piece *next)
+{
+    double leave = INFINITY;
+
+    for (int a = 0; a < 3; a++)
+        for (int k = 0; k < 2; k++) {
+            const double sign = k ? 1 : -1;
+            double lead = 1 - sign * o[a], falls = sign * d[a]; /* inside while lead > s falls */
+            piece to = {a, sign};
+
+            if (f.axis == a) { /* its own axis: back into the core */
+                if (sign != f.sign)
+                    continue;
+                lead = sign * o[a] - 1;
+                falls = -sign * d[a];
+                to.axis = CORE;
+            } else if (f.axis != CORE) {
+                lead = f.sign * o[f.axis] - sign * o[a];
+                falls = sign * d[a] - f.sign * d[f.axis];
+            }
+            if (falls > 0 && fmax(lead / falls, s) < leave) {
+                leave = fmax(lead / falls, s);
+                *next = to;
+            }
+        }
+    return leave;
+}
+
+void cln_space_point_to_u(const double cube[3], double u[3])
+{
+    out_of_piece(piece_of(cube, 0.5), cube, u);
+}
+
+static double length_along(const double from[3], const double to[3], const double d[3])
+{
+    double sum = 0;
+
+    for (int a = 0; a < 3; a++)
+        sum += (to[a] - from[a]) * d[a];
+    return sum;
+}
+
+int cln_space_lines(const cln_space *space, const double origin[3], const double direction[3],
+                    double near, cln_space_line lines[CLN_SPACE_LINES])
+{
+    double o[3], d[3], u[3], s = near, t = 0;
+    piece here, next = {CORE, 1};
+    int count = 0;
+
+    cln_space_ray_to_cube(space, origin, direction, o, d);
+    for (int a = 0; a < 3; a++)
+        u[a] = o[a] + s * d[a];
+    here = piece_of(u, 1);
+    for (int k = 0; k < CLN_SPACE_LINES && isfinite(s); k++, here = next) {
+        cln_space_line *line = &lines[count];
+        const double until = leave_piece(here, o, d, s, &next);
+        double from[3], to[3];
+
+        into_piece(here, u, from);
+        for (int a = 0; a < 3; a++)
+            u[a] = isfinite(until) ? o[a] + until * d[a] : d[a];
+        into_piece(here, u, to);
+        if (!isfinite(until)) /* its place at infinity, as d's, is on the face */
+            to[here.axis] = here.sign;
+        s = until;
+        *line = (cln_space_line){.begin = t};
+        bend_in_piece(here, o, d, line->direction);
+        normalise(line->direction);
+        line->end = t + length_along(from, to, line->direction);
+        if (!(line->end > line->begin))
+            continue;
+        for (int a = 0; a < 3; a++)
+            line->origin[a] = from[a] - t * line->direction[a];
+        t = line->end;
+        count++;
+    }
+    return count;
+}
+
 /* ---- all spaces ---- */
 
 void cln_space_point_to_cube(const cln_space *space, const double scene[3], double cube[3])
@@ -67,6 +203,10 @@ void cln_space_point_to_cube(const cln_space *space, const double scene[3], doub
     if (!space->forward) {
         for (int a = 0; a < 3; a++)
             cube[a] = (scene[a] - space->centre[a]) / space->half;
+        if (space->shell) {
+            memcpy(q, cube, sizeof q);
+            into_piece(piece_of(q, 1), q, cube);
+        }
         return;
     }
     to_camera_units(space, scene, q);
@@ -82,8 +222,11 @@ void cln_space_point_to_scene(const cln_space *space, const double cube[3], doub
     double q[4];
 
     if (!space->forward) {
+        memcpy(q, cube, 3 * sizeof *q);
+        if (space->shell)
+            out_of_piece(piece_of(cube, 0.5), cube, q);
         for (int a = 0; a < 3; a++)
-            scene[a] = space->centre[a] + space->half * cube[a];
+            scene[a] = space->centre[a] + space->half * q[a];
         return;
     }
     cln_space_point_to_view(space, cube, q);
@@ -102,7 +245,8 @@ void cln_space_ray_to_cube(const cln_space *space, const double origin[3],
     double o[3], d[3], z = 0;
 
     if (!space->forward) {
-        cln_space_point_to_cube(space, origin, cube_origin);
+        for (int a = 0; a < 3; a++)
+            cube_origin[a] = (origin[a] - space->centre[a]) / space->half;
         memmove(cube_direction, direction, 3 * sizeof *direction);
         return;
     }
@@ -126,7 +270,7 @@ void cln_space_depth_to_cube(const cln_space *space, const double origin[3],
 {
     double o[3], d[3];
 
-    if (!space->forward) {
+    if (!space->forward && !space->shell) {
         cln_space_ray_to_cube(space, origin, direction, o, d);
         for (int a = 0; a < 3; a++)
             cube[a] = o[a] + depth * d[a];
@@ -143,7 +287,14 @@ void cln_space_direction_to_cube(const cln_space *space, const double scene[3],
     double q[3], d[3];
 
     if (!space->forward) {
-        memmove(cube, direction, 3 * sizeof *direction);
+        memcpy(d, direction, sizeof d);
+        memcpy(cube, d, sizeof d);
+        if (space->shell) {
+            for (int a = 0; a < 3; a++)
+                q[a] = (scene[a] - space->centre[a]) / space->half;
+            bend_in_piece(piece_of(q, 1), q, d, cube);
+            normalise(cube);
+        }
         return;
     }
     to_camera_units(space, scene, q);
@@ -156,9 +307,19 @@ void cln_space_normal_to_scene(const cln_space *space, const double cube[3], con
                                float scene[3])
 {
     double q[4], n[3], out[3];
+    const piece f = space->shell ? piece_of(cube, 0.5) : (piece){CORE, 1};
 
     if (!space->forward) {
-        memmove(scene, normal, 3 * sizeof *normal);
+        for (int a = 0; a < 3; a++)
+            out[a] = normal[a];
+        if (f.axis != CORE) {
+            out[f.axis] *= 2 * (1 - f.sign * cube[f.axis]);
+            for (int a = 0; a < 3; a++)
+                out[f.axis] -= a == f.axis ? 0 : 2 * f.sign * cube[a] * out[a];
+            normalise(out);
+        }
+        for (int a = 0; a < 3; a++)
+            scene[a] = (float)out[a];
         return;
     }
     /* a normal goes by the transposed derivative */
@@ -188,7 +349,7 @@ void cln_space_pose_to_cube(const cln_space *space, const double c2w[12], float 
                 out[4 * a + k] = (float)turned[a];
         }
     } else {
-        cln_space_point_to_cube(space, position, moved);
+        cln_space_ray_to_cube(space, position, position, moved, (double[3]){0});
         for (int i = 0; i < 12; i++)
             if (i % 4 < 3)
                 out[i] = (float)c2w[i];
@@ -212,6 +373,12 @@ double cln_space_density_to_scene(const cln_space *space, const double scene[3],
 {
     double q[3], d[3], v[3];
 
+    if (space->shell) {
+        for (int a = 0; a < 3; a++)
+            q[a] = (scene[a] - space->centre[a]) / space->half;
+        cube /= bend_in_piece(piece_of(q, 1), q, direction, v);
+        return cube * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / space->half;
+    }
     if (!space->forward)
         return cube / space->half;
     to_camera_units(space, scene, q);
@@ -272,6 +439,8 @@ bool cln_space_holds(const cln_space *space, const double scene[3])
 {
     double cube[3];
 
+    if (space->shell)
+        return true;
     if (space->forward) {
         cln_space_point_to_cube(space, scene, cube);
         return fabs(cube[0]) <= 1 && fabs(cube[1]) <= 1 && fabs(cube[2]) <= 1;
@@ -287,6 +456,8 @@ bool cln_space_met_by(const cln_space *space, const double origin[3], const doub
 {
     double enter = 0, leave = INFINITY, o[3], d[3];
 
+    if (space->shell)
+        return true;
     if (space->forward) {
         cln_space_ray_to_cube(space, origin, direction, o, d);
         return cln_space_met_by(&cln_space_unit, o, d);
@@ -306,9 +477,23 @@ bool cln_space_met_by(const cln_space *space, const double origin[3], const doub
     return enter < leave;
 }
 
+cln_space cln_space_core(const cln_space *space)
+{
+    cln_space core = *space;
+
+    core.shell = false;
+    return core;
+}
+
+const char *cln_space_name(const cln_space *space)
+{
+    return space->forward ? "ndc" : space->shell ? "shell" : "cube";
+}
+
 bool cln_space_equal(const cln_space *a, const cln_space *b)
 {
-    bool same = a->forward == b->forward && fabs(a->half - b->half) <= 1e-6 * b->half;
+    bool same = a->forward == b->forward && a->shell == b->shell &&
+                fabs(a->half - b->half) <= 1e-6 * b->half;
 
     for (int i = 0; i < 3; i++)
         same = same && fabs(a->centre[i] - b->centre[i]) <= 1e-6 * b->half;

@@ -16,20 +16,33 @@
  * straight, lengths and angles do not stay. Rays of the cube begin at the near plane, or where the
  * camera is if that is beyond. Depths are lengths in camera units, which the device returns.
  *
+ * A shell space (method.md 3.3) is a plain one with all that lies beyond its cube around it. With u
+ * = (scene - centre) / half and m = max |u_a|:
+ *   core    cube = u / 2 where m <= 1: the root's middle [-1/2, 1/2]^3
+ *   face    elsewhere, of the axis a and the sign s for which s u_a = m, w = 1 / m:
+ *           cube_a = s (1 - w / 2), in (1/2, 1];  the others cube_b = u_b w / 2, in [-1/2, 1/2]
+ * so infinity is at |cube_a| = 1; the root's edges and corners, where two |cube_a| are above 1/2,
+ * hold nothing. Each of these seven pieces is convex in the scene, and in each straight lines stay
+ * straight: a ray is at most CLN_SPACE_LINES lines. Depths are lengths of u, which the device
+ * returns.
+ *
  * Nothing else does this arithmetic: a space of another shape joins here, and in kernels/space.h,
  * the twin. No function fails. */
 #ifndef CLN_SPACE_H
 #define CLN_SPACE_H
 
 #include <stdbool.h>
+#include "device_abi.h"
 
 /* The scene's cube: centre + [-half, half]^3 in scene units, half > 0; or with `forward`, the mean
  * camera at `centre`, its axes (right, down, forward: the rows of a rotation), the near plane's
- * distance `half` from it, and the inverse tangents of the cube's sides. */
+ * distance `half` from it, and the inverse tangents of the cube's sides. shell: with what lies
+ * beyond the cube; not with forward. */
 typedef struct cln_space {
     double centre[3], half;
     bool forward;
     double axes[9], scale[2];
+    bool shell;
 } cln_space;
 
 /* Centre 0, half 1: the scene is in the cube already. */
@@ -41,10 +54,22 @@ void cln_space_point_to_cube(const cln_space *space, const double scene[3], doub
 void cln_space_point_to_scene(const cln_space *space, const double cube[3], double scene[3]);
 
 /* A ray of the scene (unit direction) as a ray of the cube (unit direction), whose t is in cube
- * units. Forward: one that does not look forward meets nothing. */
+ * units. Forward: one that does not look forward meets nothing. Shell: of u instead, where the
+ * scene's cube is [-1, 1]^3. */
 void cln_space_ray_to_cube(const cln_space *space, const double origin[3],
                            const double direction[3], double cube_origin[3],
                            double cube_direction[3]);
+
+/* A part of a ray: from begin to end, its point at t is origin + t direction. t is the length of
+ * the way in the cube. From one part to the next it may jump over an edge that holds nothing. */
+typedef struct cln_space_line {
+    double origin[3], direction[3], begin, end;
+} cln_space_line;
+
+/* The lines of a ray of the scene, in order, from a distance `near` (of u) on; returns how many, at
+ * most CLN_SPACE_LINES. For shell spaces alone. */
+int cln_space_lines(const cln_space *space, const double origin[3], const double direction[3],
+                    double near, cln_space_line lines[CLN_SPACE_LINES]);
 
 /* The point of the cube at a depth of the device along a ray of the scene. */
 void cln_space_depth_to_cube(const cln_space *space, const double origin[3],
@@ -88,10 +113,19 @@ void cln_space_plane_to_cube(const cln_space *space, const double scene[4], floa
  * and 1 / q_z, which is 0 at infinity. */
 void cln_space_point_to_view(const cln_space *space, const double cube[3], double out[4]);
 
+/* A point of a shell space's cube in u. */
+void cln_space_point_to_u(const double cube[3], double u[3]);
+
 /* Does the cube hold a point of the scene, faces included? Does the scene's ray
  * origin + t direction, t >= 0, pass through it? */
 bool cln_space_holds(const cln_space *space, const double scene[3]);
 bool cln_space_met_by(const cln_space *space, const double origin[3], const double direction[3]);
+
+/* The scene's cube alone: of a shell space, the plain space of its core; else a copy. */
+cln_space cln_space_core(const cln_space *space);
+
+/* As --space calls it. */
+const char *cln_space_name(const cln_space *space);
 
 /* Are they the same to a millionth of b's half? */
 bool cln_space_equal(const cln_space *a, const cln_space *b);

@@ -199,7 +199,7 @@ static void mark_view(const cln_camera *c, int side, const cln_octree *tree, con
 {
     const grid g = grid_of(c, side);
     const size_t tiles = (size_t)g.across * (size_t)g.down;
-    bool whole = cln_camera_is_distorted(c);
+    bool whole = cln_camera_is_distorted(c) || space->shell; /* nothing is beyond it */
     float pose[12];
 
     memset(marks, 0, tiles);

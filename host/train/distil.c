@@ -39,6 +39,11 @@ static void place(const cln_trainer *t, const float cube[3], float out[3])
     double q[4];
 
     memcpy(out, cube, 3 * sizeof *out);
+    if (space->shell) {
+        cln_space_point_to_u(point, q);
+        for (int a = 0; a < 3; a++)
+            out[a] = (float)q[a];
+    }
     if (!space->forward)
         return;
     cln_space_point_to_view(space, point, q);
@@ -92,6 +97,20 @@ static void bend(const cln_space *space, const float at[3], float d[3])
     d[2] *= 2;
 }
 
+/* The same for a direction of u at a point of it. */
+static void bend_in_shell(const cln_space *space, const float at[3], float d[3])
+{
+    double scene[3], along[3];
+
+    for (int a = 0; a < 3; a++) {
+        scene[a] = space->centre[a] + space->half * (double)at[a];
+        along[a] = d[a];
+    }
+    cln_space_direction_to_cube(space, scene, along, along);
+    for (int a = 0; a < 3; a++)
+        d[a] = (float)along[a];
+}
+
 static void direct(const cln_trainer *t, int view, const float point[3], const float u[4],
                    float out[4])
 {
@@ -107,6 +126,8 @@ static void direct(const cln_trainer *t, int view, const float point[3], const f
             out[a] = (float)(at[a] - origin[a]);
         if (t->pipeline.space.forward)
             bend(&t->pipeline.space, at, out);
+        if (t->pipeline.space.shell)
+            bend_in_shell(&t->pipeline.space, at, out);
     } else { /* no view sees it: uniform on the sphere */
         const float z = 2 * u[0] - 1, r = sqrtf(fmaxf(1 - z * z, 0));
 

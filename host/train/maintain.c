@@ -559,7 +559,7 @@ static cln_status decide(cln_trainer *t)
                       .psnr_pretrained = NAN};
     cln_integer_program_desc desc = {.tree = &m->tree,
                                      .max_leaves = leaf_budget(t),
-                                     .max_level = m->config.max_level,
+                                     .max_level = m->config.max_level + m->space.shell,
                                      .split_factor = m->config.split_factor,
                                      .merge_factor = m->config.merge_factor};
 

@@ -50,6 +50,8 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
 #define ROW(condition, text, ...) {.left_out = condition, .what = text, __VA_ARGS__}
         ROW(!p->lenses, "lens distortion (pinhole cameras)"),
         ROW(!p->space.forward, "normalised device coordinates (an ordinary cube)"),
+        ROW(!p->space.shell, "lines of a ray beyond the cube (nothing lies there)"),
+        ROW(!(c->near > 0), "a near distance (rays begin at the camera)"),
         ROW(fold.views > 0,
             "%g%% of the pixels of %g views (beyond the fold of the lens model, where no ray goes)",
             .first = tenths(100 * fold.share), .second = fold.views),

@@ -7,6 +7,7 @@
 
 #include "base/memory.h"
 #include "device/queue.h"
+#include "model/shell_tree.h"
 #include "render/ray_batch.h"
 #include "train/step.h"
 
@@ -183,6 +184,8 @@ static bool is_missing(const cln_trainer *t, const looks *all, const uint8_t *em
     for (int a = 0; a < 3; a++)
         at[a] = 2 * (corner[a] + 0.5) / n - 1;
     slot = cln_octree_find(&t->model.tree, at);
+    if (space->shell && !cln_shell_holds(at))
+        return false;
     if ((slot >= 0 && !empty[slot]) || !has_errors(all, space, at, share / 2))
         return false; /* nearly all cells: so the others can be looked at closely */
     for (int p = 0; p < POINTS * POINTS * POINTS && missing < LEAST_POINTS; p++) {

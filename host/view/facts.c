@@ -92,9 +92,9 @@ cln_status cln_facts_text(const cln_facts *facts, char **out)
         "training", facts->training, "background", numbers(background, 3), "target",
         numbers(frame->target, 3), "up", numbers(frame->up, 3), "distance", frame->distance,
         "centre", numbers(model->space.centre, 3), "half", model->space.half, "box",
-        box_json(&model->space, frame), "endless", model->space.forward, "levels", levels_json(),
-        "errors", errors_json(), "start", numbers(start->c2w, 12), "width", start->width, "height",
-        start->height, "focal", start->fy, "cameras", cameras);
+        box_json(&model->space, frame), "endless", model->space.forward || model->space.shell,
+        "levels", levels_json(), "errors", errors_json(), "start", numbers(start->c2w, 12), "width",
+        start->width, "height", start->height, "focal", start->fy, "cameras", cameras);
     *out = document ? json_dumps(document, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     if (!*out)
         CLN_TRY(cln_fail(CLN_MEMORY, "the facts of %s: cannot be put into JSON", facts->run));

@@ -502,4 +502,44 @@ section_forward() {
         "$cln" info "$work/photos" --space ndc
 }
 
-run_sections "missing moved second orbit frames evals disk doubts check poses depth sparse forward" "$@"
+# A fountain from around, with a town, hills and a sky up to 200 half sides away: what lies beyond
+# the cube is in a shell, and a cube alone paints it onto air.
+section_beyond() {
+    local run="$work/street run" net test
+    net=("${small[@]}" --bands 4 --start-level 2 --rays 1024 --batch-samples 32768 --n1 12
+        --no-view-dependence --level-at 3:0.3 --steps 300)
+    "$make_scene" "$work/street" --kind street --format nerfstudio --size 40 --train 30 --test 1 \
+        --depth >/dev/null
+    expect "train with a shell" 0 "" "$cln" train "$work/street" -o "$run" "${net[@]}" --space shell
+    check "run.json says so" [ "$("$query" dataset.space <"$run/run.json")" = shell ]
+    expect "train without one" 0 "" "$cln" train "$work/street" -o "$work/street cube" "${net[@]}" \
+        --space cube
+    check "which is worse" number_above "$("$query" result.psnr_test <"$run/run.json")" \
+        "$("$query" result.psnr_test <"$work/street cube/run.json")"
+    expect "render the test view" 0 "" "$cln" render "$run" -o "$work/street views"
+    test=$(basename "$work/street views"/*.depth.npy)
+    check "depth is the exact one to 10 % in the median" number_above 0.1 \
+        "$(depth_error "$work/street views/$test" "$work/street/images/$test")"
+    expect "only what is in a box" 0 "" "$cln" render "$run" -o "$work/street crop" \
+        --crop=-1.5,-1.5,-1.5,1.5,1.5,1.5
+    check "which is another picture" [ "$(cmp -s "$work/street views/$test" \
+        "$work/street crop/$test"; echo $?)" = 1 ]
+    expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 302
+    expect "eval" 0 "" "$cln" eval "$run" --json
+    expect "info" 0 "" "$cln" info "$run" --json
+    check "info says so, too" [ "$(json checkpoint.space)" = shell ]
+    expect "points" 0 "" "$cln" export "$run" --points "$work/street.ply" --count 1000
+    expect "a mesh of what is in the cube" 0 "" "$cln" export "$run" --mesh "$work/street-mesh.ply"
+    expect "boxes of leaves have no meaning" 2 "grow --mesh" \
+        "$cln" export "$run" --octree "$work/tree.ply"
+    expect "nor has a grid" 2 "grow --mesh" "$cln" export "$run" --volume "$work/volume.npy"
+    expect "another space's tree" 2 "--space" "$cln" train "$work/street" -o "$work/street other" \
+        "${net[@]}" --space cube --tree-from "$run"
+    expect "splatting has one line for a ray" 2 "gather" "$cln" train "$work/street" \
+        -o "$work/street splat" "${net[@]}" --space shell --stage1 splat
+    expect "rays that begin a little before the camera" 0 "" "$cln" train "$work/street" \
+        -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
+}
+
+every="missing moved second orbit frames evals disk doubts check poses depth sparse forward beyond"
+run_sections "$every" "$@"

@@ -294,6 +294,44 @@ static void test_few_rays(void **state)
     }
 }
 
+/* With a near distance, rays of a plain space begin there, and depths still count from the camera:
+ * ray_depth() adds the distance. */
+static void test_near(void **state)
+{
+    const double near = 0.375;
+    cln_config config = small_config();
+    const float white[4] = {1, 1, 1, 1};
+    cln_camera camera;
+    const cln_camera *list = &camera;
+
+    (void)state;
+    config.near = near;
+    make_camera(1, 0, &cln_space_unit, &camera);
+    for (int set = 0; set < TUNE_SETS; set += 2) {
+        cln_pipeline *p = test_pipeline(&tune_sets[set], &config, false, false);
+        cln_pixel pixels[64];
+        float o[64][4], d[64][4];
+
+        for (uint32_t i = 0; i < 64; i++)
+            pixels[i] = (cln_pixel){.x = 2 * i, .y = i};
+        assert_ok(cln_pipeline_cameras(p, &list, 1, &cln_space_unit));
+        assert_ok(cln_pipeline_batch(p, pixels, 64, NULL, white));
+        assert_ok(cln_stage_rays(p, 64));
+        assert_ok(cln_buffer_read(p->device, &p->ray_o, 0, o, sizeof o));
+        assert_ok(cln_buffer_read(p->device, &p->ray_d, 0, d, sizeof d));
+        for (int i = 0; i < 64; i++) {
+            double from[3], along[3];
+
+            assert_true(cln_camera_ray(&camera, pixels[i].x + 0.5, pixels[i].y + 0.5, from, along));
+            assert_true(fabs((double)o[i][3] - near) < 1e-7);
+            for (int a = 0; a < 3; a++) {
+                assert_true(fabs((double)o[i][a] - (from[a] + near * along[a])) < 2e-6);
+                assert_true(fabs((double)d[i][a] - along[a]) < 2e-6);
+            }
+        }
+    }
+}
+
 /* Is the point in the picture? 1 or 0; -1 if rounding decides: of the places nearby some are. */
 static int in_picture(const cln_camera *c, const double point[3])
 {
@@ -381,7 +419,7 @@ int test_group_rays(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_cameras),      cmocka_unit_test(test_points),
         cmocka_unit_test(test_forward_wide), cmocka_unit_test(test_far_wide),
-        cmocka_unit_test(test_few_rays),
+        cmocka_unit_test(test_few_rays),     cmocka_unit_test(test_near),
     };
 
     test_wanted = CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(stats);

@@ -246,12 +246,30 @@ static void test_cube_of_points(void **state)
                             scene->space.half + 1e-9);
         }
         assert_in_range((long)(1000 * scene->space.half), 2400, 3200); /* 2.4, and the images' */
+        /* with a shell, as the reason says */
+        assert_true(scene->space.shell);
+        assert_non_null(strstr(scene->bounds_rule, "shell"));
         cln_scene_free(scene);
     }
+    for (int i = 0; i < 4; i++) { /* with a box, by splatting, or if it is told so: without */
+        cln_scene *scene = NULL;
+
+        config = *plain();
+        if (i == 0)
+            snprintf(config.bbox, sizeof config.bbox, "-1,0,2,3,4,4");
+        config.stage1 = i == 1 ? CLN_STAGE1_SPLAT : CLN_STAGE1_GATHER;
+        config.space = i == 2 ? CLN_SPACE_CUBE : i == 3 ? CLN_SPACE_SHELL : CLN_SPACE_AUTO;
+        scene = load(scratch_path(*state, "c"), &config);
+        assert_int_equal(scene->space.shell, i == 3);
+        assert_int_equal(strstr(scene->bounds_rule, "shell") != NULL, i == 3);
+        cln_scene_free(scene);
+    }
+    config = *plain();
     /* Three points are too few: the cameras decide, as without points. */
     format_colmap(scratch_path(*state, "a/sparse/0"), true, cameras, NULL, points, 3);
     cln_scene *scene = load(scratch_path(*state, "a"), &config);
     assert_non_null(strstr(scene->bounds_rule, "optical axes"));
+    assert_false(scene->space.shell);
     cln_scene_free(scene);
 }
 

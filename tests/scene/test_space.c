@@ -135,9 +135,9 @@ static void test_faces_and_equality(void **state)
 
 static void test_forward_by_hand(void **state)
 {
-    const cln_space plain = {{1, 2, 3}, 2, true, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.5, 0.25}};
+    const cln_space plain = {{1, 2, 3}, 2, true, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.5, 0.25}, false};
     /* right is the scene's y, down its z, forward its x */
-    const cln_space turned = {{1, 2, 3}, 2, true, {0, 1, 0, 0, 0, 1, 1, 0, 0}, {0.5, 0.25}};
+    const cln_space turned = {{1, 2, 3}, 2, true, {0, 1, 0, 0, 0, 1, 1, 0, 0}, {0.5, 0.25}, false};
     const double c2w[12] = {0, 0, 1, 5, 1, 0, 0, 2, 0, 1, 0, 3}; /* turned's mean camera, moved */
     const float posed[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 2};
     double p[3], o[3], d[3], v[4];

@@ -84,6 +84,7 @@ static inline void make_model(int64_t step, cln_model *model)
     model->space.centre[2] = 5e-324;
     model->space.half = 1e-4 / 7;
     model->space.forward = step % 2;
+    model->space.shell = step % 4 == 2;
     for (int i = 0; i < 11 && model->space.forward; i++)
         *(i < 9 ? &model->space.axes[i] : &model->space.scale[i - 9]) = 1.0 / (3 + i);
     model->background[0] = 0.1f;

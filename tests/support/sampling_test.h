@@ -15,6 +15,7 @@ typedef struct ray_source {
     cln_sampling sampling;
     ref_points_fn *points;
     void *user;
+    bool lines; /* rays have CLN_LINE_ROWS rows */
 } ray_source;
 
 /* Result of running the stage twice, the second time into guarded buffers of NaN; both must give
@@ -117,10 +118,13 @@ static inline double compare_samples(const char *name, const ray_source *from,
 
     way.points = from->points;
     way.user = from->user;
+    way.lines = from->lines;
     for (int r = 0; r < d->rays; r++) {
         const uint32_t first = d->starts[r], count = d->starts[r + 1] - first;
 
-        ref_ray_samples(&way, r, o[r], dir[r], ray);
+        const int row = from->lines ? r * CLN_LINE_ROWS : r;
+
+        ref_ray_samples(&way, r, o[row], dir[row], ray);
         if (ray->close) {
             left_out++;
             continue;
@@ -131,6 +135,9 @@ static inline double compare_samples(const char *name, const ray_source *from,
             if (d->samples[first + i].slot != ray->slot[i])
                 fail_msg("%s: ray %d, sample %u is in leaf %d, not %d", name, r, i,
                          d->samples[first + i].slot, ray->slot[i]);
+            if (from->lines && d->samples[first + i].ray != (uint32_t)(row + ray->row[i]))
+                fail_msg("%s: ray %d, sample %u is on row %u, not %d", name, r, i,
+                         d->samples[first + i].ray, row + ray->row[i]);
             t[n] = d->samples[first + i].t;
             delta[n] = d->samples[first + i].delta;
             want_t[n] = ray->t[i];
@@ -150,12 +157,12 @@ static inline double compare_samples(const char *name, const ray_source *from,
     return (double)left_out / d->rays;
 }
 
-/* A model with leaves at levels 1 to 3, some culled, and random densities from empty to thick. */
-static inline void make_sampling_model(const cln_config *config, cln_model *model)
+/* Gives a model's tree leaves of two more levels, some culled, and random densities from empty to
+ * thick. */
+static inline void vary_sampling_model(const cln_config *config, cln_model *model)
 {
     const int cells = config->n1 * config->n1 * config->n1;
 
-    assert_ok(cln_model_create(config, model));
     for (int round = 0; round < 3; round++) {
         const int leaves = model->tree.leaf_count;
         uint8_t *mark = test_alloc((size_t)leaves, 1);
@@ -177,6 +184,13 @@ static inline void make_sampling_model(const cln_config *config, cln_model *mode
 
         model->density[i] = ref_to_bf16((float)sigma);
     }
+}
+
+/* A model with leaves at levels 1 to 3. */
+static inline void make_sampling_model(const cln_config *config, cln_model *model)
+{
+    assert_ok(cln_model_create(config, model));
+    vary_sampling_model(config, model);
 }
 
 #endif

@@ -64,6 +64,8 @@ int test_group_scene(void);
 int test_group_scene_input(void);
 int test_group_seams(void);
 int test_group_settings(void);
+int test_group_shell(void);
+int test_group_shell_rays(void);
 int test_group_space(void);
 int test_group_sight_rays(void);
 int test_group_sights(void);
