@@ -20,8 +20,8 @@ cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t 
 cln_status cln_write_file(const char *path, const void *data, size_t bytes);
 
 /* The same for large or streamed files: open a temp file beside path, write, then commit (flush,
- * fsync, rename, fsync of the folder) or abandon. Both free it; commit sets *file to NULL, also when
- * it fails, so that a function may abandon it at its end in any case. */
+ * fsync, rename, fsync of the folder) or abandon. Both free it. Commit sets *file to NULL, also
+ * when it fails, so that a function may abandon it at its end in any case. */
 typedef struct cln_atomic_file cln_atomic_file;
 cln_status cln_atomic_open(const char *path, cln_atomic_file **out);
 FILE *cln_atomic_stream(cln_atomic_file *file);
