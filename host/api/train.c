@@ -326,7 +326,10 @@ static void show_work(const char *what, int done, int total, void *user)
 static cln_status check_kernels(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
-    const cln_callbacks callbacks = {.work = show_work, .interrupted = cln_loop_poll, .user = t};
+    const bool alone =
+        cln_ranks_count() == 1; /* else devices may differ in where they would poll */
+    const cln_callbacks callbacks = {
+        .work = show_work, .interrupted = alone ? cln_loop_poll : NULL, .user = t};
     const double began = cln_now();
     char took[32];
 

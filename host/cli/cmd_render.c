@@ -78,7 +78,8 @@ cln_status cln_cmd_render(const cln_options *options)
     if (st != CLN_OK || cln_ranks_me() > 0)
         goto done;
     if (result.plain_film) {
-        CLN_TRY(cln_asprintf(&plain, "%.*s.y4m", (int)(strrchr(desc.out, '.') - desc.out), desc.out));
+        CLN_TRY(
+            cln_asprintf(&plain, "%.*s.y4m", (int)(strrchr(desc.out, '.') - desc.out), desc.out));
         desc.out = plain;
     }
     if (options->json) {

@@ -10,7 +10,8 @@
 json_t *cln_json_real(double value);
 
 /* Parses a file; with `relaxed`, // and block comments and trailing commas are allowed, as in
- * instant-ngp's files, and NaN and infinities become strings. CLN_INPUT: "path: line L column C: reason". The caller owns *out. */
+ * instant-ngp's files, and NaN and infinities become strings. CLN_INPUT: "path: line L column C:
+ * reason". The caller owns *out. */
 cln_status cln_json_read(const char *path, bool relaxed, json_t **out);
 
 #endif

@@ -79,8 +79,8 @@ static cln_status read_three(const char *where, const json_t *object, const char
     return CLN_OK;
 }
 
-/* A box with its middle, its sides and, about its middle, angles in radians about x, then y, then z;
- * and the colour around it, 0 to 255. */
+/* A box with its middle, its sides and, about its middle, angles in radians about x, then y, then
+ * z; and the colour around it, 0 to 255. */
 static cln_status read_crop(const char *path, const json_t *root, cln_frames *out)
 {
     cln_status st = CLN_OK;

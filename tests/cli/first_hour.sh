@@ -159,8 +159,10 @@ section_scenes() {
     expect "an empty image" 3 "~empty --missing" "$cln" info "$work/nan"
 
     cp -r "$s" "$work/mixed"
-    printf '%s' iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGP4//8/AAX+Av4N70a4AAAAAElFTkSuQmCC |
-        base64 -d >"$work/mixed/train/r_001.png"
+    { # a pixel without alpha
+        printf '%s' iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4
+        printf '%s' nGP4//8/AAX+Av4N70a4AAAAAElFTkSuQmCC
+    } | base64 -d >"$work/mixed/train/r_001.png"
     expect "one image without alpha among others" 0 "~1.of.9.images r_001 opaque" \
         "$cln" info "$work/mixed"
     sed -i 's/"file_path"/"depth_file_path": "d.png", "near": 1, "file_path"/' \

@@ -378,6 +378,15 @@ static void test_not_an_image(void **state)
     int w, h, c;
 
     scratch_put(path, "GIF89a and more", 15);
+    assert_refused(path, "is GIF, which is not read; convert it");
+    scratch_put(path,
+                "\0\0\0\x1C"
+                "ftypheic",
+                12);
+    assert_refused(path, "is HEIC");
+    scratch_put(path, "RIFF", 4); /* too short for the mark at 8 */
+    assert_refused(path, "not a PNG or JPEG");
+    scratch_put(path, "anything", 8);
     assert_refused(path, "not a PNG or JPEG");
     assert_refused(scratch_path(*state, "missing.png"), "No such file");
     assert_refused(*state, "folder");
