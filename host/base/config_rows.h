@@ -126,8 +126,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC };
     INT(cull_after, "cull-after", 0, 512, 0, 1000000,                                           \
         "no culling in so many steps after the start or a growth of the tree",                  \
         .flags = CLN_ROW_LATER)                                                                 \
-    INT(seen_by, "seen-by", 0, 0, 0, 1000,                                                      \
-        "space that fewer training views see stays empty", .flags = CLN_ROW_LATER)              \
+    INT(seen_by, "seen-by", 0, 0, 0, 1000, "space that fewer training views see stays empty",   \
+        .flags = CLN_ROW_LATER)                                                                 \
     BOOL(slab, "slab", false, false,                                                            \
          "what lies in the cube but outside --bbox, or the box of the points, stays empty",     \
          .flags = CLN_ROW_LATER)                                                                \

@@ -502,4 +502,5 @@ section_forward() {
         "$cln" info "$work/photos" --space ndc
 }
 
-run_sections "missing moved second orbit frames evals disk doubts check poses depth sparse forward" "$@"
+run_sections \
+    "missing moved second orbit frames evals disk doubts check poses depth sparse forward" "$@"
