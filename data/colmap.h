@@ -1,5 +1,5 @@
-/* Writes a scene as COLMAP's sparse model, in text: its cameras, and points of its surfaces that two
- * views or more see, where they are exactly. */
+/* Writes a scene as COLMAP's sparse model, in text: its cameras, and points of its surfaces that
+ * two views or more see, where they are exactly. */
 #ifndef DATA_COLMAP_H
 #define DATA_COLMAP_H
 

@@ -214,8 +214,8 @@ cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const cln
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
                               const float *backgrounds);
 
-/* Uploads the points that a batch's rays show: [n][4], in the cube, and what each counts (0: none is
- * known). Only with a depth loss. Like cln_pipeline_batch, it does not wait. */
+/* Uploads the points that a batch's rays show: [n][4], in the cube, and what each counts (0: none
+ * is known). Only with a depth loss. Like cln_pipeline_batch, it does not wait. */
 cln_status cln_pipeline_shown(cln_pipeline *p, const float *shown, int n);
 
 /* Upload points instead of rays: a ray per point with the point as origin, [n][4] both; targets

@@ -4,9 +4,9 @@
  *           centre are in units of the longer side
  *   shot    world to camera, with our axes: rotation, a vector along the axis as long as the angle,
  *           and translation
- *   points  coordinates and color; they say where the cube is. tracks.csv beside it, if it is there,
- *           has a row for each image that a point was found in: image, point, feature, ..., divided
- *           by tabs; before them a line with the version, in old files none
+ *   points  coordinates and color; they say where the cube is
+ * tracks.csv beside it, if it is there, has a row for each image that a point was found in: image,
+ * point, feature, ..., divided by tabs; before them a line with the version, in old files none.
  * Of several reconstructions, the one with the most shots is read. */
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* What points from structure from motion tell of the depths of training pixels: a sight for each
  * training view in which a point was found, where its projection is. A point counts if two training
- * views have it, so held-out views alone never tell of one. How far a point is to be trusted follows
- * DS-NeRF (arXiv 2107.02791): exp(-(e / m)^2), e its error in its images, m the mean of all. */
+ * views have it, so held-out views alone never tell of one. How far a point is to be trusted is as
+ * in DS-NeRF (arXiv 2107.02791): exp(-(e / m)^2), e its error in its images, m the mean of all. */
 #include <math.h>
 #include <stdlib.h>
 #include "base/memory.h"

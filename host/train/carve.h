@@ -8,7 +8,8 @@
 #include "model/octree.h"
 #include "scene/scene.h"
 
-/* Marks such leaves; the caller frees *marks [slot]. *count: how many; 0 if it would be all. CLN_MEMORY. */
+/* Marks such leaves; the caller frees *marks [slot]. *count: how many; 0 if it would be all.
+ * CLN_MEMORY. */
 cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const cln_config *config,
                           const cln_octree *tree, uint8_t **marks, int *count);
 

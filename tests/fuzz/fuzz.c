@@ -124,7 +124,7 @@ static void read_scene(void)
     cln_scene_free(scene);
 }
 
-static const cln_point points[2] = {{{1, 2, 3}, {4, 5, 6}, 2}, {{2, 2, 3}, {4, 5, 6}, 3}};
+static const cln_point points[2] = {{{1, 2, 3}, {4, 5, 6}, 2, 0}, {{2, 2, 3}, {4, 5, 6}, 3, 0}};
 
 static void make_colmap(void)
 {

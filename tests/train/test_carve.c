@@ -1,5 +1,5 @@
-/* Leaves that are empty by geometry: those that too few training views see, against a count over many
- * places of each leaf, and those outside the scene's box. */
+/* Leaves that are empty by geometry: those that too few training views see, against a count over
+ * many places of each leaf, and those outside the scene's box. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -28,7 +28,7 @@ static cln_config config_of_run(void)
 
     assert_ok(cln_open_run_model(fixture_path("whole"), &v));
     config = v.model.config;
-    config.roulette = 0; /* the test is about sampling */
+    config.roulette = 0;   /* the test is about sampling */
     config.depth_loss = 0; /* no ray shows a known point */
     cln_open_run_close(&v);
     return config;
