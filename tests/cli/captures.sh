@@ -410,7 +410,8 @@ numbers() {
 # that, of |rendered - truth|, over the truth
 depth_error() {
     paste <(numbers "$1") <(numbers "$2") |
-        awk -v most="${3:-1e30}" '$2 > 0 && $2 < most { d = $1 - $2; print (d < 0 ? -d : d) / $2 }' |
+        awk -v most="${3:-1e30}" \
+            '$2 > 0 && $2 < most { d = $1 - $2; print (d < 0 ? -d : d) / $2 }' |
         sort -g |
         awk '{ all[NR] = $1 } END { print NR ? all[int((NR + 1) / 2)] : "none" }'
 }
