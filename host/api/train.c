@@ -16,6 +16,7 @@
 #include "io/disk.h"
 #include "io/progress.h"
 #include "io/run_folder.h"
+#include "model/shell_tree.h"
 #include "pipeline/share.h"
 #include "ranks/ranks.h"
 #include "render/quality.h"
@@ -123,16 +124,19 @@ done:
     return st;
 }
 
-/* A new model on the full tree of --start-level without the leaves that are empty by geometry. */
+/* A new model on the full tree of --start-level, of a shell's at least 2, without the leaves that
+ * are empty by geometry. */
 static cln_status create(const cln_config *config, const cln_scene *scene, cln_model *out)
 {
     cln_status st = CLN_OK;
     cln_octree tree = {0};
     cln_octree_change change = {0};
+    const bool shell = scene->space.shell;
+    const int level = shell && config->start_level < 2 ? 2 : config->start_level;
     uint8_t *marks = NULL;
     int count = 0;
 
-    CLN_TRY(cln_octree_create(config->start_level, &tree));
+    CLN_TRY(shell ? cln_shell_tree_create(level, &tree) : cln_octree_create(level, &tree));
     CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, &marks, &count));
     if (count > 0) {
         CLN_TRY(cln_octree_cull(&tree, marks, &change));
@@ -141,7 +145,7 @@ static cln_status create(const cln_config *config, const cln_scene *scene, cln_m
                  count, count + tree.leaf_count);
     }
     CLN_TRY(cln_model_create_on(config, &tree, out));
-    out->level = config->start_level;
+    out->level = level;
 done:
     free(marks);
     cln_octree_change_free(&change);
@@ -170,8 +174,6 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
     } else {
         if (config->tree_from[0])
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
-        else if (t->scene->space.shell)
-            CLN_TRY(cln_model_create_shell(config, &t->model));
         else
             CLN_TRY(create(config, t->scene, &t->model));
         t->model.space = t->scene->space;
@@ -404,6 +406,7 @@ static cln_status prepare(cln_trainer *t)
                            &(cln_settings_facts){.resume = t->desc->resume,
                                                  .has_alpha = t->scene->has_alpha,
                                                  .forward = t->scene->space.forward,
+                                                 .shell = t->scene->space.shell,
                                                  .ranks = cln_ranks_count(),
                                                  .no_sights = t->scene->sight_count == 0});
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */

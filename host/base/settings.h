@@ -23,6 +23,7 @@ typedef struct cln_settings_facts {
     bool resume;    /* it resumes a run */
     bool has_alpha; /* its images have alpha */
     bool forward;   /* its space is that of normalised device coordinates */
+    bool shell;     /* or a cube and a shell */
     int ranks;      /* processes */
     bool no_sights; /* no sparse point is known with the training images that show it */
 } cln_settings_facts;

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 27 };
+enum { IDLE_ROWS = 28 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -69,6 +69,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "nothing counts as occluded with --min-transmittance 0; give that, too"},
         {"cull-max cull-strikes", c->cull == CLN_CULL_MEAN,
          "--cull mean has no guards; give --cull guarded"},
+        {"slab", facts->forward || facts->shell,
+         "only a cube has a box that ends the scene; give --space cube"},
         {"exchange", facts->ranks <= 1,
          "one process has nobody to tell; start several (docs/scale-out.md)"},
         {"exchange", c->exchange == CLN_EXCHANGE_STRETCHES && (c->sparsity > 0 || c->edge > 0),

@@ -54,8 +54,8 @@ done:
     return st;
 }
 
-/* Adds what kernels have only if the loss of depths is built in; *depth: its weight, which must stay
- * until the launch. */
+/* Adds what kernels have only if the loss of depths is built in; *depth: its weight, which must
+ * stay until the launch. */
 static int add_depth(const cln_pipeline *p, const cl_float *depth, cln_arg *args)
 {
     const cln_arg all[] = {CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->shown.mem),

@@ -53,7 +53,7 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
                           const cln_octree *tree, uint8_t **marks, int *count)
 {
     cln_status st = CLN_OK;
-    const bool slab = config->slab && scene->has_box && !space->forward;
+    const bool slab = config->slab && scene->has_box && !space->forward && !space->shell;
 
     *count = 0;
     CLN_TRY(cln_alloc(marks, (size_t)tree->leaf_count, 1, "leaf marks"));

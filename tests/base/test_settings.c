@@ -247,6 +247,14 @@ static void test_idle(void **state)
     assert_non_null(strstr(warnings_with("fast", "regrow=0.5",
                                          &(cln_settings_facts){.has_alpha = true, .forward = true}),
                            "--regrow has no effect: nothing grows back"));
+    assert_non_null(
+        strstr(warnings_with("fast", "slab=yes", &(cln_settings_facts){.ranks = 1, .shell = true}),
+               "--slab has no effect: only a cube"));
+    assert_non_null(
+        strstr(warnings_with("fast", "exchange=samples", &(cln_settings_facts){.ranks = 1}),
+               "--exchange has no effect: one process"));
+    assert_string_equal(
+        warnings_with("fast", "exchange=samples slab=yes", &(cln_settings_facts){.ranks = 2}), "");
     /* no warning of a preset's own settings, though the paper's has both a final rate and steps */
     assert_string_equal(warnings("paper", "rays=100", false, false), "");
     assert_string_equal(warnings("nerf", "rays=100", true, false), "");
