@@ -90,9 +90,9 @@ static const struct {
     /* transmittance rounds faint samples away */
     {"composite, cauchy", "composite.cl", "through = EXP(-tau);", "through *= 1.0f - alpha;",
      "composite, cauchy: transmittance"},
-    {"composite, cauchy", "composite.cl", "fmin(o.w, 1e6f)", "o.w", "composite, cauchy: loss"},
+    {"composite, cauchy", "loss.h", "fmin(sigma, 1e6f)", "sigma", "composite, cauchy: loss"},
     /* the last gradients are of the light behind */
-    {"composite, every loss", "composite.cl", "delta * (kept.z * gain", "delta * (kept.x * gain",
+    {"composite, every loss", "loss.h", "delta * (kept.z * gain", "delta * (kept.x * gain",
      "composite, every loss: density gradient"},
     /* far cameras see from their plane's middle; what is beyond a fold is seen */
     {"cameras", "camera.h", "if (c.start > 0.0f) {", "if (c.start > 5e4f) {",
@@ -100,7 +100,8 @@ static const struct {
     {"cameras", "lens.h", "r * fabs(omega) < M_PI_2_F", "true",
      "cameras: share of pixels judged otherwise"},
     /* slopes of 1e-4 count as none */
-    {"rays", "walk.h", "(vf)(1e-12f)", "(vf)(1e-3f)", "rays, grazing: samples in their leaf"},
+    {"rays", "walk.h", "fabs(d) < (vf)(1e-12f)", "fabs(d) < (vf)(1e-3f)",
+     "rays, grazing: samples in their leaf"},
     {"forward space", "space.h", "fmax(p.z, 1.0f)", "fmax(p.z, 0.9f)",
      "forward space: where rays begin"},
     {"networks", "roulette.cl", "o * (1.0f - o)", "o", "networks: gradients of weights"},

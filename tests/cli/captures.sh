@@ -464,7 +464,7 @@ section_sparse() {
     check "it has the same weights" [ "$(digest "$air stopped")" = "$(digest "$air run 5")" ]
 
     expect "too few views of a part, and a slab" 0 "~leaves.are.left.out" "$cln" train "$air" \
-        -o "$air slab" "${net[@]}" --slab --seen-by 2 --steps 2
+        -o "$air slab" "${net[@]}" --space cube --slab --seen-by 2 --steps 2
     check "leave leaves out" number_above 512 "$("$query" result.leaves <"$air slab/run.json")"
 }
 

@@ -172,7 +172,7 @@ static void test_diverges(void **state)
     static const struct {
         const char *file, *from, *to, *sentence;
     } faults[] = {
-        {"composite.cl", "loss + extra, square", "NAN, square", "the loss of step"},
+        {"composite.cl", "l.loss + s.extra, l.square", "NAN, l.square", "the loss of step"},
         {"adam.h", "VSTORE_IN(__global, w, params + p);",
          "VSTORE_IN(__global, w / 0.0f - w / 0.0f, params + p);", "not finite"},
     };
