@@ -260,7 +260,8 @@ $B/obj/pages_embed.o: $B/pages_embed.c
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
 # Compiled anew when their libraries come or go.
-$B/obj/host/view/server.o $B/obj/host/view/server_none.o $B/obj/host/export/reduce.o $B/obj/tests/export/test_reduce.o: $B/optional
+$(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
+    tests/export/test_reduce.o): $B/optional
 OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER)
 $B/optional: FORCE
 	@mkdir -p $(@D)
