@@ -159,6 +159,7 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_s
     cln_status st = CLN_OK;
     json_t *document = NULL;
     const json_t *dataset = NULL;
+    cln_config config = *given->config;
     cln_scene_desc desc = *given;
     const char *place = NULL;
     char *path = NULL;
@@ -166,6 +167,9 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_s
     *scene = NULL;
     CLN_TRY(cln_run_read(run, &document));
     dataset = json_object_get(document, "dataset");
+    if (config.space == CLN_SPACE_AUTO && same_text(dataset, "space", "cube"))
+        config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
+    desc.config = &config;
     if (!desc.path) {
         CLN_TRY(find_scene(run, dataset, &path, &place));
         desc.path = path;
