@@ -402,13 +402,17 @@ static cln_status prepare(cln_trainer *t)
     if (t->desc->dump_program)
         CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
     cln_scene_warn_doubts(t->scene);
-    cln_settings_warn_idle(t->desc->settings,
-                           &(cln_settings_facts){.resume = t->desc->resume,
-                                                 .has_alpha = t->scene->has_alpha,
-                                                 .forward = t->scene->space.forward,
-                                                 .shell = t->scene->space.shell,
-                                                 .ranks = cln_ranks_count(),
-                                                 .no_sights = t->scene->sight_count == 0});
+    cln_settings_warn_idle(
+        t->desc->settings,
+        &(cln_settings_facts){.resume = t->desc->resume,
+                              .has_alpha = t->scene->has_alpha,
+                              .forward = t->scene->space.forward,
+                              .shell = t->scene->space.shell,
+                              .ranks = cln_ranks_count(),
+                              .no_sights = t->scene->sight_count == 0,
+                              .no_box = !t->scene->has_box,
+                              .few_views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN) <
+                                           config.seen_by});
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
     if (!t->desc->skip_selftest)
         CLN_TRY(check_kernels(t, &config));

@@ -26,6 +26,8 @@ typedef struct cln_settings_facts {
     bool shell;     /* or a cube and a shell */
     int ranks;      /* processes */
     bool no_sights; /* no sparse point is known with the training images that show it */
+    bool no_box;    /* nor a box in the cube */
+    bool few_views; /* --seen-by asks for more training views than there are */
 } cln_settings_facts;
 
 /* Warns in the log of each given setting that has no effect with the others and the facts. */

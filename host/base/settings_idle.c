@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 28 };
+enum { IDLE_ROWS = 30 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -71,6 +71,9 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "--cull mean has no guards; give --cull guarded"},
         {"slab", facts->forward || facts->shell,
          "only a cube has a box that ends the scene; give --space cube"},
+        {"slab", c->slab && facts->no_box,
+         "nothing is known of a box in the cube, as there are no sparse points; give --bbox"},
+        {"seen-by", facts->few_views, "there are fewer training views; give less"},
         {"exchange", facts->ranks <= 1,
          "one process has nobody to tell; start several (docs/scale-out.md)"},
         {"exchange", c->exchange == CLN_EXCHANGE_STRETCHES && (c->sparsity > 0 || c->edge > 0),

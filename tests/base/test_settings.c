@@ -242,6 +242,14 @@ static void test_idle(void **state)
     no_sights = true;
     assert_non_null(strstr(warnings("fast", "depth-loss=0.1", false, false), "name no points"));
     no_sights = false;
+    assert_non_null(
+        strstr(warnings_with("fast", "slab=yes", &(cln_settings_facts){.ranks = 1, .no_box = true}),
+               "--slab has no effect: nothing is known of a box"));
+    assert_string_equal(warnings_with("fast", "slab=yes", &(cln_settings_facts){.ranks = 1}), "");
+    assert_non_null(strstr(
+        warnings_with("fast", "seen-by=9", &(cln_settings_facts){.ranks = 1, .few_views = true}),
+        "--seen-by has no effect: there are fewer"));
+    assert_string_equal(warnings_with("fast", "seen-by=9", &(cln_settings_facts){.ranks = 1}), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
     assert_non_null(strstr(warnings_with("fast", "regrow=0.5",
