@@ -19,7 +19,7 @@ typedef struct cln_pipeline cln_pipeline;
     X(CHANGES, "changes of the tree", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES) \
     X(TREE, "tree and cameras", "--max-leaves", "--max-leaves")           \
     X(SAMPLES, "samples", CLN_LOWER_SAMPLES, CLN_LOWER_SAMPLES)           \
-    X(RAYS, "rays", "--rays or --distil-samples", "--width and --height") \
+    X(RAYS, "rays", "--max-alloc, --max-level or --rays", "--max-alloc")  \
     X(LISTS, "lists of views", CLN_LOWER_VIEWS, CLN_LOWER_VIEWS)          \
     X(PROJECTED, "projected samples", CLN_LOWER_PROJECTED, CLN_LOWER_PROJECTED)
 #define CLN_LOWER_LEAVES    "--start-level, --max-leaves, --width or --depth"
