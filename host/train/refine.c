@@ -537,7 +537,10 @@ void cln_refine_say(const cln_trainer *t)
         most_turned = fmax(most_turned, angle);
         most_moved = fmax(most_moved, way);
     }
-    if (m->motion_views > 0)
+    if (m->motion_views > 0 && most_turned <= 0 && most_moved <= 0)
+        cln_info("poses: no training camera was corrected: the training was too short for that, "
+                 "or nothing was to be gained");
+    else if (m->motion_views > 0)
         cln_info("poses: the training cameras were turned by %.3f degrees and moved by %.3g units "
                  "on average, at most %.3f and %.3g",
                  turned, moved, most_turned, most_moved);
