@@ -292,8 +292,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                   \
     ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc|shell",                    \
          "what the tree divides: a cube of the scene, normalised device coordinates for cameras "  \
-         "that all look one way, or a cube and a shell that holds all that lies beyond it; auto: " \
-         "ndc for LLFF scenes like that without --bbox, shell around COLMAP's points",             \
+         "that all look one way, or a cube and a shell that holds all that lies beyond it; auto, " \
+         "without --bbox: ndc for LLFF scenes like that, shell around COLMAP's points",            \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     TEXT(background, "background", "white", "white",                                               \
          "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)               \
