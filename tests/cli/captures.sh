@@ -466,6 +466,19 @@ section_sparse() {
     expect "too few views of a part, and a slab" 0 "~leaves.are.left.out" "$cln" train "$air" \
         -o "$air slab" "${net[@]}" --space cube --slab --seen-by 2 --steps 2
     check "leave leaves out" number_above 512 "$("$query" result.leaves <"$air slab/run.json")"
+    expect "more than all views" 0 "~seen-by.has.no.effect" "$cln" train "$air" \
+        -o "$air views" "${net[@]}" --seen-by 100 --steps 1
+
+    expect "a shell has more intervals than memory holds" 5 "--max-alloc" "$cln" train "$air" \
+        -o "$air tight" "${net[@]}" --steps 1 --host-mem 450M
+    expect "what it tells to lower" 0 "" "$cln" train "$air" -o "$air tight" "${net[@]}" \
+        --steps 1 --host-mem 450M --max-alloc 32M
+    expect "splatting: a cube by itself" 0 "" "$cln" train "$air" -o "$air splat" "${net[@]}" \
+        --stage1 splat --steps 2
+    expect "which gathers now" 0 "" "$cln" train --resume "$air splat" --skip-selftest \
+        --stage1 gather --steps +2
+    check "it has no shell, and none is told" eval '! said "and a shell"'
+    check "nor recorded" eval '! grep -q "and a shell" "$air splat/run.json"'
 }
 
 # A still life from the front, in normalised device coordinates: depths in the scene's units. Its
