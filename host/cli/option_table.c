@@ -422,6 +422,7 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"test-hold", "holdout"},
                 {"white-background", "background"},
                 {"aabb", "bbox"},
+                {"near-plane", "near"},
                 {"camera-path", "poses"},
                 {"camera-path-filename", "poses"},
                 {"trajectory", "orbit"},

@@ -68,6 +68,7 @@ section_words() {
         bash -c 'cd "$1" && exec "$2" train -dash -o r' - "$work" "$cln"
     expect "iterations, as other programs have it" 2 "--iterations --steps" \
         "$cln" train s -o r --iterations 5
+    expect "a near plane" 2 "~mean.--near[?]" "$cln" train s -o r --near-plane 0.1
     expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
     expect "the scene as an option" 2 "~SCENE.stands.without.*train.SCENE" "$cln" train --data s
     expect "the run as an option" 2 "~RUN.stands.without.*eval.RUN" "$cln" eval --model_path r
