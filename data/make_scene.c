@@ -1,11 +1,10 @@
 /* build/make-scene: renders a small scene with exactly known geometry, colour and depth, in a
- * format of the dataset readers. This file has options, cameras and the writing of files;
- * scene_object.c and scene_room.c have the shapes, trace.c and shade.c the ray tracer. The same
- * options give the same bytes on every run, for any number of threads. */
+ * format of the dataset readers. This file has options and the writing of photos; place.c places the
+ * cameras, write.c writes their files, scene_KIND.c have the shapes, trace.c and shade.c the ray
+ * tracer. The same options give the same bytes on every run, for any number of threads. */
 #include <errno.h>
 #include <dirent.h>
 #include <getopt.h>
-#include <jansson.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,11 +14,9 @@
 #include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
-#include "base/rng.h"
 #include "io/image.h"
 #include "io/npy.h"
-#include "colmap.h"
-#include "faults.h"
+#include "job.h"
 #include "picture.h"
 
 /* "axes inverse ..." */
@@ -60,371 +57,11 @@ static const char usage[] =
     "  --seed N                   of camera positions and noise textures (default 1)\n";
 #undef X
 
-static const double pi = 3.14159265358979323846;
-
-enum { OBJECT, ROOM, FORWARD, TERRAIN, STREET };
-static const char *const kinds[] = {"object", "room", "forward", "terrain", "street", NULL};
+const char *const job_kinds[] = {"object", "room", "forward", "terrain", "street", NULL};
 static cln_status (*const scenes[])(world *) = {scene_object, scene_room, scene_forward,
                                                 scene_terrain, scene_street};
-
-enum { FROM_ALL, FROM_CONE, FROM_LOW, FROM_NEAR };
-static const char *const places[] = {"all", "cone", "low", "near", NULL};
-
-enum { BLENDER, NERFSTUDIO, NGP, LLFF, COLMAP };
-static const char *const formats[] = {"blender", "nerfstudio", "ngp", "llff", "colmap", NULL};
-
-typedef struct settings {
-    const char *out;
-    int kind, format, fault, from;
-    bool depth, masks;
-    int size, seed;
-    int views[CLN_SPLITS];
-    cln_lens lens;
-    const char *bent_by; /* as it is given; NULL */
-    double distortion[CLN_LENS_PARAMS];
-} settings;
-
-typedef struct job {
-    const settings *set;
-    world world;
-    int view_count;
-    cln_camera *cameras; /* [view]: train, val, test */
-    char **names;        /* [view] relative to the folder, without extension */
-    pthread_mutex_t lock;
-    int next; /* view to render */
-    cln_status st;
-    char error[1024];
-} job;
-
-/* ---- cameras ---- */
-
-static void look(cln_camera *camera, vec from, vec forward)
-{
-    vec z = unit(forward), x = unit(cross(z, vec3(0, 0, 1))), y = cross(z, x);
-    const vec columns[4] = {x, y, z, from};
-
-    for (int c = 0; c < 4; c++) {
-        camera->c2w[c] = columns[c].x;
-        camera->c2w[4 + c] = columns[c].y;
-        camera->c2w[8 + c] = columns[c].z;
-    }
-}
-
-/* Forward: a jittered grid of places in a plane before the scene, looking at its middle, as people
- * hold a phone. */
-static void place_forward(const settings *set, int split, int i, const float u[4],
-                          cln_camera *camera)
-{
-    const int side = (int)ceil(sqrt(set->views[split]));
-    const double x = (i % side + 0.2 + 0.6 * u[0]) / side - 0.5;
-    const double z = (i / side + 0.2 + 0.6 * u[1]) / side - 0.5;
-    const vec from = vec3(0.9 * x, -3.3 + 0.2 * (u[2] - 0.5), 0.7 * z);
-    const vec at = vec3(0.25 * x, 0.4, 0.2 * z);
-
-    look(camera, from, sub(at, from));
-}
-
-/* Terrain: the first half of a split in a grid of photos straight down that overlap by half, turned
- * like strips to and fro; the others obliquely, from all around, 35 to 50 degrees steep. */
-static void place_terrain(const settings *set, int split, int i, double turn, const float u[4],
-                          cln_camera *camera)
-{
-    const int down = (set->views[split] + 1) / 2, side = (int)ceil(sqrt(down));
-
-    if (i < down) {
-        const double x = 2.4 * ((i % side + 0.4 + 0.2 * u[0]) / side - 0.5);
-        const double y = 2.4 * ((i / side + 0.4 + 0.2 * u[1]) / side - 0.5);
-        const double way = i / side % 2 ? -1 : 1; /* of flight, and the picture's up */
-
-        look(camera, vec3(x, y, 4.5), vec3(0.04 * way * (u[2] + 0.2), 0.01 * (u[3] - 0.5), -1));
-    } else {
-        const double steep = 0.61 + 0.26 * u[0], far = 5.2;
-        const vec at = vec3(1.2 * (u[1] - 0.5), 1.2 * (u[2] - 0.5), -0.2);
-        const vec to = vec3(-cos(turn) * cos(steep), -sin(turn) * cos(steep), -sin(steep));
-
-        look(camera, along(at, -far, to), to);
-    }
-}
-
-/* Object: evenly over the sphere, from a little below the horizon to nearly overhead, by the golden
- * angle; training views by --from: over less of it, and the others at many distances. */
-static void place_object(const settings *set, int split, int i, double yaw, const float u[4],
-                         cln_camera *camera)
-{
-    const int from = split == CLN_SPLIT_TRAIN || set->from == FROM_NEAR ? set->from : FROM_ALL;
-    const double part = (i + 0.2 + 0.6 * u[0]) / set->views[split], usual = 4.03;
-    double z = -0.12 + (from == FROM_LOW ? 0.38 : 1.07) * part, r = sqrt(1 - z * z),
-           distance = usual;
-    vec at = vec3(r * cos(yaw), r * sin(yaw), z);
-
-    if (from == FROM_CONE) { /* around a direction 25 degrees above the horizon */
-        const vec axis = vec3(0.906, 0, 0.423), side = vec3(0, 1, 0), up = vec3(-0.423, 0, 0.906);
-
-        z = 1 - (1 - cos(40 * pi / 180)) * part;
-        r = sqrt(1 - z * z);
-        at = along(along(scale(axis, z), r * cos(yaw), side), r * sin(yaw), up);
-    }
-    if (from == FROM_NEAR && split != CLN_SPLIT_TRAIN)
-        distance *= 0.55 * pow(1.8 / 0.55, fmod(0.618034 * i, 1));
-    at = scale(at, distance);
-    look(camera, at, scale(at, -1));
-}
-
-/* Room: anywhere in its middle, looking all around. Street: from a walk around. Each split has its
- * own sequence. */
-static void place_camera(const settings *set, int split, int i, cln_camera *camera)
-{
-    const double golden = pi * (3 - sqrt(5));
-    static const double fovs[] = {
-        [OBJECT] = 0.76, [ROOM] = 1.25, [FORWARD] = 0.56, [TERRAIN] = 0.3, [STREET] = 0.95};
-    const double fov = fovs[set->kind];
-    float start[4], u[4];
-
-    *camera = (cln_camera){.width = set->size, .height = set->size};
-    camera->fx = camera->fy = 0.5 * set->size / tan(0.5 * fov);
-    camera->cx = camera->cy = 0.5 * set->size;
-    camera->lens = set->lens;
-    memcpy(camera->distortion, set->distortion, sizeof set->distortion);
-    if (set->lens == CLN_LENS_EQUIRECTANGULAR)
-        cln_camera_span_sphere(camera);
-
-    cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 1, (uint32_t)split, 0, start);
-    cln_uniform4((uint64_t)set->seed, CLN_STREAM_SCENE, 2 + (uint32_t)split, (uint32_t)i, 0, u);
-    double yaw = 2 * pi * start[0] + golden * i;
-    if (set->kind == FORWARD) {
-        place_forward(set, split, i, u, camera);
-    } else if (set->kind == TERRAIN) {
-        place_terrain(set, split, i, yaw, u, camera);
-    } else if (set->kind == STREET) {
-        const double far = 2.5 + 0.8 * u[0];
-        const vec from = vec3(far * cos(yaw), far * sin(yaw), 1.1 * u[1] - 0.1);
-        const vec at = vec3(0.5 * (u[2] - 0.5), 0.5 * (u[3] - 0.5), -0.1);
-
-        look(camera, from, sub(at, from));
-    } else if (set->kind == ROOM) {
-        double pitch = 0.8 * (u[0] - 0.55);
-        look(camera, vec3(1.1 * (u[1] - 0.5), 1.1 * (u[2] - 0.5), 0.7 * (u[3] - 0.4)),
-             vec3(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch)));
-    } else {
-        place_object(set, split, i, yaw, u, camera);
-    }
-}
-
-/* ---- JSON ---- */
-
-/* What the files say: with the fault, if it is one of cameras. */
-static cln_camera written(const job *j, int view)
-{
-    cln_camera camera = j->cameras[view];
-
-    fault_camera((fault)j->set->fault, view < j->set->views[0] ? view : -1, &camera);
-    return camera;
-}
-
-static json_t *matrix_json(const job *j, int view)
-{
-    /* From OpenCV's camera axes (ours) to OpenGL's (the formats'): y and z change sign. */
-    const double sign = j->set->fault == FAULT_axes ? 1 : -1, flip[4] = {1, sign, sign, 1};
-    const cln_camera camera = written(j, view);
-    double m[12];
-    json_t *rows = json_array();
-
-    for (int i = 0; i < 12; i++)
-        m[i] = flip[i % 4] * camera.c2w[i];
-    if (j->set->fault == FAULT_inverse)
-        for (int r = 0; r < 3; r++) {
-            m[4 * r + 3] = 0;
-            for (int c = 0; c < 3; c++) {
-                m[4 * r + c] = flip[r] * camera.c2w[4 * c + r];
-                m[4 * r + 3] -= m[4 * r + c] * camera.c2w[4 * c + 3];
-            }
-        }
-
-    for (int r = 0; r < 4; r++) {
-        json_t *row = json_array();
-        for (int c = 0; c < 4; c++)
-            json_array_append_new(row, json_real(r < 3 ? m[4 * r + c] : c == 3 ? 1 : 0));
-        json_array_append_new(rows, row);
-    }
-    return rows;
-}
-
-static cln_status write_json(const char *folder, const char *name, json_t *document)
-{
-    cln_status st = CLN_OK;
-    char *path = NULL, *text = NULL;
-
-    CLN_TRY(cln_path_join(&path, folder, name));
-    text = json_dumps(document, JSON_INDENT(1));
-    if (!text) {
-        st = cln_fail(CLN_MEMORY, "%s: out of memory for its text", path);
-        goto done;
-    }
-    CLN_TRY(cln_write_file(path, text, strlen(text)));
-done:
-    free(path);
-    free(text);
-    return st;
-}
-
-static cln_status write_blender(const job *j)
-{
-    cln_status st = CLN_OK;
-    char name[64], path[80];
-
-    for (int split = 0, view = 0; split < CLN_SPLITS && st == CLN_OK; split++) {
-        if (!j->set->views[split])
-            continue;
-        const cln_camera camera = written(j, view);
-        json_t *frames = json_array();
-        for (int i = 0; i < j->set->views[split]; i++, view++) {
-            snprintf(path, sizeof path, "./%s", j->names[view]);
-            json_array_append_new(frames, json_pack("{s:s, s:o}", "file_path", path,
-                                                    "transform_matrix", matrix_json(j, view)));
-        }
-        json_t *document = json_pack("{s:f, s:o}", "camera_angle_x",
-                                     2 * atan(0.5 * camera.width / camera.fx), "frames", frames);
-        snprintf(name, sizeof name, "transforms_%s.json", cln_split_names[split]);
-        st = write_json(j->set->out, name, document);
-        json_decref(document);
-    }
-    return st;
-}
-
-/* nerfstudio and ngp: one file. */
-static cln_status write_single(const job *j)
-{
-    const cln_camera first = written(j, 0), *c = &first;
-    const cln_lens_model *lens = &cln_lens_models[c->lens];
-    json_t *frames = json_array();
-    json_t *document =
-        json_pack("{s:s, s:f, s:f, s:f, s:f, s:i, s:i}", "camera_model", lens->name, "fl_x", c->fx,
-                  "fl_y", c->fy, "cx", c->cx, "cy", c->cy, "w", c->width, "h", c->height);
-
-    for (int i = 0; i < lens->count; i++)
-        json_object_set_new(document, lens->params[i], json_real(c->distortion[i]));
-    for (int split = 0, view = 0; split < CLN_SPLITS; split++) {
-        char key[32], path[80];
-        json_t *names = json_array();
-        for (int i = 0; i < j->set->views[split]; i++, view++) {
-            snprintf(path, sizeof path, "%s.png", j->names[view]);
-            json_array_append_new(names, json_string(path));
-            json_t *frame = json_pack("{s:s, s:o}", "file_path", path, "transform_matrix",
-                                      matrix_json(j, view));
-            if (j->set->masks) {
-                snprintf(path, sizeof path, "masks/%s.png", strchr(j->names[view], '/') + 1);
-                json_object_set_new(frame, "mask_path", json_string(path));
-            }
-            json_array_append_new(frames, frame);
-        }
-        snprintf(key, sizeof key, "%s_filenames", cln_split_names[split]);
-        if (j->set->format == NERFSTUDIO)
-            json_object_set(document, key, names);
-        json_decref(names);
-    }
-    if (j->set->format == NGP) /* the cube of side 1 / 0.33 around the origin */
-        json_object_set_new(document, "aabb_scale", json_integer(1));
-    json_object_set_new(document, "frames", frames);
-    cln_status st = write_json(j->set->out, "transforms.json", document);
-    json_decref(document);
-    return st;
-}
-
-/* The nearest and the farthest thing of a picture along its axis, from the exact geometry. */
-static void find_depths(const job *j, int view, double *near, double *far)
-{
-    const cln_camera *camera = &j->cameras[view];
-
-    *near = INFINITY;
-    *far = 0;
-    for (int k = 0; k < camera->width * camera->height; k++) {
-        double o[3], d[3], depth = 0;
-        hit h;
-
-        if (!cln_camera_ray(camera, k % camera->width + 0.5, k / camera->width + 0.5, o, d) ||
-            !shapes_hit(&j->world.shapes, vec3(o[0], o[1], o[2]), vec3(d[0], d[1], d[2]), 0,
-                        INFINITY, &h))
-            continue;
-        for (int a = 0; a < 3; a++)
-            depth += h.t * d[a] * camera->c2w[4 * a + 2];
-        *near = fmin(*near, depth);
-        *far = fmax(*far, depth);
-    }
-}
-
-/* Rows of 17 numbers: columns down, right, backwards, position and (height, width, focal length) of
- * a 3 x 5 matrix, row-major; near and far. */
-static cln_status write_llff(const job *j)
-{
-    cln_status st = CLN_OK;
-    enum { ROW = 17 };
-    const int sides[2] = {j->view_count, ROW};
-    float *rows = NULL;
-    char *path = NULL;
-
-    CLN_TRY(cln_alloc(&rows, (size_t)j->view_count * ROW, sizeof *rows, "poses"));
-    for (int v = 0; v < j->view_count; v++) {
-        const cln_camera c = written(j, v);
-        const double last[3] = {c.height, c.width, c.fx};
-        float *row = rows + (size_t)v * ROW;
-        double near = 0, far = 0;
-
-        for (int i = 0; i < 3; i++) {
-            const double columns[5] = {c.c2w[4 * i + 1], c.c2w[4 * i], -c.c2w[4 * i + 2],
-                                       c.c2w[4 * i + 3], last[i]};
-
-            for (int k = 0; k < 5; k++)
-                row[5 * i + k] = (float)columns[k];
-        }
-        find_depths(j, v, &near, &far);
-        row[15] = (float)near;
-        row[16] = (float)far;
-    }
-    CLN_TRY(cln_path_join(&path, j->set->out, "poses_bounds.npy"));
-    CLN_TRY(cln_npy_write_f32(path, 2, sides, rows));
-done:
-    free(rows);
-    free(path);
-    return st;
-}
-
-static cln_status write_colmap(const job *j)
-{
-    cln_status st = CLN_OK;
-    cln_camera *cameras = NULL;
-    const colmap_scene scene = {.out = j->set->out,
-                                .world = &j->world,
-                                .count = j->view_count,
-                                .seed = j->set->seed,
-                                .exact = j->cameras,
-                                .names = j->names};
-
-    CLN_TRY(cln_alloc(&cameras, (size_t)j->view_count, sizeof *cameras, "cameras"));
-    for (int v = 0; v < j->view_count; v++)
-        cameras[v] = written(j, v);
-    CLN_TRY(colmap_write(&scene, cameras));
-done:
-    free(cameras);
-    return st;
-}
-
-/* generator.json records the options, and marks the folder as one that may be overwritten. */
-static cln_status write_marker(const settings *set)
-{
-    json_t *distortion = json_array();
-
-    for (int i = 0; i < cln_lens_models[set->lens].count; i++)
-        json_array_append_new(distortion, json_real(set->distortion[i]));
-    json_t *document = json_pack(
-        "{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:s, s:o, s:b, s:b, s:s, s:i}", "generator",
-        "make-scene", "kind", kinds[set->kind], "format", formats[set->format], "size", set->size,
-        "views", set->views[0], set->views[1], set->views[2], "from", places[set->from], "lens",
-        cln_lens_models[set->lens].name, "distortion", distortion, "depth", set->depth, "masks",
-        set->masks, "fault", fault_names[set->fault], "seed", set->seed);
-    cln_status st = write_json(set->out, "generator.json", document);
-    json_decref(document);
-    return st;
-}
+const char *const job_places[] = {"all", "cone", "low", "near", NULL};
+const char *const job_formats[] = {"blender", "nerfstudio", "ngp", "llff", "colmap", NULL};
 
 /* ---- rendering ---- */
 
@@ -581,7 +218,7 @@ static cln_status make_scene(const settings *set)
     for (int split = 0; split < CLN_SPLITS; split++)
         for (int i = 0; i < set->views[split]; i++) {
             int view = j->view_count++;
-            place_camera(set, split, i, &j->cameras[view]);
+            job_place(set, split, i, &j->cameras[view]);
             if (set->format == BLENDER)
                 CLN_TRY(cln_asprintf(&j->names[view], "%s/r_%03d", cln_split_names[split], i));
             else
@@ -591,13 +228,10 @@ static cln_status make_scene(const settings *set)
     CLN_TRY(scenes[set->kind](&j->world));
     CLN_TRY(check_folder(set->out));
     CLN_TRY(make_folders(set));
-    CLN_TRY(write_marker(set));
+    CLN_TRY(job_mark(set));
     CLN_TRY(render_all(j));
     /* Last, so that a folder with transforms is complete. */
-    CLN_TRY(set->format == BLENDER  ? write_blender(j)
-            : set->format == LLFF   ? write_llff(j)
-            : set->format == COLMAP ? write_colmap(j)
-                                    : write_single(j));
+    CLN_TRY(job_write(j));
 done:
     if (j) {
         for (int i = 0; i < j->view_count; i++)
@@ -656,10 +290,10 @@ static cln_status parse(int argc, char **argv, settings *set)
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;)
         switch (c) {
         case 'k':
-            CLN_TRY(parse_word("kind", optarg, kinds, &set->kind));
+            CLN_TRY(parse_word("kind", optarg, job_kinds, &set->kind));
             break;
         case 'f':
-            CLN_TRY(parse_word("format", optarg, formats, &set->format));
+            CLN_TRY(parse_word("format", optarg, job_formats, &set->format));
             break;
         case 's':
             CLN_TRY(parse_int("size", optarg, 8, 4096, &set->size));
@@ -674,7 +308,7 @@ static cln_status parse(int argc, char **argv, settings *set)
             CLN_TRY(parse_int("test", optarg, 0, 10000, &set->views[CLN_SPLIT_TEST]));
             break;
         case 'w':
-            CLN_TRY(parse_word("from", optarg, places, &set->from));
+            CLN_TRY(parse_word("from", optarg, job_places, &set->from));
             break;
         case 'd':
             set->bent_by = optarg;
@@ -709,9 +343,9 @@ static cln_status parse(int argc, char **argv, settings *set)
         return cln_fail(CLN_USAGE,
                         "--lens, --distortion: the %s format has none; add --format "
                         "nerfstudio",
-                        formats[set->format]);
+                        job_formats[set->format]);
     if (set->from != FROM_ALL && set->kind != OBJECT)
-        return cln_fail(CLN_USAGE, "--from %s: is for --kind object", places[set->from]);
+        return cln_fail(CLN_USAGE, "--from %s: is for --kind object", job_places[set->from]);
     if (set->masks && set->format != NERFSTUDIO)
         return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
     if (set->fault == FAULT_mask && !set->masks)
@@ -719,7 +353,7 @@ static cln_status parse(int argc, char **argv, settings *set)
     if ((set->format == LLFF || set->format == COLMAP) &&
         (set->fault == FAULT_axes || set->fault == FAULT_inverse))
         return cln_fail(CLN_USAGE, "--fault %s: choose another --format than %s",
-                        fault_names[set->fault], formats[set->format]);
+                        fault_names[set->fault], job_formats[set->format]);
 done:
     return st;
 }
@@ -745,7 +379,7 @@ int main(int argc, char **argv)
         return cln_status_exit_code(st);
     }
     printf("%s: %s, %s format, %d x %d, views: %d train, %d val, %d test\n", set.out,
-           kinds[set.kind], formats[set.format], set.size, set.size, set.views[CLN_SPLIT_TRAIN],
-           set.views[CLN_SPLIT_VAL], set.views[CLN_SPLIT_TEST]);
+           job_kinds[set.kind], job_formats[set.format], set.size, set.size,
+           set.views[CLN_SPLIT_TRAIN], set.views[CLN_SPLIT_VAL], set.views[CLN_SPLIT_TEST]);
     return 0;
 }

@@ -1,0 +1,50 @@
+/* What make-scene is asked for, and the work on it: shared by make_scene.c, place.c and write.c. */
+#ifndef DATA_JOB_H
+#define DATA_JOB_H
+
+#include <pthread.h>
+#include "scene/scene.h"
+#include "faults.h"
+#include "scenes.h"
+
+enum { OBJECT, ROOM, FORWARD, TERRAIN, STREET };
+enum { FROM_ALL, FROM_CONE, FROM_LOW, FROM_NEAR };
+enum { BLENDER, NERFSTUDIO, NGP, LLFF, COLMAP };
+
+/* Their words, in order, and NULL. */
+extern const char *const job_kinds[], *const job_places[], *const job_formats[];
+
+typedef struct settings {
+    const char *out;
+    int kind, format, fault, from;
+    bool depth, masks;
+    int size, seed;
+    int views[CLN_SPLITS];
+    cln_lens lens;
+    const char *bent_by; /* as it is given; NULL */
+    double distortion[CLN_LENS_PARAMS];
+} settings;
+
+typedef struct job {
+    const settings *set;
+    world world;
+    int view_count;
+    cln_camera *cameras; /* [view]: train, val, test */
+    char **names;        /* [view] relative to the folder, without extension */
+    pthread_mutex_t lock;
+    int next; /* view to render */
+    cln_status st;
+    char error[1024];
+} job;
+
+/* The exact camera of view i of the split. */
+void job_place(const settings *set, int split, int i, cln_camera *camera);
+
+/* The files of cameras, in the job's format. CLN_OUTPUT. */
+cln_status job_write(const job *j);
+
+/* generator.json records the options, and marks the folder as one that may be overwritten.
+ * CLN_OUTPUT. */
+cln_status job_mark(const settings *set);
+
+#endif
