@@ -165,11 +165,12 @@ typedef struct cln_train_progress {
     double fraction;     /* of the budget, 0..1 */
     double seconds;      /* of training so far */
     double eta;          /* seconds to go, evaluations included; NaN at first */
-    int unmeasured;      /* evaluations to come that eta excludes: their time is unknown yet */
+    int unmeasured;      /* evaluations to come that eta excludes: none has shown its time yet */
     double rays_per_s, samples_per_ray;
     double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
     int leaves;
     double params, device_bytes;
+    double unmeasured_seconds; /* what those may take, by the rays per second: within 2 times */
 } cln_train_progress;
 
 typedef struct cln_callbacks {

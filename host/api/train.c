@@ -228,10 +228,10 @@ static void say_what_runs(cln_trainer *t)
     json_t *list = NULL;
     size_t left_out = 0;
 
-    cln_info("scene: %s, read as %s because %s; %d train, %d test views (%s); cube: %s",
-             scene->folder, scene->dialect, scene->because,
-             cln_scene_split_count(scene, CLN_SPLIT_TRAIN),
-             cln_scene_split_count(scene, CLN_SPLIT_TEST), scene->split_rule, scene->bounds_rule);
+    cln_info("scene: %s, read as %s, because %s", scene->folder, scene->dialect, scene->because);
+    cln_info("views: %d train, %d test (%s)", cln_scene_split_count(scene, CLN_SPLIT_TRAIN),
+             cln_scene_split_count(scene, CLN_SPLIT_TEST), scene->split_rule);
+    cln_info("%s: %s", scene->space.forward ? "space" : "cube", scene->bounds_rule);
     if (json_array_size(scene->ignored) > 0)
         cln_info("scene: keys of its files that are not used: %s",
                  join(scene->ignored, ", ", text, sizeof text));
@@ -255,10 +255,9 @@ static void say_what_runs(cln_trainer *t)
     cln_format_bytes(t->plan.limit, device_limit);
     cln_format_bytes(t->host_plan.total, host);
     cln_format_bytes(t->host_plan.limit, host_limit);
-    cln_info(
-        "memory: device %s of %s, more as the tree grows; host about %s of %s; %zu parts of the "
-        "method are not needed and left out (details: -v)",
-        device, device_limit, host, host_limit, left_out);
+    cln_info("memory: device %s of %s, more as the tree grows; host about %s of %s", device,
+             device_limit, host, host_limit);
+    cln_info("method: %zu parts that this run does not need are left out (which: -v)", left_out);
     if (t->plan.batch_samples < (size_t)t->model.config.batch_samples ||
         t->plan.max_rays < t->model.config.rays) {
         cln_format_bytes((double)t->device->max_alloc, text);

@@ -77,7 +77,7 @@ static int poll_signals(void *user)
 void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
 {
     char step[32], steps[32], trained[32], left[32], rays[32], train[32], leaves[32];
-    char params[32], memory[32], loss[32], test[48] = "", evals[48] = "";
+    char params[32], memory[32], loss[32], later[32], test[48] = "", evals[64] = "";
 
     cln_format_count((double)progress->step, step);
     cln_format_count((double)progress->steps, steps);
@@ -88,8 +88,11 @@ void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
     cln_format_real(progress->psnr_train, 1, train);
     if (isfinite(progress->psnr_test))
         snprintf(test, sizeof test, ", %.1f test", progress->psnr_test);
-    if (progress->unmeasured > 0)
-        snprintf(evals, sizeof evals, " + evaluation%s", progress->unmeasured > 1 ? "s" : "");
+    if (progress->unmeasured > 0) {
+        cln_format_duration(progress->unmeasured_seconds, later);
+        snprintf(evals, sizeof evals, " + ~%s evaluation%s", later,
+                 progress->unmeasured > 1 ? "s" : "");
+    }
     cln_format_count(progress->leaves, leaves);
     cln_format_short(progress->params, params);
     cln_format_bytes(progress->device_bytes, memory);

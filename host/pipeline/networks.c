@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "pipeline/loss_args.h"
 #include "pipeline/share.h"
 #include "pipeline/stretch.h"
 #include "ranks/ranks.h"
@@ -120,26 +121,8 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     cln_status st = CLN_OK;
     const cl_uint rays = (cl_uint)n;
     const size_t wg = (size_t)p->tune.wg;
-    const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
-    const cl_float alpha = (float)p->opacity_loss, cauchy = (float)p->config.cauchy;
-    const cl_float opacity = (float)p->config.opacity_entropy;
-    const cl_float distort = (float)p->config.distortion_loss;
-    const cl_float depth = (float)p->config.depth_loss;
-    cln_arg args[19] = {CLN_ARG(p->sample_starts.mem),
-                        CLN_ARG(p->samples.mem),
-                        CLN_ARG(p->out.mem),
-                        CLN_ARG(p->backgrounds.mem),
-                        CLN_ARG(p->targets.mem),
-                        CLN_ARG(p->dout.mem),
-                        CLN_ARG(p->results.mem),
-                        CLN_ARG(rays),
-                        CLN_ARG(scale),
-                        CLN_ARG(huber),
-                        CLN_ARG(alpha),
-                        CLN_ARG(cauchy),
-                        CLN_ARG(opacity),
-                        CLN_ARG(distort)};
-    int count = 14; /* and what the kernel has only if it is built in */
+    const cln_loss_args loss = cln_loss_args_of(p, n);
+    cln_args a = {.count = 0};
 
     if (p->stretched) {
         const int me = cln_ranks_me();
@@ -151,16 +134,17 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     }
     CLN_TRY(CLN_RESERVE(p, dout, sample_count));
     CLN_TRY(CLN_RESERVE(p, measures, sample_count));
-    if (p->config.depth_loss > 0) {
-        args[count++] = (cln_arg)CLN_ARG(p->ray_o.mem);
-        args[count++] = (cln_arg)CLN_ARG(p->ray_d.mem);
-        args[count++] = (cln_arg)CLN_ARG(p->shown.mem);
-        args[count++] = (cln_arg)CLN_ARG(depth);
-    }
-    if (cln_pipeline_measures(&p->config) > 0)
-        args[count++] = (cln_arg)CLN_ARG(p->measures.mem);
+    CLN_ADD(&a, p->sample_starts.mem);
+    CLN_ADD(&a, p->samples.mem);
+    CLN_ADD(&a, p->out.mem);
+    CLN_ADD(&a, p->backgrounds.mem);
+    CLN_ADD(&a, p->targets.mem);
+    CLN_ADD(&a, p->dout.mem);
+    CLN_ADD(&a, p->results.mem);
+    CLN_ADD(&a, rays);
+    cln_loss_add(p, &loss, &a);
     CLN_TRY(cln_launch(p->device, p->k.composite_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
-                       wg, args, count));
+                       wg, a.list, a.count));
 done:
     return st;
 }

@@ -19,8 +19,6 @@ cln_status cln_stage_rays(cln_pipeline *p, int n)
                       CLN_ARG(p->ray_d.mem), CLN_ARG(count));
 }
 
-#define ADD(args, x) cln_args_add(args, (cln_arg)CLN_ARG(x))
-
 static const cln_buffer *densities(const cln_pipeline *p, const cln_sampling *s)
 {
     return s->pictures ? &p->picture_density : &p->density;
@@ -46,23 +44,23 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_ray_gro
     cln_args a = {.count = 0};
 
     stage1->front(p, densities(p, s), &a);
-    ADD(&a, p->ray_o.mem);
-    ADD(&a, p->ray_d.mem);
-    ADD(&a, p->map.mem);
-    ADD(&a, p->intervals.mem);
-    ADD(&a, p->used.mem);
-    ADD(&a, p->sample_counts.mem);
-    ADD(&a, first);
-    ADD(&a, n);
-    ADD(&a, rays);
-    ADD(&a, depth);
-    ADD(&a, max_depth);
-    ADD(&a, per_leaf);
-    ADD(&a, per_ray);
-    ADD(&a, s->empty_weight);
-    ADD(&a, s->empty_share);
-    ADD(&a, seed);
-    ADD(&a, s->step);
+    CLN_ADD(&a, p->ray_o.mem);
+    CLN_ADD(&a, p->ray_d.mem);
+    CLN_ADD(&a, p->map.mem);
+    CLN_ADD(&a, p->intervals.mem);
+    CLN_ADD(&a, p->used.mem);
+    CLN_ADD(&a, p->sample_counts.mem);
+    CLN_ADD(&a, first);
+    CLN_ADD(&a, n);
+    CLN_ADD(&a, rays);
+    CLN_ADD(&a, depth);
+    CLN_ADD(&a, max_depth);
+    CLN_ADD(&a, per_leaf);
+    CLN_ADD(&a, per_ray);
+    CLN_ADD(&a, s->empty_weight);
+    CLN_ADD(&a, s->empty_share);
+    CLN_ADD(&a, seed);
+    CLN_ADD(&a, s->step);
     if (s->crop)
         cln_args_add(&a, (cln_arg){sizeof(cl_float4), s->crop, 6});
     if (stage1->back)
@@ -85,20 +83,20 @@ static cln_status emit(cln_pipeline *p, const cln_sampling *s, const cln_ray_gro
     cln_args a = {.count = 0};
 
     stage1->front(p, densities(p, s), &a);
-    ADD(&a, p->ray_o.mem);
-    ADD(&a, p->ray_d.mem);
-    ADD(&a, p->intervals.mem);
-    ADD(&a, p->used.mem);
-    ADD(&a, (s->stretches ? &p->own_starts : &p->sample_starts)->mem);
-    ADD(&a, p->samples.mem);
-    ADD(&a, first);
-    ADD(&a, n);
-    ADD(&a, rays);
-    ADD(&a, allowed);
-    ADD(&a, s->uniform_share);
-    ADD(&a, jitter);
-    ADD(&a, seed);
-    ADD(&a, s->step);
+    CLN_ADD(&a, p->ray_o.mem);
+    CLN_ADD(&a, p->ray_d.mem);
+    CLN_ADD(&a, p->intervals.mem);
+    CLN_ADD(&a, p->used.mem);
+    CLN_ADD(&a, (s->stretches ? &p->own_starts : &p->sample_starts)->mem);
+    CLN_ADD(&a, p->samples.mem);
+    CLN_ADD(&a, first);
+    CLN_ADD(&a, n);
+    CLN_ADD(&a, rays);
+    CLN_ADD(&a, allowed);
+    CLN_ADD(&a, s->uniform_share);
+    CLN_ADD(&a, jitter);
+    CLN_ADD(&a, seed);
+    CLN_ADD(&a, s->step);
     if (stage1->back)
         stage1->back(p, &a);
     return cln_launch(p->device, p->k.samples_emit, CLN_STAGE_SAMPLES,

@@ -24,6 +24,7 @@ static inline void cln_args_add(cln_args *args, cln_arg arg)
     CLN_ASSERT(args->count < CLN_MOST_ARGS);
     args->list[args->count++] = arg;
 }
+#define CLN_ADD(args, x) cln_args_add(args, (cln_arg)CLN_ARG(x))
 
 /* density: p->density or p->picture_density. */
 typedef struct cln_stage1 {

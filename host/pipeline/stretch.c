@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "pipeline/loss_args.h"
 #include "pipeline/share.h"
 #include "pipeline/stages.h"
 #include "ranks/ranks.h"
@@ -54,37 +55,31 @@ done:
     return st;
 }
 
-/* Adds what kernels have only if the loss of depths is built in; *depth: its weight, which must
- * stay until the launch. */
-static int add_depth(const cln_pipeline *p, const cl_float *depth, cln_arg *args)
+/* What stretches are made of: the first arguments of stretch_composite and stretch_train. */
+static void add_stretches(const cln_pipeline *p, cln_args *args)
 {
-    const cln_arg all[] = {CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->shown.mem),
-                           CLN_ARG(*depth)};
-
-    if (p->config.depth_loss <= 0)
-        return 0;
-    memcpy(args, all, sizeof all);
-    return sizeof all / sizeof *all;
+    CLN_ADD(args, p->intervals.mem);
+    CLN_ADD(args, p->stretch_starts.mem);
+    CLN_ADD(args, p->stretch_rank.mem);
+    CLN_ADD(args, p->stretch_first.mem);
+    CLN_ADD(args, p->samples.mem);
+    CLN_ADD(args, p->out.mem);
 }
 
 cln_status cln_stretch_composite(cln_pipeline *p, int n, int me)
 {
     const cl_uint rays = (cl_uint)n, own = (cl_uint)me;
-    const cl_float depth = (float)p->config.depth_loss;
     const size_t wg = (size_t)p->tune.wg;
-    cln_arg args[13] = {CLN_ARG(p->intervals.mem),
-                        CLN_ARG(p->stretch_starts.mem),
-                        CLN_ARG(p->stretch_rank.mem),
-                        CLN_ARG(p->stretch_first.mem),
-                        CLN_ARG(p->samples.mem),
-                        CLN_ARG(p->out.mem),
-                        CLN_ARG(p->stretch_sums.mem),
-                        CLN_ARG(rays),
-                        CLN_ARG(own)};
-    const int count = 9 + add_depth(p, &depth, args + 9);
+    const cln_loss_args loss = cln_loss_args_of(p, n);
+    cln_args a = {.count = 0};
 
+    add_stretches(p, &a);
+    CLN_ADD(&a, p->stretch_sums.mem);
+    CLN_ADD(&a, rays);
+    CLN_ADD(&a, own);
+    cln_loss_add_depth(p, &loss, &a);
     return cln_launch(p->device, p->k.stretch_composite, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
-                      wg, args, count);
+                      wg, a.list, a.count);
 }
 
 /* In a message, the stretches of each rank are a run, in the order of all. */
@@ -129,38 +124,22 @@ cln_status cln_stretch_train(cln_pipeline *p, int n, int me, uint32_t samples)
     cln_status st = CLN_OK;
     const cl_uint rays = (cl_uint)n, own = (cl_uint)me;
     const size_t wg = (size_t)p->tune.wg;
-    const cl_float scale = n ? 1.0f / (float)n : 0.0f, huber = (float)p->config.huber_delta;
-    const cl_float alpha = (float)p->opacity_loss, cauchy = (float)p->config.cauchy;
-    const cl_float opacity = (float)p->config.opacity_entropy;
-    const cl_float distort = (float)p->config.distortion_loss;
-    const cl_float depth = (float)p->config.depth_loss;
-    cln_arg args[24] = {CLN_ARG(p->intervals.mem),
-                        CLN_ARG(p->stretch_starts.mem),
-                        CLN_ARG(p->stretch_rank.mem),
-                        CLN_ARG(p->stretch_first.mem),
-                        CLN_ARG(p->samples.mem),
-                        CLN_ARG(p->out.mem),
-                        CLN_ARG(p->backgrounds.mem),
-                        CLN_ARG(p->targets.mem),
-                        CLN_ARG(p->stretch_sums.mem),
-                        CLN_ARG(p->dout.mem),
-                        CLN_ARG(p->results.mem),
-                        CLN_ARG(rays),
-                        CLN_ARG(own),
-                        CLN_ARG(scale),
-                        CLN_ARG(huber),
-                        CLN_ARG(alpha),
-                        CLN_ARG(cauchy),
-                        CLN_ARG(opacity),
-                        CLN_ARG(distort)};
-    int count = 19 + add_depth(p, &depth, args + 19);
+    const cln_loss_args loss = cln_loss_args_of(p, n);
+    cln_args a = {.count = 0};
 
     CLN_TRY(CLN_RESERVE(p, dout, samples));
     CLN_TRY(CLN_RESERVE(p, measures, samples));
-    if (cln_pipeline_measures(&p->config) > 0)
-        args[count++] = (cln_arg)CLN_ARG(p->measures.mem);
+    add_stretches(p, &a);
+    CLN_ADD(&a, p->backgrounds.mem);
+    CLN_ADD(&a, p->targets.mem);
+    CLN_ADD(&a, p->stretch_sums.mem);
+    CLN_ADD(&a, p->dout.mem);
+    CLN_ADD(&a, p->results.mem);
+    CLN_ADD(&a, rays);
+    CLN_ADD(&a, own);
+    cln_loss_add(p, &loss, &a);
     CLN_TRY(cln_launch(p->device, p->k.stretch_train, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
-                       args, count));
+                       a.list, a.count));
 done:
     return st;
 }

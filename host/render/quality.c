@@ -35,7 +35,7 @@ cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most,
     *count = most > 0 && most < total ? most : total;
     CLN_TRY(cln_alloc(views, (size_t)*count, sizeof **views, "views"));
     for (int i = 0; i < *count; i++)
-        (*views)[i] = cln_scene_split_view(scene, split, (int)((int64_t)i * total / *count));
+        (*views)[i] = cln_scene_spread_view(scene, split, i, *count);
 done:
     return st;
 }

@@ -55,25 +55,6 @@ done:
     return st;
 }
 
-static int view_at(const cln_scene *scene, int i, int count)
-{
-    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-
-    return cln_scene_split_view(scene, CLN_SPLIT_TRAIN, (int)((int64_t)i * views / count));
-}
-
-static int stride_of(const cln_scene *scene, int count)
-{
-    double pixels = 0;
-
-    for (int i = 0; i < count; i++) {
-        const cln_camera *c = &scene->views[view_at(scene, i, count)].camera;
-
-        pixels += (double)c->width * c->height;
-    }
-    return (int)fmax(1, ceil(sqrt(pixels / MOST_PIXELS)));
-}
-
 /* The pair at a surface point of the cube, seen along the direction: across the face that it is
  * nearly on, or if it is far from all, along the same axis inside. */
 static void add_pair(const cln_model *model, const double point[3], const double direction[3],
@@ -204,7 +185,8 @@ cln_status cln_seams_measure(cln_pipeline *p, const cln_model *model, const cln_
 {
     cln_status st = CLN_OK;
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    const int count = views < MOST_VIEWS ? views : MOST_VIEWS, stride = stride_of(scene, count);
+    const int count = views < MOST_VIEWS ? views : MOST_VIEWS,
+              stride = cln_scene_spread_stride(scene, CLN_SPLIT_TRAIN, count, MOST_PIXELS);
     pairs all = {0};
 
     memset(out, 0, sizeof *out);
@@ -212,7 +194,7 @@ cln_status cln_seams_measure(cln_pipeline *p, const cln_model *model, const cln_
     CLN_TRY(make_room(MOST_PIXELS + MOST_PIXELS / 8 + 4096, &all));
     CLN_TRY(cln_render_prepare(p));
     for (int i = 0; i < count; i++) {
-        const int view = view_at(scene, i, count);
+        const int view = cln_scene_spread_view(scene, CLN_SPLIT_TRAIN, i, count);
         cln_picture picture = {0};
 
         st = cln_render_view(p, view, model->background, 0, callbacks, &picture);

@@ -136,6 +136,11 @@ void cln_scene_warn_doubts(const cln_scene *scene);
 int cln_scene_split_count(const cln_scene *scene, cln_split split);
 int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 
+/* Of `count` views of a split, evenly chosen: the index of the i-th, and the least stride in x and
+ * y at which they have at most about `most` pixels in all. */
+int cln_scene_spread_view(const cln_scene *scene, cln_split split, int i, int count);
+int cln_scene_spread_stride(const cln_scene *scene, cln_split split, int count, double most);
+
 /* The point nearest to the optical axes of the training views, scene units; false if these are
  * parallel. */
 bool cln_scene_focus(const cln_scene *scene, double point[3]);

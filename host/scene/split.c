@@ -5,6 +5,7 @@
 #include "scene/build.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -124,4 +125,23 @@ int cln_scene_split_view(const cln_scene *scene, cln_split split, int i)
     for (int s = 0; s < (int)split; s++)
         i += cln_scene_split_count(scene, (cln_split)s);
     return i;
+}
+
+int cln_scene_spread_view(const cln_scene *scene, cln_split split, int i, int count)
+{
+    const int views = cln_scene_split_count(scene, split);
+
+    return cln_scene_split_view(scene, split, (int)((int64_t)i * views / count));
+}
+
+int cln_scene_spread_stride(const cln_scene *scene, cln_split split, int count, double most)
+{
+    double pixels = 0;
+
+    for (int i = 0; i < count; i++) {
+        const cln_camera *c = &scene->views[cln_scene_spread_view(scene, split, i, count)].camera;
+
+        pixels += (double)c->width * c->height;
+    }
+    return (int)fmax(1, ceil(sqrt(pixels / most)));
 }

@@ -195,6 +195,20 @@ static int evaluations_left(const cln_trainer *t, double fraction)
     return (int)fmin(count, 1e6);
 }
 
+/* Seconds of an evaluation before one was measured: of nine trainings on real scenes, its pixels
+ * took 0.25 to 0.86 times as long as training rays. */
+static double guess_evaluation(const cln_trainer *t)
+{
+    double pixels = 0;
+
+    for (int i = 0; i < t->eval_count; i++) {
+        const cln_camera *c = &t->scene->views[t->eval_views[i]].camera;
+
+        pixels += (double)c->width * c->height;
+    }
+    return 0.5 * pixels / t->shown.rays_per_s;
+}
+
 /* Keeps the rates and means of the rays since the last row. A step's results arrive one step later:
  * directly after a row there are none. */
 static void keep_window(cln_trainer *t)
@@ -223,6 +237,7 @@ static void report_progress(cln_trainer *t, double fraction)
     p->seconds = t->model.train_seconds;
     p->eta = NAN;
     p->unmeasured = 0;
+    p->unmeasured_seconds = 0;
     if (fraction > 0.001) {
         const int left = evaluations_left(t, fraction);
 
@@ -231,6 +246,7 @@ static void report_progress(cln_trainer *t, double fraction)
             p->eta += left * t->eval_seconds;
         else
             p->unmeasured = left;
+        p->unmeasured_seconds = p->unmeasured * guess_evaluation(t);
     }
     p->psnr_test = t->psnr_test;
     p->leaves = t->pipeline.leaves;

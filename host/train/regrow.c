@@ -47,25 +47,6 @@ static void free_looks(looks *all)
     }
 }
 
-static int view_at(const cln_scene *scene, int i, int count)
-{
-    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-
-    return cln_scene_split_view(scene, CLN_SPLIT_TRAIN, (int)((int64_t)i * views / count));
-}
-
-static int stride_of(const cln_scene *scene, int count)
-{
-    double pixels = 0;
-
-    for (int i = 0; i < count; i++) {
-        const cln_camera *c = &scene->views[view_at(scene, i, count)].camera;
-
-        pixels += (double)c->width * c->height;
-    }
-    return (int)fmax(1, ceil(sqrt(pixels / MOST_RAYS)));
-}
-
 /* Blocks along a side of so many pixels whose middle is in the image, but at least one. */
 static int blocks(int pixels, int stride)
 {
@@ -208,12 +189,13 @@ cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells
     CLN_TRY(cln_alloc(cells, (size_t)1 << (3 * CLN_REGROW_LEVEL), 1, "marks of cells"));
     if (t->scene->space.forward)
         goto done;
-    all.stride = stride_of(t->scene, all.count);
+    all.stride = cln_scene_spread_stride(t->scene, CLN_SPLIT_TRAIN, all.count, MOST_RAYS);
     CLN_TRY(cln_step_catch_up(t));
     cln_queue_book(t->device, CLN_STAGE_PROBE);
     t->drawn = false; /* its batch is overwritten */
     for (int i = 0; i < all.count; i++)
-        CLN_TRY(look_through(t, &all, view_at(t->scene, i, all.count), &all.look[i]));
+        CLN_TRY(look_through(
+            t, &all, cln_scene_spread_view(t->scene, CLN_SPLIT_TRAIN, i, all.count), &all.look[i]));
     all.least = 2 * sqrt(all.square / fmax(1, (double)all.rays));
     all.least = fmin(LARGE_ERROR, fmax(LEAST_ERROR, all.least));
     for (int i = 0; i < 1 << (3 * CLN_REGROW_LEVEL); i++) {
