@@ -48,7 +48,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
 
     if (!desc->out && !opened->same_scene)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: not the scene of %s, so figures of it do not go into the run; give a "
+                         "%s: not the scene of %s, so its figures do not go into the run; name a "
                          "folder for them with -o",
                          opened->scene->folder, desc->run));
     CLN_TRY(cln_path_join(&evals, desc->run, "eval"));
@@ -118,8 +118,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(check_ranks(desc, &opened, views, count));
     if (desc->seams && cln_ranks_count() > 1)
-        CLN_TRY(
-            cln_fail(CLN_USAGE, "--seams: works in one process alone; run eval without mpirun"));
+        CLN_TRY(cln_fail(CLN_USAGE, "--seams: works in one process only; run eval without mpirun"));
     if (desc->fast)
         cln_render_faster(&opened.model.config);
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));

@@ -116,10 +116,11 @@ static cln_status check_options(const cln_export_desc *desc)
         return cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour);
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         if (given[i] && !strstr(rows[i].of, desc->what))
-            return cln_fail(CLN_USAGE, "--%s: --%s does not read it (%s do); leave it out",
+            return cln_fail(CLN_USAGE, "--%s: has no effect on --%s, only on %s; leave it out",
                             rows[i].option, desc->what, rows[i].of);
     if (desc->spacing != 0 && desc->count != 0)
-        return cln_fail(CLN_USAGE, "--spacing and --count: one gives the other; leave one out");
+        return cln_fail(CLN_USAGE,
+                        "--spacing and --count: each sets the number of points; leave one out");
     if (!(desc->spacing >= 0) || desc->count < 0 || desc->triangles < 0)
         return cln_fail(CLN_USAGE,
                         "export: spacing %g, count %lld and triangles %lld must not be below 0",
@@ -137,26 +138,24 @@ static cln_status check_space(const cln_export_desc *desc, const cln_model *mode
 
     if (model->space.shell && cells)
         return cln_fail(CLN_USAGE,
-                        "%s: it was trained with a shell beyond the cube (--space shell), whose "
-                        "%s grow with the distance and are no boxes of the scene: --%s cannot "
-                        "write them. Train with --space cube for that, or export --points or "
-                        "--mesh, of what is in the cube",
+                        "%s: trained with a shell beyond the cube (--space shell), where %s are "
+                        "not boxes of the scene, so --%s cannot write them; train with --space "
+                        "cube, or export --points or --mesh of what is in the cube",
                         desc->run, strcmp(desc->what, "octree") == 0 ? "leaves" : "cells",
                         desc->what);
     if (!model->space.forward)
         return CLN_OK;
     if (cells)
         return cln_fail(CLN_USAGE,
-                        "%s: it was trained in normalised device coordinates (--space ndc), whose "
-                        "%s grow with the distance and are no boxes of the scene: --%s cannot "
-                        "write them. Train with --space cube for that, or export --points or "
-                        "--mesh",
+                        "%s: trained in normalised device coordinates (--space ndc), where %s are "
+                        "not boxes of the scene, so --%s cannot write them; train with --space "
+                        "cube, or export --points or --mesh",
                         desc->run, strcmp(desc->what, "octree") == 0 ? "leaves" : "cells",
                         desc->what);
     if (desc->spacing != 0)
         return cln_fail(CLN_USAGE,
                         "--spacing: %s was trained in normalised device coordinates (--space ndc), "
-                        "whose cells grow with the distance; leave it out",
+                        "where cells grow with the distance; leave it out",
                         desc->run);
     return CLN_OK;
 }

@@ -157,12 +157,11 @@ static cln_status take_frames(work *w)
     char *rate = NULL, *names = NULL;
 
     if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
-        CLN_TRY(
-            cln_fail(CLN_FAILED,
-                     "%s: frames are taken from a video by ffmpeg, which is not installed "
-                     "(Debian: apt install ffmpeg); or take pictures from it in another way and "
-                     "give their folder",
-                     video));
+        CLN_TRY(cln_fail(CLN_FAILED,
+                         "%s: taking frames from a video needs ffmpeg, which is not installed; "
+                         "install it (Debian: apt install ffmpeg), or take the frames with another "
+                         "program and give their folder",
+                         video));
     CLN_TRY(cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
                                                   "format=duration", "-of", "csv=p=0", video, NULL},
                             &watch));
@@ -307,10 +306,10 @@ static cln_status check_folder(const work *w)
     if (!cln_is_dir(w->desc->photos) && !is_video(w->desc->photos))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video", w->desc->photos));
     if (!cln_command_found("colmap"))
-        CLN_TRY(cln_fail(CLN_FAILED,
-                         "poses are found by COLMAP, which is not installed (Debian: apt install "
-                         "colmap; https://colmap.github.io); or bring poses of another program "
-                         "(`cl-nascent help`)"));
+        CLN_TRY(
+            cln_fail(CLN_FAILED, "finding poses needs COLMAP, which is not installed; install it "
+                                 "(Debian: apt install colmap; others: https://colmap.github.io), "
+                                 "or bring poses of another program (`cl-nascent help`)"));
 done:
     return st;
 }
@@ -354,7 +353,8 @@ static cln_status set_up(work *w)
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;
     if (w->photos.count < 3)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d PNG or JPEG photos; poses need three at least",
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: has %d PNG or JPEG photos; finding poses needs at least three",
                          w->desc->photos, w->photos.count));
 done:
     return st;
@@ -403,8 +403,8 @@ static cln_status match(work *w)
     cln_info("matching all photos with all: %lld pairs",
              (long long)w->photos.count * (w->photos.count - 1) / 2);
     if (w->photos.count > MANY)
-        cln_warn("%d photos in no order take hours to match; --match next, if they were taken one "
-                 "after the other",
+        cln_warn("matching %d photos, each with all others, takes hours; give --match next if they "
+                 "were taken one after the other",
                  w->photos.count);
     return run(w, "poses: matches",
                (const char *const[]){"colmap", "exhaustive_matcher", "--database_path", w->database,
@@ -456,8 +456,8 @@ static cln_status choose_model(work *w)
                          "does not move (%s)",
                          w->desc->photos, w->log_path));
     if (models > 1)
-        cln_warn("the photos fall into %d parts without a link: the largest is taken; the others "
-                 "are beside it in sparse",
+        cln_warn("the photos fall into %d parts that share nothing: the largest is taken; the "
+                 "others are beside it in sparse",
                  models);
     if (best > 0) {
         char name[16];

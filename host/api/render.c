@@ -336,7 +336,8 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         j.crop = j.cameras.crop;
         memcpy(j.opened.model.background, j.cameras.crop_background,
                sizeof j.opened.model.background);
-        cln_info("%s: its crop box is shown alone, on its colour; --crop takes another",
+        cln_info("%s: only what is in its crop box is shown, on its background colour; --crop "
+                 "gives another box",
                  desc->poses);
     }
     if (j.crop.on)

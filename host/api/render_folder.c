@@ -319,7 +319,7 @@ static cln_status read_frame(const cln_render_job *j, const cln_render_frame *f,
     if (dims != 2 || shape[0] != f->camera.height || shape[1] != cln_render_width(j, f) ||
         height != shape[0] || width != shape[1])
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: its depth has not the frame's size; --overwrite renders it again",
+                         "%s: its size is not the frame's; --overwrite renders the frame again",
                          path));
     for (int i = 0; i < width * height; i++) /* in place: grey has several equal channels */
         grey[i] = grey[i * channels];

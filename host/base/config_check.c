@@ -255,17 +255,15 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(check_bbox(config->bbox));
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
-                        "--space shell and --stage1 splat: a list of a pixel's samples is along "
-                        "one line, and rays in a shell have several; give --stage1 gather, or "
-                        "--space cube");
+                        "--space shell and --stage1 splat: splatting needs rays that are one line, "
+                        "and in a shell they have several; give --stage1 gather, or --space cube");
     if (config->space == CLN_SPACE_NDC && config->bbox[0])
-        return cln_fail(CLN_USAGE,
-                        "--space ndc and --bbox: what the cameras see from a near plane to "
-                        "infinity is no box; leave one out");
+        return cln_fail(CLN_USAGE, "--space ndc and --bbox: normalised device coordinates reach to "
+                                   "infinity, so they have no box; leave one out");
     if (config->refine_poses && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
-                        "--refine-poses and --stage1 splat: single pixels of many views are "
-                        "compared, which splatting does not do; give --stage1 gather");
+                        "--refine-poses and --stage1 splat: refining renders single pixels of many "
+                        "views, which splatting cannot; give --stage1 gather");
 done:
     return st;
 }

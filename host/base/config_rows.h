@@ -187,13 +187,13 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(samples_per_leaf, "samples-per-leaf", 32, 8, 1, 256,                                       \
         "chord: samples on a leaf's diagonal; weight: most samples in one leaf")                   \
     INT(samples_per_ray, "samples-per-ray", 64, 16, 1, 1024, "weight: samples of an opaque ray")   \
-    REAL(uniform_share, "uniform-share", 0.25, 0.25, 0, 1, "share of stage-2 samples not steered") \
+    REAL(uniform_share, "uniform-share", 0.25, 0.25, 0, 1, "stage-2 samples: share placed evenly") \
     ENUM(cdf, "cdf", CLN_CDF_SIGMA, CLN_CDF_WEIGHT, "sigma|weight",                                \
          "stage-2 samples follow the density, or the compositing weight")                          \
     REAL(empty_weight, "empty-weight", 0, 1e-3, 0, 1,                                              \
          "a ray's interval through a leaf counts as empty below this stage-1 weight")              \
     REAL(empty_share, "empty-share", 1, 0.25, 0, 1,                                                \
-         "training: probability that an empty interval is sampled all the same (once)")            \
+         "training: probability that an empty interval gets one sample all the same")              \
     REAL(min_transmittance, "min-transmittance", 1e-4, 1e-3, 0, 0.5,                               \
          "training: leave out leaves behind less transmittance", .alias = "t-min")                 \
     REAL(render_min_transmittance, "render-min-transmittance", 1e-3, 1e-3, 0, 0.5,                 \
@@ -288,7 +288,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "divide the image size by N with an area filter (0 or auto: longest side <= 1600)",        \
         .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                     \
     TEXT(bbox, "bbox", "", "",                                                                     \
-         "scene box minx,miny,minz,maxx,maxy,maxz in scene units (default: by the reader)",        \
+         "scene box minx,miny,minz,maxx,maxy,maxz in scene units; none: by the reader",            \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                   \
     ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc|shell",                    \
          "what the tree divides: a cube of the scene, normalised device coordinates for cameras "  \

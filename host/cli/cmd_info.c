@@ -277,7 +277,7 @@ cln_status cln_cmd_info(const cln_options *options)
     CLN_TRY(cln_path_join(&manifest, options->operand, "run.json"));
     if (cln_is_file(manifest) && options->like)
         CLN_TRY(
-            cln_fail(CLN_USAGE, "--like goes with a SCENE, and '%s' is a run", options->operand));
+            cln_fail(CLN_USAGE, "--like requires a SCENE, but '%s' is a run", options->operand));
     if (cln_is_file(manifest))
         CLN_TRY(cln_info_run(options->operand, &text));
     else if (options->conf_said)

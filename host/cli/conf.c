@@ -120,8 +120,10 @@ cln_status cln_conf_read(const char *scene, const cln_command *command, const bo
     if (lstat(path, &info) != 0)
         goto done;
     if (!cln_is_file(path))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: is no file with settings; rename it, or give --no-conf",
-                         path));
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            "%s: is not a file, so there are no settings in it; rename it, or give --no-conf",
+            path));
     CLN_TRY(cln_read_file(path, MOST_BYTES, &text, &bytes));
     /* behind the byte order mark of Windows editors */
     for (char *line = text + (strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0), *next = NULL; line;

@@ -39,8 +39,8 @@ static cln_status join_ranks(const cln_command *command)
         cln_log_set_level(CLN_LOG_WARN);
     if (cln_ranks_count() > 1 && !(command->bit & (CLN_TRAIN | CLN_EVAL | CLN_RENDER)))
         CLN_TRY(cln_fail(CLN_USAGE,
-                         "%s: is the work of one process, not of %d; start it without mpirun or "
-                         "srun (train, eval and render take several)",
+                         "%s: runs in one process, not in %d; start it without mpirun or srun "
+                         "(only train, eval and render take several)",
                          command->name, cln_ranks_count()));
 done:
     return st;

@@ -474,9 +474,10 @@ static cln_status check_render_output(const parser *p)
     if (output && cln_film_named(output)) {
         for (size_t i = 0; i < sizeof of_folder / sizeof of_folder[0]; i++)
             if (is_given(p, of_folder[i]))
-                return cln_fail(CLN_USAGE,
-                                "--%s: a film has colours alone; leave it out, or give -o a folder",
-                                of_folder[i]);
+                return cln_fail(
+                    CLN_USAGE,
+                    "--%s: a film has only colours; leave it out, or name a folder with -o",
+                    of_folder[i]);
         return CLN_OK;
     }
     if (is_given(p, "fps"))
@@ -484,8 +485,8 @@ static cln_status check_render_output(const parser *p)
     for (size_t i = 0; dot && i < sizeof files / sizeof files[0]; i++)
         if (strcasecmp(dot, files[i]) == 0 && !cln_is_dir(output))
             return cln_fail(CLN_USAGE,
-                            "-o %s: would be a folder; name a folder for pictures, or a film "
-                            "(.mp4 .mov .mkv .webm .gif .y4m)",
+                            "-o %s: is not the name of a film (.mp4 .mov .mkv .webm .gif .y4m); "
+                            "give one, or a folder for pictures",
                             output);
     return CLN_OK;
 }

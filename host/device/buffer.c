@@ -121,8 +121,8 @@ cln_status cln_buffer_reserve_parts(cln_device *device, cln_buffer *buffer, size
 {
     if (bytes > CLN_PARTS * part_bytes)
         return cln_fail(CLN_MEMORY,
-                        "%s: %.0f MiB, %d parts of %.0f MiB hold less; lower --start-level, "
-                        "--max-leaves, --n1 or the network's size",
+                        "%s: %.0f MiB are more than %d parts of %.0f MiB hold; lower "
+                        "--start-level, --max-leaves, --n1 or the network's size",
                         what, (double)bytes / 1048576, CLN_PARTS, (double)part_bytes / 1048576);
     return reserve(device, buffer, bytes, part_bytes, what);
 }

@@ -282,11 +282,10 @@ static cln_status check_header(const char *path, const header *head)
                         path, (long long)head->width, (long long)head->height, CLN_IMAGE_MAX_SIDE,
                         CLN_IMAGE_MAX_PIXELS);
     if (head->cut)
-        return cln_fail(
-            CLN_INPUT,
-            "%s: truncated %s, the file ends too early; copy it again, or take it away: "
-            "frames without an image can be left out (--missing)",
-            path, head->png ? "PNG" : "JPEG");
+        return cln_fail(CLN_INPUT,
+                        "%s: truncated %s, the file ends too early; copy it again, or remove it: "
+                        "frames without an image can be left out (--missing)",
+                        path, head->png ? "PNG" : "JPEG");
     if (head->width < 1 || head->height < 1)
         return cln_fail(CLN_INPUT, "%s: image without pixels (%lld x %lld)", path,
                         (long long)head->width, (long long)head->height);

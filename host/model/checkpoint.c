@@ -356,8 +356,8 @@ static cln_status read_motions(const cln_safetensors *file, const char *path, cl
         for (int k = 0; k < CLN_MOTION; k++)
             if (!isfinite(out->motions[i][k]) || (k < 3 && fabsf(out->motions[i][k]) > 1))
                 CLN_TRY(cln_fail(CLN_CHECKPOINT,
-                                 "%s: tensor 'poses' has a correction that cannot be (row %d)",
-                                 path, i));
+                                 "%s: tensor 'poses' has an impossible correction in row %d", path,
+                                 i));
 done:
     return st;
 }

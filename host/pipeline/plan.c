@@ -457,7 +457,8 @@ cln_status cln_plan_check(const cln_device *device, const cln_plan *plan)
     CLN_TRY(check_total(plan, "device", "--device-mem"));
     if (plan->cells >= 4294967296.0)
         CLN_TRY(cln_fail(CLN_MEMORY,
-                         "%.3g stage-1 samples over all leaves, 4.29e9 can be counted; lower --n1",
+                         "%.3g stage-1 samples over all leaves are more than the 4.29e9 that can "
+                         "be counted; lower --n1",
                          plan->cells));
     for (int i = 0; i < plan->count; i++) {
         if (plan->rows[i].largest <= (double)device->max_alloc)

@@ -361,8 +361,8 @@ cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
 
     if (leaves > CLN_PARTS * room)
         return cln_fail(CLN_MEMORY,
-                        "%d leaves: %d buffers of the largest size that %s allows hold %d; lower "
-                        "--start-level, --max-leaves, --n1 or the network's size",
+                        "%d leaves do not fit: %d buffers of the largest size that %s allows hold "
+                        "%d; lower --start-level, --max-leaves, --n1 or the network's size",
                         leaves, CLN_PARTS, p->device->info.name, CLN_PARTS * room);
     if (p->parts > 1 || !cln_pipeline_in_parts(p, leaves))
         return CLN_OK;

@@ -70,8 +70,8 @@ static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
         }
     if (next >= INT_MAX) {
         st = cln_fail(CLN_MEMORY,
-                      "splatting: %d views have %.3g lists, 2.1e9 can be counted; lower "
-                      "--views-per-batch, raise --downscale or use --stage1 gather",
+                      "splatting: %d views have %.3g lists, more than the 2.1e9 that can be "
+                      "counted; lower --views-per-batch, raise --downscale or use --stage1 gather",
                       count, (double)next);
         goto done;
     }
@@ -203,11 +203,10 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
                  1) *
                 MAX_COARSENING;
         if (g.views == 1 && g.row_end - g.row_begin <= MAX_COARSENING) {
-            st = cln_fail(
-                CLN_MEMORY,
-                "splatting: %u samples fall on %d rows of one view, the memory plan has room "
-                "for %zu; lower --n1, raise --device-mem or use --stage1 gather",
-                entries, g.row_end - g.row_begin, p->max_entries);
+            st = cln_fail(CLN_MEMORY,
+                          "splatting: %u samples fall on %d rows of one view, more than the %zu of "
+                          "the memory plan; lower --n1, raise --device-mem or use --stage1 gather",
+                          entries, g.row_end - g.row_begin, p->max_entries);
             goto done;
         }
         CLN_ASSERT(depth + 2 <= capacity);

@@ -100,7 +100,9 @@ cln_status cln_ranks_open(void)
     MPI_Comm_size(MPI_COMM_WORLD, &self.count);
     MPI_Comm_rank(MPI_COMM_WORLD, &self.me);
     if (self.count > CLN_RANKS_MOST)
-        return cln_fail(CLN_USAGE, "%d ranks: at most %d", self.count, CLN_RANKS_MOST);
+        return cln_fail(CLN_USAGE,
+                        "%d ranks are more than the %d that this program takes; start fewer",
+                        self.count, CLN_RANKS_MOST);
     MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &here);
     MPI_Comm_rank(here, &self.me_here);
     MPI_Comm_free(&here);

@@ -8,10 +8,11 @@ cln_status cln_crop_check(const char *name, const double box[6])
 {
     for (int a = 0; a < 3; a++)
         if (!(isfinite(box[a]) && isfinite(box[3 + a]) && box[a] < box[3 + a]))
-            return cln_fail(CLN_USAGE,
-                            "%s: from %g to %g along %c is no box; x0,y0,z0,x1,y1,z1 are wanted, "
-                            "the lowest and the highest corner in the scene's units",
-                            name, box[a], box[3 + a], "xyz"[a]);
+            return cln_fail(
+                CLN_USAGE,
+                "%s: the minimum %g is not below the maximum %g along %c; give x0,y0,z0,x1,y1,z1, "
+                "the lowest and the highest corner, in the scene's units",
+                name, box[a], box[3 + a], "xyz"[a]);
     return CLN_OK;
 }
 

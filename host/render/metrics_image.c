@@ -261,8 +261,8 @@ cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const floa
         }
     if (windows == 0)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "SSIM needs %d x %d pixels beside each other that count; so many this "
-                         "image of %d x %d has nowhere",
+                         "SSIM needs a block of %d x %d pixels that the mask keeps; this image of "
+                         "%d x %d has none",
                          WINDOW, WINDOW, width, height));
     *ssim = total / windows;
 done:

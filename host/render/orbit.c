@@ -186,7 +186,7 @@ cln_status cln_orbit_frame_read(const json_t *saved, cln_orbit_frame *f)
             &f->fy) == 0 &&
         f->distance > 0 && f->width > 0 && f->height > 0 && f->fx > 0 && f->fy > 0)
         return CLN_OK;
-    return cln_fail(CLN_INPUT, "its orbit is not one that this program writes");
+    return cln_fail(CLN_INPUT, "its orbit was not written by this program");
 }
 
 /* ---- a path ---- */

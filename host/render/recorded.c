@@ -200,7 +200,7 @@ cln_status cln_recorded_frames(const char *run, const cln_scene *scene)
     if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: %d images are missing now, %d were when %s began; a resumed run must "
-                         "see the same ones: make it so, or start a new run",
+                         "see the same ones: restore them, or start a new run",
                          scene->folder, scene->missing, (int)json_integer_value(saved), run));
 done:
     json_decref(document);

@@ -87,10 +87,10 @@ static void warn_mixed_alpha(const cln_scene *scene)
         opaque++;
     }
     if (opaque > 0)
-        cln_warn(
-            "%s: %d of %d images have no alpha channel ('%s'%s), the others have: all that they "
-            "show counts as opaque, their background, too",
-            scene->folder, opaque, scene->view_count, first, opaque > 1 ? ", ..." : "");
+        cln_warn("%s: %d of %d images have no alpha channel ('%s'%s), unlike the others: all that "
+                 "these %d show counts as opaque, background included",
+                 scene->folder, opaque, scene->view_count, first, opaque > 1 ? ", ..." : "",
+                 opaque);
 }
 
 cln_status cln_scene_size_views(cln_scene *scene, int downscale)

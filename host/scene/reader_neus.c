@@ -69,8 +69,8 @@ static cln_status take_apart(const char *where, const double p[12], cln_camera *
         }
         k[3 * i + i] = make_unit(r + 3 * i);
         if (!(k[3 * i + i] > 0))
-            return cln_fail(CLN_INPUT, "%s: it is no projection: its rows depend on each other",
-                            where);
+            return cln_fail(CLN_INPUT,
+                            "%s: not a projection matrix: its rows are linearly dependent", where);
     }
     if (r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
             r[2] * (r[3] * r[7] - r[4] * r[6]) <

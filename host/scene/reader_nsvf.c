@@ -35,7 +35,8 @@ static cln_status read_numbers(const char *path, numbers *out)
         for (; out->count < MOST && cln_field_number(&line, &value); out->in_line[out->lines]++)
             out->value[out->count++] = value;
         if (line[strspn(line, " \t")])
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d: '%.20s' is not a number, or one too many",
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: line %d: '%.20s' is not a number, or is one number too many",
                              path, cursor.line, line));
         out->lines += out->in_line[out->lines] > 0;
     }

@@ -278,10 +278,10 @@ static void mistakes_are_named(void **state)
     desc.spacing = 1e-5;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "larger --spacing");
     desc.count = 10;
-    assert_fails(cln_export(&desc, &result), CLN_USAGE, "one gives the other");
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "each sets the number of points");
     desc = export_desc("octree", "x.ply");
     desc.spacing = 1;
-    assert_fails(cln_export(&desc, &result), CLN_USAGE, "--octree does not read it");
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "no effect on --octree");
     desc = export_desc("mesh", "x.ply");
     desc.scene = fixture_path("nowhere");
     assert_fails(cln_export(&desc, &result), CLN_INPUT, "nowhere");
