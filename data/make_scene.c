@@ -57,11 +57,8 @@ static const char usage[] =
     "  --seed N                   of camera positions and noise textures (default 1)\n";
 #undef X
 
-const char *const job_kinds[] = {"object", "room", "forward", "terrain", "street", NULL};
 static cln_status (*const scenes[])(world *) = {scene_object, scene_room, scene_forward,
                                                 scene_terrain, scene_street};
-const char *const job_places[] = {"all", "cone", "low", "near", NULL};
-const char *const job_formats[] = {"blender", "nerfstudio", "ngp", "llff", "colmap", NULL};
 
 /* ---- rendering ---- */
 

@@ -13,6 +13,10 @@
 #include "shade.h"
 #include "vec.h"
 
+const char *const job_kinds[] = {"object", "room", "forward", "terrain", "street", NULL};
+const char *const job_places[] = {"all", "cone", "low", "near", NULL};
+const char *const job_formats[] = {"blender", "nerfstudio", "ngp", "llff", "colmap", NULL};
+
 /* What the files say: with the fault, if it is one of cameras. */
 static cln_camera written(const job *j, int view)
 {

@@ -132,26 +132,25 @@ static cln_status check_options(const cln_export_desc *desc)
 
 /* What has no meaning in a forward or shell space (scene/space.h): boxes, and a grid of equal
  * cells. */
-static cln_status check_space(const cln_export_desc *desc, const cln_model *model)
+static cln_status check_space(const export_row *row, const cln_export_desc *desc,
+                              const cln_model *model)
 {
-    const bool cells = strcmp(desc->what, "octree") == 0 || strcmp(desc->what, "volume") == 0;
+    const char *cells = row->needs & CLN_EXPORT_DEVICE ? "cells" : "leaves";
 
-    if (model->space.shell && cells)
+    if (model->space.shell && row->needs & CLN_EXPORT_BOXES)
         return cln_fail(CLN_USAGE,
                         "%s: trained with a shell beyond the cube (--space shell), where %s are "
                         "not boxes of the scene, so --%s cannot write them; train with --space "
                         "cube, or export --points or --mesh of what is in the cube",
-                        desc->run, strcmp(desc->what, "octree") == 0 ? "leaves" : "cells",
-                        desc->what);
+                        desc->run, cells, desc->what);
     if (!model->space.forward)
         return CLN_OK;
-    if (cells)
+    if (row->needs & CLN_EXPORT_BOXES)
         return cln_fail(CLN_USAGE,
                         "%s: trained in normalised device coordinates (--space ndc), where %s are "
                         "not boxes of the scene, so --%s cannot write them; train with --space "
                         "cube, or export --points or --mesh",
-                        desc->run, strcmp(desc->what, "octree") == 0 ? "leaves" : "cells",
-                        desc->what);
+                        desc->run, cells, desc->what);
     if (desc->spacing != 0)
         return cln_fail(CLN_USAGE,
                         "--spacing: %s was trained in normalised device coordinates (--space ndc), "
@@ -169,7 +168,7 @@ static cln_status open_for(const export_row *row, const cln_export_desc *desc, c
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, opened));
-    CLN_TRY(check_space(desc, &opened->model));
+    CLN_TRY(check_space(row, desc, &opened->model));
     if (row->needs & CLN_EXPORT_DEVICE)
         CLN_TRY(
             cln_open_run_start(opened, &desc->device, opened->scene ? opened->scene->lenses : 0));

@@ -20,7 +20,13 @@
 #include "base/text.h"
 #include "cli/conf.h"
 #include "cli/option_table.h"
+#include "export/list.h"
 #include "io/film.h"
+
+/* "--points FILE.ply", ..., a line each. */
+#define X(what, needs, form, help) "\n  --" #what " " form
+static const char exports[] = CLN_EXPORT_LIST(X);
+#undef X
 
 /* A row of the table to be set, in the order of the line. */
 typedef struct setting {
@@ -577,8 +583,7 @@ static cln_status settle(parser *p)
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)
-        CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give --mesh FILE.ply, "
-                                    "or --points, --volume, --cameras, --octree"));
+        CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give one of:%s", exports));
     if (bit & (CLN_TRAIN | CLN_CHECK_SCENE | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:

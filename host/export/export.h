@@ -7,12 +7,15 @@
 #include "render/open_run.h"
 
 /* The checkpoint is always read. DEVICE: the field on a device; SCENE: the scene, without its
- * images; VIEWS: both. */
+ * images; VIEWS: both. BOXES: leaves that are boxes of the scene, so that no forward or shell space
+ * (scene/space.h) can be written; CELLS: the field on a grid of them. */
 typedef enum {
     CLN_EXPORT_CHECKPOINT = 0,
     CLN_EXPORT_DEVICE = 1,
     CLN_EXPORT_SCENE = 2,
-    CLN_EXPORT_VIEWS = 3
+    CLN_EXPORT_VIEWS = CLN_EXPORT_DEVICE | CLN_EXPORT_SCENE,
+    CLN_EXPORT_BOXES = 4,
+    CLN_EXPORT_CELLS = CLN_EXPORT_BOXES | CLN_EXPORT_DEVICE
 } cln_export_needs;
 
 typedef struct cln_export_job {

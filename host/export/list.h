@@ -12,12 +12,12 @@
       "normals")                                                                                   \
     X(mesh, VIEWS, "FILE.ply|.obj|.glb",                                                           \
       "write that surface as triangles with colours and normals; the ending says how")             \
-    X(volume, DEVICE, "FILE.npy",                                                                  \
+    X(volume, CELLS, "FILE.npy",                                                                   \
       "write colour and density on a grid: float32 [z][y][x][r, g, b, density]; FILE.json beside " \
       "it says where the grid lies")                                                               \
     X(cameras, SCENE, "FILE.json|FOLDER",                                                          \
       "write the scene's cameras: a transforms JSON file, or for a FOLDER COLMAP's text files")    \
-    X(octree, CHECKPOINT, "FILE.ply",                                                              \
+    X(octree, BOXES, "FILE.ply",                                                                   \
       "write the active leaves to this PLY file, as boxes with level and error; - is standard "    \
       "output")
 
