@@ -1,7 +1,7 @@
 /* build/make-scene: renders a small scene with exactly known geometry, colour and depth, in a
- * format of the dataset readers. This file has options and the writing of photos; place.c places the
- * cameras, write.c writes their files, scene_KIND.c have the shapes, trace.c and shade.c the ray
- * tracer. The same options give the same bytes on every run, for any number of threads. */
+ * format of the dataset readers. This file has options and the writing of photos; place.c places
+ * the cameras, write.c writes their files, scene_KIND.c have the shapes, trace.c and shade.c the
+ * ray tracer. The same options give the same bytes on every run, for any number of threads. */
 #include <errno.h>
 #include <dirent.h>
 #include <getopt.h>

@@ -35,11 +35,11 @@ HELPER operand by_row(const __local float *p, int rows)
     return o;
 }
 
-/* The first `rows` of the encoded positions: the frequency encoding's are computed, and stored, row
- * by row, the grid's sample by sample. */
+/* The first `rows` of the encoded positions: computed, and stored, row by row, but the grid's sample
+ * by sample. */
 HELPER operand by_encoding(const __local float *enc, int rows)
 {
-    return ENCODING == 0 ? by_row(enc, rows) : by_sample(enc, rows);
+    return ENCODING == 1 ? by_sample(enc, rows) : by_row(enc, rows);
 }
 
 /* sums[i][j] += sum over r < R of a[i * a_i + r * a_r] * B[r * b_r + vector j], i < T. A macro, as

@@ -306,10 +306,10 @@ static cln_status check_folder(const work *w)
     if (!cln_is_dir(w->desc->photos) && !is_video(w->desc->photos))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video", w->desc->photos));
     if (!cln_command_found("colmap"))
-        CLN_TRY(
-            cln_fail(CLN_FAILED, "finding poses needs COLMAP, which is not installed; install it "
-                                 "(Debian: apt install colmap; others: https://colmap.github.io), "
-                                 "or bring poses of another program (`cl-nascent help`)"));
+        CLN_TRY(cln_fail(CLN_FAILED,
+                         "finding poses needs COLMAP, which is not installed; install it "
+                         "(Debian: apt install colmap; others: https://colmap.github.io), "
+                         "or bring poses of another program (`cl-nascent help`)"));
 done:
     return st;
 }

@@ -35,7 +35,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
         {"bands bands-by-level", c->encoding == CLN_ENCODING_GRID,
          "networks on a grid read no bands of the position; give --encoding frequency"},
-        {"grid-cells grid-features", c->encoding == CLN_ENCODING_FREQUENCY,
+        {"grid-cells grid-features", c->encoding != CLN_ENCODING_GRID,
          "there is no grid; give --encoding grid"},
         {"view-width view-bands view-l2", !c->view_dependence,
          "without view dependence there is no view layer; give --view-dependence"},

@@ -382,7 +382,7 @@ static const struct fold_case {
     int width, depth, bands, times;
     bool skip, by_level;
     double bound;
-    int cells; /* of a grid with 4 features; 0: none */
+    int cells; /* of a grid with 4 features; 0: frequencies; below 0: -CLN_ENCODING_* of another */
 } fold_cases[] = {
     {"paper's 8 x 64 with skip", 64, 8, 10, 1, true, false, 2e-5, 0},
     {"8 x 64 without skip", 64, 8, 10, 1, false, false, 2e-5, 0},
@@ -406,8 +406,9 @@ static void test_fold(void **state)
         cln_config c = shape(f->width, f->depth, 32, f->bands, 2, f->skip);
         double worst = 0;
         c.bands_by_level = f->by_level;
-        c.encoding = f->cells ? CLN_ENCODING_GRID : CLN_ENCODING_FREQUENCY;
-        c.grid_cells = f->cells;
+        c.encoding = f->cells > 0 ? CLN_ENCODING_GRID : -f->cells;
+        if (f->cells > 0)
+            c.grid_cells = f->cells;
         for (int octant = 0; octant < 8; octant++) {
             int path[5] = {octant, (octant * 3 + 1) % 8, 7 - octant, (octant * 5) % 8, octant ^ 2};
             double error = 0;

@@ -23,7 +23,8 @@ typedef struct mlp_case {
     double lower, upper;
     bool exact;   /* samples at t = 0 of rays with exact origins */
     double noise; /* std of the density noise */
-    int cells;    /* of a grid, whose features are then 4, or 8 where cells are 6; 0: no grid */
+    int cells;    /* of a grid, whose features are then 4, or 8 where cells are 6; 0: frequencies;
+                     below 0: -CLN_ENCODING_* of another encoding */
 } mlp_case;
 
 enum { SOFT = CLN_DENSITY_SOFTPLUS, RELU = CLN_DENSITY_RELU, EXP = CLN_DENSITY_EXP };
@@ -78,6 +79,7 @@ static cln_config config_of(const mlp_case *c)
     config.rrelu_upper = c->upper;
     config.density_noise = c->noise;
     config.roulette = 0;
+    config.encoding = c->cells < 0 ? -c->cells : CLN_ENCODING_FREQUENCY;
     if (c->cells > 0) {
         config.encoding = CLN_ENCODING_GRID;
         config.grid_cells = c->cells;

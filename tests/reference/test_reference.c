@@ -42,7 +42,7 @@ typedef struct network_case {
     double slope;
     bool fade_bands;
     int stride; /* checks every stride-th parameter */
-    int cells;  /* of a grid with 4 features; 0: none */
+    int cells;  /* of a grid with 4 features; 0: frequencies; below 0: -CLN_ENCODING_* of another */
 } network_case;
 
 static const network_case network_cases[] = {
@@ -72,8 +72,9 @@ static cln_config config_of(const network_case *c)
     config.view_dependence = c->view;
     config.skip = c->skip;
     config.density = c->density;
-    config.encoding = c->cells ? CLN_ENCODING_GRID : CLN_ENCODING_FREQUENCY;
-    config.grid_cells = c->cells;
+    config.encoding = c->cells > 0 ? CLN_ENCODING_GRID : -c->cells;
+    if (c->cells > 0)
+        config.grid_cells = c->cells;
     return config;
 }
 

@@ -59,6 +59,15 @@ static void put_run(const char *run, const char *state, const char *left_out)
                   "images", 1048576, "limit", 8388608));
 }
 
+static void add_text(const char *run, const char *name, const char *text)
+{
+    FILE *f = fopen(scratch_path(run, name), "a");
+
+    assert_non_null(f);
+    assert_true(fputs(text, f) >= 0);
+    assert_int_equal(fclose(f), 0);
+}
+
 /* Writes rows with PSNR rising from 10 to 30, and test PSNR in every tenth. */
 static void put_metrics(const char *run, int rows)
 {
@@ -116,6 +125,22 @@ static int count_of(const char *page, const char *text)
     int count = 0;
 
     for (; (page = strstr(page, text)); page += strlen(text))
+        count++;
+    return count;
+}
+
+/* In the section of this id. */
+static int count_in(const char *page, const char *id, const char *text)
+{
+    char head[64];
+    const char *from = NULL, *to = NULL;
+    int count = 0;
+
+    snprintf(head, sizeof head, "<h2 id='%s'>", id);
+    from = strstr(page, head);
+    assert_non_null(from);
+    to = strstr(from + 1, "<h2 ");
+    for (; (from = strstr(from, text)) && (!to || from < to); from += strlen(text))
         count++;
     return count;
 }
@@ -277,7 +302,7 @@ static void page_shows_what_the_run_left(void **state)
     assert_has(page, "90 train, 0 val, 10 test");
     assert_has(page, "<td class=soft>together<td class=n>4.0 MiB"); /* without the limit */
     assert_has(page, "<td class=soft>limit<td class=n>8.0 MiB");
-    assert_int_equal(count_of(page, "<svg "), 5);
+    assert_int_equal(count_in(page, "error", "<svg "), 5);
     assert_int_equal(count_of(page, "r='4.5'"), 2); /* the evaluation, in both PSNR curves */
     /* test points of the metrics, in both curves */
     assert_int_equal(count_of(page, "r='2.6'"), 20);
@@ -299,9 +324,9 @@ static void sections_are_those_of_the_table(void **state)
         if (full) {
             put_run(run, "done", "nothing");
             put_metrics(run, 30);
-            put_text(run, "metrics.jsonl",
-                     "{\"event\":\"structure\",\"step\":1,\"seconds\":1}\n"
-                     "{\"step\":9,\"seconds\":1,\"ranks\":2,\"sent_bytes\":1,"
+            add_text(run, "metrics.jsonl",
+                     "{\"event\":\"structure\",\"step\":760,\"seconds\":30.5}\n"
+                     "{\"step\":775,\"seconds\":31,\"ranks\":2,\"sent_bytes\":1,"
                      "\"message_seconds\":1}\n");
         }
         page = page_of(run);
