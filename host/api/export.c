@@ -109,8 +109,10 @@ static cln_status check_options(const cln_export_desc *desc)
     } rows[] = {{"spacing", "points mesh volume"},
                 {"count", "points"},
                 {"closed", "points mesh"},
-                {"triangles", "mesh"}};
-    const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed, desc->triangles != 0};
+                {"triangles", "mesh"},
+                {"colour", "octree"}};
+    const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed, desc->triangles != 0,
+                          desc->colour && strcmp(desc->colour, "level") != 0};
 
     if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
         return cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour);

@@ -100,6 +100,19 @@ static cln_status check_same_cube(const char *run, const cln_model *other, const
         ours->centre[1], ours->centre[2], ours->half);
 }
 
+/* Asked before the work: is there a run to take the tree from? */
+static cln_status check_tree_from(const char *run)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+
+    st = cln_run_read(run, &document);
+    if (st != CLN_OK)
+        cln_note("looking for the tree of --tree-from");
+    json_decref(document);
+    return st;
+}
+
 /* A new model on the tree of the run config.tree_from: its leaves, none of its weights. */
 static cln_status create_on_tree_of(const cln_config *config, const cln_scene *scene,
                                     cln_model *out)
@@ -238,8 +251,6 @@ static void say_what_runs(cln_trainer *t)
     if (t->batch.shown)
         cln_info("depths: %lld pixels of the training views show sparse points (--depth-loss %g)",
                  (long long)scene->sight_count, t->model.config.depth_loss);
-    cln_info("device: %s (%s, %d compute units)", t->device->info.name, t->device->info.platform,
-             t->device->info.compute_units);
     cln_tune_text(&t->pipeline.tune, text);
     cln_debug("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
     cln_plan_text(&t->plan, text, sizeof text);
@@ -255,9 +266,10 @@ static void say_what_runs(cln_trainer *t)
     cln_format_bytes(t->plan.limit, device_limit);
     cln_format_bytes(t->host_plan.total, host);
     cln_format_bytes(t->host_plan.limit, host_limit);
-    cln_info("memory: device %s of %s, more as the tree grows; host about %s of %s", device,
-             device_limit, host, host_limit);
-    cln_info("method: %zu parts that this run does not need are left out (which: -v)", left_out);
+    cln_info(
+        "memory: device %s of %s, more as the tree grows; host about %s of %s; %zu parts of the "
+        "method are left out, as they are not needed (details: -v)",
+        device, device_limit, host, host_limit, left_out);
     if (t->plan.batch_samples < (size_t)t->model.config.batch_samples ||
         t->plan.max_rays < t->model.config.rays) {
         cln_format_bytes((double)t->device->max_alloc, text);
@@ -400,6 +412,8 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(check_disk(t, &config));
     if (t->desc->dump_program)
         CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
+    if (config.tree_from[0] && !t->desc->resume)
+        CLN_TRY(check_tree_from(config.tree_from));
     cln_scene_warn_doubts(t->scene);
     cln_settings_warn_idle(
         t->desc->settings,
@@ -422,7 +436,8 @@ static cln_status prepare(cln_trainer *t)
                       "ray results"));
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
     CLN_TRY(cln_refine_start(t));
-    cln_info("building kernels for %s", t->device->info.name);
+    cln_info("device: %s (%s, %d compute units); building kernels for it", t->device->info.name,
+             t->device->info.platform, t->device->info.compute_units);
     if (!cln_batch_knows(t->scene, &config))
         config.depth_loss = 0; /* not built */
     CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,

@@ -90,8 +90,8 @@ void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
         snprintf(test, sizeof test, ", %.1f test", progress->psnr_test);
     if (progress->unmeasured > 0) {
         cln_format_duration(progress->unmeasured_seconds, later);
-        snprintf(evals, sizeof evals, " + ~%s evaluation%s", later,
-                 progress->unmeasured > 1 ? "s" : "");
+        snprintf(evals, sizeof evals, " | evaluation%s ~%s more",
+                 progress->unmeasured > 1 ? "s" : "", later);
     }
     cln_format_count(progress->leaves, leaves);
     cln_format_short(progress->params, params);

@@ -513,6 +513,12 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
             (!*no || cln_config_rows[i].type == CLN_ROW_BOOL))
             consider(name, cln_config_rows[i].option, &distance, &best);
     }
+    if (*no &&
+        (cln_arg_find(command, name, strlen(name)) || cln_row_find(command, name, strlen(name))))
+        return cln_fail(CLN_USAGE,
+                        "unknown option --%s: --%s is not a switch; leave it out, or give "
+                        "it a value",
+                        wanted, name);
     if (best)
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s%s?", wanted, no, best);
     return cln_fail(CLN_USAGE, "unknown option --%s", wanted);

@@ -253,7 +253,7 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
 
     memset(head, 0, sizeof *head);
     if (bytes == 0)
-        head->problem = "empty file; copy it again, or take it away: frames without an image can "
+        head->problem = "empty file; copy it again, or remove it: frames without an image can "
                         "be left out (--missing)";
     else if (bytes >= 8 && !memcmp(data, png, 8))
         walk_png(data, bytes, whole, head);
@@ -323,6 +323,21 @@ done:
     free(all);
     if (file)
         fclose(file);
+    return st;
+}
+
+cln_status cln_image_check(const char *path)
+{
+    cln_status st = CLN_OK;
+    char *data = NULL;
+    size_t bytes = 0;
+    header head;
+
+    CLN_TRY(cln_read_file(path, FILE_MAX_BYTES, &data, &bytes));
+    walk((const uint8_t *)data, bytes, true, &head);
+    CLN_TRY(check_header(path, &head));
+done:
+    free(data);
     return st;
 }
 

@@ -93,6 +93,35 @@ static void warn_mixed_alpha(const cln_scene *scene)
                  opaque);
 }
 
+/* One image cannot be read: the error also names the next ones, so that they need not be found one
+ * by one. */
+static void name_other_failures(const cln_scene *scene)
+{
+    enum { NAMED = 5 };
+    char *first = strdup(cln_error_text());
+    const cln_status status = cln_error_status();
+    char names[1024] = "";
+    int count = 0;
+
+    for (int i = 0; first && i < scene->view_count; i++) {
+        const char *path = scene->views[i].path;
+        const size_t used = strlen(names);
+
+        if (strncmp(first, path, strlen(path)) == 0 || cln_image_check(path) == CLN_OK)
+            continue;
+        if (count++ < NAMED)
+            snprintf(names + used, sizeof names - used, "%s'%s'", used ? ", " : "",
+                     scene->views[i].name);
+    }
+    cln_clear_error();
+    if (count > 0)
+        (void)cln_fail(status, "%s; %d more image%s cannot be read: %s%s", first, count,
+                       count > 1 ? "s" : "", names, count > NAMED ? ", ..." : "");
+    else
+        (void)cln_fail(status, "%s", first ? first : "out of memory");
+    free(first);
+}
+
 cln_status cln_scene_size_views(cln_scene *scene, int downscale)
 {
     cln_status st = CLN_OK;
@@ -103,7 +132,10 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
 
-        CLN_TRY(cln_image_info(view->path, &view->file_width, &view->file_height, &view->channels));
+        st = cln_image_info(view->path, &view->file_width, &view->file_height, &view->channels);
+        if (st == CLN_INPUT)
+            name_other_failures(scene);
+        CLN_TRY(st);
         if (view->alpha_path) {
             CLN_TRY(check_mask(view, view->alpha_path));
             view->channels = 4;
@@ -423,8 +455,12 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
     read_views(&work);
     for (int i = 0; i < started; i++)
         pthread_join(threads[i], NULL);
-    if (work.failed_view >= 0)
-        CLN_TRY(cln_fail(work.failure, "%s", work.sentence ? work.sentence : "out of memory"));
+    if (work.failed_view >= 0) {
+        st = cln_fail(work.failure, "%s", work.sentence ? work.sentence : "out of memory");
+        if (st == CLN_INPUT)
+            name_other_failures(scene);
+        goto done;
+    }
     for (int i = 0; i < scene->view_count; i++)
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
     say_masks(scene);

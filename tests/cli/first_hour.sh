@@ -50,6 +50,8 @@ section_words() {
     check "names the libraries" printed jansson
     expect "version with a word behind it" 2 "foo" "$cln" version foo
     expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
+    expect "a switch off that is none" 2 "--no-steps ~give.it.a.value" \
+        "$cln" train s -o r --no-steps
     expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
     expect "a time as a clock shows it, wrong" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
     for c in train render tune; do
@@ -159,6 +161,15 @@ section_scenes() {
     : >"$work/nan/train/r_000.png"
     expect "an empty image" 3 "~empty --missing" "$cln" info "$work/nan"
 
+    printf '\211PNG\r\n\032\n' >"$work/nan/train/r_001.png"
+    head -c 500 "$s/train/r_003.png" >"$work/nan/train/r_003.png"
+    expect "several broken images: all are named at once" 3 \
+        "r_000.png ~empty ~2.more train/r_001 train/r_003" "$cln" info "$work/nan"
+    cp "$s/train/r_000.png" "$s/train/r_001.png" "$work/nan/train"
+    expect "one that is cut, which only reading shows" 3 "r_003.png ~too.early" \
+        "$cln" check "$work/nan" --probe 0
+    check "alone" not_said "cannot be read"
+
     cp -r "$s" "$work/mixed"
     { # a pixel without alpha
         printf '%s' iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4
@@ -188,10 +199,14 @@ section_training() {
     printf '%s\n' 'eval-images 2' 'rays 128' >"$s/cl-nascent.conf"
     expect "train" 0 "" "$cln" train "$s" -o "$r" "${small[@]}" --time-limit 2
     check "a training begins with few lines" \
-        [ "$(sed '/^train /q' "$work/err" | grep -vc '^train ')" -le 5 ]
+        [ "$(sed '/^train /q' "$work/err" | grep -vc '^train ')" -le 6 ]
     check "one of them tells of the others" said "-v)"
     check "the settings beside the scene are said, but for the line's" \
         said "from $s/cl-nascent.conf: eval-images 2"
+    check "none is longer than two of a terminal" eval \
+        '! sed "/^train /q" "$work/err" | grep -v "^train " | grep -qE "^.{200}"'
+    check "the evaluation to come has a time" grep -qE \
+        '^train .* left \| evaluation ~[0-9:]+ more \|' "$work/err"
     check "no figure is missing in the progress" not_said nan
     check "nor is a speed 0" not_said " 0 rays/s"
     check "training time and time by the clock" grep -qE \
@@ -235,6 +250,11 @@ section_training() {
     expect "a budget below what was trained" 0 "~used.up" "$cln" train --resume "$r" \
         "${small[@]:0:3}" --steps 3 --json
     step=$(json step)
+    expect "resumed from another folder" 0 "" \
+        bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${small[@]:0:3}" --steps +1 -q
+    step=$((step + 1))
+    expect "a budget below what was trained, again" 0 "~used.up" "$cln" train --resume "$r" \
+        "${small[@]:0:3}" --steps 3 --json
     expect "what it tells to go on with" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
         --steps "$(sed -n 's/.*--steps \(+[0-9]*\)`.*/\1/p' "$work/err")" --json
     check "does" [ "$(json step)" = $((step + 3)) ]
@@ -246,6 +266,8 @@ section_training() {
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
         grep -aE "^train" | sed "s/\x1b\[K//" | grep -vqE "(train|test|left|evaluation|[0-9]|/s)$"'
     check "PSNR and time are on it" grep -aqE 'PSNR [0-9.]+ train.*trained, .*left' "$work/out"
+    on_terminal 60 "$cln" train --resume "$r" --skip-selftest --steps +40
+    check "60 columns: the time left is on it" grep -aqE 'trained, [0-9:-]+ left' "$work/out"
     on_terminal 80 env CI=true "$cln" train --resume "$r" --skip-selftest --steps +40
     check "no line is redrawn where CI is set" eval '! grep -qF $'"'\033[K'"' "$work/out"'
 }
@@ -313,6 +335,11 @@ section_results() {
     expect "depths of a film" 2 "pfm" "$cln" render "$r" --pfm -o "$work/a.gif"
     expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing" \
         "$cln" render "$r" --orbit 1 --width 8 -o "$work/cropped" --crop 1000,0,0,1001,1,1
+    expect "colours of boxes, for points" 2 "--colour ~no.effect.on.--points octree" \
+        "$cln" export "$r" --points "$work/x.ply" --colour error
+    expect "the tree of no run: said before the kernels are checked" 8 "$work/none --tree-from" \
+        "$cln" train "$work/my scene" -o "$work/on" --tree-from "$work/none"
+    check "they were not" not_said "checking the kernels"
     expect "export to a name of another format" 2 ".obj .ply" \
         "$cln" export "$r" --octree "$work/x.obj"
     check "nothing is written" [ ! -e "$work/x.obj" ]
