@@ -98,9 +98,9 @@ void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
     cln_format_bytes(progress->device_bytes, memory);
     /* what matters first: a narrow terminal shows the fields that it has room for */
     snprintf(out, bytes,
-             "train %.0f%% | PSNR %s train%s | %s trained, %s left%s | step %s%s%s | %s rays/s | "
+             "train %.0f%% | PSNR %s train%s | %s left%s | %s trained | step %s%s%s | %s rays/s | "
              "loss %s | %s leaves %s params | %s dev",
-             floor(100 * progress->fraction), train, test, trained, left, evals, step,
+             floor(100 * progress->fraction), train, test, left, evals, trained, step,
              progress->steps > 0 ? "/" : "", progress->steps > 0 ? steps : "", rays, loss, leaves,
              params, memory);
 }

@@ -170,7 +170,14 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
         camera->width = own[0];
         camera->height = own[1];
         if (!own[0] || cln_is_file(image))
-            CLN_TRY(cln_image_info(image, &camera->width, &camera->height, &channels));
+            st = cln_image_info(image, &camera->width, &camera->height, &channels);
+        if (st == CLN_INPUT && cln_is_file(image)) {
+            /* broken: refused together with others like it, when sizes are read (images.c) */
+            cln_clear_error();
+            st = CLN_OK;
+            camera->width = camera->height = 1;
+        }
+        CLN_TRY(st);
     }
     if (camera->lens == CLN_LENS_EQUIRECTANGULAR) {
         cln_camera_span_sphere(camera);
