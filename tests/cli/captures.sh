@@ -503,9 +503,9 @@ section_forward() {
     expect "eval" 0 "" "$cln" eval "$run" --json
     check "run.json says so" [ "$("$query" dataset.space <"$run/run.json")" = ndc ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/front.ply" --count 1000
-    expect "boxes of leaves have no meaning" 2 "grow --mesh" \
+    expect "boxes of leaves have no meaning" 2 "boxes --mesh" \
         "$cln" export "$run" --octree "$work/tree.ply"
-    expect "nor has a grid" 2 "grow --mesh" "$cln" export "$run" --volume "$work/volume.npy"
+    expect "nor has a grid" 2 "boxes --mesh" "$cln" export "$run" --volume "$work/volume.npy"
     expect "nor a cell's size" 2 "--spacing grow" \
         "$cln" export "$run" --mesh "$work/mesh.ply" --spacing 0.1
     expect "--space cube" 0 "" "$cln" info "$work/front" --space cube --json
@@ -545,9 +545,9 @@ section_beyond() {
     check "info says so, too" [ "$(json checkpoint.space)" = shell ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/street.ply" --count 1000
     expect "a mesh of what is in the cube" 0 "" "$cln" export "$run" --mesh "$work/street-mesh.ply"
-    expect "boxes of leaves have no meaning" 2 "grow --mesh" \
+    expect "boxes of leaves have no meaning" 2 "boxes --mesh" \
         "$cln" export "$run" --octree "$work/tree.ply"
-    expect "nor has a grid" 2 "grow --mesh" "$cln" export "$run" --volume "$work/volume.npy"
+    expect "nor has a grid" 2 "boxes --mesh" "$cln" export "$run" --volume "$work/volume.npy"
     expect "another space's tree" 2 "--space" "$cln" train "$work/street" -o "$work/street other" \
         "${net[@]}" --space cube --tree-from "$run"
     expect "splatting has one line for a ray" 2 "gather" "$cln" train "$work/street" \
