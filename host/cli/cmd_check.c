@@ -90,17 +90,18 @@ static void print_measures(const json_t *document)
     const json_t *scene = json_object_get(document, "scene");
     const json_t *splits = json_object_get(scene, "splits");
     char line[512], least[32], most[32];
+    bool one = false;
 
     snprintf(line, sizeof line, "%.0f train, %.0f val, %.0f test, as %s; %s",
              number(splits, "train"), number(splits, "val"), number(splits, "test"),
              text_of(scene, "dialect"), text_of(scene, "split_rule"));
     print_wrapped(printf("photos   "), 9, line);
-    snprintf(least, sizeof least, "%.3g to ", number(measures, "fov_least"));
+    snprintf(least, sizeof least, "%.3g", number(measures, "fov_least"));
     snprintf(most, sizeof most, "%.3g", number(measures, "fov_most"));
-    if (strncmp(least, most, strlen(most)) == 0)
-        least[0] = 0; /* all have one */
-    snprintf(line, sizeof line, "%.0f inside the cube, %.0f outside; field of view %s%s degrees",
-             number(measures, "cameras_inside"), number(measures, "cameras_outside"), least, most);
+    one = strcmp(least, most) == 0;
+    snprintf(line, sizeof line, "%.0f inside the cube, %.0f outside; field of view %s%s%s degrees",
+             number(measures, "cameras_inside"), number(measures, "cameras_outside"),
+             one ? "" : least, one ? "" : " to ", most);
     print_wrapped(printf("cameras  "), 9, line);
     snprintf(line, sizeof line, "half side %.6g, %s; %.1f%% of the training rays meet it",
              number(scene, "half"), text_of(scene, "bounds_rule"),
