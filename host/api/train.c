@@ -394,6 +394,8 @@ static cln_status prepare(cln_trainer *t)
     } else {
         CLN_TRY(cln_scene_load(&scene, &t->scene));
     }
+    CLN_TRY(cln_plan_place_images(t->device, &config, cln_config_most_leaves(&config),
+                                  cln_coverage_bytes(t->scene), t->scene));
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                &t->eval_count));
     CLN_TRY(cln_quality_check(t->scene, t->eval_views, t->eval_count));

@@ -411,6 +411,27 @@ void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan
     }
 }
 
+cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
+                                 double coverage_bytes, cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline outline;
+    cln_plan plan, host;
+    const cln_plan_desc desc = {&outline, scene, leaves, coverage_bytes >= 0,
+                                fmax(0, coverage_bytes)};
+    double left = 0;
+
+    CLN_TRY(cln_pipeline_outline(device, config, scene->lenses, scene->has_alpha, &scene->space,
+                                 &outline));
+    cln_plan_device(&desc, &plan);
+    cln_plan_host(&desc, &plan, &host);
+    left = host.limit - (host.total - cln_scene_pixel_bytes(scene));
+    if (host.total > host.limit)
+        CLN_TRY(cln_scene_shrink(scene, fmax(0, fmin(left, host.limit / 8))));
+done:
+    return st;
+}
+
 /* ---- both ---- */
 
 void cln_plan_text(const cln_plan *plan, char *out, size_t bytes)

@@ -82,6 +82,9 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_info("device: %s (%s, %d compute units)", opened->device->info.name,
              opened->device->info.platform, opened->device->info.compute_units);
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
+    if (opened->scene)
+        CLN_TRY(cln_plan_place_images(opened->device, config, opened->model.tree.leaf_count, -1,
+                                      opened->scene));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, config, lenses, opened->model.has_alpha,
                                 &opened->model.space, opened->wanted, p));

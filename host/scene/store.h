@@ -37,7 +37,8 @@ cln_status cln_store_check(const cln_store *store);
 /* Asks the system to read the pixel's tile ahead. */
 void cln_store_fetch(cln_store *store, size_t place, int width, int channels, int x, int y);
 
-/* Bytes of its cache. */
+/* Bytes of its cache; makes it one of about so many, which is empty. CLN_MEMORY: it has none. */
 double cln_store_cached(const cln_store *store);
+cln_status cln_store_resize(cln_store *store, double cached);
 
 #endif

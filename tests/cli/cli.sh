@@ -922,7 +922,17 @@ section_memory() {
         "$work/in-memory/eval/00000020-test" "$work/stored/eval/00000020-test"
     check "the report shows them" grep -q 'alt="truth of test/r_000"' \
         "$work/stored/report.html"
-    rm -r "$work/large" "$work/in-memory" "$work/stored"
+    # of more than twice the photos, but less than all needs: the file, and no refusal
+    limit=$(awk -v p="$("$query" host_plan.total <"$work/in-memory/run.json")" \
+        'BEGIN { printf "%.0f", p - 50 * 1048576 }')
+    run "$cln" train "$work/large" -o "$work/between" "${small[@]}" --steps 20 --no-adaptive \
+        --host-mem "$limit" --json
+    check "photos that do not fit what is left lie in a file, too" \
+        grep -q "their pixels lie in a file" "$work/err"
+    check "of the same model" [ "$(digest "$work/between")" = "$(digest "$work/in-memory")" ]
+    check "which keeps to --host-mem" number_above "$limit" "$(json host_peak)"
+    expect "pictures of it, too" 0 "" "$cln" eval "$work/between" --progress none
+    rm -r "$work/large" "$work/in-memory" "$work/stored" "$work/between"
 
     # a limit with room for level 1 and a half: growth by level and by the integer program stay
     # below it
