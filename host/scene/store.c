@@ -13,7 +13,7 @@
 
 /* A tile of four channels has 4,096 bytes, one of three 3,072. The cache is direct-mapped: tile i
  * of the file can be at i % slots alone, so tiles in a row never take each other's place. */
-enum { TILE = 32, LEAST_SLOTS = 64 };
+enum { TILE = 32, LEAST_SLOTS = CLN_STORE_LEAST / (32 * 32 * 4 + 8) };
 #define TILE_BYTES(channels) ((size_t)TILE * TILE * (size_t)(channels))
 
 struct cln_store {

@@ -13,6 +13,8 @@
 
 typedef struct cln_store cln_store;
 
+enum { CLN_STORE_LEAST = 64 * 4104 }; /* bytes of the smallest cache */
+
 /* Room that a photo takes: whole tiles. */
 size_t cln_store_room(int width, int height, int channels);
 

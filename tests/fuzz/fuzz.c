@@ -25,6 +25,7 @@
 #include "io/safetensors.h"
 #include "model/model.h"
 #include "report/report.h"
+#include "scene/dataset.h"
 #include "view/request.h"
 
 int LLVMFuzzerInitialize(int *argc, char ***argv);
@@ -94,11 +95,16 @@ static void put(const char *name, const char *text)
 static void read_scene(void)
 {
     cln_config config = *plain();
-    const cln_scene_desc desc = {.path = ".", .config = &config};
+    /* pixels that show sparse points are only found for a training */
+    const bool points = strncmp(chosen->name, "colmap", 6) == 0 ||
+                        strcmp(chosen->name, "opensfm") == 0;
+    const cln_scene_desc desc = {
+        .path = ".", .config = &config, .pixels = {[CLN_SPLIT_TRAIN] = points}};
     cln_scene *scene = NULL;
     json_t *about = NULL;
 
     config.missing = CLN_MISSING_SKIP;
+    config.depth_loss = 2;
     if (refused(cln_scene_load(&desc, &scene))) {
         require(!scene, "a refused scene");
         return;
@@ -117,6 +123,15 @@ static void read_scene(void)
             norm += direction[i] * direction[i];
         }
         require(fabs(norm - 1) < 0.01, "a ray without direction");
+    }
+    for (int64_t i = 0; i < scene->sight_count; i++) {
+        const cln_sight *s = &scene->sights[i];
+        const cln_camera *c = &scene->views[s->view].camera;
+
+        require(s->x >= 0 && s->y >= 0 && s->x < c->width && s->y < c->height, "a sight outside");
+        require(s->trust >= 0 && s->trust <= 1, "a sight's trust");
+        for (int a = 0; a < 3; a++)
+            require(isfinite(s->point[a]), "a sight of nothing");
     }
     cln_scene_warn_doubts(scene);
     if (!refused(cln_scene_describe(scene, &about)))
@@ -170,6 +185,26 @@ static void make_opensfm(void)
     format_cameras(cameras);
     format_images("images", 1);
     format_opensfm(".", cameras, "brown", points, 2);
+    format_opensfm_tracks(".", true, points, 2);
+}
+
+static void make_ply(void)
+{
+    format_ply(".", "text.ply", false, points, 2);
+    format_ply(".", "binary.ply", true, points, 2);
+}
+
+static void read_ply(void)
+{
+    for (int i = 0; i < 2; i++) {
+        cln_reader_result result = {0};
+
+        if (!refused(cln_dataset_read_ply(chosen->files[i], &result)))
+            for (int k = 0; k < result.point_count; k++)
+                for (int a = 0; a < 3; a++)
+                    require(isfinite(result.points[k].xyz[a]), "a point nowhere");
+        free(result.points);
+    }
 }
 
 static void make_blender(void)
@@ -535,7 +570,8 @@ static const target targets[] = {
     {"llff", {"poses_bounds.npy"}, make_llff, read_scene, 2},
     {"neus", {"cameras_sphere.npz"}, make_neus, read_scene, 2},
     {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
-    {"opensfm", {"reconstruction.json"}, make_opensfm, read_scene, 2},
+    {"opensfm", {"reconstruction.json", "tracks.csv"}, make_opensfm, read_scene, 2},
+    {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},
     {"image", {"a.png", "a.jpg"}, make_images, read_images, 6},
     {"json", {"a.json"}, make_json, read_json, 1},
     {"npy", {"a.npy"}, make_npy, read_npy, 2},
