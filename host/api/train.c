@@ -366,6 +366,7 @@ static cln_status prepare(cln_trainer *t)
     cln_config config = t->desc->settings->config;
     cln_scene_desc scene = {.path = t->desc->scene,
                             .config = &config,
+                            .elsewhere = CLN_PROGRAM_BYTES,
                             .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
     bool same = false, empty = false;
 

@@ -314,10 +314,6 @@ static bool is_cpu(const cln_plan_desc *d)
     return strcmp(d->pipeline->device->info.type, "cpu") == 0;
 }
 
-/* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this
- * process. */
-static const double program_bytes = 300.0 * (1 << 20);
-
 /* Per pixel of an evaluated view: render, depth, opacity, truth, rounded, SSIM, PNG. */
 static const double picture_bytes = 64;
 
@@ -329,7 +325,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
     out->limit = c->host_mem > 0 ? c->host_mem : cln_host_memory();
     row(out, "program and driver", NULL);
-    add(out, program_bytes);
+    add(out, CLN_PROGRAM_BYTES);
     row(out, "images", "the size with --downscale, or the number of views");
     add(out, cln_scene_pixel_bytes(d->scene));
     row(out, "model", CLN_LOWER_LEAVES);

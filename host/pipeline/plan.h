@@ -20,6 +20,10 @@ enum {
     CLN_DISTIL_BATCHES = 16  /* batches of distil-samples points that a merge cycles through */
 };
 
+/* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this
+ * process. */
+#define CLN_PROGRAM_BYTES (300.0 * (1 << 20))
+
 typedef struct cln_plan {
     struct {
         const char *purpose;

@@ -50,7 +50,8 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
                              cln_open_run *out)
 {
     cln_status st = CLN_OK;
-    cln_scene_desc desc = {.path = scene, .config = &out->model.config};
+    cln_scene_desc desc = {
+        .path = scene, .config = &out->model.config, .elsewhere = CLN_PROGRAM_BYTES};
 
     memset(out, 0, sizeof *out);
     out->run = run;

@@ -157,8 +157,9 @@ static size_t room_of(const cln_view *v)
     return cln_store_room(v->camera.width, v->camera.height, v->channels);
 }
 
-cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS], double limit)
+cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
 {
+    const double limit = desc->config->host_mem;
     const double room = limit > 0 ? limit : cln_host_memory();
     double kept = 0, largest = 0, reading = 0;
     char need[32], have[32];
@@ -167,14 +168,14 @@ cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *v = &scene->views[i];
 
-        if (!wanted[v->split])
+        if (!desc->pixels[v->split])
             continue;
         images++;
         kept += (double)v->camera.width * v->camera.height * v->channels;
         largest = fmax(largest, (double)v->file_width * v->file_height * v->channels);
     }
     reading = 2 * THREADS * largest; /* the file or the row filters, and the pixels */
-    if (kept + reading <= room)
+    if (kept + reading <= room && kept + desc->elsewhere <= room)
         return CLN_OK;
     cln_format_bytes(reading, need);
     cln_format_bytes(room, have);
@@ -184,7 +185,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS
                         "smaller copies of them, or raise --host-mem",
                         scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have);
     scene->cached = room / 8;
-    say_in_file(images, kept, room);
+    say_in_file(images, kept, room - desc->elsewhere);
     return CLN_OK;
 }
 

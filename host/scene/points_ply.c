@@ -177,7 +177,9 @@ cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result)
 
     CLN_TRY(cln_read_file(path, MAX_BYTES, &c.data, &c.size));
     CLN_TRY(read_header(&c, &v));
-    if (v.count * (v.ascii ? 2.0 * v.properties : (double)v.row) > (double)(c.size - c.at) + 1)
+    /* a last line need not end, so the cursor may be one behind the end */
+    if (v.count * (v.ascii ? 2.0 * v.properties : (double)v.row) >
+        (double)c.size - (double)c.at + v.ascii)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: the file is too short for the %.0f points of its header",
                          path, v.count));
     CLN_TRY(cln_alloc(&result->points, (size_t)v.count, sizeof *result->points, "points"));

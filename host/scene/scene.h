@@ -119,6 +119,7 @@ typedef struct cln_scene_desc {
     const cln_config *config; /* downscale, bbox, background, holdout, missing */
     bool pixels[CLN_SPLITS];  /* load the images of these splits; cameras and sizes always */
     bool unseen;              /* no error if no camera sees the cube */
+    double elsewhere;         /* bytes of host memory that images must leave */
 } cln_scene_desc;
 
 /* Reads a scene. Limits: 100,000 frames, 32,768 pixels a side, 2^28 pixels an image. Errors
