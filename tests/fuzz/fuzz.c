@@ -92,6 +92,32 @@ static void put(const char *name, const char *text)
 
 /* ---- scenes ---- */
 
+/* Those of a PNG's chunks, which are 0 here. */
+static void clear_checksums(uint8_t *png, size_t bytes)
+{
+    for (size_t at = 8; at + 12 <= bytes;) {
+        at += 12 + ((size_t)png[at] << 24 | png[at + 1] << 16 | png[at + 2] << 8 | png[at + 3]);
+        memset(png + at - 4, 0, 4);
+    }
+}
+
+/* Images whose pixels can be read. */
+static void make_photos(const char *folder)
+{
+    format_images(folder, 1);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        char name[64];
+        size_t bytes = 0;
+        char *file = NULL;
+
+        snprintf(name, sizeof name, "%s/view_%02d.png", folder, v);
+        file = scratch_get(name, &bytes);
+        clear_checksums((uint8_t *)file, bytes);
+        scratch_put(name, file, bytes);
+        free(file);
+    }
+}
+
 static void read_scene(void)
 {
     cln_config config = *plain();
@@ -124,6 +150,8 @@ static void read_scene(void)
         }
         require(fabs(norm - 1) < 0.01, "a ray without direction");
     }
+    if (getenv("FUZZ_TELL"))
+        fprintf(stderr, "%lld sights\n", (long long)scene->sight_count);
     for (int64_t i = 0; i < scene->sight_count; i++) {
         const cln_sight *s = &scene->sights[i];
         const cln_camera *c = &scene->views[s->view].camera;
@@ -148,7 +176,7 @@ static void make_colmap(void)
     format_cameras(cameras);
     cameras[1].k1 = 0.1;
     cameras[1].lens = CLN_LENS_OPENCV;
-    format_images("images", 1);
+    make_photos("images");
     format_colmap("sparse/0", strcmp(chosen->name, "colmap") == 0, cameras, NULL, points, 2);
 }
 
@@ -183,7 +211,7 @@ static void make_opensfm(void)
     cln_camera cameras[FORMAT_VIEWS];
 
     format_cameras(cameras);
-    format_images("images", 1);
+    make_photos("images");
     format_opensfm(".", cameras, "brown", points, 2);
     format_opensfm_tracks(".", true, points, 2);
 }
@@ -249,17 +277,13 @@ static char *contents(const char *name, size_t *bytes)
 
 static void make_images(void)
 {
-    static const uint8_t crc[4];
     uint8_t pixels[9 * 5 * 4], *file = NULL;
-    size_t bytes = 0, at = 8;
+    size_t bytes = 0;
 
     for (size_t i = 0; i < sizeof pixels; i++)
         pixels[i] = (uint8_t)(i * i);
     require(!cln_image_encode_png(9, 5, 4, pixels, &file, &bytes), "a PNG");
-    while (at + 12 <= bytes) {
-        at += 12 + ((size_t)file[at] << 24 | file[at + 1] << 16 | file[at + 2] << 8 | file[at + 3]);
-        memcpy(file + at - 4, crc, 4);
-    }
+    clear_checksums(file, bytes);
     scratch_put("a.png", file, bytes);
     free(file);
     require(!cln_image_encode_jpeg(9, 5, 3, pixels, 70, &file, &bytes), "a JPEG");
