@@ -58,6 +58,8 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
     memcpy(desc.pixels, pixels, sizeof desc.pixels);
     CLN_TRY(cln_open_run_model(run, out));
     CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
+    if (out->same_scene)
+        out->scene->space = out->model.space; /* as it was found when the run began */
     if (out->same_scene && out->model.motions &&
         out->model.motion_views == cln_scene_split_count(out->scene, CLN_SPLIT_TRAIN))
         cln_motion_views(out->scene, (const float(*)[CLN_MOTION])out->model.motions);
