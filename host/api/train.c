@@ -190,7 +190,8 @@ static cln_status plan(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     const cln_plan_desc desc = {&t->pipeline, t->scene, t->model.tree.leaf_count, true,
-                                cln_coverage_bytes(t->scene)};
+                                cln_coverage_bytes(t->scene),
+                                cln_octree_depth(&t->model.tree)};
     const cln_config *c = &t->model.config;
     const int wanted = t->desc->resume ? cln_config_most_rays(c) : c->rays;
     int most = 0, first = 0;

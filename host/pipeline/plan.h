@@ -48,6 +48,7 @@ typedef struct cln_plan_desc {
     int leaves;
     bool training;         /* else only rendering */
     double coverage_bytes; /* training: host memory of train/coverage.h */
+    int depth;             /* of the tree; 0: as deep as it may become */
 } cln_plan_desc;
 
 /* limit: --device-mem, else 90 % of the device's memory. */

@@ -49,7 +49,7 @@ static void make_fake(fake *f, const cln_config *config, double max_alloc, const
     }
     f->scene.views = f->views;
     f->scene.view_count = 4;
-    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0};
+    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0};
 }
 
 static cln_config preset(const char *name)
@@ -286,7 +286,7 @@ static void test_counts(void **state)
     cln_plan_device(&f.desc, &plan);
     assert_ok(cln_plan_check(&f.device, &plan));
     assert_true(plan.cells == two_32 - 64 * 64 * 64);
-    most = cln_config_most_intervals(&config);
+    most = cln_pipeline_most_intervals(&f.pipeline, config.max_level);
     assert_true((double)cln_config_most_rays(&config) * most > two_32);
     assert_true(plan.max_rays * most < two_32 && (plan.max_rays + 1) * most >= two_32);
     assert_true((double)plan.max_samples < two_32 / 2);
