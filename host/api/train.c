@@ -189,7 +189,10 @@ done:
 static cln_status plan(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    const cln_plan_desc desc = {&t->pipeline, t->scene, t->model.tree.leaf_count, true,
+    const cln_plan_desc desc = {&t->pipeline,
+                                t->scene,
+                                t->model.tree.leaf_count,
+                                true,
                                 cln_coverage_bytes(t->scene),
                                 cln_octree_depth(&t->model.tree)};
     const cln_config *c = &t->model.config;

@@ -96,11 +96,11 @@ done:
 }
 
 /* A ray's lines have a length of at most 4 along the three axes together, of a root of side 2: from
- * outside, q = u / max |u_a| goes along half of a convex polygon, the section of a cube of side 2 by
- * the plane of ray and centre (a chord of it in the core), so each of its coordinates changes by 2 at
- * most and that of the cube by 1; and the way out, 1 - 1 / (2 max |u_a|), falls and rises by 1/2 at
- * most. A line meets a cell more than it crosses planes, and along each axis crosses one plane more
- * than its length has cells. */
+ * outside, q = u / max |u_a| goes along half of a convex polygon, the section of a cube of side 2
+ * by the plane of ray and centre (a chord of it in the core), so each of its coordinates changes by
+ * 2 at most and that of the cube by 1; and the way out, 1 - 1 / (2 max |u_a|), falls and rises by
+ * 1/2 at most. A line meets a cell more than it crosses planes, and along each axis crosses one
+ * plane more than its length has cells. */
 double cln_shell_most_intervals(int level)
 {
     return 2 * ldexp(1, level) + LINES * (1 + 3);

@@ -420,8 +420,8 @@ cln_status cln_plan_place_images(cln_device *device, const cln_config *config, i
     cln_status st = CLN_OK;
     cln_pipeline outline;
     cln_plan plan, host;
-    const cln_plan_desc desc = {&outline, scene, leaves, coverage_bytes >= 0,
-                                fmax(0, coverage_bytes), 0};
+    const cln_plan_desc desc = {
+        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), 0};
     double left = 0;
 
     CLN_TRY(cln_pipeline_outline(device, config, scene->lenses, scene->has_alpha, &scene->space,

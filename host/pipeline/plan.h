@@ -59,7 +59,8 @@ void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_p
 
 /* Before a pipeline is made: where the host's plan leaves too little for the scene's images, lets
  * them lie in a file (cln_scene_shrink), of which at most an eighth of the limit is in memory.
- * coverage_bytes: as in cln_plan_desc; below 0 if only pictures are made. CLN_OUTPUT, CLN_MEMORY. */
+ * coverage_bytes: as in cln_plan_desc; below 0 if only pictures are made. CLN_OUTPUT, CLN_MEMORY.
+ */
 cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
                                  double coverage_bytes, cln_scene *scene);
 

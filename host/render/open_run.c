@@ -76,8 +76,8 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_pipeline *p = &opened->pipeline;
     char text[1024];
     const cln_scene none = {0}, *scene = opened->scene ? opened->scene : &none;
-    const cln_plan_desc desc = {p, scene, opened->model.tree.leaf_count, false, 0,
-                                cln_octree_depth(&opened->model.tree)};
+    const cln_plan_desc desc = {p,     scene, opened->model.tree.leaf_count,
+                                false, 0,     cln_octree_depth(&opened->model.tree)};
     cln_plan plan, host_plan;
 
     if (device->device_mem)

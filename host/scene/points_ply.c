@@ -1,7 +1,7 @@
 /* The points of a PLY file, ASCII or binary little-endian: its first element, `vertex`, with x, y,
- * z and where it has them red, green, blue; its other properties, and elements behind it, are passed
- * over. Of structure from motion, as nerfstudio keeps them: in how many images they are is not
- * told. */
+ * z and where it has them red, green, blue; its other properties, and elements behind it, are
+ * passed over. Of structure from motion, as nerfstudio keeps them: in how many images they are is
+ * not told. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,9 +19,9 @@ static const struct {
     const char *names[2];
     size_t bytes;
 } kinds[KINDS] = {
-    [I8] = {{"char", "int8"}, 1},    [U8] = {{"uchar", "uint8"}, 1},
-    [I16] = {{"short", "int16"}, 2}, [U16] = {{"ushort", "uint16"}, 2},
-    [I32] = {{"int", "int32"}, 4},   [U32] = {{"uint", "uint32"}, 4},
+    [I8] = {{"char", "int8"}, 1},      [U8] = {{"uchar", "uint8"}, 1},
+    [I16] = {{"short", "int16"}, 2},   [U16] = {{"ushort", "uint16"}, 2},
+    [I32] = {{"int", "int32"}, 4},     [U32] = {{"uint", "uint32"}, 4},
     [F32] = {{"float", "float32"}, 4}, [F64] = {{"double", "float64"}, 8},
 };
 
@@ -58,7 +58,8 @@ static cln_status add_property(const cln_cursor *c, char *rest, vertices *v)
 
     if (!cln_field_word(&rest, &type) || !cln_field_word(&rest, &name))
         return bad_header(c, "a property without type or name");
-    while (k < KINDS && strcmp(type, kinds[k].names[0]) != 0 && strcmp(type, kinds[k].names[1]) != 0)
+    while (k < KINDS && strcmp(type, kinds[k].names[0]) != 0 &&
+           strcmp(type, kinds[k].names[1]) != 0)
         k++;
     if (k == KINDS || v->properties == MOST_PROPERTIES)
         return bad_header(c, k == KINDS ? "a vertex has a property that is no number"

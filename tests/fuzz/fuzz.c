@@ -122,8 +122,8 @@ static void read_scene(void)
 {
     cln_config config = *plain();
     /* pixels that show sparse points are only found for a training */
-    const bool points = strncmp(chosen->name, "colmap", 6) == 0 ||
-                        strcmp(chosen->name, "opensfm") == 0;
+    const bool points =
+        strncmp(chosen->name, "colmap", 6) == 0 || strcmp(chosen->name, "opensfm") == 0;
     const cln_scene_desc desc = {
         .path = ".", .config = &config, .pixels = {[CLN_SPLIT_TRAIN] = points}};
     cln_scene *scene = NULL;

@@ -434,8 +434,8 @@ static void test_opensfm(void **state)
     assert_refused(folder, plain(), (const char *const[3]){"no image has a pose"}, "no shots");
 }
 
-/* Points that transforms.json names: texts of the good file replaced, each a sentence; cut short and
- * damaged anywhere. */
+/* Points that transforms.json names: texts of the good file replaced, each a sentence; damaged
+ * anywhere. */
 static void test_ply(void **state)
 {
     static const struct {
@@ -479,8 +479,8 @@ static void test_ply(void **state)
     format_ply(folder, "text.ply", true, few_points, 2);
     damage_everywhere(folder, file, 1);
     put_text(folder, "transforms.json",
-             "{\"camera_angle_x\":0.8,\"ply_file_path\":7,\"frames\":[" FRAME(
-                 "images/view_00.png", POSE_FRONT) "]}");
+             "{\"camera_angle_x\":0.8,\"ply_file_path\":7,\"frames\":[" FRAME("images/view_00.png",
+                                                                              POSE_FRONT) "]}");
     assert_refused(folder, plain(), (const char *const[3]){"ply_file_path must be a string"}, "7");
 }
 

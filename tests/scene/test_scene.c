@@ -402,35 +402,36 @@ static void test_bounds(void **state)
 
     put_image(folder, "0.png", 8, 8, 3, 0);
     put_image(folder, "1.png", 8, 8, 3, 1);
-    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":1,", crossing, (double[3]){0, 0, 0}, 0.5 / 0.33,
-                 "aabb_scale 1");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":1,", crossing, (double[3]){0, 0, 0},
+                 0.5 / 0.33, "aabb_scale 1");
     /* (0.5 - offset) / scale, aabb_scale / 2 / scale; offset may be one number for all axes. */
-    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":2,\"scale\":0.5,\"offset\":[0.5,0.25,1],", crossing,
+    check_bounds(folder, CLN_SPACE_CUBE, "",
+                 "\"aabb_scale\":2,\"scale\":0.5,\"offset\":[0.5,0.25,1],", crossing,
                  (double[3]){0, 0.5, -1}, 2, "scale and offset");
-    check_bounds(folder, CLN_SPACE_CUBE, "", "\"scale\":0.5,\"offset\":0.25,", crossing, (double[3]){0.5, 0.5, 0.5},
-                 1, "scale and offset");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"scale\":0.5,\"offset\":0.25,", crossing,
+                 (double[3]){0.5, 0.5, 0.5}, 1, "scale and offset");
     /* Longest side 3, times 2. */
-    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":2,\"aabb\":[[-1,0,0],[1,3,1]],", crossing,
-                 (double[3]){0, 1.5, 0.5}, 3, "aabb");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":2,\"aabb\":[[-1,0,0],[1,3,1]],",
+                 crossing, (double[3]){0, 1.5, 0.5}, 3, "aabb");
     /* --bbox overrides all of them. */
-    check_bounds(folder, CLN_SPACE_CUBE, "-1,-1,0,1,3,1", "\"aabb_scale\":1,", crossing, (double[3]){0, 1, 0.5}, 2,
-                 "--bbox");
+    check_bounds(folder, CLN_SPACE_CUBE, "-1,-1,0,1,3,1", "\"aabb_scale\":1,", crossing,
+                 (double[3]){0, 1, 0.5}, 2, "--bbox");
     /* Axes cross in the origin; cameras are 4 away; at depth 4 the corner of 8 x 8 pixels at focal
      * length 10 is 4 * hypot(0.4, 0.4) = 2.26 away, less than 4; at focal length 1, 22.6. */
-    check_bounds(folder, CLN_SPACE_CUBE, "", "", crossing, (double[3]){0, 0, 0}, 4, "nearest to all optical axes");
-    check_bounds(folder, CLN_SPACE_CUBE, "", "\"fl_y\":1,", crossing, (double[3]){0, 0, 0}, 4 * hypot(0.4, 4),
+    check_bounds(folder, CLN_SPACE_CUBE, "", "", crossing, (double[3]){0, 0, 0}, 4,
                  "nearest to all optical axes");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"fl_y\":1,", crossing, (double[3]){0, 0, 0},
+                 4 * hypot(0.4, 4), "nearest to all optical axes");
     /* Photos have a shell around half of that; one of instant-ngp's box if it is wanted, around the
      * box where that is smaller. */
     check_bounds(folder, CLN_SPACE_AUTO, "", "", crossing, (double[3]){0, 0, 0}, 2,
                  "half way out to the cameras; --bbox sets a tighter one; and a shell");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
                  2 / 0.33, "aabb_scale 4");
-    check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":4,", crossing,
-                 (double[3]){0, 0, 0}, 2,
-                 "half way out to the cameras; --bbox sets a tighter one; and a shell");
-    check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":1,", crossing,
-                 (double[3]){0, 0, 0}, 0.5 / 0.33, "aabb_scale 1; and a shell");
+    check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
+                 2, "half way out to the cameras; --bbox sets a tighter one; and a shell");
+    check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":1,", crossing, (double[3]){0, 0, 0},
+                 0.5 / 0.33, "aabb_scale 1; and a shell");
     check_bounds(folder, CLN_SPACE_SHELL, "-1,-1,0,1,3,1", "", crossing, (double[3]){0, 1, 0.5}, 2,
                  "--bbox -1,-1,0,1,3,1; and a shell");
     /* Parallel: mean (1, 0, 4), spread 1, half 4, moved by 4 along -z. */
@@ -438,7 +439,8 @@ static void test_bounds(void **state)
     /* Outwards along one line: axes coincide, mean direction 0, spread 1. */
     check_bounds(folder, CLN_SPACE_CUBE, "", "", outwards, (double[3]){0, 0, 0}, 4, "outwards");
     /* One camera gives no scale. */
-    check_bounds(folder, CLN_SPACE_CUBE, "", "", FRAME("0.png", POSE_FRONT), (double[3]){0, 0, 3}, 1, "guess");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "", FRAME("0.png", POSE_FRONT), (double[3]){0, 0, 3},
+                 1, "guess");
 }
 
 /* Detects a cube that fills less than a grid step of the image or appears only in a corner. */
@@ -447,8 +449,9 @@ static void test_small_cubes_are_seen(void **state)
     const char *folder = *state;
 
     put_image(folder, "0.png", 1000, 1000, 3, 0);
-    check_bounds(folder, CLN_SPACE_CUBE, "0.61,0.37,0,0.62,0.38,0.01", "\"fl_y\":1000,\"fl_x\":1000,",
-                 FRAME("0.png", POSE_FRONT), (double[3]){0.615, 0.375, 0.005}, 0.005, "--bbox");
+    check_bounds(folder, CLN_SPACE_CUBE, "0.61,0.37,0,0.62,0.38,0.01",
+                 "\"fl_y\":1000,\"fl_x\":1000,", FRAME("0.png", POSE_FRONT),
+                 (double[3]){0.615, 0.375, 0.005}, 0.005, "--bbox");
     check_bounds(folder, CLN_SPACE_CUBE, "1.98,1.98,0,3,3,1", "\"fl_y\":1000,\"fl_x\":1000,",
                  FRAME("0.png", POSE_FRONT), (double[3]){2.49, 2.49, 0.5}, 0.51, "--bbox");
 }

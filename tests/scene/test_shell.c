@@ -383,9 +383,9 @@ static void test_most_leaves(void **state)
 int test_group_shell(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_by_hand), cmocka_unit_test(test_lines),
-        cmocka_unit_test(test_joints),  cmocka_unit_test(test_derivative),
-        cmocka_unit_test(test_other),   cmocka_unit_test(test_tree),
+        cmocka_unit_test(test_by_hand),     cmocka_unit_test(test_lines),
+        cmocka_unit_test(test_joints),      cmocka_unit_test(test_derivative),
+        cmocka_unit_test(test_other),       cmocka_unit_test(test_tree),
         cmocka_unit_test(test_most_leaves),
     };
 
