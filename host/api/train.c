@@ -202,8 +202,12 @@ done:
 static cln_status plan(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    const cln_plan_desc desc = {&t->pipeline, t->scene, t->model.tree.leaf_count, true,
-                                cln_coverage_bytes(t->scene)};
+    const cln_plan_desc desc = {&t->pipeline,
+                                t->scene,
+                                t->model.tree.leaf_count,
+                                true,
+                                cln_coverage_bytes(t->scene),
+                                cln_octree_depth(&t->model.tree)};
     const cln_config *c = &t->model.config;
     const int wanted = t->desc->resume ? cln_config_most_rays(c) : c->rays;
     int most = 0, first = 0;
@@ -377,6 +381,7 @@ static cln_status prepare(cln_trainer *t)
     cln_config config = t->desc->settings->config;
     cln_scene_desc scene = {.path = t->desc->scene,
                             .config = &config,
+                            .elsewhere = CLN_PROGRAM_BYTES,
                             .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
     bool same = false, empty = false;
 
@@ -405,6 +410,8 @@ static cln_status prepare(cln_trainer *t)
     } else {
         CLN_TRY(cln_scene_load(&scene, &t->scene));
     }
+    CLN_TRY(cln_plan_place_images(t->device, &config, cln_config_most_leaves(&config),
+                                  cln_coverage_bytes(t->scene), t->scene));
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
                                &t->eval_count));
     CLN_TRY(cln_quality_check(t->scene, t->eval_views, t->eval_count));

@@ -77,9 +77,8 @@ int cln_config_most_leaves(const cln_config *config);
  * (method.md 11). */
 int64_t cln_config_epoch_steps(const cln_config *config, double pixels);
 
-/* Deepest level that leaves may have; most intervals of a ray, through leaves of that level. */
+/* Deepest level that leaves may have. */
 int cln_config_deepest(const cln_config *config);
-double cln_config_most_intervals(const cln_config *config);
 
 /* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */
 cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS]);

@@ -53,11 +53,6 @@ int cln_config_deepest(const cln_config *config)
     return most < CLN_FULL_LEVELS - 1 ? CLN_FULL_LEVELS - 1 : most;
 }
 
-double cln_config_most_intervals(const cln_config *config)
-{
-    return 3 * ldexp(1, cln_config_deepest(config));
-}
-
 cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS])
 {
     const char *at = config->level_at;

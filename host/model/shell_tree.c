@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include "base/memory.h"
 
-enum { FACES = 6, CORE = 6, PIECES = 7, MET_FACES = 5 };
+enum { FACES = 6, CORE = 6, PIECES = 7, LINES = 6 };
 
 bool cln_shell_holds(const double cube[3])
 {
@@ -88,15 +88,20 @@ cln_status cln_shell_tree_most_intervals(const cln_octree *tree, int *most)
         least = i < FACES && counts[i] < counts[least] ? i : least;
     }
     *most -= counts[least];
+    if (*most > cln_shell_most_intervals(depth))
+        *most = (int)cln_shell_most_intervals(depth);
 done:
     free(met);
     return st;
 }
 
-/* A piece has two planes more along an axis than it has cells. */
+/* A ray's lines have a length of at most 4 along the three axes together, of a root of side 2: from
+ * outside, q = u / max |u_a| goes along half of a convex polygon, the section of a cube of side 2
+ * by the plane of ray and centre (a chord of it in the core), so each of its coordinates changes by
+ * 2 at most and that of the cube by 1; and the way out, 1 - 1 / (2 max |u_a|), falls and rises by
+ * 1/2 at most. A line meets a cell more than it crosses planes, and along each axis crosses one
+ * plane more than its length has cells. */
 double cln_shell_most_intervals(int level)
 {
-    const double n = ldexp(1, level);
-
-    return 1.5 * n + 3 + MET_FACES * (1.25 * n + 3);
+    return 2 * ldexp(1, level) + LINES * (1 + 3);
 }

@@ -168,9 +168,9 @@ int cln_pipeline_measures(const cln_config *config);
 /* The deepest level that its tree may have. */
 int cln_pipeline_deepest(const cln_pipeline *p);
 
-/* Rows of ray_o and ray_d that a ray has; the most intervals of one, of any tree. */
+/* Rows of ray_o and ray_d that a ray has; the most intervals of one, of any tree of this depth. */
 int cln_pipeline_rows(const cln_pipeline *p);
-double cln_pipeline_most_intervals(const cln_pipeline *p);
+double cln_pipeline_most_intervals(const cln_pipeline *p, int depth);
 
 /* Rays and samples that the regularisers of points add to a batch (cln_stage_regularise). */
 int cln_pipeline_extra_rays(const cln_pipeline *p);

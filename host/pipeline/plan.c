@@ -120,6 +120,7 @@ static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
 static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
 {
     const int deepest = cln_pipeline_deepest(d->pipeline);
+    const int depth = d->depth > 0 && d->depth < deepest ? d->depth : deepest;
     const double levels = deepest + 1;
 
     switch (per) {
@@ -129,7 +130,7 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
     case CLN_PER_LEAF_START:
         return s->leaves + 1;
     case CLN_PER_CELL:
-        return 1 << (3 * deepest);
+        return 1 << (3 * depth);
     case CLN_PER_VIEW:
         return d->scene->view_count;
     case CLN_PER_RAY:
@@ -141,7 +142,7 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
     case CLN_PER_TARGET:
         return fmax(s->rays, s->points);
     case CLN_PER_INTERVAL:
-        return s->rays * cln_pipeline_most_intervals(d->pipeline);
+        return s->rays * cln_pipeline_most_intervals(d->pipeline, depth);
     case CLN_PER_SAMPLE:
         return s->samples;
     case CLN_PER_SAMPLE_START:
@@ -199,13 +200,19 @@ static double samples_of(double most, double leaves, double slice)
     return most > leaves ? fmax(spread, (most - leaves) * slice) : spread;
 }
 
+/* Of a ray, in the deepest tree. */
+static double most_intervals(const cln_plan_desc *d)
+{
+    return cln_pipeline_most_intervals(d->pipeline, cln_pipeline_deepest(d->pipeline));
+}
+
 /* Samples of a batch whose every buffer fits `largest`; at least those of the smallest batch, so
  * that the check finds the buffer that does not fit. */
 static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest)
 {
     const cln_config *c = &d->pipeline->config;
     const double slice = d->pipeline->tune.sl;
-    double least = cln_pipeline_most_intervals(d->pipeline) * c->samples_per_leaf;
+    double least = most_intervals(d) * c->samples_per_leaf;
     double wanted = c->batch_samples, room = 0;
 
     if (d->training) {
@@ -229,7 +236,7 @@ static double fit_rays(const cln_plan_desc *d, double largest)
 {
     const int wanted = d->training ? cln_config_most_rays(&d->pipeline->config) : 0;
     const double rays = wanted > CLN_RENDER_RAYS ? wanted : CLN_RENDER_RAYS;
-    const double each = cln_pipeline_most_intervals(d->pipeline);
+    const double each = most_intervals(d);
     const double room = floor(largest / (each * BYTES(d, intervals)));
 
     return fmax(16,
@@ -314,10 +321,6 @@ static bool is_cpu(const cln_plan_desc *d)
     return strcmp(d->pipeline->device->info.type, "cpu") == 0;
 }
 
-/* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this
- * process. */
-static const double program_bytes = 300.0 * (1 << 20);
-
 /* Per pixel of an evaluated view: render, depth, opacity, truth, rounded, SSIM, PNG. */
 static const double picture_bytes = 64;
 
@@ -329,7 +332,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
     out->limit = c->host_mem > 0 ? c->host_mem : cln_host_memory();
     row(out, "program and driver", NULL);
-    add(out, program_bytes);
+    add(out, CLN_PROGRAM_BYTES);
     row(out, "images", "the size with --downscale, or the number of views");
     add(out, cln_scene_pixel_bytes(d->scene));
     row(out, "model", CLN_LOWER_LEAVES);
@@ -409,6 +412,27 @@ void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan
         row(out, "the device's, a CPU", device_plan->rows[largest_row(device_plan)].way_out);
         add(out, device_plan->total);
     }
+}
+
+cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
+                                 double coverage_bytes, cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline outline;
+    cln_plan plan, host;
+    const cln_plan_desc desc = {
+        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), 0};
+    double left = 0;
+
+    CLN_TRY(cln_pipeline_outline(device, config, scene->lenses, scene->has_alpha, &scene->space,
+                                 &outline));
+    cln_plan_device(&desc, &plan);
+    cln_plan_host(&desc, &plan, &host);
+    left = host.limit - (host.total - cln_scene_pixel_bytes(scene));
+    if (host.total > host.limit && cln_scene_pixel_bytes(scene) > CLN_STORE_LEAST)
+        CLN_TRY(cln_scene_shrink(scene, fmax(0, fmin(left, host.limit / 8))));
+done:
+    return st;
 }
 
 /* ---- both ---- */

@@ -20,6 +20,10 @@ enum {
     CLN_DISTIL_BATCHES = 16  /* batches of distil-samples points that a merge cycles through */
 };
 
+/* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this
+ * process. */
+#define CLN_PROGRAM_BYTES (300.0 * (1 << 20))
+
 typedef struct cln_plan {
     struct {
         const char *purpose;
@@ -44,6 +48,7 @@ typedef struct cln_plan_desc {
     int leaves;
     bool training;         /* else only rendering */
     double coverage_bytes; /* training: host memory of train/coverage.h */
+    int depth;             /* of the tree; 0: as deep as it may become */
 } cln_plan_desc;
 
 /* limit: --device-mem, else 90 % of the device's memory. */
@@ -51,6 +56,13 @@ void cln_plan_device(const cln_plan_desc *desc, cln_plan *out);
 
 /* limit: --host-mem, else the machine's memory. A CPU's device memory is the host's. */
 void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_plan *out);
+
+/* Before a pipeline is made: where the host's plan leaves too little for the scene's images, lets
+ * them lie in a file (cln_scene_shrink), of which at most an eighth of the limit is in memory.
+ * coverage_bytes: as in cln_plan_desc; below 0 if only pictures are made. CLN_OUTPUT, CLN_MEMORY.
+ */
+cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
+                                 double coverage_bytes, cln_scene *scene);
 
 /* CLN_MEMORY if a plan exceeds its limit, or a buffer (or part) the device's largest allocation. */
 cln_status cln_plan_check(const cln_device *device, const cln_plan *plan);

@@ -283,10 +283,9 @@ int cln_pipeline_rows(const cln_pipeline *p)
     return p->space.shell ? CLN_LINE_ROWS : 1;
 }
 
-double cln_pipeline_most_intervals(const cln_pipeline *p)
+double cln_pipeline_most_intervals(const cln_pipeline *p, int depth)
 {
-    return p->space.shell ? cln_shell_most_intervals(cln_pipeline_deepest(p))
-                          : cln_config_most_intervals(&p->config);
+    return p->space.shell ? cln_shell_most_intervals(depth) : 3 * ldexp(1, depth);
 }
 
 static cln_program *program_of(cln_pipeline *p, int i)

@@ -50,13 +50,16 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
                              cln_open_run *out)
 {
     cln_status st = CLN_OK;
-    cln_scene_desc desc = {.path = scene, .config = &out->model.config};
+    cln_scene_desc desc = {
+        .path = scene, .config = &out->model.config, .elsewhere = CLN_PROGRAM_BYTES};
 
     memset(out, 0, sizeof *out);
     out->run = run;
     memcpy(desc.pixels, pixels, sizeof desc.pixels);
     CLN_TRY(cln_open_run_model(run, out));
     CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
+    if (out->same_scene)
+        out->scene->space = out->model.space; /* as it was found when the run began */
     if (out->same_scene && out->model.motions &&
         out->model.motion_views == cln_scene_split_count(out->scene, CLN_SPLIT_TRAIN))
         cln_motion_views(out->scene, (const float(*)[CLN_MOTION])out->model.motions);
@@ -73,7 +76,8 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_pipeline *p = &opened->pipeline;
     char text[1024];
     const cln_scene none = {0}, *scene = opened->scene ? opened->scene : &none;
-    const cln_plan_desc desc = {p, scene, opened->model.tree.leaf_count, false, 0};
+    const cln_plan_desc desc = {p,     scene, opened->model.tree.leaf_count,
+                                false, 0,     cln_octree_depth(&opened->model.tree)};
     cln_plan plan, host_plan;
 
     if (device->device_mem)
@@ -82,6 +86,9 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_info("device: %s (%s, %d compute units)", opened->device->info.name,
              opened->device->info.platform, opened->device->info.compute_units);
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
+    if (opened->scene)
+        CLN_TRY(cln_plan_place_images(opened->device, config, opened->model.tree.leaf_count, -1,
+                                      opened->scene));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, config, lenses, opened->model.has_alpha,
                                 &opened->model.space, opened->wanted, p));

@@ -29,6 +29,7 @@ enum { GRID = 33, LATTICE = 9 };
  * eigenvalue of mean(I - d d^T) is about the squared sine of their typical angle. */
 static const double PARALLEL = 1e-3;
 static const double SPREADS = 4;
+static const double CORE_SHARE = 0.5;
 static const double HALF_MIN = 1e-9, HALF_MAX = 1e12;
 
 static double max_norm_distance(const double a[3], const double b[3])
@@ -304,17 +305,42 @@ done:
     return st;
 }
 
-/* The rule that found the cube says why it is one, or what is around it: a shell where it is
- * wanted, or where photos have a cube around their sparse points. */
-static cln_status add_reasons(cln_scene *scene, const char *refused, bool by_points,
-                              const cln_config *config)
+/* Where no points tell the cube of a shell: half of what looked_at finds, as the cameras may stand
+ * in the shell; a box of instant-ngp's, too, holds what lies beyond. */
+static cln_status looked_at_in_shell(const evidence *e, cln_space *space, char **because)
 {
     cln_status st = CLN_OK;
-    const bool chosen =
-        config->space == CLN_SPACE_AUTO && by_points && config->stage1 == CLN_STAGE1_GATHER;
+    cln_space core = *space;
+    char *rule = NULL;
+
+    CLN_TRY(looked_at(e, &core, &rule));
+    if (!rule || (e->result->has_bounds && CORE_SHARE * core.half >= space->half))
+        goto done;
+    space->half = CORE_SHARE * core.half;
+    memcpy(space->centre, core.centre, sizeof space->centre);
+    free(*because);
+    *because = NULL;
+    CLN_TRY(cln_strdup(because, "around the point nearest to all optical axes, half way out to the "
+                                "cameras; --bbox sets a tighter one"));
+done:
+    free(rule);
+    return st;
+}
+
+/* Photos show what lies beyond a cube of sparse points, or of a guess; not those whose alpha cuts
+ * something out, nor of a box that their file gives. */
+static bool chooses_shell(const evidence *e, const cln_config *config, bool found)
+{
+    return config->space == CLN_SPACE_AUTO && config->stage1 == CLN_STAGE1_GATHER && found &&
+           e->result->beyond && !e->scene->has_alpha;
+}
+
+/* The rule that found the cube says why it is one, or what is around it. */
+static cln_status add_reasons(cln_scene *scene, const char *refused, bool chosen)
+{
+    cln_status st = CLN_OK;
     char *longer = NULL;
 
-    scene->space.shell = chosen || config->space == CLN_SPACE_SHELL;
     if (!refused[0] && !scene->space.shell)
         return CLN_OK;
     CLN_TRY(cln_asprintf(&longer, "%s%s%s%s", scene->bounds_rule,
@@ -336,17 +362,22 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
     cln_space *space = &scene->space;
     evidence e = {.scene = scene, .result = result, .bbox = config->bbox};
     char refused[CLN_REFUSED_BYTES];
-    bool sane = true, by_points = false;
+    bool sane = true, chosen = false;
 
     CLN_TRY(find_forward(scene, result, config, refused));
     gather_axes(scene, &e.mean);
     for (size_t i = 0; i < sizeof rules / sizeof *rules && !scene->bounds_rule; i++) {
         CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
+        if (!scene->bounds_rule)
+            continue;
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
-        by_points = rules[i] == of_points && result->beyond;
+        chosen = chooses_shell(&e, config, rules[i] == of_points || rules[i] == looked_at);
+        space->shell = chosen || config->space == CLN_SPACE_SHELL;
+        if (space->shell && (rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)))
+            CLN_TRY(looked_at_in_shell(&e, space, &scene->bounds_rule));
     }
     if (!space->forward)
-        CLN_TRY(add_reasons(scene, refused, by_points, config));
+        CLN_TRY(add_reasons(scene, refused, chosen));
     sane = space->half >= HALF_MIN && space->half <= HALF_MAX;
     for (int i = 0; i < 3; i++)
         sane = sane && fabs(space->centre[i]) <= HALF_MAX; /* false for NaN, too */

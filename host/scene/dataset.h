@@ -44,6 +44,9 @@ cln_status cln_dataset_image_folder(const char *base, char **out);
 cln_status cln_dataset_find_images(const char *where, const char *const *bases, int base_count,
                                    cln_reader_result *result, char **folder);
 
+/* points_ply.c: the points of a PLY file, into result->points. CLN_INPUT, CLN_MEMORY. */
+cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result);
+
 /* Room for one more of what there are `count`; *array grows at powers of two. */
 cln_status cln_dataset_grow(void *array, int64_t count, size_t size, const char *what);
 

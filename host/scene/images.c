@@ -172,8 +172,26 @@ done:
     return st;
 }
 
-cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS], double limit)
+static void say_in_file(int images, double bytes, double room)
 {
+    char need[32], have[32];
+
+    cln_format_bytes(bytes, need);
+    cln_format_bytes(fmax(room, 0), have);
+    cln_info("scene: %d images have %s, and host memory room for %s: their pixels lie in a file in "
+             "%s",
+             images, need, have, cln_store_folder());
+}
+
+/* Room that a view's pixels take in a store. */
+static size_t room_of(const cln_view *v)
+{
+    return cln_store_room(v->camera.width, v->camera.height, v->channels);
+}
+
+cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
+{
+    const double limit = desc->config->host_mem;
     const double room = limit > 0 ? limit : cln_host_memory();
     double kept = 0, largest = 0, reading = 0;
     char need[32], have[32];
@@ -182,14 +200,14 @@ cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *v = &scene->views[i];
 
-        if (!wanted[v->split])
+        if (!desc->pixels[v->split])
             continue;
         images++;
         kept += (double)v->camera.width * v->camera.height * v->channels;
         largest = fmax(largest, (double)v->file_width * v->file_height * v->channels);
     }
     reading = 2 * THREADS * largest; /* the file or the row filters, and the pixels */
-    if (kept + reading <= (limit > 0 ? limit / 2 : room))
+    if (kept + reading <= room && kept + desc->elsewhere <= room)
         return CLN_OK;
     cln_format_bytes(reading, need);
     cln_format_bytes(room, have);
@@ -199,10 +217,65 @@ cln_status cln_scene_place_images(cln_scene *scene, const bool wanted[CLN_SPLITS
                         "smaller copies of them, or raise --host-mem",
                         scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have);
     scene->cached = room / 8;
-    cln_format_bytes(kept, need);
-    cln_info("scene: %d images have %s, and host memory %s: their pixels lie in a file in %s",
-             images, need, have, cln_store_folder());
+    say_in_file(images, kept, room - desc->elsewhere);
     return CLN_OK;
+}
+
+/* Puts the pixels of all loaded views, which are in memory, into a store. */
+static cln_status move_to_store(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    cln_store *store = NULL;
+    size_t place = 0;
+
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].pixels)
+            place += room_of(&scene->views[i]);
+    CLN_TRY(cln_store_create((double)place, scene->cached, &store));
+    place = 0;
+    for (int i = 0; i < scene->view_count; i++) {
+        cln_view *v = &scene->views[i];
+
+        if (!v->pixels)
+            continue;
+        CLN_TRY(cln_store_write(store, place, v->camera.width, v->camera.height, v->channels,
+                                v->pixels));
+        v->place = place;
+        place += room_of(v);
+    }
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].pixels) {
+            scene->views[i].store = store;
+            scene->views[i].pixels = NULL;
+        }
+    free(scene->pixels);
+    scene->pixels = NULL;
+    scene->store = store;
+    store = NULL;
+done:
+    cln_store_free(store);
+    return st;
+}
+
+cln_status cln_scene_shrink(cln_scene *scene, double bytes)
+{
+    cln_status st = CLN_OK;
+    const double kept = cln_scene_pixel_bytes(scene);
+    int images = 0;
+
+    if (kept <= bytes)
+        return CLN_OK;
+    scene->cached = fmax(bytes, 1);
+    if (scene->store) {
+        CLN_TRY(cln_store_resize(scene->store, bytes));
+        goto done;
+    }
+    for (int i = 0; i < scene->view_count; i++)
+        images += scene->views[i].pixels != NULL;
+    say_in_file(images, kept, bytes);
+    CLN_TRY(move_to_store(scene));
+done:
+    return st;
 }
 
 /* One reading of all files. Indices are handed out in order and none after a failure, so the lowest
@@ -428,7 +501,7 @@ static cln_status make_room(job *work)
         if (!work->wanted[v->split])
             continue;
         bytes += scene->cached > 0
-                     ? cln_store_room(v->camera.width, v->camera.height, v->channels)
+                     ? room_of(v)
                      : (size_t)v->camera.width * (size_t)v->camera.height * (size_t)v->channels;
     }
     if (scene->cached > 0)

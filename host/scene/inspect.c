@@ -468,8 +468,8 @@ static void check_exposure(inspection *in)
     else if (high - low > EXPOSURE_RANGE)
         cln_found_fault(in->findings, "exposure", false, NULL,
                         "exposure changes over the set, by %.2g stops in all: the model will blend "
-                        "it; fixed exposure and white balance are better",
-                        high - low);
+                        "it; fixed exposure and white balance are better%s",
+                        high - low, in->scene->has_alpha ? "" : ", or train with --exposure");
     json_decref(views);
 }
 

@@ -265,7 +265,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     cln_scene_find_doubts(scene);
     if (desc->config->depth_loss > 0 && desc->pixels[CLN_SPLIT_TRAIN])
         CLN_TRY(cln_scene_find_sights(scene, result));
-    CLN_TRY(cln_scene_place_images(scene, desc->pixels, desc->config->host_mem));
+    CLN_TRY(cln_scene_place_images(scene, desc));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));
 done:
     free(others);

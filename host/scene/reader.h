@@ -42,7 +42,7 @@ typedef struct cln_reader_result {
     int64_t observation_count; /* 0 = not told */
     cln_observation *observations;
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
-    bool beyond;         /* of photos, which show what is around a cube of points: a shell */
+    bool beyond;         /* of photos, which show what is around what they look at: a shell */
     const char *dialect; /* what cln_scene.dialect is to say */
     char *because;       /* why it was read as that, a phrase */
     json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */

@@ -311,6 +311,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_dataset_find_images(file, (const char *const[2]){path, folder}, 1 + inner, result,
                                     &images));
     result->dialect = "OpenSfM";
+    result->beyond = true;
     CLN_TRY(cln_asprintf(&result->because, "it has %sreconstruction.json; images are from %s",
                          inner ? "opensfm/" : "", cln_dataset_within(path, images)));
 done:

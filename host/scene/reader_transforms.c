@@ -250,6 +250,34 @@ done:
     return st;
 }
 
+/* The points of structure from motion that nerfstudio keeps beside the file, in its frame. */
+static cln_status read_points(const char *folder, const char *file, const json_t *root,
+                              cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const json_t *name = json_object_get(root, "ply_file_path");
+    char *path = NULL;
+
+    if (!name)
+        return CLN_OK;
+    if (!json_is_string(name))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: ply_file_path must be a string", file));
+    CLN_TRY(cln_path_join(&path, folder, json_string_value(name)));
+    if (!cln_is_file(path)) {
+        cln_warn("%s: there is no %s, which its ply_file_path names: no sparse points are read",
+                 file, path);
+        goto done;
+    }
+    st = cln_dataset_read_ply(path, result);
+    if (st == CLN_INPUT)
+        cln_note("reading the sparse points of %s (without its ply_file_path it is read by its "
+                 "cameras alone)",
+                 file);
+done:
+    free(path);
+    return st;
+}
+
 static cln_status read_single(const char *folder, const char *file, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -259,6 +287,8 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
     CLN_TRY(apply_lists(file, root, result));
     CLN_TRY(read_bounds(file, root, result));
+    CLN_TRY(read_points(folder, file, root, result));
+    result->beyond = true;
     result->dialect = result->has_bounds ? "instant-ngp" : "nerfstudio";
     CLN_TRY(cln_asprintf(&result->because, "%s %s%s",
                          strrchr(file, '/') ? strrchr(file, '/') + 1 : file,

@@ -56,7 +56,7 @@ done:
     return st;
 }
 
-/* The words of the formats behind `format` that are there, too; NULL if none is. */
+/* The words of the formats behind `format` that are there; NULL if none is. */
 static cln_status list_others(const char *path, int format, char **out)
 {
     cln_status st = CLN_OK;
@@ -85,7 +85,7 @@ done:
 cln_status cln_reader_pick(const char *path, int format, const cln_reader **out, char **others)
 {
     cln_status st = CLN_OK;
-    char *what = NULL, *advice = NULL, *list = NULL;
+    char *what = NULL, *advice = NULL, *list = NULL, *there = NULL;
     const char *missing = NULL;
 
     *others = NULL;
@@ -99,7 +99,14 @@ cln_status cln_reader_pick(const char *path, int format, const cln_reader **out,
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: %s; give the folder of a scene, or its transforms JSON file", path,
                          errno ? strerror(errno) : "neither a folder nor a file"));
-    CLN_TRY(cln_found_at(path, is_scene, &what, &advice));
+    if (format != CLN_FORMAT_AUTO)
+        CLN_TRY(list_others(path, CLN_FORMAT_AUTO, &there));
+    if (there) {
+        CLN_TRY(cln_asprintf(&what, "it is one of --format %s", there));
+        CLN_TRY(cln_strdup(&advice, "give that, or leave --format out"));
+    } else {
+        CLN_TRY(cln_found_at(path, is_scene, &what, &advice));
+    }
     CLN_TRY(list_readers(path, format, &list));
     CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene%s: %s; %s%s", path,
                      format == CLN_FORMAT_AUTO ? "" : " of this --format", what, advice, list));
@@ -107,5 +114,6 @@ done:
     free(what);
     free(advice);
     free(list);
+    free(there);
     return st;
 }

@@ -119,6 +119,7 @@ typedef struct cln_scene_desc {
     const cln_config *config; /* downscale, bbox, background, holdout, missing */
     bool pixels[CLN_SPLITS];  /* load the images of these splits; cameras and sizes always */
     bool unseen;              /* no error if no camera sees the cube */
+    double elsewhere;         /* bytes of host memory that images must leave */
 } cln_scene_desc;
 
 /* Reads a scene. Limits: 100,000 frames, 32,768 pixels a side, 2^28 pixels an image. Errors
@@ -156,6 +157,10 @@ cln_status cln_scene_check_pixels(const cln_scene *scene);
 
 /* Bytes of host memory that the loaded views' pixels take. */
 double cln_scene_pixel_bytes(const cln_scene *scene);
+
+/* Makes them take about so many bytes or fewer, if they take more: in memory, they go to a file of
+ * which so many are in memory; in a file, fewer of it are. CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_scene_shrink(cln_scene *scene, double bytes);
 
 /* A digest of a loaded view's pixels. */
 uint64_t cln_view_digest(const cln_view *view, uint64_t digest);

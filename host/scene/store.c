@@ -13,7 +13,7 @@
 
 /* A tile of four channels has 4,096 bytes, one of three 3,072. The cache is direct-mapped: tile i
  * of the file can be at i % slots alone, so tiles in a row never take each other's place. */
-enum { TILE = 32, LEAST_SLOTS = 64 };
+enum { TILE = 32, LEAST_SLOTS = CLN_STORE_LEAST / (32 * 32 * 4 + 8) };
 #define TILE_BYTES(channels) ((size_t)TILE * TILE * (size_t)(channels))
 
 struct cln_store {
@@ -65,7 +65,6 @@ cln_status cln_store_create(double bytes, double cached, cln_store **out)
 {
     cln_status st = CLN_OK;
     cln_store *store = NULL;
-    const double slots = fmin(cached, bytes) / (double)TILE_BYTES(4);
 
     *out = NULL;
     st = cln_disk_check(cln_store_folder(), bytes, "the photos");
@@ -75,11 +74,7 @@ cln_status cln_store_create(double bytes, double cached, cln_store **out)
     CLN_TRY(st);
     CLN_TRY(cln_alloc(&store, 1, sizeof *store, "photos"));
     store->file = -1;
-    store->slots = (size_t)fmax(slots, LEAST_SLOTS);
-    CLN_TRY(cln_alloc(&store->held, store->slots, sizeof *store->held, "photos"));
-    CLN_TRY(cln_alloc(&store->tiles, store->slots, sizeof *store->tiles, "photos"));
-    for (size_t i = 0; i < store->slots; i++)
-        store->held[i] = -1;
+    CLN_TRY(cln_store_resize(store, fmin(cached, bytes)));
     CLN_TRY(open_nameless(&store->file));
     *out = store;
     store = NULL;
@@ -97,6 +92,23 @@ void cln_store_free(cln_store *store)
     free(store->held);
     free(store->tiles);
     free(store);
+}
+
+cln_status cln_store_resize(cln_store *store, double cached)
+{
+    cln_status st = CLN_OK;
+
+    free(store->held);
+    free(store->tiles);
+    store->held = NULL;
+    store->tiles = NULL;
+    store->slots = (size_t)fmax(cached / (double)TILE_BYTES(4), LEAST_SLOTS);
+    CLN_TRY(cln_alloc(&store->held, store->slots, sizeof *store->held, "photos"));
+    CLN_TRY(cln_alloc(&store->tiles, store->slots, sizeof *store->tiles, "photos"));
+    for (size_t i = 0; i < store->slots; i++)
+        store->held[i] = -1;
+done:
+    return st;
 }
 
 double cln_store_cached(const cln_store *store)

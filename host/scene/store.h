@@ -13,6 +13,8 @@
 
 typedef struct cln_store cln_store;
 
+enum { CLN_STORE_LEAST = 64 * 4104 }; /* bytes of the smallest cache */
+
 /* Room that a photo takes: whole tiles. */
 size_t cln_store_room(int width, int height, int channels);
 
@@ -37,7 +39,8 @@ cln_status cln_store_check(const cln_store *store);
 /* Asks the system to read the pixel's tile ahead. */
 void cln_store_fetch(cln_store *store, size_t place, int width, int channels, int x, int y);
 
-/* Bytes of its cache. */
+/* Bytes of its cache; makes it one of about so many, which is empty. CLN_MEMORY: it has none. */
 double cln_store_cached(const cln_store *store);
+cln_status cln_store_resize(cln_store *store, double cached);
 
 #endif

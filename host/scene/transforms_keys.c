@@ -31,7 +31,8 @@ static const char *const used[] = {"frames",
                                    "k5",
                                    "k6",
                                    "val_filenames",
-                                   "test_filenames"};
+                                   "test_filenames",
+                                   "ply_file_path"};
 
 static bool is_used(const char *key)
 {

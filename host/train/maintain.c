@@ -109,14 +109,21 @@ done:
     return st;
 }
 
-/* The memory plans of a tree with `leaves` leaves. */
+/* The memory plans of a tree with `leaves` leaves after the next change, a level deeper at most. */
 typedef struct plans {
     cln_plan device, host;
 } plans;
 
 static void make_plans(const cln_trainer *t, int leaves, plans *out)
 {
-    const cln_plan_desc desc = {&t->pipeline, t->scene, leaves, true, cln_coverage_bytes(t->scene)};
+    const int depth = cln_octree_depth(&t->model.tree), level = t->model.level;
+    const int grown = level + t->model.space.shell; /* of leaves that begin anew */
+    const cln_plan_desc desc = {&t->pipeline,
+                                t->scene,
+                                leaves,
+                                true,
+                                cln_coverage_bytes(t->scene),
+                                1 + (depth > grown ? depth : grown)};
 
     cln_plan_device(&desc, &out->device);
     cln_plan_host(&desc, &out->device, &out->host);

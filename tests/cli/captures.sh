@@ -469,10 +469,8 @@ section_sparse() {
     expect "more than all views" 0 "~seen-by.has.no.effect" "$cln" train "$air" \
         -o "$air views" "${net[@]}" --seen-by 100 --steps 1
 
-    expect "a shell has more intervals than memory holds" 5 "--max-alloc" "$cln" train "$air" \
-        -o "$air tight" "${net[@]}" --steps 1 --host-mem 450M
-    expect "what it tells to lower" 0 "" "$cln" train "$air" -o "$air tight" "${net[@]}" \
-        --steps 1 --host-mem 450M --max-alloc 32M
+    expect "a shell in little memory" 0 "" "$cln" train "$air" -o "$air tight" "${net[@]}" \
+        --steps 1 --host-mem 450M
     expect "splatting: a cube by itself" 0 "" "$cln" train "$air" -o "$air splat" "${net[@]}" \
         --stage1 splat --steps 2
     expect "which gathers now" 0 "" "$cln" train --resume "$air splat" --skip-selftest \

@@ -845,8 +845,7 @@ section_output() {
     fi
     # no file may grow beyond 4 MiB, a checkpoint of this network is larger
     start "$cln" train "$work/blender" -o "$work/full" "${small[@]}" --width 64 --view-width 64 \
-        --start-level 2 \
-        --level-at "" --cull-from 1 --steps 100000
+        --start-level 2 --level-at "" --cull-from 1 --steps 100000
     wait_for 120 rows_of "$work/full" 5
     kill -INT "$child"
     finish
@@ -893,8 +892,7 @@ section_memory() {
     limit=$("$query" host_plan.total <"$r")
     check "host memory, too" number_above "$limit" "$("$query" result.host_peak <"$r")"
     run "$cln" train "$work/blender" -o "$work/hosted" "${small[@]}" --steps 20 --no-adaptive \
-        --level-at "" \
-        --host-mem "$limit" --json
+        --level-at "" --host-mem "$limit" --json
     check "a training that keeps to --host-mem" [ "$(json state)" = "done" ]
     check "its peak is below it" number_above "$limit" "$(json host_peak)"
 
@@ -906,8 +904,7 @@ section_memory() {
         frames+=",{\"file_path\":\"./train/$i\",\"transform_matrix\":[[1,0,0,0.$i],[0,1,0,0],"
         frames+="[0,0,1,4],[0,0,0,1]]}"
     done
-    printf '{"camera_angle_x":0.7,"frames":[%s]}' "${frames#,}" \
-        >"$work/large/transforms_train.json"
+    printf '{"camera_angle_x":0.7,"frames":[%s]}' "${frames#,}" >"$work/large/transforms_train.json"
     run "$cln" train "$work/large" -o "$work/in-memory" "${small[@]}" --steps 20 \
         --no-adaptive --json
     whole_peak=$(json host_peak)
@@ -920,12 +917,18 @@ section_memory() {
     check "the model is the same" [ "$(digest "$work/stored")" = "$(digest "$work/in-memory")" ]
     check "so are the evaluation's pictures and photos" diff -r \
         "$work/in-memory/eval/00000020-test" "$work/stored/eval/00000020-test"
-    check "the report shows them" grep -q 'alt="truth of test/r_000"' \
-        "$work/stored/report.html"
-    rm -r "$work/large" "$work/in-memory" "$work/stored"
+    check "the report shows them" grep -q 'alt="truth of test/r_000"' "$work/stored/report.html"
+    # of more than twice the photos, but less than all needs: the file, and no refusal
+    limit=$("$query" host_plan.total <"$work/in-memory/run.json")
+    limit=$((${limit%.*} - 52428800))
+    run "$cln" train "$work/large" -o "$work/between" "${small[@]}" --steps 20 --no-adaptive \
+        --host-mem "$limit" --json
+    check "photos beyond what is left lie in a file" grep -q "pixels lie in a file" "$work/err"
+    check "of the same model" [ "$(digest "$work/between")" = "$(digest "$work/in-memory")" ]
+    check "which keeps to --host-mem" number_above "$limit" "$(json host_peak)"
+    rm -r "$work/large" "$work/in-memory" "$work/stored" "$work/between"
 
-    # a limit with room for level 1 and a half: growth by level and by the integer program stay
-    # below it
+    # a limit with room for level 1 and a half: both kinds of growth stay below it
     limit=$(awk -v a="$("$query" plan.total <"$r")" 'BEGIN { printf "%.0f", a + 60000 }')
     run "$cln" train "$work/blender" -o "$work/level" "${small[@]}" --steps 60 --no-adaptive \
         --device-mem "$limit" --json
@@ -937,8 +940,7 @@ section_memory() {
     limit=$(awk -v a="$("$query" plan.total <"$work/few/run.json")" \
         'BEGIN { printf "%.0f", a + 1e6 }')
     run "$cln" train "$work/blender" -o "$work/more" "${small[@]}" --steps 60 --level-at "" \
-        --cull-from 1 \
-        --device-mem "$limit" --max-leaves 4000 --json
+        --cull-from 1 --device-mem "$limit" --max-leaves 4000 --json
     check "the integer program trains on" [ "$(json state)" = "done" ]
     check "its peak is below the limit" number_above "$limit" "$(json device_peak)"
     check "its budget of leaves is smaller" eval \
@@ -963,8 +965,7 @@ section_memory() {
     # 512 leaves, whose arrays do not fit one buffer; the limit is not of the run, so eval has them
     # in one
     run "$cln" train "$work/blender" -o "$work/parts" "${small[@]}" --start-level 3 --level-at "" \
-        --no-adaptive \
-        --steps 2 --max-alloc 1M -v
+        --no-adaptive --steps 2 --max-alloc 1M -v
     check "the plan says what is split" grep -qE \
         "memory plan: network weights [0-9.]+ MiB in 3 parts, optimiser state [0-9.]+ MiB in 3" \
         "$work/err"

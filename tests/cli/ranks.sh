@@ -60,6 +60,13 @@ section_same() {
     check "the model is that of one process" same "$work/one" "$work/two"
     check "one of them speaks" [ "$(grep -c '^run ' "$work/out")" = 1 ]
     check "rows tell what was sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
+    "$make_scene" "$work/shaken" --size 48 --train 8 --test 2 --fault shaken >/dev/null
+    run "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" --steps 400 --refine-poses
+    check "with poses that are refined" said "training cameras were turned by"
+    expect "by two ranks, too" 0 "~cameras.were.turned.by" "${mpi[@]}" -n 2 "$ranked" train \
+        "$work/shaken" -o "$work/refined two" "${small[@]}" "${samples[@]}" --steps 400 \
+        --refine-poses
+    check "which move them alike" same "$work/refined" "$work/refined two"
     local more=(--steps 60 --distortion-loss 0.01 --edge 0.01 --sparsity 0.01 --stage1 splat
         --moments bfloat16)
     run "$cln" train "$work/scene" -o "$work/more" "${small[@]}" "${more[@]}"

@@ -25,6 +25,7 @@
 #include "io/safetensors.h"
 #include "model/model.h"
 #include "report/report.h"
+#include "scene/dataset.h"
 #include "view/request.h"
 
 int LLVMFuzzerInitialize(int *argc, char ***argv);
@@ -91,14 +92,45 @@ static void put(const char *name, const char *text)
 
 /* ---- scenes ---- */
 
+/* Those of a PNG's chunks, which are 0 here. */
+static void clear_checksums(uint8_t *png, size_t bytes)
+{
+    for (size_t at = 8; at + 12 <= bytes;) {
+        at += 12 + ((size_t)png[at] << 24 | png[at + 1] << 16 | png[at + 2] << 8 | png[at + 3]);
+        memset(png + at - 4, 0, 4);
+    }
+}
+
+/* Images whose pixels can be read. */
+static void make_photos(const char *folder)
+{
+    format_images(folder, 1);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        char name[64];
+        size_t bytes = 0;
+        char *file = NULL;
+
+        snprintf(name, sizeof name, "%s/view_%02d.png", folder, v);
+        file = scratch_get(name, &bytes);
+        clear_checksums((uint8_t *)file, bytes);
+        scratch_put(name, file, bytes);
+        free(file);
+    }
+}
+
 static void read_scene(void)
 {
     cln_config config = *plain();
-    const cln_scene_desc desc = {.path = ".", .config = &config};
+    /* pixels that show sparse points are only found for a training */
+    const bool points =
+        strncmp(chosen->name, "colmap", 6) == 0 || strcmp(chosen->name, "opensfm") == 0;
+    const cln_scene_desc desc = {
+        .path = ".", .config = &config, .pixels = {[CLN_SPLIT_TRAIN] = points}};
     cln_scene *scene = NULL;
     json_t *about = NULL;
 
     config.missing = CLN_MISSING_SKIP;
+    config.depth_loss = 2;
     if (refused(cln_scene_load(&desc, &scene))) {
         require(!scene, "a refused scene");
         return;
@@ -118,6 +150,17 @@ static void read_scene(void)
         }
         require(fabs(norm - 1) < 0.01, "a ray without direction");
     }
+    if (getenv("FUZZ_TELL"))
+        fprintf(stderr, "%lld sights\n", (long long)scene->sight_count);
+    for (int64_t i = 0; i < scene->sight_count; i++) {
+        const cln_sight *s = &scene->sights[i];
+        const cln_camera *c = &scene->views[s->view].camera;
+
+        require(s->x >= 0 && s->y >= 0 && s->x < c->width && s->y < c->height, "a sight outside");
+        require(s->trust >= 0 && s->trust <= 1, "a sight's trust");
+        for (int a = 0; a < 3; a++)
+            require(isfinite(s->point[a]), "a sight of nothing");
+    }
     cln_scene_warn_doubts(scene);
     if (!refused(cln_scene_describe(scene, &about)))
         json_decref(about);
@@ -133,7 +176,7 @@ static void make_colmap(void)
     format_cameras(cameras);
     cameras[1].k1 = 0.1;
     cameras[1].lens = CLN_LENS_OPENCV;
-    format_images("images", 1);
+    make_photos("images");
     format_colmap("sparse/0", strcmp(chosen->name, "colmap") == 0, cameras, NULL, points, 2);
 }
 
@@ -168,8 +211,28 @@ static void make_opensfm(void)
     cln_camera cameras[FORMAT_VIEWS];
 
     format_cameras(cameras);
-    format_images("images", 1);
+    make_photos("images");
     format_opensfm(".", cameras, "brown", points, 2);
+    format_opensfm_tracks(".", true, points, 2);
+}
+
+static void make_ply(void)
+{
+    format_ply(".", "text.ply", false, points, 2);
+    format_ply(".", "binary.ply", true, points, 2);
+}
+
+static void read_ply(void)
+{
+    for (int i = 0; i < 2; i++) {
+        cln_reader_result result = {0};
+
+        if (!refused(cln_dataset_read_ply(chosen->files[i], &result)))
+            for (int k = 0; k < result.point_count; k++)
+                for (int a = 0; a < 3; a++)
+                    require(isfinite(result.points[k].xyz[a]), "a point nowhere");
+        free(result.points);
+    }
 }
 
 static void make_blender(void)
@@ -214,17 +277,13 @@ static char *contents(const char *name, size_t *bytes)
 
 static void make_images(void)
 {
-    static const uint8_t crc[4];
     uint8_t pixels[9 * 5 * 4], *file = NULL;
-    size_t bytes = 0, at = 8;
+    size_t bytes = 0;
 
     for (size_t i = 0; i < sizeof pixels; i++)
         pixels[i] = (uint8_t)(i * i);
     require(!cln_image_encode_png(9, 5, 4, pixels, &file, &bytes), "a PNG");
-    while (at + 12 <= bytes) {
-        at += 12 + ((size_t)file[at] << 24 | file[at + 1] << 16 | file[at + 2] << 8 | file[at + 3]);
-        memcpy(file + at - 4, crc, 4);
-    }
+    clear_checksums(file, bytes);
     scratch_put("a.png", file, bytes);
     free(file);
     require(!cln_image_encode_jpeg(9, 5, 3, pixels, 70, &file, &bytes), "a JPEG");
@@ -535,7 +594,8 @@ static const target targets[] = {
     {"llff", {"poses_bounds.npy"}, make_llff, read_scene, 2},
     {"neus", {"cameras_sphere.npz"}, make_neus, read_scene, 2},
     {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
-    {"opensfm", {"reconstruction.json"}, make_opensfm, read_scene, 2},
+    {"opensfm", {"reconstruction.json", "tracks.csv"}, make_opensfm, read_scene, 2},
+    {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},
     {"image", {"a.png", "a.jpg"}, make_images, read_images, 6},
     {"json", {"a.json"}, make_json, read_json, 1},
     {"npy", {"a.npy"}, make_npy, read_npy, 2},

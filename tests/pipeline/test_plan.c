@@ -49,7 +49,7 @@ static void make_fake(fake *f, const cln_config *config, double max_alloc, const
     }
     f->scene.views = f->views;
     f->scene.view_count = 4;
-    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0};
+    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0};
 }
 
 static cln_config preset(const char *name)
@@ -286,7 +286,7 @@ static void test_counts(void **state)
     cln_plan_device(&f.desc, &plan);
     assert_ok(cln_plan_check(&f.device, &plan));
     assert_true(plan.cells == two_32 - 64 * 64 * 64);
-    most = cln_config_most_intervals(&config);
+    most = cln_pipeline_most_intervals(&f.pipeline, config.max_level);
     assert_true((double)cln_config_most_rays(&config) * most > two_32);
     assert_true(plan.max_rays * most < two_32 && (plan.max_rays + 1) * most >= two_32);
     assert_true((double)plan.max_samples < two_32 / 2);
@@ -497,6 +497,7 @@ static void test_images_that_do_not_fit(void **state)
     cln_scene *scene = NULL;
     char path[PATH_MAX + 64];
     cln_scene_desc desc = {.config = &config, .pixels = {true, true, true}};
+    uint64_t digests[8];
 
     (void)state;
     snprintf(path, sizeof path, "%s/scene", fixture_folder);
@@ -505,6 +506,18 @@ static void test_images_that_do_not_fit(void **state)
     assert_ok(cln_scene_load(&desc, &scene));
     assert_null(scene->store);
     assert_true(cln_scene_pixel_bytes(scene) == 8 * 2304);
+    for (int i = 0; i < scene->view_count; i++)
+        digests[i] = cln_view_digest(&scene->views[i], CLN_DIGEST_START);
+    assert_ok(cln_scene_shrink(scene, 8 * 2304)); /* they need no more than that */
+    assert_null(scene->store);
+    for (int k = 0; k < 2; k++) { /* into a file; then less of it in memory */
+        assert_ok(cln_scene_shrink(scene, k ? 1 : 8 * 2304 - 1));
+        assert_non_null(scene->store);
+        assert_null(scene->pixels);
+        for (int i = 0; i < scene->view_count; i++)
+            assert_true(cln_view_digest(&scene->views[i], CLN_DIGEST_START) == digests[i]);
+    }
+    assert_ok(cln_scene_check_pixels(scene));
     cln_scene_free(scene);
     config.host_mem = 12000;
     assert_ok(cln_scene_load(&desc, &scene));

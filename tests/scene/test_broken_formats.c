@@ -434,6 +434,56 @@ static void test_opensfm(void **state)
     assert_refused(folder, plain(), (const char *const[3]){"no image has a pose"}, "no shots");
 }
 
+/* Points that transforms.json names: texts of the good file replaced, each a sentence; damaged
+ * anywhere. */
+static void test_ply(void **state)
+{
+    static const struct {
+        const char *from, *to, *words[3];
+    } cases[] = {
+        {"ply\n", "plyx\n", {"text.ply", "not a PLY file"}},
+        {"format ascii", "format binary_big_endian", {"line 2", "not a format", "little-endian"}},
+        {"element vertex", "element face", {"line 4", "not an element vertex"}},
+        {"vertex 2", "vertex -2", {"line 4", "not an element vertex"}},
+        {"vertex 2", "vertex 40000000", {"text.ply", "too short", "40000000 points"}},
+        {"vertex 2", "vertex 3", {"text.ply", "too short", "3 points"}},
+        {"float x", "float w", {"no x, y or z"}},
+        {"float x", "list uchar x", {"line 5", "no number"}},
+        {"float x", "x", {"line 5", "without type or name"}},
+        {"end_header", "end_of_header", {"neither an element nor"}},
+        {"1 2 3 4 5 6", "1 2 3 4 5", {"line 12", "no 6 numbers"}},
+        {"1 2 3 4 5 6", "1 2 1e300 4 5 6", {"point 0", "nowhere"}},
+        {"1 2 3 4 5 6", "1 2 nan 4 5 6", {"line 12", "no 6 numbers"}},
+    };
+    const char *folder = *state, *file = scratch_path(folder, "text.ply");
+    size_t bytes = 0;
+    char *good = NULL;
+
+    format_images(scratch_path(folder, "images"), 1);
+    format_ply(folder, "text.ply", false, few_points, 2);
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"ply_file_path\":\"text.ply\",\"frames\":[" FRAME(
+                 "images/view_00.png", POSE_FRONT) "]}");
+    good = scratch_get(file, &bytes);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *at = strstr(good, cases[i].from);
+        FILE *f = fopen(file, "wb");
+
+        assert_non_null(at);
+        fwrite(good, (size_t)(at - good), 1, f);
+        fprintf(f, "%s%s", cases[i].to, at + strlen(cases[i].from));
+        fclose(f);
+        assert_refused(folder, plain(), cases[i].words, cases[i].to);
+    }
+    free(good);
+    format_ply(folder, "text.ply", true, few_points, 2);
+    damage_everywhere(folder, file, 1);
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"ply_file_path\":7,\"frames\":[" FRAME("images/view_00.png",
+                                                                              POSE_FRONT) "]}");
+    assert_refused(folder, plain(), (const char *const[3]){"ply_file_path must be a string"}, "7");
+}
+
 int test_group_broken_formats(void)
 {
     const struct CMUnitTest tests[] = {
@@ -447,6 +497,7 @@ int test_group_broken_formats(void)
         cmocka_unit_test_setup_teardown(test_neus_matrices, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_ply, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("broken_formats", tests, NULL, NULL);

@@ -269,8 +269,63 @@ static void test_cube_of_points(void **state)
     format_colmap(scratch_path(*state, "a/sparse/0"), true, cameras, NULL, points, 3);
     cln_scene *scene = load(scratch_path(*state, "a"), &config);
     assert_non_null(strstr(scene->bounds_rule, "optical axes"));
-    assert_false(scene->space.shell);
+    assert_true(scene->space.shell);
     cln_scene_free(scene);
+}
+
+/* nerfstudio's points say the same of the cube, and have their shell; without the file, or without
+ * any, the cameras decide; a box of the file goes before them. */
+static void test_points_of_transforms(void **state)
+{
+    static const struct {
+        const char *keys;
+        const char *rule; /* of its choice */
+        bool shell, points;
+    } cases[] = {
+        {"\"ply_file_path\": \"text.ply\",", "1008 sparse points", true, true},
+        {"\"ply_file_path\": \"./binary.ply\",", "1008 sparse points", true, true},
+        {"\"ply_file_path\": \"gone.ply\",", "optical axes", true, false},
+        {"\"ply_file_path\": \"text.ply\", \"aabb_scale\": 8,", "aabb_scale 8", false, false},
+    };
+    const char *folder = *state;
+    cln_point points[1100];
+    const int count = make_points(points, 8, 0);
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_ply(folder, "text.ply", false, points, count);
+    format_ply(folder, "binary.ply", true, points, count);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        FILE *f = format_open(folder, "transforms.json");
+        cln_scene *scene = NULL;
+        int warnings = 0;
+
+        fprintf(f, "{%s \"frames\": [", cases[i].keys);
+        for (int v = 0; v < FORMAT_VIEWS; v++) {
+            const cln_camera *c = &cameras[v];
+
+            fprintf(f, "%s{\"file_path\": \"images/view_%02d.png\", \"fl_x\": %.17g,", v ? "," : "",
+                    v, c->fx);
+            fprintf(f, "\"fl_y\": %.17g, \"cx\": %.17g, \"cy\": %.17g,", c->fy, c->cx, c->cy);
+            fprintf(f, "\"transform_matrix\": [");
+            for (int row = 0; row < 3; row++) /* OpenGL's axes */
+                fprintf(f, "[%.17g,%.17g,%.17g,%.17g],", c->c2w[4 * row], -c->c2w[4 * row + 1],
+                        -c->c2w[4 * row + 2], c->c2w[4 * row + 3]);
+            fprintf(f, "[0,0,0,1]]}");
+        }
+        fprintf(f, "]}");
+        fclose(f);
+        cln_log_set_sink(scratch_count_warnings, &warnings);
+        scene = load(folder, plain());
+        if (!strstr(scene->bounds_rule, cases[i].rule))
+            fail_msg("case %zu: %s", i, scene->bounds_rule);
+        assert_int_equal(scene->space.shell, cases[i].shell);
+        assert_int_equal(warnings, i == 2);
+        if (cases[i].points)
+            assert_in_range((long)(1000 * scene->space.half), 2400, 3200);
+        cln_scene_free(scene);
+    }
 }
 
 /* ---- LLFF, NeuS ---- */
@@ -467,6 +522,7 @@ static void test_opensfm(void **state)
             assert_non_null(strstr(scene->bounds_rule, "1008 sparse points"));
             assert_in_range((long)(1000 * scene->space.half), 2400, 3200);
         }
+        assert_true(scene->space.shell);
         cln_scene_free(scene);
     }
 }
@@ -606,6 +662,7 @@ static void test_format(void **state)
     assert_int_equal(try_load(folder, &config, &scene), CLN_INPUT);
     assert_non_null(strstr(cln_error_text(), "not a scene of this --format"));
     assert_non_null(strstr(cln_error_text(), "cameras, but no images"));
+    assert_non_null(strstr(cln_error_text(), "it is one of --format transforms; give that"));
     assert_null(strstr(cln_error_text(), "transforms reader"));
     cln_clear_error();
     /* The first one is broken: the sentence names the other. */
@@ -631,6 +688,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),

@@ -367,14 +367,15 @@ static void test_wanted_splits(void **state)
 /* ---- bounds ---- */
 
 /* Loads one document with two frames and checks the cube. */
-static void check_bounds(const char *folder, const char *bbox, const char *keys, const char *poses,
-                         const double centre[3], double half, const char *rule)
+static void check_bounds(const char *folder, int space, const char *bbox, const char *keys,
+                         const char *poses, const double centre[3], double half, const char *rule)
 {
     cln_config config = default_config();
     char json[2048];
     cln_scene *scene = NULL;
 
     config.holdout = 0;
+    config.space = space;
     snprintf(config.bbox, sizeof config.bbox, "%s", bbox);
     snprintf(json, sizeof json, "{\"fl_x\":10,%s\"frames\":[%s]}", keys, poses);
     put_text(folder, "transforms.json", json);
@@ -382,6 +383,7 @@ static void check_bounds(const char *folder, const char *bbox, const char *keys,
     for (int i = 0; i < 3; i++)
         assert_near(scene->space.centre[i], centre[i], 1e-9);
     assert_near(scene->space.half, half, 1e-9);
+    assert_int_equal(scene->space.shell, strstr(rule, "shell") != NULL);
     if (!strstr(scene->bounds_rule, rule))
         fail_msg("rule '%s' lacks '%s'", scene->bounds_rule, rule);
     cln_scene_free(scene);
@@ -400,30 +402,45 @@ static void test_bounds(void **state)
 
     put_image(folder, "0.png", 8, 8, 3, 0);
     put_image(folder, "1.png", 8, 8, 3, 1);
-    check_bounds(folder, "", "\"aabb_scale\":1,", crossing, (double[3]){0, 0, 0}, 0.5 / 0.33,
-                 "aabb_scale 1");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":1,", crossing, (double[3]){0, 0, 0},
+                 0.5 / 0.33, "aabb_scale 1");
     /* (0.5 - offset) / scale, aabb_scale / 2 / scale; offset may be one number for all axes. */
-    check_bounds(folder, "", "\"aabb_scale\":2,\"scale\":0.5,\"offset\":[0.5,0.25,1],", crossing,
+    check_bounds(folder, CLN_SPACE_CUBE, "",
+                 "\"aabb_scale\":2,\"scale\":0.5,\"offset\":[0.5,0.25,1],", crossing,
                  (double[3]){0, 0.5, -1}, 2, "scale and offset");
-    check_bounds(folder, "", "\"scale\":0.5,\"offset\":0.25,", crossing, (double[3]){0.5, 0.5, 0.5},
-                 1, "scale and offset");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"scale\":0.5,\"offset\":0.25,", crossing,
+                 (double[3]){0.5, 0.5, 0.5}, 1, "scale and offset");
     /* Longest side 3, times 2. */
-    check_bounds(folder, "", "\"aabb_scale\":2,\"aabb\":[[-1,0,0],[1,3,1]],", crossing,
-                 (double[3]){0, 1.5, 0.5}, 3, "aabb");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":2,\"aabb\":[[-1,0,0],[1,3,1]],",
+                 crossing, (double[3]){0, 1.5, 0.5}, 3, "aabb");
     /* --bbox overrides all of them. */
-    check_bounds(folder, "-1,-1,0,1,3,1", "\"aabb_scale\":1,", crossing, (double[3]){0, 1, 0.5}, 2,
-                 "--bbox");
+    check_bounds(folder, CLN_SPACE_CUBE, "-1,-1,0,1,3,1", "\"aabb_scale\":1,", crossing,
+                 (double[3]){0, 1, 0.5}, 2, "--bbox");
     /* Axes cross in the origin; cameras are 4 away; at depth 4 the corner of 8 x 8 pixels at focal
      * length 10 is 4 * hypot(0.4, 0.4) = 2.26 away, less than 4; at focal length 1, 22.6. */
-    check_bounds(folder, "", "", crossing, (double[3]){0, 0, 0}, 4, "nearest to all optical axes");
-    check_bounds(folder, "", "\"fl_y\":1,", crossing, (double[3]){0, 0, 0}, 4 * hypot(0.4, 4),
+    check_bounds(folder, CLN_SPACE_CUBE, "", "", crossing, (double[3]){0, 0, 0}, 4,
                  "nearest to all optical axes");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"fl_y\":1,", crossing, (double[3]){0, 0, 0},
+                 4 * hypot(0.4, 4), "nearest to all optical axes");
+    /* Photos have a shell around half of that; one of instant-ngp's box if it is wanted, around the
+     * box where that is smaller. */
+    check_bounds(folder, CLN_SPACE_AUTO, "", "", crossing, (double[3]){0, 0, 0}, 2,
+                 "half way out to the cameras; --bbox sets a tighter one; and a shell");
+    check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
+                 2 / 0.33, "aabb_scale 4");
+    check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
+                 2, "half way out to the cameras; --bbox sets a tighter one; and a shell");
+    check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":1,", crossing, (double[3]){0, 0, 0},
+                 0.5 / 0.33, "aabb_scale 1; and a shell");
+    check_bounds(folder, CLN_SPACE_SHELL, "-1,-1,0,1,3,1", "", crossing, (double[3]){0, 1, 0.5}, 2,
+                 "--bbox -1,-1,0,1,3,1; and a shell");
     /* Parallel: mean (1, 0, 4), spread 1, half 4, moved by 4 along -z. */
-    check_bounds(folder, "", "", parallel, (double[3]){1, 0, 0}, 4, "parallel");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "", parallel, (double[3]){1, 0, 0}, 4, "parallel");
     /* Outwards along one line: axes coincide, mean direction 0, spread 1. */
-    check_bounds(folder, "", "", outwards, (double[3]){0, 0, 0}, 4, "outwards");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "", outwards, (double[3]){0, 0, 0}, 4, "outwards");
     /* One camera gives no scale. */
-    check_bounds(folder, "", "", FRAME("0.png", POSE_FRONT), (double[3]){0, 0, 3}, 1, "guess");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "", FRAME("0.png", POSE_FRONT), (double[3]){0, 0, 3},
+                 1, "guess");
 }
 
 /* Detects a cube that fills less than a grid step of the image or appears only in a corner. */
@@ -432,9 +449,10 @@ static void test_small_cubes_are_seen(void **state)
     const char *folder = *state;
 
     put_image(folder, "0.png", 1000, 1000, 3, 0);
-    check_bounds(folder, "0.61,0.37,0,0.62,0.38,0.01", "\"fl_y\":1000,\"fl_x\":1000,",
-                 FRAME("0.png", POSE_FRONT), (double[3]){0.615, 0.375, 0.005}, 0.005, "--bbox");
-    check_bounds(folder, "1.98,1.98,0,3,3,1", "\"fl_y\":1000,\"fl_x\":1000,",
+    check_bounds(folder, CLN_SPACE_CUBE, "0.61,0.37,0,0.62,0.38,0.01",
+                 "\"fl_y\":1000,\"fl_x\":1000,", FRAME("0.png", POSE_FRONT),
+                 (double[3]){0.615, 0.375, 0.005}, 0.005, "--bbox");
+    check_bounds(folder, CLN_SPACE_CUBE, "1.98,1.98,0,3,3,1", "\"fl_y\":1000,\"fl_x\":1000,",
                  FRAME("0.png", POSE_FRONT), (double[3]){2.49, 2.49, 0.5}, 0.51, "--bbox");
 }
 

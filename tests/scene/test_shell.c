@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/rng.h"
 #include "model/shell_tree.h"
@@ -286,20 +287,106 @@ static void test_tree(void **state)
             core += slot >= 0 && tree.level[tree.leaf[slot]] == level + 1;
         }
         assert_int_equal(core, 1 << (3 * level));
-        /* by hand: three axes of n / 2 + 1 planes, five faces of n / 8 + 1 and twice n / 4 + 1 */
+        /* by hand: a length of 4 over cells of 2 / n, and four more for each of six lines */
         assert_int_equal(cln_shell_tree_most_intervals(&tree, &most), CLN_OK);
-        assert_int_equal(most, 3 * (n / 2 + 1) + 5 * (n / 8 + 1 + 2 * (n / 4 + 1)));
-        assert_true(most <= cln_shell_most_intervals(level + 1));
+        assert_int_equal(most, 2 * n + 24);
+        assert_true(most == cln_shell_most_intervals(level + 1));
         cln_octree_free(&tree);
     }
+}
+
+static int by_value(const void *a, const void *b)
+{
+    const double d = *(const double *)a - *(const double *)b;
+
+    return (d > 0) - (d < 0);
+}
+
+/* Leaves that a ray passes: between all planes of cells of `side` that its lines cross. */
+static int count_leaves(const cln_octree *tree, double side, const double o[3], const double d[3])
+{
+    cln_space_line lines[CLN_SPACE_LINES];
+    const int count = cln_space_lines(&space, o, d, 0, lines);
+    int met = 0;
+
+    for (int k = 0; k < count; k++) {
+        const cln_space_line *l = &lines[k];
+        double at[512];
+        int n = 0;
+
+        at[n++] = l->begin;
+        at[n++] = l->end;
+        for (int a = 0; a < 3; a++)
+            for (double plane = -1; plane <= 1; plane += side) {
+                const double t = (plane - l->origin[a]) / l->direction[a];
+
+                if (t > l->begin && t < l->end)
+                    at[n++] = t;
+            }
+        qsort(at, (size_t)n, sizeof *at, by_value);
+        for (int i = 0; i + 1 < n; i++) {
+            double p[3];
+
+            for (int a = 0; a < 3; a++)
+                p[a] = l->origin[a] + 0.5 * (at[i] + at[i + 1]) * l->direction[a];
+            met += at[i + 1] - at[i] > 1e-5 && cln_octree_find(tree, p) >= 0;
+        }
+    }
+    return met;
+}
+
+/* No ray meets more leaves than a shell's tree says, and the bound is not far above the most that
+ * any meets: a tree whose leaves are all of one size, rays from anywhere to anywhere. */
+static void test_most_leaves(void **state)
+{
+    cln_octree_change change;
+    cln_octree tree;
+    uint8_t *marks = NULL;
+    int most = 0, largest = 0;
+
+    (void)state;
+    assert_int_equal(cln_shell_tree_create(4, &tree), CLN_OK);
+    marks = calloc((size_t)tree.leaf_count, 1); /* the faces, too, down to level 5 */
+    for (int s = 0; s < tree.leaf_count; s++)
+        marks[s] = tree.level[tree.leaf[s]] < 5;
+    assert_int_equal(cln_octree_split(&tree, marks, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    free(marks);
+    assert_int_equal(cln_shell_tree_most_intervals(&tree, &most), CLN_OK);
+    assert_int_equal(most, 2 * 32 + 24);
+    for (int i = 0; i < 20000; i++) {
+        static const double far[] = {0, 1, 3, 100, 1e5};
+        float draws[2][4];
+        double u[3], o[3], d[3], length = 0;
+        int met = 0;
+
+        for (uint32_t k = 0; k < 2; k++)
+            cln_uniform4(5, CLN_STREAM_SCENE, 0, (uint32_t)i, k, draws[k]);
+        for (int a = 0; a < 3; a++) {
+            u[a] = 3 * draws[0][a] - 1.5;
+            d[a] = 2 * draws[1][a] - 1;
+            length = hypot(length, d[a]);
+        }
+        for (int a = 0; a < 3; a++) {
+            d[a] /= length;
+            u[a] -= far[i % 5] * d[a];
+        }
+        scene_of(u, o);
+        met = count_leaves(&tree, 2.0 / 32, o, d);
+        largest = met > largest ? met : largest;
+    }
+    print_message("at most %d leaves on a ray, counted for %d\n", largest, most);
+    assert_true(largest <= most && largest >= 2 * 32 - 4);
+    cln_octree_free(&tree);
 }
 
 int test_group_shell(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_by_hand), cmocka_unit_test(test_lines),
-        cmocka_unit_test(test_joints),  cmocka_unit_test(test_derivative),
-        cmocka_unit_test(test_other),   cmocka_unit_test(test_tree),
+        cmocka_unit_test(test_by_hand),     cmocka_unit_test(test_lines),
+        cmocka_unit_test(test_joints),      cmocka_unit_test(test_derivative),
+        cmocka_unit_test(test_other),       cmocka_unit_test(test_tree),
+        cmocka_unit_test(test_most_leaves),
     };
 
     return cmocka_run_group_tests_name("shell", tests, NULL, NULL);

@@ -456,6 +456,38 @@ static inline void format_nsvf(const char *folder, const cln_camera *cameras, co
     fclose(f);
 }
 
+/* A PLY file of points as nerfstudio writes it (text), or with doubles, a normal and a face behind
+ * it (binary). */
+static inline void format_ply(const char *folder, const char *name, bool binary,
+                              const cln_point *points, int count)
+{
+    FILE *f = format_open(folder, name);
+    const char *real = binary ? "double" : "float";
+
+    fprintf(f, "ply\nformat %s 1.0\ncomment of a test\nelement vertex %d\n",
+            binary ? "binary_little_endian" : "ascii", count);
+    fprintf(f, "property %s x\nproperty %s y\nproperty %s z\n", real, real, real);
+    fprintf(f, binary ? "property float nx\n" : "");
+    fprintf(f, "property uint8 red\nproperty uint8 green\nproperty uint8 blue\n");
+    fprintf(f, binary ? "element face 1\nproperty list uchar int vertex_indices\n" : "");
+    fprintf(f, "end_header\n");
+    for (int i = 0; i < count; i++) {
+        const cln_point *p = &points[i];
+        const float normal = 1;
+
+        if (!binary) {
+            fprintf(f, "%.9g %.9g %.9g %d %d %d\n", p->xyz[0], p->xyz[1], p->xyz[2], p->rgb[0],
+                    p->rgb[1], p->rgb[2]);
+            continue;
+        }
+        fwrite(p->xyz, sizeof *p->xyz, 3, f);
+        fwrite(&normal, sizeof normal, 1, f);
+        fwrite(p->rgb, 1, 3, f);
+    }
+    fwrite(binary ? "\3\0\0\0\0\0\0\0\0\0\0\0" : "", 1, binary ? 13 : 0, f);
+    fclose(f);
+}
+
 /* reconstruction.json: an empty reconstruction, then that of the cameras, one camera per view;
  * `type`: brown or perspective. */
 static inline void format_opensfm(const char *folder, const cln_camera *cameras, const char *type,
