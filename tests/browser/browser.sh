@@ -1,7 +1,8 @@
 #!/bin/bash
 # The viewer's page in headless Chromium, through chromedriver: it loads, follows mouse, touch and
 # keys, shows what `render` makes, saves paths, asks nobody else, and says nothing on the console;
-# of a training, it follows and steers it.
+# two viewers at once; by keys alone; on a phone, dark and light; of a training, it follows and steers
+# it.
 # On a small generated scene; screenshots to look at are left in build/browser/. Not part of `make
 # test`: Chromium is a large download.
 #   tests/browser/browser.sh
@@ -17,7 +18,7 @@ trap '[ $server = 0 ] || kill $server; rm -rf "$work"' EXIT
 
 mkdir -p build/browser
 "$make_scene" "$work/photos" --size 100 --train 20 --test 2 >/dev/null || bad "make-scene"
-expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --time-limit 15s --skip-selftest \
+expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --steps 500 --skip-selftest \
     --progress none
 expect "render" 0 "" "$cln" render "$work/run" --split test -o "$work/rendered" --progress none
 
