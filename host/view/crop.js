@@ -7,7 +7,7 @@
  * a side of facts.box itself is no side. */
 let crop = null;
 let cropTurn = [0, 0, 0]; /* degrees about x, then y, then z */
-const FAR = 1e4; /* times the box: beyond everything */
+const FAR = 1e4; /* times the box: beyond everything, where the scene does not end with it */
 
 const isTurned = () => cropTurn.some((v) => v !== 0);
 const isSide = (i) => crop[i] > facts.box[i % 3] && crop[i] < facts.box[3 + i % 3];
@@ -34,10 +34,11 @@ function toCrop(point) {
 /* What a picture is asked with: the numbers of --crop, of a box that is turned about its own middle.
  */
 function cropSides() {
+  const far = facts.endless ? FAR : 1;
   const sides = crop.map((v, i) => {
     const low = facts.box[i % 3], high = facts.box[3 + i % 3];
     if (isSide(i) || !(facts.endless || isTurned())) return v;
-    return i < 3 ? low - FAR * (high - low) : high + FAR * (high - low);
+    return i < 3 ? low - far * (high - low) : high + far * (high - low);
   });
   if (!isTurned()) return sides;
   const own = [0, 1, 2].map((a) => (sides[a] + sides[a + 3]) / 2), middle = fromCrop(own);
@@ -58,6 +59,8 @@ const cropQuery = () => isCropped() ? {crop: cropSides().join(',')} : {};
 
 function addSlider(id, text, low, high, value, changed) {
   const row = document.createElement('label'), slider = document.createElement('input');
+  const name = document.createElement('span');
+  name.textContent = text;
   slider.type = 'range';
   Object.assign(slider, {min: low, max: high, value, id});
   slider.addEventListener('input', () => {
@@ -66,7 +69,7 @@ function addSlider(id, text, low, high, value, changed) {
     changeCrop();
   });
   row.className = 'row';
-  row.append(text, slider, document.createElement('output'));
+  row.append(name, slider, document.createElement('output'));
   $('crop-sliders').append(row);
 }
 
@@ -74,7 +77,7 @@ function makeCrop() {
   crop = [...facts.box];
   for (let i = 0; i < 6; i++) {
     const a = i % 3, low = facts.box[a], high = facts.box[3 + a];
-    addSlider(`crop-${i}`, `${'xyz'[a]} ${i < 3 ? 'from' : 'to'} `, 0, 1000, i < 3 ? 0 : 1000,
+    addSlider(`crop-${i}`, `${'xyz'[a]} ${i < 3 ? 'from' : 'to'}`, 0, 1000, i < 3 ? 0 : 1000,
       (value) => {
         const share = value / 1000, least = (high - low) / 1000;
         crop[i] = share === 0 ? low : share === 1 ? high : low + share * (high - low);
@@ -83,7 +86,7 @@ function makeCrop() {
       });
   }
   for (let a = 0; a < 3; a++)
-    addSlider(`crop-turn-${a}`, `turn ${'xyz'[a]} `, -180, 180, 0, (value) => turnCrop(a, value));
+    addSlider(`crop-turn-${a}`, `turn ${'xyz'[a]}`, -180, 180, 0, (value) => turnCrop(a, value));
   changeCrop();
 }
 

@@ -1,9 +1,9 @@
 """The checks of browser.sh: drives Chromium by WebDriver's plain HTTP, with Python's own library.
 
-    browser.py ADDRESS RENDERED FOLDER
+    browser.py ADDRESS RENDERED FOLDER PAGES
 
 RENDERED is the PNG that `render` made of the first test view, or "training": ADDRESS is that of a
-training, which is steered and stopped. Screenshots go to FOLDER. A line per check on standard
+training, which is steered and stopped. Screenshots go to FOLDER. PAGES: names, with spaces. A line per check on standard
 output, "ok" or "FAILED".
 """
 import base64
@@ -15,7 +15,7 @@ import sys
 import time
 import urllib.request
 
-ADDRESS, RENDERED, FOLDER = sys.argv[1:]
+ADDRESS, RENDERED, FOLDER, PAGES = sys.argv[1:]
 TEST_VIEW = 20  # behind 20 training views
 MEAN = """
     const b = last.box, c = new OffscreenCanvas(64, 64), p = c.getContext('2d');
@@ -563,6 +563,8 @@ def main():
         for name, width, height, dark, phone in (('desktop', 1200, 800, False, False),
                                                  ('dark', 1000, 700, True, False),
                                                  ('phone', 390, 780, False, True)):
+            if name not in PAGES.split():
+                continue
             page = Page(driver, name, width, height, dark, phone)
             page.shot('start')
             look_of(page, dark, phone)
@@ -575,7 +577,8 @@ def main():
             crop(page)
             listen(page)
             page.close()
-        two_at_once(driver)
+        if 'two' in PAGES.split():
+            two_at_once(driver)
     finally:
         driver.process.terminate()
 

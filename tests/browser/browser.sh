@@ -5,7 +5,8 @@
 # it.
 # On a small generated scene; screenshots to look at are left in build/browser/. Not part of `make
 # test`: Chromium is a large download.
-#   tests/browser/browser.sh
+#   tests/browser/browser.sh [PAGE...]
+#           pages: desktop dark phone two training
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -22,6 +23,8 @@ expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --steps 500 --ski
     --progress none
 expect "render" 0 "" "$cln" render "$work/run" --split test -o "$work/rendered" --progress none
 
+pages=${*:-desktop dark phone two training}
+
 # drive RENDERED: the checks of browser.py at the server's address
 drive() {
     local rc
@@ -30,7 +33,7 @@ drive() {
         sed -n 's/.*in a browser: //p' "$work/log" >"$work/address"
         sleep 0.2
     done
-    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser >"$work/checks" \
+    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser "$pages" >"$work/checks" \
         2>"$work/err"
     rc=$?
     cat "$work/checks"
@@ -39,10 +42,20 @@ drive() {
     check "the driver ran to its end" [ $rc = 0 ]
 }
 
-"$cln" view "$work/run" >"$work/address" 2>"$work/log" &
-server=$!
-drive "$work/rendered/test_r_000.png"
-kill $server
+if [ "$pages" != training ]; then
+    "$cln" view "$work/run" >"$work/address" 2>"$work/log" &
+    server=$!
+    drive "$work/rendered/test_r_000.png"
+    kill $server
+fi
+case " $pages " in
+*" training "*) ;;
+*)
+    server=0
+    count
+    exit
+    ;;
+esac
 : >"$work/address"
 "$cln" train "$work/photos" -o "$work/watched" --time-limit 10m --skip-selftest --view \
     >"$work/out" 2>"$work/log" &
