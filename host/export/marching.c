@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "export/marching_edges.h"
 
 enum {
     CHUNK = 65536,
@@ -31,13 +32,6 @@ typedef struct hub {
     size_t first, count; /* faces */
 } hub;
 
-/* Vertices by edge, of a slab; a free place has the key 0. */
-typedef struct edges {
-    uint64_t *key; /* [room] */
-    uint32_t *vertex;
-    size_t room, count;
-} edges;
-
 typedef struct sweep {
     const cln_marching *m;
     size_t side;         /* points of the grid along an axis */
@@ -45,7 +39,7 @@ typedef struct sweep {
     uint8_t *levels;     /* [z][y][x]; NULL: all 0 */
     float *values;       /* [slice][y][x] of a slab, from `bottom` up */
     int bottom, top;     /* slices */
-    edges edges;         /* that are cut */
+    cln_edges edges;     /* that are cut, of a slab: see vertex_on */
     crossing *crossings; /* of vertices that are not yet in their places */
     hub *hubs;           /* likewise */
     size_t count, room, hub_count, hub_room;
@@ -173,8 +167,7 @@ done:
 static void finish(sweep *s)
 {
     free(s->values);
-    free(s->edges.key);
-    free(s->edges.vertex);
+    cln_edges_free(&s->edges);
     free(s->crossings);
     free(s->hubs);
     free(s->at);
@@ -284,40 +277,6 @@ done:
 
 /* ---- vertices ---- */
 
-static size_t spot_of(const edges *e, uint64_t key)
-{
-    size_t spot = (size_t)(key * 0x9e3779b97f4a7c15u >> 20) & (e->room - 1);
-
-    while (e->key[spot] != 0 && e->key[spot] != key)
-        spot = (spot + 1) & (e->room - 1);
-    return spot;
-}
-
-/* Twice the room. */
-static cln_status widen(edges *e)
-{
-    cln_status st = CLN_OK;
-    edges wide = {.room = e->room ? 2 * e->room : 8192, .count = e->count};
-
-    CLN_TRY(cln_alloc(&wide.key, wide.room, sizeof *wide.key, "edges"));
-    CLN_TRY(cln_alloc(&wide.vertex, wide.room, sizeof *wide.vertex, "edges"));
-    for (size_t i = 0; i < e->room; i++)
-        if (e->key[i] != 0) {
-            const size_t spot = spot_of(&wide, e->key[i]);
-
-            wide.key[spot] = e->key[i];
-            wide.vertex[spot] = e->vertex[i];
-        }
-    free(e->key);
-    free(e->vertex);
-    *e = wide;
-    wide = (edges){0};
-done:
-    free(wide.key);
-    free(wide.vertex);
-    return st;
-}
-
 /* The vertex on the edge along `axis` from one point to another, whose values differ in sign. */
 static cln_status vertex_on(sweep *s, int axis, const int from[3], int length, uint32_t *vertex)
 {
@@ -329,17 +288,16 @@ static cln_status vertex_on(sweep *s, int axis, const int from[3], int length, u
     int to[3] = {from[0], from[1], from[2]};
     float low = 0, high = 0;
     crossing *c = NULL;
-    size_t spot = 0;
+    uint32_t *there = NULL;
+    bool fresh = false;
 
-    if (2 * (s->edges.count + 1) > s->edges.room)
-        CLN_TRY(widen(&s->edges));
-    spot = spot_of(&s->edges, key);
-    *vertex = s->edges.vertex[spot];
-    if (s->edges.key[spot] == key)
+    CLN_TRY(cln_edges_find(&s->edges, key, &there, &fresh));
+    *vertex = *there;
+    if (!fresh)
         return CLN_OK;
     CLN_TRY(cln_surface_grow_vertices(out));
     CLN_TRY(grow(&s->crossings, &s->room, s->count, sizeof *s->crossings));
-    *vertex = (uint32_t)out->vertices++;
+    *vertex = *there = (uint32_t)out->vertices++;
     to[axis] += length;
     low = s->values[index_of(s, from)];
     high = s->values[index_of(s, to)];
@@ -350,38 +308,17 @@ static cln_status vertex_on(sweep *s, int axis, const int from[3], int length, u
         c->in[a] = place(s, low > 0 ? from[a] : to[a]);
         c->out[a] = place(s, low > 0 ? to[a] : from[a]);
     }
-    s->edges.key[spot] = key;
-    s->edges.vertex[spot] = *vertex;
-    s->edges.count++;
 done:
     return st;
 }
 
-/* Forgets the edges that the next slab has not. */
-static cln_status keep_top(sweep *s)
+/* Does the next slab have this edge, too? */
+static bool is_on_top(const void *user, uint64_t key)
 {
-    cln_status st = CLN_OK;
+    const sweep *s = user;
     const uint64_t area = (uint64_t)s->side * s->side;
-    edges old = s->edges;
 
-    s->edges = (edges){0};
-    for (size_t i = 0; i < old.room; i++) {
-        const uint64_t key = old.key[i] - 1;
-        size_t spot = 0;
-
-        if (old.key[i] == 0 || key / 3 / area != (uint64_t)s->top || key % 3 == 2)
-            continue;
-        if (2 * (s->edges.count + 1) > s->edges.room)
-            CLN_TRY(widen(&s->edges));
-        spot = spot_of(&s->edges, old.key[i]);
-        s->edges.key[spot] = old.key[i];
-        s->edges.vertex[spot] = old.vertex[i];
-        s->edges.count++;
-    }
-done:
-    free(old.key);
-    free(old.vertex);
-    return st;
+    return (key - 1) / 3 / area == (uint64_t)s->top && (key - 1) % 3 != 2;
 }
 
 /* Halves the piece of a line that has the change of sign, some times, and ends by a straight line.
@@ -715,7 +652,7 @@ cln_status cln_marching_run(const cln_marching *marching, cln_surface *out)
                 CLN_TRY(cut_block(&s, x, y, z));
         CLN_TRY(put_in_place(&s));
         CLN_TRY(place_hubs(&s));
-        CLN_TRY(keep_top(&s));
+        CLN_TRY(cln_edges_keep(&s.edges, is_on_top, &s));
         if (marching->progress)
             CLN_TRY(marching->progress(marching->user, z + 1, s.blocks));
     }

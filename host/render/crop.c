@@ -7,8 +7,7 @@
 #include "base/log.h"
 #include "base/number.h"
 
-cln_status cln_crop_set(const char *name, const double box[6], const double angle[3],
-                        cln_crop *out)
+cln_status cln_crop_set(const char *name, const double box[6], const double angle[3], cln_crop *out)
 {
     const double c[3] = {cos(angle[0]), cos(angle[1]), cos(angle[2])};
     const double s[3] = {sin(angle[0]), sin(angle[1]), sin(angle[2])};

@@ -64,7 +64,7 @@ struct cln_server {
     const char *facts;
     bool training;
     char *pages[PAGES]; /* their texts */
-    char cookie[32]; /* its name */
+    char cookie[32];    /* its name */
     struct MHD_Daemon *daemon;
     double tended_at;     /* the painting thread's, as the next one */
     bool small_before;    /* the piece painted before was a small request */

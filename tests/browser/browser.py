@@ -3,8 +3,8 @@
     browser.py ADDRESS RENDERED FOLDER PAGES
 
 RENDERED is the PNG that `render` made of the first test view, or "training": ADDRESS is that of a
-training, which is steered and stopped. Screenshots go to FOLDER. PAGES: names, with spaces. A line per check on standard
-output, "ok" or "FAILED".
+training, which is steered and stopped. Screenshots go to FOLDER. PAGES: names, with spaces. A line
+per check on standard output, "ok" or "FAILED".
 """
 import base64
 import json
@@ -13,6 +13,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 
 ADDRESS, RENDERED, FOLDER, PAGES = sys.argv[1:]
@@ -59,8 +60,12 @@ class Driver:
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(self.base + path, method=method, data=data,
                                          headers={'Content-Type': 'application/json'})
-        with urllib.request.urlopen(request, timeout=120) as answer:
-            return json.load(answer)['value']
+        try:
+            with urllib.request.urlopen(request, timeout=300) as answer:
+                return json.load(answer)['value']
+        except urllib.error.HTTPError as error:
+            said = json.load(error).get('value', {}).get('message', '')
+            raise SystemExit(f'{path} {str(body)[:200]}: {said.splitlines()[:1]}') from None
 
 
 class Page:
@@ -79,7 +84,7 @@ class Page:
                   'goog:loggingPrefs': {'browser': 'ALL', 'performance': 'ALL'}}
         made = driver.call('POST', '/session', {'capabilities': {'alwaysMatch': wanted}})
         self.path = '/session/' + made['sessionId']
-        self.call('/timeouts', {'script': 60000})
+        self.call('/timeouts', {'script': 240000})
         self.call('/url', {'url': ADDRESS})
         self.settle()
 
@@ -433,9 +438,10 @@ def by_keys(page):
     page.check('Tab reaches every control', wanted <= set(seen), wanted - set(seen))
     page.check('and goes around', seen[-1] in seen[:2] and len(seen) > 40, seen[-1])
     unnamed = page.js("""
-        return [...document.querySelectorAll('button, input, select, a[href], summary')].filter((e) =>
-          e.offsetParent && !(e.textContent.trim() || e.getAttribute('aria-label') ||
-            (e.labels && e.labels.length && e.labels[0].textContent.trim()))).map((e) => e.id)""")
+        const all = document.querySelectorAll('button, input, select, a[href], summary');
+        const named = (e) => e.textContent.trim() || e.getAttribute('aria-label') ||
+          (e.labels && e.labels.length && e.labels[0].textContent.trim());
+        return [...all].filter((e) => e.offsetParent && !named(e)).map((e) => e.id)""")
     page.check('all have names', not unnamed, unnamed)
     page.js('$("cameras").querySelector("button").focus()')
     page.key(KEYS['enter'])
@@ -449,7 +455,8 @@ def by_keys(page):
     page.js('for (const d of document.querySelectorAll("details")) d.open = false;'
             '$("cameras-part").open = true; $("menu").focus()')
     page.key(KEYS['enter'])
-    page.check('Enter closes the panel', page.js('return document.body.classList.contains("closed")'))
+    page.check('Enter closes the panel',
+               page.js('return document.body.classList.contains("closed")'))
     page.key(KEYS['enter'])
     page.js('document.activeElement.blur()')
     page.key('h')

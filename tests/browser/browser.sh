@@ -28,13 +28,14 @@ pages=${*:-desktop dark phone two training}
 # drive RENDERED: the checks of browser.py at the server's address
 drive() {
     local rc
+    touch "$work/log"
     for _ in $(seq 300); do
         [ -s "$work/address" ] && break
         sed -n 's/.*in a browser: //p' "$work/log" >"$work/address"
         sleep 0.2
     done
-    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser "$pages" >"$work/checks" \
-        2>"$work/err"
+    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser "$pages" \
+        >"$work/checks" 2>"$work/err"
     rc=$?
     cat "$work/checks"
     passed=$((passed + $(grep -c '^ok' "$work/checks")))
