@@ -94,7 +94,7 @@ ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SR
            $(FLOATERS_SRC) \
            bench/growth/growth.c $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN)
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
-PAGES := $(wildcard host/view/page.*) host/view/path.js
+PAGES := $(wildcard host/view/page.*) host/view/path.js host/view/crop.js
 TUNE_ROWS := $(wildcard data/tune/*.txt)
 EXAMPLES := $(wildcard examples/*.c)
 

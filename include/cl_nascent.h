@@ -313,6 +313,8 @@ typedef struct cln_render_desc {
     bool fast;              /* fewer samples: less time, a little more error */
     bool cropped;           /* to `crop`: nothing outside of it is seen */
     double crop[6];         /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
+    double crop_turn[3];    /* degrees by which the box is turned about its middle: about x, then
+                               y, then z */
     double stereo;          /* pairs side by side, left and right, of eyes so many scene units
                                apart, for each pose; 0 = single pictures */
     bool normals;           /* also NAME.normal.npy and NAME.normal.png */
@@ -397,7 +399,7 @@ typedef struct cln_export_desc {
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
     const char *scene;  /* NULL = the run's own; volume and octree need none */
     /* In scene units: of points on the surface (0: by count), of the grid that a mesh is made on
-     * (0: as fine as leaves and views allow), of a volume's grid (0: a 256th of the cube). */
+     * (0: by leaves and views, wider where leaves are larger), of a volume's grid (0: a 256th of the cube). */
     double spacing;
     int64_t count;          /* points: how many; 0 = 200,000 */
     bool closed;            /* points, mesh: also the parts that no training view sees */
@@ -416,6 +418,7 @@ typedef struct cln_export_result {
     double reduction_error;         /* how far that moved the surface at most, about; scene units */
     int shape[3];                   /* volume: of the grid, z, y, x */
     int views;                      /* cameras */
+    bool refined;                   /* cameras: training views have corrected poses */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other

@@ -89,7 +89,7 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
         d = cln_digest(d, &j->desc->depth_unit, sizeof j->desc->depth_unit);
     if (j->crop.on)
         d = cln_digest(d, j->crop.box, sizeof j->crop.box);
-    if (j->crop.on && !j->desc->cropped)
+    if (j->crop.on && (!j->desc->cropped || cln_crop_is_turned(&j->crop)))
         d = cln_digest(d, j->crop.turn, sizeof j->crop.turn);
     if (j->desc->stereo > 0) {
         d = cln_digest(d, "stereo", 6);
@@ -322,10 +322,13 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
     memset(result, 0, sizeof *result);
-    j.crop.on = desc->cropped;
-    memcpy(j.crop.box, desc->crop, sizeof j.crop.box);
-    if (desc->cropped)
-        CLN_TRY(cln_crop_check("--crop", desc->crop));
+    if (desc->cropped) {
+        double numbers[CLN_CROP_NUMBERS];
+
+        memcpy(numbers, desc->crop, sizeof desc->crop);
+        memcpy(numbers + 6, desc->crop_turn, sizeof desc->crop_turn);
+        CLN_TRY(cln_crop_from_numbers("--crop", numbers, &j.crop));
+    }
     CLN_TRY(cln_run_read(desc->run, &j.run));
     if (cln_frames_need_scene(desc, j.run))
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
@@ -341,7 +344,8 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
                  desc->poses);
     }
     if (j.crop.on)
-        cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &j.opened.model.space, &j.crop);
+        cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &j.opened.model.space,
+                      &j.opened.model.tree, &j.crop);
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
     for (int i = 0; i < j.count; i++)

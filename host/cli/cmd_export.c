@@ -44,6 +44,8 @@ static cln_status print_document(const cln_options *options, const cln_export_re
                             json_integer((json_int_t)r->faces_before));
         json_object_set_new(document, "reduction_error", json_real(r->reduction_error));
     }
+    if (r->refined)
+        json_object_set_new(document, "refined_poses", json_true());
     json_decref(counts);
     return cln_print_json(document);
 }
@@ -85,6 +87,8 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
         before = ", ";
     }
     json_decref(counts);
+    if (r->refined)
+        fprintf(to, ", the training photos' with the poses that training corrected");
     if (r->faces_before > 0) {
         cln_format_count((double)r->faces_before, text);
         fprintf(to, " (of %s; moved by about %.2g units at most)", text, r->reduction_error);

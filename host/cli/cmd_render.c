@@ -9,6 +9,7 @@
 #include "cli/console.h"
 #include "io/json.h"
 #include "ranks/ranks.h"
+#include "render/crop.h"
 
 /* RUN/render/ and the split, orbit, spiral, or name of the file of poses; of a path through poses
  * with -path. */
@@ -63,10 +64,13 @@ cln_status cln_cmd_render(const cln_options *options)
                             .device = options->device};
 
     desc.cropped = options->crop != NULL;
-    if (options->crop && !cln_reals_read(options->crop, 6, desc.crop))
-        CLN_TRY(cln_fail(CLN_USAGE,
-                         "--crop: '%s' is not six numbers with commas, x0,y0,z0,x1,y1,z1",
-                         options->crop));
+    if (options->crop) {
+        double numbers[CLN_CROP_NUMBERS];
+
+        CLN_TRY(cln_crop_read("--crop", options->crop, numbers));
+        memcpy(desc.crop, numbers, sizeof desc.crop);
+        memcpy(desc.crop_turn, numbers + 6, sizeof desc.crop_turn);
+    }
     if (!desc.out) {
         CLN_TRY(standard_folder(options, &standard_out));
         desc.out = standard_out;

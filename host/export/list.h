@@ -14,11 +14,12 @@
       "write that surface as triangles with colours and normals; the ending says how")             \
     X(volume, CELLS, "FILE.npy",                                                                   \
       "write colour and density on a grid: float32 [z][y][x][r, g, b, density]; FILE.json beside " \
-      "it says where the grid lies")                                                               \
+      "it says where the grid lies; not of a run with --space ndc or shell")                       \
     X(cameras, SCENE, "FILE.json|FOLDER",                                                          \
-      "write the scene's cameras: a transforms JSON file, or for a FOLDER COLMAP's text files")    \
+      "write the scene's cameras: a transforms JSON file, or for a FOLDER COLMAP's text files; "   \
+      "of a run with --refine-poses the corrected ones")                                           \
     X(octree, BOXES, "FILE.ply",                                                                   \
       "write the active leaves to this PLY file, as boxes with level and error; - is standard "    \
-      "output")
+      "output; not of a run with --space ndc or shell")
 
 #endif

@@ -1,9 +1,14 @@
-/* Marching cubes over the cube [-1,1]^3: the surface where a function is 0, as triangles on a
- * uniform grid, two slices of it in memory at a time. Knows no field and no file.
+/* Marching cubes over the cube [-1,1]^3: the surface where a function is 0, as triangles on a grid
+ * whose cells may be wider in places; some slices of it are in memory at a time. Knows no field, no
+ * tree and no file.
  *
- * Neighbouring cells cut their common face in the same way (corners of the inside are kept apart
- * where a face leaves a choice), so the mesh is closed, without cracks, every edge in two triangles
- * that run along it in opposite directions. */
+ * The grid's cells come in blocks of CLN_MARCHING_BLOCK along an axis; in a block of level k, 2^k of
+ * them along an axis are one cell. Where cells of two widths meet, the wider one has the narrower
+ * ones' points, edges and faces on its side: its surface ends in their pieces, not in its own.
+ *
+ * Neighbouring cells thus cut their common face in the same way (corners of the inside are kept
+ * apart where a face leaves a choice), so the mesh is closed, without cracks, every edge in two
+ * triangles that run along it in opposite directions. */
 #ifndef CLN_MARCHING_H
 #define CLN_MARCHING_H
 
@@ -20,17 +25,29 @@ typedef struct cln_marching_case {
 } cln_marching_case;
 
 void cln_marching_cases(cln_marching_case cases[256]);
+int cln_marching_edge_start(int edge); /* the corner that the edge begins at */
+
+enum { CLN_MARCHING_LEVELS = 2, CLN_MARCHING_BLOCK = 1 << CLN_MARCHING_LEVELS };
 
 typedef struct cln_marching {
     int cells; /* of the grid along an axis; its outermost points count as outside, unasked */
+    /* [z][y][x] of blocks: the most that each may have; the caller's. They are lowered where the
+     * grid ends in a block, and so that those of neighbours differ by one at most. NULL: all 0. */
+    uint8_t *levels;
     /* values: [n] of the function at these points: above 0 inside. n is at most 65,536. */
     cln_status (*ask)(void *user, size_t n, const float (*at)[4], float *values);
-    cln_status (*progress)(void *user, int done, int total); /* by slices; may be NULL */
+    cln_status (*progress)(void *user, int done, int total); /* may be NULL */
     void *user;
 } cln_marching;
 
+static inline int cln_marching_blocks(int cells)
+{
+    return (cells + CLN_MARCHING_BLOCK - 1) / CLN_MARCHING_BLOCK;
+}
+
 /* Adds vertices (at, the others 0) and faces to a zeroed surface. Vertices lie where the function
- * changes its sign, to a 64th of a cell. CLN_MEMORY beyond out->most vertices. */
+ * changes its sign, to a 64th of a cell: on edges, and one within each larger piece of surface in
+ * a cell that narrower ones are next to. CLN_MEMORY beyond out->most vertices. */
 cln_status cln_marching_run(const cln_marching *marching, cln_surface *out);
 
 #endif

@@ -175,6 +175,52 @@ done:
     return st;
 }
 
+/* ---- the grid ---- */
+
+/* What block of the grid a coordinate of the traced cube is in. */
+static int block_at(int cells, double at)
+{
+    const int block = (int)floor(0.5 * (at + 1) * cells / CLN_MARCHING_BLOCK);
+    const int last = cln_marching_blocks(cells) - 1;
+
+    return block < 0 ? 0 : block > last ? last : block;
+}
+
+/* How wide cells may be, by block: as those of the cached densities of each leaf that the block
+ * meets, to a cell of the grid, but as a pixel if that is more. cell: of the deepest leaves. */
+static cln_status choose_levels(const cln_fusion *f, int cells, double cell, uint8_t **levels)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)cln_marching_blocks(cells);
+    const int depth = cln_octree_depth(f->tree);
+    const double width = 2.0 / cells;
+
+    CLN_TRY(cln_alloc(levels, n * n * n, sizeof **levels, "blocks of the grid"));
+    memset(*levels, CLN_MARCHING_LEVELS, n * n * n);
+    for (int i = 0; i < f->tree->leaf_count; i++) {
+        const int node = f->tree->leaf[i];
+        const double wanted = fmax(ldexp(cell, depth - f->tree->level[node]), f->pixel);
+        const int level = (int)floor(log2(wanted / width) + 1e-6);
+        int low[3], high[3];
+        float box[4];
+
+        cln_octree_box(f->tree, node, box);
+        for (int a = 0; a < 3; a++) {
+            low[a] = block_at(cells, box[a] / f->to_tree - width);
+            high[a] = block_at(cells, (box[a] + (double)box[3]) / f->to_tree + width);
+        }
+        for (int z = low[2]; z <= high[2]; z++)
+            for (int y = low[1]; y <= high[1]; y++)
+                for (int x = low[0]; x <= high[0]; x++) {
+                    uint8_t *at = &(*levels)[((size_t)z * n + (size_t)y) * n + (size_t)x];
+
+                    *at = (uint8_t)(level < 0 ? 0 : level < *at ? level : *at);
+                }
+    }
+done:
+    return st;
+}
+
 /* ---- the work ---- */
 
 cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool closed,
@@ -184,15 +230,20 @@ cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool cl
     const job j = {fusion, callbacks};
     const double finest = fmax(cell, fusion->pixel), wanted = ceil(2 / finest * (1 - 1e-9));
     cln_marching marching = {.ask = ask_fusion, .progress = report, .user = (void *)&j};
+    uint8_t *levels = NULL;
 
     marching.cells = cells > 0 ? cells : wanted < MOST_CELLS ? (int)fmax(wanted, 2) : MOST_CELLS;
     fusion->band = BAND * fmax(2.0 / marching.cells, fusion->pixel);
     memset(out, 0, sizeof *out);
     out->most = (size_t)fmin(UINT32_MAX, cln_host_memory() / 2 / VERTEX_BYTES);
+    if (cells == 0)
+        CLN_TRY(choose_levels(fusion, marching.cells, cell, &levels));
+    marching.levels = levels;
     CLN_TRY(cln_marching_run(&marching, out));
     CLN_TRY(find_normals(&j, 2.0 / marching.cells, out));
     CLN_TRY(look(&j, closed, out));
 done:
+    free(levels);
     if (st != CLN_OK)
         cln_surface_free(out);
     return st;

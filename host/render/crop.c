@@ -2,10 +2,26 @@
 #include "render/crop.h"
 
 #include <math.h>
-#include "base/log.h"
+#include <string.h>
 
-cln_status cln_crop_check(const char *name, const double box[6])
+#include "base/log.h"
+#include "base/number.h"
+
+cln_status cln_crop_set(const char *name, const double box[6], const double angle[3], cln_crop *out)
 {
+    const double c[3] = {cos(angle[0]), cos(angle[1]), cos(angle[2])};
+    const double s[3] = {sin(angle[0]), sin(angle[1]), sin(angle[2])};
+    const double axes[9] = {c[2] * c[1],
+                            s[2] * c[1],
+                            0 - s[1],
+                            c[2] * s[1] * s[0] - s[2] * c[0],
+                            s[2] * s[1] * s[0] + c[2] * c[0],
+                            c[1] * s[0],
+                            c[2] * s[1] * c[0] + s[2] * s[0],
+                            s[2] * s[1] * c[0] - c[2] * s[0],
+                            c[1] * c[0]};
+
+    memset(out, 0, sizeof *out);
     for (int a = 0; a < 3; a++)
         if (!(isfinite(box[a]) && isfinite(box[3 + a]) && box[a] < box[3 + a]))
             return cln_fail(
@@ -13,7 +29,34 @@ cln_status cln_crop_check(const char *name, const double box[6])
                 "%s: the minimum %g is not below the maximum %g along %c; give x0,y0,z0,x1,y1,z1, "
                 "the lowest and the highest corner, in the scene's units",
                 name, box[a], box[3 + a], "xyz"[a]);
+    if (!isfinite(angle[0] + angle[1] + angle[2]))
+        return cln_fail(CLN_USAGE, "%s: angles about x, y and z must be numbers", name);
+    memcpy(out->box, box, sizeof out->box);
+    if (angle[0] != 0 || angle[1] != 0 || angle[2] != 0)
+        memcpy(out->turn, axes, sizeof axes);
+    out->on = true;
     return CLN_OK;
+}
+
+cln_status cln_crop_read(const char *name, const char *text, double numbers[CLN_CROP_NUMBERS])
+{
+    memset(numbers, 0, CLN_CROP_NUMBERS * sizeof *numbers);
+    if (!cln_reals_read(text, 6, numbers) && !cln_reals_read(text, CLN_CROP_NUMBERS, numbers))
+        return cln_fail(CLN_USAGE,
+                        "%s: six numbers with commas are wanted, x0,y0,z0,x1,y1,z1, or nine with "
+                        "the degrees that the box is turned by about x, y and z",
+                        name);
+    return CLN_OK;
+}
+
+cln_status cln_crop_from_numbers(const char *name, const double numbers[CLN_CROP_NUMBERS],
+                                 cln_crop *out)
+{
+    double angle[3];
+
+    for (int a = 0; a < 3; a++)
+        angle[a] = numbers[6 + a] * M_PI / 180;
+    return cln_crop_set(name, numbers, angle, out);
 }
 
 bool cln_crop_is_turned(const cln_crop *crop)
@@ -24,14 +67,71 @@ bool cln_crop_is_turned(const cln_crop *crop)
     return false;
 }
 
-void cln_crop_warn(const char *name, const cln_space *space, const cln_crop *crop)
+/* A half-space of u as one of the cube's, in the piece of a shell space that a point is in: times w
+ * in a face, it is linear there, too. */
+static void plane_of_piece(const float plane[4], const double point[3], double out[4])
 {
-    bool apart = false;
+    int axis = -1;
 
     for (int a = 0; a < 3; a++)
-        apart = apart || crop->box[a] > space->centre[a] + space->half ||
-                crop->box[a + 3] < space->centre[a] - space->half;
-    if (apart && !space->forward && !space->shell && !cln_crop_is_turned(crop))
+        if (fabs(point[a]) > 0.5)
+            axis = a;
+    if (axis < 0) {
+        for (int a = 0; a < 3; a++)
+            out[a] = 2.0 * plane[a];
+        out[3] = plane[3];
+        return;
+    }
+    const double sign = point[axis] < 0 ? -1 : 1; /* w = 2 - 2 s p_a, u_a w = s, u_b w = 2 p_b */
+
+    for (int a = 0; a < 3; a++)
+        out[a] = a == axis ? -2 * sign * plane[3] : 2.0 * plane[a];
+    out[3] = 2.0 * plane[3] + sign * plane[axis];
+}
+
+/* Is all of a leaf outside of one of the sides? */
+static bool is_outside(const cln_space *space, const cln_crop *crop, const float box[4])
+{
+    const double half = 0.5 * (double)box[3];
+    const double middle[3] = {box[0] + half, box[1] + half, box[2] + half};
+
+    for (int i = 0; i < 6; i++) {
+        double plane[4], most = 0;
+
+        if (space->shell)
+            plane_of_piece(crop->planes[i], middle, plane);
+        else
+            for (int k = 0; k < 4; k++)
+                plane[k] = crop->planes[i][k];
+        most = plane[3];
+        for (int a = 0; a < 3; a++)
+            most += plane[a] * middle[a] + fabs(plane[a]) * half;
+        if (most < 0)
+            return true;
+    }
+    return false;
+}
+
+bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop)
+{
+    cln_crop_place(space, crop);
+    for (int i = 0; i < tree->leaf_count; i++) {
+        float box[4];
+
+        cln_octree_box(tree, tree->leaf[i], box);
+        if (!is_outside(space, crop, box))
+            return false;
+    }
+    return true;
+}
+
+void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree, cln_crop *crop)
+{
+    if (!cln_crop_is_empty(space, tree, crop))
+        return;
+    if (space->forward || space->shell)
+        cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it", name);
+    else
         cln_warn("%s: nothing is in this box; the scene is in %g,%g,%g,%g,%g,%g", name,
                  space->centre[0] - space->half, space->centre[1] - space->half,
                  space->centre[2] - space->half, space->centre[0] + space->half,

@@ -3,6 +3,7 @@
 #ifndef CLN_CROP_H
 #define CLN_CROP_H
 
+#include "model/octree.h"
 #include "pipeline/pipeline.h"
 
 typedef struct cln_crop {
@@ -12,15 +13,24 @@ typedef struct cln_crop {
     float planes[6][4]; /* the same in the cube, as cln_sampling takes it */
 } cln_crop;
 
-/* Numbers of a request or an option: finite, and each of the last three above its first. CLN_USAGE;
- * name: what they are called. */
-cln_status cln_crop_check(const char *name, const double box[6]);
+/* Sets a box that is on: finite numbers, each of the last three above its first; turned about its
+ * middle by angles in radians about x, then y, then z. CLN_USAGE; name: what they are called. */
+cln_status cln_crop_set(const char *name, const double box[6], const double angle[3],
+                        cln_crop *out);
 
-/* Warns if the cube has nothing in the box. Forward and shell spaces and turned boxes:
- * never. */
-void cln_crop_warn(const char *name, const cln_space *space, const cln_crop *crop);
+/* The same of a request's or an option's text: the six numbers of the box, and where it is turned
+ * three more, the angles in degrees. */
+enum { CLN_CROP_NUMBERS = 9 };
+cln_status cln_crop_read(const char *name, const char *text, double numbers[CLN_CROP_NUMBERS]);
+cln_status cln_crop_from_numbers(const char *name, const double numbers[CLN_CROP_NUMBERS],
+                                 cln_crop *out);
 
 bool cln_crop_is_turned(const cln_crop *crop);
+
+/* Is every active leaf outside of one of the box's sides? Sets its planes. Warns if that is so. */
+bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop);
+void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree,
+                   cln_crop *crop);
 
 /* Computes the planes; cln_crop_use does it, too. */
 void cln_crop_place(const cln_space *space, cln_crop *crop);

@@ -85,9 +85,8 @@ static cln_status read_crop(const char *path, const json_t *root, cln_frames *ou
 {
     cln_status st = CLN_OK;
     const json_t *crop = json_object_get(root, "crop"), *colour = NULL;
-    double middle[3], sides[3], angle[3] = {0};
+    double middle[3], sides[3], angle[3] = {0}, corners[6];
     char *where = NULL;
-    cln_crop *box = &out->crop;
 
     if (!json_is_object(crop))
         return CLN_OK;
@@ -96,27 +95,12 @@ static cln_status read_crop(const char *path, const json_t *root, cln_frames *ou
     CLN_TRY(read_three(where, crop, "crop_scale", true, sides));
     CLN_TRY(read_three(where, crop, "crop_rot", false, angle));
     for (int a = 0; a < 3; a++) {
-        box->box[a] = middle[a] - 0.5 * sides[a];
-        box->box[a + 3] = middle[a] + 0.5 * sides[a];
+        corners[a] = middle[a] - 0.5 * sides[a];
+        corners[a + 3] = middle[a] + 0.5 * sides[a];
     }
-    if (cln_crop_check("box", box->box) != CLN_OK || !isfinite(angle[0] + angle[1] + angle[2])) {
+    if (cln_crop_set("box", corners, angle, &out->crop) != CLN_OK) {
         cln_clear_error();
         CLN_TRY(cln_fail(CLN_INPUT, "%s: crop_scale must be the sides of a box, above 0", where));
-    }
-    if (angle[0] != 0 || angle[1] != 0 || angle[2] != 0) {
-        const double c[3] = {cos(angle[0]), cos(angle[1]), cos(angle[2])};
-        const double s[3] = {sin(angle[0]), sin(angle[1]), sin(angle[2])};
-        const double axes[9] = {c[2] * c[1],
-                                s[2] * c[1],
-                                0 - s[1],
-                                c[2] * s[1] * s[0] - s[2] * c[0],
-                                s[2] * s[1] * s[0] + c[2] * c[0],
-                                c[1] * s[0],
-                                c[2] * s[1] * c[0] + s[2] * s[0],
-                                s[2] * s[1] * c[0] - c[2] * s[0],
-                                c[1] * c[0]};
-
-        memcpy(box->turn, axes, sizeof axes);
     }
     colour = json_object_get(crop, "crop_bg_color");
     for (int i = 0; i < 3; i++) {
@@ -128,7 +112,6 @@ static cln_status read_crop(const char *path, const json_t *root, cln_frames *ou
             CLN_TRY(cln_transforms_number(where, colour, names[i], &value, &found));
         out->crop_background[i] = (float)fmin(fmax(value / 255, 0), 1);
     }
-    box->on = true;
 done:
     free(where);
     return st;

@@ -1,6 +1,6 @@
 /* The viewer's page: a camera that follows mouse, touch and keys, requests for its pictures, the
- * scene's cameras with their photos, a crop box, and how a training stands. The camera path and its
- * film are path.js's, which comes before. Poses are camera to world in the scene's units with
+ * scene's cameras with their photos, and how a training stands. The crop box is crop.js's, the camera
+ * path and its film are path.js's; both come before. Poses are camera to world in the scene's units with
  * OpenCV's axes (right, down, forward), as the server takes them. */
 'use strict';
 
@@ -277,73 +277,6 @@ function download(blob, name) {
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-}
-
-/* ---- the crop box ---- */
-
-let crop = null; /* [x0, y0, z0, x1, y1, z1]; a side of facts.box itself is no side */
-const FAR = 1e4; /* times the box: beyond everything */
-
-/* What a picture is asked with. */
-function cropSides() {
-  return crop.map((v, i) => {
-    const low = facts.box[i % 3], high = facts.box[3 + i % 3];
-    if (!facts.endless || (v > low && v < high)) return v;
-    return i < 3 ? low - FAR * (high - low) : high + FAR * (high - low);
-  });
-}
-
-const isCropped = () => $('crop').checked && crop.some((v, i) => v !== facts.box[i]);
-const cropQuery = () => isCropped() ? {crop: cropSides().join(',')} : {};
-
-function makeCrop() {
-  crop = [...facts.box];
-  for (let i = 0; i < 6; i++) {
-    const a = i % 3, row = document.createElement('label');
-    const slider = document.createElement('input'), value = document.createElement('output');
-    slider.type = 'range';
-    slider.min = 0;
-    slider.max = 1000;
-    slider.value = i < 3 ? 0 : 1000;
-    slider.id = `crop-${i}`;
-    slider.addEventListener('input', () => {
-      const share = Number(slider.value) / 1000, least = (facts.box[3 + a] - facts.box[a]) / 1000;
-      crop[i] = share === 0 ? facts.box[a] : share === 1 ? facts.box[3 + a] :
-        facts.box[a] + share * (facts.box[3 + a] - facts.box[a]);
-      if (i < 3) crop[i] = Math.min(crop[i], crop[3 + a] - least);
-      else crop[i] = Math.max(crop[i], crop[a] + least);
-      $('crop').checked = true;
-      changeCrop();
-    });
-    row.className = 'row';
-    row.append(`${'xyz'[a]} ${i < 3 ? 'from' : 'to'} `, slider, value);
-    $('crop-sliders').append(row);
-  }
-  changeCrop();
-}
-
-function changeCrop() {
-  const digits = Math.max(0, 3 - Math.floor(Math.log10(facts.box[3] - facts.box[0])));
-  crop.forEach((v, i) => {
-    const low = facts.box[i % 3], high = facts.box[3 + i % 3], slider = $(`crop-${i}`);
-    slider.value = Math.round(1000 * (v - low) / (high - low));
-    slider.nextSibling.textContent = v > low && v < high ? v.toFixed(Math.min(digits, 9)) : 'all';
-  });
-  $('crop-text').textContent = isCropped() ? `--crop ${cropSides().map((v) =>
-    Number(v.toPrecision(9))).join(',')}` : 'the box is off';
-  touch(true);
-}
-
-function resetCrop() {
-  crop = [...facts.box];
-  changeCrop();
-}
-
-function drawCrop(f) {
-  const corner = (k) => project([0, 1, 2].map((a) => crop[k >> a & 1 ? 3 + a : a]), f);
-  for (let k = 0; k < 8; k++)
-    for (let a = 0; a < 3; a++)
-      if (!(k >> a & 1)) line([corner(k), corner(k | 1 << a)], '#8a63d2');
 }
 
 /* ---- motion ---- */
@@ -703,7 +636,7 @@ function drawLines() {
     facts.cameras.forEach((c) => drawFrustum(c.pose, c.width / c.height, c.height / 2 / c.focal,
       colours[c.split], f, 0.08 * facts.distance));
   }
-  if (at < 0 && isCropped() && $('crop-part').open) drawCrop(f);
+  if (at < 0 && (isCropped() || isTurned()) && $('crop-part').open) drawCrop(f);
   if (keyframes.length > 1 && at < 0 && !playing) {
     const count = 24 * keyframes.length, trail = [];
     for (let i = 0; i <= count; i++) trail.push(project(along(i / count).p, f));

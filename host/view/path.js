@@ -134,17 +134,17 @@ function cropOfPath() {
   if (!isCropped()) return null;
   const sides = cropSides(), [r, g, b] = background().map((v) => Math.round(255 * v));
   return {crop_center: [0, 1, 2].map((a) => (sides[a] + sides[a + 3]) / 2),
-    crop_scale: [0, 1, 2].map((a) => sides[a + 3] - sides[a]), crop_rot: [0, 0, 0],
+    crop_scale: [0, 1, 2].map((a) => sides[a + 3] - sides[a]),
+    crop_rot: cropTurn.map((v) => v * Math.PI / 180),
     crop_bg_color: {r, g, b}};
 }
 
-/* Takes over the box of a file; one that is turned cannot be shown here. */
+/* Takes over the box of a file. */
 function openCrop(read) {
   const {crop_center: middle, crop_scale: sides, crop_rot: angles} = read.crop || {};
-  if (!middle || !sides || (angles || []).some((v) => v !== 0)) return;
-  crop = [0, 1, 2, 3, 4, 5].map((i) => middle[i % 3] + (i < 3 ? -0.5 : 0.5) * sides[i % 3]);
-  $('crop').checked = true;
-  changeCrop();
+  if (!middle || !sides) return;
+  setCrop([0, 1, 2, 3, 4, 5].map((i) => middle[i % 3] + (i < 3 ? -0.5 : 0.5) * sides[i % 3]),
+    (angles || [0, 0, 0]).map((v) => v * 180 / Math.PI));
 }
 
 function savePath() {

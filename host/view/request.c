@@ -127,13 +127,12 @@ static cln_status read_crop(cln_ask_get *get, void *query, cln_crop *out)
 {
     cln_status st = CLN_OK;
     const char *text = get(query, "crop");
+    double numbers[CLN_CROP_NUMBERS];
 
     if (!text)
         return CLN_OK;
-    if (!cln_reals_read(text, 6, out->box))
-        CLN_TRY(cln_fail(CLN_USAGE, "crop: six numbers with commas are wanted"));
-    CLN_TRY(cln_crop_check("crop", out->box));
-    out->on = true;
+    CLN_TRY(cln_crop_read("crop", text, numbers));
+    CLN_TRY(cln_crop_from_numbers("crop", numbers, out));
 done:
     return st;
 }

@@ -47,13 +47,24 @@ typedef struct request {
     struct request *next;
 } request;
 
+#define SCRIPT "text/javascript; charset=utf-8"
+static const struct {
+    const char *path, *type;
+    const char *const *lines;
+} pages[] = {{"/", "text/html; charset=utf-8", cln_page_html},
+             {"/view.css", "text/css; charset=utf-8", cln_page_css},
+             {"/view.js", SCRIPT, cln_page_js},
+             {"/path.js", SCRIPT, cln_path_js},
+             {"/crop.js", SCRIPT, cln_crop_js}};
+enum { PAGES = sizeof pages / sizeof *pages };
+
 struct cln_server {
     const cln_listener *listener;
     cln_painter *painter;
     const char *facts;
     bool training;
-    char *html, *css, *js, *path_js;
-    char cookie[32]; /* its name */
+    char *pages[PAGES]; /* their texts */
+    char cookie[32];    /* its name */
     struct MHD_Daemon *daemon;
     double tended_at;     /* the painting thread's, as the next one */
     bool small_before;    /* the piece painted before was a small request */
@@ -374,14 +385,9 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
     }
     if (order)
         return take_order(s, connection, order);
-    if (strcmp(path, "/") == 0)
-        return send_text(s, connection, 200, "text/html; charset=utf-8", s->html);
-    if (strcmp(path, "/view.css") == 0)
-        return send_text(s, connection, 200, "text/css; charset=utf-8", s->css);
-    if (strcmp(path, "/view.js") == 0)
-        return send_text(s, connection, 200, "text/javascript; charset=utf-8", s->js);
-    if (strcmp(path, "/path.js") == 0)
-        return send_text(s, connection, 200, "text/javascript; charset=utf-8", s->path_js);
+    for (int i = 0; i < PAGES; i++)
+        if (strcmp(path, pages[i].path) == 0)
+            return send_text(s, connection, 200, pages[i].type, s->pages[i]);
     if (strcmp(path, "/facts") == 0)
         return send_text(s, connection, 200, "application/json", s->facts);
     if (s->training && strcmp(path, "/training") == 0)
@@ -637,10 +643,8 @@ cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
     pthread_condattr_destroy(&monotonic);
     pthread_mutex_init(&s->lock, NULL);
     snprintf(s->cookie, sizeof s->cookie, "cl-nascent-%d", desc->listener->port);
-    CLN_TRY(join(cln_page_html, &s->html));
-    CLN_TRY(join(cln_page_css, &s->css));
-    CLN_TRY(join(cln_page_js, &s->js));
-    CLN_TRY(join(cln_path_js, &s->path_js));
+    for (int i = 0; i < PAGES; i++)
+        CLN_TRY(join(pages[i].lines, &s->pages[i]));
     CLN_TRY(start(s));
     *out = s;
     s = NULL;
@@ -707,10 +711,8 @@ void cln_server_close(cln_server *s)
     cln_reel_drop(&s->painter->reel);
     pthread_mutex_destroy(&s->lock);
     pthread_cond_destroy(&s->came);
-    free(s->html);
-    free(s->css);
-    free(s->js);
-    free(s->path_js);
+    for (int i = 0; i < PAGES; i++)
+        free(s->pages[i]);
     free(s->told);
     free(s);
 }

@@ -1,27 +1,40 @@
 """The checks of browser.sh: drives Chromium by WebDriver's plain HTTP, with Python's own library.
 
-    browser.py ADDRESS RENDERED FOLDER
+    browser.py ADDRESS RENDERED FOLDER PAGES
 
 RENDERED is the PNG that `render` made of the first test view, or "training": ADDRESS is that of a
-training, which is steered and stopped. Screenshots go to FOLDER. A line per check on standard
-output, "ok" or "FAILED".
+training, which is steered and stopped. Screenshots go to FOLDER. PAGES: names, with spaces. A line
+per check on standard output, "ok" or "FAILED".
 """
 import base64
 import json
+import math
 import socket
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 
-ADDRESS, RENDERED, FOLDER = sys.argv[1:]
+ADDRESS, RENDERED, FOLDER, PAGES = sys.argv[1:]
 TEST_VIEW = 20  # behind 20 training views
 MEAN = """
     const b = last.box, c = new OffscreenCanvas(64, 64), p = c.getContext('2d');
     p.drawImage(picture, b.x, b.y, b.width, b.height, 0, 0, 64, 64);
     const data = p.getImageData(0, 0, 64, 64).data;
     return data.reduce((s, v, i) => s + (i % 4 < 3 ? v : 0), 0) / data.length * 4 / 3;"""
-KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008'}
+# The same of the photo's difference from the picture, four times.
+DIFFERENCE = """
+    const b = last.box, paint = (image, x, y, w, h) => {
+      const c = new OffscreenCanvas(b.width, b.height), p = c.getContext('2d');
+      p.drawImage(image, x, y, w, h, 0, 0, b.width, b.height);
+      return p.getImageData(0, 0, b.width, b.height).data;
+    };
+    const one = paint(last.bitmap, 0, 0, last.bitmap.width, last.bitmap.height);
+    const other = paint(photo, 0, 0, photo.width, photo.height);
+    return one.reduce((s, v, i) => s + (i % 4 < 3 ? Math.min(255, 4 * Math.abs(v - other[i])) : 0),
+      0) / one.length * 4 / 3;"""
+KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008', 'tab': '\ue004', 'enter': '\ue007'}
 
 
 def free_port():
@@ -47,8 +60,12 @@ class Driver:
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(self.base + path, method=method, data=data,
                                          headers={'Content-Type': 'application/json'})
-        with urllib.request.urlopen(request, timeout=120) as answer:
-            return json.load(answer)['value']
+        try:
+            with urllib.request.urlopen(request, timeout=300) as answer:
+                return json.load(answer)['value']
+        except urllib.error.HTTPError as error:
+            said = json.load(error).get('value', {}).get('message', '')
+            raise SystemExit(f'{path} {str(body)[:200]}: {said.splitlines()[:1]}') from None
 
 
 class Page:
@@ -67,7 +84,7 @@ class Page:
                   'goog:loggingPrefs': {'browser': 'ALL', 'performance': 'ALL'}}
         made = driver.call('POST', '/session', {'capabilities': {'alwaysMatch': wanted}})
         self.path = '/session/' + made['sessionId']
-        self.call('/timeouts', {'script': 60000})
+        self.call('/timeouts', {'script': 240000})
         self.call('/url', {'url': ADDRESS})
         self.settle()
 
@@ -202,7 +219,9 @@ def see_cameras(page):
     page.key('b', 'b')
     before = page.js(MEAN)
     page.key('v')
-    page.check('V shows the error', page.js(MEAN) < 0.7 * before, page.js(MEAN))
+    shown, wanted = page.js(MEAN), page.js(DIFFERENCE)
+    page.check('V shows the error', abs(shown - wanted) < 0.1 * wanted + 0.5 and wanted > 1,
+               f'{shown}, not {wanted}')
     page.shot('error')
     page.key('v')
     page.check('and V again the render', abs(page.js(MEAN) - before) < 1, page.js(MEAN))
@@ -223,6 +242,64 @@ def see_cameras(page):
     time.sleep(0.6)
 
 
+def axes_of(degrees):
+    """The axes of a box turned about x, then y, then z, as columns, worked out apart."""
+    rows = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
+    for a, angle in enumerate(degrees):
+        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        i, j = (a + 1) % 3, (a + 2) % 3
+        rows[i], rows[j] = ([c * u - s * v for u, v in zip(rows[i], rows[j])],
+                            [s * u + c * v for u, v in zip(rows[i], rows[j])])
+    return rows
+
+
+def in_box(numbers, point):
+    """Is a point in the box that these numbers of --crop mean?"""
+    middle = [(numbers[a] + numbers[a + 3]) / 2 for a in range(3)]
+    rows = axes_of((numbers + [0, 0, 0])[6:9])
+    along = [sum(rows[k][a] * (point[k] - middle[k]) for k in range(3)) for a in range(3)]
+    return all(abs(v) <= (numbers[a + 3] - numbers[a]) / 2 for a, v in enumerate(along))
+
+
+def turn_box(page):
+    """The box that is there, turned by sliders, saved with a path and opened again."""
+    middle = page.js('return fromCrop([0, 1, 2].map((a) => (crop[a] + crop[a + 3]) / 2))')
+    crop = page.js('return crop')
+    for axis, degrees in ((0, 20), (2, -35)):
+        page.js('const s = $(`crop-turn-${arguments[0]}`); s.value = arguments[1];'
+                's.dispatchEvent(new Event("input"))', axis, degrees)
+    time.sleep(0.6)
+    page.settle()
+    page.shot('turned')
+    numbers = page.js('return cropSides()')
+    page.check('a turned box has nine numbers', numbers[6:] == [20, 0, -35], numbers)
+    now = page.js('return [crop, fromCrop([0, 1, 2].map((a) => (crop[a] + crop[a + 3]) / 2))]')
+    sides = [i for i in range(6) if page.js('return isSide(arguments[0])', i)]
+    page.check('the same sides', sides == [0, 4], sides)
+    page.check('which move along', moved(now[0], crop) > 1e-3 and moved(now[1], middle) < 1, now)
+    inside, differ = 0, 0
+    box = page.js('return facts.box')
+    for i in range(2000):
+        point = [box[a] + (box[a + 3] - box[a]) * ((i * step) % 1)
+                 for a, step in ((0, 0.754877), (1, 0.569840), (2, 0.381966))]
+        own = page.js('return toCrop(arguments[0])', point) if i % 10 == 0 else None
+        if own is None:
+            continue
+        wanted = own[0] >= now[0][0] and own[1] <= now[0][4]
+        inside += wanted
+        differ += wanted != in_box(numbers, point)
+    page.check('what is in it is what is in those', differ == 0 and 10 < inside < 190,
+               f'{differ} differ, {inside} inside')
+    again = page.js('''
+        const read = JSON.parse(JSON.stringify({crop: cropOfPath()}));
+        resetCrop();
+        openCrop(read);
+        return cropSides();''')
+    page.check('a path keeps it', moved(again, numbers) < 1e-6, again)
+    time.sleep(0.6)
+    page.settle()
+
+
 def crop(page):
     page.js('openPanel(true); $("crop-part").open = true; $("crop-part").scrollIntoView()')
     page.settle()
@@ -240,12 +317,16 @@ def crop(page):
     said = page.js('return $("crop-text").textContent').split(' ')
     page.check('it says what render takes', said[0] == '--crop' and
                abs(float(said[1].split(',')[4]) - box[4]) < 1e-6, said)
+    upright = page.js(MEAN)
+    turn_box(page)
+    page.check('and other is seen', abs(page.js(MEAN) - upright) > 0.3, page.js(MEAN))
     page.js('document.activeElement.blur()')
     page.key('o')
     time.sleep(0.6)
     page.settle()
     page.check('O shows all again', abs(page.js(MEAN) - before) < 0.5, page.js(MEAN))
     page.js('resetCrop(); $("crop-part").open = false')
+    page.check('Reset turns it back', page.js('return cropSides().length') == 6)
     page.settle()
 
 
@@ -339,6 +420,99 @@ def listen(page):
     page.check('the console has no errors', not said, said)
 
 
+def by_keys(page):
+    """Every control is reached by Tab, in a circle; Enter and Space use it."""
+    page.js('openPanel(true); for (const d of document.querySelectorAll("details")) d.open = true;'
+            'document.activeElement.blur()')
+    seen = []
+    for _ in range(200):
+        page.key(KEYS['tab'])
+        seen.append(page.js('const e = document.activeElement; return e.id || e.tagName + '
+                            '(e.textContent || e.getAttribute("aria-label") || "").slice(0, 20)'))
+        if seen[-1] in seen[:-1]:
+            break
+    wanted = {'picture', 'menu', 'show', 'background', 'fov', 'size', 'home', 'level',
+              'save-picture', 'crop', 'crop-0', 'crop-turn-2', 'crop-reset', 'frusta', 'add-key',
+              'play', 'seconds', 'fps', 'cycle', 'save-path', 'save-transforms', 'open-path',
+              'film-size', 'make-film'}
+    page.check('Tab reaches every control', wanted <= set(seen), wanted - set(seen))
+    page.check('and goes around', seen[-1] in seen[:2] and len(seen) > 40, seen[-1])
+    unnamed = page.js("""
+        const all = document.querySelectorAll('button, input, select, a[href], summary');
+        const named = (e) => e.textContent.trim() || e.getAttribute('aria-label') ||
+          (e.labels && e.labels.length && e.labels[0].textContent.trim());
+        return [...all].filter((e) => e.offsetParent && !named(e)).map((e) => e.id)""")
+    page.check('all have names', not unnamed, unnamed)
+    page.js('$("cameras").querySelector("button").focus()')
+    page.key(KEYS['enter'])
+    page.check('Enter goes to a camera', wait_for(page, 'at === 0'))
+    page.settle()
+    page.js('$("frusta").focus()')
+    before = page.js('return $("frusta").checked')
+    page.key(' ')
+    page.check('Space ticks a box', page.js('return $("frusta").checked') != before)
+    page.key(' ')
+    page.js('for (const d of document.querySelectorAll("details")) d.open = false;'
+            '$("cameras-part").open = true; $("menu").focus()')
+    page.key(KEYS['enter'])
+    page.check('Enter closes the panel',
+               page.js('return document.body.classList.contains("closed")'))
+    page.key(KEYS['enter'])
+    page.js('document.activeElement.blur()')
+    page.key('h')
+    time.sleep(0.6)
+    page.settle()
+
+
+def look_of(page, dark, phone):
+    """Readable: nothing wider than the window, contrast, and large enough for a finger."""
+    page.check('nothing is wider than the window', page.js(
+        'return document.documentElement.scrollWidth <= innerWidth && '
+        '$("panel").scrollWidth <= $("panel").clientWidth'))
+    back, text, soft = page.js("""
+        const s = getComputedStyle(document.body), rgb = (t) => t.match(/[0-9.]+/g).map(Number);
+        const soft = getComputedStyle(document.querySelector('.soft')).color;
+        return [rgb(s.backgroundColor), rgb(s.color), rgb(soft)];""")
+
+    def light(colour):
+        parts = [v / 255 for v in colour[:3]]
+        parts = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
+        return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]
+
+    def contrast(a, b):
+        low, high = sorted((light(a), light(b)))
+        return (high + 0.05) / (low + 0.05)
+    page.check('it is dark if that is wanted', (light(back) < 0.1) == dark, back)
+    page.check('its text can be read', contrast(back, text) > 7 and contrast(back, soft) > 4.5,
+               [contrast(back, text), contrast(back, soft)])
+    if phone:
+        small = page.js("""
+            return [...document.querySelectorAll('button')].filter((b) => b.offsetParent &&
+              b.getBoundingClientRect().height < 30).map((b) => b.textContent)""")
+        page.check('buttons are large enough for a finger', not small, small)
+
+
+def two_at_once(driver):
+    """Another viewer goes around; this one's picture comes, and stays."""
+    one, other = Page(driver, 'one', 700, 500), Page(driver, 'other', 500, 700, dark=True)
+    first = one.js(MEAN)
+    at, shown = one.pose(), one.js('return last.version')
+    for _ in range(3):
+        other.key(KEYS['left'], KEYS['up'])
+        one.key('2', '1')
+        time.sleep(0.3)
+    other.settle()
+    one.settle()
+    other.check('two at once: it turns', moved(at, other.pose()) > 0.1)
+    one.check('two at once: this one stays', moved(at, one.pose()) < 1e-12)
+    one.check('two at once: it gets its own pictures', one.js('return last.version') > shown and
+              abs(one.js(MEAN) - first) < 0.5 and abs(other.js(MEAN) - first) > 0.5,
+              [first, one.js(MEAN), other.js(MEAN)])
+    for page in (one, other):
+        listen(page)
+        page.close()
+
+
 def wait_for(page, script, seconds=30):
     end = time.time() + seconds
     while time.time() < end:
@@ -396,15 +570,22 @@ def main():
         for name, width, height, dark, phone in (('desktop', 1200, 800, False, False),
                                                  ('dark', 1000, 700, True, False),
                                                  ('phone', 390, 780, False, True)):
+            if name not in PAGES.split():
+                continue
             page = Page(driver, name, width, height, dark, phone)
             page.shot('start')
+            look_of(page, dark, phone)
             look_around(page)
+            if name == 'desktop':
+                by_keys(page)
             see_cameras(page)
             make_path(page)
             make_film(page)
             crop(page)
             listen(page)
             page.close()
+        if 'two' in PAGES.split():
+            two_at_once(driver)
     finally:
         driver.process.terminate()
 

@@ -1,10 +1,12 @@
 #!/bin/bash
 # The viewer's page in headless Chromium, through chromedriver: it loads, follows mouse, touch and
 # keys, shows what `render` makes, saves paths, asks nobody else, and says nothing on the console;
-# of a training, it follows and steers it.
+# two viewers at once; by keys alone; on a phone, dark and light; of a training, it follows and steers
+# it.
 # On a small generated scene; screenshots to look at are left in build/browser/. Not part of `make
 # test`: Chromium is a large download.
-#   tests/browser/browser.sh
+#   tests/browser/browser.sh [PAGE...]
+#           pages: desktop dark phone two training
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -17,20 +19,23 @@ trap '[ $server = 0 ] || kill $server; rm -rf "$work"' EXIT
 
 mkdir -p build/browser
 "$make_scene" "$work/photos" --size 100 --train 20 --test 2 >/dev/null || bad "make-scene"
-expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --time-limit 15s --skip-selftest \
+expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --steps 500 --skip-selftest \
     --progress none
 expect "render" 0 "" "$cln" render "$work/run" --split test -o "$work/rendered" --progress none
+
+pages=${*:-desktop dark phone two training}
 
 # drive RENDERED: the checks of browser.py at the server's address
 drive() {
     local rc
+    touch "$work/log"
     for _ in $(seq 300); do
         [ -s "$work/address" ] && break
         sed -n 's/.*in a browser: //p' "$work/log" >"$work/address"
         sleep 0.2
     done
-    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser >"$work/checks" \
-        2>"$work/err"
+    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser "$pages" \
+        >"$work/checks" 2>"$work/err"
     rc=$?
     cat "$work/checks"
     passed=$((passed + $(grep -c '^ok' "$work/checks")))
@@ -38,10 +43,20 @@ drive() {
     check "the driver ran to its end" [ $rc = 0 ]
 }
 
-"$cln" view "$work/run" >"$work/address" 2>"$work/log" &
-server=$!
-drive "$work/rendered/test_r_000.png"
-kill $server
+if [ "$pages" != training ]; then
+    "$cln" view "$work/run" >"$work/address" 2>"$work/log" &
+    server=$!
+    drive "$work/rendered/test_r_000.png"
+    kill $server
+fi
+case " $pages " in
+*" training "*) ;;
+*)
+    server=0
+    count
+    exit
+    ;;
+esac
 : >"$work/address"
 "$cln" train "$work/photos" -o "$work/watched" --time-limit 10m --skip-selftest --view \
     >"$work/out" 2>"$work/log" &

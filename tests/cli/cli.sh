@@ -587,11 +587,13 @@ section_resume() {
     for run in refined refined-stopped; do
         expect "export --cameras of $run" 0 "" "$cln" export "$work/$run" --cameras \
             "$work/$run.json"
+        check "says that poses are corrected" grep -q "poses that training corrected" "$work/out"
     done
     check "the same cameras" cmp -s "$work/refined.json" "$work/refined-stopped.json"
     expect "the cameras as given" 0 "" "$cln" train "$work/shaken" -o "$work/unrefined" \
         "${small[@]}" --steps 2
     expect "export of them" 0 "" "$cln" export "$work/unrefined" --cameras "$work/given.json"
+    check "does not" eval '! grep -q corrected "$work/out"'
     check "training cameras have moved" [ "$("$query" frames.0.transform_matrix.0.3 \
         <"$work/refined.json")" != "$("$query" frames.0.transform_matrix.0.3 \
         <"$work/given.json")" ]

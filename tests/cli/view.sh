@@ -88,6 +88,7 @@ has_header() {
 me=(-H "X-Viewer: me")
 
 section_page() {
+    local script
     viewer
     check "the address is of this machine" grep -qxE 'http://127\.0\.0\.1:[0-9]+/' "$work/address"
     gets "the page" 200 /
@@ -99,8 +100,10 @@ section_page() {
     check "it is the source's" cmp -s "$work/out" host/view/page.css
     gets "its script" 200 /view.js
     check "it is the source's" cmp -s "$work/out" host/view/page.js
-    gets "its other script" 200 /path.js
-    check "it is the source's" cmp -s "$work/out" host/view/path.js
+    for script in path crop; do
+        gets "its script $script" 200 /$script.js
+        check "it is the source's" cmp -s "$work/out" host/view/$script.js
+    done
     gets "facts" 200 /facts
     check "they name the run" [ "$(json run)" = "$work/run" ]
     check "the step" [ "$(json step)" = 60 ]
@@ -138,6 +141,14 @@ section_pictures() {
         -o "$work/cropped" --crop -9,-9,-0.2,0.3,9,9 --progress none
     gets "a crop box" 200 "/picture?view=6&format=png&crop=-9,-9,-0.2,0.3,9,9" "${me[@]}"
     check "render has the same" cmp -s "$work/out" "$work/cropped/test_r_000.png"
+    expect "render --crop, turned" 0 "" "$cln" render "$work/run" --split test --max-images 1 \
+        -o "$work/turned" --crop -9,-9,-0.2,0.3,9,9,0,0,-35 --progress none
+    check "is another picture" sh -c '! cmp -s "$1" "$2"' - "$work/turned/test_r_000.png" \
+        "$work/cropped/test_r_000.png"
+    gets "a turned crop box" 200 \
+        "/picture?view=6&format=png&crop=-9,-9,-0.2,0.3,9,9,0,0,-35" "${me[@]}"
+    check "render has the same" cmp -s "$work/out" "$work/turned/test_r_000.png"
+    gets "a crop box with seven numbers" 400 "/picture?view=6&crop=-9,-9,-0.2,0.3,9,9,0" "${me[@]}"
     gets "without it" 200 "/picture?view=6&format=png" "${me[@]}"
     check "all is there again" cmp -s "$work/out" "$work/rendered/test_r_000.png"
     expect "eval with pictures" 0 "" "$cln" eval "$work/run" -o "$work/evaluated" --progress none

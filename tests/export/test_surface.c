@@ -133,6 +133,79 @@ static void whatever_the_signs_there_is_no_crack(void **state)
     }
 }
 
+/* Levels at random, of all blocks of a grid; the caller frees them. */
+static uint8_t *random_levels(int cells, uint32_t seed)
+{
+    const size_t n = (size_t)cln_marching_blocks(cells);
+    uint8_t *levels = malloc(n * n * n);
+
+    assert_non_null(levels);
+    for (size_t i = 0; i < n * n * n; i++)
+        levels[i] = (uint8_t)(cln_hash(seed ^ cln_hash((uint32_t)i)) % (CLN_MARCHING_LEVELS + 2));
+    return levels;
+}
+
+/* The same where cells of all widths meet; grids that end in the middle of a block, too. */
+static void nor_between_wide_and_narrow_cells(void **state)
+{
+    static const int cells[] = {64, 75, 80, 41};
+
+    (void)state;
+    for (uint32_t seed = 0; seed < 8; seed++) {
+        uint8_t *levels = random_levels(cells[seed % 4], seed);
+        cln_marching marching = {.cells = cells[seed % 4], .ask = ask_noise, .user = &seed};
+        cln_surface even = {0}, s = {0};
+
+        assert_int_equal(cln_marching_run(&marching, &even), CLN_OK);
+        marching.levels = levels;
+        assert_int_equal(cln_marching_run(&marching, &s), CLN_OK);
+        assert_true(s.faces > 1000);
+        assert_true(s.faces < even.faces * 9 / 10);
+        assert_closed(&s);
+        cln_surface_free(&even);
+        cln_surface_free(&s);
+        free(levels);
+    }
+}
+
+/* A ball whose lower half has cells that are up to eight times as wide: closed, round, one ball;
+ * where nothing wide is near, the triangles of the even grid. */
+static void a_ball_of_two_kinds_of_cells(void **state)
+{
+    enum { CELLS = 96, BLOCKS = CELLS / CLN_MARCHING_BLOCK };
+    size_t asked = 0, above[2] = {0};
+    uint8_t levels[BLOCKS * BLOCKS * BLOCKS] = {0};
+    cln_marching marching = {.cells = CELLS, .ask = ask_ball, .user = &asked};
+    cln_surface s[2] = {{0}};
+    double worst = 0;
+
+    (void)state;
+    assert_int_equal(cln_marching_run(&marching, &s[0]), CLN_OK);
+    memset(levels, CLN_MARCHING_LEVELS, sizeof levels / 2);
+    marching.levels = levels;
+    assert_int_equal(cln_marching_run(&marching, &s[1]), CLN_OK);
+    for (int k = 0; k < 2; k++)
+        for (size_t f = 0; f < s[k].faces; f++)
+            above[k] += s[k].at[s[k].face[f][0]][2] > 0;
+    for (size_t i = 0; i < s[1].vertices; i++) {
+        const float *p = s[1].at[i];
+        const double off = sqrt((double)p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) - ball;
+
+        worst = fmax(worst, fabs(off));
+    }
+    print_message("    %zu and %zu triangles, above %zu and %zu; at most %.6f off, volume %.4f\n",
+                  s[0].faces, s[1].faces, above[0], above[1], worst,
+                  volume_of(&s[1]) / (4 * 3.14159265 / 3 * ball * ball * ball));
+    assert_closed(&s[1]);
+    assert_int_equal(s[1].vertices + s[1].faces, 3 * s[1].faces / 2 + 2);
+    assert_int_equal(above[0], above[1]);
+    assert_true(s[1].faces < s[0].faces * 2 / 3);
+    assert_true(worst < 1e-3);
+    assert_near(volume_of(&s[1]) / (4 * 3.14159265 / 3 * ball * ball * ball), 1, 0.02);
+    cln_surface_free(&s[0]);
+    cln_surface_free(&s[1]);
+}
+
 static void cases_cut_what_they_must(void **state)
 {
     static cln_marching_case cases[256];
@@ -357,6 +430,182 @@ static void depths_give_the_surface_back(void **state)
     shapes_free(&scene);
 }
 
+/* ---- finer where leaves are finer ---- */
+
+/* A ball on a large block. */
+static void make_block(shapes *scene)
+{
+    static world w;
+    builder b = {.world = &w};
+
+    memset(&w, 0, sizeof w);
+    add_box(&b, 0, vec3(-0.85, -0.83, -0.62), vec3(0.84, 0.86, -0.11));
+    add_sphere(&b, 0, vec3(0.3, 0.25, 0.05), 0.2);
+    assert_int_equal(b.st, CLN_OK);
+    assert_int_equal(shapes_finish(&w.shapes), CLN_OK);
+    *scene = w.shapes;
+}
+
+/* Is what a leaf has of the surfaces flat? Looked at in 9^3 places of it. */
+static bool is_flat(const shapes *scene, const float box[4])
+{
+    const double near = 0.1 * (double)box[3];
+    vec first = {0, 0, 0};
+    bool any = false;
+
+    for (int k = 0; k < 729; k++) {
+        const vec p = vec3(box[0] + box[3] * (k % 9) / 8.0, box[1] + box[3] * (k / 9 % 9) / 8.0,
+                           box[2] + box[3] * (k / 81) / 8.0);
+        vec n;
+
+        if (fabs(truth_distance(scene, p)) > near)
+            continue;
+        n = truth_normal(scene, p);
+        if (!any)
+            first = n;
+        any = true;
+        if (dot(n, first) < 0.95)
+            return false;
+    }
+    return true;
+}
+
+/* A tree as training would make it: deeper where the surface bends. */
+static void grow_tree(const shapes *scene, cln_octree *tree)
+{
+    assert_int_equal(cln_octree_create(2, tree), CLN_OK);
+    for (int level = 2; level < 4; level++) {
+        uint8_t *split = calloc((size_t)tree->leaf_count, 1);
+        cln_octree_change change = {0};
+
+        assert_non_null(split);
+        for (int i = 0; i < tree->leaf_count; i++) {
+            float box[4];
+
+            cln_octree_box(tree, tree->leaf[i], box);
+            split[i] = tree->level[tree->leaf[i]] == level && !is_flat(scene, box);
+        }
+        assert_int_equal(cln_octree_split(tree, split, &change), CLN_OK);
+        cln_octree_change_free(&change);
+        free(split);
+    }
+}
+
+static double distance_to_face(const cln_surface *s, size_t f, vec p)
+{
+    vec v[3], n, d;
+    double best = DBL_MAX;
+    bool within = true;
+
+    for (int k = 0; k < 3; k++) {
+        const float *at = s->at[s->face[f][k]];
+
+        v[k] = vec3(at[0], at[1], at[2]);
+    }
+    n = cross(sub(v[1], v[0]), sub(v[2], v[0]));
+    for (int k = 0; k < 3; k++) {
+        const vec side = sub(v[(k + 1) % 3], v[k]), to = sub(p, v[k]);
+        const double length = dot(side, side);
+        const double t = length > 0 ? fmin(fmax(dot(to, side) / length, 0), 1) : 0;
+
+        d = sub(to, scale(side, t));
+        best = fmin(best, sqrt(dot(d, d)));
+        within = within && dot(cross(n, side), to) >= 0;
+    }
+    return within && dot(n, n) > 0 ? fabs(dot(sub(p, v[0]), n)) / sqrt(dot(n, n)) : best;
+}
+
+/* Mean distances: of the triangles' middles, by area, to the shapes, and of places on the shapes
+ * that are seen from around to the triangles. */
+static void chamfer(const shapes *scene, const cln_surface *s, double *to, double *back)
+{
+    double area = 0;
+    int hits = 0;
+
+    *to = *back = 0;
+    for (size_t f = 0; f < s->faces; f++) {
+        vec v[3], n;
+        double here;
+
+        for (int k = 0; k < 3; k++) {
+            const float *at = s->at[s->face[f][k]];
+
+            v[k] = vec3(at[0], at[1], at[2]);
+        }
+        n = cross(sub(v[1], v[0]), sub(v[2], v[0]));
+        here = sqrt(dot(n, n));
+        area += here;
+        *to += here * fabs(truth_distance(scene, scale(add(v[0], add(v[1], v[2])), 1.0 / 3)));
+    }
+    *to /= area;
+    for (int i = 0; i < 400; i++) {
+        const double height = -0.9 + 1.8 * (i + 0.5) / 400, yaw = 2.4 * i,
+                     r = sqrt(1 - height * height);
+        const vec from = scale(vec3(r * cos(yaw), r * sin(yaw), height), 3);
+        const vec towards = vec3(0.6 * sin(1.7 * i), 0.5 * sin(2.3 * i), 0.4 * sin(3.1 * i));
+        const vec direction = unit(sub(towards, from));
+        double best = DBL_MAX;
+        hit h;
+
+        if (!shapes_hit(scene, from, direction, 0, 100, &h))
+            continue;
+        for (size_t f = 0; f < s->faces; f++)
+            best = fmin(best, distance_to_face(s, f, add(from, scale(direction, h.t))));
+        *back += best;
+        hits++;
+    }
+    assert_true(hits > 200);
+    *back /= hits;
+}
+
+/* Against the uniform grid of the narrowest cells: closed as that, as near to the shapes, with many
+ * fewer triangles, all of which are missing where leaves are not the deepest. */
+static void cells_follow_the_tree(void **state)
+{
+    static const cln_space space = {.half = 1};
+    const cln_callbacks none = {0};
+    const double cell = 1.0 / 64; /* of the deepest leaves: an eighth of their side */
+    cln_fusion fusion = {0};
+    cln_surface s[2] = {{0}};
+    double to[2], back[2];
+    int counts[2][5] = {{0}};
+    cln_octree tree;
+    shapes scene;
+
+    (void)state;
+    make_block(&scene);
+    grow_tree(&scene, &tree);
+    assert_int_equal(cln_octree_depth(&tree), 4);
+    fuse(&scene, &space, &tree, &fusion);
+    fusion.pixel = cell; /* as if the views were sharper */
+    assert_int_equal(cln_surface_trace(&fusion, 128, 0, true, &none, &s[0]), CLN_OK);
+    assert_int_equal(cln_surface_trace(&fusion, 0, cell, true, &none, &s[1]), CLN_OK);
+    for (int k = 0; k < 2; k++) {
+        chamfer(&scene, &s[k], &to[k], &back[k]);
+        for (size_t f = 0; f < s[k].faces; f++) {
+            const float *p = s[k].at[s[k].face[f][0]];
+            const int slot = cln_octree_find(&tree, (const double[3]){p[0], p[1], p[2]});
+
+            assert_true(slot >= 0);
+            counts[k][tree.level[tree.leaf[slot]]]++;
+        }
+        print_message("    %zu triangles (by level of leaf %d %d %d), %.5f from the shapes, "
+                      "these %.5f from it\n",
+                      s[k].faces, counts[k][2], counts[k][3], counts[k][4], to[k], back[k]);
+        assert_closed(&s[k]);
+    }
+    assert_true(s[1].faces < s[0].faces * 3 / 4);
+    assert_true(counts[1][2] < counts[0][2] / 2);
+    assert_true(counts[1][4] > counts[0][4] * 9 / 10);
+    assert_true(to[1] < 1.1 * to[0]);
+    assert_true(back[1] < 1.1 * back[0]);
+    cln_surface_free(&s[0]);
+    cln_surface_free(&s[1]);
+    cln_fusion_free(&fusion);
+    cln_octree_free(&tree);
+    shapes_free(&scene);
+}
+
 /* ---- a forward space ---- */
 
 enum { FRONT_VIEWS = 9, FRONT_WIDTH = 120, FRONT_HEIGHT = 90, FRONT_CELLS = 80 };
@@ -459,9 +708,12 @@ int test_group_surface(void)
         cmocka_unit_test(cases_cut_what_they_must),
         cmocka_unit_test(a_ball_is_a_ball),
         cmocka_unit_test(whatever_the_signs_there_is_no_crack),
+        cmocka_unit_test(nor_between_wide_and_narrow_cells),
+        cmocka_unit_test(a_ball_of_two_kinds_of_cells),
         cmocka_unit_test(too_many_vertices_are_refused),
         cmocka_unit_test(what_is_not_kept_goes),
         cmocka_unit_test(depths_give_the_surface_back),
+        cmocka_unit_test(cells_follow_the_tree),
         cmocka_unit_test(forward_depths_give_the_surface_back),
     };
 

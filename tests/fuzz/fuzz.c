@@ -503,7 +503,7 @@ static void read_options(void)
 static void make_request(void)
 {
     put("query", "pose=1,0,0,4,0,1,0,5,0,0,1,6\nfocal=50\nwidth=64\nheight=32\nms=45\nshow=depth\n"
-                 "background=1,0,0.25\nformat=png\nx=1\ny=2\ncrop=-1,-1,-1,1,1,0.5\n"
+                 "background=1,0,0.25\nformat=png\nx=1\ny=2\ncrop=-1,-1,-1,1,1,0.5,0,30,-200\n"
                  "frames=24\nfps=12\nfilm=0123456789abcdef0123456789abcdef\n"
                  "host=127.0.0.1:8080\norigin=http://127.0.0.1:8080\nsite=same-origin\n");
 }

@@ -17,6 +17,7 @@ int test_group_counts(void);
 int test_group_coverage(void);
 int test_group_exposure(void);
 int test_group_float64(void);
+int test_group_crop(void);
 int test_group_doubts(void);
 int test_group_export(void);
 int test_group_exports(void);

@@ -1,0 +1,130 @@
+/* The viewer's crop box: only what is inside of it is shown. Its sides and its turn by sliders, what
+ * requests and `render` are given of it, and its lines in the picture. Vectors, cameras and lines are
+ * page.js's. */
+'use strict';
+
+/* [x0, y0, z0, x1, y1, z1] along the box's own axes, which are turned about the middle of facts.box;
+ * a side of facts.box itself is no side. */
+let crop = null;
+let cropTurn = [0, 0, 0]; /* degrees about x, then y, then z */
+const FAR = 1e4; /* times the box: beyond everything, where the scene does not end with it */
+
+const isTurned = () => cropTurn.some((v) => v !== 0);
+const isSide = (i) => crop[i] > facts.box[i % 3] && crop[i] < facts.box[3 + i % 3];
+const cropMiddle = () => [0, 1, 2].map((a) => (facts.box[a] + facts.box[3 + a]) / 2);
+
+/* The box's axes in the scene. */
+function cropAxes() {
+  const about = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  return about.map((axis) => cropTurn.reduce((v, degrees, a) =>
+    turn(v, about[a], degrees * Math.PI / 180), axis));
+}
+
+/* A place given along the box's axes, in the scene; and the other way. */
+function fromCrop(place) {
+  const middle = cropMiddle();
+  return cropAxes().reduce((sum, axis, a) => add(sum, axis, place[a] - middle[a]), middle);
+}
+
+function toCrop(point) {
+  const middle = cropMiddle(), from = add(point, middle, -1);
+  return cropAxes().map((axis, a) => middle[a] + dot(axis, from));
+}
+
+/* What a picture is asked with: the numbers of --crop, of a box that is turned about its own middle.
+ */
+function cropSides() {
+  const far = facts.endless ? FAR : 1;
+  const sides = crop.map((v, i) => {
+    const low = facts.box[i % 3], high = facts.box[3 + i % 3];
+    if (isSide(i) || !(facts.endless || isTurned())) return v;
+    return i < 3 ? low - far * (high - low) : high + far * (high - low);
+  });
+  if (!isTurned()) return sides;
+  const own = [0, 1, 2].map((a) => (sides[a] + sides[a + 3]) / 2), middle = fromCrop(own);
+  return [...sides.map((v, i) => v - own[i % 3] + middle[i % 3]), ...cropTurn];
+}
+
+/* Takes over such a box. */
+function setCrop(sides, degrees) {
+  cropTurn = [...degrees];
+  const middle = [0, 1, 2].map((a) => (sides[a] + sides[a + 3]) / 2), own = toCrop(middle);
+  crop = sides.map((v, i) => isTurned() ? v - middle[i % 3] + own[i % 3] : v);
+  $('crop').checked = true;
+  changeCrop();
+}
+
+const isCropped = () => $('crop').checked && crop.some((v, i) => v !== facts.box[i]);
+const cropQuery = () => isCropped() ? {crop: cropSides().join(',')} : {};
+
+function addSlider(id, text, low, high, value, changed) {
+  const row = document.createElement('label'), slider = document.createElement('input');
+  const name = document.createElement('span');
+  name.textContent = text;
+  slider.type = 'range';
+  Object.assign(slider, {min: low, max: high, value, id});
+  slider.addEventListener('input', () => {
+    changed(Number(slider.value));
+    $('crop').checked = true;
+    changeCrop();
+  });
+  row.className = 'row';
+  row.append(name, slider, document.createElement('output'));
+  $('crop-sliders').append(row);
+}
+
+function makeCrop() {
+  crop = [...facts.box];
+  for (let i = 0; i < 6; i++) {
+    const a = i % 3, low = facts.box[a], high = facts.box[3 + a];
+    addSlider(`crop-${i}`, `${'xyz'[a]} ${i < 3 ? 'from' : 'to'}`, 0, 1000, i < 3 ? 0 : 1000,
+      (value) => {
+        const share = value / 1000, least = (high - low) / 1000;
+        crop[i] = share === 0 ? low : share === 1 ? high : low + share * (high - low);
+        if (i < 3) crop[i] = Math.min(crop[i], crop[3 + a] - least);
+        else crop[i] = Math.max(crop[i], crop[a] + least);
+      });
+  }
+  for (let a = 0; a < 3; a++)
+    addSlider(`crop-turn-${a}`, `turn ${'xyz'[a]}`, -180, 180, 0, (value) => turnCrop(a, value));
+  changeCrop();
+}
+
+/* About its own middle: what is a side moves along with it. */
+function turnCrop(a, degrees) {
+  const own = [0, 1, 2].map((k) => (crop[k] + crop[k + 3]) / 2), middle = fromCrop(own);
+  const sides = crop.map((_, i) => isSide(i));
+  cropTurn[a] = degrees;
+  const now = toCrop(middle);
+  crop = crop.map((v, i) => sides[i] ? v + now[i % 3] - own[i % 3] : v);
+}
+
+function changeCrop() {
+  const digits = Math.max(0, 3 - Math.floor(Math.log10(facts.box[3] - facts.box[0])));
+  crop.forEach((v, i) => {
+    const low = facts.box[i % 3], high = facts.box[3 + i % 3], slider = $(`crop-${i}`);
+    slider.value = Math.round(1000 * (v - low) / (high - low));
+    slider.nextSibling.textContent = isSide(i) ? v.toFixed(Math.min(digits, 9)) : 'all';
+  });
+  cropTurn.forEach((v, a) => {
+    $(`crop-turn-${a}`).value = Math.round(v);
+    $(`crop-turn-${a}`).nextSibling.textContent = `${Number(v.toFixed(1))}°`;
+  });
+  $('crop-text').textContent = isCropped() ? `--crop ${cropSides().map((v) =>
+    Number(v.toPrecision(9))).join(',')}` : 'the box is off';
+  touch(true);
+}
+
+function resetCrop() {
+  crop = [...facts.box];
+  cropTurn = [0, 0, 0];
+  changeCrop();
+}
+
+function drawCrop(f) {
+  const shown = crop.map((v, i) => isSide(i) ? v : facts.box[i]);
+  const corner = (k) => project(fromCrop([0, 1, 2].map((a) => shown[k >> a & 1 ? 3 + a : a])), f);
+  for (let k = 0; k < 8; k++)
+    for (let a = 0; a < 3; a++)
+      if (!(k >> a & 1)) line([corner(k), corner(k | 1 << a)], '#8a63d2');
+}

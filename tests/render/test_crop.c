@@ -1,0 +1,168 @@
+/* Crop boxes (host/render/crop.h): their numbers, as text and turned, against a turn worked out
+ * here; and which boxes are known to hold nothing of a tree, in plain, forward and shell spaces,
+ * against points of its leaves. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+#include "base/rng.h"
+#include "check/forward_scene.h"
+#include "model/shell_tree.h"
+#include "near.h"
+#include "render/crop.h"
+#include "tests.h"
+
+static double draw(uint32_t *seed, double low, double high)
+{
+    *seed = cln_hash(*seed + 1);
+    return low + (high - low) * (*seed >> 8) / 16777216.0;
+}
+
+/* v turned about an axis by radians. */
+static void turn_about(int axis, double angle, double v[3])
+{
+    const int i = (axis + 1) % 3, j = (axis + 2) % 3;
+    const double u = v[i], w = v[j];
+
+    v[i] = cos(angle) * u - sin(angle) * w;
+    v[j] = sin(angle) * u + cos(angle) * w;
+}
+
+/* Is a point of the scene in the box of nine numbers? -1: too near to a side to tell. */
+static int in_box(const double n[CLN_CROP_NUMBERS], const double point[3])
+{
+    double from[3], least = 1e30;
+
+    for (int a = 0; a < 3; a++)
+        from[a] = point[a] - 0.5 * (n[a] + n[a + 3]);
+    for (int a = 2; a >= 0; a--) /* back, in the other order */
+        turn_about(a, -n[6 + a] * 3.14159265358979 / 180, from);
+    for (int a = 0; a < 3; a++)
+        least = fmin(least, 0.5 * (n[a + 3] - n[a]) - fabs(from[a]));
+    return fabs(least) < 1e-4 ? -1 : least > 0;
+}
+
+static void numbers_are_a_box(void **state)
+{
+    static const cln_space space = {.centre = {3, -2, 5}, .half = 4};
+    double n[CLN_CROP_NUMBERS];
+    cln_crop crop;
+    int inside = 0;
+    uint32_t seed = 1;
+
+    (void)state;
+    assert_int_equal(cln_crop_read("box", "1,-3,4,5,-1,6", n), CLN_OK);
+    assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_OK);
+    assert_true(crop.on && !cln_crop_is_turned(&crop) && crop.box[4] == -1);
+    assert_int_equal(cln_crop_read("box", "1,-4,3,5,0,6,20,-35,110", n), CLN_OK);
+    assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_OK);
+    assert_true(crop.on && cln_crop_is_turned(&crop));
+    cln_crop_place(&space, &crop);
+    for (int i = 0; i < 3000; i++) {
+        double point[3], cube[3];
+        bool within = true;
+        int wanted = 0;
+
+        for (int a = 0; a < 3; a++)
+            point[a] = space.centre[a] + draw(&seed, -4, 4);
+        wanted = in_box(n, point);
+        cln_space_point_to_cube(&space, point, cube);
+        for (int k = 0; k < 6; k++)
+            within = within && crop.planes[k][0] * cube[0] + crop.planes[k][1] * cube[1] +
+                                       crop.planes[k][2] * cube[2] + crop.planes[k][3] >=
+                                   0;
+        if (wanted >= 0)
+            assert_int_equal(within, wanted);
+        inside += within;
+    }
+    assert_in_range(inside, 100, 1000); /* 48 of 512 */
+    assert_int_equal(cln_crop_read("box", "1,-3,4,5,-1,6,7", n), CLN_USAGE);
+    assert_int_equal(cln_crop_read("box", "1,-3,4,5,-1", n), CLN_USAGE);
+    assert_int_equal(cln_crop_read("box", "1,-3,4,5,-1,6,0,0,1e400", n), CLN_USAGE);
+    assert_int_equal(cln_crop_read("box", "1,-3,4,1,-1,6", n), CLN_OK);
+    assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_USAGE);
+}
+
+/* A full tree of level 3 without a share of its leaves. */
+static void make_tree(bool shell, uint32_t seed, cln_octree *tree)
+{
+    uint8_t *cull = NULL;
+    cln_octree_change change = {0};
+
+    if (shell)
+        assert_int_equal(cln_shell_tree_create(2, tree), CLN_OK);
+    else
+        assert_int_equal(cln_octree_create(3, tree), CLN_OK);
+    cull = calloc((size_t)tree->leaf_count, 1);
+    assert_non_null(cull);
+    for (int i = 0; i < tree->leaf_count; i++)
+        cull[i] = draw(&seed, 0, 1) < 0.9;
+    assert_int_equal(cln_octree_cull(tree, cull, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    free(cull);
+}
+
+/* A box with a point of an active leaf in it is never empty; of small boxes at random most are, as
+ * most leaves are gone, and most of them are known to be. */
+static void empty_boxes_are_found(void **state)
+{
+    const cln_space plain = {.centre = {3, -2, 5}, .half = 4};
+    const cln_space shell = {.centre = {3, -2, 5}, .half = 4, .shell = true};
+    const cln_space forward = cln_check_forward_space(1);
+    const cln_space *spaces[] = {&plain, &shell, &forward};
+
+    (void)state;
+    for (int k = 0; k < 3; k++) {
+        const cln_space *space = spaces[k];
+        int empty = 0, missed = 0, full = 0;
+        uint32_t seed = 7;
+        cln_octree tree;
+
+        make_tree(space->shell, 5, &tree);
+        for (int i = 0; i < 400; i++) {
+            const int slot = (int)draw(&seed, 0, tree.leaf_count);
+            double n[CLN_CROP_NUMBERS] = {0}, cube[3], middle[3];
+            float box[4];
+            bool any = false;
+            cln_crop crop;
+
+            cln_octree_box(&tree, tree.leaf[slot], box);
+            for (int a = 0; a < 3; a++)
+                cube[a] = i % 2 ? box[a] + box[3] * draw(&seed, 0.05, 0.95)
+                                : draw(&seed, -0.95, space->forward ? 0.5 : 0.95);
+            cln_space_point_to_scene(space, cube, middle);
+            if (i % 2 == 0 &&
+                (cln_octree_find(&tree, cube) >= 0 || (space->shell && !cln_shell_holds(cube))))
+                continue;
+            for (int a = 0; a < 3; a++) {
+                n[a] = middle[a] - 1e-3 * space->half;
+                n[a + 3] = middle[a] + 1e-3 * space->half;
+                n[a + 6] = i % 4 < 2 ? draw(&seed, -180, 180) : 0;
+            }
+            assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_OK);
+            any = !cln_crop_is_empty(space, &tree, &crop);
+            if (i % 2)
+                assert_true(any);
+            full += any;
+            empty += i % 2 == 0;
+            missed += i % 2 == 0 && any;
+            assert_false(any && k == 0 && i % 4 == 2); /* along the cube's axes, sides tell all */
+        }
+        print_message("    %s: %d boxes with something, %d without, %d of these not known to be\n",
+                      cln_space_name(space), full - missed, empty, missed);
+        assert_true(empty > 100 && missed < empty / 4);
+        cln_octree_free(&tree);
+    }
+}
+
+int test_group_crop(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(numbers_are_a_box),
+        cmocka_unit_test(empty_boxes_are_found),
+    };
+
+    return cmocka_run_group_tests_name("crop", tests, NULL, NULL);
+}
