@@ -465,6 +465,16 @@ section_structure() {
     cp "$work/err" "$work/grown.log"
     check "six decisions are rows" [ "$(decision_rows "$r" | wc -l)" = 6 ]
     check "six decisions are in the log" [ "$(grep -c 'objective' "$work/grown.log")" = 6 ]
+    decision_rows "$r" | "$query" -l step >"$work/decisions"
+    check "between them, culling waits for a hundredth of the leaves" awk '
+        FILENAME ~ /decisions$/ { decision[$1] = 1; next }
+        match($0, /step [0-9]+: culled [0-9]+ of [0-9]+ leaves/) {
+            split(substr($0, RSTART, RLENGTH), word, /[ :]+/)
+            if (word[2] in decision) next
+            some = 1
+            if (word[4] < 1 || 100 * word[4] < word[6]) bad = 1
+        }
+        END { exit bad || !some }' "$work/decisions" "$work/grown.log"
     decision_rows "$r" | "$query" -l psnr_before >"$work/before"
     decision_rows "$r" | "$query" -l psnr_after >"$work/after"
     decision_rows "$r" | "$query" -l psnr_pretrained >"$work/pretrained"
