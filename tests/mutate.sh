@@ -1,7 +1,7 @@
 #!/bin/bash
 # Would the tests notice a mistake? Puts one at a time (a mutant: an operator, a number, a
 # condition, a statement less) into copies of this tree and runs tests until one fails. Not a part
-# of make test: it takes an hour. perl is needed.
+# of make test: it takes hours. perl is needed.
 #
 #   tests/mutate.sh [FILE...]    sources to change (kernels, and host without cli, report and
 #                                ranks; not peak.cl, where only speed matters, nor share.cl,
@@ -13,10 +13,10 @@
 #   LIMIT=9999                   minutes after which no new one is begun
 #   SPEND=9999                   processor seconds of tests that a mutant may cost; those that they
 #                                do not notice have survived, for AGAIN=1 with more
-# A mistake in a room can be noticed by tests of that room and of those above alone, and a group
-# ends at its first failed test. Groups have processor seconds after which they count as hung, and
-# begin with a copy of the driver's cache of kernels. Their seconds are measured once, by a whole run
-# without a mistake: build/mutants/times.
+# A mistake in a room can be noticed by tests of that room and of those above alone; a group ends at
+# its first failed test, counts as hung after some processor seconds, and begins with a copy of the
+# driver's cache of kernels. Seconds of groups are measured once, by a run without a mistake, and kept
+# in build/mutants/times.
 # Results are rows in build/mutants/results, which a further call keeps; remove it to begin anew.
 # tests/support/mutants.txt explains survivors that no test can tell: file, changed line, reason.
 # The last line counts; the exit code is 1 if a mutant survived that is not explained there.
