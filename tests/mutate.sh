@@ -15,8 +15,8 @@
 #                                do not notice have survived, for AGAIN=1 with more
 # A mistake in a room can be noticed by tests of that room and of those above alone; a group ends at
 # its first failed test, counts as hung after some processor seconds, and begins with a copy of the
-# driver's cache of kernels. Seconds of groups are measured once, by a run without a mistake, and kept
-# in build/mutants/times.
+# driver's cache of kernels. Seconds of groups are measured once, by a run without a mistake, and
+# kept in build/mutants/times.
 # Results are rows in build/mutants/results, which a further call keeps; remove it to begin anew.
 # tests/support/mutants.txt explains survivors that no test can tell: file, changed line, reason.
 # The last line counts; the exit code is 1 if a mutant survived that is not explained there.
