@@ -79,10 +79,11 @@ order() {
     own="^(${name}s?|${name%_*})$"
     [ "$room" != kernels ] || room=pipeline
     rooms="$rooms reference base"
-    awk -v own="$own" -v near="^($(groups_of "$room"))$" \
+    build/tests -l | awk -v own="$own" -v near="^($(groups_of "$room"))$" \
         -v may="^($(groups_of "${rooms%%"$room"*} $room"))$" '
-        $2 ~ may { print ($2 ~ own ? 0 : $2 ~ near ? 1 : 2), $1, $2 }' "$out/times" |
-        sort -n -k1,1 -k2,2 | cut -d ' ' -f 2-
+        FILENAME != "-" { seconds[$2] = $1; next } # none for a new group
+        $1 ~ may { print ($1 ~ own ? 0 : $1 ~ near ? 1 : 2), seconds[$1] + 0, $1 }' \
+        "$out/times" - | sort -n -k1,1 -k2,2 | cut -d ' ' -f 2-
 }
 
 # spent: processor seconds of what this copy has run so far (not by $(...) or a pipe, which are
