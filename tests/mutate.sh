@@ -43,7 +43,7 @@ make_copy() {
     mkdir -p "$copy"
     git ls-files -z -co --exclude-standard | tar -c --null -T - 2>/dev/null | tar -x -C "$copy"
     mkdir -p "$copy/build"
-    cp -a build/obj "$copy/build/" 2>/dev/null
+    cp -a build/obj build/sanitize "$copy/build/" 2>/dev/null
     cp -a "${POCL_CACHE_DIR:-${XDG_CACHE_HOME:-$HOME/.cache}/pocl/kcache}" "$copy/pocl" 2>/dev/null
     (
         cd "$copy" || exit 1
@@ -69,15 +69,22 @@ groups_of() {
 }
 
 # Seconds and names of test groups in the order in which they may notice a mistake in a file: of its
-# name, of its room, of rooms above (kernels are pipeline's); quick ones first.
+# name (or of kernels that need it), of its room, of rooms above (kernels are pipeline's); quick ones
+# first.
 order() {
-    local file=$1 room name own
+    local file=$1 room name own users
     local rooms="cli api export train view render check pipeline report model scene device ranks io"
     name=$(basename "$file")
     name=${name%%.*}
     room=$(basename "$(dirname "$file")")
-    own="^(${name}s?|${name%_*})$"
     [ "$room" != kernels ] || room=pipeline
+    case $file in kernels/*.h) # and what needs it, and what needs that, and once more
+        for _ in 1 2 3; do
+            users=$(grep -lE "^/\* needs:.*\<(${name// /|})\>" kernels/* | sed 's|.*/||; s|\..*||')
+            name=$(printf '%s\n' $name $users | sort -u | paste -sd ' ')
+        done ;;
+    esac
+    own="^($(for name in $name; do printf '%s(s|_.*)?|%s|' "$name" "${name%%_*}"; done)-)$"
     rooms="$rooms reference base"
     build/tests -l | awk -v own="$own" -v near="^($(groups_of "$room"))$" \
         -v may="^($(groups_of "${rooms%%"$room"*} $room"))$" '
