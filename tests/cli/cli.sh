@@ -94,11 +94,6 @@ finish() {
     rc=$?
 }
 
-# scaled FACTOR NUMBER: their product
-scaled() {
-    awk -v a="$1" -v b="$2" 'BEGIN { print a * b }'
-}
-
 scene() { # scene NAME OPTIONS...
     local name=$1
     shift
@@ -465,16 +460,6 @@ section_structure() {
     cp "$work/err" "$work/grown.log"
     check "six decisions are rows" [ "$(decision_rows "$r" | wc -l)" = 6 ]
     check "six decisions are in the log" [ "$(grep -c 'objective' "$work/grown.log")" = 6 ]
-    decision_rows "$r" | "$query" -l step >"$work/decisions"
-    check "between them, culling waits for a hundredth of the leaves" awk '
-        FILENAME ~ /decisions$/ { decision[$1] = 1; next }
-        match($0, /step [0-9]+: culled [0-9]+ of [0-9]+ leaves/) {
-            split(substr($0, RSTART, RLENGTH), word, /[ :]+/)
-            if (word[2] in decision) next
-            some = 1
-            if (word[4] < 1 || 100 * word[4] < word[6]) bad = 1
-        }
-        END { exit bad || !some }' "$work/decisions" "$work/grown.log"
     decision_rows "$r" | "$query" -l psnr_before >"$work/before"
     decision_rows "$r" | "$query" -l psnr_after >"$work/after"
     decision_rows "$r" | "$query" -l psnr_pretrained >"$work/pretrained"
@@ -669,15 +654,6 @@ section_results() {
         eval '! grep -q antialias "$work/whole/eval/00000300-test.json"'
     expect "eval --seams" 0 "" "$cln" eval "$work/whole" --seams --json -o "$work/seams"
     check "it has pairs" [ "$(json seams.across.pairs)" -gt 100 ]
-    # docs/stability.md: four seeds had up to 0.148 and 0.093
-    colour=$(json seams.across.colour) alpha=$(json seams.across.alpha)
-    check "colours jump by less than 0.2" number_above 0.2 "$colour"
-    check "alpha jumps by less than 0.15" number_above 0.15 "$alpha"
-    expect "train --edge" 0 "" "$cln" train "$work/blender" -o "$work/edge" "${small[@]}" \
-        --steps $steps --edge 0.1
-    expect "eval --seams" 0 "" "$cln" eval "$work/edge" --seams --json --no-save-images
-    check "colours jump less" number_above "$(scaled 0.75 "$colour")" "$(json seams.across.colour)"
-    check "so does alpha" number_above "$(scaled 0.75 "$alpha")" "$(json seams.across.alpha)"
     expect "eval --seams as a table" 0 "" "$cln" eval "$work/whole" --seams -o "$work/seams"
     check "it says where" grep -q "^from leaf to leaf" "$work/out"
     psnr=$("$query" mean.psnr <"$work/whole/eval/00000300-test.json")
