@@ -21,7 +21,8 @@ net=(--skip-selftest --progress none --width 16 --view-width 16 --n1 8 --cull-af
 section_culling() {
     "$make_scene" "$work/demo" --size 80 --train 24 --test 0 >/dev/null
     expect "train with an adaptive tree" 0 "" \
-        "$cln" train "$work/demo" -o "$work/grown" "${net[@]}" --steps 600 --start-level 2 --level-at 3:0.3 --rays 512 --refresh-every 32 \
+        "$cln" train "$work/demo" -o "$work/grown" "${net[@]}" --steps 600 \
+        --start-level 2 --level-at 3:0.3 --rays 512 --refresh-every 32 \
         --cull-from 0.1 --cull-strikes 2 --max-leaves 150 --structure-from 0.6 \
         --structure-every 0.2 --structure-until 0.95 --distil-steps 20 -v
     grep '"event":"structure"' "$work/grown/metrics.jsonl" | "$query" -l step >"$work/decisions"
