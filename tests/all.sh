@@ -94,6 +94,8 @@ part lint tests/lint.sh
 part faults env FAULTS=1 tests/faults.sh kill disk memory device clock
 part viewer tests/cli/view.sh
 part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage scenes resume
+part leaks tests/cli/leaks.sh
+part tree tests/cli/tree.sh
 part "first hour" tests/cli/first_hour.sh
 part "fuzz corpus" tests/fuzz/fuzz.sh replay
 wait

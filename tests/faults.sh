@@ -146,7 +146,7 @@ section_kill() {
         place=""
         faulty any "$(one_of "$total")" kill "${fresh[@]}"
         while at=$(one_of $((2 * total))) && [ $rc = 137 ]; do
-            place="$place $(find "$work/run" -path '*/checkpoint/*.json' | wc -l)"
+            place="$place $(find "$work/run" -path '*/checkpoint/*.json' 2>/dev/null | wc -l)"
             if ls "$work/run"/checkpoint/*.json >/dev/null 2>&1; then
                 faulty any "$at" kill "${again[@]}"
             else

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Would the tests notice a mistake? Puts one at a time (a mutant: an operator, a number, a
 # condition, a statement less) into copies of this tree and runs tests until one fails. Not a part
-# of make test: it takes an hour. perl is needed.
+# of make test: it takes hours. perl is needed.
 #
 #   tests/mutate.sh [FILE...]    sources to change (kernels, and host without cli, report and
 #                                ranks; not peak.cl, where only speed matters, nor share.cl,
@@ -11,6 +11,12 @@
 #   SEED=1                       which ones
 #   JOBS=2                       copies, in build/mutants
 #   LIMIT=9999                   minutes after which no new one is begun
+#   SPEND=9999                   processor seconds of tests that a mutant may cost; those that they
+#                                do not notice have survived, for AGAIN=1 with more
+# A mistake in a room can be noticed by tests of that room and of those above alone; a group ends at
+# its first failed test, counts as hung after some processor seconds, and begins with a copy of the
+# driver's cache of kernels. Seconds of groups are measured once, by a run without a mistake, and
+# kept in build/mutants/times.
 # Results are rows in build/mutants/results, which a further call keeps; remove it to begin anew.
 # tests/support/mutants.txt explains survivors that no test can tell: file, changed line, reason.
 # The last line counts; the exit code is 1 if a mutant survived that is not explained there.
@@ -18,6 +24,7 @@ set -u
 cd "$(dirname "$0")/.." || exit 1
 
 count=${COUNT:-150} seed=${SEED:-1} jobs=${JOBS:-2} limit=${LIMIT:-9999}
+spend=${SPEND:-9999}
 out=$PWD/build/mutants
 results=$out/results
 perl=tests/support/mutants.pl
@@ -28,77 +35,113 @@ export LC_ALL=C
 
 # ---- one copy ----
 
-# The tree as it is, with what is built; its tests pass, and times has the seconds of each group.
+# The tree as it is, with what is built, and the driver's compiled kernels. The first one's tests
+# pass, and times has the seconds of each group.
 make_copy() {
     local copy=$1
     rm -rf "$copy"
     mkdir -p "$copy"
     git ls-files -z -co --exclude-standard | tar -c --null -T - 2>/dev/null | tar -x -C "$copy"
     mkdir -p "$copy/build"
-    cp -a build/obj "$copy/build/" 2>/dev/null
+    cp -a build/obj build/sanitize "$copy/build/" 2>/dev/null
+    cp -a "${POCL_CACHE_DIR:-${XDG_CACHE_HOME:-$HOME/.cache}/pocl/kcache}" "$copy/pocl" 2>/dev/null
     (
         cd "$copy" || exit 1
-        make --no-print-directory "${programs[@]}" >log 2>&1 &&
-            POCL_CACHE_DIR=$copy/pocl build/tests >log 2>&1
-    ) || {
+        make --no-print-directory "${programs[@]}" >log 2>&1 || exit 1
+        flock 9
+        [ -s "$out/times" ] ||
+            { POCL_CACHE_DIR=$copy/pocl build/tests >log 2>&1 &&
+                sed -n 's/^\([a-z0-9_]*\)  *[0-9]* passed.*, \([0-9.]*\) s$/\2 \1/p' log |
+                sort -n >"$out/times"; }
+    ) 9>"$out/lock" || {
         tail -n 5 "$copy/log"
         echo "mutate: $copy: the tests do not pass without a mistake, either" >&2
         return 1
     }
-    sed -n 's/^\([a-z0-9_]*\)  *[0-9]* passed.*, \([0-9.]*\) s$/\2 \1/p' "$copy/log" |
-        sort -n >"$copy/times"
 }
 
-# Test groups in the order in which they may notice a mistake in a file: of its name, of its room,
-# the others; quick ones first.
+# Test groups of the rooms in $1
+groups_of() {
+    local room
+    for room in $1; do
+        sed -n 's/^int test_group_\([a-z0-9_]*\)(void)$/\1/p' tests/"$room"/test_*.c 2>/dev/null
+    done | paste -sd '|'
+}
+
+# Seconds and names of test groups in the order in which they may notice a mistake in a file: of its
+# name (or of kernels that need it), of its room, of rooms above (kernels are pipeline's); quick ones
+# first.
 order() {
-    local file=$1 room name own near
+    local file=$1 room name own users
+    local rooms="cli api export train view render check pipeline report model scene device ranks io"
     name=$(basename "$file")
     name=${name%%.*}
     room=$(basename "$(dirname "$file")")
-    own="^(${name}s?|${name%_*})$"
     [ "$room" != kernels ] || room=pipeline
-    near=$(sed -n 's/^int test_group_\([a-z0-9_]*\)(void)$/\1/p' \
-        tests/"$room"/test_*.c 2>/dev/null | paste -sd '|')
-    awk -v own="$own" -v near="^(${near:-none})$" '
-        { print ($2 ~ own ? 0 : $2 ~ near ? 1 : 2), $1, $2 }' times | sort -n -k1,1 -k2,2 |
-        cut -d ' ' -f 3
+    case $file in kernels/*.h) # and what needs it, and what needs that, and once more
+        for _ in 1 2 3; do
+            users=$(grep -lE "^/\* needs:.*\<(${name// /|})\>" kernels/* | sed 's|.*/||; s|\..*||')
+            name=$(printf '%s\n' $name $users | sort -u | paste -sd ' ')
+        done ;;
+    esac
+    own="^($(for name in $name; do printf '%s(s|_.*)?|%s|' "$name" "${name%%_*}"; done)-)$"
+    rooms="$rooms reference base"
+    build/tests -l | awk -v own="$own" -v near="^($(groups_of "$room"))$" \
+        -v may="^($(groups_of "${rooms%%"$room"*} $room"))$" '
+        FILENAME != "-" { seconds[$2] = $1; next } # none for a new group
+        $1 ~ may { print ($1 ~ own ? 0 : $1 ~ near ? 1 : 2), seconds[$1] + 0, $1 }' \
+        "$out/times" - | sort -n -k1,1 -k2,2 | cut -d ' ' -f 2-
+}
+
+# spent: processor seconds of what this copy has run so far (not by $(...) or a pipe, which are
+# processes without children)
+count_spent() {
+    times >used
+    spent=$(awk 'NR == 2 {
+        for (i = 1; i <= 2; i++) { split($i, t, "m"); sum += 60 * t[1] + t[2] }
+        printf "%d", sum }' used)
 }
 
 # notices SECONDS COMMAND...: it fails, or takes far too long
 notices() {
     local seconds=$1
     shift
-    ! timeout -k 5 "$seconds" "$@" >log 2>&1 </dev/null
+    ! (ulimit -t "$seconds" && exec timeout -k 5 1800 "$@") >log 2>&1 </dev/null
 }
 
 # What notices the mistake in FILE, or nothing.
 noticed_by() {
-    local file=$1 group script
+    local file=$1 seconds group script
+    local most=$((spent + spend)) compile=15
     export POCL_CACHE_DIR=$PWD/pocl
-    for group in $(order "$file"); do
-        notices 300 build/tests "$group" && echo "$group" && return
-    done
+    [ "${file%%/*}" != kernels ] || compile=200 # no program is in the driver's cache
+    while read -r seconds group; do
+        count_spent
+        [ "$spent" -lt "$most" ] || return
+        notices $((compile + 5 * ${seconds%.*})) build/tests -x "$group" && by=$group && return
+    done < <(order "$file")
+    [ "$spent" -lt "$most" ] || return
+    make --no-print-directory "${programs[@]}" >log 2>&1
     if [ "${file%%/*}" = kernels ]; then
-        notices 300 build/cl-nascent selftest && echo selftest && return
-        notices 900 make --no-print-directory grind && echo grind
+        notices 300 build/cl-nascent selftest && by=selftest && return
+        notices 900 make --no-print-directory grind && by=grind
         return
     fi
     for script in cli captures first_hour view; do
-        notices 600 "tests/cli/$script.sh" && echo "$script.sh" && return
+        notices 600 "tests/cli/$script.sh" && by=$script.sh && return
     done
     export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
     export UBSAN_OPTIONS=halt_on_error=1:suppressions=$PWD/tests/support/ubsan.supp
     export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions=0
     make --no-print-directory SANITIZE=address,undefined build/sanitize/tests >log 2>&1
-    for group in $(order "$file" | head -n 12); do
-        notices 600 build/sanitize/tests "$group" && echo "$group, sanitized" && return
-    done
+    while read -r seconds group; do
+        notices 600 build/sanitize/tests -x "$group" && by="$group, sanitized" && return
+    done < <(order "$file" | head -n 12)
 }
 
 # Takes mutants from the list, each worker every JOBS-th.
 work() {
-    local number=$1 copy=$out/copy$1 n=0 kind file line column old new by row changed
+    local number=$1 copy=$out/copy$1 n=0 kind file line column old new by row changed before
     make_copy "$copy" || return 1
     cd "$copy" || return 1
     while IFS=$'\t' read -r kind file line column old new; do
@@ -109,11 +152,16 @@ work() {
         grep -qF "$row" "$results" && continue
         cp "$file" kept
         perl $perl apply "$file" "$line" "$column" "$old" "$new" || continue
-        if make --no-print-directory "${programs[@]}" >log 2>&1; then
-            by=$(noticed_by "$file")
+        count_spent
+        before=$spent
+        if make --no-print-directory build/tests >log 2>&1; then
+            by=
+            noticed_by "$file"
             changed=$(perl $perl line "$file" "$line")
             printf '%s\t%s\t%s\t%s\n' "${by:-survived}" "$kind" "$row" "$changed" >>"$results"
-            printf '%s:%s: %s: %s\n' "$file" "$line" "${by:-SURVIVED}" "$changed"
+            count_spent
+            printf '%s:%s: %s, %d s: %s\n' "$file" "$line" "${by:-SURVIVED}" \
+                $((spent - before)) "$changed"
         fi
         cp kept "$file"
     done <"$out/list"

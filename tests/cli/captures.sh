@@ -332,6 +332,10 @@ section_check() {
         "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
     expect "a page of another kind" 2 "html" "$cln" check "$work/sound" -o "$work/page.pdf"
     expect "options of train are known" 2 "steps" "$cln" check "$work/sound" --steps x
+    "$make_scene" "$work/small" --size 16 --train 3 --test 0 >/dev/null
+    expect "photos too small to have anything in common" 0 "" "$cln" check "$work/small" \
+        --probe 0 --json
+    check "nothing is said of their exposures" [ "$(grep -c '"exposure": null' "$work/out")" = 3 ]
 
     # shellcheck disable=SC2086
     {
@@ -342,6 +346,11 @@ section_check() {
         planted swap swapped true $front
         planted copy duplicates true $front
         planted exposure exposure true $front
+        # one has half of the light, a stop less; the others are alike
+        sed -n 's/^ *"exposure": \([-.0-9e]*\),$/\1/p' "$work/out" >"$work/exposures"
+        check "planted: exposure, by how much" awk '$1 < -0.8 && $1 > -1.2 { dark++ }
+            $1 > -0.2 && $1 < 0.2 { alike++ }
+            END { exit !(dark == 1 && dark + alike == NR && NR == 14) }' "$work/exposures"
         planted blur blur false $front
         planted focal focal_length true $air
         planted mask masks true $all --format nerfstudio --masks

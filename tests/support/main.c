@@ -5,6 +5,7 @@
  *   build/tests NAME...       some; NAME/PATTERN runs the tests of a group that match (* and ?)
  *   build/tests -l            lists the groups
  *   build/tests -v            also shows passed tests
+ *   build/tests -x            ends at the first failed test, for tests/mutate.sh
  *
  * The last line is "N passed, N failed", and ", N skipped" if any were; exit code 1 if any failed.
  * It counts cmocka's output: a test that started and did not end well has failed. */
@@ -14,6 +15,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <errno.h>
+#include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -75,8 +77,9 @@ static void run_child(const test_group *group, const char *pattern, int out)
     leave(group->run() ? 1 : 0);
 }
 
-/* Copies the child's lines (cmocka's progress only if verbose) and counts its tests. */
-static counts read_child(int in, bool verbose)
+/* Copies the child's lines (cmocka's progress only if verbose) and counts its tests. A failed test
+ * ends the child if its number is given. */
+static counts read_child(int in, bool verbose, pid_t end_if_failed)
 {
     counts c = {0, 0, 0};
     FILE *stream = fdopen(in, "r");
@@ -98,6 +101,10 @@ static counts read_child(int in, bool verbose)
         report = report || (starts(line, "==") && strstr(line, "ERROR: "));
         if (verbose || report || !(chatter || over))
             fputs(line, stdout);
+        if (end_if_failed > 0 && !over && starts(line, "[  FAILED  ]")) {
+            kill(end_if_failed, SIGKILL);
+            break;
+        }
     }
     free(line);
     if (stream)
@@ -108,7 +115,7 @@ static counts read_child(int in, bool verbose)
     return c;
 }
 
-static counts run_group(const test_group *group, const char *pattern, bool verbose)
+static counts run_group(const test_group *group, const char *pattern, bool verbose, bool first)
 {
     counts c = {0, 1, 0};
     int ends[2], status = 0;
@@ -130,7 +137,7 @@ static counts run_group(const test_group *group, const char *pattern, bool verbo
         close(ends[0]);
         return c;
     }
-    c = read_child(ends[0], verbose);
+    c = read_child(ends[0], verbose, first ? child : 0);
     while (waitpid(child, &status, 0) < 0 && errno == EINTR)
         continue;
     if (WIFSIGNALED(status))
@@ -159,29 +166,30 @@ static bool wants(const char *wanted, const char *name, const char **pattern)
 int main(int argc, char **argv)
 {
     counts total = {0, 0, 0};
-    bool verbose = false;
+    bool verbose = false, first = false;
     int option;
 
-    while ((option = getopt(argc, argv, "lv")) != -1) {
+    while ((option = getopt(argc, argv, "lvx")) != -1) {
         if (option == 'l') {
             for (const test_group *g = test_groups; g->name; g++)
                 puts(g->name);
             return 0;
         }
-        if (option != 'v') {
-            fputs("usage: tests [-l] [-v] [GROUP[/PATTERN]...]\n", stderr);
+        if (option != 'v' && option != 'x') {
+            fputs("usage: tests [-l] [-v] [-x] [GROUP[/PATTERN]...]\n", stderr);
             return 2;
         }
-        verbose = true;
+        verbose = verbose || option == 'v';
+        first = first || option == 'x';
     }
-    for (int i = optind; i < argc || i == optind; i++) {
+    for (int i = optind; (i < argc || i == optind) && !(first && total.failed); i++) {
         bool found = false;
-        for (const test_group *g = test_groups; g->name; g++) {
+        for (const test_group *g = test_groups; g->name && !(first && total.failed); g++) {
             const char *pattern = NULL;
             if (i < argc && !wants(argv[i], g->name, &pattern))
                 continue;
             found = true;
-            counts c = run_group(g, pattern, verbose);
+            counts c = run_group(g, pattern, verbose, first);
             total.passed += c.passed;
             total.failed += c.failed;
             total.skipped += c.skipped;

@@ -119,6 +119,26 @@ static void test_interrupted(void **state)
     json_decref(after);
 }
 
+/* How many steps of a run spent time on refreshing stage 1. */
+static int refreshes(const char *run)
+{
+    char name[64], line[4096];
+    FILE *f = NULL;
+    int count = 0;
+
+    snprintf(name, sizeof name, "%s/metrics.jsonl", run);
+    f = fopen(fixture_path(name), "r");
+    assert_non_null(f);
+    while (fgets(line, sizeof line, f)) {
+        json_t *row = json_loads(line, 0, NULL), *stages = json_object_get(row, "stages");
+
+        count += json_number_value(json_object_get(stages, "stage 1 refresh")) > 0;
+        json_decref(row);
+    }
+    fclose(f);
+    return count;
+}
+
 /* A rolling refresh changes the training; it, too, resumes as if it had not been stopped. */
 static void test_rolling_refresh(void **state)
 {
@@ -130,6 +150,8 @@ static void test_rolling_refresh(void **state)
     config.rolling_refresh = true;
     assert_ok(fixture_train("rolling", false, &config, NULL, &whole));
     assert_int_not_equal(whole.digest, fixture_whole.digest);
+    assert_int_equal(refreshes("whole"), 4);   /* steps 0, 8, 16, 24 */
+    assert_int_equal(refreshes("rolling"), 2); /* steps 0 and 16 */
     assert_fails(fixture_train("rolling-stopped", false, &config, &stop, &resumed), CLN_SIGINT,
                  "--resume");
     assert_ok(fixture_train("rolling-stopped", true, &config, NULL, &resumed));
