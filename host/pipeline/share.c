@@ -317,7 +317,7 @@ void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array)
 
 /* More than this over the mean, and leaves move: which takes as long as some hundred steps lose by
  * it. */
-static const double LIMIT = 1.06;
+static const double LIMIT = 1.04;
 
 /* Leaves move for a work on some of them, and back, if so many times what the busiest rank has too
  * many of is more than all leaves: what a merged leaf's training takes, in moved leaves. */

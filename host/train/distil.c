@@ -272,7 +272,8 @@ static cln_status worst_loss(cln_trainer *t, const cln_distil *d, int first, int
     const size_t n = (size_t)nets * (size_t)samples;
 
     *worst = 0;
-    CLN_TRY(cln_buffer_read(t->device, &t->pipeline.losses, 0, losses, n * sizeof *losses));
+    if (n > 0)
+        CLN_TRY(cln_buffer_read(t->device, &t->pipeline.losses, 0, losses, n * sizeof *losses));
     for (int k = 0; k < nets; k++) {
         double sum = 0;
 
@@ -287,29 +288,55 @@ done:
     return st;
 }
 
-/* Trains nets [first, first + nets) together; *steps becomes at least the steps done. A batch has
- * the samples of all, as with one process, but a rank goes only through its own nets. */
-static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int nets, int *steps)
+/* One step of the samples in `batch`, whose points are on the device. */
+static cln_status train_batch(cln_trainer *t, const cln_sample *batch, uint32_t n, uint32_t key)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     cln_pipeline *p = &t->pipeline;
+    uint32_t slices = 0;
+
+    CLN_TRY(cln_pipeline_samples(p, batch, n));
+    p->stretched = true; /* no rank needs what others have */
+    CLN_TRY(cln_stage_group(p, n, &slices));
+    CLN_TRY(cln_stage_forward(p, n, slices, true, key));
+    CLN_TRY(cln_stage_distil_gradient(p, n, 1.0 / c->distil_samples));
+    CLN_TRY(cln_stage_update(p, n, slices, 1, key, c->distil_lr));
+    CLN_TRY(cln_device_finish(p->device));
+done:
+    return st;
+}
+
+/* Trains nets [first, end) together; *steps becomes at least the steps done. A rank goes only through
+ * its own nets, which are a run. By samples, its batches still have the samples of all, so that they
+ * are those of one process. */
+static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int end, int *steps)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
     const int samples = c->distil_samples;
-    const size_t pool = (size_t)d->pool, base = (size_t)first * pool;
-    const uint32_t n = (uint32_t)(nets * samples);
+    const size_t pool = (size_t)d->pool;
     cln_sample *batch = NULL;
     float *losses = NULL;
     double worst = 0;
+    size_t base = 0;
+    uint32_t n = 0;
     int done_steps = 0;
 
+    for (; c->exchange == CLN_EXCHANGE_STRETCHES && first < end && row_of(t, d, first) < 0;)
+        first++;
+    for (; c->exchange == CLN_EXCHANGE_STRETCHES && first < end && row_of(t, d, end - 1) < 0;)
+        end--;
+    base = (size_t)first * pool;
+    n = (uint32_t)((end - first) * samples);
     CLN_TRY(cln_alloc(&batch, n, sizeof *batch, "samples of merges"));
     CLN_TRY(cln_alloc(&losses, n, sizeof *losses, "samples of merges"));
-    CLN_TRY(cln_pipeline_points(p, d->origins[base], d->directions[base], d->targets[base],
-                                (uint32_t)((size_t)nets * pool)));
+    if (n > 0)
+        CLN_TRY(cln_pipeline_points(&t->pipeline, d->origins[base], d->directions[base],
+                                    d->targets[base], (uint32_t)((size_t)(end - first) * pool)));
     while (done_steps < c->distil_steps) {
         const int part = done_steps % CLN_DISTIL_BATCHES;
         const uint32_t key = (uint32_t)done_steps * 0x9E3779B9u + (uint32_t)t->model.step;
-        uint32_t slices = 0;
 
         for (uint32_t i = 0; i < n; i++) {
             const int net = (int)i / samples;
@@ -319,16 +346,11 @@ static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, in
                              .ray = (cln_u32)(net * d->pool + part * samples + (int)i % samples),
                              .slot = t->model.tree.slot[d->nodes[first + net]]};
         }
-        CLN_TRY(cln_pipeline_samples(p, batch, n));
-        p->stretched = true; /* no rank needs what others have */
-        CLN_TRY(cln_stage_group(p, n, &slices));
-        CLN_TRY(cln_stage_forward(p, n, slices, true, key));
-        CLN_TRY(cln_stage_distil_gradient(p, n, 1.0 / samples));
-        CLN_TRY(cln_stage_update(p, n, slices, 1, key, c->distil_lr));
-        CLN_TRY(cln_device_finish(p->device));
+        if (n > 0)
+            CLN_TRY(train_batch(t, batch, n, key));
         done_steps++;
         if (done_steps % CHECK_EVERY == 0) {
-            CLN_TRY(worst_loss(t, d, first, nets, losses, &worst));
+            CLN_TRY(worst_loss(t, d, first, end - first, losses, &worst));
             if (worst < c->distil_stop)
                 break;
         }
@@ -378,7 +400,7 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
         work[t->model.tree.slot[d->nodes[n]]] = 1;
     CLN_TRY(cln_share_lend(&t->pipeline, work, &lent));
     for (int first = 0; first < d->nets; first += most)
-        CLN_TRY(train_chunk(t, d, first, d->nets - first < most ? d->nets - first : most, steps));
+        CLN_TRY(train_chunk(t, d, first, d->nets - first < most ? d->nets : first + most, steps));
     CLN_TRY(forget_moments(t, d));
     CLN_TRY(cln_share_return(&t->pipeline, lent));
 done:
