@@ -14,14 +14,15 @@
 
 #define SUMS 3 /* pairs kept per leaf, for any MEASURES */
 
-/* seen[leaf][cell] = 1 if the cell's centre projects into a view. */
+/* seen[leaf][cell] = 1 if the cell's centre projects into a view; of `total` cells from leaf
+ * `first` on. */
 __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
                          const __global float4 *restrict boxes, LEAF_ARRAY(uchar, seen), uint n1,
-                         uint views, uint total)
+                         uint views, uint first, uint total)
 {
-    const uint i = get_global_id(0), cells = n1 * n1 * n1;
+    const uint cells = n1 * n1 * n1, i = get_global_id(0) + first * cells;
 
-    if (i >= total)
+    if (get_global_id(0) >= total)
         return;
     const uint cell = i % cells;
     const float4 box = boxes[i / cells];
@@ -34,16 +35,16 @@ __kernel void stats_seen(const __global cln_device_camera *restrict cameras,
     LEAF_ELEMENT(seen, i, cells) = found;
 }
 
-/* stats[leaf] = (mean, peak) of seen cells; 0 for a leaf without any. A group per leaf adds its
- * partial sums as a tree. */
+/* stats[leaf] = (mean, peak) of seen cells, from leaf `first` on; 0 for a leaf without any. A group
+ * per leaf adds its partial sums as a tree. */
 __kernel __attribute__((reqd_work_group_size(SG, 1, 1))) void
 stats_leaf(LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
            LEAF_ARRAY(const uchar, seen),     /* [leaf][cells] */
-           __global float2 *restrict stats, uint cells)
+           __global float2 *restrict stats, uint cells, uint first)
 {
     __local float sums[SG], peaks[SG];
     __local uint counts[SG];
-    const uint leaf = get_group_id(0), lid = get_local_id(0);
+    const uint leaf = get_group_id(0) + first, lid = get_local_id(0);
     const __global ushort *sigmas = LEAF_ROW(density, leaf, cells);
     const __global uchar *is_seen = LEAF_ROW(seen, leaf, cells);
     float sum = 0.0f, peak = 0.0f;
@@ -76,19 +77,19 @@ stats_leaf(LEAF_ARRAY(const ushort, density), /* [leaf][cells] */
 
 #if MEASURES > 0
 /* sums[leaf][q] += sum of measures[sample][q] over the leaf's samples among the first `composited`,
- * met[leaf] += their number. A group per leaf adds its partial sums in order; {sum, compensation}
- * (Kahan), as a sum grows over thousands of steps. */
+ * met[leaf] += their number, from leaf `first` on. A group per leaf adds its partial sums in order;
+ * {sum, compensation} (Kahan), as a sum grows over thousands of steps. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 leaf_measure(const __global uint *restrict begin, const __global uint *restrict end, /* [leaf] */
              const __global uint *restrict order,       /* [grouped sample] -> sample */
              const __global float *restrict measures,   /* [sample][MEASURES] */
              __global float2 *restrict sums,            /* [leaf][SUMS] */
              __global int *restrict met,                /* [leaf] */
-             uint composited)
+             uint composited, uint first)
 {
     __local float part[LS * MEASURES];
     __local int counts[LS];
-    const uint leaf = get_group_id(0), lid = get_local_id(0);
+    const uint leaf = get_group_id(0) + first, lid = get_local_id(0);
     float sum[MEASURES];
     int count = 0;
 

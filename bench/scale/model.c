@@ -39,7 +39,7 @@ scale_step scale_predict(const scale_machine *m, const scale_network *net, const
                                     w->balance / w->ranks;
     s.repeated = m->repeated.step + m->repeated.sample * w->samples + m->repeated.leaf * w->leaves;
     if (w->ranks > 1) /* a rank receives as much as it sends if all have the mean */
-        s.messages = net->latency * ceil(log2(w->ranks)) * (2 + 1 / w->refresh_every) +
+        s.messages = net->latency * ceil(log2(w->ranks)) * (1 + 1 / w->refresh_every) +
                      s.sent / net->bandwidth;
     s.total = s.shared + s.repeated + s.messages;
     return s;

@@ -1,7 +1,7 @@
 /* What a training step by ranks takes: a model of docs/scale-out.md's division of work, without
  * measuring. Assumptions:
  *
- *   - A step's time is compute and messages one after the other, as nothing overlaps today.
+ *   - A step's time is compute and messages one after the other: what overlaps is small.
  *   - Samples and what is done with them (placing, sorting, networks, compositing, Adam) cost a
  *     constant, a time a sample and a time a leaf that has samples; S samples that fall anywhere
  *     meet L (1 - exp(-S / L)) of L leaves. Ranks share this evenly but for `balance`, the busiest
@@ -11,12 +11,13 @@
  *     a time a leaf.
  *   - Messages: each rank receives the sums of the other ranks' stretches of rays, 32 bytes each,
  *     and densities of their leaves after a refresh, at the network's bandwidth; a message takes
- *     its latency log2(ranks) times, two a step (stretches, the counts before them) and one a
- *     refresh. A rank sends its part to each of the others; the network carries all ranks' traffic
- *     at once (no bottleneck between switches), one rank a machine.
+ *     its latency log2(ranks) times, one a step (stretches; the numbers beside them do not wait)
+ *     and one a refresh. A rank sends its part to each of the others; the network carries all
+ *     ranks' traffic at once (no bottleneck between switches), one rank a machine.
  *   - Two leaves that follow each other on a ray are of different ranks as often as a face of a
  *     leaf is one of its rank's region, if regions are compact: (ranks / leaves)^(1/3).
- *     Left out: 40 bytes of counts a step, and the weights of leaves that move, which is seldom.
+ *     Left out: 64 bytes of numbers a step, each rank's work every 16 steps, decisions and
+ *     distillation, and the weights of leaves that move, which is seldom.
  *   - Photos cost no time in a step; every rank keeps all of them in host memory. */
 #ifndef SCALE_MODEL_H
 #define SCALE_MODEL_H

@@ -25,7 +25,7 @@
 enum { MAX_RUNS = 32 };
 
 /* Assumptions of the prediction beside model.h's. */
-static const double BALANCE = 1.2;         /* leaves move above this (pipeline/share.c) */
+static const double BALANCE = 1.04;        /* leaves move above this (pipeline/share.c) */
 static const double PHOTO_BYTES = 3 * 2e6; /* a photo of 2 megapixels in host memory */
 static const double STEP_SAMPLES = 262144; /* of a step, the paper preset's */
 static const double REFRESH_EVERY = 256;   /* steps, likewise */

@@ -128,6 +128,11 @@ FILE *cln_atomic_stream(cln_atomic_file *file)
     return file->stream;
 }
 
+const char *cln_atomic_temp(const cln_atomic_file *file)
+{
+    return file->temp;
+}
+
 cln_status cln_atomic_write(cln_atomic_file *file, const void *data, size_t bytes)
 {
     if (bytes && fwrite(data, 1, bytes, file->stream) != bytes)
@@ -274,31 +279,61 @@ done:
     return st;
 }
 
-uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes)
+void cln_digest_begin(cln_digest_part *d, uint64_t digest)
+{
+    *d = (cln_digest_part){.digest = digest};
+}
+
+void cln_digest_more(cln_digest_part *d, const void *data, size_t bytes)
 {
     const uint64_t prime = 0x100000001b3ull;
     const unsigned char *p = data;
-
+    uint64_t digest = d->digest, word = d->word;
     size_t i = 0;
-    uint64_t word = 0;
 
+    for (; i < bytes && d->bytes % 8; i++) { /* the rest of a word that a piece before began */
+        word |= (uint64_t)p[i] << 8 * (d->bytes++ % 8);
+        if (d->bytes % 8 == 0) {
+            digest = (digest ^ word) * prime;
+            digest ^= digest >> 32;
+            word = 0;
+        }
+    }
+    d->bytes += bytes - i;
     for (; i + 8 <= bytes; i += 8) {
         word = 0;
         for (size_t k = 0; k < 8; k++) /* little endian on any host; compiles to one load */
             word |= (uint64_t)p[i + k] << 8 * k;
         digest = (digest ^ word) * prime;
         digest ^= digest >> 32; /* FNV over words mixes upwards only */
+        word = 0;
     }
-    word = 0;
     for (size_t k = 0; i + k < bytes; k++)
         word |= (uint64_t)p[i + k] << 8 * k;
-    digest = (digest ^ word) * prime;
+    d->digest = digest;
+    d->word = word;
+}
+
+uint64_t cln_digest_end(const cln_digest_part *d)
+{
+    const uint64_t prime = 0x100000001b3ull;
+    uint64_t digest = (d->digest ^ d->word) * prime;
+
     /* The length keeps "ab" + "" apart from "a" + "b", and zero bytes apart from none. */
-    digest = (digest ^ bytes) * prime;
+    digest = (digest ^ d->bytes) * prime;
     digest ^= digest >> 33;
     digest *= 0xff51afd7ed558ccdull;
     digest ^= digest >> 33;
     digest *= 0xc4ceb9fe1a85ec53ull;
     digest ^= digest >> 33;
     return digest;
+}
+
+uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes)
+{
+    cln_digest_part d;
+
+    cln_digest_begin(&d, digest);
+    cln_digest_more(&d, data, bytes);
+    return cln_digest_end(&d);
 }

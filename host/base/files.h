@@ -25,6 +25,7 @@ cln_status cln_write_file(const char *path, const void *data, size_t bytes);
 typedef struct cln_atomic_file cln_atomic_file;
 cln_status cln_atomic_open(const char *path, cln_atomic_file **out);
 FILE *cln_atomic_stream(cln_atomic_file *file);
+const char *cln_atomic_temp(const cln_atomic_file *file); /* where it lies until the commit */
 cln_status cln_atomic_write(cln_atomic_file *file, const void *data, size_t bytes);
 cln_status cln_atomic_commit(cln_atomic_file **file);
 void cln_atomic_abandon(cln_atomic_file *file); /* accepts NULL */
@@ -45,5 +46,13 @@ cln_status cln_path_relative(char **out, const char *from, const char *to);
  * CLN_DIGEST_START and add pieces in order. */
 #define CLN_DIGEST_START 0xcbf29ce484222325ull
 uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes);
+
+/* The same of data that come in pieces; what lies between two calls may go to another process. */
+typedef struct cln_digest_part {
+    uint64_t digest, word, bytes; /* word: of the last bytes % 8 */
+} cln_digest_part;
+void cln_digest_begin(cln_digest_part *part, uint64_t digest);
+void cln_digest_more(cln_digest_part *part, const void *data, size_t bytes);
+uint64_t cln_digest_end(const cln_digest_part *part);
 
 #endif

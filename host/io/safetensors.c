@@ -47,18 +47,26 @@ size_t cln_tensor_bytes(const cln_tensor *tensor)
     return bytes;
 }
 
+void cln_safetensors_digest_begin(const cln_tensor *t, uint64_t digest, cln_digest_part *out)
+{
+    const char *type = dtypes[t->dtype].name;
+
+    digest = cln_digest(digest, t->name, strlen(t->name));
+    digest = cln_digest(digest, type, strlen(type));
+    digest = cln_digest(digest, t->shape, (size_t)t->dims * sizeof t->shape[0]);
+    cln_digest_begin(out, digest);
+}
+
 /* Digest of names, types, shapes and data, to expose a flipped bit in header or data. */
 static uint64_t digest_of(int count, const cln_tensor *tensors)
 {
     uint64_t digest = CLN_DIGEST_START;
+    cln_digest_part part;
 
     for (int i = 0; i < count; i++) {
-        const cln_tensor *t = &tensors[i];
-        const char *type = dtypes[t->dtype].name;
-        digest = cln_digest(digest, t->name, strlen(t->name));
-        digest = cln_digest(digest, type, strlen(type));
-        digest = cln_digest(digest, t->shape, (size_t)t->dims * sizeof t->shape[0]);
-        digest = cln_digest(digest, t->data, cln_tensor_bytes(t));
+        cln_safetensors_digest_begin(&tensors[i], digest, &part);
+        cln_digest_more(&part, tensors[i].data, cln_tensor_bytes(&tensors[i]));
+        digest = cln_digest_end(&part);
     }
     return digest;
 }
@@ -95,6 +103,28 @@ static cln_status make_header(int count, const cln_tensor *tensors, uint64_t dig
 done:
     free(dump);
     json_decref(header);
+    return st;
+}
+
+cln_status cln_safetensors_head(int count, const cln_tensor *tensors, uint64_t digest, char **head,
+                                size_t *bytes, size_t *offsets)
+{
+    cln_status st = CLN_OK;
+    char *header = NULL;
+    uint64_t length = 0;
+
+    CLN_TRY(make_header(count, tensors, digest, &header));
+    length = strlen(header);
+    CLN_TRY(cln_alloc(head, LENGTH_BYTES + length, 1, "safetensors header"));
+    memcpy(*head, &length, LENGTH_BYTES);
+    memcpy(*head + LENGTH_BYTES, header, length);
+    *bytes = LENGTH_BYTES + length;
+    for (size_t i = 0, at = *bytes; i < (size_t)count; i++) {
+        offsets[i] = at;
+        at += cln_tensor_bytes(&tensors[i]);
+    }
+done:
+    free(header);
     return st;
 }
 

@@ -8,6 +8,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include "base/files.h"
 #include "base/status.h"
 
 typedef enum {
@@ -32,6 +33,13 @@ size_t cln_tensor_bytes(const cln_tensor *tensor);
 /* Writes all tensors in order; *digest (may be NULL): their digest. CLN_OUTPUT. */
 cln_status cln_safetensors_write(const char *path, int count, const cln_tensor *tensors,
                                  uint64_t *digest);
+
+/* For those who write such a file in pieces. Head: its first *bytes, as many for any digest; tensor
+ * i's data then begin at offsets[i]; the caller frees *head. Digest: begins a tensor's part of the
+ * digest, of which its data are still missing. CLN_MEMORY. */
+cln_status cln_safetensors_head(int count, const cln_tensor *tensors, uint64_t digest, char **head,
+                                size_t *bytes, size_t *offsets);
+void cln_safetensors_digest_begin(const cln_tensor *tensor, uint64_t digest, cln_digest_part *out);
 
 typedef struct cln_safetensors cln_safetensors;
 

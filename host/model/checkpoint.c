@@ -7,7 +7,7 @@
  * digest and its own, so damaged files and halves of different checkpoints are never used. Every
  * size read is compared with the settings and the tree before it is used. Does not touch the rest
  * of the run folder. */
-#include "model/model.h"
+#include "model/checkpoint.h"
 #include "scene/motion.h"
 
 #include <dirent.h>
@@ -34,7 +34,6 @@ enum {
     KEEP = 2,
     SHOWN_TENSORS = 3,
     TRAINING_TENSORS = 10,
-    MAX_TENSORS = 12,
     ROW = 8,
     NAME_BYTES = 64,
     JSON_BYTES = 16384
@@ -83,7 +82,7 @@ static json_t *forward_json(const cln_space *space)
 }
 
 static cln_status make_document(const cln_model *model, const char *tensors, uint64_t data_digest,
-                                json_t **out)
+                                uint64_t model_digest, json_t **out)
 {
     cln_status st = CLN_OK;
     json_t *config = NULL, *document = NULL;
@@ -92,7 +91,7 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
 
     CLN_TRY(cln_config_to_json(&model->config, &config));
     hex_of(data_digest, data_hex);
-    hex_of(cln_model_digest(model), model_hex);
+    hex_of(model_digest, model_hex);
     document = json_pack_ex(
         &why, 0,
         "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
@@ -253,13 +252,13 @@ static cln_dtype moment_dtype(const cln_model *model)
     return model->config.moments == CLN_MOMENTS_BFLOAT16 ? CLN_DTYPE_BF16 : CLN_DTYPE_F32;
 }
 
-static cln_status write_tensors(const char *path, const cln_model *model, uint64_t *digest)
+cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *number,
+                                  int32_t **rows)
 {
     cln_status st = CLN_OK;
-    int32_t *rows = NULL;
     int64_t leaves = model->tree.leaf_count, stride = model->net.params, n1 = model->config.n1;
     int count = SHOWN_TENSORS;
-    cln_tensor tensors[MAX_TENSORS] = {
+    cln_tensor tensors[CLN_CHECKPOINT_TENSORS] = {
         {"octree", CLN_DTYPE_I32, 2, {model->tree.node_count, ROW}, NULL},
         {"params", CLN_DTYPE_F32, 2, {leaves, stride}, model->params},
         {"leaf_error", CLN_DTYPE_F32, 1, {leaves}, model->error},
@@ -271,8 +270,8 @@ static cln_status write_tensors(const char *path, const cln_model *model, uint64
         {"leaf_met", CLN_DTYPE_I32, 1, {leaves}, model->met},
         {"leaf_saved", CLN_DTYPE_F32, 1, {leaves}, model->saved}};
 
-    CLN_TRY(cln_octree_pack(&model->tree, &rows));
-    tensors[0].data = rows;
+    CLN_TRY(cln_octree_pack(&model->tree, rows));
+    tensors[0].data = *rows;
     if (model->adam_m)
         count = TRAINING_TENSORS;
     if (model->adam_m && model->exposure)
@@ -281,9 +280,9 @@ static cln_status write_tensors(const char *path, const cln_model *model, uint64
     if (model->motions)
         tensors[count++] = (cln_tensor){
             "poses", CLN_DTYPE_F32, 2, {model->motion_views, CLN_MOTION}, model->motions};
-    CLN_TRY(cln_safetensors_write(path, count, tensors, digest));
+    memcpy(out, tensors, sizeof tensors);
+    *number = count;
 done:
-    free(rows);
     return st;
 }
 
@@ -482,34 +481,61 @@ done:
     return st;
 }
 
-cln_status cln_checkpoint_write(const char *run, const cln_model *model)
+cln_status cln_checkpoint_path(const char *run, const cln_model *model, char **path)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL;
+
+    CLN_TRY(cln_path_join(&folder, run, FOLDER));
+    CLN_TRY(cln_make_dirs(folder));
+    CLN_TRY(cln_asprintf(path, "%s/%08" PRId64 ".safetensors", folder, model->step));
+done:
+    free(folder);
+    return st;
+}
+
+cln_status cln_checkpoint_finish(const char *run, const cln_model *model, uint64_t tensors_digest,
+                                 uint64_t model_digest)
 {
     cln_status st = CLN_OK;
     char tensors[NAME_BYTES], document[NAME_BYTES], latest[NAME_BYTES];
     char *folder = NULL, *path = NULL;
     json_t *json = NULL;
-    uint64_t digest = 0;
 
     snprintf(tensors, sizeof tensors, "%08" PRId64 ".safetensors", model->step);
     snprintf(document, sizeof document, FOLDER "/%08" PRId64 ".json", model->step);
     snprintf(latest, sizeof latest, "%08" PRId64 "\n", model->step);
-    CLN_TRY(cln_path_join(&folder, run, FOLDER));
-    CLN_TRY(cln_make_dirs(folder));
-    CLN_TRY(cln_path_join(&path, folder, tensors));
-    CLN_TRY(write_tensors(path, model, &digest));
-    CLN_TRY(make_document(model, tensors, digest, &json));
+    CLN_TRY(make_document(model, tensors, tensors_digest, model_digest, &json));
     CLN_TRY(cln_run_write_json(run, document, json));
-    free(path);
-    path = NULL;
+    CLN_TRY(cln_path_join(&folder, run, FOLDER));
     CLN_TRY(cln_path_join(&path, folder, "latest"));
     CLN_TRY(cln_write_file(path, latest, strlen(latest)));
     CLN_TRY(remove_old(folder, model->step));
 done:
-    if (st != CLN_OK)
-        cln_note("writing a checkpoint of step %" PRId64, model->step);
     json_decref(json);
     free(path);
     free(folder);
+    return st;
+}
+
+cln_status cln_checkpoint_write(const char *run, const cln_model *model)
+{
+    cln_status st = CLN_OK;
+    cln_tensor tensors[CLN_CHECKPOINT_TENSORS];
+    int32_t *rows = NULL;
+    char *path = NULL;
+    uint64_t digest = 0;
+    int count = 0;
+
+    CLN_TRY(cln_checkpoint_path(run, model, &path));
+    CLN_TRY(cln_checkpoint_tensors(model, tensors, &count, &rows));
+    CLN_TRY(cln_safetensors_write(path, count, tensors, &digest));
+    CLN_TRY(cln_checkpoint_finish(run, model, digest, cln_model_digest(model)));
+done:
+    if (st != CLN_OK)
+        cln_note("writing a checkpoint of step %" PRId64, model->step);
+    free(rows);
+    free(path);
     return st;
 }
 

@@ -293,7 +293,7 @@ done:
     return st;
 }
 
-uint64_t cln_model_digest(const cln_model *model)
+void cln_model_digest_begin(const cln_model *model, cln_digest_part *out)
 {
     const cln_octree *tree = &model->tree;
     uint64_t digest = CLN_DIGEST_START;
@@ -305,8 +305,17 @@ uint64_t cln_model_digest(const cln_model *model)
         uint16_t row[4] = {tree->level[node], pos[0], pos[1], pos[2]};
         digest = cln_digest(digest, row, sizeof row);
     }
+    cln_digest_begin(out, digest);
+}
+
+uint64_t cln_model_digest(const cln_model *model)
+{
+    cln_digest_part part;
+
     if (!model->params)
         return 0;
-    return cln_digest(digest, model->params,
-                      (size_t)tree->leaf_count * (size_t)model->net.params * sizeof(float));
+    cln_model_digest_begin(model, &part);
+    cln_digest_more(&part, model->params,
+                    (size_t)model->tree.leaf_count * (size_t)model->net.params * sizeof(float));
+    return cln_digest_end(&part);
 }

@@ -5,6 +5,7 @@
 #define CLN_MODEL_H
 
 #include <stdint.h>
+#include "base/files.h"
 #include "model/network.h"
 #include "model/octree.h"
 #include "scene/space.h"
@@ -82,11 +83,20 @@ void cln_model_restart_measures(cln_model *model);
 
 /* Digest of parameters and tree: what `info` prints as model_digest. 0 without weights. */
 uint64_t cln_model_digest(const cln_model *model);
+/* Begins it: the parameters, leaf by leaf, are still missing. */
+void cln_model_digest_begin(const cln_model *model, cln_digest_part *out);
 
 /* Writes RUN/checkpoint/NNNNNNNN.safetensors, NNNNNNNN.json (step, seconds, rays, config, cube,
  * digests) and RUN/checkpoint/latest, each by atomic rename; then removes all but the newest two.
  * CLN_OUTPUT leaves the earlier checkpoints whole. */
 cln_status cln_checkpoint_write(const char *run, const cln_model *model);
+
+/* The same by all ranks, each of which has the weights and Adam's state of leaves [first[rank],
+ * first[rank + 1]) and the rest in full: each writes its rows of the one file, which rank 0 renames
+ * when all have. Fails on all ranks if it fails on one. *written: false, with nothing done, if not
+ * all ranks see the file, and so rank 0 must write it alone. CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, const int *first,
+                                      bool *written);
 
 /* *bytes: of one checkpoint with so many leaves, with training state. */
 cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes);

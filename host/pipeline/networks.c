@@ -100,7 +100,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                        CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
                        CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key),
                        CLN_ARG(first)));
-    CLN_TRY(cln_share_samples(p, sample_count));
+    CLN_TRY(cln_share_samples(p, sample_count, training));
 done:
     return st;
 }
@@ -151,14 +151,15 @@ done:
 
 cln_status cln_stage_measure(cln_pipeline *p, uint32_t samples)
 {
-    const cl_uint n = samples;
+    const cl_uint n = samples, first = (cl_uint)p->first;
 
     if (cln_pipeline_measures(&p->config) == 0)
         return CLN_OK;
-    return CLN_LAUNCH(p->device, p->k.leaf_measure, CLN_STAGE_STRUCTURE, (size_t)p->leaves,
+    return CLN_LAUNCH(p->device, p->k.leaf_measure, CLN_STAGE_STRUCTURE, (size_t)p->own,
                       (size_t)p->tune.ls, CLN_ARG(p->begin.mem), CLN_ARG(p->end.mem),
                       CLN_ARG(p->values[0].mem), CLN_ARG(p->measures.mem),
-                      CLN_ARG(p->leaf_sums.mem), CLN_ARG(p->leaf_met.mem), CLN_ARG(n));
+                      CLN_ARG(p->leaf_sums.mem), CLN_ARG(p->leaf_met.mem), CLN_ARG(n),
+                      CLN_ARG(first));
 }
 
 cln_status cln_stage_measure_reset(cln_pipeline *p)
@@ -353,17 +354,43 @@ void cln_stage_picture_release(cln_pipeline *p)
     cln_buffer_free(p->device, &p->picture_density);
 }
 
+/* Marks the seen cells of leaves [first, end). */
+static cln_status see(cln_pipeline *p, int first, int end)
+{
+    const cl_uint n1 = (cl_uint)p->config.n1, views = (cl_uint)p->training_views;
+    const cl_uint cells = n1 * n1 * n1, from = (cl_uint)first;
+    const cl_uint total = end > first ? (cl_uint)(end - first) * cells : 0;
+    const size_t wg = 64;
+
+    return CLN_LAUNCH(p->device, p->k.stats_seen, CLN_STAGE_STRUCTURE, cln_groups(total, wg), wg,
+                      CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_LEAF_ARG(p, seen),
+                      CLN_ARG(n1), CLN_ARG(views), CLN_ARG(from), CLN_ARG(total));
+}
+
 cln_status cln_stage_seen(cln_pipeline *p)
 {
     cln_status st = CLN_OK;
-    const cl_uint n1 = (cl_uint)p->config.n1, views = (cl_uint)p->training_views;
-    const cl_uint cells = n1 * n1 * n1, total = (cl_uint)p->leaves * cells;
-    const size_t wg = 64;
 
     CLN_TRY(CLN_RESERVE(p, seen, (size_t)p->leaves));
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_seen, CLN_STAGE_STRUCTURE, cln_groups(total, wg), wg,
-                       CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_LEAF_ARG(p, seen),
-                       CLN_ARG(n1), CLN_ARG(views), CLN_ARG(total)));
+    p->seen_first = p->first;
+    p->seen_end = p->first + p->own;
+    CLN_TRY(see(p, p->seen_first, p->seen_end));
+done:
+    return st;
+}
+
+/* The same of leaves that came here since. */
+static cln_status see_more(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+    const int end = p->first + p->own;
+
+    if (p->first > p->seen_end || end < p->seen_first)
+        return cln_stage_seen(p);
+    CLN_TRY(see(p, p->first, p->seen_first));
+    CLN_TRY(see(p, p->seen_end, end));
+    p->seen_first = p->first < p->seen_first ? p->first : p->seen_first;
+    p->seen_end = end > p->seen_end ? end : p->seen_end;
 done:
     return st;
 }
@@ -371,13 +398,17 @@ done:
 cln_status cln_stage_stats(cln_pipeline *p, float *stats)
 {
     cln_status st = CLN_OK;
-    const cl_uint n1 = (cl_uint)p->config.n1, cells = n1 * n1 * n1, leaves = (cl_uint)p->leaves;
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = n1 * n1 * n1, first = (cl_uint)p->first;
 
-    CLN_TRY(CLN_RESERVE(p, leaf_stats, leaves));
-    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, leaves, (size_t)p->tune.sg,
-                       CLN_LEAF_ARG(p, density), CLN_LEAF_ARG(p, seen), CLN_ARG(p->leaf_stats.mem),
-                       CLN_ARG(cells)));
-    CLN_TRY(CLN_GET(p, leaf_stats, stats, leaves));
+    CLN_TRY(CLN_RESERVE(p, leaf_stats, (size_t)p->leaves));
+    if (p->ranks > 1)
+        CLN_TRY(see_more(p));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.stats_leaf, CLN_STAGE_STRUCTURE, (size_t)p->own,
+                       (size_t)p->tune.sg, CLN_LEAF_ARG(p, density), CLN_LEAF_ARG(p, seen),
+                       CLN_ARG(p->leaf_stats.mem), CLN_ARG(cells), CLN_ARG(first)));
+    CLN_TRY(CLN_GET(p, leaf_stats, stats, (size_t)p->leaves));
+    if (p->ranks > 1)
+        cln_ranks_gather(stats, 2 * sizeof *stats, p->rank_first, true);
 done:
     return st;
 }

@@ -42,6 +42,19 @@ typedef enum cln_program_id {
      CLN_PROGRAM_BIT(mlp_density) | CLN_PROGRAM_BIT(mlp_forward_eval) |            \
      CLN_PROGRAM_BIT(composite) | CLN_PROGRAM_BIT(share))
 
+/* What ranks tell each other in the one meeting of a training step, beside the sums of stretches
+ * (share.h): everyone gets the largest of each. First, twice with either sign, what must be the
+ * same; then the trainer's. */
+enum {
+    CLN_TOLD_SAMPLES,
+    CLN_TOLD_STRETCHES = 2,
+    CLN_TOLD_OWN = 4, /* samples of a rank */
+    CLN_TOLD_CLOCK,
+    CLN_TOLD_SAVE,
+    CLN_TOLD_SIGNAL,
+    CLN_TOLD
+};
+
 struct cln_pipeline {
     cln_device *device;
     cln_config config;
@@ -81,10 +94,12 @@ struct cln_pipeline {
     size_t max_samples;             /* likewise */
     uint32_t sample_total;          /* of the newest batch, once cln_stage_sample has returned */
 
-    /* Shared by ranks (share.h): how many, 0 or 1 if not; where each begins; samples of leaves
-     * since they were dealt; room for messages. */
+    int seen_first, seen_end; /* leaves whose cells in p->seen are marked */
+
+    /* Shared by ranks (share.h): how many, 0 or 1 if not; where each begins; work on leaves in
+     * training, the latest counting most; room for messages. */
     int ranks, *rank_first; /* [ranks + 1] */
-    double *load;           /* [leaf] */
+    double *load;           /* [leaf]: of this rank's leaves at least */
     bool leaf_rank_there;   /* p->leaf_rank is that of rank_first */
     bool stretched;         /* the batch has only samples of this rank's leaves (stretch.h) */
     uint32_t samples_here;  /* of it, then; and stretches of its rays */
@@ -92,6 +107,7 @@ struct cln_pipeline {
     /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
     double samples_own, samples_busiest, samples_all;
     double stretches_own, stretches_all; /* likewise */
+    double told[CLN_TOLD];
     char *message;
     size_t message_bytes;
 
@@ -199,6 +215,8 @@ cln_status cln_pipeline_derive(cln_pipeline *p);
  * missing. Reads back. A change of the tree needs neither (carry.h). */
 cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training);
 cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
+/* The same, but of several ranks each gets only its own leaves' weights and Adam's state. */
+cln_status cln_pipeline_download_own(cln_pipeline *p, cln_model *model, bool training);
 
 /* Uploads the cameras of `count` views, brought to normalised space, and with p->antialias > 1
  * those of their finer pictures. */

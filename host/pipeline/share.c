@@ -110,8 +110,16 @@ done:
     return st;
 }
 
-/* first[r]: grouped samples before those of rank r. Leaves' samples are added to p->load. */
-static cln_status find_runs(cln_pipeline *p, int *first)
+/* A leaf's part in a step, in samples: its weights and moments are read and written once. Of
+ * networks of any size alike; measured with docs/results.md's "How cost grows". */
+static double work_of(uint32_t samples)
+{
+    return samples > 0 ? samples + 12.0 : 0;
+}
+
+/* first[r]: grouped samples before those of rank r. In training, leaves' work is added to
+ * p->load. */
+static cln_status find_runs(cln_pipeline *p, bool training, int *first)
 {
     cln_status st = CLN_OK;
     const size_t leaves = (size_t)p->leaves;
@@ -128,35 +136,48 @@ static cln_status find_runs(cln_pipeline *p, int *first)
         for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++) {
             const uint32_t n = ends[leaves + (size_t)s] - ends[s];
 
-            p->load[s] += n;
+            p->load[s] += training ? work_of(n) : 0;
             sum += n;
         }
         first[r + 1] = first[r] + (int)sum;
         busiest = sum > busiest ? sum : busiest;
-        p->samples_own += r == cln_ranks_me() ? sum : 0;
     }
-    p->samples_busiest += busiest;
-    p->samples_all += first[p->ranks];
+    if (training) {
+        p->samples_own += first[cln_ranks_me() + 1] - first[cln_ranks_me()];
+        p->samples_busiest += busiest;
+        p->samples_all += first[p->ranks];
+    }
 done:
     return st;
 }
 
 /* All ranks have placed the same samples and stretches: a difference would let them wait forever.
- * own: this rank's samples; *busiest: of the rank with the most. */
-static cln_status check_same(uint32_t samples, uint32_t stretches, uint32_t own, double *busiest)
+ * own: this rank's samples. */
+static void meet(cln_pipeline *p, uint32_t samples, uint32_t stretches, uint32_t own)
 {
-    double all[5] = {samples, -(double)samples, stretches, -(double)stretches, own};
+    double *told = p->told;
 
-    cln_ranks_largest(all, 5);
-    *busiest = all[4];
-    if (all[0] == -all[1] && all[2] == -all[3])
+    told[CLN_TOLD_SAMPLES] = samples;
+    told[CLN_TOLD_SAMPLES + 1] = -(double)samples;
+    told[CLN_TOLD_STRETCHES] = stretches;
+    told[CLN_TOLD_STRETCHES + 1] = -(double)stretches;
+    told[CLN_TOLD_OWN] = own;
+    cln_ranks_largest_begin(told, CLN_TOLD);
+}
+
+static cln_status met(const cln_pipeline *p)
+{
+    const double *samples = p->told + CLN_TOLD_SAMPLES, *stretches = p->told + CLN_TOLD_STRETCHES;
+
+    cln_ranks_largest_end();
+    if (samples[0] == -samples[1] && stretches[0] == -stretches[1])
         return CLN_OK;
     return cln_fail(
         CLN_CL,
         "ranks placed different samples on the same rays (%.0f and %.0f, in %.0f and "
         "%.0f stretches): their devices differ in the last bits; give all ranks devices "
         "of one kind, with one driver",
-        -all[1], all[0], -all[3], all[2]);
+        -samples[1], samples[0], -stretches[1], stretches[0]);
 }
 
 cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples)
@@ -164,18 +185,26 @@ cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples)
     cln_status st = CLN_OK;
     const size_t leaves = (size_t)p->own, at = (size_t)p->first * sizeof(cl_uint);
     uint32_t *ends = NULL;
-    double busiest = 0;
 
-    CLN_TRY(check_same(samples, p->stretch_total, own, &busiest));
+    meet(p, samples, p->stretch_total, own);
     p->samples_own += own;
-    p->samples_busiest += busiest;
     p->samples_all += samples;
     CLN_TRY(cln_share_room(p, 2 * leaves * sizeof *ends));
     ends = (uint32_t *)p->message;
     CLN_TRY(cln_buffer_read(p->device, &p->begin, at, ends, leaves * sizeof *ends));
     CLN_TRY(cln_buffer_read(p->device, &p->end, at, ends + leaves, leaves * sizeof *ends));
     for (size_t s = 0; s < leaves; s++)
-        p->load[(size_t)p->first + s] += ends[leaves + s] - ends[s];
+        p->load[(size_t)p->first + s] += work_of(ends[leaves + s] - ends[s]);
+done:
+    return st;
+}
+
+cln_status cln_share_met(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(met(p));
+    p->samples_busiest += p->told[CLN_TOLD_OWN];
 done:
     return st;
 }
@@ -205,7 +234,7 @@ done:
     return st;
 }
 
-cln_status cln_share_samples(cln_pipeline *p, uint32_t samples)
+cln_status cln_share_samples(cln_pipeline *p, uint32_t samples, bool training)
 {
     cln_status st = CLN_OK;
     const int me = cln_ranks_me();
@@ -213,12 +242,12 @@ cln_status cln_share_samples(cln_pipeline *p, uint32_t samples)
     int runs[CLN_RANKS_MOST + 1];
     cl_uint first = 0, end = 0, count = 0;
     const cl_uint n = samples;
-    double busiest = 0;
 
     if (p->ranks <= 1 || p->stretched)
         return CLN_OK;
-    CLN_TRY(check_same(samples, 0, 0, &busiest));
-    CLN_TRY(find_runs(p, runs));
+    meet(p, samples, 0, 0);
+    CLN_TRY(met(p));
+    CLN_TRY(find_runs(p, training, runs));
     CLN_ASSERT(runs[p->ranks] == (int)samples);
     first = (cl_uint)runs[me];
     end = (cl_uint)runs[me + 1];
@@ -274,39 +303,48 @@ cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array)
     const size_t row = cln_buffer_row_bytes(p, id);
 
     CLN_TRY(cln_pipeline_get(p, id, (char *)array + (size_t)p->first * row, (size_t)p->own));
-    if (p->ranks > 1)
-        cln_ranks_gather(array, row, p->rank_first, false);
 done:
     return st;
 }
 
+void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array)
+{
+    if (p->ranks > 1)
+        cln_ranks_gather(array, cln_buffer_row_bytes(p, id), p->rank_first, false);
+}
+
 /* ---- balance ---- */
 
-/* More than this share over the mean, and leaves move; a rank gets at most so many times the mean
- * number of leaves, which memory plans count on. */
-static const double LIMIT = 1.2;
+/* More than this over the mean, and leaves move: which takes as long as some hundred steps lose by
+ * it. */
+static const double LIMIT = 1.04;
 
+/* Leaves move for a work on some of them, and back, if so many times what the busiest rank has too
+ * many of is more than all leaves: what a merged leaf's training takes, in moved leaves. */
+enum { WORTH = 256 };
+
+/* A rank gets at most so many times the mean number of leaves, which memory plans count on. */
 int cln_share_most(const cln_pipeline *p, int leaves)
 {
     return p->ranks > 1 ? (int)ceil(1.5 * leaves / p->ranks) : leaves;
 }
 
-/* Where ranks begin if each has about the same load; a leaf counts for its samples and, because its
+/* Where ranks begin if each has about the same load; a leaf counts for its own and, because its
  * densities are computed anew, for a share of the mean of all. */
-static void find_balance(const cln_pipeline *p, int *first)
+static void find_balance(const cln_pipeline *p, const double *load, int *first)
 {
     const int most = cln_share_most(p, p->leaves);
     double total = 0, sum = 0;
     int rank = 1;
 
     for (int s = 0; s < p->leaves; s++)
-        total += p->load[s];
+        total += load[s];
     const double each = 0.1 * total / p->leaves;
 
     total *= 1.1;
     first[0] = 0;
     for (int s = 0; s < p->leaves && rank < p->ranks; s++) {
-        const double half = (p->load[s] + each) / 2;
+        const double half = (load[s] + each) / 2;
         const int left = p->leaves - s; /* the ranks after must be able to hold them */
 
         if ((sum + half > total * rank / p->ranks || s - first[rank - 1] >= most) &&
@@ -319,7 +357,7 @@ static void find_balance(const cln_pipeline *p, int *first)
 }
 
 /* Load of the busiest rank over the mean. */
-static double imbalance(const cln_pipeline *p, const int *first)
+static double imbalance(const cln_pipeline *p, const double *load, const int *first)
 {
     double most = 0, total = 0;
 
@@ -327,7 +365,7 @@ static double imbalance(const cln_pipeline *p, const int *first)
         double sum = 0;
 
         for (int s = first[r]; s < first[r + 1]; s++)
-            sum += p->load[s];
+            sum += load[s];
         most = fmax(most, sum);
         total += sum;
     }
@@ -353,33 +391,81 @@ done:
     return st;
 }
 
-cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out)
+/* Deals the leaves so that ranks begin at next[rank]; p->load stays here. */
+static cln_status deal(cln_pipeline *p, const int *next)
 {
     cln_status st = CLN_OK;
     static const cln_buffer_id arrays[] = {CLN_BUFFER_params, CLN_BUFFER_adam_m, CLN_BUFFER_adam_v,
                                            CLN_BUFFER_adam_steps};
-    int next[CLN_RANKS_MOST + 1];
+
+    CLN_TRY(cln_share_sums(p));
+    for (size_t i = 0; i < sizeof arrays / sizeof arrays[0]; i++)
+        CLN_TRY(move(p, arrays[i], next));
+    memcpy(p->rank_first, next, sizeof *next * ((size_t)p->ranks + 1));
+    take_own(p);
+    cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
+    CLN_TRY(cln_pipeline_derive(p));
+done:
+    return st;
+}
+
+cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out)
+{
+    cln_status st = CLN_OK;
+    const int me = cln_ranks_me();
+    int next[CLN_RANKS_MOST + 1], each[CLN_RANKS_MOST + 1];
+    double loads[CLN_RANKS_MOST] = {0};
 
     *out = (cln_share_move){.before = 1, .after = 1};
     if (p->ranks <= 1)
         return CLN_OK;
-    cln_ranks_gather(p->load, sizeof *p->load, p->rank_first, true);
-    find_balance(p, next);
-    out->before = imbalance(p, p->rank_first);
-    out->after = imbalance(p, next);
+    for (int s = p->first; s < p->first + p->own; s++)
+        loads[me] += p->load[s];
+    for (int r = 0; r <= p->ranks; r++)
+        each[r] = r;
+    cln_ranks_gather(loads, sizeof *loads, each, true);
+    out->before = imbalance(p, loads, each);
+    if (out->before > LIMIT) {
+        cln_ranks_gather(p->load, sizeof *p->load, p->rank_first, true);
+        find_balance(p, p->load, next);
+        out->after = imbalance(p, p->load, next);
+    }
     if (out->before > LIMIT && out->after < out->before) {
-        CLN_TRY(cln_share_sums(p));
-        for (size_t i = 0; i < sizeof arrays / sizeof arrays[0]; i++)
-            CLN_TRY(move(p, arrays[i], next));
         for (int r = 0; r < p->ranks; r++) /* what rank r keeps */
             for (int s = next[r]; s < next[r + 1]; s++)
                 out->leaves += s < p->rank_first[r] || s >= p->rank_first[r + 1];
-        memcpy(p->rank_first, next, sizeof *next * ((size_t)p->ranks + 1));
-        take_own(p);
-        cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
-        CLN_TRY(cln_pipeline_derive(p));
+        CLN_TRY(deal(p, next));
+        memset(p->load, 0, sizeof *p->load * (size_t)p->leaves);
     }
-    memset(p->load, 0, sizeof *p->load * (size_t)p->leaves);
+    for (int s = 0; s < p->leaves; s++)
+        p->load[s] /= 2;
 done:
     return st;
+}
+
+cln_status cln_share_lend(cln_pipeline *p, const double *work, int **lent)
+{
+    cln_status st = CLN_OK;
+    const size_t count = (size_t)p->ranks + 1;
+    double total = 0;
+    int next[CLN_RANKS_MOST + 1];
+
+    *lent = NULL;
+    if (p->ranks <= 1)
+        return CLN_OK;
+    for (int s = 0; s < p->leaves; s++)
+        total += work[s];
+    if (!((imbalance(p, work, p->rank_first) - 1) * total / p->ranks * WORTH > p->leaves))
+        return CLN_OK;
+    find_balance(p, work, next);
+    CLN_TRY(cln_alloc(lent, count, sizeof **lent, "ranks"));
+    memcpy(*lent, p->rank_first, count * sizeof **lent);
+    CLN_TRY(deal(p, next));
+done:
+    return st;
+}
+
+cln_status cln_share_return(cln_pipeline *p, const int *lent)
+{
+    return lent ? deal(p, lent) : CLN_OK;
 }

@@ -45,28 +45,37 @@ cln_status cln_share_leaf_ranks(cln_pipeline *p);
 cln_status cln_share_sums(cln_pipeline *p);
 
 /* Of a step that is shared by stretches, in which this rank has `own` of `samples`: counts them,
- * and CLN_CL unless all ranks agree on the samples and stretches. */
+ * and tells the others p->told, without waiting. Met: waits for theirs; CLN_CL unless all ranks
+ * agree on the samples and stretches. */
 cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples);
+cln_status cln_share_met(cln_pipeline *p);
 
-/* After the forward pass: p->out of all samples. */
-cln_status cln_share_samples(cln_pipeline *p, uint32_t samples);
+/* After the forward pass: p->out of all samples; those of a training step are counted. Also tells
+ * p->told. */
+cln_status cln_share_samples(cln_pipeline *p, uint32_t samples, bool training);
 /* After a refresh of leaves [first, first + count) by the ranks that have them. */
 cln_status cln_share_densities(cln_pipeline *p, const cln_buffer *density, int first, int count);
 
-/* Brings this rank's rows of an array P or of adam_steps to [leaf] in `array`; rank 0's then has
- * all ranks' rows. */
+/* Brings this rank's rows of an array P or of adam_steps to [leaf] in `array`. Collect: brings those
+ * of all ranks to rank 0's. */
 cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array);
+void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array);
 
 /* The most leaves of a rank, of so many. */
 int cln_share_most(const cln_pipeline *p, int leaves);
 
 typedef struct cln_share_move {
     int leaves;           /* that changed their rank */
-    double before, after; /* the busiest rank's samples over the mean; after: had they been there */
+    double before, after; /* the busiest rank's work over the mean; after: had they been there */
 } cln_share_move;
 
 /* Moves leaves between ranks, weights and all, if the busiest rank had more than LIMIT times the
- * mean number of samples since the last time. */
+ * mean work lately. */
 cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out);
+
+/* Before and after a work that is not even among ranks, work[leaf] of each: moves leaves so that it
+ * is, if that is worth it, and back. *lent: whether, for the second call; the caller frees it. */
+cln_status cln_share_lend(cln_pipeline *p, const double *work, int **lent);
+cln_status cln_share_return(cln_pipeline *p, const int *lent);
 
 #endif

@@ -99,7 +99,7 @@ cln_status cln_stage_picture_densities(cln_pipeline *p);
 void cln_stage_picture_release(cln_pipeline *p);
 
 /* Seen: marks the cells that a training view sees; due after a change of the tree. Stats: mean and
- * peak density per leaf, stats [leaf][2]; reads back. */
+ * peak density per leaf, stats [leaf][2]; reads back. Each rank does so for its own leaves. */
 cln_status cln_stage_seen(cln_pipeline *p);
 cln_status cln_stage_stats(cln_pipeline *p, float *stats);
 

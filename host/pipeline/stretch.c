@@ -111,6 +111,7 @@ cln_status cln_stretch_exchange(cln_pipeline *p)
     p->stretches_own += next[me] - first[me];
     p->stretches_all += (double)count;
     next[me] = first[me];
+    CLN_TRY(cln_share_met(p));
     cln_ranks_gather(sent, row, first, true);
     for (size_t k = 0; k < count; k++)
         memcpy(sums + k * row, sent + (size_t)next[rank[k]]++ * row, row);

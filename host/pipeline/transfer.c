@@ -101,7 +101,7 @@ done:
     return st;
 }
 
-cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training)
+cln_status cln_pipeline_download_own(cln_pipeline *p, cln_model *model, bool training)
 {
     cln_status st = CLN_OK;
     const size_t leaves = (size_t)p->leaves;
@@ -119,6 +119,21 @@ cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool trainin
             CLN_TRY(CLN_GET(p, leaf_sums, model->sums, leaves));
             CLN_TRY(CLN_GET(p, leaf_met, model->met, leaves));
         }
+    }
+done:
+    return st;
+}
+
+cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_pipeline_download_own(p, model, training));
+    cln_share_collect(p, CLN_BUFFER_params, model->params);
+    if (training) {
+        cln_share_collect(p, CLN_BUFFER_adam_m, model->adam_m);
+        cln_share_collect(p, CLN_BUFFER_adam_v, model->adam_v);
+        cln_share_collect(p, CLN_BUFFER_adam_steps, model->adam_steps);
     }
 done:
     return st;

@@ -61,6 +61,7 @@ cln_status cln_ranks_agree(uint64_t digest, const char *what)
 #ifdef CLN_WITH_MPI
 
 #include <mpi.h>
+#include <sched.h>
 
 static double now(void)
 {
@@ -78,6 +79,22 @@ static MPI_Datatype type_of(size_t row_bytes)
     MPI_Type_contiguous((int)row_bytes, MPI_BYTE, &type);
     MPI_Type_commit(&type);
     return type;
+}
+
+/* Waits for a message without holding the core for long: OpenMPI itself would poll, at the cost of
+ * other ranks on the same core, and of this one's device if that is the processor. */
+static void await(MPI_Request *request)
+{
+    const struct timespec rest = {.tv_nsec = 50000};
+    int done = 0;
+
+    for (int tries = 0; !done; tries++) {
+        MPI_Test(request, &done, MPI_STATUS_IGNORE);
+        if (!done && tries < 1000)
+            sched_yield();
+        else if (!done)
+            nanosleep(&rest, NULL);
+    }
 }
 
 static void account(double began, double bytes)
@@ -124,22 +141,72 @@ void cln_ranks_close(bool failed, int exit_code)
     MPI_Finalize();
 }
 
-void cln_ranks_largest(double *values, int n)
+static MPI_Request asked = MPI_REQUEST_NULL;
+
+void cln_ranks_largest_begin(double *values, int n)
 {
     const double began = now();
 
     if (self.count > 1)
-        MPI_Allreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD);
+        MPI_Iallreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD, &asked);
     account(began, (double)n * sizeof *values);
+}
+
+void cln_ranks_largest_end(void)
+{
+    const double began = now();
+
+    await(&asked);
+    account(began, 0);
+}
+
+void cln_ranks_largest(double *values, int n)
+{
+    cln_ranks_largest_begin(values, n);
+    cln_ranks_largest_end();
 }
 
 void cln_ranks_tell(void *data, size_t bytes)
 {
     const double began = now();
 
+    MPI_Request request = MPI_REQUEST_NULL;
+
     if (self.count > 1)
-        MPI_Bcast(data, (int)bytes, MPI_BYTE, 0, MPI_COMM_WORLD);
+        MPI_Ibcast(data, (int)bytes, MPI_BYTE, 0, MPI_COMM_WORLD, &request);
+    await(&request);
     account(began, self.me == 0 ? (double)bytes : 0);
+}
+
+static void receive(void *data, size_t bytes, int from)
+{
+    MPI_Request request;
+
+    MPI_Irecv(data, (int)bytes, MPI_BYTE, from, 0, MPI_COMM_WORLD, &request);
+    await(&request);
+}
+
+void cln_ranks_take(void *baton, size_t bytes)
+{
+    const double began = now();
+
+    if (self.me > 0)
+        receive(baton, bytes, self.me - 1);
+    account(began, 0);
+}
+
+void cln_ranks_hand(void *baton, size_t bytes)
+{
+    const double began = now();
+    MPI_Request request = MPI_REQUEST_NULL;
+
+    if (self.count > 1)
+        MPI_Isend(baton, (int)bytes, MPI_BYTE, (self.me + 1) % self.count, 0, MPI_COMM_WORLD,
+                  &request);
+    await(&request);
+    if (self.me == 0 && self.count > 1)
+        receive(baton, bytes, self.count - 1);
+    account(began, (double)bytes);
 }
 
 void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
@@ -148,6 +215,7 @@ void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
     const int mine = first[self.me + 1] - first[self.me];
     int counts[CLN_RANKS_MOST];
     MPI_Datatype type;
+    MPI_Request request;
 
     if (self.count == 1)
         return;
@@ -155,12 +223,13 @@ void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
     for (int r = 0; r < self.count; r++)
         counts[r] = first[r + 1] - first[r];
     if (all)
-        MPI_Allgatherv(MPI_IN_PLACE, 0, type, rows, counts, first, type, MPI_COMM_WORLD);
+        MPI_Iallgatherv(MPI_IN_PLACE, 0, type, rows, counts, first, type, MPI_COMM_WORLD, &request);
     else if (self.me == 0)
-        MPI_Gatherv(MPI_IN_PLACE, 0, type, rows, counts, first, type, 0, MPI_COMM_WORLD);
+        MPI_Igatherv(MPI_IN_PLACE, 0, type, rows, counts, first, type, 0, MPI_COMM_WORLD, &request);
     else
-        MPI_Gatherv((char *)rows + (size_t)first[self.me] * row_bytes, mine, type, NULL, NULL, NULL,
-                    type, 0, MPI_COMM_WORLD);
+        MPI_Igatherv((char *)rows + (size_t)first[self.me] * row_bytes, mine, type, NULL, NULL,
+                     NULL, type, 0, MPI_COMM_WORLD, &request);
+    await(&request);
     MPI_Type_free(&type);
     account(began, (double)mine * (double)row_bytes * (all ? self.count - 1 : 1));
 }
@@ -183,6 +252,7 @@ void cln_ranks_deal(const void *from, const int *old_first, void *to, const int 
     int sent[CLN_RANKS_MOST], got[CLN_RANKS_MOST], sent_at[CLN_RANKS_MOST], got_at[CLN_RANKS_MOST];
     double bytes = 0;
     MPI_Datatype type = type_of(row_bytes);
+    MPI_Request request;
 
     for (int r = 0; r < self.count; r++) {
         sent[r] =
@@ -191,7 +261,8 @@ void cln_ranks_deal(const void *from, const int *old_first, void *to, const int 
             common(new_first[me], new_first[me + 1], old_first[r], old_first[r + 1], &got_at[r]);
         bytes += r == me ? 0 : (double)sent[r] * (double)row_bytes;
     }
-    MPI_Alltoallv(from, sent, sent_at, type, to, got, got_at, type, MPI_COMM_WORLD);
+    MPI_Ialltoallv(from, sent, sent_at, type, to, got, got_at, type, MPI_COMM_WORLD, &request);
+    await(&request);
     MPI_Type_free(&type);
     account(began, bytes);
 }
@@ -215,9 +286,31 @@ void cln_ranks_largest(double *values, int n)
     (void)n;
 }
 
+void cln_ranks_largest_begin(double *values, int n)
+{
+    (void)values;
+    (void)n;
+}
+
+void cln_ranks_largest_end(void)
+{
+}
+
 void cln_ranks_tell(void *data, size_t bytes)
 {
     (void)data;
+    (void)bytes;
+}
+
+void cln_ranks_take(void *baton, size_t bytes)
+{
+    (void)baton;
+    (void)bytes;
+}
+
+void cln_ranks_hand(void *baton, size_t bytes)
+{
+    (void)baton;
     (void)bytes;
 }
 

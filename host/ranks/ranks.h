@@ -30,8 +30,18 @@ const char *cln_ranks_name(void); /* "rank 1 of 2 on HOST: "; "" if alone */
 /* The largest of all ranks' values, of each of n; everyone gets it. */
 void cln_ranks_largest(double *values, int n);
 
+/* The same in two calls, between which this rank works on and says other things: `values` must stay
+ * until the second, which waits. One at a time. */
+void cln_ranks_largest_begin(double *values, int n);
+void cln_ranks_largest_end(void);
+
 /* Rank 0's bytes to all. */
 void cln_ranks_tell(void *data, size_t bytes);
+
+/* Some bytes go from rank 0 to the last in turn, and back to rank 0. Take: waits for them; rank 0
+ * has them. Hand: gives them on; rank 0 waits until they are back. */
+void cln_ranks_take(void *baton, size_t bytes);
+void cln_ranks_hand(void *baton, size_t bytes);
 
 /* CLN_USAGE on all ranks, and names the first that differs, unless all have the same digest. what:
  * "settings", "scene". */

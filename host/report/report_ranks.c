@@ -12,8 +12,8 @@ bool cln_report_has_ranks(const cln_report_data *data)
 
 static void put_moves(FILE *to, const cln_report_data *data)
 {
-    fputs("<table><tr><th class=n>step<th class=n>leaves that moved<th class=n>balance before"
-          "<th class=n>after\n",
+    fputs("<table><tr><th class=n>step<th class=n>leaves that moved<th class=n>the busiest one's "
+          "work over the mean, before<th class=n>after\n",
           to);
     for (int i = 0; i < data->move_count; i++) {
         const cln_report_move *m = &data->moves[i];

@@ -10,6 +10,7 @@
 #include "base/rng.h"
 #include "pipeline/field.h"
 #include "pipeline/share.h"
+#include "ranks/ranks.h"
 
 enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
 
@@ -154,7 +155,6 @@ static cln_status make_points(const cln_trainer *t, cln_distil *d, int net)
     int views[DIRECTIONS], view_count = 0, *order = NULL;
 
     cln_octree_box(&t->model.tree, node, box);
-    d->lengths[net] = sqrtf(3) * box[3] / 32;
     view_count = choose_views(t, node, box, views);
     CLN_TRY(cln_alloc(&order, (size_t)d->pool, sizeof *order, "points of a merge"));
     for (int i = 0; i < d->pool; i++)
@@ -182,6 +182,29 @@ static cln_status make_points(const cln_trainer *t, cln_distil *d, int net)
     }
 done:
     free(order);
+    return st;
+}
+
+/* Of all nets; each rank makes those of some. */
+static cln_status make_all_points(const cln_trainer *t, cln_distil *d)
+{
+    cln_status st = CLN_OK;
+    const int ranks = cln_ranks_count();
+    const size_t row = (size_t)d->pool * sizeof *d->origins;
+    int first[CLN_RANKS_MOST + 1];
+    float box[4];
+
+    for (int r = 0; r <= ranks; r++)
+        first[r] = (int)((int64_t)d->nets * r / ranks);
+    for (int n = first[cln_ranks_me()]; n < first[cln_ranks_me() + 1]; n++)
+        CLN_TRY(make_points(t, d, n));
+    cln_ranks_gather(d->origins, row, first, true);
+    cln_ranks_gather(d->directions, row, first, true);
+    for (int n = 0; n < d->nets; n++) {
+        cln_octree_box(&t->model.tree, d->nodes[n], box);
+        d->lengths[n] = sqrtf(3) * box[3] / 32;
+    }
+done:
     return st;
 }
 
@@ -224,8 +247,7 @@ cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *
     CLN_TRY(cln_alloc(&out->directions, points, sizeof *out->directions, "points of merges"));
     CLN_TRY(cln_alloc(&out->targets, points, sizeof *out->targets, "points of merges"));
     CLN_TRY(cln_alloc(&out->lengths, (size_t)out->nets, sizeof *out->lengths, "merges"));
-    for (int n = 0; n < out->nets; n++)
-        CLN_TRY(make_points(t, out, n));
+    CLN_TRY(make_all_points(t, out));
     CLN_TRY(ask(t, out, points));
 done:
     if (st != CLN_OK)
@@ -235,47 +257,86 @@ done:
 
 /* ---- training of the new ones ---- */
 
-/* The largest of the nets' mean losses in the batch just trained. */
-static cln_status worst_loss(cln_pipeline *p, int nets, int samples, float *losses, double *worst)
+/* Of a merged leaf; -1 if another rank has it. */
+static int row_of(const cln_trainer *t, const cln_distil *d, int net)
+{
+    return cln_share_row(&t->pipeline, t->model.tree.slot[d->nodes[net]]);
+}
+
+/* The largest mean loss of nets [first, first + nets) in the batch just trained, on all ranks. */
+static cln_status worst_loss(cln_trainer *t, const cln_distil *d, int first, int nets,
+                             float *losses, double *worst)
 {
     cln_status st = CLN_OK;
+    const int samples = t->model.config.distil_samples;
     const size_t n = (size_t)nets * (size_t)samples;
 
     *worst = 0;
-    CLN_TRY(cln_buffer_read(p->device, &p->losses, 0, losses, n * sizeof *losses));
+    if (n > 0)
+        CLN_TRY(cln_buffer_read(t->device, &t->pipeline.losses, 0, losses, n * sizeof *losses));
     for (int k = 0; k < nets; k++) {
         double sum = 0;
 
+        if (row_of(t, d, first + k) < 0)
+            continue;
         for (int i = 0; i < samples; i++)
             sum += losses[(size_t)k * (size_t)samples + (size_t)i];
         *worst = fmax(*worst, sum / samples);
     }
+    cln_ranks_largest(worst, 1);
 done:
     return st;
 }
 
-/* Trains nets [first, first + nets) together; *steps becomes at least the steps done. */
-static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int nets, int *steps)
+/* One step of the samples in `batch`, whose points are on the device. */
+static cln_status train_batch(cln_trainer *t, const cln_sample *batch, uint32_t n, uint32_t key)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     cln_pipeline *p = &t->pipeline;
+    uint32_t slices = 0;
+
+    CLN_TRY(cln_pipeline_samples(p, batch, n));
+    p->stretched = true; /* no rank needs what others have */
+    CLN_TRY(cln_stage_group(p, n, &slices));
+    CLN_TRY(cln_stage_forward(p, n, slices, true, key));
+    CLN_TRY(cln_stage_distil_gradient(p, n, 1.0 / c->distil_samples));
+    CLN_TRY(cln_stage_update(p, n, slices, 1, key, c->distil_lr));
+    CLN_TRY(cln_device_finish(p->device));
+done:
+    return st;
+}
+
+/* Trains nets [first, end) together; *steps becomes at least the steps done. A rank goes only through
+ * its own nets, which are a run. By samples, its batches still have the samples of all, so that they
+ * are those of one process. */
+static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int end, int *steps)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
     const int samples = c->distil_samples;
-    const size_t pool = (size_t)d->pool, base = (size_t)first * pool;
-    const uint32_t n = (uint32_t)(nets * samples);
+    const size_t pool = (size_t)d->pool;
     cln_sample *batch = NULL;
     float *losses = NULL;
     double worst = 0;
+    size_t base = 0;
+    uint32_t n = 0;
     int done_steps = 0;
 
+    for (; c->exchange == CLN_EXCHANGE_STRETCHES && first < end && row_of(t, d, first) < 0;)
+        first++;
+    for (; c->exchange == CLN_EXCHANGE_STRETCHES && first < end && row_of(t, d, end - 1) < 0;)
+        end--;
+    base = (size_t)first * pool;
+    n = (uint32_t)((end - first) * samples);
     CLN_TRY(cln_alloc(&batch, n, sizeof *batch, "samples of merges"));
     CLN_TRY(cln_alloc(&losses, n, sizeof *losses, "samples of merges"));
-    CLN_TRY(cln_pipeline_points(p, d->origins[base], d->directions[base], d->targets[base],
-                                (uint32_t)((size_t)nets * pool)));
+    if (n > 0)
+        CLN_TRY(cln_pipeline_points(&t->pipeline, d->origins[base], d->directions[base],
+                                    d->targets[base], (uint32_t)((size_t)(end - first) * pool)));
     while (done_steps < c->distil_steps) {
         const int part = done_steps % CLN_DISTIL_BATCHES;
         const uint32_t key = (uint32_t)done_steps * 0x9E3779B9u + (uint32_t)t->model.step;
-        uint32_t slices = 0;
 
         for (uint32_t i = 0; i < n; i++) {
             const int net = (int)i / samples;
@@ -285,15 +346,11 @@ static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, in
                              .ray = (cln_u32)(net * d->pool + part * samples + (int)i % samples),
                              .slot = t->model.tree.slot[d->nodes[first + net]]};
         }
-        CLN_TRY(cln_pipeline_samples(p, batch, n));
-        CLN_TRY(cln_stage_group(p, n, &slices));
-        CLN_TRY(cln_stage_forward(p, n, slices, true, key));
-        CLN_TRY(cln_stage_distil_gradient(p, n, 1.0 / samples));
-        CLN_TRY(cln_stage_update(p, n, slices, 1, key, c->distil_lr));
-        CLN_TRY(cln_device_finish(p->device));
+        if (n > 0)
+            CLN_TRY(train_batch(t, batch, n, key));
         done_steps++;
         if (done_steps % CHECK_EVERY == 0) {
-            CLN_TRY(worst_loss(p, nets, samples, losses, &worst));
+            CLN_TRY(worst_loss(t, d, first, end - first, losses, &worst));
             if (worst < c->distil_stop)
                 break;
         }
@@ -316,7 +373,7 @@ static cln_status forget_moments(cln_trainer *t, const cln_distil *d)
 
     CLN_TRY(cln_alloc(&zeros, bytes, 1, "Adam's state"));
     for (int n = 0; n < d->nets; n++) {
-        const int row = cln_share_row(p, t->model.tree.slot[d->nodes[n]]);
+        const int row = row_of(t, d, n);
         const size_t at = (size_t)row;
 
         if (row < 0)
@@ -334,11 +391,20 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
 {
     cln_status st = CLN_OK;
     const int most = t->plan.distil_nets;
+    double *work = NULL;
+    int *lent = NULL;
 
     *steps = 0;
+    CLN_TRY(cln_alloc(&work, (size_t)t->pipeline.leaves, sizeof *work, "merges"));
+    for (int n = 0; n < d->nets; n++)
+        work[t->model.tree.slot[d->nodes[n]]] = 1;
+    CLN_TRY(cln_share_lend(&t->pipeline, work, &lent));
     for (int first = 0; first < d->nets; first += most)
-        CLN_TRY(train_chunk(t, d, first, d->nets - first < most ? d->nets - first : most, steps));
+        CLN_TRY(train_chunk(t, d, first, d->nets - first < most ? d->nets : first + most, steps));
     CLN_TRY(forget_moments(t, d));
+    CLN_TRY(cln_share_return(&t->pipeline, lent));
 done:
+    free(work);
+    free(lent);
     return st;
 }

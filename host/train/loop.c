@@ -53,24 +53,42 @@ static void say_used_up(const cln_trainer *t)
 
 /* ---- evaluation, checkpoints ---- */
 
-/* It may come during an evaluation, so it is kept for the loop. */
-int cln_loop_poll(void *user)
+/* By what they make of the training: of several, all ranks obey the last. */
+static const int signals[] = {0, SIGUSR1, SIGINT, SIGTERM};
+enum { SIGNALS = sizeof signals / sizeof signals[0] };
+
+/* The place among `signals` of one to this rank. */
+static int poll_here(cln_trainer *t)
 {
-    cln_trainer *t = user;
     const cln_callbacks *callbacks = &t->desc->callbacks;
-    int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
-    double most = 0;
+    int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0, i = SIGNALS;
 
     if (signal == 0)
         signal = cln_watch_orders(t);
-    most = signal;
-    cln_ranks_largest(&most, 1);
-    signal = (int)most;
+    while (--i > 0 && signals[i] != signal)
+        ;
+    return i;
+}
+
+/* It may come during an evaluation, so it is kept for the loop. */
+static int obey(cln_trainer *t, double place)
+{
+    const int signal = signals[(int)place];
+
     if (signal == SIGUSR1)
         t->save_wanted = true;
     else if (signal == SIGINT || signal == SIGTERM)
         t->signal = signal;
     return signal;
+}
+
+int cln_loop_poll(void *user)
+{
+    cln_trainer *t = user;
+    double place = poll_here(t);
+
+    cln_ranks_largest(&place, 1);
+    return obey(t, place);
 }
 
 static void show_work(const char *what, int done, int total, void *user)
@@ -124,12 +142,14 @@ done:
 static cln_status checkpoint(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    const size_t weights = (size_t)t->pipeline.leaves * (size_t)t->pipeline.net.params;
+    cln_pipeline *p = &t->pipeline;
+    const size_t each = (size_t)p->net.params, first = (size_t)p->first * each;
     const bool measured = cln_pipeline_measures(&t->model.config) > 0;
+    bool written = false;
 
     cln_watch_say(t, "saving");
-    CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, true));
-    for (size_t i = 0; i < weights; i++)
+    CLN_TRY(cln_pipeline_download_own(p, &t->model, true));
+    for (size_t i = first; i < first + (size_t)p->own * each; i++)
         if (!isfinite(t->model.params[i])) {
             st = cln_fail(CLN_DIVERGED,
                           "training diverged: weights of step %lld are not finite; the checkpoint "
@@ -140,7 +160,11 @@ static cln_status checkpoint(cln_trainer *t)
     /* the error since the last decision, for exports and reports; decisions measure it anew */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
-    if (t->writes)
+    if (p->ranks > 1)
+        CLN_TRY(cln_checkpoint_write_parts(t->desc->run, &t->model, p->rank_first, &written));
+    if (!written && p->ranks > 1)
+        CLN_TRY(cln_pipeline_download(p, &t->model, true));
+    if (!written && t->writes)
         CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
     t->saved_at = cln_now();
     t->saved_step = t->model.step;
@@ -313,13 +337,22 @@ static void say_how_to_keep(const cln_trainer *t)
                  (long long)kept, run);
 }
 
+/* Training time since `began`. Of several ranks, t->clock is their own, and rank 0's is everyone's
+ * train_seconds, once it was told. */
+static void spend(cln_trainer *t, double began)
+{
+    t->clock += cln_now() - began;
+    if (cln_ranks_count() == 1)
+        t->model.train_seconds = t->clock;
+}
+
 /* Waits for the newest step to end, which counts as training time. */
 static cln_status wait_for_step(cln_trainer *t)
 {
     const double began = cln_now();
     const cln_status st = cln_step_catch_up(t);
 
-    t->model.train_seconds += cln_now() - began;
+    spend(t, began);
     return st;
 }
 
@@ -387,15 +420,23 @@ done:
     return st;
 }
 
-/* Rank 0's clock decides for all: about budgets, and when to save. */
-static void agree(cln_trainer *t)
+/* Rank 0's clock decides for all: about budgets, and when to save. And all obey a signal to one.
+ * With the next step, they tell each other. */
+static void tell(cln_trainer *t)
 {
-    double clock[2] = {t->model.train_seconds,
-                       cln_now() - t->saved_at >= t->model.config.save_every};
+    double *told = t->pipeline.told;
 
-    cln_ranks_tell(clock, sizeof clock);
-    t->model.train_seconds = clock[0];
-    t->save_wanted |= clock[1] > 0;
+    told[CLN_TOLD_CLOCK] = t->writes ? t->clock : 0;
+    told[CLN_TOLD_SAVE] = t->writes && cln_now() - t->saved_at >= t->model.config.save_every;
+    told[CLN_TOLD_SIGNAL] = cln_ranks_count() > 1 ? poll_here(t) : 0;
+}
+
+/* What it was, after that step. */
+static void heed(cln_trainer *t)
+{
+    t->save_wanted |= t->pipeline.told[CLN_TOLD_SAVE] > 0;
+    if (cln_ranks_count() > 1)
+        t->model.train_seconds = t->pipeline.told[CLN_TOLD_CLOCK];
 }
 
 cln_status cln_loop_run(cln_trainer *t)
@@ -415,16 +456,20 @@ cln_status cln_loop_run(cln_trainer *t)
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;
     t->saved_at = cln_now();
+    t->clock = t->model.train_seconds;
     while (cln_step_fraction(t) < 1 && t->signal == 0) {
-        const double began = cln_now();
+        double began = cln_now();
         const double fraction = cln_step_fraction(t);
         bool row = false;
 
         CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(cln_refine_poses(t, fraction));
+        spend(t, began);
+        began = cln_now();
+        tell(t);
         CLN_TRY(cln_step(t, fraction));
-        t->model.train_seconds += cln_now() - began;
-        agree(t);
+        spend(t, began);
+        heed(t);
         report_progress(t, cln_step_fraction(t));
         evaluated = false;
         row = t->model.step % c->log_every == 0 || cln_step_fraction(t) >= 1;
@@ -441,11 +486,13 @@ cln_status cln_loop_run(cln_trainer *t)
                      t->model.train_seconds);
             break;
         }
-        cln_loop_poll(t);
+        (void)obey(t, cln_ranks_count() > 1 ? t->pipeline.told[CLN_TOLD_SIGNAL] : poll_here(t));
         CLN_TRY(save_if_wanted(t));
         CLN_TRY(let_watch(t));
     }
     CLN_TRY(wait_for_step(t));
+    cln_ranks_tell(&t->clock, sizeof t->clock);
+    t->model.train_seconds = t->clock;
     cln_exposure_say(&t->exposure, &t->model);
     cln_refine_say(t);
     CLN_TRY(checkpoint(t));

@@ -642,6 +642,9 @@ done:
 /* A rolling refresh has PARTS parts, one every PARTS steps (instant-ngp's sixteen). */
 enum { PARTS = 16 };
 
+/* Steps from one look at the ranks' balance to the next. */
+enum { BALANCE_EVERY = 16 };
+
 cln_status cln_maintain(cln_trainer *t, double fraction)
 {
     cln_status st = CLN_OK;
@@ -682,7 +685,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         if (regrown)
             CLN_TRY(refresh(t, 0, p->leaves));
     }
-    if (full && t->model.step > 0) {
+    if (t->model.step > 0 && t->model.step % BALANCE_EVERY == 0) {
         CLN_TRY(cln_share_balance(p, &move));
         if (move.leaves > 0)
             CLN_TRY(cln_record_move(t, &move));

@@ -43,6 +43,7 @@ typedef struct cln_trainer {
     bool full;                    /* no memory for a finer tree: warned once, tried again */
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
+    double clock;                 /* training seconds by this rank's clock */
     double psnr_train, psnr_test; /* newest, NaN before */
     double start_seconds;         /* from `began` to the first step; NaN before it */
     double eval_seconds;          /* time of the newest evaluation; NaN before the first */

@@ -458,10 +458,12 @@ static void test_folders(void **state)
     free(under_file);
 }
 
-/* The digest depends on every bit and the length, not on the data's address. */
+/* The digest depends on every bit and the length, not on the data's address or the pieces that they
+ * come in. */
 static void test_digest(void **state)
 {
     unsigned char data[48] = {0}, shifted[49] = {0};
+    cln_digest_part part;
     uint64_t base = 0;
 
     (void)state;
@@ -477,6 +479,14 @@ static void test_digest(void **state)
             assert_true(base != cln_digest(CLN_DIGEST_START, data, n));
             data[bit / 8] ^= (unsigned char)(1u << bit % 8);
         }
+        for (size_t cut = 0; cut <= n; cut++)
+            for (size_t next = cut; next <= n; next++) {
+                cln_digest_begin(&part, CLN_DIGEST_START);
+                cln_digest_more(&part, data, cut);
+                cln_digest_more(&part, data + cut, next - cut);
+                cln_digest_more(&part, data + next, n - next);
+                assert_true(base == cln_digest_end(&part));
+            }
     }
     assert_true(cln_digest(CLN_DIGEST_START, "ab", 2) !=
                 cln_digest(cln_digest(CLN_DIGEST_START, "a", 1), "b", 1));

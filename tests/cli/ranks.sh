@@ -1,8 +1,8 @@
 #!/bin/bash
 # Training, evaluation and rendering by several processes (docs/scale-out.md): the same model and
 # pictures as by one, bit for bit, also when resumed by another number of them, if they exchange
-# samples; nearly the same, in fewer bytes, if they exchange stretches; what differs between them,
-# and one that dies, end all.
+# samples; nearly the same, in fewer bytes, if they exchange stretches; a checkpoint that all of
+# them write; what differs between them, and one that dies or cannot write, end all.
 #   tests/cli/ranks.sh [SECTION...]    sections are in the last line
 # Skipped without OpenMPI (libopenmpi-dev openmpi-bin), which neither build nor tests install.
 set -u
@@ -11,6 +11,7 @@ cd "$(dirname "$0")/../.." || exit 1
 cln=$PWD/build/cl-nascent
 ranked=$PWD/build/mpi/cl-nascent
 make_scene=$PWD/build/make-scene
+shim=$PWD/build/faults.so
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln ranks XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
@@ -20,7 +21,7 @@ if ! command -v mpirun >/dev/null || ! pkg-config --exists ompi-c; then
     count
     exit
 fi
-${MAKE:-make} --no-print-directory MPI=1 build/mpi/cl-nascent >"$work/out" 2>&1 ||
+${MAKE:-make} --no-print-directory MPI=1 build/mpi/cl-nascent build/faults.so >"$work/out" 2>&1 ||
     bad "make MPI=1"
 
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1
@@ -153,13 +154,58 @@ section_resume() {
         --resume "$work/by-stretches" --skip-selftest --progress none
 }
 
+tensors() {
+    ls "$1"/checkpoint/*.safetensors | tail -n 1
+}
+
+# faulty HOW K: two ranks go on, and write a checkpoint; rank 1's K-th write fails, HOW
+# (support/faults.c)
+faulty() {
+    local go=(train --resume "$work/parts" --skip-selftest --progress none --steps +20)
+    "${mpi[@]}" -n 1 "$ranked" "${go[@]}" : -n 1 env LD_PRELOAD="$shim" FAULT_CALL=write \
+        FAULT_DO="$1" FAULT_AT="$2" "$ranked" "${go[@]}"
+}
+
+# The file that ranks write together is that of one process, on a shared file system or not; a rank
+# that cannot write its part leaves the checkpoint before whole.
+section_checkpoints() {
+    baseline
+    local before at
+    expect "three ranks write a checkpoint" 0 "" "${mpi[@]}" -n 3 "$ranked" train "$work/scene" \
+        -o "$work/parts" "${small[@]}" "${samples[@]}" --steps 200
+    check "with the bytes of one process" cmp "$(tensors "$work/one")" "$(tensors "$work/parts")"
+    mkdir "$work/here" "$work/there"
+    expect "ranks without a common file system" 0 "rank 0 writes" "${mpi[@]}" \
+        -n 1 --wdir "$work/here" "$ranked" train "$work/scene" -o apart "${small[@]}" \
+        "${samples[@]}" --steps 200 -v : \
+        -n 1 --wdir "$work/there" "$ranked" train "$work/scene" -o apart "${small[@]}" \
+        "${samples[@]}" --steps 200 -v
+    check "one writes it" cmp "$(tensors "$work/one")" "$(tensors "$work/here/apart")"
+    check "and it alone" [ -z "$(ls "$work/there")" ]
+    before=$(digest "$work/parts")
+    expect "a rank whose disk is full" 7 "rank 1: space" faulty full 3
+    check "leaves the checkpoint before whole" [ "$(digest "$work/parts")" = "$before" ]
+    check "and nothing else" [ -z "$(find "$work/parts/checkpoint" -name '*.tmp.*')" ]
+    for at in 2 6; do
+        run faulty kill $at
+        check "a rank that dies at its write $at ends all" [ $rc != 0 ]
+        check "and leaves the checkpoint before whole" [ "$(digest "$work/parts")" = "$before" ]
+    done
+    expect "and one process goes on" 0 "resumed" "$cln" train --resume "$work/parts" \
+        --skip-selftest --progress none --steps +20
+}
+
 section_dies() {
     baseline
-    start "$work/dies" --steps 1000000
+    start "$work/dies" --steps 1000000 --save-every 1
+    until [ -e "$work/dies/checkpoint/latest" ]; do
+        sleep 0.02
+    done
     kill -9 "$(pgrep -P "$child" | tail -n 1)"
     wait "$child"
     check "a rank that dies ends all" [ $? != 0 ]
     check "and is named" grep -qE 'process rank [01] with PID' "$work/err" "$work/out"
+    expect "the last checkpoint is whole" 0 "" "$cln" info "$work/dies"
 }
 
 section_differ() {
@@ -220,4 +266,4 @@ section_scale() {
     expect "a run of one process has none" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same stretches resume dies differ pictures scale" "$@"
+run_sections "same stretches resume checkpoints dies differ pictures scale" "$@"

@@ -239,6 +239,12 @@ ssize_t write(int fd, const void *data, size_t bytes)
     return real(fd, data, bytes);
 }
 
+ssize_t pwrite(int fd, const void *data, size_t bytes, off_t at)
+{
+    REAL(pwrite);
+    return FAILS(WRITE) ? disk() : real(fd, data, bytes, at);
+}
+
 size_t fwrite(const void *data, size_t size, size_t count, FILE *f)
 {
     REAL(fwrite);

@@ -1,0 +1,234 @@
+/* A checkpoint written by all ranks. The file of tensors is that of one process, byte for byte:
+ *
+ *   rank 0     makes the file under a temporary name, with a number in it that nobody else knows
+ *   each       opens it, and finds that number: else they share no file system
+ *   each       writes its rows of the weights and of Adam's state to their places, and syncs them;
+ *              rank 0 also what all have
+ *   in turn    the digest, which goes through all bytes in order, goes from rank to rank
+ *   rank 0     writes the head, renames, then writes the document
+ *
+ * After each of these all ranks know whether one failed; then nothing is renamed, and the
+ * checkpoints before are whole. */
+#include "model/checkpoint.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "ranks/ranks.h"
+
+enum { TEXT_BYTES = 512, PATH_BYTES = 4096 };
+
+/* ---- one outcome for all ---- */
+
+/* If one rank has failed, all do, with its sentence: rank 0 clears up and tells it. */
+static cln_status same_end(cln_status st)
+{
+    double failed = st != CLN_OK;
+    const size_t ranks = (size_t)cln_ranks_count();
+    int first[CLN_RANKS_MOST + 1];
+    char *texts = NULL;
+
+    cln_ranks_largest(&failed, 1);
+    if (failed == 0)
+        return CLN_OK;
+    if (cln_alloc(&texts, ranks, TEXT_BYTES, "errors of ranks") != CLN_OK)
+        return CLN_MEMORY; /* and so this rank ends all */
+    if (st != CLN_OK)
+        snprintf(texts + (size_t)cln_ranks_me() * TEXT_BYTES, TEXT_BYTES, "%s", cln_error_text());
+    for (int r = 0; r <= cln_ranks_count(); r++)
+        first[r] = r;
+    cln_ranks_gather(texts, TEXT_BYTES, first, true);
+    for (size_t r = 0; r < ranks && st == CLN_OK; r++)
+        if (texts[r * TEXT_BYTES])
+            st = cln_fail(CLN_OUTPUT, "rank %zu: %s", r, texts + r * TEXT_BYTES);
+    free(texts);
+    return st;
+}
+
+/* ---- bytes at places ---- */
+
+static cln_status write_at(int fd, const char *path, const void *data, size_t bytes, size_t at)
+{
+    const char *from = data;
+
+    while (bytes > 0) {
+        const ssize_t done = pwrite(fd, from, bytes, (off_t)at);
+
+        if (done < 0 && errno == EINTR)
+            continue;
+        if (done <= 0)
+            return cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
+                            path, strerror(errno));
+        from += done;
+        at += (size_t)done;
+        bytes -= (size_t)done;
+    }
+    return CLN_OK;
+}
+
+/* Of leaves whose rows are on their ranks alone. */
+static bool is_dealt(const cln_tensor *t)
+{
+    static const char *const names[] = {"params", "adam_m", "adam_v", "adam_steps"};
+
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (strcmp(t->name, names[i]) == 0)
+            return true;
+    return false;
+}
+
+/* The bytes of a tensor that this rank writes: [*at, *at + *bytes). */
+static void own_bytes(const cln_tensor *t, const int *first, size_t *at, size_t *bytes)
+{
+    const int me = cln_ranks_me();
+    const size_t all = cln_tensor_bytes(t), row = t->shape[0] > 0 ? all / (size_t)t->shape[0] : 0;
+
+    *at = is_dealt(t) ? (size_t)first[me] * row : 0;
+    *bytes = is_dealt(t) ? (size_t)(first[me + 1] - first[me]) * row : me == 0 ? all : 0;
+}
+
+static cln_status write_own(int fd, const char *path, int count, const cln_tensor *tensors,
+                            const size_t *offsets, const int *first)
+{
+    cln_status st = CLN_OK;
+    size_t at = 0, bytes = 0;
+
+    for (int i = 0; i < count; i++) {
+        own_bytes(&tensors[i], first, &at, &bytes);
+        CLN_TRY(write_at(fd, path, (const char *)tensors[i].data + at, bytes, offsets[i] + at));
+    }
+    if (fsync(fd) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
+                         path, strerror(errno)));
+done:
+    return st;
+}
+
+/* ---- digests ---- */
+
+/* Of all bytes in order; all ranks call it, rank 0 gets them. */
+static void digest_all(const cln_model *model, int count, const cln_tensor *tensors,
+                       const int *first, uint64_t *digest, uint64_t *model_digest)
+{
+    struct {
+        cln_digest_part tensor, model;
+    } baton;
+
+    *digest = CLN_DIGEST_START;
+    for (int i = 0; i < count; i++) {
+        const cln_tensor *t = &tensors[i];
+        const bool weights = t->data == model->params;
+        size_t at = 0, bytes = 0;
+
+        if (!is_dealt(t) && cln_ranks_me() > 0)
+            continue;
+        own_bytes(t, first, &at, &bytes);
+        cln_safetensors_digest_begin(t, *digest, &baton.tensor);
+        cln_model_digest_begin(model, &baton.model);
+        if (is_dealt(t))
+            cln_ranks_take(&baton, sizeof baton);
+        cln_digest_more(&baton.tensor, (const char *)t->data + at, bytes);
+        if (weights)
+            cln_digest_more(&baton.model, (const char *)t->data + at, bytes);
+        if (is_dealt(t))
+            cln_ranks_hand(&baton, sizeof baton);
+        *digest = cln_digest_end(&baton.tensor);
+        if (weights)
+            *model_digest = cln_digest_end(&baton.model);
+    }
+}
+
+/* ---- the file ---- */
+
+/* Makes the file (rank 0), opens it (all), and finds whether it is one. */
+static cln_status open_one(const char *run, const cln_model *model, cln_atomic_file **file,
+                           char temp[PATH_BYTES], int *fd, bool *one)
+{
+    cln_status st = CLN_OK;
+    const bool makes = cln_ranks_me() == 0;
+    struct {
+        uint64_t number;
+        char temp[PATH_BYTES];
+    } told = {0};
+    uint64_t found = 0;
+    struct timespec now;
+    char *path = NULL;
+    double other = 0;
+
+    if (makes) {
+        CLN_TRY(cln_checkpoint_path(run, model, &path));
+        CLN_TRY(cln_atomic_open(path, file));
+        if (snprintf(told.temp, sizeof told.temp, "%s", cln_atomic_temp(*file)) >= PATH_BYTES)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: too long a path", path));
+        clock_gettime(CLOCK_REALTIME, &now);
+        told.number = cln_digest(CLN_DIGEST_START, &now, sizeof now) + (uint64_t)getpid();
+        CLN_TRY(cln_atomic_write(*file, &told.number, sizeof told.number));
+        if (fflush(cln_atomic_stream(*file)) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s", path, strerror(errno)));
+    }
+done:
+    free(path);
+    st = same_end(st);
+    if (st != CLN_OK)
+        return st;
+    cln_ranks_tell(&told, sizeof told);
+    memcpy(temp, told.temp, sizeof told.temp);
+    *fd = open(temp, O_RDWR | O_CLOEXEC);
+    other = *fd < 0 || pread(*fd, &found, sizeof found, 0) != sizeof found || found != told.number;
+    cln_ranks_largest(&other, 1);
+    *one = other == 0;
+    return CLN_OK;
+}
+
+cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, const int *first,
+                                      bool *written)
+{
+    cln_status st = CLN_OK;
+    const bool leads = cln_ranks_me() == 0;
+    cln_tensor tensors[CLN_CHECKPOINT_TENSORS];
+    size_t offsets[CLN_CHECKPOINT_TENSORS], bytes = 0;
+    cln_atomic_file *file = NULL;
+    char temp[PATH_BYTES], *head = NULL;
+    int32_t *rows = NULL;
+    uint64_t digest = 0, model_digest = 0;
+    int count = 0, fd = -1;
+
+    *written = false;
+    CLN_TRY(open_one(run, model, &file, temp, &fd, written));
+    if (!*written) {
+        cln_debug("not all ranks see %s: rank 0 writes the checkpoint", temp);
+        goto done;
+    }
+    st = cln_checkpoint_tensors(model, tensors, &count, &rows);
+    if (st == CLN_OK)
+        st = cln_safetensors_head(count, tensors, 0, &head, &bytes, offsets);
+    if (st == CLN_OK)
+        st = write_own(fd, temp, count, tensors, offsets, first);
+    CLN_TRY(same_end(st));
+    digest_all(model, count, tensors, first, &digest, &model_digest);
+    if (leads) {
+        free(head);
+        head = NULL;
+        CLN_TRY(cln_safetensors_head(count, tensors, digest, &head, &bytes, offsets));
+        CLN_TRY(write_at(fd, temp, head, bytes, 0));
+        CLN_TRY(cln_atomic_commit(&file));
+        CLN_TRY(cln_checkpoint_finish(run, model, digest, model_digest));
+    }
+done:
+    if (st != CLN_OK)
+        cln_note("writing a checkpoint of step %" PRId64, model->step);
+    if (fd >= 0)
+        close(fd);
+    cln_atomic_abandon(file);
+    free(head);
+    free(rows);
+    return st;
+}
