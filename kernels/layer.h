@@ -35,8 +35,7 @@ HELPER operand by_row(const __local float *p, int rows)
     return o;
 }
 
-/* The first `rows` of the encoded positions: computed, and stored, row by row, but the grid's sample
- * by sample. */
+/* The first `rows` of the encoded positions: stored row by row, but the grid's sample by sample. */
 HELPER operand by_encoding(const __local float *enc, int rows)
 {
     return ENCODING == 1 ? by_sample(enc, rows) : by_row(enc, rows);

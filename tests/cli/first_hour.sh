@@ -264,7 +264,8 @@ section_training() {
     check "nor is there anything" [ ! -e "$work/early" ]
     on_terminal 80 "$cln" train --resume "$r" --skip-selftest --steps +40
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
-        grep -aE "^train" | sed "s/\x1b\[K//" | grep -vqE "(train|test|left|more|trained|[0-9]|/s)$"'
+        grep -aE "^train" | sed "s/\x1b\[K//" |
+        grep -vqE "(train|test|left|more|trained|[0-9]|/s)$"'
     check "PSNR and time are on it" grep -aqE 'PSNR [0-9.]+ train.*left' "$work/out"
     on_terminal 60 "$cln" train --resume "$r" --skip-selftest --steps +40
     check "60 columns: the time left is on it" grep -aqE '\| [0-9:-]+ left' "$work/out"
