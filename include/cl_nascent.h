@@ -399,7 +399,8 @@ typedef struct cln_export_desc {
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
     const char *scene;  /* NULL = the run's own; volume and octree need none */
     /* In scene units: of points on the surface (0: by count), of the grid that a mesh is made on
-     * (0: by leaves and views, wider where leaves are larger), of a volume's grid (0: a 256th of the cube). */
+     * (0: by leaves and views, wider where leaves are larger), of a volume's grid (0: a 256th of
+     * the cube). */
     double spacing;
     int64_t count;          /* points: how many; 0 = 200,000 */
     bool closed;            /* points, mesh: also the parts that no training view sees */

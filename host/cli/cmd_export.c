@@ -88,7 +88,7 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
     }
     json_decref(counts);
     if (r->refined)
-        fprintf(to, ", the training photos' with the poses that training corrected");
+        fprintf(to, ", with the poses that training corrected,");
     if (r->faces_before > 0) {
         cln_format_count((double)r->faces_before, text);
         fprintf(to, " (of %s; moved by about %.2g units at most)", text, r->reduction_error);

@@ -181,8 +181,9 @@ const cln_arg cln_args[] = {
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",
          .shown = "the run's"),
     TEXT(CLN_RENDER, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ]",
-         "only what is inside this box, in the scene's own frame and units, turned about its middle "
-         "by these degrees about x, then y, then z; the viewer tells the numbers of its crop box"),
+         "only what is inside this box, in the scene's own frame and units, turned about its "
+         "middle by these degrees about x, then y, then z; the viewer tells the numbers of its "
+         "crop box"),
     REAL(CLN_EVAL, "min-psnr", min_psnr, "DB", 0, 200,
          "exit with code 9 if the mean PSNR is below this", .standard = "0"),
     FLAG(CLN_EVAL, "save-images", save_images,

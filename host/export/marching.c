@@ -1,6 +1,6 @@
 /* Marching cubes. See marching.h. A slab of the grid, one block thick, at a time: its points are
- * asked for, then each cell is cut. A cell with edges of its own width alone is cut by the table
- * (marching_cases.c); another one by the same rule, but with the pieces of its faces as they are. */
+ * asked for, then each cell is cut. A cell with edges of its own width alone is cut by the table of
+ * marching_cases.c; another one by the same rule, but with the pieces of its faces as they are. */
 #include "export/marching.h"
 
 #include <float.h>

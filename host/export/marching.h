@@ -2,9 +2,10 @@
  * whose cells may be wider in places; some slices of it are in memory at a time. Knows no field, no
  * tree and no file.
  *
- * The grid's cells come in blocks of CLN_MARCHING_BLOCK along an axis; in a block of level k, 2^k of
- * them along an axis are one cell. Where cells of two widths meet, the wider one has the narrower
- * ones' points, edges and faces on its side: its surface ends in their pieces, not in its own.
+ * The grid's cells come in blocks of CLN_MARCHING_BLOCK along an axis; in a block of level k, 2^k
+ * of them along an axis are one cell. Where cells of two widths meet, the wider one has the
+ * narrower ones' points, edges and faces on its side: its surface ends in their pieces, not in its
+ * own.
  *
  * Neighbouring cells thus cut their common face in the same way (corners of the inside are kept
  * apart where a face leaves a choice), so the mesh is closed, without cracks, every edge in two

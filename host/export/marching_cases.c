@@ -1,6 +1,6 @@
-/* The cases of marching cubes. See marching.h. The table is made, not written down: in each face of a
- * cell, seen from outside, the surface runs from where a walk around the face enters the inside to
- * where it leaves it; these pieces join to loops, and the loops are cut into triangles. */
+/* The cases of marching cubes. See marching.h. The table is made, not written down: in each face of
+ * a cell, seen from outside, the surface runs from where a walk around the face enters the inside
+ * to where it leaves it; these pieces join to loops, and the loops are cut into triangles. */
 #include "export/marching.h"
 
 #include <string.h>

@@ -10,9 +10,10 @@
 double cln_surface_cell(const cln_model *model);
 
 /* Marching cubes (marching.h) of the depths of views (fusion.h), whose band it sets: all but
- * colours. `cells` along an axis of the cube, a uniform grid; 0: as many as `cell` (the width of the
- * finest detail to expect, in the cube: that in the deepest leaves) and the views' pixels ask for,
- * and fewer where leaves are less deep. `closed`: also what no view sees. CLN_MEMORY for more vertices than memory has room for; no face is no error. */
+ * colours. `cells` along an axis of the cube, a uniform grid; 0: as many as `cell` (the width of
+ * the finest detail to expect, in the cube: that in the deepest leaves) and the views' pixels ask
+ * for, and fewer where leaves are less deep. `closed`: also what no view sees. CLN_MEMORY for more
+ * vertices than memory has room for; no face is no error. */
 cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool closed,
                              const cln_callbacks *callbacks, cln_surface *out);
 

@@ -1,10 +1,10 @@
-/* The viewer's crop box: only what is inside of it is shown. Its sides and its turn by sliders, what
- * requests and `render` are given of it, and its lines in the picture. Vectors, cameras and lines are
- * page.js's. */
+/* The viewer's crop box: only what is inside of it is shown. Its sides and its turn by sliders,
+ * what requests and `render` are given of it, and its lines in the picture. Vectors, cameras and
+ * lines are page.js's. */
 'use strict';
 
-/* [x0, y0, z0, x1, y1, z1] along the box's own axes, which are turned about the middle of facts.box;
- * a side of facts.box itself is no side. */
+/* [x0, y0, z0, x1, y1, z1] along the box's own axes, which are turned about the middle of
+ * facts.box; a side of facts.box itself is no side. */
 let crop = null;
 let cropTurn = [0, 0, 0]; /* degrees about x, then y, then z */
 const FAR = 1e4; /* times the box: beyond everything, where the scene does not end with it */
@@ -31,8 +31,7 @@ function toCrop(point) {
   return cropAxes().map((axis, a) => middle[a] + dot(axis, from));
 }
 
-/* What a picture is asked with: the numbers of --crop, of a box that is turned about its own middle.
- */
+/* What a picture is asked with: the numbers of --crop, of a box turned about its own middle. */
 function cropSides() {
   const far = facts.endless ? FAR : 1;
   const sides = crop.map((v, i) => {

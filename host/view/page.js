@@ -1,7 +1,7 @@
 /* The viewer's page: a camera that follows mouse, touch and keys, requests for its pictures, the
- * scene's cameras with their photos, and how a training stands. The crop box is crop.js's, the camera
- * path and its film are path.js's; both come before. Poses are camera to world in the scene's units with
- * OpenCV's axes (right, down, forward), as the server takes them. */
+ * scene's cameras with their photos, and how a training stands. The crop box is crop.js's, the
+ * camera path and its film are path.js's; both come before. Poses are camera to world in the
+ * scene's units with OpenCV's axes (right, down, forward), as the server takes them. */
 'use strict';
 
 const $ = (id) => document.getElementById(id);

@@ -343,7 +343,7 @@ def make_film(page):
     page.check('it tells how far it is', wait_for(
         page, '$("film-state").textContent.includes(" of 12, ")'))
     page.shot('film')
-    page.check('and becomes whole', wait_for(page, '!film && !$("film-link").hidden', 120),
+    page.check('and becomes whole', wait_for(page, '!film && !$("film-link").hidden', 900),
                page.js('return $("film-state").textContent'))
     got = page.later("""
         fetch($("film-link").href).then((a) => a.blob()).then((b) => b.slice(0, 12).text().then(
