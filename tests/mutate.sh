@@ -69,8 +69,8 @@ groups_of() {
 }
 
 # Seconds and names of test groups in the order in which they may notice a mistake in a file: of its
-# name (or of kernels that need it), of its room, of rooms above (kernels are pipeline's); quick ones
-# first.
+# name (or of kernels that need it), of its room, of rooms above (kernels are pipeline's); quick
+# ones first.
 order() {
     local file=$1 room name own users
     local rooms="cli api export train view render check pipeline report model scene device ranks io"

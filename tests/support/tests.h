@@ -23,6 +23,7 @@ int test_group_doubts(void);
 int test_group_export(void);
 int test_group_exports(void);
 int test_group_extremes(void);
+int test_group_features(void);
 int test_group_field(void);
 int test_group_film(void);
 int test_group_formats(void);

@@ -1,0 +1,130 @@
+/* Marks of photos (scene/features.h) on painted pictures: a random field of blobs, the same moved,
+ * turned, larger, darker. Most marks must be found again at the very place where the
+ * picture has moved them; another field has hardly any in common. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/rng.h"
+#include "scene/features.h"
+#include "tests.h"
+
+enum { SIDE = 96, BLOBS = 60 };
+
+/* From a place in the picture, relative to its middle, to one in the field: turned and scaled,
+ * then moved; grey is darkened. */
+typedef struct look {
+    uint32_t field;
+    double degrees, scale, move[2], light;
+} look;
+
+static double hash(uint32_t field, int blob, uint32_t draw)
+{
+    return cln_uniform_hash(11, field, 0, (uint32_t)blob, 0, draw);
+}
+
+static double field_at(uint32_t field, double x, double y)
+{
+    double sum = 0.5;
+
+    for (int i = 0; i < BLOBS; i++) {
+        const double dx = x - SIDE * (hash(field, i, 0) - 0.5);
+        const double dy = y - SIDE * (hash(field, i, 1) - 0.5);
+        const double size = 1.5 + 3 * hash(field, i, 2);
+
+        sum += (i % 2 ? 0.4 : -0.4) * exp(-(dx * dx + dy * dy) / (2 * size * size));
+    }
+    return fmin(1, fmax(0, sum));
+}
+
+static void to_field(const look *l, double u, double v, double out[2])
+{
+    const double a = l->degrees * 3.14159265358979 / 180, c = cos(a), s = sin(a);
+    const double x = (u - SIDE / 2.0) / l->scale, y = (v - SIDE / 2.0) / l->scale;
+
+    out[0] = c * x - s * y + l->move[0];
+    out[1] = s * x + c * y + l->move[1];
+}
+
+static cln_features look_at(const look *l)
+{
+    uint8_t *pixels = malloc((size_t)SIDE * SIDE * 3);
+    cln_view view = {.channels = 3, .pixels = pixels};
+    cln_features found;
+
+    assert_non_null(pixels);
+    view.camera.width = view.camera.height = SIDE;
+    for (int y = 0; y < SIDE; y++)
+        for (int x = 0; x < SIDE; x++) {
+            double at[2];
+
+            to_field(l, x + 0.5, y + 0.5, at);
+            memset(pixels + 3 * (y * SIDE + x),
+                   (int)(255 * l->light * field_at(l->field, at[0], at[1]) + 0.5), 3);
+        }
+    assert_int_equal(cln_features_find(&view, &found), CLN_OK);
+    free(pixels);
+    return found;
+}
+
+/* Of the marks that two looks share: how many, and how many at the same place of the field. */
+static void compare(const look *a, const look *b, int *shared, int *right)
+{
+    cln_features of_a = look_at(a), of_b = look_at(b);
+    cln_match matches[CLN_FEATURES_MOST];
+
+    *right = 0;
+    *shared = cln_features_match(&of_a, &of_b, matches);
+    for (int i = 0; i < *shared; i++) {
+        const cln_feature *fa = &of_a.list[matches[i].a], *fb = &of_b.list[matches[i].b];
+        double at_a[2], at_b[2];
+
+        to_field(a, fa->u, fa->v, at_a);
+        to_field(b, fb->u, fb->v, at_b);
+        *right += hypot(at_a[0] - at_b[0], at_a[1] - at_b[1]) < 1;
+    }
+    print_message("%d and %d marks, %d shared, %d at the same place\n", of_a.count, of_b.count,
+                  *shared, *right);
+    free(of_a.list);
+    free(of_b.list);
+}
+
+static void test_same_field(void **state)
+{
+    static const look straight = {1, 0, 1, {0, 0}, 1};
+    static const look others[] = {{1, 0, 1, {7.25, -4.5}, 1},
+                                  {1, 30, 1, {0, 0}, 1},
+                                  {1, 90, 1, {3, 2}, 1},
+                                  {1, 0, 1.5, {2, 2}, 1},
+                                  {1, 0, 1, {0, 0}, 0.5}};
+    int shared, right;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+        compare(&straight, &others[i], &shared, &right);
+        assert_true(right >= 12);
+        assert_true(right >= 0.8 * shared);
+    }
+}
+
+static void test_other_field(void **state)
+{
+    static const look one = {1, 0, 1, {0, 0}, 1}, other = {2, 0, 1, {0, 0}, 1};
+    int shared, right;
+
+    (void)state;
+    compare(&one, &other, &shared, &right);
+    assert_true(shared < 12);
+}
+
+int test_group_features(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_same_field),
+                                       cmocka_unit_test(test_other_field)};
+
+    return cmocka_run_group_tests_name("features", tests, NULL, NULL);
+}
