@@ -56,8 +56,8 @@ cln_status cln_share_samples(cln_pipeline *p, uint32_t samples, bool training);
 /* After a refresh of leaves [first, first + count) by the ranks that have them. */
 cln_status cln_share_densities(cln_pipeline *p, const cln_buffer *density, int first, int count);
 
-/* Brings this rank's rows of an array P or of adam_steps to [leaf] in `array`. Collect: brings those
- * of all ranks to rank 0's. */
+/* Brings this rank's rows of an array P or of adam_steps to [leaf] in `array`. Collect: brings
+ * those of all ranks to rank 0's. */
 cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array);
 void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array);
 

@@ -27,7 +27,7 @@ typedef struct cln_sampling {
     uint64_t seed;
     uint32_t step;
     size_t max_samples; /* most samples of a batch (memory plan) */
-    bool stretches;     /* with cln_stretch_can(): only samples of this rank's leaves (stretch.h) */
+    bool stretches;     /* cln_stretch_wanted(): only samples of this rank's leaves (stretch.h) */
     /* [6] half-spaces of the cube, x, y, z, w: rays see what is inside all of them, x p_x + y p_y +
      * z p_z + w >= 0, alone (sampling_crop must be built); NULL: all of the cube. */
     const float (*crop)[4];

@@ -8,9 +8,10 @@
 #include "pipeline/stages.h"
 #include "ranks/ranks.h"
 
-bool cln_stretch_can(const cln_pipeline *p)
+bool cln_stretch_wanted(const cln_pipeline *p)
 {
-    return p->ranks > 1 && cln_pipeline_extra_samples(p) == 0;
+    return p->ranks > 1 && p->config.exchange == CLN_EXCHANGE_STRETCHES &&
+           cln_pipeline_extra_samples(p) == 0;
 }
 
 cln_status cln_stretch_find(cln_pipeline *p, int n, int me)

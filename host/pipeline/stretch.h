@@ -16,9 +16,9 @@
 
 #include "pipeline/pipeline.h"
 
-/* Whether a step may share its rays like this: several ranks, and no points of regularisers beside
- * the samples. */
-bool cln_stretch_can(const cln_pipeline *p);
+/* Whether steps share their rays like this: several ranks, --exchange stretches, and no points of
+ * regularisers beside the samples. */
+bool cln_stretch_wanted(const cln_pipeline *p);
 
 /* Of the n rays whose intervals are made; me: this rank. Counts samples here to p->own_starts
  * [ray + 1], the stretches to p->stretch_starts [ray + 1], lists them, and leaves the intervals of

@@ -10,6 +10,7 @@
 #include "base/rng.h"
 #include "pipeline/field.h"
 #include "pipeline/share.h"
+#include "pipeline/stretch.h"
 #include "ranks/ranks.h"
 
 enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
@@ -307,14 +308,15 @@ done:
     return st;
 }
 
-/* Trains nets [first, end) together; *steps becomes at least the steps done. A rank goes only through
- * its own nets, which are a run. By samples, its batches still have the samples of all, so that they
- * are those of one process. */
+/* Trains nets [first, end) together; *steps becomes at least the steps done. A rank goes only
+ * through its own nets, which are a run. By samples, its batches still have the samples of all, so
+ * that they are those of one process. */
 static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int end, int *steps)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     const int samples = c->distil_samples;
+    const bool alone = cln_stretch_wanted(&t->pipeline);
     const size_t pool = (size_t)d->pool;
     cln_sample *batch = NULL;
     float *losses = NULL;
@@ -323,9 +325,9 @@ static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, in
     uint32_t n = 0;
     int done_steps = 0;
 
-    for (; c->exchange == CLN_EXCHANGE_STRETCHES && first < end && row_of(t, d, first) < 0;)
+    while (alone && first < end && row_of(t, d, first) < 0)
         first++;
-    for (; c->exchange == CLN_EXCHANGE_STRETCHES && first < end && row_of(t, d, end - 1) < 0;)
+    while (alone && first < end && row_of(t, d, end - 1) < 0)
         end--;
     base = (size_t)first * pool;
     n = (uint32_t)((end - first) * samples);

@@ -150,7 +150,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
         .seed = (uint64_t)c->seed,
         .step = number,
         .max_samples = t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p),
-        .stretches = c->exchange == CLN_EXCHANGE_STRETCHES && cln_stretch_can(p)};
+        .stretches = cln_stretch_wanted(p)};
     uint32_t samples = 0, measured = 0, here = 0, slices = 0; /* here: made by this rank */
     int rays = 0;
     bool sights = false;
