@@ -74,8 +74,14 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
             local[axis] += m[4 * i + axis] * (point[i] - m[4 * i + 3]);
     *u = *v = 0;
     *z = local[2];
-    if (!cln_lens_distort(camera->lens, camera->distortion, local, place))
-        return false;
+    place[0] = local[0] / local[2];
+    place[1] = local[1] / local[2];
+    if (cln_camera_is_distorted(camera)) {
+        if (!cln_lens_distort(camera->lens, camera->distortion, local, place))
+            return false;
+    } else if (!(local[2] > 0 && isfinite(place[0] * place[0] + place[1] * place[1]))) {
+        return false; /* as the lens models have it, whose checks of folds take far longer */
+    }
     *u = camera->fx * place[0] + camera->cx;
     *v = camera->fy * place[1] + camera->cy;
     return true;

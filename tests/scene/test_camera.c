@@ -66,6 +66,29 @@ static void test_project_by_hand(void **state)
     assert_near(v, 24, 1e-12);
 }
 
+/* The short way of a camera without a lens is the lens models' to the last bit. */
+static void test_project_as_a_lens(void **state)
+{
+    static const double points[][3] = {{1, -0.5, 4},  {-0.3, 0.7, 1e3}, {0, 0, 1e-9}, {5, 7, 1e-4},
+                                       {1e200, 0, 1}, {0, 0, 0},        {1, 2, -1},   {1, 2, 0}};
+    const cln_camera camera = plain_camera();
+    int found = 0;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof points / sizeof points[0]; i++) {
+        double place[2], u, v, z;
+        const bool is_found = cln_lens_distort(camera.lens, camera.distortion, points[i], place);
+
+        assert_int_equal(cln_camera_project(&camera, points[i], &u, &v, &z), is_found);
+        assert_true(z == points[i][2]);
+        if (is_found)
+            assert_true(u == camera.fx * place[0] + camera.cx &&
+                        v == camera.fy * place[1] + camera.cy);
+        found += is_found;
+    }
+    assert_int_equal(found, 4);
+}
+
 static void test_ray_by_hand(void **state)
 {
     cln_camera camera = plain_camera();
@@ -254,9 +277,13 @@ static void test_check(void **state)
 int test_group_camera(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_project_by_hand), cmocka_unit_test(test_ray_by_hand),
-        cmocka_unit_test(test_round_trip),      cmocka_unit_test(test_fold),
-        cmocka_unit_test(test_resize),          cmocka_unit_test(test_check),
+        cmocka_unit_test(test_project_by_hand),
+        cmocka_unit_test(test_project_as_a_lens),
+        cmocka_unit_test(test_ray_by_hand),
+        cmocka_unit_test(test_round_trip),
+        cmocka_unit_test(test_fold),
+        cmocka_unit_test(test_resize),
+        cmocka_unit_test(test_check),
     };
 
     return cmocka_run_group_tests_name("camera", tests, NULL, NULL);
