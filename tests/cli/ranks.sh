@@ -127,7 +127,7 @@ section_stretches() {
 
 # start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
 start() {
-    local on=$1 end=$((SECONDS + 60))
+    local on=$1 end=$((SECONDS + 300))
     shift
     "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$on" "${small[@]}" "$@" >"$work/out" \
         2>"$work/err" &
@@ -198,7 +198,7 @@ section_checkpoints() {
 section_dies() {
     baseline
     start "$work/dies" --steps 1000000 --save-every 1
-    until [ -e "$work/dies/checkpoint/latest" ]; do
+    until [ -e "$work/dies/checkpoint/latest" ] || ! kill -0 "$child"; do
         sleep 0.02
     done
     kill -9 "$(pgrep -P "$child" | tail -n 1)"
