@@ -2,7 +2,7 @@
 # The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind,
 # its exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
 #   tests/cli/cli.sh [SECTION...]      sections: usage devices tune scenes names train structure
-#                                  resume results damage output memory bench
+#                                  resume results damage output memory
 #   BUILD=build/sanitize           the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -979,23 +979,5 @@ section_memory() {
     check "and the same" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
 }
 
-# A row of the kernels' bench, with all that docs/benches.md says is in it; how fast is no test's
-# business.
-section_bench() {
-    local bench=$here/$BUILD/bench-kernels key
-    expect "a row of the kernels' bench" 0 "" "$bench" --json \
-        --only mlp_training/W16-D2-V16-L4-1x1 --budget 0.001
-    for key in seconds.min seconds.median seconds.max gflops gbps fma_gflops copy_gbps share nmse \
-        worst; do
-        check "it has $key" number_above "$(json $key)" -1e-30
-    done
-    check "it names the kernel" [ "$(json kernel)" = mlp_training ]
-    check "and the shape" [ "$(json shape)" = "W16-D2-V16-L4 1x1" ]
-    check "its errors are within their bounds" [ "$(json ok)" = true ]
-    expect "every row has its place in the list" 0 "" "$bench" --list
-    check "hundreds of them" [ "$(wc -l <"$work/out")" -gt 200 ]
-}
-
 all="usage devices tune scenes names train structure regrow resume results damage output memory"
-all="$all bench"
 run_sections "$all" "$@"
