@@ -451,7 +451,7 @@ static void test_ply(void **state)
         {"float x", "list uchar x", {"line 5", "no number"}},
         {"float x", "x", {"line 5", "without type or name"}},
         {"end_header", "end_of_header", {"neither an element nor"}},
-        {"1 2 3 4 5 6", "1 2 3 4 5", {"line 12", "no 6 numbers"}},
+        {"1 2 3 4 5 6", "1 2 3 4 5 blue", {"line 12", "no 6 numbers"}},
         {"1 2 3 4 5 6", "1 2 1e300 4 5 6", {"point 0", "nowhere"}},
         {"1 2 3 4 5 6", "1 2 nan 4 5 6", {"line 12", "no 6 numbers"}},
     };
