@@ -128,8 +128,7 @@ static void test_refused(void **state)
     snprintf(config.bbox, sizeof config.bbox, "-2,-2,-2,2,2,2");
     assert_fails(fixture_train("never", false, &config, NULL, &result), CLN_USAGE, "--bbox");
     config = config_on("scene");
-    assert_fails(fixture_train("never", false, &config, NULL, &result), CLN_CHECKPOINT,
-                 "--tree-from");
+    assert_fails(fixture_train("never", false, &config, NULL, &result), CLN_INPUT, "--tree-from");
     assert_false(cln_is_dir(fixture_path("never")));
 }
 
