@@ -212,8 +212,8 @@ cln_status cln_run_write_json(const char *run, const char *name, const json_t *d
         CLN_TRY(cln_make_dirs(folder));
     }
     text = json_dumps(document, JSON_INDENT(2) | TEXT_FLAGS);
-    if (!text)
-        CLN_TRY(cln_fail(CLN_INTERNAL, "%s: this document is not JSON", path));
+    if (!text) /* documents hold what JSON can, so nothing else can fail */
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: no memory for its contents", path));
     length = strlen(text);
     text[length] = '\n'; /* where the zero was; written by length */
     CLN_TRY(cln_write_file(path, text, length + 1));

@@ -244,9 +244,9 @@ section_pictures() {
         --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \
         --n1 8 --steps 1
     expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
-        "$work/large" -o "$work/four" --device-mem 38M
+        "$work/large" -o "$work/four" --device-mem 13M
     expect "is rendered by four" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
-        -o "$work/four" --device-mem 38M
+        -o "$work/four" --device-mem 13M
     run "$cln" render "$work/large" -o "$work/alone"
     check "as with room for all of it" diff -r "$work/alone" "$work/four"
 }
