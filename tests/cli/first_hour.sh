@@ -258,7 +258,7 @@ section_training() {
     expect "what it tells to go on with" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
         --steps "$(sed -n 's/.*--steps \(+[0-9]*\)`.*/\1/p' "$work/err")" --json
     check "does" [ "$(json step)" = $((step + 3)) ]
-    run timeout --preserve-status -s INT 0.3 "$cln" train "$s" -o "$work/early"
+    run timeout --foreground --preserve-status -s INT 0.3 "$cln" train "$s" -o "$work/early"
     check "Ctrl-C before the first step: it ends" [ $rc = 130 ]
     check "says that nothing was written" said "nothing was written"
     check "nor is there anything" [ ! -e "$work/early" ]
