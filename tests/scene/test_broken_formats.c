@@ -27,6 +27,31 @@ static void cut_everywhere(const char *scene, const char *file, size_t step)
     cln_scene_free(load(scene, plain()));
 }
 
+/* A text of a good file, what stands there instead, and words of the refusal. */
+typedef struct replacement {
+    const char *from, *to, *words[3];
+} replacement;
+
+/* One replacement at a time; at the end the file is good again. */
+static void replace_each(const char *scene, const char *file, const replacement *cases, size_t n)
+{
+    size_t bytes = 0;
+    char *good = scratch_get(file, &bytes);
+
+    for (size_t i = 0; i < n; i++) {
+        const char *at = strstr(good, cases[i].from);
+        FILE *f = fopen(file, "wb");
+
+        assert_non_null(at);
+        fwrite(good, (size_t)(at - good), 1, f);
+        fprintf(f, "%s%s", cases[i].to, at + strlen(cases[i].from));
+        fclose(f);
+        assert_refused(scene, plain(), cases[i].words, cases[i].to);
+    }
+    scratch_put(file, good, bytes);
+    free(good);
+}
+
 /* Each byte changed to several values: refused with a sentence, or read. */
 static void damage_everywhere(const char *scene_path, const char *file, size_t step)
 {
@@ -381,10 +406,7 @@ static void test_nsvf(void **state)
 
 static void test_opensfm(void **state)
 {
-    /* Replacements of a text in the good file. */
-    static const struct {
-        const char *from, *to, *words[3];
-    } cases[] = {
+    static const replacement cases[] = {
         {"\"focal\": 1.25", "\"focal\": \"wide\"", {"'view_00.png'", "focal must be a number"}},
         {"\"focal\": 1.25", "\"focal\": 0", {"'view_00.png'", "fl_x = 0"}},
         {"perspective", "dual", {"'view_00.png'", "projection_type dual", "perspective, simple"}},
@@ -406,25 +428,11 @@ static void test_opensfm(void **state)
     };
     const char *folder = *state, *file = scratch_path(folder, "reconstruction.json");
     cln_camera cameras[FORMAT_VIEWS];
-    size_t bytes = 0;
-    char *good = NULL;
 
     format_cameras(cameras);
     format_images(scratch_path(folder, "images"), 1);
     format_opensfm(folder, cameras, "perspective", few_points, 2);
-    good = scratch_get(file, &bytes);
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        const char *at = strstr(good, cases[i].from);
-        FILE *f = fopen(file, "wb");
-
-        assert_non_null(at);
-        fwrite(good, (size_t)(at - good), 1, f);
-        fprintf(f, "%s%s", cases[i].to, at + strlen(cases[i].from));
-        fclose(f);
-        assert_refused(folder, plain(), cases[i].words, cases[i].to);
-    }
-    scratch_put(file, good, bytes);
-    free(good);
+    replace_each(folder, file, cases, sizeof cases / sizeof *cases);
     cut_everywhere(folder, file, 101);
     damage_everywhere(folder, file, 29);
     put_text(folder, "reconstruction.json", "{}");
@@ -438,9 +446,7 @@ static void test_opensfm(void **state)
  * anywhere. */
 static void test_ply(void **state)
 {
-    static const struct {
-        const char *from, *to, *words[3];
-    } cases[] = {
+    static const replacement cases[] = {
         {"ply\n", "plyx\n", {"text.ply", "not a PLY file"}},
         {"format ascii", "format binary_big_endian", {"line 2", "not a format", "little-endian"}},
         {"element vertex", "element face", {"line 4", "not an element vertex"}},
@@ -456,26 +462,13 @@ static void test_ply(void **state)
         {"1 2 3 4 5 6", "1 2 nan 4 5 6", {"line 12", "no 6 numbers"}},
     };
     const char *folder = *state, *file = scratch_path(folder, "text.ply");
-    size_t bytes = 0;
-    char *good = NULL;
 
     format_images(scratch_path(folder, "images"), 1);
     format_ply(folder, "text.ply", false, few_points, 2);
     put_text(folder, "transforms.json",
              "{\"camera_angle_x\":0.8,\"ply_file_path\":\"text.ply\",\"frames\":[" FRAME(
                  "images/view_00.png", POSE_FRONT) "]}");
-    good = scratch_get(file, &bytes);
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        const char *at = strstr(good, cases[i].from);
-        FILE *f = fopen(file, "wb");
-
-        assert_non_null(at);
-        fwrite(good, (size_t)(at - good), 1, f);
-        fprintf(f, "%s%s", cases[i].to, at + strlen(cases[i].from));
-        fclose(f);
-        assert_refused(folder, plain(), cases[i].words, cases[i].to);
-    }
-    free(good);
+    replace_each(folder, file, cases, sizeof cases / sizeof *cases);
     format_ply(folder, "text.ply", true, few_points, 2);
     damage_everywhere(folder, file, 1);
     put_text(folder, "transforms.json",

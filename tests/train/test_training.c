@@ -11,17 +11,25 @@
 #include "render/open_run.h"
 #include "tests.h"
 
-/* Column `key` of a run's metrics.jsonl, of steps (event NULL) or of one kind of event; returns the
- * number of rows. */
-static int column(const char *run, const char *event, const char *key, double *out, int most)
+static FILE *open_metrics(const char *run)
 {
-    char name[64], line[4096];
+    char name[64];
     FILE *f = NULL;
-    int rows = 0;
 
     snprintf(name, sizeof name, "%s/metrics.jsonl", run);
     f = fopen(fixture_path(name), "r");
     assert_non_null(f);
+    return f;
+}
+
+/* Column `key` of a run's metrics.jsonl, of steps (event NULL) or of one kind of event; returns the
+ * number of rows. */
+static int column(const char *run, const char *event, const char *key, double *out, int most)
+{
+    char line[4096];
+    FILE *f = open_metrics(run);
+    int rows = 0;
+
     while (fgets(line, sizeof line, f)) {
         json_t *row = json_loads(line, 0, NULL);
         const char *is = json_string_value(json_object_get(row, "event"));
@@ -122,13 +130,10 @@ static void test_interrupted(void **state)
 /* How many steps of a run spent time on refreshing stage 1. */
 static int refreshes(const char *run)
 {
-    char name[64], line[4096];
-    FILE *f = NULL;
+    char line[4096];
+    FILE *f = open_metrics(run);
     int count = 0;
 
-    snprintf(name, sizeof name, "%s/metrics.jsonl", run);
-    f = fopen(fixture_path(name), "r");
-    assert_non_null(f);
     while (fgets(line, sizeof line, f)) {
         json_t *row = json_loads(line, 0, NULL), *stages = json_object_get(row, "stages");
 
