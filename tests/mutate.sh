@@ -102,6 +102,12 @@ count_spent() {
         printf "%d", sum }' used)
 }
 
+# Is something left of $most, for the mutant at hand?
+may_spend() {
+    count_spent
+    [ "$spent" -lt "$most" ]
+}
+
 # notices SECONDS COMMAND...: it fails, or takes far too long
 notices() {
     local seconds=$1
@@ -116,18 +122,19 @@ noticed_by() {
     export POCL_CACHE_DIR=$PWD/pocl
     [ "${file%%/*}" != kernels ] || compile=200 # no program is in the driver's cache
     while read -r seconds group; do
-        count_spent
-        [ "$spent" -lt "$most" ] || return
+        may_spend || return
         notices $((compile + 5 * ${seconds%.*})) build/tests -x "$group" && by=$group && return
     done < <(order "$file")
-    [ "$spent" -lt "$most" ] || return
+    may_spend || return
     make --no-print-directory "${programs[@]}" >log 2>&1
     if [ "${file%%/*}" = kernels ]; then
         notices 300 build/cl-nascent selftest && by=selftest && return
+        may_spend || return
         notices 900 make --no-print-directory grind && by=grind
         return
     fi
     for script in cli captures first_hour view; do
+        may_spend || return
         notices 600 "tests/cli/$script.sh" && by=$script.sh && return
     done
     export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
@@ -135,6 +142,7 @@ noticed_by() {
     export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions=0
     make --no-print-directory SANITIZE=address,undefined build/sanitize/tests >log 2>&1
     while read -r seconds group; do
+        may_spend || return
         notices 600 build/sanitize/tests -x "$group" && by="$group, sanitized" && return
     done < <(order "$file" | head -n 12)
 }

@@ -236,7 +236,7 @@ const cln_arg cln_args[] = {
 #undef X
     REAL(CLN_EXPORT, "spacing", spacing, "D", 1e-12, 1e12,
          "in scene units: of points, in place of --count; of the grid for a mesh or volume",
-         .shown = "mesh: as fine as leaves and views allow; volume: a 256th of the cube"),
+         .shown = "mesh: by leaves and views, wider where leaves are larger; volume: a 256th of the cube"),
     INT(CLN_EXPORT, "count", count, "N", 1, 100000000,
          "points: how many", .shown = "200000"),
     FLAG(CLN_EXPORT, "closed", closed,
@@ -471,6 +471,7 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
     char wanted[64], owners[128] = "";
     const char *best = NULL;
     const char *no = "";
+    const cln_arg *arg = NULL;
     int distance = limit_for(length);
     unsigned bits = 0;
 
@@ -514,8 +515,12 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
             (!*no || cln_config_rows[i].type == CLN_ROW_BOOL))
             consider(name, cln_config_rows[i].option, &distance, &best);
     }
-    if (*no &&
-        (cln_arg_find(command, name, strlen(name)) || cln_row_find(command, name, strlen(name))))
+    arg = *no ? cln_arg_find(command, name, strlen(name)) : NULL;
+    if (arg && arg->kind == CLN_ARG_FLAG)
+        return cln_fail(CLN_USAGE,
+                        "unknown option --%s: --%s is off unless it is given; leave it out", wanted,
+                        name);
+    if (arg || (*no && cln_row_find(command, name, strlen(name))))
         return cln_fail(CLN_USAGE,
                         "unknown option --%s: --%s is not a switch; leave it out, or give "
                         "it a value",

@@ -271,7 +271,7 @@ cln_status cln_export_cameras(cln_export_job *job)
     else
         CLN_TRY(write_colmap(job, scene));
     job->result->views = scene->view_count;
-    job->result->refined = job->opened.model.motion_views > 0;
+    job->result->refined = job->opened.refined;
 done:
     return st;
 }

@@ -175,23 +175,6 @@ static void finish(sweep *s)
     free(s->asked);
 }
 
-/* Room for one more row. */
-static cln_status grow(void *pointer, size_t *room, size_t count, size_t row)
-{
-    const size_t more = *room ? 2 * *room : 4096;
-    void *old, *new;
-
-    if (count < *room)
-        return CLN_OK;
-    memcpy(&old, pointer, sizeof old);
-    new = realloc(old, more * row);
-    if (!new)
-        return cln_fail(CLN_MEMORY, "surface: no memory for %zu vertices of a slab", more);
-    memcpy(pointer, &new, sizeof new);
-    *room = more;
-    return CLN_OK;
-}
-
 /* ---- values ---- */
 
 static size_t index_of(const sweep *s, const int at[3])
@@ -296,7 +279,8 @@ static cln_status vertex_on(sweep *s, int axis, const int from[3], int length, u
     if (!fresh)
         return CLN_OK;
     CLN_TRY(cln_surface_grow_vertices(out));
-    CLN_TRY(grow(&s->crossings, &s->room, s->count, sizeof *s->crossings));
+    CLN_TRY(cln_surface_grow(&s->crossings, &s->room, s->count, sizeof *s->crossings,
+                             "vertices of a slab"));
     *vertex = *there = (uint32_t)out->vertices++;
     to[axis] += length;
     low = s->values[index_of(s, from)];
@@ -400,7 +384,8 @@ static cln_status place_hubs(sweep *s)
         const size_t n = s->hub_count - first < half ? s->hub_count - first : half;
 
         for (size_t i = 0; i < n; i++) {
-            CLN_TRY(grow(&s->crossings, &s->room, s->count, sizeof *s->crossings));
+            CLN_TRY(cln_surface_grow(&s->crossings, &s->room, s->count, sizeof *s->crossings,
+                                     "vertices of a slab"));
             aim(s, &s->hubs[first + i], &s->crossings[s->count++]);
             for (int a = 0; a < 3; a++) {
                 s->at[2 * i][a] = s->crossings[i].in[a];
@@ -436,6 +421,13 @@ done:
     return st;
 }
 
+/* A cell's corner: bit 0 of its number is high along x, 1 along y, 2 along z. */
+static void corner_of(const int from[3], int width, int corner, int at[3])
+{
+    for (int a = 0; a < 3; a++)
+        at[a] = from[a] + width * (corner >> a & 1);
+}
+
 /* A cell by the table. */
 static cln_status cut_plain(sweep *s, const int from[3], int width)
 {
@@ -444,9 +436,9 @@ static cln_status cut_plain(sweep *s, const int from[3], int width)
     int inside = 0;
 
     for (int corner = 0; corner < 8; corner++) {
-        const int at[3] = {from[0] + width * (corner & 1), from[1] + width * (corner >> 1 & 1),
-                           from[2] + width * (corner >> 2)};
+        int at[3];
 
+        corner_of(from, width, corner, at);
         inside |= is_inside(s, at) << corner;
     }
     c = &s->cases[inside];
@@ -454,10 +446,10 @@ static cln_status cut_plain(sweep *s, const int from[3], int width)
         uint32_t v[3];
 
         for (int k = 0; k < 3; k++) {
-            const int edge = c->edge[t][k], corner = cln_marching_edge_start(edge);
-            const int at[3] = {from[0] + width * (corner & 1), from[1] + width * (corner >> 1 & 1),
-                               from[2] + width * (corner >> 2)};
+            const int edge = c->edge[t][k];
+            int at[3];
 
+            corner_of(from, width, cln_marching_edge_start(edge), at);
             CLN_TRY(vertex_on(s, edge / 4, at, width, &v[k]));
         }
         CLN_TRY(add_face(s, v[0], v[1], v[2]));
@@ -542,7 +534,8 @@ static cln_status fill_loop(sweep *s, const uint32_t *loop, int n, int width)
         return CLN_OK;
     CLN_TRY(cln_surface_grow_vertices(s->out));
     middle = (uint32_t)s->out->vertices++;
-    CLN_TRY(grow(&s->hubs, &s->hub_room, s->hub_count, sizeof *s->hubs));
+    CLN_TRY(
+        cln_surface_grow(&s->hubs, &s->hub_room, s->hub_count, sizeof *s->hubs, "rows of faces"));
     s->hubs[s->hub_count++] =
         (hub){middle, 0.5f * (float)width / (float)s->m->cells, s->out->faces, (size_t)n};
     for (int k = 0; k < n; k++)
@@ -596,11 +589,10 @@ done:
 /* Are all edges of a cell as long as it is wide? */
 static bool is_plain(const sweep *s, const int from[3], int width)
 {
-    for (int edge = 0; edge < 12; edge++) {
-        const int corner = cln_marching_edge_start(edge);
-        const int at[3] = {from[0] + width * (corner & 1), from[1] + width * (corner >> 1 & 1),
-                           from[2] + width * (corner >> 2)};
+    for (int edge = 0; edge < CLN_MARCHING_EDGES; edge++) {
+        int at[3];
 
+        corner_of(from, width, cln_marching_edge_start(edge), at);
         if (edge_length(s, edge / 4, at) < width)
             return false;
     }

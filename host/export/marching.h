@@ -19,7 +19,7 @@
  * number: bit c is set if corner c is inside. Edge 4 a + k runs along axis a; bits of k: upper
  * along the lower, and the higher of the other axes. Triangles are counter-clockwise as seen from
  * outside. */
-enum { CLN_MARCHING_TRIANGLES = 5 };
+enum { CLN_MARCHING_TRIANGLES = 5, CLN_MARCHING_EDGES = 12 };
 typedef struct cln_marching_case {
     int count;
     uint8_t edge[CLN_MARCHING_TRIANGLES][3];

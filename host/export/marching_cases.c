@@ -5,8 +5,6 @@
 
 #include <string.h>
 
-enum { EDGES = 12 };
-
 /* Edge from corner `from` along `axis`; `from` has the axis' bit clear. */
 static int edge_of(int from, int axis)
 {
@@ -43,9 +41,9 @@ static bool share_face(int a, int b)
 
 /* next[e]: the edge that the surface runs to from edge e, in the face where a walk around it,
  * counter-clockwise as seen from outside the cell, enters the inside on e; -1: e is not cut. */
-static void join_edges(int inside, int next[EDGES])
+static void join_edges(int inside, int next[CLN_MARCHING_EDGES])
 {
-    for (int e = 0; e < EDGES; e++)
+    for (int e = 0; e < CLN_MARCHING_EDGES; e++)
         next[e] = -1;
     for (int face = 0; face < 6; face++) {
         const int axis = face / 2, side = face % 2;
@@ -85,12 +83,12 @@ void cln_marching_cases(cln_marching_case cases[256])
 {
     for (int inside = 0; inside < 256; inside++) {
         cln_marching_case *c = &cases[inside];
-        int next[EDGES];
+        int next[CLN_MARCHING_EDGES];
 
         memset(c, 0, sizeof *c);
         join_edges(inside, next);
-        for (int e = 0; e < EDGES; e++) {
-            int loop[EDGES], n = 0, apex = 0;
+        for (int e = 0; e < CLN_MARCHING_EDGES; e++) {
+            int loop[CLN_MARCHING_EDGES], n = 0, apex = 0;
 
             for (int at = e; next[at] >= 0;) {
                 const int following = next[at];

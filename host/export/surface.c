@@ -186,8 +186,8 @@ static int block_at(int cells, double at)
     return block < 0 ? 0 : block > last ? last : block;
 }
 
-/* How wide cells may be, by block: as those of the cached densities of each leaf that the block
- * meets, to a cell of the grid, but as a pixel if that is more. cell: of the deepest leaves. */
+/* How wide the cells of each block may be: as the cached densities' cells of the finest leaf within
+ * a cell of the grid of it, but not narrower than a pixel. cell: of the deepest leaves. */
 static cln_status choose_levels(const cln_fusion *f, int cells, double cell, uint8_t **levels)
 {
     cln_status st = CLN_OK;

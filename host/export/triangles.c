@@ -15,11 +15,13 @@ void cln_surface_free(cln_surface *surface)
     memset(surface, 0, sizeof *surface);
 }
 
-static cln_status grow(void *pointer, size_t *room, size_t row, const char *what)
+cln_status cln_surface_grow(void *pointer, size_t *room, size_t count, size_t row, const char *what)
 {
     const size_t more = *room ? *room + *room / 2 : 4096;
     void *old, *new;
 
+    if (count < *room)
+        return CLN_OK;
     memcpy(&old, pointer, sizeof old);
     new = realloc(old, more * row);
     if (!new)
@@ -39,16 +41,14 @@ cln_status cln_surface_grow_vertices(cln_surface *surface)
                         "surface: more than %zu vertices, for which memory is too small; give a "
                         "larger --spacing",
                         most);
-    if (surface->vertices < surface->vertex_room)
-        return CLN_OK;
-    return grow(&surface->at, &surface->vertex_room, sizeof *surface->at, "vertices");
+    return cln_surface_grow(&surface->at, &surface->vertex_room, surface->vertices,
+                            sizeof *surface->at, "vertices");
 }
 
 cln_status cln_surface_grow_faces(cln_surface *surface)
 {
-    if (surface->faces < surface->face_room)
-        return CLN_OK;
-    return grow(&surface->face, &surface->face_room, sizeof *surface->face, "triangles");
+    return cln_surface_grow(&surface->face, &surface->face_room, surface->faces,
+                            sizeof *surface->face, "triangles");
 }
 
 cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep)

@@ -18,7 +18,10 @@ typedef struct cln_surface {
 
 void cln_surface_free(cln_surface *surface); /* accepts a zeroed one */
 
-/* Make room for one more; CLN_MEMORY. */
+/* Make room for one more; CLN_MEMORY. Of any array: pointer is its address, `row` the bytes of one,
+ * `what` they are. */
+cln_status cln_surface_grow(void *pointer, size_t *room, size_t count, size_t row,
+                            const char *what);
 cln_status cln_surface_grow_vertices(cln_surface *surface);
 cln_status cln_surface_grow_faces(cln_surface *surface);
 

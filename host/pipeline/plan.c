@@ -430,7 +430,7 @@ cln_status cln_plan_place_images(cln_device *device, const cln_config *config, i
     cln_plan_host(&desc, &plan, &host);
     left = host.limit - (host.total - cln_scene_pixel_bytes(scene));
     if (host.total > host.limit && cln_scene_pixel_bytes(scene) > CLN_STORE_LEAST)
-        CLN_TRY(cln_scene_shrink(scene, fmax(0, fmin(left, host.limit / 8))));
+        CLN_TRY(cln_scene_shrink(scene, left, host.limit / 8));
 done:
     return st;
 }

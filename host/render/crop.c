@@ -132,8 +132,9 @@ void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *t
     if (space->forward || space->shell)
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it", name);
     else
-        cln_warn("%s: nothing is in this box; the scene is in %g,%g,%g,%g,%g,%g", name,
-                 space->centre[0] - space->half, space->centre[1] - space->half,
+        cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it; the scene's "
+                 "cube is %g,%g,%g,%g,%g,%g",
+                 name, space->centre[0] - space->half, space->centre[1] - space->half,
                  space->centre[2] - space->half, space->centre[0] + space->half,
                  space->centre[1] + space->half, space->centre[2] + space->half);
 }

@@ -60,8 +60,9 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
     CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
     if (out->same_scene)
         out->scene->space = out->model.space; /* as it was found when the run began */
-    if (out->same_scene && out->model.motions &&
-        out->model.motion_views == cln_scene_split_count(out->scene, CLN_SPLIT_TRAIN))
+    out->refined = out->same_scene && out->model.motions &&
+                   out->model.motion_views == cln_scene_split_count(out->scene, CLN_SPLIT_TRAIN);
+    if (out->refined)
         cln_motion_views(out->scene, (const float(*)[CLN_MOTION])out->model.motions);
 done:
     if (st != CLN_OK)

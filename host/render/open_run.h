@@ -10,6 +10,7 @@ typedef struct cln_open_run {
     cln_model model;
     cln_scene *scene; /* NULL after cln_open_run_model; poses as training refined them */
     bool same_scene;  /* it is the one that the run was trained on */
+    bool refined;     /* and its training views have the poses that training refined */
     cln_device *device;
     uint32_t wanted; /* programs to build: those of pictures, unless changed before the start */
     cln_pipeline pipeline;

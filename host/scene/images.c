@@ -217,7 +217,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
                         "smaller copies of them, or raise --host-mem",
                         scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have);
     scene->cached = room / 8;
-    say_in_file(images, kept, room - desc->elsewhere);
+    say_in_file(images, kept, room - fmax(reading, desc->elsewhere));
     return CLN_OK;
 }
 
@@ -257,11 +257,13 @@ done:
     return st;
 }
 
-cln_status cln_scene_shrink(cln_scene *scene, double bytes)
+cln_status cln_scene_shrink(cln_scene *scene, double room, double most)
 {
     cln_status st = CLN_OK;
     const double kept = cln_scene_pixel_bytes(scene);
     int images = 0;
+
+    const double bytes = fmax(0, fmin(room, most));
 
     if (kept <= bytes)
         return CLN_OK;
@@ -272,7 +274,7 @@ cln_status cln_scene_shrink(cln_scene *scene, double bytes)
     }
     for (int i = 0; i < scene->view_count; i++)
         images += scene->views[i].pixels != NULL;
-    say_in_file(images, kept, bytes);
+    say_in_file(images, kept, room);
     CLN_TRY(move_to_store(scene));
 done:
     return st;

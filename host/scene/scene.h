@@ -158,9 +158,10 @@ cln_status cln_scene_check_pixels(const cln_scene *scene);
 /* Bytes of host memory that the loaded views' pixels take. */
 double cln_scene_pixel_bytes(const cln_scene *scene);
 
-/* Makes them take about so many bytes or fewer, if they take more: in memory, they go to a file of
- * which so many are in memory; in a file, fewer of it are. CLN_OUTPUT, CLN_MEMORY. */
-cln_status cln_scene_shrink(cln_scene *scene, double bytes);
+/* Makes them take about the lesser of `room`, which there is for them, and `most` bytes, if they
+ * take more: in memory, they go to a file of which so many are in memory; in a file, fewer of it
+ * are. CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_scene_shrink(cln_scene *scene, double room, double most);
 
 /* A digest of a loaded view's pixels. */
 uint64_t cln_view_digest(const cln_view *view, uint64_t digest);
@@ -184,7 +185,7 @@ void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
  * many) and missing_names (the first), splits, split_rule, ignored_keys, sizes, channels, alpha,
- * distortion, beyond_fold (cln_fold), downscale, centre, half, space (cube or ndc), bounds_rule,
+ * distortion, beyond_fold (cln_fold), downscale, centre, half, space (cube, ndc or shell), bounds_rule,
  * background, digest (16
  * hex digits), camera_distance (mean, to the centre), cube_share, spread, apart_share, intrinsics
  * [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name, split, width,

@@ -20,7 +20,8 @@ static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".
 typedef struct source {
     const char *folder; /* of the JSON document */
     const json_t *root, *frame;
-    char *where; /* "file: frame 3 ('images/0003.jpg')" */
+    char *where;     /* "file: frame 3 ('images/0003.jpg')" */
+    bool read_later; /* the image itself will be read */
 } source;
 
 cln_status cln_transforms_number(const char *where, const json_t *object, const char *key,
@@ -171,8 +172,8 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
         camera->height = own[1];
         if (!own[0] || cln_is_file(image))
             st = cln_image_info(image, &camera->width, &camera->height, &channels);
-        if (st == CLN_INPUT && cln_is_file(image)) {
-            /* broken: refused together with others like it, when sizes are read (images.c) */
+        if (st == CLN_INPUT && src->read_later && cln_is_file(image)) {
+            /* broken: refused together with others like it, when it is read (images.c) */
             cln_clear_error();
             st = CLN_OK;
             camera->width = camera->height = 1;
@@ -307,6 +308,7 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
     CLN_TRY(
         cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index, json_string_value(file_path)));
     CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), &view->name));
+    src.read_later = true;
     CLN_TRY(read_pose(&src, view->camera.c2w));
     CLN_TRY(find_image(&src, json_string_value(file_path), &view->path));
     if (cln_is_file(view->path)) {

@@ -10,8 +10,12 @@ let cropTurn = [0, 0, 0]; /* degrees about x, then y, then z */
 const FAR = 1e4; /* times the box: beyond everything, where the scene does not end with it */
 
 const isTurned = () => cropTurn.some((v) => v !== 0);
-const isSide = (i) => crop[i] > facts.box[i % 3] && crop[i] < facts.box[3 + i % 3];
 const cropMiddle = () => [0, 1, 2].map((a) => (facts.box[a] + facts.box[3 + a]) / 2);
+/* How far from the middle the scene reaches along the box's axes: facts.box is a cube, whose
+ * corners are farther away than its faces. */
+const cropReach = () => (isTurned() ? Math.sqrt(3) : 1) * (facts.box[3] - facts.box[0]) / 2;
+const isSide = (i) => crop[i] !== facts.box[i] &&
+  Math.abs(crop[i] - cropMiddle()[i % 3]) < cropReach();
 
 /* The box's axes in the scene. */
 function cropAxes() {

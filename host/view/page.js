@@ -636,7 +636,8 @@ function drawLines() {
     facts.cameras.forEach((c) => drawFrustum(c.pose, c.width / c.height, c.height / 2 / c.focal,
       colours[c.split], f, 0.08 * facts.distance));
   }
-  if (at < 0 && (isCropped() || isTurned()) && $('crop-part').open) drawCrop(f);
+  if (at < 0 && $('crop').checked && (isCropped() || isTurned()) && $('crop-part').open)
+    drawCrop(f);
   if (keyframes.length > 1 && at < 0 && !playing) {
     const count = 24 * keyframes.length, trail = [];
     for (let i = 0; i <= count; i++) trail.push(project(along(i / count).p, f));

@@ -24,6 +24,13 @@ expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --steps 500 --ski
 expect "render" 0 "" "$cln" render "$work/run" --split test -o "$work/rendered" --progress none
 
 pages=${*:-desktop dark phone two training}
+for page in $pages; do
+    case $page in desktop | dark | phone | two | training) ;; *)
+        echo "$0: no page '$page'; pages: desktop dark phone two training" >&2
+        exit 2
+        ;;
+    esac
+done
 
 # drive RENDERED: the checks of browser.py at the server's address
 drive() {

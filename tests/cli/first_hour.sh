@@ -50,6 +50,8 @@ section_words() {
     check "names the libraries" printed jansson
     expect "version with a word behind it" 2 "foo" "$cln" version foo
     expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
+    expect "a flag off that is never on by itself" 2 "--no-json ~off.unless" \
+        "$cln" train s -o r --no-json
     expect "a switch off that is none" 2 "--no-steps ~give.it.a.value" \
         "$cln" train s -o r --no-steps
     expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
@@ -334,7 +336,7 @@ section_results() {
         "$cln" render "$r" -o "$work/a.avi"
     expect "--fps without a film" 2 "fps" "$cln" render "$r" --fps 30 -o "$work/fps"
     expect "depths of a film" 2 "pfm" "$cln" render "$r" --pfm -o "$work/a.gif"
-    expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing" \
+    expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing ~cube" \
         "$cln" render "$r" --orbit 1 --width 8 -o "$work/cropped" --crop 1000,0,0,1001,1,1
     expect "colours of boxes, for points" 2 "--colour ~no.effect.on.--points octree" \
         "$cln" export "$r" --points "$work/x.ply" --colour error

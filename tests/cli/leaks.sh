@@ -6,7 +6,7 @@
 # is other scripts' to test.
 #
 #   tests/cli/leaks.sh [SECTION...]    sections: noticed words train results exports checks view
-#                                      refused all
+#                                      refused, and after these all
 #   BUILD=build/sanitize               the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -171,10 +171,20 @@ section_checks() {
     PATH="$work/bin:$PATH" STAND_IN=nothing clean 1 poses "$work/scene/train" -o "$work/none"
 }
 
+# asks CODE PATH OPTIONS...: what the viewer answers is in $work/body
+asks() {
+    local want=$1 path=$2 code
+    shift 2
+    code=$(curl -sg --max-time 60 -o "$work/body" -w '%{http_code}' -H "X-Viewer: me" "$@" \
+        "${address%/}/$path")
+    if [ "$code" != "$want" ]; then bad "view answers $path" "$code, not $want"; fi
+}
+
 # The viewer: a page, pictures, a film, requests that it refuses.
 section_view() {
-    local address="" end=$((SECONDS + 120)) path
+    local address="" end=$((SECONDS + 120)) film
     trained
+    : >"$work/out"
     env --default-signal=INT "$cln" view "$work/run" >"$work/out" 2>"$work/err" &
     server=$!
     used="$used view "
@@ -182,10 +192,20 @@ section_view() {
         sleep 0.1
     done
     address=$(head -n 1 "$work/out")
-    for path in "" facts "picture?view=0" "picture?view=1&show=opacity&format=png" "photo?view=0" \
-        "picture?pose=1" points "film?format=gif" nothing; do
-        curl -sg --max-time 60 -o "$work/body" "${address%/}/$path" || bad "view answers $path"
-    done
+    asks 200 ""
+    asks 200 facts
+    asks 200 "picture?view=0&ms=1000"
+    asks 200 "picture?view=1&show=opacity&format=png&crop=-1,-1,-1,1,1,1,0,0,30"
+    asks 200 "photo?view=0"
+    asks 200 "point?view=0&x=0.5&y=0.5"
+    asks 400 "picture?pose=1"
+    asks 404 nothing
+    asks 200 "film/begin?width=24&height=24&frames=1" -X POST
+    film=$("$query" film <"$work/body")
+    asks 200 "film/frame?film=$film&view=0" -X POST
+    asks 200 "film/end?film=$film" -X POST
+    asks 200 "film?film=$film"
+    asks 404 "film/frame?film=$film&view=0" -X POST
     kill -INT $server
     wait $server
     rc=$? server=0
