@@ -279,6 +279,15 @@ done:
     return st;
 }
 
+static const uint64_t prime = 0x100000001b3ull;
+
+/* One more word. FNV over words mixes upwards only, hence the shift. */
+static uint64_t mix(uint64_t digest, uint64_t word)
+{
+    digest = (digest ^ word) * prime;
+    return digest ^ digest >> 32;
+}
+
 void cln_digest_begin(cln_digest_part *d, uint64_t digest)
 {
     *d = (cln_digest_part){.digest = digest};
@@ -286,7 +295,6 @@ void cln_digest_begin(cln_digest_part *d, uint64_t digest)
 
 void cln_digest_more(cln_digest_part *d, const void *data, size_t bytes)
 {
-    const uint64_t prime = 0x100000001b3ull;
     const unsigned char *p = data;
     uint64_t digest = d->digest, word = d->word;
     size_t i = 0;
@@ -294,8 +302,7 @@ void cln_digest_more(cln_digest_part *d, const void *data, size_t bytes)
     for (; i < bytes && d->bytes % 8; i++) { /* the rest of a word that a piece before began */
         word |= (uint64_t)p[i] << 8 * (d->bytes++ % 8);
         if (d->bytes % 8 == 0) {
-            digest = (digest ^ word) * prime;
-            digest ^= digest >> 32;
+            digest = mix(digest, word);
             word = 0;
         }
     }
@@ -304,8 +311,7 @@ void cln_digest_more(cln_digest_part *d, const void *data, size_t bytes)
         word = 0;
         for (size_t k = 0; k < 8; k++) /* little endian on any host; compiles to one load */
             word |= (uint64_t)p[i + k] << 8 * k;
-        digest = (digest ^ word) * prime;
-        digest ^= digest >> 32; /* FNV over words mixes upwards only */
+        digest = mix(digest, word);
         word = 0;
     }
     for (size_t k = 0; i + k < bytes; k++)
@@ -316,7 +322,6 @@ void cln_digest_more(cln_digest_part *d, const void *data, size_t bytes)
 
 uint64_t cln_digest_end(const cln_digest_part *d)
 {
-    const uint64_t prime = 0x100000001b3ull;
     uint64_t digest = (d->digest ^ d->word) * prime;
 
     /* The length keeps "ab" + "" apart from "a" + "b", and zero bytes apart from none. */

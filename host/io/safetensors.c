@@ -119,7 +119,7 @@ cln_status cln_safetensors_head(int count, const cln_tensor *tensors, uint64_t d
     memcpy(*head, &length, LENGTH_BYTES);
     memcpy(*head + LENGTH_BYTES, header, length);
     *bytes = LENGTH_BYTES + length;
-    for (size_t i = 0, at = *bytes; i < (size_t)count; i++) {
+    for (size_t i = 0, at = *bytes; offsets && i < (size_t)count; i++) {
         offsets[i] = at;
         at += cln_tensor_bytes(&tensors[i]);
     }
@@ -133,14 +133,13 @@ cln_status cln_safetensors_write(const char *path, int count, const cln_tensor *
 {
     cln_status st = CLN_OK;
     cln_atomic_file *file = NULL;
-    char *header = NULL;
-    uint64_t length = 0, data_digest = digest_of(count, tensors);
+    char *head = NULL;
+    size_t bytes = 0;
+    const uint64_t data_digest = digest_of(count, tensors);
 
-    CLN_TRY(make_header(count, tensors, data_digest, &header));
-    length = strlen(header);
+    CLN_TRY(cln_safetensors_head(count, tensors, data_digest, &head, &bytes, NULL));
     CLN_TRY(cln_atomic_open(path, &file));
-    CLN_TRY(cln_atomic_write(file, &length, LENGTH_BYTES));
-    CLN_TRY(cln_atomic_write(file, header, length));
+    CLN_TRY(cln_atomic_write(file, head, bytes));
     for (int i = 0; i < count; i++)
         CLN_TRY(cln_atomic_write(file, tensors[i].data, cln_tensor_bytes(&tensors[i])));
     CLN_TRY(cln_atomic_commit(&file));
@@ -148,7 +147,7 @@ cln_status cln_safetensors_write(const char *path, int count, const cln_tensor *
         *digest = data_digest;
 done:
     cln_atomic_abandon(file);
-    free(header);
+    free(head);
     return st;
 }
 

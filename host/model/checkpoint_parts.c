@@ -55,6 +55,12 @@ static cln_status same_end(cln_status st)
 
 /* ---- bytes at places ---- */
 
+static cln_status cannot_write(const char *path)
+{
+    return cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder", path,
+                    strerror(errno));
+}
+
 static cln_status write_at(int fd, const char *path, const void *data, size_t bytes, size_t at)
 {
     const char *from = data;
@@ -65,8 +71,7 @@ static cln_status write_at(int fd, const char *path, const void *data, size_t by
         if (done < 0 && errno == EINTR)
             continue;
         if (done <= 0)
-            return cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
-                            path, strerror(errno));
+            return cannot_write(path);
         from += done;
         at += (size_t)done;
         bytes -= (size_t)done;
@@ -106,8 +111,7 @@ static cln_status write_own(int fd, const char *path, int count, const cln_tenso
         CLN_TRY(write_at(fd, path, (const char *)tensors[i].data + at, bytes, offsets[i] + at));
     }
     if (fsync(fd) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
-                         path, strerror(errno)));
+        CLN_TRY(cannot_write(path));
 done:
     return st;
 }
@@ -120,7 +124,7 @@ static void digest_all(const cln_model *model, int count, const cln_tensor *tens
 {
     struct {
         cln_digest_part tensor, model;
-    } baton;
+    } baton = {0};
 
     *digest = CLN_DIGEST_START;
     for (int i = 0; i < count; i++) {
@@ -132,7 +136,8 @@ static void digest_all(const cln_model *model, int count, const cln_tensor *tens
             continue;
         own_bytes(t, first, &at, &bytes);
         cln_safetensors_digest_begin(t, *digest, &baton.tensor);
-        cln_model_digest_begin(model, &baton.model);
+        if (weights)
+            cln_model_digest_begin(model, &baton.model);
         if (is_dealt(t))
             cln_ranks_take(&baton, sizeof baton);
         cln_digest_more(&baton.tensor, (const char *)t->data + at, bytes);
@@ -162,17 +167,19 @@ static cln_status open_one(const char *run, const cln_model *model, cln_atomic_f
     struct timespec now;
     char *path = NULL;
     double other = 0;
+    int reading = -1;
 
     if (makes) {
         CLN_TRY(cln_checkpoint_path(run, model, &path));
         CLN_TRY(cln_atomic_open(path, file));
         if (snprintf(told.temp, sizeof told.temp, "%s", cln_atomic_temp(*file)) >= PATH_BYTES)
-            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: too long a path", path));
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: too long a path; choose another folder", path));
         clock_gettime(CLOCK_REALTIME, &now);
         told.number = cln_digest(CLN_DIGEST_START, &now, sizeof now) + (uint64_t)getpid();
         CLN_TRY(cln_atomic_write(*file, &told.number, sizeof told.number));
-        if (fflush(cln_atomic_stream(*file)) != 0)
-            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s", path, strerror(errno)));
+        /* synced, as other machines see only what the file server has */
+        if (fflush(cln_atomic_stream(*file)) != 0 || fsync(fileno(cln_atomic_stream(*file))) != 0)
+            CLN_TRY(cannot_write(path));
     }
 done:
     free(path);
@@ -181,18 +188,42 @@ done:
         return st;
     cln_ranks_tell(&told, sizeof told);
     memcpy(temp, told.temp, sizeof told.temp);
-    *fd = open(temp, O_RDWR | O_CLOEXEC);
-    other = *fd < 0 || pread(*fd, &found, sizeof found, 0) != sizeof found || found != told.number;
+    reading = open(temp, O_RDONLY | O_CLOEXEC);
+    other = reading < 0 || pread(reading, &found, sizeof found, 0) != sizeof found ||
+            found != told.number;
+    if (reading >= 0)
+        close(reading);
+    /* for writing alone: of a file that it may read, a client of NFS writes whole pages back, with
+     * what it read of other ranks' rows in them */
+    *fd = other == 0 ? open(temp, O_WRONLY | O_CLOEXEC) : -1;
+    other = *fd < 0;
     cln_ranks_largest(&other, 1);
     *one = other == 0;
     return CLN_OK;
+}
+
+/* Rank 0's last part, when all rows are there. */
+static cln_status finish(const char *run, const cln_model *model, int count,
+                         const cln_tensor *tensors, uint64_t digest, uint64_t model_digest, int fd,
+                         const char *temp, cln_atomic_file **file)
+{
+    cln_status st = CLN_OK;
+    size_t offsets[CLN_CHECKPOINT_TENSORS], bytes = 0;
+    char *head = NULL;
+
+    CLN_TRY(cln_safetensors_head(count, tensors, digest, &head, &bytes, offsets));
+    CLN_TRY(write_at(fd, temp, head, bytes, 0));
+    CLN_TRY(cln_atomic_commit(file));
+    CLN_TRY(cln_checkpoint_finish(run, model, digest, model_digest));
+done:
+    free(head);
+    return st;
 }
 
 cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, const int *first,
                                       bool *written)
 {
     cln_status st = CLN_OK;
-    const bool leads = cln_ranks_me() == 0;
     cln_tensor tensors[CLN_CHECKPOINT_TENSORS];
     size_t offsets[CLN_CHECKPOINT_TENSORS], bytes = 0;
     cln_atomic_file *file = NULL;
@@ -214,14 +245,9 @@ cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, c
         st = write_own(fd, temp, count, tensors, offsets, first);
     CLN_TRY(same_end(st));
     digest_all(model, count, tensors, first, &digest, &model_digest);
-    if (leads) {
-        free(head);
-        head = NULL;
-        CLN_TRY(cln_safetensors_head(count, tensors, digest, &head, &bytes, offsets));
-        CLN_TRY(write_at(fd, temp, head, bytes, 0));
-        CLN_TRY(cln_atomic_commit(&file));
-        CLN_TRY(cln_checkpoint_finish(run, model, digest, model_digest));
-    }
+    if (cln_ranks_me() == 0)
+        st = finish(run, model, count, tensors, digest, model_digest, fd, temp, &file);
+    CLN_TRY(same_end(st));
 done:
     if (st != CLN_OK)
         cln_note("writing a checkpoint of step %" PRId64, model->step);

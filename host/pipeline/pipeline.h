@@ -44,7 +44,7 @@ typedef enum cln_program_id {
 
 /* What ranks tell each other in the one meeting of a training step, beside the sums of stretches
  * (share.h): everyone gets the largest of each. First, twice with either sign, what must be the
- * same; then the trainer's. */
+ * same, then a rank's samples, then the trainer's. */
 enum {
     CLN_TOLD_SAMPLES,
     CLN_TOLD_STRETCHES = 2,
@@ -217,6 +217,8 @@ cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool tra
 cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
 /* The same, but of several ranks each gets only its own leaves' weights and Adam's state. */
 cln_status cln_pipeline_download_own(cln_pipeline *p, cln_model *model, bool training);
+/* And, after that, what other ranks have. */
+void cln_pipeline_collect(cln_pipeline *p, cln_model *model, bool training);
 
 /* Uploads the cameras of `count` views, brought to normalised space, and with p->antialias > 1
  * those of their finer pictures. */

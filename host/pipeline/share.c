@@ -299,12 +299,9 @@ done:
 
 cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array)
 {
-    cln_status st = CLN_OK;
     const size_t row = cln_buffer_row_bytes(p, id);
 
-    CLN_TRY(cln_pipeline_get(p, id, (char *)array + (size_t)p->first * row, (size_t)p->own));
-done:
-    return st;
+    return cln_pipeline_get(p, id, (char *)array + (size_t)p->first * row, (size_t)p->own);
 }
 
 void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array)
@@ -319,8 +316,8 @@ void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array)
  * it. */
 static const double LIMIT = 1.04;
 
-/* Leaves move for a work on some of them, and back, if so many times what the busiest rank has too
- * many of is more than all leaves: what a merged leaf's training takes, in moved leaves. */
+/* Lending pays if training the merged leaves that the busiest rank has over the mean, WORTH moved
+ * leaves' time each, takes longer than moving all leaves. */
 enum { WORTH = 256 };
 
 /* A rank gets at most so many times the mean number of leaves, which memory plans count on. */
@@ -458,6 +455,8 @@ cln_status cln_share_lend(cln_pipeline *p, const double *work, int **lent)
     if (!((imbalance(p, work, p->rank_first) - 1) * total / p->ranks * WORTH > p->leaves))
         return CLN_OK;
     find_balance(p, work, next);
+    if (imbalance(p, work, next) >= imbalance(p, work, p->rank_first))
+        return CLN_OK;
     CLN_TRY(cln_alloc(lent, count, sizeof **lent, "ranks"));
     memcpy(*lent, p->rank_first, count * sizeof **lent);
     CLN_TRY(deal(p, next));

@@ -124,17 +124,22 @@ done:
     return st;
 }
 
-cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training)
+void cln_pipeline_collect(cln_pipeline *p, cln_model *model, bool training)
 {
-    cln_status st = CLN_OK;
-
-    CLN_TRY(cln_pipeline_download_own(p, model, training));
     cln_share_collect(p, CLN_BUFFER_params, model->params);
     if (training) {
         cln_share_collect(p, CLN_BUFFER_adam_m, model->adam_m);
         cln_share_collect(p, CLN_BUFFER_adam_v, model->adam_v);
         cln_share_collect(p, CLN_BUFFER_adam_steps, model->adam_steps);
     }
+}
+
+cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_pipeline_download_own(p, model, training));
+    cln_pipeline_collect(p, model, training);
 done:
     return st;
 }

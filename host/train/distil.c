@@ -308,29 +308,20 @@ done:
     return st;
 }
 
-/* Trains nets [first, end) together; *steps becomes at least the steps done. A rank goes only
- * through its own nets, which are a run. By samples, its batches still have the samples of all, so
- * that they are those of one process. */
+/* Trains nets [first, end) together, none of them if another rank has more; *steps becomes at least
+ * the steps done. */
 static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, int end, int *steps)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     const int samples = c->distil_samples;
-    const bool alone = cln_stretch_wanted(&t->pipeline);
-    const size_t pool = (size_t)d->pool;
+    const size_t pool = (size_t)d->pool, base = (size_t)first * pool;
+    const uint32_t n = (uint32_t)((end - first) * samples);
     cln_sample *batch = NULL;
     float *losses = NULL;
     double worst = 0;
-    size_t base = 0;
-    uint32_t n = 0;
     int done_steps = 0;
 
-    while (alone && first < end && row_of(t, d, first) < 0)
-        first++;
-    while (alone && first < end && row_of(t, d, end - 1) < 0)
-        end--;
-    base = (size_t)first * pool;
-    n = (uint32_t)((end - first) * samples);
     CLN_TRY(cln_alloc(&batch, n, sizeof *batch, "samples of merges"));
     CLN_TRY(cln_alloc(&losses, n, sizeof *losses, "samples of merges"));
     if (n > 0)
@@ -393,7 +384,9 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
 {
     cln_status st = CLN_OK;
     const int most = t->plan.distil_nets;
-    double *work = NULL;
+    const bool alone = cln_stretch_wanted(&t->pipeline);
+    int first = 0, end = d->nets;
+    double *work = NULL, chunks = 0;
     int *lent = NULL;
 
     *steps = 0;
@@ -401,8 +394,20 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
     for (int n = 0; n < d->nets; n++)
         work[t->model.tree.slot[d->nodes[n]]] = 1;
     CLN_TRY(cln_share_lend(&t->pipeline, work, &lent));
-    for (int first = 0; first < d->nets; first += most)
-        CLN_TRY(train_chunk(t, d, first, d->nets - first < most ? d->nets : first + most, steps));
+    /* A rank goes only through its own nets, which are a run. By samples, its batches have the
+     * samples of all, so that they are those of one process. */
+    while (alone && first < end && row_of(t, d, first) < 0)
+        first++;
+    while (alone && first < end && row_of(t, d, end - 1) < 0)
+        end--;
+    chunks = (end - first + most - 1) / most;
+    cln_ranks_largest(&chunks, 1);
+    for (int k = 0; k < (int)chunks; k++) {
+        const int to = end - first < most ? end : first + most;
+
+        CLN_TRY(train_chunk(t, d, first, to, steps));
+        first = to;
+    }
     CLN_TRY(forget_moments(t, d));
     CLN_TRY(cln_share_return(&t->pipeline, lent));
 done:

@@ -163,7 +163,7 @@ static cln_status checkpoint(cln_trainer *t)
     if (p->ranks > 1)
         CLN_TRY(cln_checkpoint_write_parts(t->desc->run, &t->model, p->rank_first, &written));
     if (!written && p->ranks > 1)
-        CLN_TRY(cln_pipeline_download(p, &t->model, true));
+        cln_pipeline_collect(p, &t->model, true);
     if (!written && t->writes)
         CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
     t->saved_at = cln_now();

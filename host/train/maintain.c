@@ -151,12 +151,15 @@ static void adopt_plans(cln_trainer *t, const plans *p)
  * does not, cln_error_text() has the reason. */
 static bool fits(const cln_trainer *t, int leaves, plans *out)
 {
-    double full = 0;
+    double full = 0, others = 0;
 
     make_plans(t, leaves, out);
     full = check_plans(t, out) != CLN_OK;
-    cln_ranks_largest(&full, 1);
-    return full == 0;
+    others = full;
+    cln_ranks_largest(&others, 1);
+    if (others > full)
+        (void)cln_fail(CLN_MEMORY, "the plan of another rank needs more memory than it has");
+    return others == 0;
 }
 
 /* Marks leaves to cull at the next change [slot] (the caller frees them), and counts the others. */
@@ -492,7 +495,7 @@ static int leaf_budget(cln_trainer *t)
     int n = wanted;
     plans p;
 
-    for (make_plans(t, n, &p); n > leaves && check_plans(t, &p) != CLN_OK; make_plans(t, n, &p)) {
+    while (n > leaves && !fits(t, n, &p)) {
         cln_clear_error();
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }

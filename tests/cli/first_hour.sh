@@ -336,6 +336,11 @@ section_results() {
         "$cln" render "$r" -o "$work/a.avi"
     expect "--fps without a film" 2 "fps" "$cln" render "$r" --fps 30 -o "$work/fps"
     expect "depths of a film" 2 "pfm" "$cln" render "$r" --pfm -o "$work/a.gif"
+    "$make_scene" "$work/cut" --size 16 --train 2 --test 1 >/dev/null
+    echo broken >"$work/cut/test/r_000.png"
+    expect "poses of a broken photo: none of a pixel" 3 "r_000.png" "$cln" render "$r" \
+        --poses "$work/cut/transforms_test.json" -o "$work/cut-views"
+    check "and no picture" [ ! -e "$work/cut-views" ]
     expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing ~cube" \
         "$cln" render "$r" --orbit 1 --width 8 -o "$work/cropped" --crop 1000,0,0,1001,1,1
     expect "colours of boxes, for points" 2 "--colour ~no.effect.on.--points octree" \

@@ -205,7 +205,7 @@ section_view() {
     asks 200 "film/frame?film=$film&view=0" -X POST
     asks 200 "film/end?film=$film" -X POST
     asks 200 "film?film=$film"
-    asks 404 "film/frame?film=$film&view=0" -X POST
+    asks 409 "film/frame?film=$film&view=0" -X POST
     kill -INT $server
     wait $server
     rc=$? server=0

@@ -196,9 +196,10 @@ section_checkpoints() {
 }
 
 section_dies() {
+    local end=$((SECONDS + 300))
     baseline
     start "$work/dies" --steps 1000000 --save-every 1
-    until [ -e "$work/dies/checkpoint/latest" ] || ! kill -0 "$child"; do
+    until [ -e "$work/dies/checkpoint/latest" ] || ! kill -0 "$child" || [ $SECONDS -ge $end ]; do
         sleep 0.02
     done
     kill -9 "$(pgrep -P "$child" | tail -n 1)"
