@@ -40,7 +40,8 @@ cln_status cln_scene_find_kept(cln_scene *scene);
 /* images.c: finds where the images of the wanted splits go, and fills cached: into memory, if they
  * and two that are being read need at most config.host_mem bytes (0: what the machine has), and
  * they leave desc.elsewhere of it; else into a store, of which an eighth of host_mem is in memory.
- * What else needs memory decides later (cln_scene_shrink). CLN_MEMORY if not even two can be read. */
+ * What else needs memory decides later (cln_scene_shrink). CLN_MEMORY if not even two can be
+ * read. */
 cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc);
 
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits. */
