@@ -236,7 +236,7 @@ const cln_arg cln_args[] = {
 #undef X
     REAL(CLN_EXPORT, "spacing", spacing, "D", 1e-12, 1e12,
          "in scene units: of points, in place of --count; of the grid for a mesh or volume",
-         .shown = "mesh: by leaves and views, wider where leaves are larger; volume: 256 cells"),
+         .shown = "mesh: by leaf size and views; volume: a 256th of the cube"),
     INT(CLN_EXPORT, "count", count, "N", 1, 100000000,
          "points: how many", .shown = "200000"),
     FLAG(CLN_EXPORT, "closed", closed,
