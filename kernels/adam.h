@@ -86,9 +86,9 @@ HELPER bool adam_spares(vf g, uint p)
 }
 
 /* Updates weights p .. p + VW - 1 of a leaf, given their gradient g and the leaf's rows; returns
- * the new weights, computed from the moments before rounding. */
-HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,
-                    __global moment_type *v)
+ * the new weights, computed from the moments before rounding. By: with rates of their own. */
+HELPER vf adam_step_by(adam_leaf a, vf rate, vf g, uint p, __global float *params,
+                       __global moment_type *m, __global moment_type *v)
 {
     vf w = VLOAD(params + p);
 
@@ -103,11 +103,17 @@ HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global 
     const vf v1 = MAD((vf)(BETA2), moment_load(v + p), (1.0f - BETA2) * g * g);
     const vu chance = hash_lanes((p + V_IOTA) * 0x9E3779B9u ^ a.key);
 
-    w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
+    w -= rate * m1 / (sqrt(v1 * a.second) + EPSILON);
     moment_store(m1, chance & 0xFFFFu, m + p);
     moment_store(v1, chance >> 16, v + p);
     VSTORE_IN(__global, w, params + p);
     return w;
+}
+
+HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,
+                    __global moment_type *v)
+{
+    return adam_step_by(a, (vf)(a.rate), g, p, params, m, v);
 }
 
 /* If parameter p is in the row-major weights [WIDTH][columns] at `offset`, also stores it

@@ -48,8 +48,13 @@ int64_t cln_config_epoch_steps(const cln_config *config, double pixels)
 
 int cln_config_deepest(const cln_config *config)
 {
-    const int most = config->adaptive ? config->max_level : 0;
+    int most = config->adaptive ? config->max_level : 0;
+    double at[CLN_LEVELS];
 
+    if (cln_config_levels(config, at) == CLN_OK)
+        for (int level = CLN_FULL_LEVELS; level < CLN_LEVELS; level++)
+            if (at[level] <= 1 && level > most)
+                most = level;
     return most < CLN_FULL_LEVELS - 1 ? CLN_FULL_LEVELS - 1 : most;
 }
 
@@ -70,11 +75,11 @@ cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVEL
             return cln_fail(CLN_USAGE,
                             "--level-at: '%s' in '%s' is not LEVEL:FRACTION, as in 3:0.1", part,
                             config->level_at);
-        if (level <= last_level || level >= CLN_FULL_LEVELS)
+        if (level <= last_level || level >= CLN_LEVELS)
             return cln_fail(CLN_USAGE,
                             "--level-at: level %lld in '%s' is not in %lld..%d: levels ascend from "
-                            "above --start-level %d to 5",
-                            level, config->level_at, last_level + 1, CLN_FULL_LEVELS - 1,
+                            "above --start-level %d",
+                            level, config->level_at, last_level + 1, CLN_LEVELS - 1,
                             config->start_level);
         if (!(value >= last_fraction && value <= 1))
             return cln_fail(CLN_USAGE,

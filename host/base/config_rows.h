@@ -46,7 +46,7 @@ enum {
 enum { CLN_RRELU_ELEMENT, CLN_RRELU_NEURON, CLN_RRELU_MEAN };
 enum { CLN_DENSITY_SOFTPLUS, CLN_DENSITY_RELU, CLN_DENSITY_EXP };
 enum { CLN_INIT_KAIMING, CLN_INIT_FAN_IN };
-enum { CLN_ENCODING_FREQUENCY, CLN_ENCODING_GRID };
+enum { CLN_ENCODING_FREQUENCY, CLN_ENCODING_GRID, CLN_ENCODING_VOXEL };
 enum { CLN_STAGE1_SPLAT, CLN_STAGE1_GATHER };
 enum { CLN_LISTS_CSR, CLN_LISTS_PADDED };
 enum { CLN_CDF_SIGMA, CLN_CDF_WEIGHT };
@@ -81,13 +81,19 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         .flags = CLN_ROW_NETWORK)                                                                  \
     INT(view_bands, "view-bands", 4, 2, 0, 4, "frequencies of the direction encoding",             \
         .flags = CLN_ROW_NETWORK)                                                                  \
-    ENUM(encoding, "encoding", CLN_ENCODING_FREQUENCY, CLN_ENCODING_FREQUENCY, "frequency|grid",   \
-         "what a network reads of a position: sines, or features of a grid in its leaf",           \
+    ENUM(encoding, "encoding", CLN_ENCODING_FREQUENCY, CLN_ENCODING_FREQUENCY, "frequency|grid|voxel",\
+         "what a network reads of a position: sines, or features of a grid in its leaf; or voxels instead of a network",           \
          .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                 \
     INT(grid_cells, "grid-cells", 8, 8, 2, 32, "grid: cells of a leaf along an axis, even",        \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     INT(grid_features, "grid-features", 4, 4, 4, 16, "grid: features of a vertex: 4, 8, 12, 16",   \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
+    INT(harmonics, "harmonics", 2, 2, 0, 2, "voxel: degree of the colours' spherical harmonics", \
+        .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
+    REAL(smooth_sigma, "smooth-density", 0, 0, 0, 1000, "voxel: weight of squared differences of neighbours' densities", .flags = CLN_ROW_LATER) \
+    REAL(smooth_colour, "smooth-colour", 0, 0, 0, 1000, "voxel: weight of squared differences of neighbours' colours", .flags = CLN_ROW_LATER) \
+    REAL(sigma_rate, "density-lr", 1, 1, 0, 1000, "voxel: learning rate of densities, times --lr", .flags = CLN_ROW_LATER) \
+    REAL(harmonic_rate, "harmonics-lr", 1, 1, 0, 1000, "voxel: learning rate of harmonics, times --lr", .flags = CLN_ROW_LATER) \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
          "colour depends on the direction; without it the view layer is left out",                 \
          .flags = CLN_ROW_NETWORK)                                                                 \

@@ -30,7 +30,7 @@ static void change_network(const cln_network *net, change_layer *change, int oct
 
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child)
 {
-    if (net->encoding == CLN_ENCODING_GRID)
+    if (net->encoding != CLN_ENCODING_FREQUENCY)
         cln_grid_split(net, octant, parent, child);
     else
         change_network(net, cln_encoding_split, octant, parent, child);
@@ -38,7 +38,7 @@ void cln_network_fold(const cln_network *net, const float *parent, int octant, f
 
 void cln_network_unfold(const cln_network *net, const float *child, int octant, float *parent)
 {
-    if (net->encoding == CLN_ENCODING_GRID)
+    if (net->encoding != CLN_ENCODING_FREQUENCY)
         cln_grid_merge(net, octant, child, parent);
     else
         change_network(net, cln_encoding_merge, octant, child, parent);

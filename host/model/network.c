@@ -47,7 +47,7 @@ static cln_status check_shape(const cln_config *c)
     if (c->bands < 1 || c->bands > 10 || c->view_bands < 0 || c->view_bands > 4)
         return cln_fail(CLN_USAGE, "bands %d, view-bands %d: they are 1 to 10 and 0 to 4", c->bands,
                         c->view_bands);
-    if (c->encoding != CLN_ENCODING_GRID)
+    if (c->encoding == CLN_ENCODING_FREQUENCY)
         return CLN_OK;
     if (c->grid_cells < 2 || c->grid_cells > 32 || c->grid_cells % 2 != 0)
         return cln_fail(CLN_USAGE,
@@ -62,6 +62,22 @@ static cln_status check_shape(const cln_config *c)
     return CLN_OK;
 }
 
+/* Voxels: no layers, a grid alone. */
+static void layout_voxel(const cln_config *config, cln_network *net)
+{
+    static const int features[] = {4, 16, 32}, numbers[] = {4, 13, 28};
+    const int degree = config->view_dependence ? config->harmonics : 0;
+
+    net->encoding = CLN_ENCODING_VOXEL;
+    net->skip_layer = net->view_w = net->view_b = -1;
+    net->depth = 1;
+    net->bands = 1;
+    net->cells = config->grid_cells;
+    net->features = net->width = net->colour_width = features[degree];
+    take(net, cln_encoding_vertices(net->cells) * net->features);
+    net->learned = cln_encoding_vertices(net->cells) * numbers[degree];
+}
+
 cln_status cln_network_layout(const cln_config *config, cln_network *out)
 {
     cln_status st = CLN_OK;
@@ -69,6 +85,11 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out)
     int w = config->width;
 
     CLN_TRY(check_shape(config));
+    if (config->encoding == CLN_ENCODING_VOXEL) {
+        layout_voxel(config, &net);
+        *out = net;
+        goto done;
+    }
     net.width = w;
     net.depth = config->depth;
     net.bands = config->bands;
@@ -118,6 +139,10 @@ done:
 
 void cln_network_text(const cln_network *net, char out[32])
 {
+    if (net->encoding == CLN_ENCODING_VOXEL) {
+        snprintf(out, 32, "X%dx%d", net->cells, net->features);
+        return;
+    }
     const int used = snprintf(out, 32, "W%d-D%d-V%d", net->width, net->depth, net->view_width);
 
     if (net->encoding == CLN_ENCODING_GRID)
@@ -153,6 +178,8 @@ void cln_network_init(const cln_network *net, const cln_config *config, float *p
     int w = net->width, block = 0;
 
     memset(params, 0, (size_t)net->params * sizeof *params);
+    if (net->encoding == CLN_ENCODING_VOXEL)
+        return;
     for (int i = 0; i < net->depth; i++) {
         int rows = i == 0 ? net->enc : i == net->skip_layer ? w + net->enc : w;
         fill_uniform(config, block++, rows * w, weight_bound(config, rows),

@@ -8,6 +8,7 @@
  * the kernels' map. */
 #include "model/octree.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -476,6 +477,30 @@ int cln_octree_find(const cln_octree *tree, const double point[3])
         node = tree->child[node] + octant;
     }
     return tree->state[node] == CLN_NODE_ACTIVE ? tree->slot[node] : -1;
+}
+
+cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27])
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_alloc(around, (size_t)tree->leaf_count, sizeof **around, "neighbours of leaves"));
+    for (int slot = 0; slot < tree->leaf_count; slot++) {
+        const int node = tree->leaf[slot], level = tree->level[node];
+        const double side = ldexp(2, -level);
+
+        for (int i = 0; i < 27; i++) {
+            const int step[3] = {i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
+            double at[3];
+            int found = -1;
+
+            for (int a = 0; a < 3; a++)
+                at[a] = (tree->pos[node][a] + step[a] + 0.5) * side - 1;
+            found = cln_octree_find(tree, at);
+            (*around)[slot][i] = found >= 0 && tree->level[tree->leaf[found]] == level ? found : -1;
+        }
+    }
+done:
+    return st;
 }
 
 void cln_octree_box(const cln_octree *tree, int node, float box[4])

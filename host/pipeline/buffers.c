@@ -4,6 +4,8 @@
 
 #include <string.h>
 
+#include "model/encoding.h"
+
 const cln_buffer_row cln_buffer_rows[CLN_BUFFERS] = {
 #define ROW(member, number, per, purpose, when, what)                                          \
     {what,           offsetof(cln_pipeline, member), number, CLN_PER_##per, CLN_FOR_##purpose, \
@@ -25,6 +27,8 @@ int cln_pipeline_measures(const cln_config *config)
 
 int cln_pipeline_acts(const cln_network *net)
 {
+    if (net->encoding == CLN_ENCODING_VOXEL)
+        return 0;
     return net->depth * net->width + (net->view_dependence ? net->view_width : 0);
 }
 
@@ -54,6 +58,17 @@ static size_t transposed_of(const cln_pipeline *p)
 static size_t moments_of(const cln_pipeline *p)
 {
     return cln_moment_bytes(&p->config) * (size_t)p->net.params;
+}
+
+/* Voxels (kernels/voxel.cl): neighbours of a leaf; vertices of a slice that samples met. */
+static size_t around_of(const cln_pipeline *p)
+{
+    return p->net.encoding == CLN_ENCODING_VOXEL ? 27 : 0;
+}
+
+static size_t met_of(const cln_pipeline *p)
+{
+    return p->net.encoding == CLN_ENCODING_VOXEL ? (size_t)(p->net.cells + 1) * (size_t)(p->net.cells + 1) : 0;
 }
 
 static size_t shown_of(const cln_pipeline *p)

@@ -20,10 +20,12 @@
     X(sampling, sampling, PARTS, ALWAYS)             \
     X(splat, splat, PARTS, SPLATTING)                \
     X(group, group, PLAIN, ALWAYS)                   \
-    X(mlp_density, mlp_density, EVAL, ALWAYS)        \
-    X(mlp_forward_eval, mlp_forward, EVAL, ALWAYS)   \
-    X(mlp_forward_train, mlp_forward, TRAIN, ALWAYS) \
-    X(mlp_backward, mlp_backward, TRAIN, ALWAYS)     \
+    X(mlp_density, mlp_density, EVAL, NETWORK)        \
+    X(mlp_forward_eval, mlp_forward, EVAL, NETWORK)   \
+    X(mlp_forward_train, mlp_forward, TRAIN, NETWORK) \
+    X(mlp_backward, mlp_backward, TRAIN, NETWORK)     \
+    X(voxel_eval, voxel, EVAL, VOXEL)                 \
+    X(voxel_train, voxel, TRAIN, VOXEL)               \
     X(composite, composite, PLAIN, ALWAYS)           \
     X(roulette, roulette, PLAIN, ALWAYS)             \
     X(adam, adam, PARTS, ALWAYS)                     \
@@ -63,6 +65,11 @@
     X(mlp_forward_train, mlp_forward, mlp_forward_train, ALWAYS)    \
     X(mlp_forward_eval, mlp_forward, mlp_forward_eval, ALWAYS)      \
     X(mlp_backward, mlp_backward, mlp_backward, ALWAYS)             \
+    X(voxel_density, voxel_density, voxel_eval, ALWAYS)             \
+    X(voxel_forward_eval, voxel_forward, voxel_eval, ALWAYS)        \
+    X(voxel_forward_train, voxel_forward, voxel_train, ALWAYS)      \
+    X(voxel_backward, voxel_backward, voxel_train, ALWAYS)          \
+    X(voxel_update, voxel_update, voxel_train, ALWAYS)              \
     X(roulette, roulette, roulette, ALWAYS)                         \
     X(composite, composite, composite, ALWAYS)                      \
     X(composite_train, composite_train, composite, ALWAYS)          \

@@ -84,6 +84,11 @@ done:
     return st;
 }
 
+static bool is_voxel(const cln_pipeline *p)
+{
+    return p->net.encoding == CLN_ENCODING_VOXEL;
+}
+
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                              bool training, uint32_t step_key)
 {
@@ -94,6 +99,13 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
 
     CLN_TRY(CLN_RESERVE(p, out, sample_count));
     CLN_TRY(CLN_RESERVE(p, acts, training ? sample_count : 0));
+    if (is_voxel(p))
+        CLN_TRY(CLN_LAUNCH(device, training ? p->k.voxel_forward_train : p->k.voxel_forward_eval,
+                           CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
+                           CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
+                           CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
+                           CLN_ARG(p->out.mem), CLN_ARG(slices), CLN_ARG(key), CLN_ARG(first)));
+    else
     CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                        CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
                        CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
@@ -231,6 +243,17 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
     const cl_int first = p->first;
 
     CLN_TRY(CLN_RESERVE(p, grads, (size_t)gradients));
+    if (is_voxel(p)) {
+        CLN_TRY(CLN_RESERVE(p, met, slice_count));
+        CLN_TRY(CLN_LAUNCH(
+            p->device, p->k.voxel_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
+            CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem),
+            CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem),
+            CLN_ARG(p->ray_d.mem), CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem),
+            CLN_ARG(p->chosen_counts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
+            CLN_ARG(slices), CLN_ARG(p->begin.mem), CLN_ARG(first)));
+        goto done;
+    }
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
                        CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed), CLN_ARG(p->boxes.mem),
                        CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem),
@@ -257,6 +280,19 @@ static cln_status count_updates(cln_pipeline *p, uint32_t min_samples)
 
 /* Updates leaves of at least min_slices slices. half_slice: where gradients lie
  * (kernels/mlp_backward.cl). */
+static cln_status launch_voxel_update(cln_pipeline *p, double lr)
+{
+    const cl_uint count = (cl_uint)p->leaves;
+    const cl_float rate = (cl_float)lr;
+
+    return CLN_LAUNCH(p->device, p->k.voxel_update, CLN_STAGE_ADAM,
+                      cln_groups((size_t)p->leaves, CLN_ADAM_EACH), (size_t)p->tune.ls,
+                      CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
+                      CLN_ARG(p->around.mem), CLN_ARG(p->adam_steps.mem), CLN_LEAF_ARG(p, params),
+                      CLN_LEAF_ARG(p, adam_m), CLN_LEAF_ARG(p, adam_v), CLN_ARG(count),
+                      CLN_ARG(rate));
+}
+
 static cln_status launch_adam(cln_pipeline *p, uint32_t min_samples, cl_uint min_slices,
                               cl_uint half_slice, double lr)
 {
@@ -290,8 +326,11 @@ cln_status cln_stage_adam(cln_pipeline *p, uint32_t min_samples, double lr)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(count_updates(p, min_samples));
-    CLN_TRY(launch_adam(p, min_samples, 1, 0, lr));
+    CLN_TRY(count_updates(p, is_voxel(p) ? 1 : min_samples));
+    if (is_voxel(p))
+        CLN_TRY(launch_voxel_update(p, lr));
+    else
+        CLN_TRY(launch_adam(p, min_samples, 1, 0, lr));
 done:
     return st;
 }
@@ -302,6 +341,11 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
     cln_status st = CLN_OK;
     const double gradients = cln_pipeline_gradients(&p->tune, sample_count, slice_count);
 
+    if (is_voxel(p)) {
+        CLN_TRY(cln_stage_backward(p, sample_count, slice_count, step_key));
+        CLN_TRY(cln_stage_adam(p, 1, lr));
+        goto done;
+    }
     CLN_TRY(count_updates(p, min_samples));
     CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, min_samples, p->config.roulette,
                                step_key));
@@ -324,7 +368,7 @@ static cln_status refresh(cln_pipeline *p, const cln_buffer *density, int first,
 
     if (end > (int)begin)
         CLN_TRY(CLN_LAUNCH(
-            p->device, p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)(end - (int)begin) * per_leaf,
+            p->device, is_voxel(p) ? p->k.voxel_density : p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)(end - (int)begin) * per_leaf,
             (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
             CLN_LEAF_ARG_OF(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
             CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin), CLN_ARG(own)));

@@ -78,7 +78,8 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
         tune->nb -= step;
     /* slices are an even number of blocks (kernels/group.cl) */
     tune->sl = tune->sl < 2 * tune->nb ? 2 * tune->nb : tune->sl / (2 * tune->nb) * 2 * tune->nb;
-    if (bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
+    if (net->encoding == CLN_ENCODING_VOXEL ||
+        bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->leaf = 0;
 }
 
@@ -154,6 +155,13 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
          net->colour_b, net->params);
     line(&t, "#define ENCODING %d\n#define CELLS %d\n#define FEATURES %d\n#define GRID_W %d",
          net->encoding, net->cells, net->features, net->grid_w);
+    if (net->encoding == CLN_ENCODING_VOXEL) {
+        line(&t, "#define SMOOTH %d", c->smooth_sigma > 0 || c->smooth_colour > 0);
+        real(&t, "SMOOTH_SIGMA", c->smooth_sigma);
+        real(&t, "SMOOTH_COLOUR", c->smooth_colour);
+        real(&t, "SIGMA_RATE", c->sigma_rate);
+        real(&t, "HARMONIC_RATE", c->harmonic_rate);
+    }
     line(&t, "#define DENSITY %d", c->density);
     real(&t, "KAPPA", c->density_scale);
     real(&t, "BIAS", cln_network_density_bias(c));
@@ -226,7 +234,7 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
 /* Lines that follow the pipeline's "#define" lines, and when programs and kernels are built
  * (kernel_list.h). */
 enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, CROP, TEXTS };
-enum when { ALWAYS, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
+enum when { ALWAYS, NETWORK, VOXEL, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
 
 static const struct {
     const char *file;
@@ -257,6 +265,10 @@ static bool is_true(const cln_pipeline *p, enum when when)
     switch (when) {
     case ALWAYS:
         return true;
+    case NETWORK:
+        return p->net.encoding != CLN_ENCODING_VOXEL;
+    case VOXEL:
+        return p->net.encoding == CLN_ENCODING_VOXEL;
     case SPLATTING:
         return p->config.stage1 == CLN_STAGE1_SPLAT;
     case REGULARISED:

@@ -18,7 +18,7 @@ cln_status cln_pipeline_derive(cln_pipeline *p)
 
     CLN_TRY(CLN_RESERVE(p, norms, leaves));
     CLN_TRY(CLN_RESERVE(p, transposed, leaves));
-    if (!p->tune.leaf)
+    if (!p->tune.leaf && cln_pipeline_transposed(&p->net) > 0)
         CLN_TRY(CLN_LAUNCH(p->device, p->k.transpose, CLN_STAGE_UPLOAD, leaves * parts,
                            (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, transposed),
                            CLN_ARG(parts)));
@@ -57,7 +57,7 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
 {
     cln_status st = CLN_OK;
     float *boxes = NULL;
-    int32_t *map = NULL;
+    int32_t *map = NULL, (*around)[27] = NULL;
     const size_t leaves = (size_t)tree->leaf_count;
 
     if (p->parts == 1 && cln_pipeline_in_parts(p, tree->leaf_count))
@@ -74,6 +74,10 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
     CLN_TRY(cln_octree_map(tree, p->depth, &map));
     CLN_TRY(CLN_PUT(p, boxes, boxes, leaves));
     CLN_TRY(CLN_PUT(p, map, map, (size_t)1 << (3 * p->depth)));
+    if (p->net.encoding == CLN_ENCODING_VOXEL) {
+        CLN_TRY(cln_octree_around(tree, &around));
+        CLN_TRY(CLN_PUT(p, around, around, leaves));
+    }
     CLN_TRY(CLN_RESERVE(p, begin, leaves));
     CLN_TRY(CLN_RESERVE(p, end, leaves));
     CLN_TRY(CLN_RESERVE(p, slice_counts, leaves));
@@ -81,6 +85,7 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
 done:
     free(boxes);
     free(map);
+    free(around);
     return st;
 }
 

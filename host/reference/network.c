@@ -113,6 +113,16 @@ static void run_forward(const ref_network *r, weights p, const double local[3], 
     int w = net->width;
     const double *last = f->h[net->depth - 1], *head = last;
 
+    if (net->encoding == CLN_ENCODING_VOXEL) {
+        double raw[4];
+
+        ref_voxel(net, p.narrow, local, dir, raw);
+        f->s = raw[3];
+        f->sigma = density(r, f->s);
+        for (int c = 0; c < 3; c++)
+            f->colour[c] = sigmoid(raw[c]);
+        return;
+    }
     if (net->features > 0)
         ref_grid(net->cells, net->features, p.narrow + net->grid_w, local, f->enc);
     else
@@ -175,6 +185,8 @@ double ref_margin(const ref_network *r, const float *params, const double local[
     double margin = INFINITY;
     pass f;
 
+    if (net->encoding == CLN_ENCODING_VOXEL)
+        return margin;
     run_forward(r, weights_of(r, params), local, dir, slopes, slope, &f);
     for (int i = 0; i < net->depth; i++)
         for (int n = 0; n < net->width; n++)
@@ -212,6 +224,14 @@ void ref_backward(const ref_network *r, const float *params, const double local[
     pass f;
 
     run_forward(r, p, local, dir, slopes, slope, &f);
+    if (net->encoding == CLN_ENCODING_VOXEL) {
+        double draw[4] = {[3] = dout[3] * density_gradient(r, f.s)};
+
+        for (int c = 0; c < 3; c++)
+            draw[c] = dout[c] * ref_colour_slope(f.colour[c], dout[c]);
+        ref_voxel_backward(net, local, dir, draw, grad);
+        return;
+    }
     last = f.h[net->depth - 1];
     head = net->view_dependence ? f.view_h : last;
     for (int c = 0; c < 3; c++) {

@@ -144,6 +144,12 @@ void ref_encode(int bands, const double x[3], const double *weights, int pad, do
 void ref_grid(int cells, int features, const float *grid, const double x[3], double *out);
 void ref_grid_backward(int cells, int features, const double x[3], const double *dout,
                        double *grad);
+/* Voxels: raw colours and density at a leaf's local position in a direction, and the gradient of
+ * the vertices, grad [params], which is added to. */
+void ref_voxel(const cln_network *net, const float *params, const double local[3],
+               const double dir[3], double raw[4]);
+void ref_voxel_backward(const cln_network *net, const double local[3], const double dir[3],
+                        const double draw[4], double *grad);
 
 /* Evaluates a sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
  * negative-side slopes r of all elements, [depth][width] of the trunk, then [view_width] of the

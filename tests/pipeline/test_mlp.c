@@ -31,6 +31,12 @@ enum { SOFT = CLN_DENSITY_SOFTPLUS, RELU = CLN_DENSITY_RELU, EXP = CLN_DENSITY_E
 enum { ELEMENT = CLN_RRELU_ELEMENT, NEURON = CLN_RRELU_NEURON, MEAN = CLN_RRELU_MEAN };
 
 static const mlp_case cases[] = {
+    {"voxel, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0, -2},
+    {"voxel, plain", &tune_sets[1], 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, true, 0, -2},
+    {"voxel, wide vectors", &tune_sets[2], 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, true,
+     0, -2},
+    {"voxel, items", &tune_sets[3], 16, 2, 16, 4, 0, 1, 0, 0, RELU, ELEMENT, .1, .3, true, 0, -2},
+    {"voxel, gpu", &tune_sets[4], 16, 3, 32, 2, 1, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, true, 0, -2},
     {"small, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0, 0},
     {"small, plain", &tune_sets[1], 16, 2, 16, 3, 2, 1, 0, 0, SOFT, ELEMENT, -.3, -.1, false, 0, 0},
     {"small, wide vectors", &tune_sets[2], 16, 3, 48, 1, 3, 1, 0, 0, EXP, NEURON, -.3, -.1, false,
@@ -852,7 +858,7 @@ int test_group_mlp(void)
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(mlp_density) |
                   CLN_PROGRAM_BIT(mlp_forward_eval) | CLN_PROGRAM_BIT(mlp_forward_train) |
-                  CLN_PROGRAM_BIT(mlp_backward) | CLN_PROGRAM_BIT(roulette) |
+                  CLN_PROGRAM_BIT(mlp_backward) | CLN_PROGRAM_BIT(voxel_eval) | CLN_PROGRAM_BIT(voxel_train) | CLN_PROGRAM_BIT(roulette) |
                   CLN_PROGRAM_BIT(adam) | CLN_PROGRAM_BIT(regularise) | CLN_PROGRAM_BIT(stats) |
                   CLN_PROGRAM_BIT(carry);
     return cmocka_run_group_tests_name("mlp", tests, NULL, test_device_close);

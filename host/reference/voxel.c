@@ -1,0 +1,59 @@
+/* Voxels in float64 (method.md 1), twin of kernels/voxel.cl. See reference.h. */
+#include <math.h>
+#include "reference/reference.h"
+
+enum { FEATURES = 32, HARMONICS = 9 };
+
+/* The functions of a direction that colours are sums of, over the constant one's. Real spherical
+ * harmonics, as in Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2(2), 2013. */
+static int harmonics(int features, const double d[3], double y[HARMONICS])
+{
+    const double x = d[0], v = d[1], z = d[2];
+    const double all[HARMONICS] = {1,
+                                   sqrt(3) * v,
+                                   sqrt(3) * z,
+                                   sqrt(3) * x,
+                                   sqrt(15) * x * v,
+                                   sqrt(15) * v * z,
+                                   sqrt(5) / 2 * (3 * z * z - 1),
+                                   sqrt(15) * x * z,
+                                   sqrt(15) / 2 * (x * x - v * v)};
+
+    for (int k = 0; k < HARMONICS; k++)
+        y[k] = all[k];
+    return features == 4 ? 1 : features == 16 ? 4 : 9;
+}
+
+/* Number `k` of colour c. */
+static int number_of(int k, int c)
+{
+    return k == 0 ? c : 4 + 3 * (k - 1) + c;
+}
+
+void ref_voxel(const cln_network *net, const float *params, const double local[3],
+               const double dir[3], double raw[4])
+{
+    double at[FEATURES], y[HARMONICS];
+    const int count = harmonics(net->features, dir, y);
+
+    ref_grid(net->cells, net->features, params, local, at);
+    raw[3] = at[3];
+    for (int c = 0; c < 3; c++) {
+        raw[c] = 0;
+        for (int k = 0; k < count; k++)
+            raw[c] += y[k] * at[number_of(k, c)];
+    }
+}
+
+void ref_voxel_backward(const cln_network *net, const double local[3], const double dir[3],
+                        const double draw[4], double *grad)
+{
+    double d[FEATURES] = {0}, y[HARMONICS];
+    const int count = harmonics(net->features, dir, y);
+
+    d[3] = draw[3];
+    for (int c = 0; c < 3; c++)
+        for (int k = 0; k < count; k++)
+            d[number_of(k, c)] = y[k] * draw[c];
+    ref_grid_backward(net->cells, net->features, local, d, grad);
+}

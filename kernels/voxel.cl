@@ -1,0 +1,451 @@
+/* needs: adam space leaves */
+/* Leaves without a network: voxels (method.md 1). A leaf is a grid of CELLS cells an axis; a vertex
+ * has a density and spherical harmonics of three colours, both before their activations, linear
+ * between vertices:
+ *
+ *   raw(x)  = sum over the cell's corners c of weight_c(x) vertex_c        [FEATURES]
+ *   sigma   = KAPPA f(raw[3] + BIAS)
+ *   colour  = sigmoid(raw[0..2] + sum_k Y_k(d) raw[4 + 3 (k - 1) ..])      1 <= k < (degree + 1)^2
+ *
+ * Vertices on faces are stored in each leaf that has them. Leaves of one size keep them equal: the
+ * first of those around a vertex sums the gradients of all, steps, and writes the result to all.
+ *
+ *   voxel_density   as mlp_density.cl        voxel_forward   as mlp_forward.cl
+ *   voxel_backward  gradients of slices, from roulette.cl's of the heads, and of the smoothness
+ *   voxel_update    Adam's steps
+ *
+ *   CELLS FEATURES  cells an axis; numbers of a vertex, padded: 4 | 16 | 32 for degrees 0 | 1 | 2
+ *   PARAMS          of a leaf: [CELLS + 1]^3 vertices (z, y, x) of FEATURES, padded
+ *   SMOOTH_SIGMA SMOOTH_COLOUR   weights of (p - q)^2 of neighbouring vertices' numbers
+ *   SIGMA_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
+ */
+#ifndef SIGMA_RATE
+#define SIGMA_RATE     1.0f
+#define HARMONIC_RATE  1.0f
+#define SMOOTH         1
+#define SMOOTH_SIGMA   1e-4f
+#define SMOOTH_COLOUR  1e-4f
+#endif
+
+#define SIDE      (CELLS + 1)
+#define VERTICES  (SIDE * SIDE * SIDE)
+#define HARMONICS (FEATURES == 4 ? 1 : FEATURES == 16 ? 4 : 9)
+#define STEP_Y    (SIDE * FEATURES)
+#define STEP_Z    (SIDE * STEP_Y)
+#define PLACES    256 /* samples of a leaf that are in flight */
+#define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
+
+/* A sample's cell: its first number in a leaf's row, and the corners' weights, x fastest. */
+typedef struct place {
+    int first;
+    float weight[8];
+} place;
+
+HELPER place place_of(float3 at)
+{
+    const float3 x = fmin(fmax((at + 1.0f) * (0.5f * CELLS), (float3)(0.0f)), (float3)(CELLS));
+    const float3 cell = fmin(floor(x), (float3)(CELLS - 1)), far = x - cell, near = 1.0f - far;
+    const float yz[4] = {near.y * near.z, far.y * near.z, near.y * far.z, far.y * far.z};
+    place p;
+
+    p.first = (((int)cell.z * SIDE + (int)cell.y) * SIDE + (int)cell.x) * FEATURES;
+    UNROLL (i, 4) {
+        p.weight[2 * i] = near.x * yz[i];
+        p.weight[2 * i + 1] = far.x * yz[i];
+    }
+    return p;
+}
+
+/* Numbers from a cell's first vertex to its corner c. */
+HELPER int corner_at(int c)
+{
+    return (c >> 2) * STEP_Z + (c >> 1 & 1) * STEP_Y + (c & 1) * FEATURES;
+}
+
+/* Real spherical harmonics over the constant one. */
+HELPER void harmonics_of(float3 d, float y[HARMONICS])
+{
+    y[0] = 1.0f;
+#if FEATURES > 4
+    y[1] = 1.7320508f * d.y;
+    y[2] = 1.7320508f * d.z;
+    y[3] = 1.7320508f * d.x;
+#endif
+#if FEATURES > 16
+    y[4] = 3.8729833f * d.x * d.y;
+    y[5] = 3.8729833f * d.y * d.z;
+    y[6] = 1.1180340f * (3.0f * d.z * d.z - 1.0f);
+    y[7] = 3.8729833f * d.x * d.z;
+    y[8] = 1.9364917f * (d.x * d.x - d.y * d.y);
+#endif
+}
+
+/* Position in the leaf and direction of a sample. */
+HELPER float3 sample_at(cln_sample s, float4 o, float4 d, float4 box, float3 *along)
+{
+    *along = view_direction(o, d, box);
+    return leaf_local(MAD((float4)(s.t), d, o), box).xyz;
+}
+
+/* Group g takes cells [g % per_leaf * cells, ...) of leaf first + g / per_leaf (mlp_density.cl). */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+voxel_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], row 0: leaf `own` */
+              const __global float4 *restrict boxes, /* [leaf] min x, y, z, side */
+              LEAF_ARRAY(ushort, density),           /* [leaf][n1^3] bfloat16 */
+              uint n1, uint cells, uint per_leaf, uint jitter, uint2 seed, uint step, uint first,
+              uint own)
+{
+    const uint group = get_group_id(0), leaf = first + group / per_leaf;
+    const uint total = n1 * n1 * n1, begin = group % per_leaf * cells;
+    const uint end = min(begin + cells, total);
+    const __global float *w = LEAF_ROW(params, leaf - own, PARAMS);
+    __global ushort *cached = LEAF_ROW(density, leaf, total);
+
+    for (uint cell = begin + get_local_id(0); cell < end; cell += LS) {
+        float4 xi = (float4)(0.5f);
+        float raw = 0.0f;
+
+        if (jitter)
+            xi = uniform4(seed, STREAM_GRID, step, leaf * total + cell, 0u);
+        const float3 at = (float3)((float)(cell % n1), (float)(cell / n1 % n1),
+                                   (float)(cell / (n1 * n1)));
+        const place p = place_of(2.0f * (at + xi.xyz) / (float)n1 - 1.0f);
+
+        UNROLL (c, 8)
+            raw = MAD(p.weight[c], w[p.first + corner_at(c) + 3], raw);
+        float lanes[VW];
+
+        lanes[0] = raw;
+        for (int i = 1; i < VW; i++)
+            lanes[i] = 0.0f;
+        VSTORE(density_value(VLOAD(lanes)), lanes);
+        cached[cell] = bfloat16_nearest(lanes[0]);
+    }
+    (void)boxes;
+}
+
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row 0: leaf first */
+              const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
+              const __global cln_slice *restrict slices,   /* [slice] */
+              const __global uint *restrict order,         /* [grouped sample] -> sample */
+              const __global cln_sample *restrict samples, /* [sample] */
+              const __global float4 *restrict ray_o,       /* [ray] */
+              const __global float4 *restrict ray_d,       /* [ray] */
+              __global float4 *restrict out,               /* [sample] r, g, b, sigma */
+              uint n_slices, uint step_key, int first)
+{
+    const uint group = slice_of(slices, get_group_id(0), n_slices);
+
+    if (group >= n_slices)
+        return;
+    const cln_slice slice = slices[group];
+    const float4 box = boxes[slice.slot];
+    const __global float *w = LEAF_ROW(params, slice.slot - first, PARAMS);
+
+    for (uint done = get_local_id(0) * VW; done < slice.count; done += STEP_N) {
+        const int count = (int)min((uint)VW, slice.count - done);
+        float raw[4][VW];
+
+        for (int i = 0; i < VW; i++) {
+            const cln_sample s = samples[order[slice.start + done + (uint)min(i, count - 1)]];
+            float3 along;
+            const place p = place_of(sample_at(s, ray_o[s.ray], ray_d[s.ray], box, &along));
+            float f[FEATURES], y[HARMONICS];
+            vf sum[FEATURES / VW];
+
+            UNROLL (v, FEATURES / VW)
+                sum[v] = (vf)(0.0f);
+            UNROLL (c, 8)
+                UNROLL (v, FEATURES / VW)
+                    sum[v] = MAD((vf)(p.weight[c]), VLOAD(w + p.first + corner_at(c) + v * VW),
+                                 sum[v]);
+            UNROLL (v, FEATURES / VW)
+                VSTORE(sum[v], f + v * VW);
+            harmonics_of(along, y);
+            UNROLL (k, HARMONICS - 1)
+                UNROLL (a, 3)
+                    f[a] = MAD(y[k + 1], f[4 + 3 * k + a], f[a]);
+            UNROLL (a, 4)
+                raw[a][i] = f[a];
+#if TRAIN && NOISE_ON
+            raw[3][i] += NOISE * normal_number(step_key, order[slice.start + done + i]);
+#endif
+        }
+        UNROLL (a, 3)
+            VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw[a]))), raw[a]);
+        VSTORE(density_value(VLOAD(raw[3])), raw[3]);
+        for (int i = 0; i < count; i++)
+            out[order[slice.start + done + i]] = (float4)(raw[0][i], raw[1][i], raw[2][i],
+                                                          raw[3][i]);
+    }
+    (void)step_key;
+}
+
+/* ---- backward ---- */
+
+/* Weight of an edge from vertex (x, y, z) along axis a: leaves that share it add it once each. */
+HELPER float edge_share(int3 at, int a)
+{
+    const bool x = at.x == 0 || at.x == CELLS, y = at.y == 0 || at.y == CELLS,
+               z = at.z == 0 || at.z == CELLS;
+
+    return (a != 0 && x ? 0.5f : 1.0f) * (a != 1 && y ? 0.5f : 1.0f) * (a != 2 && z ? 0.5f : 1.0f);
+}
+
+/* The gradient of a slice to grads [slice][PARAMS], of the vertices that samples are near: met
+ * [slice][z][y], bit x. */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
+               const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
+               const __global cln_slice *restrict slices,   /* [slice] */
+               const __global uint *restrict order,         /* [grouped sample] -> sample */
+               const __global cln_sample *restrict samples, /* [sample] */
+               const __global float4 *restrict ray_o,       /* [ray] */
+               const __global float4 *restrict ray_d,       /* [ray] */
+               const __global float4 *restrict heads,       /* [grouped sample], roulette.cl's */
+               const __global uint *restrict chosen,        /* [grouped sample] of each slice */
+               const __global uint *restrict chosen_counts, /* [slice] */
+               LEAF_ARRAY(float, grads), __global uint *restrict met, uint n_slices,
+               const __global uint *restrict begin, int first)
+{
+    const uint group = slice_of(slices, get_group_id(0), n_slices);
+    const int lid = (int)get_local_id(0);
+
+    if (group >= n_slices)
+        return;
+    const cln_slice slice = slices[group];
+
+    if (slice.count == 0u)
+        return;
+    const __global float *w = LEAF_ROW(params, slice.slot - first, PARAMS);
+    __global float *grad = SLICE_ROW(grads, group, PARAMS);
+    __global uint *mine = met + (size_t)group * SIDE * SIDE;
+    const float4 box = boxes[slice.slot];
+    const uint all = chosen_counts[group];
+
+    for (int row = lid; row < SIDE * SIDE; row += LS)
+        mine[row] = 0u;
+#if LS > 1
+    for (int p = lid; p < VERTICES * FEATURES; p += LS)
+        grad[p] = 0.0f;
+    barrier(CLK_GLOBAL_MEM_FENCE);
+#endif
+    for (uint i = 0; i < all; i++) {
+        const cln_sample s = samples[order[slice.start + chosen[slice.start + i]]];
+        const float4 head = heads[slice.start + i];
+        float3 along;
+        const place p = place_of(sample_at(s, ray_o[s.ray], ray_d[s.ray], box, &along));
+        float d[FEATURES], y[HARMONICS];
+
+        harmonics_of(along, y);
+        UNROLL (f, FEATURES)
+            d[f] = 0.0f;
+        d[0] = head.x;
+        d[1] = head.y;
+        d[2] = head.z;
+        d[3] = head.w;
+        UNROLL (k, HARMONICS - 1)
+            UNROLL (a, 3)
+                d[4 + 3 * k + a] = y[k + 1] * d[a];
+#if LS == 1
+        UNROLL (c, 8) {
+            const int at = p.first + corner_at(c);
+            const int vertex = at / FEATURES, row = vertex / SIDE;
+            const uint bit = 1u << vertex % SIDE;
+            __global float *to = grad + at;
+
+            if (mine[row] & bit) {
+                UNROLL (v, FEATURES / VW)
+                    VSTORE_IN(__global,
+                              MAD((vf)(p.weight[c]), VLOAD(d + v * VW), VLOAD(to + v * VW)),
+                              to + v * VW);
+            } else {
+                UNROLL (v, FEATURES / VW)
+                    VSTORE_IN(__global, p.weight[c] * VLOAD(d + v * VW), to + v * VW);
+                mine[row] |= bit;
+            }
+        }
+#else
+        /* each work-item takes one feature of the corners of one parity of every sample: no two
+         * write one number */
+        const int vertex = p.first / FEATURES;
+        const int odd = vertex % SIDE % 2 + vertex / SIDE % SIDE % 2 * 2 +
+                        vertex / (SIDE * SIDE) % 2 * 4;
+
+        for (int j = lid; j < 8 * FEATURES; j += LS) {
+            const int c = j / FEATURES ^ odd, f = j % FEATURES, at = p.first + corner_at(c);
+
+            grad[at + f] = MAD(p.weight[c], d[f], grad[at + f]);
+            if (f == 0)
+                atomic_or(mine + at / FEATURES / SIDE, 1u << at / FEATURES % SIDE);
+        }
+#endif
+    }
+#if SMOOTH
+#if LS > 1
+    barrier(CLK_GLOBAL_MEM_FENCE);
+#endif
+    if (slice.start != begin[slice.slot])
+        return;
+    for (int v = lid; v < VERTICES; v += LS) {
+        const int3 at = (int3)(v % SIDE, v / SIDE % SIDE, v / (SIDE * SIDE));
+        const int c[3] = {at.x, at.y, at.z}, step[3] = {FEATURES, STEP_Y, STEP_Z};
+        const __global float *p = w + v * FEATURES;
+        __global float *g = grad + v * FEATURES;
+
+        if (!(mine[v / SIDE] >> v % SIDE & 1u))
+            continue;
+        UNROLL (f, FEATURES / VW) {
+            vf sum = (vf)(0.0f);
+            float weight[VW];
+
+            UNROLL (i, VW)
+                weight[i] = f * VW + i == 3 ? SMOOTH_SIGMA : SMOOTH_COLOUR;
+            for (int a = 0; a < 3; a++) {
+                const float share = edge_share(at, a);
+
+                if (c[a] > 0)
+                    sum += share * (VLOAD(p + f * VW) - VLOAD(p + f * VW - step[a]));
+                if (c[a] < CELLS)
+                    sum += share * (VLOAD(p + f * VW) - VLOAD(p + f * VW + step[a]));
+            }
+            VSTORE_IN(__global, MAD(VLOAD(weight), sum, VLOAD(g + f * VW)), g + f * VW);
+        }
+    }
+#endif
+    (void)w;
+    (void)begin;
+}
+
+/* ---- update ---- */
+
+#define LANES (LS < FEATURES / VW ? LS : FEATURES / VW) /* work-items of a vertex */
+
+/* The leaves that have a vertex, or a run of vertices along x: its own, and those around it. */
+typedef struct sharers {
+    int count;
+    int leaf[8], shift[8]; /* what to add to a vertex' number in the own leaf */
+    bool mine;             /* the own leaf is the first of them, and steps for all */
+} sharers;
+
+/* near [27]: the neighbours. low, high: the directions to look to, along each axis. */
+HELPER sharers sharers_of(const __global int *near, int3 low, int3 high)
+{
+    sharers s = {.count = 0, .mine = true};
+
+    for (int z = low.z; z <= high.z; z++)
+        for (int y = low.y; y <= high.y; y++)
+            for (int x = low.x; x <= high.x; x++) {
+                const int n = 13 + (z * 3 + y) * 3 + x;
+
+                if (near[n] < 0)
+                    continue;
+                s.mine = s.mine && n >= 13;
+                s.leaf[s.count] = near[n];
+                s.shift[s.count++] = -((z * SIDE + y) * SIDE + x) * CELLS;
+            }
+    return s;
+}
+
+/* Vertices of the run from `vertex` on that samples of the batch met in one of the leaves: bits. */
+HELPER uint met_by(const sharers *s, const __global uint *met, const __global uint *slice_starts,
+                   int vertex)
+{
+    uint bits = 0u;
+
+    for (int i = 0; i < s->count; i++) {
+        const int there = vertex + s->shift[i], x = there % SIDE;
+
+        for (uint slice = slice_starts[s->leaf[i]]; slice < slice_starts[s->leaf[i] + 1]; slice++)
+            bits |= met[(size_t)slice * SIDE * SIDE + there / SIDE] >> x;
+    }
+    return bits;
+}
+
+/* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
+ * work-group updates EACH leaves, run by run of the vertices along x: their ends may be shared with
+ * other leaves than what is between. */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
+             LEAF_ARRAY(const float, grads),             /* [slice][PARAMS] */
+             const __global uint *restrict met,          /* [slice][SIDE * SIDE] */
+             const __global int *restrict around,        /* [leaf][27] */
+             const __global int *restrict steps,         /* [leaf] */
+             LEAF_ARRAY(float, params), LEAF_ARRAY(moment_type, m), LEAF_ARRAY(moment_type, v),
+             uint leaves, float lr)
+{
+    const uint from = get_group_id(0) * EACH;
+    const int lid = (int)get_local_id(0);
+    vf rate[FEATURES / VW];
+
+    UNROLL (f, FEATURES / VW) {
+        float lanes[VW];
+
+        UNROLL (i, VW)
+            lanes[i] = f * VW + i == 3 ? SIGMA_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
+        rate[f] = VLOAD(lanes);
+    }
+    for (uint leaf = from; leaf < min(from + EACH, leaves); leaf++) {
+        const __global int *near = around + leaf * 27u;
+        const adam_leaf own = adam_leaf_of(lr, max(steps[leaf], 1), 0.0f, leaf);
+        __global float *w_row = LEAF_ROW(params, leaf, PARAMS);
+        __global moment_type *m_row = LEAF_ROW(m, leaf, PARAMS), *v_row = LEAF_ROW(v, leaf, PARAMS);
+
+        const uint after = min(leaf + 1u, leaves - 1u), slice_after = slice_starts[after];
+        const bool fetches = slice_starts[after + 1u] > slice_after;
+
+        for (int run = lid / LANES; run < 3 * SIDE * SIDE; run += LS / LANES) {
+            const int end = run % 3 - 1, row = run / 3; /* end: -1 | 0 | 1 */
+            const int y = row % SIDE, z = row / SIDE;
+            const int vertex = row * SIDE + (end < 0 ? 0 : end > 0 ? CELLS : 1);
+#if FETCHES
+            if (end < 0 && fetches)
+                for (uint soon = met[(size_t)slice_after * SIDE * SIDE + row]; soon;) {
+                    const int x = 31 - (int)clz(soon), p = (row * SIDE + x) * FEATURES;
+
+                    soon ^= 1u << x;
+                    FETCH_WRITE(LEAF_ROW(params, after, PARAMS) + p);
+                    FETCH_WRITE(LEAF_ROW(m, after, PARAMS) + p);
+                    FETCH_WRITE(LEAF_ROW(v, after, PARAMS) + p);
+                    FETCH(SLICE_ROW(grads, slice_after, PARAMS) + p);
+                }
+#endif
+            const sharers s =
+                sharers_of(near, (int3)(min(end, 0), y == 0 ? -1 : 0, z == 0 ? -1 : 0),
+                           (int3)(max(end, 0), y == CELLS, z == CELLS));
+
+            if (!s.mine)
+                continue;
+            uint bits = met_by(&s, met, slice_starts, vertex) &
+                        (end == 0 ? (1u << (CELLS - 1)) - 1u : 1u);
+
+            while (bits) {
+                const int x = 31 - (int)clz(bits), at = vertex + x;
+
+                bits ^= 1u << x;
+                for (int f = lid % LANES * VW; f < FEATURES; f += LANES * VW) {
+                    const uint p = (uint)(at * FEATURES + f);
+                    vf g = (vf)(0.0f);
+
+                    for (int i = 0; i < s.count; i++) {
+                        const int there = at + s.shift[i];
+
+                        for (uint slice = slice_starts[s.leaf[i]];
+                             slice < slice_starts[s.leaf[i] + 1]; slice++)
+                            if (met[(size_t)slice * SIDE * SIDE + there / SIDE] >> there % SIDE &
+                                1u)
+                                g += VLOAD(SLICE_ROW(grads, slice, PARAMS) + there * FEATURES + f);
+                    }
+                    const vf w = adam_step_by(own, own.rate * rate[f / VW], g, p, w_row, m_row,
+                                              v_row);
+
+                    for (int i = 1; i < s.count; i++)
+                        VSTORE_IN(__global, w,
+                                  LEAF_ROW(params, s.leaf[i], PARAMS) +
+                                      (at + s.shift[i]) * FEATURES + f);
+                }
+            }
+        }
+    }
+}
