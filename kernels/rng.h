@@ -45,6 +45,16 @@ HELPER vu hash_lanes(vu x)
     return x;
 }
 
+HELPER uint hash_one(uint x)
+{
+    x ^= x >> 16;
+    x *= 0x21F0AAADu;
+    x ^= x >> 15;
+    x *= 0xD35A2D97u;
+    x ^= x >> 15;
+    return x;
+}
+
 /* Uniforms in [0, 1), one per lane. */
 HELPER vf uniform_lanes(uint key, uint index)
 {

@@ -12,18 +12,18 @@
  *
  *   voxel_density   as mlp_density.cl        voxel_forward   as mlp_forward.cl
  *   voxel_backward  gradients of slices, from roulette.cl's of the heads, and of the smoothness
- *   voxel_update    Adam's steps
+ *   voxel_update    Adam's steps             voxel_join      after a change of the tree
  *
  *   CELLS FEATURES  cells an axis; numbers of a vertex, padded: 4 | 16 | 32 for degrees 0 | 1 | 2
  *   PARAMS          of a leaf: [CELLS + 1]^3 vertices (z, y, x) of FEATURES, padded
- *   SMOOTH_SIGMA SMOOTH_COLOUR   weights of (p - q)^2 of neighbouring vertices' numbers
- *   SIGMA_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
+ *   SMOOTH_DENSITY SMOOTH_COLOUR   weights of (p - q)^2 of neighbouring vertices' numbers
+ *   DENSITY_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
  */
-#ifndef SIGMA_RATE
-#define SIGMA_RATE     1.0f
+#ifndef DENSITY_RATE
+#define DENSITY_RATE     1.0f
 #define HARMONIC_RATE  1.0f
 #define SMOOTH         1
-#define SMOOTH_SIGMA   1e-4f
+#define SMOOTH_DENSITY   1e-4f
 #define SMOOTH_COLOUR  1e-4f
 #endif
 
@@ -32,7 +32,8 @@
 #define HARMONICS (FEATURES == 4 ? 1 : FEATURES == 16 ? 4 : 9)
 #define STEP_Y    (SIDE * FEATURES)
 #define STEP_Z    (SIDE * STEP_Y)
-#define PLACES    256 /* samples of a leaf that are in flight */
+#define BLOCK     (LS == 1 ? 32 : VW) /* samples that a work-item takes at a time, see fetch_place */
+#define SMOOTH_EVERY 4u /* of so many leaves that samples met, one is smoothed, so much more */
 #define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
 
 /* A sample's cell: its first number in a leaf's row, and the corners' weights, x fastest. */
@@ -80,11 +81,32 @@ HELPER void harmonics_of(float3 d, float y[HARMONICS])
 #endif
 }
 
-/* Position in the leaf and direction of a sample. */
-HELPER float3 sample_at(cln_sample s, float4 o, float4 d, float4 box, float3 *along)
+/* Fetches a place's numbers: a block's places are all known before the first is read. */
+HELPER void fetch_place(place p, const __global float *row, bool write)
 {
+#if FETCHES
+    UNROLL (yz, 4)
+        for (int f = 0; f < 2 * FEATURES; f += CACHE_LINE / 4)
+            if (write)
+                FETCH_WRITE(row + p.first + corner_at(2 * yz) + f);
+            else
+                FETCH(row + p.first + corner_at(2 * yz) + f);
+#endif
+}
+
+/* What a sample's place and direction come from. */
+typedef struct sample_source {
+    const __global cln_sample *samples;   /* [sample] */
+    const __global float4 *ray_o, *ray_d; /* [ray], [row] in a shell space */
+} sample_source;
+
+HELPER place place_of_sample(sample_source from, uint id, float4 box, float3 *along)
+{
+    const cln_sample s = from.samples[id];
+    const float4 o = from.ray_o[s.ray], d = from.ray_d[s.ray];
+
     *along = view_direction(o, d, box);
-    return leaf_local(MAD((float4)(s.t), d, o), box).xyz;
+    return place_of(leaf_local(MAD((float4)(s.t), d, o), box).xyz);
 }
 
 /* Group g takes cells [g % per_leaf * cells, ...) of leaf first + g / per_leaf (mlp_density.cl). */
@@ -142,15 +164,20 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
     const cln_slice slice = slices[group];
     const float4 box = boxes[slice.slot];
     const __global float *w = LEAF_ROW(params, slice.slot - first, PARAMS);
+    const sample_source source = {samples, ray_o, ray_d};
 
-    for (uint done = get_local_id(0) * VW; done < slice.count; done += STEP_N) {
-        const int count = (int)min((uint)VW, slice.count - done);
-        float raw[4][VW];
+    for (uint done = get_local_id(0) * BLOCK; done < slice.count; done += LS * BLOCK) {
+        const int count = (int)min((uint)BLOCK, slice.count - done);
+        const __global uint *ids = order + slice.start + done;
+        float raw[4][BLOCK];
+        float3 along[BLOCK];
+        place p[BLOCK];
 
-        for (int i = 0; i < VW; i++) {
-            const cln_sample s = samples[order[slice.start + done + (uint)min(i, count - 1)]];
-            float3 along;
-            const place p = place_of(sample_at(s, ray_o[s.ray], ray_d[s.ray], box, &along));
+        for (int i = 0; i < count; i++) {
+            p[i] = place_of_sample(source, ids[i], box, &along[i]);
+            fetch_place(p[i], w, false);
+        }
+        for (int i = 0; i < count; i++) {
             float f[FEATURES], y[HARMONICS];
             vf sum[FEATURES / VW];
 
@@ -158,26 +185,30 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
                 sum[v] = (vf)(0.0f);
             UNROLL (c, 8)
                 UNROLL (v, FEATURES / VW)
-                    sum[v] = MAD((vf)(p.weight[c]), VLOAD(w + p.first + corner_at(c) + v * VW),
-                                 sum[v]);
+                    sum[v] = MAD((vf)(p[i].weight[c]),
+                                 VLOAD(w + p[i].first + corner_at(c) + v * VW), sum[v]);
             UNROLL (v, FEATURES / VW)
                 VSTORE(sum[v], f + v * VW);
-            harmonics_of(along, y);
+            harmonics_of(along[i], y);
             UNROLL (k, HARMONICS - 1)
                 UNROLL (a, 3)
                     f[a] = MAD(y[k + 1], f[4 + 3 * k + a], f[a]);
             UNROLL (a, 4)
                 raw[a][i] = f[a];
 #if TRAIN && NOISE_ON
-            raw[3][i] += NOISE * normal_number(step_key, order[slice.start + done + i]);
+            raw[3][i] += NOISE * normal_number(step_key, ids[i]);
 #endif
         }
-        UNROLL (a, 3)
-            VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw[a]))), raw[a]);
-        VSTORE(density_value(VLOAD(raw[3])), raw[3]);
+        for (int i = count; i < BLOCK; i++)
+            UNROLL (a, 4)
+                raw[a][i] = 0.0f;
+        for (int i = 0; i < count; i += VW) {
+            UNROLL (a, 3)
+                VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw[a] + i))), raw[a] + i);
+            VSTORE(density_value(VLOAD(raw[3] + i)), raw[3] + i);
+        }
         for (int i = 0; i < count; i++)
-            out[order[slice.start + done + i]] = (float4)(raw[0][i], raw[1][i], raw[2][i],
-                                                          raw[3][i]);
+            out[ids[i]] = (float4)(raw[0][i], raw[1][i], raw[2][i], raw[3][i]);
     }
     (void)step_key;
 }
@@ -207,7 +238,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
                const __global uint *restrict chosen,        /* [grouped sample] of each slice */
                const __global uint *restrict chosen_counts, /* [slice] */
                LEAF_ARRAY(float, grads), __global uint *restrict met, uint n_slices,
-               const __global uint *restrict begin, int first)
+               const __global uint *restrict begin, uint step_key, int first)
 {
     const uint group = slice_of(slices, get_group_id(0), n_slices);
     const int lid = (int)get_local_id(0);
@@ -223,6 +254,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
     __global uint *mine = met + (size_t)group * SIDE * SIDE;
     const float4 box = boxes[slice.slot];
     const uint all = chosen_counts[group];
+    const sample_source source = {samples, ray_o, ray_d};
 
     for (int row = lid; row < SIDE * SIDE; row += LS)
         mine[row] = 0u;
@@ -231,26 +263,34 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
         grad[p] = 0.0f;
     barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
+    place p[BLOCK];
+    float3 along[BLOCK];
+
     for (uint i = 0; i < all; i++) {
-        const cln_sample s = samples[order[slice.start + chosen[slice.start + i]]];
+        const uint k = i % BLOCK;
+
+        if (k == 0u)
+            for (uint b = 0; b < min((uint)BLOCK, all - i); b++) {
+                p[b] = place_of_sample(source, order[slice.start + chosen[slice.start + i + b]],
+                                       box, &along[b]);
+                fetch_place(p[b], grad, true);
+            }
         const float4 head = heads[slice.start + i];
-        float3 along;
-        const place p = place_of(sample_at(s, ray_o[s.ray], ray_d[s.ray], box, &along));
         float d[FEATURES], y[HARMONICS];
 
-        harmonics_of(along, y);
+        harmonics_of(along[k], y);
         UNROLL (f, FEATURES)
             d[f] = 0.0f;
         d[0] = head.x;
         d[1] = head.y;
         d[2] = head.z;
         d[3] = head.w;
-        UNROLL (k, HARMONICS - 1)
+        UNROLL (h, HARMONICS - 1)
             UNROLL (a, 3)
-                d[4 + 3 * k + a] = y[k + 1] * d[a];
+                d[4 + 3 * h + a] = y[h + 1] * d[a];
 #if LS == 1
         UNROLL (c, 8) {
-            const int at = p.first + corner_at(c);
+            const int at = p[k].first + corner_at(c);
             const int vertex = at / FEATURES, row = vertex / SIDE;
             const uint bit = 1u << vertex % SIDE;
             __global float *to = grad + at;
@@ -258,25 +298,25 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
             if (mine[row] & bit) {
                 UNROLL (v, FEATURES / VW)
                     VSTORE_IN(__global,
-                              MAD((vf)(p.weight[c]), VLOAD(d + v * VW), VLOAD(to + v * VW)),
+                              MAD((vf)(p[k].weight[c]), VLOAD(d + v * VW), VLOAD(to + v * VW)),
                               to + v * VW);
             } else {
                 UNROLL (v, FEATURES / VW)
-                    VSTORE_IN(__global, p.weight[c] * VLOAD(d + v * VW), to + v * VW);
+                    VSTORE_IN(__global, p[k].weight[c] * VLOAD(d + v * VW), to + v * VW);
                 mine[row] |= bit;
             }
         }
 #else
         /* each work-item takes one feature of the corners of one parity of every sample: no two
          * write one number */
-        const int vertex = p.first / FEATURES;
+        const int vertex = p[k].first / FEATURES;
         const int odd = vertex % SIDE % 2 + vertex / SIDE % SIDE % 2 * 2 +
                         vertex / (SIDE * SIDE) % 2 * 4;
 
         for (int j = lid; j < 8 * FEATURES; j += LS) {
-            const int c = j / FEATURES ^ odd, f = j % FEATURES, at = p.first + corner_at(c);
+            const int c = j / FEATURES ^ odd, f = j % FEATURES, at = p[k].first + corner_at(c);
 
-            grad[at + f] = MAD(p.weight[c], d[f], grad[at + f]);
+            grad[at + f] = MAD(p[k].weight[c], d[f], grad[at + f]);
             if (f == 0)
                 atomic_or(mine + at / FEATURES / SIDE, 1u << at / FEATURES % SIDE);
         }
@@ -286,7 +326,8 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
 #if LS > 1
     barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
-    if (slice.start != begin[slice.slot])
+    if (slice.start != begin[slice.slot] ||
+        (hash_one(step_key ^ (uint)slice.slot * 0x9E3779B9u) & (SMOOTH_EVERY - 1u)))
         return;
     for (int v = lid; v < VERTICES; v += LS) {
         const int3 at = (int3)(v % SIDE, v / SIDE % SIDE, v / (SIDE * SIDE));
@@ -301,7 +342,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
             float weight[VW];
 
             UNROLL (i, VW)
-                weight[i] = f * VW + i == 3 ? SMOOTH_SIGMA : SMOOTH_COLOUR;
+                weight[i] = SMOOTH_EVERY * (f * VW + i == 3 ? SMOOTH_DENSITY : SMOOTH_COLOUR);
             for (int a = 0; a < 3; a++) {
                 const float share = edge_share(at, a);
 
@@ -322,45 +363,47 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
 
 #define LANES (LS < FEATURES / VW ? LS : FEATURES / VW) /* work-items of a vertex */
 
-/* The leaves that have a vertex, or a run of vertices along x: its own, and those around it. */
+/* The leaves that share vertices: a leaf and those around it that have them, too. */
 typedef struct sharers {
-    int count;
-    int leaf[8], shift[8]; /* what to add to a vertex' number in the own leaf */
-    bool mine;             /* the own leaf is the first of them, and steps for all */
+    int count;               /* 0: another leaf is the first of them, and steps for all */
+    int leaf[8], shift[8];   /* shift: what to add to a vertex' number in the own leaf */
+    uint first[8], last[8];  /* their slices */
 } sharers;
 
-/* near [27]: the neighbours. low, high: the directions to look to, along each axis. */
-HELPER sharers sharers_of(const __global int *near, int3 low, int3 high)
+/* Of vertices inside the leaf (0), on its lower (-1) or upper face (1) along each axis. near [27]:
+ * neighbours. */
+HELPER void find_sharers(const __global int *near, const __global uint *slice_starts, int3 face,
+                         __local sharers *s)
 {
-    sharers s = {.count = 0, .mine = true};
+    s->count = 0;
+    for (int z = min(face.z, 0); z <= max(face.z, 0); z++)
+        for (int y = min(face.y, 0); y <= max(face.y, 0); y++)
+            for (int x = min(face.x, 0); x <= max(face.x, 0); x++) {
+                const int n = 13 + (z * 3 + y) * 3 + x, leaf = near[n], k = s->count;
 
-    for (int z = low.z; z <= high.z; z++)
-        for (int y = low.y; y <= high.y; y++)
-            for (int x = low.x; x <= high.x; x++) {
-                const int n = 13 + (z * 3 + y) * 3 + x;
-
-                if (near[n] < 0)
+                if (leaf < 0)
                     continue;
-                s.mine = s.mine && n >= 13;
-                s.leaf[s.count] = near[n];
-                s.shift[s.count++] = -((z * SIDE + y) * SIDE + x) * CELLS;
+                if (n < 13) {
+                    s->count = 0;
+                    return;
+                }
+                s->leaf[k] = leaf;
+                s->shift[k] = -((z * SIDE + y) * SIDE + x) * CELLS;
+                s->first[k] = slice_starts[leaf];
+                s->last[k] = slice_starts[leaf + 1];
+                s->count++;
             }
-    return s;
 }
 
-/* Vertices of the run from `vertex` on that samples of the batch met in one of the leaves: bits. */
-HELPER uint met_by(const sharers *s, const __global uint *met, const __global uint *slice_starts,
-                   int vertex)
+/* Whether samples of a slice met vertices from `vertex` on along x: bits. */
+HELPER uint met_from(const __global uint *met, uint slice, int vertex)
 {
-    uint bits = 0u;
+    return met[(size_t)slice * SIDE * SIDE + vertex / SIDE] >> vertex % SIDE;
+}
 
-    for (int i = 0; i < s->count; i++) {
-        const int there = vertex + s->shift[i], x = there % SIDE;
-
-        for (uint slice = slice_starts[s->leaf[i]]; slice < slice_starts[s->leaf[i] + 1]; slice++)
-            bits |= met[(size_t)slice * SIDE * SIDE + there / SIDE] >> x;
-    }
-    return bits;
+HELPER int face_of(int at)
+{
+    return at == 0 ? -1 : at == CELLS;
 }
 
 /* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
@@ -375,6 +418,7 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              LEAF_ARRAY(float, params), LEAF_ARRAY(moment_type, m), LEAF_ARRAY(moment_type, v),
              uint leaves, float lr)
 {
+    __local sharers by_face[27];
     const uint from = get_group_id(0) * EACH;
     const int lid = (int)get_local_id(0);
     vf rate[FEATURES / VW];
@@ -383,22 +427,28 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
         float lanes[VW];
 
         UNROLL (i, VW)
-            lanes[i] = f * VW + i == 3 ? SIGMA_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
+            lanes[i] = f * VW + i == 3 ? DENSITY_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
         rate[f] = VLOAD(lanes);
     }
     for (uint leaf = from; leaf < min(from + EACH, leaves); leaf++) {
-        const __global int *near = around + leaf * 27u;
         const adam_leaf own = adam_leaf_of(lr, max(steps[leaf], 1), 0.0f, leaf);
         __global float *w_row = LEAF_ROW(params, leaf, PARAMS);
         __global moment_type *m_row = LEAF_ROW(m, leaf, PARAMS), *v_row = LEAF_ROW(v, leaf, PARAMS);
-
         const uint after = min(leaf + 1u, leaves - 1u), slice_after = slice_starts[after];
         const bool fetches = slice_starts[after + 1u] > slice_after;
 
+        GROUP_SYNC();
+        for (int n = lid; n < 27; n += LS)
+            find_sharers(around + leaf * 27u, slice_starts,
+                         (int3)(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1), &by_face[n]);
+        GROUP_SYNC();
         for (int run = lid / LANES; run < 3 * SIDE * SIDE; run += LS / LANES) {
             const int end = run % 3 - 1, row = run / 3; /* end: -1 | 0 | 1 */
-            const int y = row % SIDE, z = row / SIDE;
             const int vertex = row * SIDE + (end < 0 ? 0 : end > 0 ? CELLS : 1);
+            const int n = 13 + (face_of(row / SIDE) * 3 + face_of(row % SIDE)) * 3 + end;
+            const __local sharers *s = &by_face[n];
+            uint bits = 0u;
+
 #if FETCHES
             if (end < 0 && fetches)
                 for (uint soon = met[(size_t)slice_after * SIDE * SIDE + row]; soon;) {
@@ -406,20 +456,17 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
 
                     soon ^= 1u << x;
                     FETCH_WRITE(LEAF_ROW(params, after, PARAMS) + p);
+#if MOMENTUM
                     FETCH_WRITE(LEAF_ROW(m, after, PARAMS) + p);
+#endif
                     FETCH_WRITE(LEAF_ROW(v, after, PARAMS) + p);
                     FETCH(SLICE_ROW(grads, slice_after, PARAMS) + p);
                 }
 #endif
-            const sharers s =
-                sharers_of(near, (int3)(min(end, 0), y == 0 ? -1 : 0, z == 0 ? -1 : 0),
-                           (int3)(max(end, 0), y == CELLS, z == CELLS));
-
-            if (!s.mine)
-                continue;
-            uint bits = met_by(&s, met, slice_starts, vertex) &
-                        (end == 0 ? (1u << (CELLS - 1)) - 1u : 1u);
-
+            for (int i = 0; i < s->count; i++)
+                for (uint slice = s->first[i]; slice < s->last[i]; slice++)
+                    bits |= met_from(met, slice, vertex + s->shift[i]);
+            bits &= end == 0 ? (1u << (CELLS - 1)) - 1u : 1u;
             while (bits) {
                 const int x = 31 - (int)clz(bits), at = vertex + x;
 
@@ -428,24 +475,53 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
                     const uint p = (uint)(at * FEATURES + f);
                     vf g = (vf)(0.0f);
 
-                    for (int i = 0; i < s.count; i++) {
-                        const int there = at + s.shift[i];
-
-                        for (uint slice = slice_starts[s.leaf[i]];
-                             slice < slice_starts[s.leaf[i] + 1]; slice++)
-                            if (met[(size_t)slice * SIDE * SIDE + there / SIDE] >> there % SIDE &
-                                1u)
-                                g += VLOAD(SLICE_ROW(grads, slice, PARAMS) + there * FEATURES + f);
-                    }
+                    for (int i = 0; i < s->count; i++)
+                        for (uint slice = s->first[i]; slice < s->last[i]; slice++)
+                            if (met_from(met, slice, at + s->shift[i]) & 1u)
+                                g += VLOAD(SLICE_ROW(grads, slice, PARAMS) +
+                                           (at + s->shift[i]) * FEATURES + f);
                     const vf w = adam_step_by(own, own.rate * rate[f / VW], g, p, w_row, m_row,
                                               v_row);
 
-                    for (int i = 1; i < s.count; i++)
+                    for (int i = 1; i < s->count; i++)
                         VSTORE_IN(__global, w,
-                                  LEAF_ROW(params, s.leaf[i], PARAMS) +
-                                      (at + s.shift[i]) * FEATURES + f);
+                                  LEAF_ROW(params, s->leaf[i], PARAMS) +
+                                      (at + s->shift[i]) * FEATURES + f);
                 }
             }
         }
+    }
+}
+
+/* Gives leaves that a change of the tree made anew, or from smaller ones, the numbers that leaves
+ * around them have at common vertices. places [leaf]: kernels/carry.cl. */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+voxel_join(const __global int *restrict around,  /* [leaf][27] */
+           const __global int2 *restrict places, /* [leaf] */
+           LEAF_ARRAY(float, params))
+{
+    const uint leaf = get_group_id(0);
+    const __global int *near = around + leaf * 27u;
+
+    if (places[leaf].y > -2)
+        return;
+    for (int v = (int)get_local_id(0); v < VERTICES; v += LS) {
+        const int3 face = (int3)(face_of(v % SIDE), face_of(v / SIDE % SIDE),
+                                 face_of(v / (SIDE * SIDE)));
+        bool found = false;
+
+        for (int z = min(face.z, 0); !found && z <= max(face.z, 0); z++)
+            for (int y = min(face.y, 0); !found && y <= max(face.y, 0); y++)
+                for (int x = min(face.x, 0); !found && x <= max(face.x, 0); x++) {
+                    const int other = near[13 + (z * 3 + y) * 3 + x];
+                    const int there = v - ((z * SIDE + y) * SIDE + x) * CELLS;
+
+                    if (other < 0 || places[other].y <= -2)
+                        continue;
+                    for (int f = 0; f < FEATURES; f++)
+                        LEAF_ROW(params, leaf, PARAMS)[v * FEATURES + f] =
+                            LEAF_ROW(params, other, PARAMS)[there * FEATURES + f];
+                    found = true;
+                }
     }
 }

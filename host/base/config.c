@@ -126,6 +126,32 @@ static const setting kilonerf[] = {
     {"view-bands", "4"},  {"rrelu-lower", "0"}, {"rrelu-upper", "0"},
 };
 
+/* Voxels instead of networks (method.md section 1): leaves of 8 cells an axis down to level 6, grown
+ * by level. The numbers are measured: docs/results.md, "Voxels". */
+static const setting voxel[] = {
+    {"encoding", "voxel"},
+    {"density-scale", "128"},
+    {"initial-depth", "0.1"},
+    {"level-at", "3:0.01,4:0.03,5:0.08,6:0.3"},
+    {"adaptive", "no"},
+    {"n1", "8"},
+    {"refresh-every", "32"},
+    {"cull-strikes", "1"},
+    {"cull-after", "32"},
+    {"samples-per-leaf", "16"},
+    {"samples-per-ray", "24"},
+    {"rays", "4096"},
+    {"batch-samples", "262144"},
+    {"min-leaf-samples", "1"},
+    {"lr", "0.1"},
+    {"lr-final", "0.01"},
+    {"beta1", "0"},
+    {"density-lr", "4"},
+    {"harmonics-lr", "0.2"},
+    {"smooth-density", "1e-9"},
+    {"smooth-colour", "1e-9"},
+};
+
 static const struct {
     const char *name;
     const setting *settings; /* [count], on top of the fast preset */
@@ -133,6 +159,7 @@ static const struct {
 } baselines[] = {
     {"nerf", nerf, sizeof nerf / sizeof nerf[0]},
     {"kilonerf", kilonerf, sizeof kilonerf / sizeof kilonerf[0]},
+    {"voxel", voxel, sizeof voxel / sizeof voxel[0]},
 };
 
 /* ---- rows ---- */

@@ -36,7 +36,7 @@ bool cln_config_named(const cln_config_row *row, const char *name, size_t length
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);
 
-#define CLN_PRESETS "fast|paper|nerf|kilonerf"
+#define CLN_PRESETS "fast|paper|nerf|kilonerf|voxel"
 
 /* *out = preset "fast" or "paper", or a baseline: "nerf" (one network) or "kilonerf" (a uniform
  * grid of small ones, from scratch), both otherwise fast. CLN_USAGE for another name. */

@@ -198,6 +198,9 @@ int cln_config_most_leaves(const cln_config *config)
     else
         cln_clear_error(); /* cln_config_check reports it */
     all = 1 << (3 * deepest);
+    /* what is deeper than a whole tree may be holds surfaces: four leaves for each of a face */
+    if (deepest >= CLN_FULL_LEVELS)
+        all = 4 << (2 * deepest);
     return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
 }
 

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 30 };
+enum { IDLE_ROWS = 34 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -33,9 +33,18 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "nothing grows back in normalised device coordinates; give --space cube"},
         {"skip", c->skip && c->depth < 6,
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
+        {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope rrelu-lower "
+         "rrelu-upper init min-leaf-samples",
+         c->encoding == CLN_ENCODING_VOXEL, "voxels have no network; give --encoding frequency"},
+        {"harmonics density-lr harmonics-lr smooth-density smooth-colour",
+         c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
+        {"harmonics harmonics-lr", !c->view_dependence,
+         "without view dependence there are no harmonics; give --view-dependence"},
         {"bands bands-by-level", c->encoding == CLN_ENCODING_GRID,
          "networks on a grid read no bands of the position; give --encoding frequency"},
-        {"grid-cells grid-features", c->encoding != CLN_ENCODING_GRID,
+        {"grid-cells", c->encoding == CLN_ENCODING_FREQUENCY,
+         "there is no grid; give --encoding grid"},
+        {"grid-features", c->encoding != CLN_ENCODING_GRID,
          "there is no grid; give --encoding grid"},
         {"view-width view-bands view-l2", !c->view_dependence,
          "without view dependence there is no view layer; give --view-dependence"},

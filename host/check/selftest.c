@@ -42,6 +42,9 @@ static const shape shapes[] = {
     {"cropped", "fast", .small = true, .crop = true, .in = FULL},
     {"tiny, splatting", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
      .small = true, .splat = true, .distortion = true, .in = TINY},
+    {"voxels", "voxel", .in = FULL},
+    {"voxels, work-groups of 16", "voxel",
+     "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64", .in = FULL},
     {"tiny, gathering", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
      .small = true, .in = TINY},
 };
@@ -57,6 +60,7 @@ static void prepare(cln_config *config)
     config->n1 = 5; /* odd: no midpoint between opposite faces lies on a border of cells */
     config->splat_min_alpha = 0;
     config->roulette = 0; /* has its own check */
+    config->smooth_density = config->smooth_colour = 0; /* tests/pipeline/test_voxel.c */
     /* runs the code of random slopes with equal bounds, so that the reference needs no hash */
     if (config->rrelu_scope != CLN_RRELU_MEAN)
         config->rrelu_lower = config->rrelu_upper = -0.2;
@@ -98,6 +102,7 @@ static cln_status make_model(const cln_config *config, bool shell, cln_model *mo
 {
     cln_status st = CLN_OK;
     uint8_t *split = NULL;
+    int *owner = NULL;
     cln_octree_change change = {0};
     const double scale = sqrt(2.0 / config->width);
 
@@ -108,7 +113,11 @@ static cln_status make_model(const cln_config *config, bool shell, cln_model *mo
     CLN_TRY(cln_model_apply(model, &change));
     for (int i = 0; i < model->tree.leaf_count * model->net.params; i++)
         model->params[i] = (float)(scale * cln_check_uniform(1, (uint32_t)i, -1, 1));
+    CLN_TRY(cln_check_owners(model, &owner));
+    for (int i = 0; owner && i < model->tree.leaf_count * model->net.params; i++)
+        model->params[i] = model->params[owner[i]];
 done:
+    free(owner);
     free(split);
     cln_octree_change_free(&change);
     return st;

@@ -209,6 +209,35 @@ done:
     return st;
 }
 
+cln_status cln_check_owners(const cln_model *model, int **owner)
+{
+    cln_status st = CLN_OK;
+    const cln_network *net = &model->net;
+    const int leaves = model->tree.leaf_count, side = net->cells + 1;
+    const int vertices = side * side * side, numbers = vertices * net->features;
+    int32_t(*around)[27] = NULL;
+    int *vertex = NULL;
+
+    *owner = NULL;
+    if (net->encoding != CLN_ENCODING_VOXEL)
+        return CLN_OK;
+    CLN_TRY(cln_octree_around(&model->tree, &around));
+    CLN_TRY(cln_alloc(&vertex, (size_t)(leaves * vertices), sizeof *vertex, "self-test"));
+    CLN_TRY(cln_alloc(owner, (size_t)(leaves * net->params), sizeof **owner, "self-test"));
+    ref_voxel_owners(net, leaves, (const int32_t(*)[27])around, vertex);
+    for (int i = 0; i < leaves * net->params; i++) {
+        const int at = i % net->params, v = i / net->params * vertices + at / net->features;
+
+        (*owner)[i] = at < numbers ? vertex[v] / vertices * net->params +
+                                         vertex[v] % vertices * net->features + at % net->features
+                                   : i;
+    }
+done:
+    free(around);
+    free(vertex);
+    return st;
+}
+
 /* Runs forward and, in training, backward; allocates *grads. */
 static cln_status launch(cln_checks *c, data *d, bool training, float **grads)
 {
@@ -223,6 +252,8 @@ static cln_status launch(cln_checks *c, data *d, bool training, float **grads)
     if (training) {
         CLN_TRY(cln_alloc(grads, floats, sizeof **grads, "self-test"));
         CLN_TRY(cln_check_spoil(p->device, &p->grads, floats * sizeof **grads));
+        if (p->net.encoding == CLN_ENCODING_VOXEL) /* of vertices that are met alone */
+            CLN_TRY(cln_buffer_zero(p->device, &p->grads, floats * sizeof **grads));
         CLN_TRY(cln_stage_backward(p, d->n, d->slices, 77));
         CLN_TRY(cln_buffer_read(p->device, &p->grads, 0, *grads, floats * sizeof **grads));
     }
@@ -280,6 +311,31 @@ done:
     return st;
 }
 
+/* [all leaves' numbers] */
+typedef struct moving {
+    int all;
+    double *want, *grad, *m, *v;
+} moving;
+
+/* Voxels' first step: owners' by the sum of all gradients, others' numbers are their owners'. */
+static void step_voxels(const cln_config *config, const cln_network *net, const int *owner,
+                        double lr, moving to)
+{
+    for (int i = 0; i < to.all; i++)
+        if (owner[i] != i)
+            to.grad[owner[i]] += to.grad[i];
+    for (int i = 0; i < to.all; i++) {
+        const int f = i % net->params % net->features;
+        const double rate = f == 3 ? config->density_rate : f > 3 ? config->harmonic_rate : 1;
+
+        if (owner[i] == i && to.grad[i] != 0)
+            ref_adam(1, &to.want[i], &to.grad[i], &to.m[i], &to.v[i], 1, lr * rate,
+                     (float)config->beta1, (float)config->beta2, (float)config->epsilon);
+    }
+    for (int i = 0; i < to.all; i++)
+        to.want[i] = to.want[owner[i]];
+}
+
 /* Checks an update of the leaves with enough samples; the others must keep every bit. */
 static cln_status check_adam(cln_checks *c, const data *d)
 {
@@ -290,7 +346,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
     const double lr = (float)1e-3;
     float *got = NULL;
     double *want = NULL, *grad = NULL, *m = NULL, *v = NULL;
-    int changed = 0, idle = 0;
+    int *owner = NULL, changed = 0, idle = 0;
     bool within = false;
     char text[256];
 
@@ -306,7 +362,14 @@ static cln_status check_adam(cln_checks *c, const data *d)
     CLN_TRY(cln_buffer_read(p->device, &p->params, 0, got, (size_t)all * sizeof *got));
     for (int i = 0; i < all; i++)
         want[i] = c->model->params[i];
-    for (int s = 0; s < p->leaves; s++) {
+    CLN_TRY(cln_check_owners(c->model, &owner));
+    if (owner)
+        step_voxels(config, &p->net, owner, lr, (moving){all, want, grad, m, v});
+    for (int i = 0; owner && i < all; i++) {
+        idle += grad[owner[i]] == 0;
+        changed += grad[owner[i]] == 0 && got[i] != c->model->params[i];
+    }
+    for (int s = 0; !owner && s < p->leaves; s++) {
         const int at = s * params;
 
         if ((int)samples_of(c, s) >= config->min_leaf_samples) {
@@ -327,8 +390,9 @@ static cln_status check_adam(cln_checks *c, const data *d)
     within = cln_compare_values(got, want, (size_t)all, 1e-6, 1e-2, text);
     cln_check_say(c, "adam", within, "%s", text);
     cln_check_say(c, "adam: leaves with few samples stay", changed == 0 && idle > 0,
-                  "%d weights of %d leaves changed", changed, idle);
-    CLN_TRY(check_moments(c, "adam: first moments", &p->adam_m, m, (size_t)all));
+                  "%d weights of %d %s changed", changed, idle, owner ? "without gradient" : "leaves");
+    if (!owner || config->beta1 > 0)
+        CLN_TRY(check_moments(c, "adam: first moments", &p->adam_m, m, (size_t)all));
     CLN_TRY(check_moments(c, "adam: second moments", &p->adam_v, v, (size_t)all));
 done:
     free(got);
@@ -336,6 +400,7 @@ done:
     free(grad);
     free(m);
     free(v);
+    free(owner);
     return st;
 }
 

@@ -1,6 +1,7 @@
 /* A model in host memory: creates it, carries it over a change of the tree, digests it. See
  * model.h. checkpoint.c reads and writes it. */
 #include "model/model.h"
+#include "model/encoding_voxel.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -265,6 +266,8 @@ cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
                 densities_of_parent(n1, old, CLN_MERGED - octant, grid);
         }
     }
+    if (model->net.encoding == CLN_ENCODING_VOXEL)
+        CLN_TRY(cln_voxel_join(&model->net, &model->tree, change, params));
     free(model->params);
     free(model->density);
     model->params = params;

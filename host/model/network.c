@@ -8,6 +8,7 @@
 #include <string.h>
 #include "base/rng.h"
 #include "model/encoding.h"
+#include "model/encoding_voxel.h"
 
 enum { ALIGN_FLOATS = 16, PAD_ROWS = 4 };
 static const double GRID_BOUND = 0.1; /* of initial features: nearly the same everywhere */
@@ -54,28 +55,19 @@ static cln_status check_shape(const cln_config *c)
                         "grid-cells %d: it is an even number from 2 to 32, so that "
                         "vertices of a leaf are vertices of its children",
                         c->grid_cells);
+    if (c->encoding == CLN_ENCODING_VOXEL && c->grid_cells > CLN_VOXEL_CELLS)
+        return cln_fail(CLN_USAGE,
+                        "grid-cells %d: leaves have at most %d voxels along an axis; smaller "
+                        "leaves have finer ones (--level-at)",
+                        c->grid_cells, CLN_VOXEL_CELLS);
+    if (c->encoding == CLN_ENCODING_VOXEL)
+        return CLN_OK;
     if (c->grid_features < 4 || c->grid_features > 16 || c->grid_features % PAD_ROWS != 0)
         return cln_fail(CLN_USAGE, "grid-features %d: it is 4, 8, 12 or 16", c->grid_features);
     if (c->skip && c->depth >= 6)
         return cln_fail(CLN_USAGE, "skip: networks on a grid have no skip connection; give "
                                    "--no-skip, or --encoding frequency");
     return CLN_OK;
-}
-
-/* Voxels: no layers, a grid alone. */
-static void layout_voxel(const cln_config *config, cln_network *net)
-{
-    static const int features[] = {4, 16, 32}, numbers[] = {4, 13, 28};
-    const int degree = config->view_dependence ? config->harmonics : 0;
-
-    net->encoding = CLN_ENCODING_VOXEL;
-    net->skip_layer = net->view_w = net->view_b = -1;
-    net->depth = 1;
-    net->bands = 1;
-    net->cells = config->grid_cells;
-    net->features = net->width = net->colour_width = features[degree];
-    take(net, cln_encoding_vertices(net->cells) * net->features);
-    net->learned = cln_encoding_vertices(net->cells) * numbers[degree];
 }
 
 cln_status cln_network_layout(const cln_config *config, cln_network *out)
@@ -86,8 +78,7 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out)
 
     CLN_TRY(check_shape(config));
     if (config->encoding == CLN_ENCODING_VOXEL) {
-        layout_voxel(config, &net);
-        *out = net;
+        cln_voxel_layout(config, out);
         goto done;
     }
     net.width = w;

@@ -10,7 +10,8 @@
  *   TRAIN, EVAL   PARTS, and whether the pass is for training (mlp_*.cl)
  *   WIDE    64-bit keys (scan.cl)
  *   CROP    PARTS, and rays are cut to a box (walk.h); only where it is wanted by name
- * when (programs.c decides by settings and tuning parameters): ALWAYS; SPLATTING: stage 1 splats;
+ * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK, VOXEL: what leaves
+ * are; SPLATTING: stage 1 splats;
  * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge;
  * SHARED: ranks share the pipeline. */
 #define CLN_PROGRAM_LIST(X)                          \
@@ -70,6 +71,7 @@
     X(voxel_forward_train, voxel_forward, voxel_train, ALWAYS)      \
     X(voxel_backward, voxel_backward, voxel_train, ALWAYS)          \
     X(voxel_update, voxel_update, voxel_train, ALWAYS)              \
+    X(voxel_join, voxel_join, voxel_train, ALWAYS)                  \
     X(roulette, roulette, roulette, ALWAYS)                         \
     X(composite, composite, composite, ALWAYS)                      \
     X(composite_train, composite_train, composite, ALWAYS)          \

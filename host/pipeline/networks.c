@@ -251,7 +251,7 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
             CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem),
             CLN_ARG(p->ray_d.mem), CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem),
             CLN_ARG(p->chosen_counts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
-            CLN_ARG(slices), CLN_ARG(p->begin.mem), CLN_ARG(first)));
+            CLN_ARG(slices), CLN_ARG(p->begin.mem), CLN_ARG(key), CLN_ARG(first)));
         goto done;
     }
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,

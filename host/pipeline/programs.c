@@ -156,10 +156,10 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define ENCODING %d\n#define CELLS %d\n#define FEATURES %d\n#define GRID_W %d",
          net->encoding, net->cells, net->features, net->grid_w);
     if (net->encoding == CLN_ENCODING_VOXEL) {
-        line(&t, "#define SMOOTH %d", c->smooth_sigma > 0 || c->smooth_colour > 0);
-        real(&t, "SMOOTH_SIGMA", c->smooth_sigma);
+        line(&t, "#define SMOOTH %d", c->smooth_density > 0 || c->smooth_colour > 0);
+        real(&t, "SMOOTH_DENSITY", c->smooth_density);
         real(&t, "SMOOTH_COLOUR", c->smooth_colour);
-        real(&t, "SIGMA_RATE", c->sigma_rate);
+        real(&t, "DENSITY_RATE", c->density_rate);
         real(&t, "HARMONIC_RATE", c->harmonic_rate);
     }
     line(&t, "#define DENSITY %d", c->density);
@@ -195,6 +195,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     real(&t, "BETA1", c->beta1);
     real(&t, "BETA2", c->beta2);
     real(&t, "EPSILON", c->epsilon);
+    line(&t, "#define MOMENTUM %d", c->beta1 > 0 || net->encoding != CLN_ENCODING_VOXEL);
     real(&t, "DECAY1", -log(c->beta1));
     real(&t, "DECAY2", -log(c->beta2));
     line(&t, "#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);

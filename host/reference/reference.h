@@ -150,6 +150,9 @@ void ref_voxel(const cln_network *net, const float *params, const double local[3
                const double dir[3], double raw[4]);
 void ref_voxel_backward(const cln_network *net, const double local[3], const double dir[3],
                         const double draw[4], double *grad);
+/* Who steps for a vertex that several leaves have: owner[leaf * vertices + vertex], the same number
+ * of one of them. around: cln_octree_around. */
+void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around)[27], int *owner);
 
 /* Evaluates a sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
  * negative-side slopes r of all elements, [depth][width] of the trunk, then [view_width] of the

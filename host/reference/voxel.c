@@ -57,3 +57,28 @@ void ref_voxel_backward(const cln_network *net, const double local[3], const dou
             d[number_of(k, c)] = y[k] * draw[c];
     ref_grid_backward(net->cells, net->features, local, d, grad);
 }
+
+/* Leaf and vertex of the first leaf around `slot` that has its vertex v, as leaf * vertices +
+ * vertex. */
+static int first_of(const cln_network *net, const int32_t around[27], int v)
+{
+    const int side = net->cells + 1;
+
+    for (int i = 0; i < 27; i++) {
+        const int x = v % side - (i % 3 - 1) * net->cells;
+        const int y = v / side % side - (i / 3 % 3 - 1) * net->cells;
+        const int z = v / side / side - (i / 9 - 1) * net->cells;
+
+        if (around[i] >= 0 && x >= 0 && x < side && y >= 0 && y < side && z >= 0 && z < side)
+            return ((around[i] * side + z) * side + y) * side + x;
+    }
+    return -1;
+}
+
+void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around)[27], int *owner)
+{
+    const int vertices = (net->cells + 1) * (net->cells + 1) * (net->cells + 1);
+
+    for (int i = 0; i < leaves * vertices; i++)
+        owner[i] = first_of(net, around[i / vertices], i % vertices);
+}

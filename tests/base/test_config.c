@@ -694,10 +694,10 @@ static void test_level_at(void **state)
     assert_true(f[1] == 0 && f[2] == 0 && f[3] == 2 && f[5] == 1);
     f[0] = 9;
     assert_failed(levels("3:0.3,4:0.2", 2, f), CLN_USAGE, "--level-at|4:0.2|before");
-    assert_failed(levels("4:0.1,3:0.2", 2, f), CLN_USAGE, "--level-at|level 3|5");
+    assert_failed(levels("4:0.1,3:0.2", 2, f), CLN_USAGE, "--level-at|level 3|8");
     assert_failed(levels("3:0.1,3:0.2", 2, f), CLN_USAGE, "--level-at|ascend");
     assert_failed(levels("2:0.1", 2, f), CLN_USAGE, "--level-at|--start-level 2");
-    assert_failed(levels("6:0.1", 2, f), CLN_USAGE, "--level-at|level 6|5");
+    assert_failed(levels("9:0.1", 2, f), CLN_USAGE, "--level-at|level 9|8");
     assert_failed(levels("3:1.1", 2, f), CLN_USAGE, "--level-at|3:1.1|0..1");
     assert_failed(levels("3:-0.1", 2, f), CLN_USAGE, "--level-at");
     assert_failed(levels("3", 2, f), CLN_USAGE, "--level-at|'3'|LEVEL:FRACTION");

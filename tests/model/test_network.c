@@ -342,6 +342,8 @@ static double fold_error(const cln_config *c, int level, const int *octants, int
     nets[0] = malloc(bytes);
     nets[1] = malloc(bytes);
     cln_network_init(&r.net, c, root);
+    for (int i = 0; c->encoding == CLN_ENCODING_VOXEL && i < r.net.params; i++)
+        root[i] = (float)(cln_hash((uint32_t)i) / 0x1p31 - 1);
     memcpy(nets[0], root, bytes);
     for (int t = 0; t < times; t++)
         cln_network_fold(&r.net, nets[t % 2], octants[t], nets[(t + 1) % 2]);
@@ -396,6 +398,8 @@ static const struct fold_case {
     {"five levels down, fast", 32, 3, 6, 5, false, false, 1e-4, 0},
     {"grid, one level down", 16, 2, 1, 1, false, false, 1e-5, 8},
     {"grid, five levels down", 32, 3, 1, 5, false, false, 1e-5, 6},
+    {"voxel, one level down", 32, 3, 1, 1, false, false, 1e-5, -CLN_ENCODING_VOXEL},
+    {"voxel, five levels down", 32, 3, 1, 5, false, false, 1e-5, -CLN_ENCODING_VOXEL},
 };
 
 static void test_fold(void **state)

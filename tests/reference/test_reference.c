@@ -57,6 +57,10 @@ static const network_case network_cases[] = {
     {"paper", 64, 8, 256, 10, 4, true, true, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 149, 0},
     {"grid", 16, 2, 16, 1, 1, true, false, CLN_DENSITY_SOFTPLUS, false, -0.2, false, 1, 2},
     {"grid, slopes", 16, 3, 16, 1, 0, false, false, CLN_DENSITY_SOFTPLUS, true, 0, false, 3, 4},
+    {"voxel", 16, 3, 16, 1, 0, true, false, CLN_DENSITY_SOFTPLUS, false, 0, false, 1,
+     -CLN_ENCODING_VOXEL},
+    {"voxel, no view", 16, 3, 16, 1, 0, false, false, CLN_DENSITY_EXP, false, 0, false, 1,
+     -CLN_ENCODING_VOXEL},
 };
 
 static cln_config config_of(const network_case *c)
@@ -145,7 +149,10 @@ static void check_network_case(const network_case *c)
     }
     /* Padding has no gradient; learned numbers have one, except for faded bands and dead relu. */
     assert_true(nonzero <= r.net.learned);
-    assert_true(nonzero > r.net.learned / 2);
+    if (r.net.encoding == CLN_ENCODING_VOXEL) /* of the cell's eight corners */
+        assert_int_equal(nonzero, c->view ? 8 * 13 : 8 * 4);
+    else
+        assert_true(nonzero > r.net.learned / 2);
     bound = 1e-6 * sqrt(square / r.net.params);
     for (int i = 0; i < r.net.params; i += c->stride) {
         double coarse =
@@ -227,6 +234,46 @@ static void test_grid(void **state)
     for (int i = 0; i < 27; i++)
         sum += grad[i];
     assert_near(sum, 2, 1e-12);
+}
+
+/* A voxel's harmonics are orthogonal over the sphere, each with the square 1 on average: their sums
+ * over directions with weights of the sphere's area, without the code's formulas. */
+static void test_harmonics(void **state)
+{
+    enum { STEPS = 200, MOST = 9 };
+    cln_config config;
+    cln_network net;
+    double sums[MOST][MOST] = {{0}}, area = 0;
+    float params[27 * 32];
+    const double middle[3] = {0, 0, 0};
+
+    (void)state;
+    assert_int_equal(cln_config_preset("voxel", &config), CLN_OK);
+    config.harmonics = 2;
+    config.grid_cells = 2;
+    assert_int_equal(cln_network_layout(&config, &net), CLN_OK);
+    assert_true(net.params <= 27 * 32);
+    for (int i = 0; i < STEPS; i++)
+        for (int j = 0; j < 2 * STEPS; j++) {
+            const double polar = M_PI * (i + 0.5) / STEPS, round = M_PI * (j + 0.5) / STEPS;
+            const double d[3] = {sin(polar) * cos(round), sin(polar) * sin(round), cos(polar)};
+            double y[MOST], raw[4];
+
+            for (int k = 0; k < MOST; k++) { /* red with one coefficient is that harmonic */
+                memset(params, 0, sizeof params);
+                params[13 * 32 + (k == 0 ? 0 : 4 + 3 * (k - 1))] = 1;
+                ref_voxel(&net, params, middle, d, raw);
+                y[k] = raw[0];
+                assert_true(raw[1] == 0 && raw[2] == 0 && raw[3] == 0);
+            }
+            area += sin(polar);
+            for (int a = 0; a < MOST; a++)
+                for (int b = 0; b < MOST; b++)
+                    sums[a][b] += sin(polar) * y[a] * y[b];
+        }
+    for (int a = 0; a < MOST; a++)
+        for (int b = 0; b < MOST; b++)
+            assert_near(sums[a][b] / area, a == b ? 1 : 0, 1e-4);
 }
 
 /* A network with six nonzero weights, calculated by hand: x -> 2x -> 3h -> heads. */
@@ -603,6 +650,7 @@ int test_group_reference(void)
         cmocka_unit_test(test_network_gradients),
         cmocka_unit_test(test_encoding),
         cmocka_unit_test(test_grid),
+        cmocka_unit_test(test_harmonics),
         cmocka_unit_test(test_network_by_hand),
         cmocka_unit_test(test_skip_by_hand),
         cmocka_unit_test(test_density_extremes),

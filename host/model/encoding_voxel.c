@@ -1,0 +1,80 @@
+/* Voxels' layout, and their common vertices after a change of the tree. See encoding_voxel.h. */
+#include "model/encoding_voxel.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "model/encoding.h"
+
+enum { AROUND = 27 };
+
+void cln_voxel_layout(const cln_config *config, cln_network *net)
+{
+    static const int features[] = {4, 16, 32}, learned[] = {4, 13, 28};
+    const int degree = config->view_dependence ? config->harmonics : 0;
+    const int vertices = cln_encoding_vertices(config->grid_cells);
+
+    memset(net, 0, sizeof *net);
+    net->encoding = CLN_ENCODING_VOXEL;
+    net->skip_layer = net->view_w = net->view_b = -1;
+    net->depth = 1;
+    net->bands = 1;
+    net->cells = config->grid_cells;
+    net->features = net->width = net->colour_width = features[degree];
+    net->params = (vertices * net->features + 15) / 16 * 16;
+    net->learned = vertices * learned[degree];
+}
+
+/* Coordinate of direction i, 0 .. 26, along an axis: -1, 0 or 1. */
+static int direction(int i, int axis)
+{
+    return (axis == 0 ? i : axis == 1 ? i / 3 : i / 9) % 3 - 1;
+}
+
+/* Number in leaf `i` around a leaf of the vertex at `at` in that leaf, or -1 if it is not there. */
+static int vertex_in(int cells, const int at[3], int i)
+{
+    int there = 0;
+
+    for (int a = 2; a >= 0; a--) {
+        const int x = at[a] - direction(i, a) * cells;
+
+        if (x < 0 || x > cells)
+            return -1;
+        there = there * (cells + 1) + x;
+    }
+    return there;
+}
+
+static bool is_made(const cln_octree_change *change, int slot)
+{
+    return change->octant[slot] <= CLN_MERGED;
+}
+
+cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
+                          const cln_octree_change *change, float *params)
+{
+    cln_status st = CLN_OK;
+    const int side = net->cells + 1;
+    const size_t bytes = (size_t)net->features * sizeof *params;
+    int32_t(*around)[AROUND] = NULL;
+
+    CLN_TRY(cln_octree_around(tree, &around));
+    for (int slot = 0; slot < change->count; slot++)
+        for (int v = 0; is_made(change, slot) && v < side * side * side; v++) {
+            const int at[3] = {v % side, v / side % side, v / side / side};
+
+            for (int i = 0; i < AROUND; i++) {
+                const int other = around[slot][i], there = vertex_in(net->cells, at, i);
+
+                if (other < 0 || there < 0 || is_made(change, other))
+                    continue;
+                memcpy(params + (size_t)slot * (size_t)net->params + v * net->features,
+                       params + (size_t)other * (size_t)net->params + there * net->features, bytes);
+                break;
+            }
+        }
+done:
+    free(around);
+    return st;
+}

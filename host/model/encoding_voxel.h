@@ -1,0 +1,24 @@
+/* Leaves of voxels (method.md section 1): no layers, but a grid of [cells + 1]^3 vertices (z, y, x)
+ * of `features` numbers: red, green, blue, density, then red, green, blue of each further spherical
+ * harmonic; all before their activations. Vertices on faces are in each leaf that has them.
+ * Splits and merges are the grid's (encoding_grid.h). Kernels: kernels/voxel.cl; float64 twin:
+ * host/reference/voxel.c. */
+#ifndef CLN_ENCODING_VOXEL_H
+#define CLN_ENCODING_VOXEL_H
+
+#include "model/network.h"
+#include "model/octree.h"
+
+/* Most cells of a leaf along an axis: a row of vertices is the bits of a number. */
+enum { CLN_VOXEL_CELLS = 16 };
+
+/* The layout of config's voxels. */
+void cln_voxel_layout(const cln_config *config, cln_network *net);
+
+/* After a change of the tree: leaves that are new, or come from smaller ones, take over the numbers
+ * that leaves of their size around them have at common vertices. params: [leaf][params].
+ * CLN_MEMORY. */
+cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
+                          const cln_octree_change *change, float *params);
+
+#endif

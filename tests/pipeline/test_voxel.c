@@ -1,0 +1,401 @@
+/* The update of voxels against the float64 reference: gradients of leaves that share vertices are
+ * added, with the smoothness', and every copy of a vertex gets the bits of one step; vertices that
+ * no sample met keep theirs. And what a change of the tree leaves of shared vertices. Forward and
+ * backward: test_mlp.c. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "device_test.h"
+#include "pipeline/carry.h"
+#include "reference/reference.h"
+#include "tests.h"
+
+enum { CELLS = 4, SIDE = CELLS + 1, VERTICES = SIDE * SIDE * SIDE, MOST = 64, EVERY = 4 };
+
+typedef struct voxel_case {
+    const char *name;
+    int set, harmonics;
+    double beta1, smooth_density, smooth_colour, density_lr, harmonics_lr;
+} voxel_case;
+
+static const voxel_case cases[] = {
+    {"default", 0, 1, 0, 0, 0, 4, 0.2},
+    {"smooth", 0, 1, 0, 3e-3, 1e-3, 4, 0.2},
+    {"slices", 1, 1, 0, 0, 0, 4, 0.2},
+    {"plain, momentum", 1, 2, 0.9, 1e-3, 3e-3, 1, 1},
+    {"wide vectors", 2, 2, 0, 1e-3, 0, 2, 0.5},
+    {"items, no view", 3, 0, 0, 0, 1e-3, 1, 1},
+    {"gpu", 4, 1, 0.9, 1e-3, 1e-3, 4, 0.2},
+};
+
+static cln_config config_of(const voxel_case *c)
+{
+    cln_config config = small_config();
+
+    config.encoding = CLN_ENCODING_VOXEL;
+    config.grid_cells = CELLS;
+    config.view_dependence = c->harmonics > 0;
+    config.harmonics = c->harmonics;
+    config.start_level = 2;
+    config.beta1 = c->beta1;
+    config.beta2 = 0.99;
+    config.epsilon = 1e-10;
+    config.moments = CLN_MOMENTS_FLOAT32;
+    config.roulette = 0;
+    config.smooth_density = c->smooth_density;
+    config.smooth_colour = c->smooth_colour;
+    config.density_rate = c->density_lr;
+    config.harmonic_rate = c->harmonics_lr;
+    return config;
+}
+
+/* A vertex' place in a lattice of the cube at the leaf's size: the same for all that share it. */
+static int key_of(const cln_octree *tree, int slot, int v)
+{
+    const int node = tree->leaf[slot], level = tree->level[node];
+    const int at[3] = {v % SIDE, v / SIDE % SIDE, v / (SIDE * SIDE)};
+    const int n = (CELLS << level) + 1;
+    int key = 0;
+
+    for (int a = 2; a >= 0; a--)
+        key = key * n + tree->pos[node][a] * CELLS + at[a];
+    return key * 4 + level;
+}
+
+/* 64 leaves of level 2, some of them gone, one split. Numbers of a vertex follow from its place. */
+static void make_model(const cln_config *config, cln_model *model)
+{
+    uint8_t cull[MOST] = {0}, split[MOST] = {0};
+    cln_octree_change change = {0};
+
+    assert_ok(cln_model_create(config, model));
+    assert_int_equal(model->tree.leaf_count, MOST);
+    for (int s = 5; s < MOST; s += 3)
+        cull[s] = 1;
+    assert_ok(cln_octree_cull(&model->tree, cull, &change));
+    assert_ok(cln_model_apply(model, &change));
+    cln_octree_change_free(&change);
+    split[7] = 1;
+    assert_ok(cln_octree_split(&model->tree, split, &change));
+    assert_ok(cln_model_apply(model, &change));
+    cln_octree_change_free(&change);
+    for (int s = 0; s < model->tree.leaf_count; s++)
+        for (int v = 0; v < VERTICES; v++)
+            for (int f = 0; f < model->net.features; f++)
+                model->params[s * model->net.params + v * model->net.features + f] =
+                    (float)test_uniform(4, key_of(&model->tree, s, v) * 32 + f, -1, 1);
+}
+
+typedef struct batch {
+    uint32_t n;
+    cln_sample *samples;
+    float (*ray_o)[4], (*ray_d)[4], (*dout)[4];
+} batch;
+
+/* Every other leaf has samples, at exact places: t = 0. few: so few that they are one slice. */
+static void make_batch(const cln_octree *tree, bool few, batch *b)
+{
+    float *boxes = NULL;
+    uint32_t counts[MOST * 2] = {0}, at = 0;
+
+    for (int s = 0; s < tree->leaf_count; s++)
+        b->n += counts[s] = s % 2 ? 0 : few ? 3 + (uint32_t)s % 3 : 3 + (uint32_t)s % 5 * 7;
+    b->samples = test_alloc(b->n, sizeof *b->samples);
+    b->ray_o = test_alloc(b->n, sizeof *b->ray_o);
+    b->ray_d = test_alloc(b->n, sizeof *b->ray_d);
+    b->dout = test_alloc(b->n, sizeof *b->dout);
+    assert_ok(cln_octree_boxes(tree, &boxes));
+    for (int s = 0; s < tree->leaf_count; s++)
+        for (uint32_t k = 0; k < counts[s]; k++, at++) {
+            const double d[3] = {test_uniform(1, (int)at, -1, 1), test_uniform(2, (int)at, -1, 1),
+                                 0.5};
+            const double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+
+            b->samples[at] = (cln_sample){.ray = at, .slot = s, .delta = 0.01f};
+            for (int a = 0; a < 3; a++) {
+                const double part = floor(test_uniform(3, (int)(3 * at) + a, 0, 1024)) / 1024;
+
+                b->ray_o[at][a] = (float)(boxes[4 * s + a] + part * boxes[4 * s + 3]);
+                b->ray_d[at][a] = (float)(d[a] / length);
+            }
+            for (int i = 0; i < 4; i++)
+                b->dout[at][i] =
+                    (float)test_uniform(5, (int)(4 * at) + i, -1, 1) * (i == 3 ? 0.01f : 1);
+        }
+    free(boxes);
+}
+
+static void free_batch(batch *b)
+{
+    free(b->samples);
+    free(b->ray_o);
+    free(b->ray_d);
+    free(b->dout);
+}
+
+/* ---- the reference's side ---- */
+
+/* Gradients [leaf][params] of the batch, and which vertices it met [leaf][VERTICES]. */
+static void backward(const cln_config *config, const cln_model *model, const batch *b,
+                     double *grads, uint8_t *met)
+{
+    ref_network r = {.net = model->net, .density = config->density};
+    float *boxes = NULL;
+
+    r.kappa = (float)config->density_scale;
+    r.bias = (float)cln_network_density_bias(config);
+    assert_ok(cln_octree_boxes(&model->tree, &boxes));
+    for (uint32_t i = 0; i < b->n; i++) {
+        const int s = b->samples[i].slot;
+        const float *box = boxes + 4 * s;
+        double local[3], dir[3], dout[4];
+        int first = 0;
+
+        for (int a = 2; a >= 0; a--) {
+            local[a] = ((double)b->ray_o[i][a] - box[a]) * 2 / box[3] - 1;
+            dir[a] = b->ray_d[i][a];
+            first = first * SIDE + (int)fmin((local[a] + 1) / 2 * CELLS, CELLS - 1);
+        }
+        for (int k = 0; k < 4; k++)
+            dout[k] = b->dout[i][k];
+        for (int c = 0; c < 8; c++)
+            met[s * VERTICES + first + (c & 1) + (c >> 1 & 1) * SIDE + (c >> 2) * SIDE * SIDE] = 1;
+        ref_backward(&r, model->params + s * model->net.params, local, dir, NULL, 0, dout,
+                     grads + s * model->net.params);
+    }
+    free(boxes);
+}
+
+/* Adds the smoothness' gradient of half the weighted squares over a leaf's edges, of which those on
+ * its faces count for all that have them. */
+static void smooth(const cln_config *config, const cln_model *model, uint32_t key, double *grads,
+                   const uint8_t *met)
+{
+    const int features = model->net.features, step[3] = {1, SIDE, SIDE * SIDE};
+
+    for (int s = 0; s < model->tree.leaf_count; s++) {
+        const float *p = model->params + s * model->net.params;
+
+        if (cln_hash(key ^ (uint32_t)s * 0x9E3779B9u) % EVERY)
+            continue;
+        for (int v = 0; v < VERTICES; v++)
+            for (int a = 0; a < 3; a++)
+                for (int way = -1; way <= 1; way += 2) {
+                    const int to = v / step[a] % SIDE + way, w = v + way * step[a];
+                    double share = EVERY;
+
+                    if (!met[s * VERTICES + v] || to < 0 || to > CELLS)
+                        continue;
+                    for (int other = 0; other < 3; other++)
+                        if (other != a && v / step[other] % SIDE % CELLS == 0)
+                            share /= 2;
+                    for (int f = 0; f < features; f++)
+                        grads[s * model->net.params + v * features + f] +=
+                            share * (f == 3 ? config->smooth_density : config->smooth_colour) *
+                            ((double)p[v * features + f] - p[w * features + f]);
+                }
+    }
+}
+
+/* One step of a leaf's vertex: the sum over all that share it, with the rates of its numbers. */
+static void step(const cln_config *config, const cln_model *model, const double *grads, int slot,
+                 int v, double lr, double want[32])
+{
+    const int features = model->net.features, key = key_of(&model->tree, slot, v);
+
+    for (int f = 0; f < features; f++) {
+        const double rate = f == 3 ? config->density_rate : f > 3 ? config->harmonic_rate : 1;
+        double g = 0, m = 0, moment = 0;
+
+        for (int s = 0; s < model->tree.leaf_count; s++)
+            for (int w = 0; w < VERTICES; w++)
+                if (key_of(&model->tree, s, w) == key)
+                    g += grads[s * model->net.params + w * features + f];
+        want[f] = model->params[slot * model->net.params + v * features + f];
+        ref_adam(1, &want[f], &g, &m, &moment, 1, lr * rate, (float)config->beta1,
+                 (float)config->beta2, (float)config->epsilon);
+    }
+}
+
+static bool is_met(const cln_model *model, const uint8_t *met, int slot, int v)
+{
+    const int key = key_of(&model->tree, slot, v);
+    bool any = false;
+
+    for (int s = 0; s < model->tree.leaf_count && !any; s++)
+        for (int w = 0; w < VERTICES && !any; w++)
+            any = met[s * VERTICES + w] && key_of(&model->tree, s, w) == key;
+    return any;
+}
+
+static void check_case(const voxel_case *c)
+{
+    const cln_config config = config_of(c);
+    const uint32_t key = 0x1234567u;
+    const double lr = 0.01;
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    cln_model model = {0};
+    batch b = {0};
+    double *grads = NULL;
+    float *got = NULL;
+    uint8_t *met = NULL;
+    uint32_t slices = 0;
+    int row = 0, leaves = 0, met_count = 0, tied = 0, features = 0;
+    double worst = 0;
+
+    make_model(&config, &model);
+    make_batch(&model.tree, c->smooth_density + c->smooth_colour > 0, &b);
+    leaves = model.tree.leaf_count;
+    row = model.net.params;
+    features = model.net.features;
+    grads = test_alloc((size_t)(leaves * row), sizeof *grads);
+    met = test_alloc((size_t)(leaves * VERTICES), 1);
+    got = test_alloc((size_t)(leaves * row), sizeof *got);
+    backward(&config, &model, &b, grads, met);
+    smooth(&config, &model, key, grads, met);
+
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_pipeline_points(p, b.ray_o[0], b.ray_d[0], NULL, b.n));
+    assert_ok(cln_pipeline_samples(p, b.samples, b.n));
+    assert_ok(CLN_RESERVE(p, dout, b.n));
+    assert_ok(cln_buffer_write(p->device, &p->dout, 0, b.dout, b.n * sizeof *b.dout));
+    assert_ok(cln_stage_group(p, b.n, &slices));
+    assert_ok(cln_stage_forward(p, b.n, slices, true, key));
+    assert_ok(cln_stage_update(p, b.n, slices, 1, key, lr));
+    assert_ok(CLN_GET(p, params, got, (size_t)leaves));
+
+    for (int s = 0; s < leaves; s += 3)
+        for (int v = s % 2; v < VERTICES; v += 2) {
+            const float *mine = got + s * row + v * features;
+            double want[32];
+
+            if (!is_met(&model, met, s, v)) {
+                assert_memory_equal(mine, model.params + s * row + v * features,
+                                    (size_t)features * sizeof *mine);
+                continue;
+            }
+            met_count++;
+            step(&config, &model, grads, s, v, lr, want);
+            for (int f = 0; f < features; f++)
+                worst = fmax(worst, fabs(mine[f] - want[f]) / lr);
+            for (int other = 0; other < leaves; other++)
+                for (int w = 0; w < VERTICES; w++)
+                    if (other != s &&
+                        key_of(&model.tree, other, w) == key_of(&model.tree, s, v)) {
+                        assert_memory_equal(mine, got + other * row + w * features,
+                                            (size_t)features * sizeof *mine);
+                        tied++;
+                    }
+        }
+    /* a gradient that nearly cancels is a step of either sign: of the samples here none does */
+    if (!(worst < 2e-3))
+        fail_msg("%s: a vertex is off by %.2g of a step", c->name, worst);
+    assert_true(met_count > 50 && tied > 50);
+    print_message("%-20s %d vertices met, %d copies, off by %.1g of a step\n", c->name, met_count,
+                  tied, worst);
+    free(grads);
+    free(met);
+    free(got);
+    free_batch(&b);
+    cln_model_free(&model);
+}
+
+static void test_update(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        check_case(&cases[i]);
+}
+
+/* Culled leaves come back: what they share with leaves that stayed has those' numbers, the rest is
+ * as at the start. */
+static void test_regrown(void **state)
+{
+    const cln_config config = config_of(&cases[0]);
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+    uint8_t cells[MOST], empty[2 * MOST] = {0};
+    cln_octree_change change = {0};
+    cln_model model = {0};
+    float *got = NULL;
+    int row = 0, features = 0, fresh = 0, joined = 0, new = 0;
+
+    (void)state;
+    memset(cells, 1, sizeof cells);
+    make_model(&config, &model);
+    row = model.net.params;
+    features = model.net.features;
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_octree_regrow(&model.tree, cells, 2, 2, empty, &change));
+    assert_ok(cln_pipeline_carry(p, &model.tree, &change));
+    got = test_alloc((size_t)(model.tree.leaf_count * row), sizeof *got);
+    assert_ok(CLN_GET(p, params, got, (size_t)model.tree.leaf_count));
+    for (int s = 0; s < model.tree.leaf_count; s++) {
+        fresh += change.octant[s] == CLN_FRESH;
+        for (int v = 0; change.octant[s] == CLN_FRESH && v < VERTICES; v++) {
+            const float zero[32] = {0};
+            const float *want = zero;
+
+            for (int other = 0; other < model.tree.leaf_count; other++)
+                for (int w = 0; w < VERTICES; w++)
+                    if (change.octant[other] != CLN_FRESH &&
+                        key_of(&model.tree, other, w) == key_of(&model.tree, s, v))
+                        want = got + other * row + w * features;
+            joined += want != zero;
+            new += want == zero;
+            assert_memory_equal(got + s * row + v * features, want,
+                                (size_t)features * sizeof *want);
+        }
+    }
+    assert_true(fresh > 3 && joined > 50 && new > 50);
+    free(got);
+    cln_octree_change_free(&change);
+    cln_model_free(&model);
+}
+
+/* Every neighbour that another way of looking finds, and no other. */
+static void test_around(void **state)
+{
+    const cln_config config = config_of(&cases[0]);
+    int32_t(*around)[27] = NULL;
+    cln_model model = {0};
+    int found = 0;
+
+    (void)state;
+    make_model(&config, &model);
+    assert_ok(cln_octree_around(&model.tree, &around));
+    for (int s = 0; s < model.tree.leaf_count; s++)
+        for (int i = 0; i < 27; i++) {
+            const int node = model.tree.leaf[s];
+            int want = -1;
+
+            for (int o = 0; o < model.tree.leaf_count; o++) {
+                const int other = model.tree.leaf[o];
+
+                if (model.tree.level[other] == model.tree.level[node] &&
+                    model.tree.pos[other][0] - model.tree.pos[node][0] == i % 3 - 1 &&
+                    model.tree.pos[other][1] - model.tree.pos[node][1] == i / 3 % 3 - 1 &&
+                    model.tree.pos[other][2] - model.tree.pos[node][2] == i / 9 - 1)
+                    want = o;
+            }
+            assert_int_equal(around[s][i], want);
+            found += want >= 0;
+        }
+    assert_true(found > 4 * model.tree.leaf_count);
+    free(around);
+    cln_model_free(&model);
+}
+
+int test_group_voxel(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_update),
+        cmocka_unit_test(test_regrown),
+        cmocka_unit_test(test_around),
+    };
+
+    test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(voxel_train) |
+                  CLN_PROGRAM_BIT(roulette) | CLN_PROGRAM_BIT(adam) | CLN_PROGRAM_BIT(carry);
+    return cmocka_run_group_tests_name("voxel", tests, NULL, test_device_close);
+}
