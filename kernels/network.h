@@ -14,7 +14,7 @@
  *   NOISE_ON 0 | 1, NOISE   density noise in training: off | on; its standard deviation
  *   TRAIN 0 | 1  evaluation: the mean slope | training: random slopes, noise, kept activations
  *   HALF 0 | 1   pre-activations kept for the backward pass have 32 | 16 bits
- *   ENCODING 0 frequency | 1 grid | 2 voxel   of the position; CELLS FEATURES GRID_W: encoding_grid.h.
+ *   ENCODING 0 frequency | 1 grid | 2 voxel;  CELLS FEATURES GRID_W: encoding_grid.h, voxel.cl.
  *                GRID_W is also where the layers end
  *   LEAF 0 | 1   a leaf's gradient and transposed weights are in global | local memory
  */
@@ -40,7 +40,7 @@
 #define COLOUR_B 1088
 #define PARAMS 1104
 #define CELLS 4
-#define FEATURES 4
+#define FEATURES 16
 #define GRID_W 1104
 #define DENSITY 0
 #define KAPPA 10.0f

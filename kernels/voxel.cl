@@ -16,7 +16,8 @@
  *
  *   CELLS FEATURES  cells an axis; numbers of a vertex, padded: 4 | 16 | 32 for degrees 0 | 1 | 2
  *   PARAMS          of a leaf: [CELLS + 1]^3 vertices (z, y, x) of FEATURES, padded
- *   SMOOTH_DENSITY SMOOTH_COLOUR   weights of (p - q)^2 of neighbouring vertices' numbers
+ *   SMOOTH_DENSITY SMOOTH_COLOUR   weights of (p - q)^2 of neighbouring vertices' numbers, in
+ *                   leaves of side 1/16
  *   DENSITY_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
  */
 #ifndef DENSITY_RATE
@@ -32,7 +33,7 @@
 #define HARMONICS (FEATURES == 4 ? 1 : FEATURES == 16 ? 4 : 9)
 #define STEP_Y    (SIDE * FEATURES)
 #define STEP_Z    (SIDE * STEP_Y)
-#define BLOCK     (LS == 1 ? 32 : VW) /* samples that a work-item takes at a time, see fetch_place */
+#define BLOCK     (LS == 1 ? 32 : VW) /* samples that a work-item takes at a time (fetch_place) */
 #define SMOOTH_EVERY 4u /* of so many leaves that samples met, one is smoothed, so much more */
 #define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
 
@@ -123,25 +124,27 @@ voxel_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], row 0: le
     const __global float *w = LEAF_ROW(params, leaf - own, PARAMS);
     __global ushort *cached = LEAF_ROW(density, leaf, total);
 
-    for (uint cell = begin + get_local_id(0); cell < end; cell += LS) {
-        float4 xi = (float4)(0.5f);
-        float raw = 0.0f;
+    for (uint at = begin + get_local_id(0) * VW; at < end; at += STEP_N) {
+        const int count = (int)min((uint)VW, end - at);
+        float sigma[VW];
 
-        if (jitter)
-            xi = uniform4(seed, STREAM_GRID, step, leaf * total + cell, 0u);
-        const float3 at = (float3)((float)(cell % n1), (float)(cell / n1 % n1),
-                                   (float)(cell / (n1 * n1)));
-        const place p = place_of(2.0f * (at + xi.xyz) / (float)n1 - 1.0f);
+        for (int i = 0; i < VW; i++) {
+            const uint cell = min(at + (uint)i, end - 1u);
+            const float3 low = (float3)((float)(cell % n1), (float)(cell / n1 % n1),
+                                        (float)(cell / (n1 * n1)));
+            float4 xi = (float4)(0.5f);
 
-        UNROLL (c, 8)
-            raw = MAD(p.weight[c], w[p.first + corner_at(c) + 3], raw);
-        float lanes[VW];
+            if (jitter)
+                xi = uniform4(seed, STREAM_GRID, step, leaf * total + cell, 0u);
+            const place p = place_of(2.0f * (low + xi.xyz) / (float)n1 - 1.0f);
 
-        lanes[0] = raw;
-        for (int i = 1; i < VW; i++)
-            lanes[i] = 0.0f;
-        VSTORE(density_value(VLOAD(lanes)), lanes);
-        cached[cell] = bfloat16_nearest(lanes[0]);
+            sigma[i] = 0.0f;
+            UNROLL (c, 8)
+                sigma[i] = MAD(p.weight[c], w[p.first + corner_at(c) + 3], sigma[i]);
+        }
+        VSTORE(density_value(VLOAD(sigma)), sigma);
+        for (int i = 0; i < count; i++)
+            cached[at + (uint)i] = bfloat16_nearest(sigma[i]);
     }
     (void)boxes;
 }
@@ -329,6 +332,9 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
     if (slice.start != begin[slice.slot] ||
         (hash_one(step_key ^ (uint)slice.slot * 0x9E3779B9u) & (SMOOTH_EVERY - 1u)))
         return;
+    /* as many samples as its face is large */
+    const float area = SMOOTH_EVERY * 256.0f * box.w * box.w;
+
     for (int v = lid; v < VERTICES; v += LS) {
         const int3 at = (int3)(v % SIDE, v / SIDE % SIDE, v / (SIDE * SIDE));
         const int c[3] = {at.x, at.y, at.z}, step[3] = {FEATURES, STEP_Y, STEP_Z};
@@ -342,7 +348,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
             float weight[VW];
 
             UNROLL (i, VW)
-                weight[i] = SMOOTH_EVERY * (f * VW + i == 3 ? SMOOTH_DENSITY : SMOOTH_COLOUR);
+                weight[i] = area * (f * VW + i == 3 ? SMOOTH_DENSITY : SMOOTH_COLOUR);
             for (int a = 0; a < 3; a++) {
                 const float share = edge_share(at, a);
 

@@ -157,6 +157,6 @@ cln_status bench_write_markdown(const bench *b, const char *path);
 
 extern const bench_family bench_networks, bench_arithmetic, bench_upload, bench_scan, bench_sort,
     bench_sort64, bench_group, bench_rays, bench_splat, bench_stats, bench_composite, bench_leaf,
-    bench_distil, bench_regularise, bench_carry;
+    bench_distil, bench_regularise, bench_carry, bench_carry_voxels, bench_voxels;
 
 #endif

@@ -13,9 +13,10 @@
 #include "bench.h"
 
 static const bench_family *const families[] = {
-    &bench_networks, &bench_arithmetic, &bench_upload, &bench_rays,       &bench_splat,
-    &bench_scan,     &bench_sort,       &bench_sort64, &bench_group,      &bench_composite,
-    &bench_leaf,     &bench_distil,     &bench_stats,  &bench_regularise, &bench_carry,
+    &bench_networks, &bench_arithmetic,   &bench_upload, &bench_rays,       &bench_splat,
+    &bench_scan,     &bench_sort,         &bench_sort64, &bench_group,      &bench_composite,
+    &bench_leaf,     &bench_distil,       &bench_stats,  &bench_regularise, &bench_carry,
+    &bench_voxels,   &bench_carry_voxels,
 };
 enum { FAMILIES = sizeof families / sizeof families[0], ONLY = 32 };
 

@@ -203,6 +203,43 @@ done:
 
 /* The first update of one leaf, in one pass or two. Compares the step rather than the weights,
  * whose size would hide its error. */
+/* Voxels: adds what other leaves' slices say of the leaf's numbers, and gives others' numbers the
+ * sum, too. grad [leaf's params]. */
+static cln_status share_gradient(const network_run *r, int slot, double *grad)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)r->p->net.params, all = (size_t)r->p->leaves * n;
+    int *owner = NULL;
+    double *sums = NULL, *leaf = NULL;
+
+    CLN_TRY(cln_check_owners(&r->model, &owner));
+    if (!owner)
+        goto done;
+    CLN_TRY(cln_alloc(&sums, all, sizeof *sums, "bench"));
+    CLN_TRY(cln_alloc(&leaf, n, sizeof *leaf, "bench"));
+    for (int s = 0; s < r->p->leaves; s++) {
+        memset(leaf, 0, n * sizeof *leaf);
+        CLN_TRY(read_gradient(r, s, leaf));
+        for (size_t i = 0; i < n; i++)
+            sums[owner[(size_t)s * n + i]] += leaf[i];
+    }
+    for (size_t i = 0; i < n; i++)
+        grad[i] = sums[owner[(size_t)slot * n + i]];
+done:
+    free(owner);
+    free(sums);
+    free(leaf);
+    return st;
+}
+
+static double rate_of(const network_run *r, size_t number)
+{
+    const cln_network *net = &r->p->net;
+    const size_t f = net->encoding == CLN_ENCODING_VOXEL ? number % (size_t)net->features : 0;
+
+    return f == 3 ? r->p->config.density_rate : f > 3 ? r->p->config.harmonic_rate : 1;
+}
+
 static cln_status check_adam(const network_run *r, bench_errors *errors)
 {
     cln_status st = CLN_OK;
@@ -222,6 +259,7 @@ static cln_status check_adam(const network_run *r, bench_errors *errors)
     CLN_TRY(cln_stage_forward(r->p, r->n, r->slice_count, true, 1));
     CLN_TRY(cln_stage_backward(r->p, r->n, r->slice_count, 1));
     CLN_TRY(read_gradient(r, slot, grad));
+    CLN_TRY(share_gradient(r, slot, grad));
     if (r->part == UPDATE)
         CLN_TRY(cln_stage_update(r->p, r->n, r->slice_count, 1, 1, lr));
     else
@@ -230,8 +268,9 @@ static cln_status check_adam(const network_run *r, bench_errors *errors)
                             n * sizeof *got));
     for (size_t i = 0; i < n; i++)
         want[i] = before[i];
-    ref_adam((int)n, want, grad, m, v, 1, lr, (float)config->beta1, (float)config->beta2,
-             (float)config->epsilon);
+    for (size_t i = 0; i < n; i++)
+        ref_adam(1, &want[i], &grad[i], &m[i], &v[i], 1, lr * rate_of(r, i), (float)config->beta1,
+                 (float)config->beta2, (float)config->epsilon);
     for (size_t i = 0; i < n; i++) {
         got[i] -= before[i];
         want[i] -= before[i];
@@ -303,6 +342,11 @@ cln_status network_check(network_run *r, bench_body *body, bench_errors *errors)
     if (r->part == UPDATE) /* after Adam's runs */
         CLN_TRY(cln_pipeline_rebuild(r->p, r->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
+    if (r->p->net.encoding == CLN_ENCODING_VOXEL) { /* gradients are of met vertices alone */
+        CLN_TRY(CLN_RESERVE(r->p, grads, r->slice_count));
+        CLN_TRY(cln_buffer_zero(r->p->device, &r->p->grads,
+                                r->slice_count * cln_buffer_row_bytes(r->p, CLN_BUFFER_grads)));
+    }
     if (r->part == ADAM || r->part == UPDATE) {
         CLN_TRY(check_adam(r, errors));
         goto done;

@@ -45,6 +45,13 @@ static const network_shape arithmetic[] = {
     {0, 0, 0, 0, 0, 64, 512, "paper", "native and half", "NATIVE=1,HALF=1"},
 };
 
+/* Preset voxel: leaves as in its first seconds, and as where it ends. */
+static const network_shape voxels[] = {
+    {0, 0, 0, 0, 0, 64, 512, "voxel", "", 0},
+    {0, 0, 0, 0, 0, 2048, 40, "voxel", "", 0},
+    {0, 0, 0, 0, 0, 8192, 24, "voxel", "", 0},
+};
+
 static const network_shape uploads[] = {
     {32, 3, 32, 6, 2, 1, 1, 0, 0, "LEAF=0"},
     {32, 3, 32, 6, 2, 512, 1, 0, 0, "LEAF=0"},
@@ -61,6 +68,16 @@ static const bench_part parts[] = {
     {"mlp_backward", "roulette mlp_backward"},
     {"adam", "adam_count adam"},
     {"mlp_update", "adam_count roulette mlp_backward adam"},
+};
+static const bench_part voxel_parts[] = {
+    {"voxel_density", "voxel_density"},
+    {"voxel_forward_eval", "voxel_forward_eval"},
+    {"voxel_training", "voxel_forward_train roulette voxel_backward"},
+    {"voxel_forward_train", "voxel_forward_train"},
+    {"voxel_roulette", "roulette"},
+    {"voxel_backward", "roulette voxel_backward"},
+    {"voxel_adam", "adam_count voxel_update"},
+    {"voxel_update", "adam_count roulette voxel_backward voxel_update"},
 };
 static const bench_part upload_parts[] = {{"transpose", "transpose"}};
 
@@ -82,6 +99,7 @@ static cln_status config_of(const network_shape *s, cln_config *config)
     config->roulette = 0;                     /* all samples are timed */
     config->rrelu_lower = SLOPE * (1 + 1e-6); /* just wide enough that no compiler folds it */
     config->rrelu_upper = SLOPE;
+    config->smooth_density = config->smooth_colour = 0; /* of some leaves in some steps */
     if (s->preset)
         goto done;
     config->width = s->width;
@@ -124,6 +142,7 @@ static cln_status make_model(const cln_config *config, int leaves, cln_model *mo
     cln_status st = CLN_OK;
     cln_octree tree = {0};
     float *base = NULL;
+    int *owner = NULL;
     const double scale = sqrt(2.0 / config->width);
 
     CLN_TRY(make_tree(leaves, &tree));
@@ -136,7 +155,11 @@ static cln_status make_model(const cln_config *config, int leaves, cln_model *mo
     for (size_t s = 0; s < (size_t)leaves; s++)
         for (size_t i = 0; i < n; i++)
             model->params[s * n + i] = base[(i + 16 * s) % n];
+    CLN_TRY(cln_check_owners(model, &owner));
+    for (size_t i = 0; owner && i < (size_t)leaves * n; i++)
+        model->params[i] = model->params[owner[i]];
 done:
+    free(owner);
     cln_octree_free(&tree);
     free(base);
     return st;
@@ -352,6 +375,11 @@ static void arithmetic_text(int shape, char out[64])
     shape_text(&arithmetic[shape], out);
 }
 
+static void voxel_text(int shape, char out[64])
+{
+    snprintf(out, 64, "%dx%d", voxels[shape].leaves, voxels[shape].samples);
+}
+
 static void upload_text(int shape, char out[64])
 {
     shape_text(&uploads[shape], out);
@@ -367,6 +395,11 @@ static cln_status run_arithmetic(bench *b, int shape)
     return run_network(b, &arithmetic[shape]);
 }
 
+static cln_status run_voxels(bench *b, int shape)
+{
+    return run_network(b, &voxels[shape]);
+}
+
 const bench_family bench_networks = {
     "networks", parts, NETWORK_PARTS, sizeof shapes / sizeof shapes[0], network_text, run_shape};
 const bench_family bench_arithmetic = {"arithmetic",     parts,
@@ -374,3 +407,5 @@ const bench_family bench_arithmetic = {"arithmetic",     parts,
                                        arithmetic_text,  run_arithmetic};
 const bench_family bench_upload = {"upload",    upload_parts, 1, sizeof uploads / sizeof uploads[0],
                                    upload_text, run_upload};
+const bench_family bench_voxels = {
+    "voxels", voxel_parts, NETWORK_PARTS, sizeof voxels / sizeof voxels[0], voxel_text, run_voxels};

@@ -11,6 +11,8 @@
  *
  * Struct sizes are include/device_abi.h's: sample 16, interval 20, ray 32 (two float4), pixel 16,
  * result 32. */
+#include <math.h>
+
 #include "bench.h"
 
 enum { SAMPLE = 16, INTERVAL = 20, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
@@ -20,6 +22,8 @@ static double layer_weights(const cln_network *net)
 {
     const double edge = net->cells + 1;
 
+    if (net->encoding == CLN_ENCODING_VOXEL) /* the harmonics' sums */
+        return net->features > 4 ? 3.0 * (net->features > 16 ? 8 : 3) : 0;
     return net->learned - (net->cells > 0 ? edge * edge * edge * net->features : 0);
 }
 
@@ -29,10 +33,23 @@ static double grid_flop(const cln_network *net)
     return 2.0 * 8 * net->features;
 }
 
+/* Numbers of a leaf that its samples' corners are among, on the mean: all of a network; of voxels
+ * those that so many random cells have, each vertex counted once. */
+static double met_numbers(const cln_network *net, double samples)
+{
+    const double edge = net->cells + 1, vertices = edge * edge * edge;
+
+    if (net->encoding != CLN_ENCODING_VOXEL)
+        return net->params;
+    return vertices * -expm1(samples * log1p(-8 / vertices)) * net->features;
+}
+
 static double density_weights(const cln_network *net)
 {
     double n = layer_weights(net) - 3.0 * net->colour_width - 3;
 
+    if (net->encoding == CLN_ENCODING_VOXEL)
+        return 0;
     if (net->view_dependence)
         n -= (double)(net->width + net->dir + 1) * net->view_width;
     return n;
@@ -53,7 +70,8 @@ bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool
 
     return (bench_work){.flop = (2 * layer_weights(net) + grid_flop(net)) * n,
                         .bytes = n * (SAMPLE + WORD + RAY + COLOUR + kept) +
-                                 slices * (double)sizeof(cln_slice) + leaves * WORD * net->params};
+                                 slices * (double)sizeof(cln_slice) +
+                                 leaves * WORD * met_numbers(net, n / leaves)};
 }
 
 bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,

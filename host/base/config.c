@@ -126,13 +126,14 @@ static const setting kilonerf[] = {
     {"view-bands", "4"},  {"rrelu-lower", "0"}, {"rrelu-upper", "0"},
 };
 
-/* Voxels instead of networks (method.md section 1): leaves of 8 cells an axis down to level 6, grown
- * by level. The numbers are measured: docs/results.md, "Voxels". */
+/* Voxels instead of networks (method.md section 1): leaves of 8 cells an axis down to level 6,
+ * grown by level. The numbers are measured: docs/results.md, "Voxels". */
 static const setting voxel[] = {
     {"encoding", "voxel"},
     {"density-scale", "128"},
     {"initial-depth", "0.1"},
     {"level-at", "3:0.01,4:0.03,5:0.08,6:0.3"},
+    {"cell-pixels", "0.6"},
     {"adaptive", "no"},
     {"n1", "8"},
     {"refresh-every", "32"},
@@ -148,8 +149,8 @@ static const setting voxel[] = {
     {"beta1", "0"},
     {"density-lr", "4"},
     {"harmonics-lr", "0.2"},
-    {"smooth-density", "1e-9"},
-    {"smooth-colour", "1e-9"},
+    {"smooth-density", "4e-9"},
+    {"smooth-colour", "4e-9"},
 };
 
 static const struct {

@@ -81,7 +81,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         .flags = CLN_ROW_NETWORK)                                                                  \
     INT(view_bands, "view-bands", 4, 2, 0, 4, "frequencies of the direction encoding",             \
         .flags = CLN_ROW_NETWORK)                                                                  \
-    ENUM(encoding, "encoding", CLN_ENCODING_FREQUENCY, CLN_ENCODING_FREQUENCY,                        \
+    ENUM(encoding, "encoding", CLN_ENCODING_FREQUENCY, CLN_ENCODING_FREQUENCY,                     \
          "frequency|grid|voxel",                                                                   \
          "what a leaf is: a network of a position's sines or of features of a grid, or voxels",    \
          .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                 \
@@ -119,6 +119,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "level of the full tree at the first step")                                             \
     TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
          "growth: LEVEL:FRACTION of the budget, comma separated")                               \
+    REAL(cell_pixels, "cell-pixels", 0, 0, 0, 1000,                                             \
+         "voxel: no growth to cells below so many pixels of the photos, in the cube's middle "  \
+         "(0: any)",                                                                            \
+         .flags = CLN_ROW_LATER)                                                                \
     ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                      \
          "cull empty leaves with the two guards, or by the mean density alone")                 \
     REAL(cull_mean, "cull-mean", 0.01, 0.5, 0, 1e6,                                             \
@@ -224,11 +228,11 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "x0.1 at each third of the budget, or exponential from lr to lr-final")                   \
     REAL(beta1, "beta1", 0.9, 0.9, 0, 0.9999, "Adam")                                              \
     REAL(beta2, "beta2", 0.999, 0.99, 0, 0.999999, "Adam")                                         \
-    REAL(density_rate, "density-lr", 1, 1, 1e-3, 1e3,                                             \
-         "voxel: learning rate of densities, times --lr", .flags = CLN_ROW_LATER)               \
-    REAL(harmonic_rate, "harmonics-lr", 1, 1, 1e-3, 1e3,                                        \
-         "voxel: learning rate of a colour's share that depends on the direction, times --lr",  \
-         .flags = CLN_ROW_LATER)                                                                \
+    REAL(density_rate, "density-lr", 1, 1, 1e-3, 1e3,                                              \
+         "voxel: learning rate of densities, times --lr", .flags = CLN_ROW_LATER)                  \
+    REAL(harmonic_rate, "harmonics-lr", 1, 1, 1e-3, 1e3,                                           \
+         "voxel: learning rate of a colour's share that depends on the direction, times --lr",     \
+         .flags = CLN_ROW_LATER)                                                                   \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \
          "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average",   \
@@ -265,12 +269,12 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(opacity_entropy, "opacity-entropy", 0, 0, 0, 1e3, "weight of log(1+A(1-A)/0.11) per ray") \
     REAL(distortion_loss, "distortion-loss", 0, 0, 0, 1e3, "weight of the distortion loss")        \
     REAL(edge, "edge", 0, 0, 0, 1e3, "weight of the difference of two leaves at a shared face")    \
-    REAL(smooth_density, "smooth-density", 0, 0, 0, 1,                                          \
-         "voxel: weight of squared differences of neighbouring vertices' densities",            \
-         .flags = CLN_ROW_LATER)                                                                \
-    REAL(smooth_colour, "smooth-colour", 0, 0, 0, 1,                                            \
-         "voxel: weight of squared differences of neighbouring vertices' colours",              \
-         .flags = CLN_ROW_LATER)                                                                \
+    REAL(smooth_density, "smooth-density", 0, 0, 0, 1,                                             \
+         "voxel: weight of squared differences of neighbouring vertices' densities",               \
+         .flags = CLN_ROW_LATER)                                                                   \
+    REAL(smooth_colour, "smooth-colour", 0, 0, 0, 1,                                               \
+         "voxel: weight of squared differences of neighbouring vertices' colours",                 \
+         .flags = CLN_ROW_LATER)                                                                   \
     REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "weight of the norm of the view layer")                 \
     INT(precrop_steps, "precrop-steps", 0, 0, 0, 1000000,                                          \
         "first steps that draw rays from the middle half of the images only")

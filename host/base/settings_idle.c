@@ -33,10 +33,11 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "nothing grows back in normalised device coordinates; give --space cube"},
         {"skip", c->skip && c->depth < 6,
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
-        {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope rrelu-lower "
+        {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope "
+         "rrelu-lower "
          "rrelu-upper init min-leaf-samples",
          c->encoding == CLN_ENCODING_VOXEL, "voxels have no network; give --encoding frequency"},
-        {"harmonics density-lr harmonics-lr smooth-density smooth-colour",
+        {"harmonics density-lr harmonics-lr smooth-density smooth-colour cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
         {"harmonics harmonics-lr", !c->view_dependence,
          "without view dependence there are no harmonics; give --view-dependence"},

@@ -59,7 +59,7 @@ static void prepare(cln_config *config)
     config->start_level = 1;
     config->n1 = 5; /* odd: no midpoint between opposite faces lies on a border of cells */
     config->splat_min_alpha = 0;
-    config->roulette = 0; /* has its own check */
+    config->roulette = 0;                               /* has its own check */
     config->smooth_density = config->smooth_colour = 0; /* tests/pipeline/test_voxel.c */
     /* runs the code of random slopes with equal bounds, so that the reference needs no hash */
     if (config->rrelu_scope != CLN_RRELU_MEAN)

@@ -390,7 +390,8 @@ static cln_status check_adam(cln_checks *c, const data *d)
     within = cln_compare_values(got, want, (size_t)all, 1e-6, 1e-2, text);
     cln_check_say(c, "adam", within, "%s", text);
     cln_check_say(c, "adam: leaves with few samples stay", changed == 0 && idle > 0,
-                  "%d weights of %d %s changed", changed, idle, owner ? "without gradient" : "leaves");
+                  "%d weights of %d %s changed", changed, idle,
+                  owner ? "without gradient" : "leaves");
     if (!owner || config->beta1 > 0)
         CLN_TRY(check_moments(c, "adam: first moments", &p->adam_m, m, (size_t)all));
     CLN_TRY(check_moments(c, "adam: second moments", &p->adam_v, v, (size_t)all));

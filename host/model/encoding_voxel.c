@@ -1,29 +1,10 @@
-/* Voxels' layout, and their common vertices after a change of the tree. See encoding_voxel.h. */
+/* Common vertices of voxels after a change of the tree. See encoding_voxel.h. */
 #include "model/encoding_voxel.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "model/encoding.h"
-
 enum { AROUND = 27 };
-
-void cln_voxel_layout(const cln_config *config, cln_network *net)
-{
-    static const int features[] = {4, 16, 32}, learned[] = {4, 13, 28};
-    const int degree = config->view_dependence ? config->harmonics : 0;
-    const int vertices = cln_encoding_vertices(config->grid_cells);
-
-    memset(net, 0, sizeof *net);
-    net->encoding = CLN_ENCODING_VOXEL;
-    net->skip_layer = net->view_w = net->view_b = -1;
-    net->depth = 1;
-    net->bands = 1;
-    net->cells = config->grid_cells;
-    net->features = net->width = net->colour_width = features[degree];
-    net->params = (vertices * net->features + 15) / 16 * 16;
-    net->learned = vertices * learned[degree];
-}
 
 /* Coordinate of direction i, 0 .. 26, along an axis: -1, 0 or 1. */
 static int direction(int i, int axis)

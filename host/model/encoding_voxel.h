@@ -9,12 +9,6 @@
 #include "model/network.h"
 #include "model/octree.h"
 
-/* Most cells of a leaf along an axis: a row of vertices is the bits of a number. */
-enum { CLN_VOXEL_CELLS = 16 };
-
-/* The layout of config's voxels. */
-void cln_voxel_layout(const cln_config *config, cln_network *net);
-
 /* After a change of the tree: leaves that are new, or come from smaller ones, take over the numbers
  * that leaves of their size around them have at common vertices. params: [leaf][params].
  * CLN_MEMORY. */

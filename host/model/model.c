@@ -1,13 +1,13 @@
 /* A model in host memory: creates it, carries it over a change of the tree, digests it. See
  * model.h. checkpoint.c reads and writes it. */
 #include "model/model.h"
-#include "model/encoding_voxel.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "model/encoding_voxel.h"
 #include "model/shell_tree.h"
 
 /* Frees the arrays that the device also holds during training. */

@@ -8,7 +8,6 @@
 #include <string.h>
 #include "base/rng.h"
 #include "model/encoding.h"
-#include "model/encoding_voxel.h"
 
 enum { ALIGN_FLOATS = 16, PAD_ROWS = 4 };
 static const double GRID_BOUND = 0.1; /* of initial features: nearly the same everywhere */
@@ -70,6 +69,23 @@ static cln_status check_shape(const cln_config *c)
     return CLN_OK;
 }
 
+/* Voxels: no layers, a grid alone (encoding_voxel.h). */
+static void layout_voxels(const cln_config *config, cln_network *net)
+{
+    static const int features[] = {4, 16, 32}, learned[] = {4, 13, 28};
+    const int degree = config->view_dependence ? config->harmonics : 0;
+    const int vertices = cln_encoding_vertices(config->grid_cells);
+
+    net->encoding = CLN_ENCODING_VOXEL;
+    net->skip_layer = net->view_w = net->view_b = -1;
+    net->depth = 1;
+    net->bands = 1;
+    net->cells = config->grid_cells;
+    net->features = net->width = net->colour_width = features[degree];
+    take(net, vertices * net->features);
+    net->learned = vertices * learned[degree];
+}
+
 cln_status cln_network_layout(const cln_config *config, cln_network *out)
 {
     cln_status st = CLN_OK;
@@ -78,7 +94,8 @@ cln_status cln_network_layout(const cln_config *config, cln_network *out)
 
     CLN_TRY(check_shape(config));
     if (config->encoding == CLN_ENCODING_VOXEL) {
-        cln_voxel_layout(config, out);
+        layout_voxels(config, &net);
+        *out = net;
         goto done;
     }
     net.width = w;

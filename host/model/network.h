@@ -14,13 +14,18 @@
  *   colour head          W [3][view_width]                 b [16]      only b[0..2] are used
  *   grid, if there is one   [cells + 1]^3 (z, y, x) [features]        enc_pad is features then
  * Without view dependence the view layer is absent and the colour head is W [3][width].
- * Skip layer: i = depth/2 + 1, for depth >= 6 with config.skip; else none. */
+ * Skip layer: i = depth/2 + 1, for depth >= 6 with config.skip; else none.
+ * Voxels are no network: grid alone, see encoding_voxel.h; width is features, there are no layers.
+ */
 #ifndef CLN_NETWORK_H
 #define CLN_NETWORK_H
 
 #include <stddef.h>
 #include "base/status.h"
 #include "base/config_rows.h"
+
+/* Most voxels of a leaf along an axis: a row of vertices is the bits of a number. */
+enum { CLN_VOXEL_CELLS = 16 };
 
 typedef struct cln_network {
     int width, depth, view_width, bands, view_bands;

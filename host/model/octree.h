@@ -87,8 +87,9 @@ cln_status cln_octree_most_intervals(const cln_octree *tree, int *most);
 /* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */
 int cln_octree_find(const cln_octree *tree, const double point[3]);
 
-/* Neighbours of each leaf: (*around)[slot][13 + (dz * 3 + dy) * 3 + dx] is the slot of the leaf of
- * the same size so many sides further, or -1; [slot][13] is the leaf itself. The caller frees it. */
+/* Neighbours of each leaf: (*around)[slot][13 + (dz * 3 + dy) * 3 + dx] is the slot of the leaf
+ * of the same size so many sides further, or -1; [slot][13] is the leaf itself. The caller frees
+ * it. CLN_MEMORY. */
 cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27]);
 
 /* Place of a cell in [z][y][x] of n^3 cells. */

@@ -89,7 +89,7 @@ typedef enum cln_when {
     X(norms, cl_float, 1, LEAF, OPTIMISER, TRAINING, "norms")                                    \
     X(grads, cl_float, p->net.params, GRADIENT_P, GRADIENTS, TRAINING, "weight gradients")       \
     X(around, cl_int, around_of(p), LEAF, OPTIMISER, TRAINING, "neighbours of leaves")           \
-    X(met, cl_uint, met_of(p), SLICE, GRADIENTS, TRAINING, "met vertices")                      \
+    X(met, cl_uint, met_of(p), SLICE, GRADIENTS, TRAINING, "met vertices")                       \
     /* kept by the forward pass; inputs of the backward pass, in order of grouped samples */     \
     X(acts, cl_uchar, kept_of(p), SAMPLE, ACTIVATIONS, TRAINING, "activations")                  \
     X(heads, cl_float4, 1, SAMPLE, ACTIVATIONS, TRAINING, "head gradients")                      \

@@ -68,7 +68,9 @@ static size_t around_of(const cln_pipeline *p)
 
 static size_t met_of(const cln_pipeline *p)
 {
-    return p->net.encoding == CLN_ENCODING_VOXEL ? (size_t)(p->net.cells + 1) * (size_t)(p->net.cells + 1) : 0;
+    return p->net.encoding == CLN_ENCODING_VOXEL
+               ? (size_t)(p->net.cells + 1) * (size_t)(p->net.cells + 1)
+               : 0;
 }
 
 static size_t shown_of(const cln_pipeline *p)

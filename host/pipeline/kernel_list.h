@@ -14,28 +14,28 @@
  * are; SPLATTING: stage 1 splats;
  * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge;
  * SHARED: ranks share the pipeline. */
-#define CLN_PROGRAM_LIST(X)                          \
-    X(scan, scan, PLAIN, ALWAYS)                     \
-    X(sort64, scan, WIDE, SPLATTING)                 \
-    X(rays, rays, PLAIN, ALWAYS)                     \
-    X(sampling, sampling, PARTS, ALWAYS)             \
-    X(splat, splat, PARTS, SPLATTING)                \
-    X(group, group, PLAIN, ALWAYS)                   \
+#define CLN_PROGRAM_LIST(X)                           \
+    X(scan, scan, PLAIN, ALWAYS)                      \
+    X(sort64, scan, WIDE, SPLATTING)                  \
+    X(rays, rays, PLAIN, ALWAYS)                      \
+    X(sampling, sampling, PARTS, ALWAYS)              \
+    X(splat, splat, PARTS, SPLATTING)                 \
+    X(group, group, PLAIN, ALWAYS)                    \
     X(mlp_density, mlp_density, EVAL, NETWORK)        \
     X(mlp_forward_eval, mlp_forward, EVAL, NETWORK)   \
     X(mlp_forward_train, mlp_forward, TRAIN, NETWORK) \
     X(mlp_backward, mlp_backward, TRAIN, NETWORK)     \
     X(voxel_eval, voxel, EVAL, VOXEL)                 \
     X(voxel_train, voxel, TRAIN, VOXEL)               \
-    X(composite, composite, PLAIN, ALWAYS)           \
-    X(roulette, roulette, PLAIN, ALWAYS)             \
-    X(adam, adam, PARTS, ALWAYS)                     \
-    X(stats, stats, PARTS, ALWAYS)                   \
-    X(carry, carry, PARTS, ALWAYS)                   \
-    X(regularise, regularise, PLAIN, REGULARISED)    \
-    X(distil, distil, PLAIN, MEASURED)               \
-    X(share, share, PLAIN, SHARED)                   \
-    X(stretch, stretch, PLAIN, SHARED)               \
+    X(composite, composite, PLAIN, ALWAYS)            \
+    X(roulette, roulette, PLAIN, ALWAYS)              \
+    X(adam, adam, PARTS, ALWAYS)                      \
+    X(stats, stats, PARTS, ALWAYS)                    \
+    X(carry, carry, PARTS, ALWAYS)                    \
+    X(regularise, regularise, PLAIN, REGULARISED)     \
+    X(distil, distil, PLAIN, MEASURED)                \
+    X(share, share, PLAIN, SHARED)                    \
+    X(stretch, stretch, PLAIN, SHARED)                \
     X(sampling_crop, sampling, CROP, ALWAYS)
 
 /* X(member, kernel, program, when): created with its program if `when` holds, too. SERIAL: tune.sg

@@ -106,12 +106,12 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                            CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
                            CLN_ARG(p->out.mem), CLN_ARG(slices), CLN_ARG(key), CLN_ARG(first)));
     else
-    CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
-                       CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
-                       CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
-                       CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
-                       CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key),
-                       CLN_ARG(first)));
+        CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
+                           CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
+                           CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
+                           CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
+                           CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key),
+                           CLN_ARG(first)));
     CLN_TRY(cln_share_samples(p, sample_count, training));
 done:
     return st;
@@ -367,11 +367,12 @@ static cln_status refresh(cln_pipeline *p, const cln_buffer *density, int first,
     const cl_uint2 words = {{(cl_uint)seed, (cl_uint)(seed >> 32)}};
 
     if (end > (int)begin)
-        CLN_TRY(CLN_LAUNCH(
-            p->device, is_voxel(p) ? p->k.voxel_density : p->k.mlp_density, CLN_STAGE_REFRESH, (size_t)(end - (int)begin) * per_leaf,
-            (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
-            CLN_LEAF_ARG_OF(p, density), CLN_ARG(n1), CLN_ARG(cells), CLN_ARG(per_leaf),
-            CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key), CLN_ARG(begin), CLN_ARG(own)));
+        CLN_TRY(CLN_LAUNCH(p->device, is_voxel(p) ? p->k.voxel_density : p->k.mlp_density,
+                           CLN_STAGE_REFRESH, (size_t)(end - (int)begin) * per_leaf,
+                           (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
+                           CLN_LEAF_ARG_OF(p, density), CLN_ARG(n1), CLN_ARG(cells),
+                           CLN_ARG(per_leaf), CLN_ARG(shake), CLN_ARG(words), CLN_ARG(key),
+                           CLN_ARG(begin), CLN_ARG(own)));
     CLN_TRY(cln_share_densities(p, density, first, count));
 done:
     return st;

@@ -40,8 +40,7 @@ typedef enum cln_program_id {
     (CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(sort64) | CLN_PROGRAM_BIT(rays) |     \
      CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(splat) | CLN_PROGRAM_BIT(group) | \
      CLN_PROGRAM_BIT(mlp_density) | CLN_PROGRAM_BIT(mlp_forward_eval) |            \
-     CLN_PROGRAM_BIT(voxel_eval) |                                                 \
-     CLN_PROGRAM_BIT(composite) | CLN_PROGRAM_BIT(share))
+     CLN_PROGRAM_BIT(voxel_eval) | CLN_PROGRAM_BIT(composite) | CLN_PROGRAM_BIT(share))
 
 /* What ranks tell each other in the one meeting of a training step, beside the sums of stretches
  * (share.h): everyone gets the largest of each. First, twice with either sign, what must be the

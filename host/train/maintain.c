@@ -198,6 +198,69 @@ done:
     return st;
 }
 
+static int by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Width of a pixel of the training photos at the cube's centre, in half sides of the scene's cube:
+ * the median; 0 if there is no such place. */
+static cln_status pixel_width(const cln_scene *scene, const cln_space *space, double *width)
+{
+    cln_status st = CLN_OK;
+    double *each = NULL;
+    int count = 0;
+
+    *width = 0;
+    if (space->forward)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&each, (size_t)scene->view_count, sizeof *each, "views"));
+    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
+        const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
+        double square = 0;
+
+        for (int a = 0; a < 3; a++)
+            square += pow(c->c2w[4 * a + 3] - space->centre[a], 2);
+        if (c->fx > 0)
+            each[count++] = sqrt(square) / c->fx / space->half;
+    }
+    qsort(each, (size_t)count, sizeof *each, by_value);
+    *width = count > 0 ? each[count / 2] : 0;
+done:
+    free(each);
+    return st;
+}
+
+/* Whether voxels of the next level are due: empty leaves of this one were culled, as all would be
+ * split, and the finer ones are no finer than the photos can tell (--cell-pixels). */
+static cln_status ready_to_grow(cln_trainer *t, bool *grows)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    const int level = t->model.level + 1;
+    /* a shell space has the scene's cube in its middle half */
+    const double cell = (t->model.space.shell ? 4 : 2) * ldexp(1.0 / c->grid_cells, -level);
+    double pixel = 0;
+
+    *grows = true;
+    if (c->encoding != CLN_ENCODING_VOXEL)
+        return CLN_OK;
+    *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
+    if (!*grows || c->cell_pixels <= 0)
+        return CLN_OK;
+    CLN_TRY(pixel_width(t->scene, &t->model.space, &pixel));
+    *grows = cell >= c->cell_pixels * pixel;
+    if (!*grows && !t->finest)
+        cln_note("the tree stays at level %d: at the next one, voxels are %.2g pixels of the "
+                 "photos (--cell-pixels)",
+                 t->model.level, cell / pixel);
+    t->finest = !*grows;
+done:
+    return st;
+}
+
 /* After a split, culls leaves that are empty by geometry, as a part of that change. */
 static cln_status carve(cln_trainer *t, cln_octree_change *splits)
 {
@@ -659,6 +722,8 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
     cln_share_move move;
 
     if (!fixed && t->model.level < cln_structure_level(c, fraction))
+        CLN_TRY(ready_to_grow(t, &grown));
+    if (grown)
         CLN_TRY(room_to_grow(t, &grown));
     if (grown && t->model.step > 0)
         CLN_TRY(regrow(t, 8, &regrown));

@@ -41,6 +41,7 @@ typedef struct cln_trainer {
     } owed;
     int64_t steps;                /* budget in steps; 0 = time alone */
     bool full;                    /* no memory for a finer tree: warned once, tried again */
+    bool finest;                  /* voxels are as fine as the photos: said once */
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     double clock;                 /* training seconds by this rank's clock */

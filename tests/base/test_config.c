@@ -89,7 +89,7 @@ static void test_presets(void **state)
     assert_int_equal(fast.stage1, CLN_STAGE1_GATHER);
     assert_string_equal(paper.background, "white");
     assert_failed(cln_config_preset("slow", &config), CLN_USAGE,
-                  "--preset|slow|fast|paper|nerf|kilonerf");
+                  "--preset|slow|fast|paper|nerf|kilonerf|voxel");
     assert_same(&paper, &config);
     assert_int_equal(cln_config_check(&paper), CLN_OK);
     assert_int_equal(cln_config_check(&fast), CLN_OK);
@@ -175,7 +175,24 @@ static void test_baselines(void **state)
     assert_true(kilonerf.cull_from < 1); /* empty cells go */
 }
 
-static const char *const preset_names[] = {"paper", "fast", "nerf", "kilonerf"};
+/* No networks, and every setting of the preset can be one. */
+static void test_voxel_preset(void **state)
+{
+    const cln_config config = preset("voxel");
+    double fraction[CLN_LEVELS];
+
+    (void)state;
+    assert_int_equal(cln_config_check(&config), CLN_OK);
+    assert_int_equal(config.encoding, CLN_ENCODING_VOXEL);
+    assert_int_equal(cln_config_levels(&config, fraction), CLN_OK);
+    assert_true(fraction[6] < 0.5 && fraction[7] > 1);
+    assert_int_equal(cln_config_deepest(&config), 6);
+    assert_int_equal(cln_config_most_leaves(&config), 4 * 64 * 64);
+    assert_true(config.beta1 == 0 && config.density_rate > 1 && config.harmonic_rate < 1);
+    assert_true(config.smooth_density > 0 && config.smooth_colour > 0);
+}
+
+static const char *const preset_names[] = {"paper", "fast", "nerf", "kilonerf", "voxel"};
 enum { PRESETS = sizeof preset_names / sizeof preset_names[0] };
 
 /* The table itself: unique names, help texts, presets inside the ranges. */
@@ -837,6 +854,7 @@ int test_group_config(void)
         cmocka_unit_test(test_presets),
         cmocka_unit_test(test_refine_poses),
         cmocka_unit_test(test_baselines),
+        cmocka_unit_test(test_voxel_preset),
         cmocka_unit_test(test_rows),
         cmocka_unit_test(test_round_trip),
         cmocka_unit_test(test_round_trip_extremes),

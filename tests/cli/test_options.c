@@ -204,7 +204,7 @@ static void presets_are_the_base(void **state)
     assert_int_equal(l.options.settings->config.depth, fast.depth);
     assert_string_equal(l.options.preset, "fast");
     done(&l);
-    assert_refused("train s -o r --preset=slow", "--preset|slow|fast|paper|nerf|kilonerf");
+    assert_refused("train s -o r --preset=slow", "--preset|slow|fast|paper|nerf|kilonerf|voxel");
 }
 
 static void repeated_options_the_last_counts(void **state)

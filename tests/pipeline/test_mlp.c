@@ -60,7 +60,8 @@ static const mlp_case cases[] = {
     {"grid, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0, 4},
     {"grid, items", &tune_sets[3], 32, 3, 16, 2, 2, 1, 0, 0, SOFT, MEAN, -.3, -.1, false, 0, 6},
     {"grid, gpu", &tune_sets[4], 32, 2, 32, 2, 1, 0, 0, 0, EXP, MEAN, -.3, -.1, false, 0, 8},
-    {"voxel, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0, VOXEL},
+    {"voxel, default", &tune_sets[0], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0,
+     VOXEL},
     {"voxel, plain", &tune_sets[1], 16, 2, 16, 2, 1, 0, 0, 0, RELU, MEAN, -.3, -.1, true, 0, VOXEL},
     {"voxel, wide", &tune_sets[2], 16, 2, 16, 2, 1, 1, 0, 0, EXP, MEAN, -.3, -.1, true, 0.5, VOXEL},
     {"voxel, items", &tune_sets[3], 16, 2, 16, 2, 1, 1, 0, 0, SOFT, MEAN, -.3, -.1, true, 0, VOXEL},
@@ -887,8 +888,8 @@ int test_group_mlp(void)
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(mlp_density) |
                   CLN_PROGRAM_BIT(mlp_forward_eval) | CLN_PROGRAM_BIT(mlp_forward_train) |
-                  CLN_PROGRAM_BIT(mlp_backward) | CLN_PROGRAM_BIT(voxel_eval) | CLN_PROGRAM_BIT(voxel_train) | CLN_PROGRAM_BIT(roulette) |
-                  CLN_PROGRAM_BIT(adam) | CLN_PROGRAM_BIT(regularise) | CLN_PROGRAM_BIT(stats) |
-                  CLN_PROGRAM_BIT(carry);
+                  CLN_PROGRAM_BIT(mlp_backward) | CLN_PROGRAM_BIT(voxel_eval) |
+                  CLN_PROGRAM_BIT(voxel_train) | CLN_PROGRAM_BIT(roulette) | CLN_PROGRAM_BIT(adam) |
+                  CLN_PROGRAM_BIT(regularise) | CLN_PROGRAM_BIT(stats) | CLN_PROGRAM_BIT(carry);
     return cmocka_run_group_tests_name("mlp", tests, NULL, test_device_close);
 }

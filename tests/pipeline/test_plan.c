@@ -71,7 +71,7 @@ static double row_bytes(const cln_plan *plan, const char *purpose, bool largest)
 
 static void test_adds_up(void **state)
 {
-    static const char *const presets[] = {"fast", "paper", "nerf", "kilonerf"};
+    static const char *const presets[] = {"fast", "paper", "nerf", "kilonerf", "voxel"};
     fake f;
     cln_plan plan;
 
