@@ -18,8 +18,12 @@
  *   PARAMS          of a leaf: [CELLS + 1]^3 vertices (z, y, x) of FEATURES, padded
  *   SMOOTH_DENSITY SMOOTH_COLOUR   weights of (p - q)^2 of neighbouring vertices' numbers, in
  *                   leaves of side 1/16
+ *   EACH            leaves that a work-group of voxel_update takes one after another
  *   DENSITY_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
  */
+#ifndef EACH
+#define EACH 16
+#endif
 #ifndef DENSITY_RATE
 #define DENSITY_RATE     1.0f
 #define HARMONIC_RATE  1.0f
