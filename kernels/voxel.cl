@@ -25,11 +25,11 @@
 #define EACH 16
 #endif
 #ifndef DENSITY_RATE
-#define DENSITY_RATE     1.0f
-#define HARMONIC_RATE  1.0f
+#define DENSITY_RATE   4.0f
+#define HARMONIC_RATE  0.2f
 #define SMOOTH         1
-#define SMOOTH_DENSITY   1e-4f
-#define SMOOTH_COLOUR  1e-4f
+#define SMOOTH_DENSITY 4e-9f
+#define SMOOTH_COLOUR  4e-9f
 #endif
 
 #define SIDE      (CELLS + 1)

@@ -115,6 +115,13 @@ static void with_dead_slopes(cln_config *config)
     config->view_l2 = 0;
 }
 
+static void with_voxels(cln_config *config)
+{
+    config->encoding = CLN_ENCODING_VOXEL;
+    config->grid_cells = 4;
+    config->harmonics = 2;
+}
+
 static void with_exponential(cln_config *config)
 {
     config->density = CLN_DENSITY_EXP;
@@ -175,6 +182,7 @@ typedef struct subject {
 
 #define BIT(program) CLN_PROGRAM_BIT(program)
 #define RAYS         (BIT(rays) | BIT(scan) | BIT(sampling))
+#define VOXELS       (BIT(scan) | BIT(group) | BIT(voxel_train) | BIT(voxel_eval) | BIT(roulette))
 #define NETWORKS                                                                           \
     (BIT(scan) | BIT(group) | BIT(mlp_forward_train) | BIT(roulette) | BIT(mlp_backward) | \
      BIT(adam))
@@ -195,6 +203,7 @@ static const subject subjects[] = {
      .programs = NETWORKS | BIT(mlp_density)},
     {"networks, exp, HALF=1", .tune = "HALF=1", .change = with_exponential,
      .run = cln_extremes_large_weights, .programs = NETWORKS},
+    {"voxels", .change = with_voxels, .run = cln_extremes_networks, .programs = VOXELS},
     {"Adam, float moments", .change = with_wide_moments, .run = cln_extremes_adam,
      .programs = BIT(adam)},
     {"distillation", .change = with_measures, .run = cln_extremes_distil, .programs = BIT(distil)},

@@ -49,12 +49,31 @@ static void free_data(data *d)
     free(d);
 }
 
+/* Of every vertex: the constant part of its colours, and densities that the activation ends. */
+static void fill_voxels(const cln_network *net, int s, float *params)
+{
+    for (int i = 0; i < net->params; i++) {
+        const int f = i % net->features;
+
+        if (leaves[s].kind == BRIGHT && f < 3)
+            params[i] = 30 + 30 * (float)f;
+        if (leaves[s].kind == DARK && f < 3)
+            params[i] = -20 - 20 * (float)f;
+        if (leaves[s].kind == DEAD && f == 3)
+            params[i] = -1e3f;
+    }
+}
+
 static void fill_leaf(const cln_network *net, int s, float *params)
 {
     const double size = leaves[s].scale * sqrt(2.0 / net->width);
 
     for (int i = 0; i < net->params; i++)
         params[i] = (float)(size * cln_check_uniform(91, (uint32_t)(s * net->params + i), -1, 1));
+    if (net->encoding == CLN_ENCODING_VOXEL) {
+        fill_voxels(net, s, params);
+        return;
+    }
     for (int k = 0; k < 3; k++) {
         if (leaves[s].kind == BRIGHT)
             params[net->colour_b + k] = 30 + 30 * (float)k;
@@ -119,6 +138,8 @@ static cln_status launch(cln_pipeline *p, data *d)
     CLN_TRY(cln_buffer_read(p->device, &p->slices, 0, d->slice, d->slices * sizeof *d->slice));
     CLN_TRY(cln_check_spoil(p->device, &p->out, sizeof d->out));
     CLN_TRY(cln_check_spoil(p->device, &p->grads, floats * sizeof *d->grads));
+    if (p->net.encoding == CLN_ENCODING_VOXEL) /* of vertices that are met alone */
+        CLN_TRY(cln_buffer_zero(p->device, &p->grads, floats * sizeof *d->grads));
     CLN_TRY(cln_stage_forward(p, SAMPLES, d->slices, true, 7));
     CLN_TRY(cln_stage_backward(p, SAMPLES, d->slices, 7));
     CLN_TRY(cln_buffer_read(p->device, &p->out, 0, d->out, sizeof d->out));
@@ -173,11 +194,24 @@ static int blocks_of(const cln_network *net, int starts[32])
     return n;
 }
 
+/* The block of a parameter; of voxels, a vertex' number. */
+static int block_of(const cln_network *net, const int starts[32], int blocks, int parameter)
+{
+    int b = blocks - 1;
+
+    if (net->encoding == CLN_ENCODING_VOXEL)
+        return parameter % net->features;
+    while (b > 0 && starts[b] > parameter)
+        b--;
+    return b;
+}
+
 /* By the largest gradient of its leaf's block, or of all blocks to 1e-12: what saturates has
  * 1 - c of 0 in float32 where c is 1 to the last bit. */
 static void compare_gradients(const cln_network *net, const data *d, cln_extreme *row)
 {
     int starts[32];
+    double most[32];
     const int blocks = blocks_of(net, starts);
 
     for (int s = 0; s < LEAVES; s++) {
@@ -186,14 +220,18 @@ static void compare_gradients(const cln_network *net, const data *d, cln_extreme
 
         for (int i = 0; i < net->params; i++)
             all = fmax(all, fabs(want[i]));
-        for (int b = 0; b < blocks; b++) {
-            double most = leaves[s].kind == BRIGHT ? all * 1e-3 : 0;
+        for (int b = 0; b < 32; b++)
+            most[b] = leaves[s].kind == BRIGHT ? all * 1e-3 : 0;
+        for (int i = 0; i < net->params; i++) {
+            const int b = block_of(net, starts, blocks, i);
 
-            for (int i = starts[b]; i < starts[b + 1]; i++)
-                most = fmax(most, fabs(want[i]));
-            for (int i = starts[b]; i < starts[b + 1]; i++)
-                cln_extreme_meet(row, got[i], want[i], most, 1e-4, "%s, block %d, parameter %d",
-                                 leaves[s].name, b, i - starts[b]);
+            most[b] = fmax(most[b], fabs(want[i]));
+        }
+        for (int i = 0; i < net->params; i++) {
+            const int b = block_of(net, starts, blocks, i);
+
+            cln_extreme_meet(row, got[i], want[i], most[b], 1e-4, "%s, block %d, parameter %d",
+                             leaves[s].name, b, i);
         }
     }
 }

@@ -253,7 +253,7 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     CLN_TRY(pixel_width(t->scene, &t->model.space, &pixel));
     *grows = cell >= c->cell_pixels * pixel;
     if (!*grows && !t->finest)
-        cln_note("the tree stays at level %d: at the next one, voxels are %.2g pixels of the "
+        cln_info("the tree stays at level %d: at the next one, voxels are %.2g pixels of the "
                  "photos (--cell-pixels)",
                  t->model.level, cell / pixel);
     t->finest = !*grows;
