@@ -93,7 +93,8 @@ typedef struct cln_scene {
     int downscale;
     int view_count;
     cln_view *views;     /* train, then val, then test; by name within a split */
-    int missing;         /* frames without an image, left out: they stand behind the views */
+    int missing;         /* frames left out, as they lack an image: they stand behind the views */
+    int unreadable;      /* the last of these: their image is there, but cannot be read */
     uint8_t *pixels;     /* of all loaded views: one piece, so that it lies in huge pages */
     cln_store *store;    /* or they are here, if memory has no room for them */
     double cached;       /* bytes of them that may be in memory; 0: all are */
@@ -184,9 +185,9 @@ cln_fold cln_scene_fold(const cln_scene *scene);
 void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
- * many) and missing_names (the first), splits, split_rule, ignored_keys, sizes, channels, alpha,
- * distortion, beyond_fold (cln_fold), downscale, centre, half, space (cube, ndc or shell),
- * bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
+ * many), unreadable (of these), missing_names (the first), splits, split_rule, ignored_keys, sizes,
+ * channels, alpha, distortion, beyond_fold (cln_fold), downscale, centre, half, space (cube, ndc or
+ * shell), bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
  * cube_share, spread, apart_share, intrinsics [{views, width, height, fx, fy, cx, cy, lens,
  * params}], cameras [{name, split, width, height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);

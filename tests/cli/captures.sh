@@ -31,6 +31,7 @@ sums() {
 }
 
 section_missing() {
+    local rule
     baseline
     cp -r "$work/photos" "$work/few"
     rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
@@ -48,6 +49,29 @@ section_missing() {
     rm "$work/few/train/r_003.png" "$work/few/train/r_010.png"
     expect "a tenth missing: refused" 3 "~3.of.27 --missing" "$cln" info "$work/few"
     expect "--missing skip" 0 "~3.of.27" "$cln" info "$work/few" --missing skip
+    head -c 300 "$work/photos/train/r_000.png" >"$work/few/train/r_000.png"
+    : >"$work/few/train/r_007.png"
+    cp "$work/photos/train/r_010.png" "$work/few/train/"
+    for rule in auto fail; do
+        cp "$work/photos/train"/r_00[35].png "$work/few/train/"
+        expect "--missing $rule with broken images: an error that names the way out" 3 \
+            "r_000 r_007.png ~1.more ~--missing.skip" "$cln" info "$work/few" --missing $rule
+    done
+    rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
+    expect "--missing skip leaves broken ones out, too" 0 \
+        "~2.of.27.images.are.not.there ~2.of.27.cannot.be.read train/r_007" \
+        "$cln" info "$work/few" --missing skip --json
+    check "info counts all" [ "$(json missing)" = 4 ]
+    check "and the broken ones" [ "$(json unreadable)" = 2 ]
+    expect "check" 0 "" "$cln" check "$work/few" --missing skip --probe 0
+    check "says so" grep -q "missing: 4 of 27 photos are not there or cannot be read" "$work/out"
+    expect "why: with -v" 0 "r_000 truncated" "$cln" info "$work/few" --missing skip -v
+    expect "train leaves them out" 0 "~2.of.27.cannot.be.read" \
+        "$cln" train "$work/few" -o "$work/broken run" "${small[@]}" --steps 2 --missing skip
+    expect "and so does eval" 0 "~2.of.27.cannot.be.read" "$cln" eval "$work/broken run"
+    cp "$work/photos/train/r_000.png" "$work/few/train/"
+    expect "one that was mended: resumed, it must see the same" 3 "~3.images ~4.were" \
+        "$cln" train --resume "$work/broken run" --skip-selftest --steps 3
     cp -r "$work/photos" "$work/renamed"
     (cd "$work/renamed" && for f in t*/*.png; do mv "$f" "${f%png}PNG"; done)
     sed -i 's|"file_path": "./|"file_path": "C:/Users/me/|' "$work/renamed"/transforms_*.json
