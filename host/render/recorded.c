@@ -137,8 +137,8 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
     snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
     *same = saved && strcmp(saved, digest) == 0;
     if (*same && place)
-        cln_info("scene: %s is not there; %s is the same and taken (%s)", text_of(dataset, "path"),
-                 scene->path, place);
+        cln_info("scene: %s is not there; %s is the same one, and read (%s)",
+                 text_of(dataset, "path"), scene->path, place);
     if (*same)
         return CLN_OK;
     if (place)

@@ -88,7 +88,7 @@ section_moved() {
     cp -r "$work/run" "$work/photos" "$work/away"
     mv "$work/photos" "$work/elsewhere"
     expect "eval of a run moved with its photos, which says what it took" 0 \
-        "~photos.is.not.there ~same.and.taken" "$cln" eval "$work/away/run" --progress none
+        "~photos.is.not.there ~same.one,.and.read" "$cln" eval "$work/away/run" --progress none
     mkdir "$work/away/deep"
     mv "$work/away/run" "$work/away/deep/run"
     expect "the photos neither where they were nor beside it: the option" 3 "photos --scene" \
@@ -96,9 +96,9 @@ section_moved() {
     mv "$work/away/photos" "$work/away/deep"
     sed -i 's/"path_from_run": ".*"/"path_from_run": "nowhere"/' "$work/away/deep/run/run.json"
     sed -i 's,"path": ".*/photos","path": "/nowhere/photos",' "$work/away/deep/run/run.json"
-    expect "beside the run by their name" 0 "~beside.the.run taken" \
+    expect "beside the run by their name" 0 "~beside.the.run ~and.read" \
         "$cln" eval "$work/away/deep/run" --progress none
-    expect "it is resumed there, too" 0 "taken" "$cln" train --resume "$work/away/deep/run" \
+    expect "it is resumed there, too" 0 "~and.read" "$cln" train --resume "$work/away/deep/run" \
         --skip-selftest --progress none --steps 21
     check "and knows the place then" [ \
         "$("$query" dataset.path <"$work/away/deep/run/run.json")" = "$work/away/deep/photos" ]
