@@ -228,7 +228,8 @@ section_evals() {
     # root may write anywhere, but not below a file
     cp -r "$work/run" "$work/closed"
     rm -r "$work/closed/eval" && echo >"$work/closed/eval"
-    expect "eval with pictures that cannot be written: before it renders" 7 "eval folder" \
+    expect "eval with pictures that cannot be written: before it renders" 7 \
+        "eval folder ~-o.*--no-save-images" \
         "$cln" eval "$work/closed" --progress none
     check "stdout is empty" [ ! -s "$work/out" ]
     expect "eval --no-save-images: figures, then what could not be written" 7 "eval -o" \
