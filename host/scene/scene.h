@@ -90,6 +90,7 @@ typedef struct cln_scene {
     char *because;       /* why it was read as that, a phrase */
     json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
     char *split_rule;    /* how views were split, a phrase */
+    bool has_splits;     /* the dataset named the splits */
     int downscale;
     int view_count;
     cln_view *views;     /* train, then val, then test; by name within a split */
