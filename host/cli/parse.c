@@ -360,6 +360,9 @@ static cln_status parse_first(parser *p)
     p->at = 2;
     if (strcmp(first, "help") == 0) {
         out->help = true;
+        if (p->at + 1 == p->argc &&
+            (strcmp(p->argv[p->at], "--help") == 0 || strcmp(p->argv[p->at], "-h") == 0))
+            p->at++;
         if (p->at < p->argc && p->argv[p->at][0] != '-') {
             const char *about = p->argv[p->at++];
 
