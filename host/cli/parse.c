@@ -438,8 +438,7 @@ static cln_status apply_settings(parser *p)
     else
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
     if (out->conf && out->operand && !out->resume && out->command->bit != CLN_TUNE)
-        CLN_TRY(
-            cln_conf_read(out->operand, out->command, overridden, out->settings, &out->conf_said));
+        CLN_TRY(cln_conf_read(out->operand, overridden, out->settings, &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
     CLN_TRY(cln_settings_check(out->settings));
