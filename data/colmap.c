@@ -9,9 +9,10 @@
 #include "base/memory.h"
 #include "base/rng.h"
 
-enum { PER_VIEW = 100 }; /* pixels of a view that points are looked for in */
+enum { PER_VIEW = 100 }; /* pixels of a view where points are looked for */
 
-static const double SAME = 1e-4; /* share of a distance that two of a point may differ by */
+static const double SAME =
+    1e-4; /* a hit is the point itself if their distances differ by at most this share */
 
 static cln_status open_file(const char *folder, const char *name, FILE **out)
 {

@@ -116,7 +116,8 @@ static cln_status read_arguments(int argc, char **argv, arguments *a)
             return cln_fail(CLN_USAGE, "--budget %s: it takes seconds above 0", optarg);
     }
     if (optind < argc)
-        return cln_fail(CLN_USAGE, "%s: no such argument; names go behind --only", argv[optind]);
+        return cln_fail(CLN_USAGE, "%s: unexpected argument; give names of rows with --only",
+                        argv[optind]);
 done:
     return st;
 }
@@ -255,7 +256,8 @@ static cln_status run(bench *b, const arguments *a)
             }
         }
     if (rows == 0) {
-        st = cln_fail(CLN_USAGE, "--only: no row, family or kernel begins so; see --list");
+        st = cln_fail(CLN_USAGE,
+                      "--only: no row, family or kernel has a name that begins so; see --list");
         goto done;
     }
     if (a->list)

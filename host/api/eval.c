@@ -44,7 +44,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
 {
     cln_status st = CLN_OK;
     const cln_split s = opened->scene->views[views[0]].split;
-    char *evals = NULL, *plain = NULL, finer[24] = "";
+    char *evals = NULL, *plain = NULL, *why = NULL, finer[24] = "";
 
     if (!desc->out && !opened->same_scene)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -59,13 +59,21 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
     CLN_TRY(cln_asprintf(place, "%s%s%s", plain, finer, desc->fast ? "-fast" : ""));
     if (desc->out)
         CLN_TRY(check_place(*place, cln_model_digest(&opened->model)));
-    if (desc->save_images)
-        CLN_TRY(cln_disk_check(desc->out ? desc->out : evals,
-                               cln_quality_bytes(opened->scene, views, count),
-                               "the evaluation's pictures"));
+    if (desc->save_images) {
+        st = cln_disk_check(desc->out ? desc->out : evals,
+                            cln_quality_bytes(opened->scene, views, count),
+                            "the evaluation's pictures");
+        if (st == CLN_OUTPUT && (why = strdup(cln_error_text()))) {
+            cln_clear_error();
+            (void)cln_fail(st, "%s: with -o, or print the figures alone with --no-save-images",
+                           why);
+        }
+        CLN_TRY(st);
+    }
 done:
     free(evals);
     free(plain);
+    free(why);
     return st;
 }
 

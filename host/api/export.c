@@ -54,7 +54,7 @@ bool cln_export_ends(const char *file, const char *ending)
 
 /* ---- what is asked for ---- */
 
-/* form: "FILE.ply|.obj". */
+/* Does a form such as "FILE.ply|.obj" list this ending? */
 static bool may_end_so(const char *form, const char *ending)
 {
     const size_t bytes = strlen(ending);
@@ -65,9 +65,9 @@ static bool may_end_so(const char *form, const char *ending)
     return false;
 }
 
-/* Asked before the work: nothing that is there is replaced unasked, and nothing but a plain file
- * ever; no file is called what it is not, and its place can be written to. A folder's files are its
- * export's to check. */
+/* Checks the target before the work begins: its name has an ending of the format, its folder can be
+ * written to, and what is there is a plain file that may be replaced. An export that writes a
+ * folder checks the files in it itself. */
 static cln_status check_target(const cln_export_desc *desc, const export_row *row)
 {
     const char *ending = ending_of(desc->file), *wanted = strchr(row->form, '.');
@@ -132,8 +132,7 @@ static cln_status check_options(const cln_export_desc *desc)
 
 /* ---- the work ---- */
 
-/* What has no meaning in a forward or shell space (scene/space.h): boxes, and a grid of equal
- * cells. */
+/* Boxes and a grid of equal cells have no meaning in a forward or shell space (scene/space.h). */
 static cln_status check_space(const export_row *row, const cln_export_desc *desc,
                               const cln_model *model)
 {

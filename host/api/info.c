@@ -25,12 +25,14 @@ cln_status cln_info_scene(const char *path, const cln_settings *settings, char *
     cln_status st = CLN_OK;
     const cln_scene_desc desc = {.path = path, .config = &settings->config};
     cln_scene *scene = NULL;
-    json_t *document = NULL, *cameras = NULL;
+    json_t *document = json_object(), *described = NULL, *cameras = NULL;
 
     *json = NULL;
     CLN_TRY(cln_scene_load(&desc, &scene));
     cln_scene_warn_doubts(scene);
-    CLN_TRY(cln_scene_describe(scene, &document));
+    CLN_TRY(cln_scene_describe(scene, &described));
+    json_object_set_new(document, "schema", json_string("cl-nascent.scene/1"));
+    json_object_update(document, described);
     cameras = json_incref(json_object_get(document, "cameras"));
     json_object_del(document, "cameras");
     json_object_set_new(document, "training",
@@ -39,6 +41,7 @@ cln_status cln_info_scene(const char *path, const cln_settings *settings, char *
     CLN_TRY(to_text(document, path, json));
 done:
     json_decref(document);
+    json_decref(described);
     cln_scene_free(scene);
     return st;
 }

@@ -103,8 +103,11 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
     if (!timed) {
         steps = (double)cln_config_epoch_steps(c, training_pixels(scene));
         json_object_set_new(about, "epochs", json_integer(c->epochs));
-        json_object_set_new(about, "steps", json_integer((json_int_t)steps));
     }
+    if (steps > 0)
+        json_object_set_new(about, "steps", json_integer((json_int_t)steps));
+    if (c->time_limit > 0)
+        json_object_set_new(about, "time_limit", json_real(c->time_limit));
     if (cln_device_open(wanted, &device) == CLN_OK &&
         cln_pipeline_outline(device, c, scene->lenses, scene->has_alpha, &scene->space,
                              &pipeline) == CLN_OK) {

@@ -38,7 +38,7 @@ typedef struct work {
     cln_names photos;
     char *images, *database, *sparse, *log_path;
     FILE *log;
-    const char *stage; /* what the lines are of */
+    const char *stage; /* name of this step on the progress line */
     int done;
     double duration;                   /* of a video; seconds */
     const char *extraction, *matching; /* how this COLMAP calls its options */
@@ -322,7 +322,7 @@ static int remove_one(const char *path, const struct stat *info, int kind, struc
     return remove(path);
 }
 
-/* Of an attempt before this one: no poses came of it. */
+/* Removes what an earlier attempt left, which found no poses. */
 static void remove_rest(const work *w)
 {
     enum { OPEN = 8 };
@@ -368,7 +368,7 @@ static cln_status find_features(work *w)
     CLN_TRY(same_sizes(w, &same));
     cln_info("%d photos, %s", w->photos.count,
              same ? "all of one size: one camera" : "of several sizes: a camera for each");
-    /* few photos do not tell four parameters of a lens */
+    /* a few photos cannot tell four parameters of a lens */
     CLN_TRY(run(w, "poses: features",
                 (const char *const[]){"colmap", "feature_extractor", "--database_path", w->database,
                                       "--image_path", w->images, "--ImageReader.camera_model",
@@ -427,7 +427,7 @@ static int images_of(const char *model)
     return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
 }
 
-/* COLMAP writes a model for each part of the photos that hangs together: the largest becomes 0. */
+/* COLMAP writes a model for each group of photos that overlap: the largest becomes number 0. */
 static cln_status choose_model(work *w)
 {
     cln_status st = CLN_OK;
@@ -456,7 +456,7 @@ static cln_status choose_model(work *w)
                          "does not move (%s)",
                          w->desc->photos, w->log_path));
     if (models > 1)
-        cln_warn("the photos fall into %d parts that share nothing: the largest is taken; the "
+        cln_warn("the photos fall into %d groups that share nothing: the largest is used; the "
                  "others are beside it in sparse",
                  models);
     if (best > 0) {
@@ -491,7 +491,7 @@ static cln_status map(work *w)
              (const char *const[]){"colmap", "mapper", "--database_path", w->database,
                                    "--image_path", w->images, "--output_path", w->sparse, NULL});
     if (st == CLN_FAILED && strstr(cln_error_text(), "failed to create sparse model")) {
-        cln_clear_error(); /* what that means, and what to do, is told better below */
+        cln_clear_error(); /* a better sentence follows below */
         st = CLN_OK;
     }
     CLN_TRY(st);

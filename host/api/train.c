@@ -435,6 +435,7 @@ static cln_status prepare(cln_trainer *t)
                               .ranks = cln_ranks_count(),
                               .no_sights = t->scene->sight_count == 0,
                               .no_box = !t->scene->has_box,
+                              .has_splits = t->scene->has_splits,
                               .few_views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN) <
                                            config.seen_by});
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */

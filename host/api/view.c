@@ -1,5 +1,4 @@
-/* cln_view_run: a run opened for a browser. What is asked of it and how it is painted is
- * host/view's; here is what it is opened with. */
+/* cln_view_run: opens a run for a browser. host/view answers the requests and paints. */
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,8 +11,8 @@
 #include "view/facts.h"
 #include "view/server.h"
 
-/* With its scene, for cameras and photos; without them if the scene is not here and the run knows
- * how to look at it. */
+/* Opens the run with its scene, which has the cameras and photos. If the scene is not here, the
+ * orbit in run.json is enough to look at the run. */
 static cln_status open_run(const cln_view_desc *desc, cln_open_run *opened, cln_orbit_frame *frame)
 {
     cln_status st = CLN_OK;

@@ -203,7 +203,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(empty_share, "empty-share", 1, 0.25, 0, 1,                                                \
          "training: probability that an empty interval gets one sample all the same")              \
     REAL(min_transmittance, "min-transmittance", 1e-4, 1e-3, 0, 0.5,                               \
-         "training: leave out leaves behind less transmittance", .alias = "t-min")                 \
+         "training: skip leaves of a ray where less transmittance than this is left",              \
+         .alias = "t-min")                                                                         \
     REAL(render_min_transmittance, "render-min-transmittance", 1e-3, 1e-3, 0, 0.5,                 \
          "the same when rendering", .alias = "render-t-min")                                       \
     REAL(occlusion_from, "occlusion-from", 0.067, 0.02, 0, 1,                                      \
@@ -237,10 +238,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \
          "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average",   \
          .flags = CLN_ROW_FIXED | CLN_ROW_LATER)                                                   \
-    REAL(                                                                                          \
-        roulette, "roulette", 0, 0.1, 0, 1000,                                                     \
-        "of samples whose gradient is under this share of their leaf's mean, some train (0: all)", \
-        .flags = CLN_ROW_LATER)                                                                    \
+    REAL(roulette, "roulette", 0, 0.1, 0, 1000,                                                    \
+         "train only some of the samples whose gradient is below this share of their leaf's mean " \
+         "(0: all)",                                                                               \
+         .flags = CLN_ROW_LATER)                                                                   \
     INT(min_leaf_samples, "min-leaf-samples", 32, 8, 1, 1000000,                                   \
         "a leaf with fewer samples in a batch is not updated")                                     \
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \
@@ -320,7 +321,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "every Nth image is test where no split is named (0 = none)", .flags = CLN_ROW_SCENE)      \
     ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
          "frames whose image is not there: leave them out while they are fewer than a tenth, "     \
-         "leave them out however many, or refuse the scene",                                       \
+         "leave them out however many (also those whose image cannot be read), or refuse the "     \
+         "scene",                                                                                  \
          .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
     REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                  \
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                     \

@@ -256,7 +256,7 @@ cln_status cln_path_relative(char **out, const char *from, const char *to)
     char *up = NULL, *longer = NULL;
     size_t shared = 0, i = 0;
 
-    for (;; i++) { /* whole names that both begin with */
+    for (;; i++) { /* counts whole names with which both paths begin */
         const bool ends = (from[i] == '/' || !from[i]) && (to[i] == '/' || !to[i]);
 
         if (ends && i > 0)
@@ -299,7 +299,7 @@ void cln_digest_more(cln_digest_part *d, const void *data, size_t bytes)
     uint64_t digest = d->digest, word = d->word;
     size_t i = 0;
 
-    for (; i < bytes && d->bytes % 8; i++) { /* the rest of a word that a piece before began */
+    for (; i < bytes && d->bytes % 8; i++) { /* completes a word that an earlier piece began */
         word |= (uint64_t)p[i] << 8 * (d->bytes++ % 8);
         if (d->bytes % 8 == 0) {
             digest = mix(digest, word);

@@ -55,8 +55,8 @@ static void lift_used_up(cln_settings *settings)
         c->time_limit = 0;
 }
 
-/* Where a run ended far beyond its budget, which was lowered then: what it used, else 0. The last
- * step may end some seconds after --time-limit. */
+/* What a run used, if it ended far beyond its budget, which was lowered later; else 0. A last step
+ * that ends some seconds after --time-limit is not far beyond. */
 static double used_beyond(const cln_settings *settings, const cln_config_row *row, double budget)
 {
     if (strcmp(row->option, "steps") == 0 && settings->steps > budget)

@@ -20,14 +20,15 @@ bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)
 
 /* Facts about a training besides its settings. */
 typedef struct cln_settings_facts {
-    bool resume;    /* it resumes a run */
-    bool has_alpha; /* its images have alpha */
-    bool forward;   /* its space is that of normalised device coordinates */
-    bool shell;     /* or a cube and a shell */
-    int ranks;      /* processes */
-    bool no_sights; /* no sparse point is known with the training images that show it */
-    bool no_box;    /* nor a box in the cube */
-    bool few_views; /* --seen-by asks for more training views than there are */
+    bool resume;     /* it resumes a run */
+    bool has_alpha;  /* its images have alpha */
+    bool forward;    /* its space is that of normalised device coordinates */
+    bool shell;      /* or a cube and a shell */
+    int ranks;       /* processes */
+    bool no_sights;  /* no sparse point is known with the training images that show it */
+    bool no_box;     /* nor a box in the cube */
+    bool has_splits; /* its dataset names the splits */
+    bool few_views;  /* --seen-by asks for more training views than there are */
 } cln_settings_facts;
 
 /* Warns in the log of each given setting that has no effect with the others and the facts. */

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 34 };
+enum { IDLE_ROWS = 35 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -83,6 +83,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "only a cube has a box that ends the scene; give --space cube"},
         {"slab", c->slab && facts->no_box,
          "nothing is known of a box in the cube, as there are no sparse points; give --bbox"},
+        {"holdout", facts->has_splits, "the dataset names the splits; leave it out"},
         {"seen-by", facts->few_views, "there are fewer training views; give less"},
         {"exchange", facts->ranks <= 1,
          "one process has nobody to tell; start several (docs/scale-out.md)"},

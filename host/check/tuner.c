@@ -62,9 +62,9 @@ typedef struct tuner {
     cln_tune *tried;   /* [result->count] */
     int capacity;
     double began, deadline; /* monotonic seconds */
-    double longest[2]; /* what a candidate took: one like another but for SL and CHUNK, which the
-                               kernels need not be compiled for; any other */
-    bool spent;        /* the budget left something out */
+    double
+        longest[2]; /* of a candidate: [0] its kernels were compiled already, [1] they were not */
+    bool spent;     /* some sets were not tried, for lack of time */
 } tuner;
 
 static cln_status poll(const tuner *t)
@@ -176,8 +176,8 @@ static void keep_first(const char *name, bool passed, bool skipped, const char *
         snprintf(try->reason, sizeof try->reason, "%s: %s", name, detail);
 }
 
-/* A set that cannot be built, has no room, or that the device stumbles over is refused like one
- * that computes something else; any other error ends the search. */
+/* A set that cannot be built, needs too much memory or makes the device fail is refused, as one
+ * that computes wrong results is; any other error ends the search. */
 static cln_status refuse(cln_tune_try *try, cln_status st)
 {
     if (st != CLN_CHECK && st != CLN_BUILD && st != CLN_MEMORY && st != CLN_CL)
@@ -256,7 +256,7 @@ done:
     return st;
 }
 
-/* The first set is taken unseen: it only shows how long a step is. */
+/* The first set has nothing to be compared with: it only shows how long a step takes. */
 static cln_status measure(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
 {
     cln_status st = CLN_OK;
@@ -276,8 +276,8 @@ done:
     return st;
 }
 
-/* First right or wrong, against the float64 reference, then fast or slow. Nothing if it was tried
- * already, or if there is no time (but something must be taken in the end). */
+/* Compares a set with the float64 reference, then times it. Does nothing if it was tried already,
+ * or if no time is left and another set was taken. */
 static cln_status consider(tuner *t, cln_tune tune)
 {
     cln_status st = CLN_OK;
@@ -322,7 +322,7 @@ static bool possible(const tuner *t, const cln_tune *wanted)
     return memcmp(&fitted, wanted, sizeof fitted) == 0;
 }
 
-/* All moves of one row, from the best set as it is at each. */
+/* Tries all moves of one row, each from the set that is the best by then. */
 static cln_status go_through(tuner *t, const char *list)
 {
     cln_status st = CLN_OK;

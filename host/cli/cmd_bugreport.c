@@ -2,6 +2,7 @@
  * memory, so that names of home folders can be taken out of all of it before it is printed. What
  * cannot be found out is said in its place: a report of a broken machine is still a report. */
 #include "cli/commands.h"
+#include "cli/help.h"
 
 #include <jansson.h>
 #include <stdlib.h>
@@ -26,8 +27,8 @@ static void put_system(FILE *to)
     uname(&system);
     cln_format_bytes(cln_host_memory(), memory);
     cln_utc_now(now);
-    fprintf(to, "Program\n    cl-nascent %s, jansson %s, zlib %s, compiled by %s\n", cln_version(),
-            jansson_version_str(), zlibVersion(), __VERSION__);
+    fprintf(to, "Program\n    cl-nascent %s, jansson %s, zlib %s, compiled by %s\n    %s\n",
+            cln_version(), jansson_version_str(), zlibVersion(), __VERSION__, cln_built_with());
     fprintf(to, "System\n    %s %s %s, %ld processors, %s memory, %s\n", system.sysname,
             system.release, system.machine, sysconf(_SC_NPROCESSORS_ONLN), memory, now);
 }

@@ -6,21 +6,34 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
 #include "base/log.h"
 #include "base/text.h"
 #include "cli/console.h"
 
-enum { COLUMNS = 96 };
+enum { COLUMNS_LEAST = 40, COLUMNS = 96 };
 
-/* A text in lines of at most COLUMNS, all but the first indented. */
+/* As many as a terminal has, so that it breaks no word; elsewhere COLUMNS. */
+static int columns(void)
+{
+    struct winsize size = {0};
+
+    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col < 1 || size.ws_col > COLUMNS)
+        return COLUMNS;
+    return size.ws_col > COLUMNS_LEAST ? size.ws_col : COLUMNS_LEAST;
+}
+
+/* A text in lines of at most columns(), all but the first indented. */
 static void print_wrapped(int column, int indent, const char *text)
 {
+    const int most = columns();
     bool first = true;
 
     while (*text) {
         const int word = (int)strcspn(text, " ");
 
-        if (!first && column + 1 + word > COLUMNS) {
+        if (!first && column + 1 + word > most) {
             printf("\n%*s", indent, "");
             column = indent;
         } else if (!first) {

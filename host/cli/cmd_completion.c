@@ -45,7 +45,8 @@ static void put_words(const char *words)
         putchar(*words == '|' ? ' ' : *words);
 }
 
-/* A text within single quotes, which need not be kept exactly: no quote and no bracket ends it. */
+/* Prints a text that stands within single quotes; the characters that would end it, quotes and
+ * brackets, become similar ones. */
 static void put_text(const char *text)
 {
     for (; *text; text++)

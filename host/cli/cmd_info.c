@@ -15,8 +15,14 @@ enum { LISTED = 8 };
 
 static void print_scalar(const json_t *value)
 {
+    const double number = json_number_value(value);
     char *text = NULL;
 
+    if (json_is_real(value) && fabs(number) >= 1e5 && fabs(number) < 1e15 &&
+        number == floor(number)) { /* counts and seeds, which some writers keep as reals */
+        printf("%.0f", number);
+        return;
+    }
     if (json_is_string(value)) {
         printf("%s", json_string_value(value));
         return;
@@ -40,30 +46,37 @@ static bool is_flat(const json_t *array)
     return true;
 }
 
-/* Bytes, as people read them, under keys that name memory. */
-static bool print_memory(const char *key, const json_t *value)
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t length = strlen(text), n = strlen(end);
+
+    return length >= n && strcmp(text + length - n, end) == 0;
+}
+
+/* Bytes, as people read them: of keys that name memory, and all of memory plans. */
+static bool print_memory(const char *parent, const char *key, const json_t *value)
 {
     char text[32];
 
-    if (!json_is_number(value) || !strstr(key, "_memory"))
+    if (!json_is_number(value) || json_number_value(value) == 0)
+        return false;
+    if (!strstr(key, "_memory") && !ends_with(key, "_mem") && !ends_with(key, "_peak") &&
+        strcmp(key, "max_alloc") != 0 && !ends_with(parent, "plan"))
         return false;
     cln_format_bytes(json_number_value(value), text);
     printf("%s", text);
     return true;
 }
 
-static bool print_time(const char *key, const json_t *value)
+/* Minutes and seconds; what a scene says of a training to come is an estimate. */
+static bool print_time(const char *parent, const char *key, const json_t *value)
 {
     char text[32];
 
-    const bool is_time = strcmp(key, "training_seconds") == 0 ||
-                         strcmp(key, "evaluation_seconds") == 0 ||
-                         strcmp(key, "start_seconds") == 0;
-
-    if (!json_is_number(value) || !is_time)
+    if (!json_is_number(value) || !(strcmp(key, "seconds") == 0 || ends_with(key, "_seconds")))
         return false;
     cln_format_duration(json_number_value(value), text);
-    printf("about %s", text);
+    printf("%s%s", strcmp(parent, "training") == 0 ? "about " : "", text);
     return true;
 }
 
@@ -105,7 +118,7 @@ static void print_list(const json_t *array, int indent)
         printf("%*s... %zu more, all with --json\n", indent, "", count - LISTED);
 }
 
-static void print_object(const json_t *object, int indent)
+static void print_object(const char *name, const json_t *object, int indent)
 {
     const char *key = NULL;
     json_t *value = NULL;
@@ -120,7 +133,7 @@ static void print_object(const json_t *object, int indent)
     {
         if (json_is_object(value)) {
             printf("%*s%s\n", indent, "", key);
-            print_object(value, indent + 2);
+            print_object(key, value, indent + 2);
         } else if (json_is_array(value) && !is_flat(value)) {
             printf("%*s%s\n", indent, "", key);
             print_list(value, indent + 2);
@@ -128,7 +141,7 @@ static void print_object(const json_t *object, int indent)
             printf("%*s%-*s  ", indent, "", width, key);
             if (json_is_array(value) && json_array_size(value) == 0)
                 printf("none");
-            else if (!print_memory(key, value) && !print_time(key, value))
+            else if (!print_memory(name, key, value) && !print_time(name, key, value))
                 print_inline(value);
             putchar('\n');
         }
@@ -232,11 +245,17 @@ static cln_status add_time(const cln_options *options, const json_t *scene, json
 {
     cln_status st = CLN_OK;
     const double steps = json_number_value(json_object_get(training, "steps"));
+    const double limit = json_number_value(json_object_get(training, "time_limit"));
     const char *device = json_string_value(json_object_get(training, "device")), *its = NULL;
     char *text = NULL, *from = NULL, differences[256] = "";
     json_t *run = NULL;
     double pace = 0;
 
+    if (limit > 0 && !(steps > 0)) {
+        json_object_set_new(training, "training_seconds", json_real(limit));
+        json_object_set_new(training, "training_seconds_from", json_string("--time-limit"));
+        goto done;
+    }
     if (!options->like) {
         json_object_set_new(training, "training_seconds", json_null());
         json_object_set_new(training, "training_seconds_from",
@@ -258,7 +277,8 @@ static cln_status add_time(const cln_options *options, const json_t *scene, json
                          steps, options->like, 1e3 * pace, number_at(run, "result", "step"),
                          its ? ", on another device: " : "", its ? its : "",
                          *differences ? "; with another " : "", differences));
-    json_object_set_new(training, "training_seconds", json_real(pace * steps));
+    json_object_set_new(training, "training_seconds",
+                        json_real(limit > 0 ? fmin(limit, pace * steps) : pace * steps));
     json_object_set_new(training, "training_seconds_from", json_string(from));
     CLN_TRY(add_other_times(options->settings, run, scene, steps, training));
 done:
@@ -293,7 +313,7 @@ cln_status cln_cmd_info(const cln_options *options)
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));
     else
-        print_object(document, 0);
+        print_object("", document, 0);
 done:
     json_decref(document);
     free(text);

@@ -78,8 +78,8 @@ done:
     return st;
 }
 
-static cln_status take_line(const cln_command *command, const bool *overridden, const char *path,
-                            char *line, cln_settings *settings, char **said)
+static cln_status take_line(const bool *overridden, const char *path, char *line,
+                            cln_settings *settings, char **said)
 {
     char *value = NULL;
     const char *name = split(line, &value);
@@ -99,15 +99,15 @@ static cln_status take_line(const cln_command *command, const bool *overridden, 
                         "'%s' belongs on the command line; only settings of the training "
                         "can be here",
                         name);
-    if (row && (!cln_command_takes_row(command, row) || overridden[row - cln_config_rows]))
+    if (row && overridden[row - cln_config_rows])
         return CLN_OK;
     if (cln_settings_set(settings, row ? row->option : name, value) != CLN_OK)
         return CLN_INPUT;
     return say(said, path, row->option, value);
 }
 
-cln_status cln_conf_read(const char *scene, const cln_command *command, const bool *overridden,
-                         cln_settings *settings, char **said)
+cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings *settings,
+                         char **said)
 {
     cln_status st = CLN_OK;
     char *path = NULL, *text = NULL, message[MESSAGE_BYTES];
@@ -133,7 +133,7 @@ cln_status cln_conf_read(const char *scene, const cln_command *command, const bo
             *next++ = 0;
         number++;
         line = trim(line);
-        if (!*line || take_line(command, overridden, path, line, settings, said) == CLN_OK)
+        if (!*line || take_line(overridden, path, line, settings, said) == CLN_OK)
             continue;
         snprintf(message, sizeof message, "%s", cln_error_text());
         cln_clear_error();

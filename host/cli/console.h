@@ -1,4 +1,4 @@
-/* What the commands share towards the person at the terminal: signals and the progress line as the
+/* What the commands share for the person at the terminal: signals and the progress line as the
  * library's callbacks, and results on standard output. Knows no command. */
 #ifndef CLN_CONSOLE_H
 #define CLN_CONSOLE_H

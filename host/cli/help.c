@@ -5,6 +5,7 @@
 #include <jansson.h>
 #include <stdlib.h>
 #include <string.h>
+#include <zlib.h>
 #include "base/number.h"
 #include "cl_nascent.h"
 
@@ -216,6 +217,21 @@ void cln_help_print(FILE *to, const cln_command *command)
         put_program(to);
 }
 
+const char *cln_built_with(void)
+{
+#ifdef CLN_WITH_MICROHTTPD
+#define WITH_VIEW "with libmicrohttpd (view)"
+#else
+#define WITH_VIEW "without libmicrohttpd (no view)"
+#endif
+#ifdef CLN_WITH_MESHOPTIMIZER
+#define WITH_TRIANGLES "with meshoptimizer (export --triangles)"
+#else
+#define WITH_TRIANGLES "without meshoptimizer (no export --triangles)"
+#endif
+    return "built " WITH_VIEW ", " WITH_TRIANGLES;
+}
+
 void cln_version_print(FILE *to, bool verbose)
 {
     cln_device_info *devices = NULL;
@@ -224,7 +240,8 @@ void cln_version_print(FILE *to, bool verbose)
     fprintf(to, "cl-nascent " CLN_VERSION "\n");
     if (!verbose)
         return;
-    fprintf(to, "jansson %s\n", jansson_version_str());
+    fprintf(to, "jansson %s\nzlib %s\n", jansson_version_str(), zlibVersion());
+    fprintf(to, "%s\n", cln_built_with());
     if (cln_devices_list(NULL, false, &devices, &count) != CLN_OK) {
         cln_clear_error();
         fprintf(to, "OpenCL: no device\n");

@@ -8,6 +8,9 @@
 /* Of one command, or with NULL the list of commands. */
 void cln_help_print(FILE *to, const cln_command *command);
 
+/* The optional libraries that this program was or was not built with, a line without its end. */
+const char *cln_built_with(void);
+
 /* "cl-nascent 0.1.0"; verbose: also the libraries and OpenCL platforms it runs on. */
 void cln_version_print(FILE *to, bool verbose);
 

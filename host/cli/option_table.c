@@ -254,7 +254,7 @@ const cln_arg cln_args[] = {
     INT(CLN_VIEW | CLN_TRAIN, "port", port, "N", 1, 65535,
         "port to listen on", .shown = "7007, or a free one if that is taken"),
     TEXT(CLN_VIEW | CLN_TRAIN, "listen", listen, "ADDRESS",
-         "numeric address to listen on, for other machines (0.0.0.0: all of this one's); the "
+         "IP address to listen on, for other machines (0.0.0.0: all of this one's); the "
          "printed address then has a token, without which nothing is answered",
          .shown = "127.0.0.1, without a token"),
     FLAG(CLN_VIEW | CLN_TRAIN, "open", open,

@@ -76,14 +76,15 @@ extern const int cln_arg_count;
 bool cln_command_takes_row(const cln_command *command, const cln_config_row *row);
 bool cln_command_takes_arg(const cln_command *command, const cln_arg *arg);
 
-/* By name ([length], need not end there) or letter, among what the command takes; NULL if not. */
+/* Finds a command, or an option that the command takes, by its name ([length]: it may go on after
+ * that) or letter; NULL if there is none. */
 const cln_command *cln_command_find(const char *name);
 const cln_arg *cln_arg_find(const cln_command *command, const char *name, size_t length);
 const cln_arg *cln_arg_find_letter(const cln_command *command, char letter);
 const cln_config_row *cln_row_find(const cln_command *command, const char *name, size_t length);
 
-/* CLN_USAGE for a name that is in no table of the command: whose it is, or which one it
- * resembles. */
+/* CLN_USAGE for an option that the command does not take, or an unknown command: the sentence says
+ * which command takes the option, or which known name this one resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length);
 cln_status cln_fail_command(const char *name);
 

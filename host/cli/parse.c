@@ -360,6 +360,9 @@ static cln_status parse_first(parser *p)
     p->at = 2;
     if (strcmp(first, "help") == 0) {
         out->help = true;
+        if (p->at + 1 == p->argc &&
+            (strcmp(p->argv[p->at], "--help") == 0 || strcmp(p->argv[p->at], "-h") == 0))
+            p->at++;
         if (p->at < p->argc && p->argv[p->at][0] != '-') {
             const char *about = p->argv[p->at++];
 
@@ -435,8 +438,7 @@ static cln_status apply_settings(parser *p)
     else
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
     if (out->conf && out->operand && !out->resume && out->command->bit != CLN_TUNE)
-        CLN_TRY(
-            cln_conf_read(out->operand, out->command, overridden, out->settings, &out->conf_said));
+        CLN_TRY(cln_conf_read(out->operand, overridden, out->settings, &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
     CLN_TRY(cln_settings_check(out->settings));

@@ -177,9 +177,9 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
     }
     return cln_fail(
         CLN_NO_DEVICE,
-        "--device %s: no OpenCL device matches, of %d; `cl-nascent devices` lists them, --device "
-        "takes a row number, cpu, gpu or part of a name",
-        spec, count);
+        "--device %s: no OpenCL device matches (there %s %d); `cl-nascent devices` lists them, "
+        "--device takes a row number, cpu, gpu or part of a name",
+        spec, count == 1 ? "is" : "are", count);
 }
 
 /* --max-alloc: for drivers that promise more than they keep, and to imitate a smaller device. */

@@ -10,7 +10,7 @@
 
 typedef struct cln_fusion_view cln_fusion_view;
 
-/* Of a shell space, only what is in the core, as if that were a plain one: points are of it. */
+/* In a shell space only the core is fused, as if it were a plain space, whose points these are. */
 typedef struct cln_fusion {
     const cln_space *space; /* the caller's, or &core: a fusion is not copied */
     cln_space core;
@@ -18,8 +18,8 @@ typedef struct cln_fusion {
     const cln_octree *tree;
     int count;
     cln_fusion_view *views; /* [count] */
-    double pixel;           /* width of a pixel where the views see a surface, median; the cube */
-    double band;            /* how far behind a surface a view still tells of it; the cube */
+    double pixel;           /* median width of a pixel where views see a surface; in the cube */
+    double band;            /* how far behind a surface a view still counts; in the cube */
 } cln_fusion;
 
 /* Renders up to 100 training views, evenly chosen, of at most 800 pixels across, and keeps their
@@ -37,8 +37,8 @@ cln_status cln_fusion_start(const cln_space *space, const cln_octree *tree, int 
 cln_status cln_fusion_set(cln_fusion *fusion, int view, const cln_camera *camera, float *depth,
                           double *pixel);
 
-/* At a point of the cube (its space's): -1 .. 1, above 0 behind the surface. Behind all surfaces:
- * 1; out of every view's sight, or where the tree is empty: -1. */
+/* The value at a point of its space's cube: -1 .. 1, above 0 behind the surface; 1 behind all
+ * surfaces, -1 where no view sees or where the tree is empty. */
 float cln_fusion_at(const cln_fusion *fusion, const float at[3]);
 
 /* The view that sees a point of the surface most from the front (normal: unit): sets the unit

@@ -12,7 +12,7 @@
 
 enum { STANDARD_COUNT = 200000, MOST_POINTS = 100000000 };
 
-/* In the cube. */
+/* Area of a face, in the cube. */
 static double area_of(const cln_surface *s, size_t face)
 {
     const uint32_t *v = s->face[face];

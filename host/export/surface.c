@@ -260,8 +260,8 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
     memset(out, 0, sizeof *out);
     if (wanted > MOST_CELLS)
         CLN_TRY(cln_fail(CLN_USAGE,
-                         "--spacing %g: that is %.0f cells across the cube of side %g, of which %d "
-                         "are the most; give %g or more",
+                         "--spacing %g: that is %.0f cells across the cube of side %g, more "
+                         "than the %d that are possible; give %g or more",
                          spacing, wanted, side, MOST_CELLS, side / MOST_CELLS));
     CLN_TRY(cln_fusion_make(desc->opened, desc->callbacks, &fusion));
     CLN_TRY(cln_surface_trace(&fusion, (int)wanted, cln_surface_cell(model), desc->closed,

@@ -36,8 +36,8 @@ static cln_status place_grid(const cln_export_job *job, grid *g)
     g->side = spacing > 0 ? spacing / half : 2.0 / STANDARD_CELLS;
     if (2 / g->side > MOST_CELLS * (1 + 1e-9))
         return cln_fail(CLN_USAGE,
-                        "--spacing %g: that is %.0f cubes across the scene's cube of side %g, of "
-                        "which %d are the most; give %g or more",
+                        "--spacing %g: that is %.0f cubes across the scene's cube of side %g, "
+                        "more than the %d that are possible; give %g or more",
                         spacing, 2 / g->side, 2 * half, MOST_CELLS, 2 * half / MOST_CELLS);
     for (int s = 0; s < model->tree.leaf_count; s++) {
         float box[4];

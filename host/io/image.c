@@ -253,8 +253,7 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
 
     memset(head, 0, sizeof *head);
     if (bytes == 0)
-        head->problem = "empty file; copy it again, or remove it: frames without an image can "
-                        "be left out (--missing)";
+        head->problem = "empty file; copy it again";
     else if (bytes >= 8 && !memcmp(data, png, 8))
         walk_png(data, bytes, whole, head);
     else if (bytes >= 3 && data[0] == 0xFF && data[1] == 0xD8 && data[2] == 0xFF)
@@ -282,10 +281,8 @@ static cln_status check_header(const char *path, const header *head)
                         path, (long long)head->width, (long long)head->height, CLN_IMAGE_MAX_SIDE,
                         CLN_IMAGE_MAX_PIXELS);
     if (head->cut)
-        return cln_fail(CLN_INPUT,
-                        "%s: truncated %s, the file ends too early; copy it again, or remove it: "
-                        "frames without an image can be left out (--missing)",
-                        path, head->png ? "PNG" : "JPEG");
+        return cln_fail(CLN_INPUT, "%s: truncated %s, the file ends too early; copy it again", path,
+                        head->png ? "PNG" : "JPEG");
     if (head->width < 1 || head->height < 1)
         return cln_fail(CLN_INPUT, "%s: image without pixels (%lld x %lld)", path,
                         (long long)head->width, (long long)head->height);

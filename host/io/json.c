@@ -97,8 +97,8 @@ static void blank_trailing_commas(char *text, size_t bytes)
     }
 }
 
-/* NaN and infinities, which Python writes and JSON has not, become strings of the same length: who
- * reads the value says where it stands and that it is no number. */
+/* NaN and infinities, which Python writes and JSON does not have, become strings of the same
+ * length: the reader of the value then says where it stands and that it is not a number. */
 static void quote_no_numbers(char *text, size_t bytes)
 {
     static const char *const words[] = {"nan", "infinity", "-infinity", "inf", "-inf"};

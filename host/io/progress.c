@@ -47,8 +47,8 @@ static int terminal_columns(void)
     return 79;
 }
 
-/* How much of a text has room: whole fields, which " | " separates, as half a number is another
- * one; of the first field as much as there is room for. */
+/* How many bytes of a text fit: whole fields (" | " separates them), as half a number is another
+ * number; of the first field, as much as fits. */
 static int shown_bytes(const char *text, int columns)
 {
     int fits = 0;

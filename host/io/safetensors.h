@@ -34,9 +34,9 @@ size_t cln_tensor_bytes(const cln_tensor *tensor);
 cln_status cln_safetensors_write(const char *path, int count, const cln_tensor *tensors,
                                  uint64_t *digest);
 
-/* For those who write such a file in pieces. Head: its first *bytes, as many for any digest; tensor
- * i's data then begin at offsets[i] (NULL: not told); the caller frees *head. Digest: begins a
- * tensor's part of the digest, of which its data are still missing. CLN_MEMORY. */
+/* For callers that write such a file in pieces. Head: *head is the file up to the data, *bytes long
+ * whatever the digest; tensor i's data begin at offsets[i] (may be NULL); the caller frees *head.
+ * Digest: begins a tensor's part of the digest; the caller adds its data. CLN_MEMORY. */
 cln_status cln_safetensors_head(int count, const cln_tensor *tensors, uint64_t digest, char **head,
                                 size_t *bytes, size_t *offsets);
 void cln_safetensors_digest_begin(const cln_tensor *tensor, uint64_t digest, cln_digest_part *out);

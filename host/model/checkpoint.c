@@ -568,13 +568,14 @@ cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
     CLN_TRY(cln_path_join(&folder, run, FOLDER));
     CLN_TRY(list_steps(folder, &steps, &count));
     if (count == 0)
-        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: %s", run,
-                         !cln_is_dir(run) ? "no such folder; give the folder of a run"
-                         : cln_run_is_held(run)
-                             ? "there is no checkpoint in it yet; it is trained, and --save-every "
-                               "says when the first comes"
-                             : "there is no checkpoint in it: it ended before its first; train "
-                               "again, in a new folder"));
+        CLN_TRY(cln_fail(
+            CLN_CHECKPOINT, "%s: %s", run,
+            !cln_is_dir(run) ? "no such folder; give the folder of a run"
+            : cln_run_is_held(run)
+                ? "there is no checkpoint in it yet: it is being trained, and --save-every "
+                  "says when the first is written"
+                : "there is no checkpoint in it: it ended before its first; train "
+                  "again, in a new folder"));
     for (int i = 0; i < count; i++) {
         st = read_one(folder, steps[i], training, out);
         if (st == CLN_OK || st == CLN_MEMORY)

@@ -451,7 +451,7 @@ cln_status cln_octree_most_intervals(const cln_octree *tree, int *most)
     *most = 0;
     for (int i = 0; i < 3 * planes; i++)
         *most += met[i];
-    if (*most > 3 << depth) /* of a whole level a line meets no more than that */
+    if (*most > 3 << depth) /* a line meets no more cells of a whole level */
         *most = 3 << depth;
 done:
     free(met);

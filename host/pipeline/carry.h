@@ -5,7 +5,7 @@
 
 #include "pipeline/stages.h"
 
-/* Most new leaves folded at a time; host memory: as many rows of weights, twice. */
+/* Most new leaves that are folded at a time; host memory has two rows of weights for each. */
 enum { CLN_CARRY_ROWS = 512 };
 
 /* tree: the new one; change: where its slots come from (model/octree.h). The result equals

@@ -10,13 +10,13 @@ typedef struct cln_loss_args {
     cl_float scale, huber, alpha, cauchy, opacity, distort, depth;
 } cln_loss_args;
 
-/* Of a batch of n rays. */
+/* The weights for a batch of n rays. */
 cln_loss_args cln_loss_args_of(const cln_pipeline *p, int n);
 
-/* DEPTH_ARGUMENTS: none unless the loss of depths is built in. */
+/* Adds DEPTH_ARGUMENTS: nothing unless the loss of depths is built in. */
 void cln_loss_add_depth(const cln_pipeline *p, const cln_loss_args *loss, cln_args *args);
 
-/* All: from `scale` on to MEASURE_ARGUMENT. */
+/* Adds all arguments from `scale` to MEASURE_ARGUMENT. */
 void cln_loss_add(const cln_pipeline *p, const cln_loss_args *loss, cln_args *args);
 
 #endif

@@ -28,8 +28,8 @@ typedef struct cln_sampling {
     uint32_t step;
     size_t max_samples; /* most samples of a batch (memory plan) */
     bool stretches;     /* cln_stretch_wanted(): only samples of this rank's leaves (stretch.h) */
-    /* [6] half-spaces of the cube, x, y, z, w: rays see what is inside all of them, x p_x + y p_y +
-     * z p_z + w >= 0, alone (sampling_crop must be built); NULL: all of the cube. */
+    /* [6] half-spaces x p_x + y p_y + z p_z + w >= 0 of points p of the cube, as x, y, z, w: rays
+     * see only what is inside all of them; NULL: all of the cube. Needs sampling_crop. */
     const float (*crop)[4];
 } cln_sampling;
 

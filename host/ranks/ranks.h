@@ -18,8 +18,8 @@ enum { CLN_RANKS_MOST = 1024 };
  * with more than CLN_RANKS_MOST. */
 cln_status cln_ranks_open(void);
 
-/* Leaves them at the end of the process: with an error, ends all ranks with this exit code. Does
- * not return then. */
+/* Leaves them at the end of the process. With an error it ends all ranks with this exit code, and
+ * does not return. */
 void cln_ranks_close(bool failed, int exit_code);
 
 int cln_ranks_count(void);        /* 1 before cln_ranks_open */
@@ -27,7 +27,7 @@ int cln_ranks_me(void);           /* 0 .. count - 1 */
 int cln_ranks_me_here(void);      /* among the ranks of this machine, 0 .. */
 const char *cln_ranks_name(void); /* "rank 1 of 2 on HOST: "; "" if alone */
 
-/* The largest of all ranks' values, of each of n; everyone gets it. */
+/* Each of n values becomes the largest of all ranks' values, on all ranks. */
 void cln_ranks_largest(double *values, int n);
 
 /* The same in two calls, between which this rank works on and says other things: `values` must stay
@@ -43,8 +43,8 @@ void cln_ranks_tell(void *data, size_t bytes);
 void cln_ranks_take(void *baton, size_t bytes);
 void cln_ranks_hand(void *baton, size_t bytes);
 
-/* CLN_USAGE on all ranks, and names the first that differs, unless all have the same digest. what:
- * "settings", "scene". */
+/* Compares a digest of all ranks: if they differ, CLN_USAGE on all, with the first rank that
+ * differs. what: "settings", "scene". */
 cln_status cln_ranks_agree(uint64_t digest, const char *what);
 
 /* Rows [first[r], first[r + 1]) of an array are rank r's; after it, everyone (or, if not `all`,

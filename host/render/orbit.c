@@ -14,7 +14,7 @@ static const double PI = 3.14159265358979323846, DEGREE = 3.14159265358979323846
 static const double LEVEL = 1e-3; /* of find_up: the square of how level they are held */
 static const double POLE = 80;    /* degrees: above, an azimuth says nothing */
 static const double GAP = 120;    /* degrees: three cameras all around still make a circle */
-static const double ARC_MIN = 10; /* degrees: of a single camera, too, a path moves */
+static const double ARC_MIN = 10; /* degrees: a path around a single camera moves, too */
 
 /* v without its part along the unit vector `up`, normalised. */
 static bool flatten(const double up[3], double v[3])
@@ -46,9 +46,9 @@ static void find_away(const cln_scene *scene, const cln_orbit_frame *f, int i, d
         away[a] = c2w[4 * a + 3] - f->target[a];
 }
 
-/* Cameras are held level: the axis that their x axes point along least, on the side of their mean
- * up vector. (mean of x x^T + LEVEL) up = mean up does that, and keeps to the mean where x axes
- * leave it open. The mean alone leans over with cameras that look down in an arc. */
+/* Cameras are held level, so up is the axis along which their x axes point least, on the side of
+ * their mean up vector. It solves (mean of x x^T + LEVEL) up = mean up, which keeps to the mean
+ * where x axes leave it open. The mean alone would lean over where cameras look down in an arc. */
 static void find_up(const cln_scene *scene, int count, double up[3])
 {
     double mean[3] = {0}, column[3][3] = {{LEVEL, 0, 0}, {0, LEVEL, 0}, {0, 0, LEVEL}};
@@ -103,8 +103,7 @@ static int ascending(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* What the arc leaves out is the widest gap between neighbours. Cameras near the pole stand in
- * every direction, and in none. */
+/* The arc leaves out the widest gap between neighbours. Cameras near the pole have no azimuth. */
 static cln_status find_arc(const cln_scene *scene, int count, cln_orbit_frame *out)
 {
     cln_status st = CLN_OK;

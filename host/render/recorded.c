@@ -137,8 +137,8 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
     snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
     *same = saved && strcmp(saved, digest) == 0;
     if (*same && place)
-        cln_info("scene: %s is not there; %s is the same and taken (%s)", text_of(dataset, "path"),
-                 scene->path, place);
+        cln_info("scene: %s is not there; %s is the same one, and read (%s)",
+                 text_of(dataset, "path"), scene->path, place);
     if (*same)
         return CLN_OK;
     if (place)
@@ -198,10 +198,11 @@ cln_status cln_recorded_frames(const char *run, const cln_scene *scene)
     CLN_TRY(cln_run_read(run, &document));
     saved = json_object_get(json_object_get(document, "dataset"), "missing");
     if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: %d images are missing now, %d were when %s began; a resumed run must "
-                         "see the same ones: restore them, or start a new run",
-                         scene->folder, scene->missing, (int)json_integer_value(saved), run));
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: %d images are left out now, %d were when %s began; a resumed run must "
+                     "see the same ones: restore them, or start a new run",
+                     scene->folder, scene->missing, (int)json_integer_value(saved), run));
 done:
     json_decref(document);
     return st;

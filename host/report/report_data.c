@@ -1,5 +1,5 @@
-/* Reads a run folder for the report. See report_data.h. A report ends hours of work, so that only
- * lack of memory stops it: a damaged file is left out, with a warning. */
+/* Reads a run folder for the report. See report_data.h. A report ends hours of work, so only lack
+ * of memory stops it: a damaged file is left out, with a warning. */
 #include "report/report_data.h"
 
 #include <dirent.h>
@@ -113,7 +113,7 @@ static cln_report_decision decision_of(const json_t *row)
                                  .over_budget = json_is_true(json_object_get(row, "infeasible"))};
 }
 
-/* Adds what ranks sent up to a row; call it after add_row of that row. */
+/* Adds the bytes that ranks had sent by this row; call it after add_row of the row. */
 static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
 {
     const double step = cln_json_number(row, "step"), seconds = cln_json_number(row, "seconds");

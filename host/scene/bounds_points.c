@@ -9,14 +9,13 @@
 #include "base/number.h"
 #include "scene/build.h"
 
-/* What is left out at either end of an axis, what is added there; fewest points that
- * tell something; most points and views that are looked at, and points that tell a corner's
- * depth. */
+/* Shares left out and added at either end of an axis; the fewest points that tell something; the
+ * most points and views that are used, and the points that tell a corner's depth. */
 static const double OUTLIERS = 0.01, MARGIN = 0.1, CORNERS_LEFT_OUT = 0.05;
 static const double STEEPEST = 0.3; /* cosine to the optical axis */
 enum { LEAST_POINTS = 20, MOST_POINTS = 10000, MOST_VIEWS = 200, NEAREST = 5 };
 
-/* The value that this share of them is below; ascending. */
+/* The value below which this share of the sorted values lies. */
 static double share_of(const double *sorted, int count, double share)
 {
     return sorted[(int)(share * (count - 1) + 0.5)];

@@ -24,9 +24,9 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
 /* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
 int cln_natural_compare(const char *a, const char *b);
 
-/* load.c: takes frames whose image file is not there out of the views, behind them, with a warning.
- * CLN_INPUT if config.missing wants none left out, or not as many, or no training view stays. After
- * the split, so that the others keep theirs. */
+/* load.c: takes frames whose image file is not there, or by CLN_MISSING_SKIP cannot be read, out of
+ * the views, behind them, with a warning. CLN_INPUT if config.missing wants none left out, or not
+ * as many, or no training view stays. After the split, so that the others keep theirs. */
 cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 
 /* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,

@@ -113,7 +113,7 @@ done:
     return st;
 }
 
-/* Images or folders of `folder`, which is `within` below the first one. */
+/* Lists images or folders of `folder`; `within` is its path from the folder that was asked for. */
 static cln_status list(const char *folder, const char *within, int depth, bool folders,
                        cln_names *out)
 {
@@ -270,7 +270,7 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
     }
     for (int i = 0; i < base_count; i++)
         if (!strcmp(*folder, bases[i]))
-            goto done; /* what else lies there are no images of this reconstruction */
+            goto done; /* other images there do not belong to this reconstruction */
     CLN_TRY(cln_dataset_images(*folder, &there));
     if (there.count > result->view_count)
         cln_warn("%s: %d of %d images have no pose and are left out", *folder,

@@ -8,6 +8,7 @@
 #include "io/json.h"
 
 enum { MISSING_NAMED = 8 };
+static const double NEARLY = 0.01; /* pixels */
 
 static double distance_to_centre(const cln_scene *scene, const cln_view *view)
 {
@@ -45,8 +46,24 @@ static json_t *describe_sizes(const cln_scene *scene)
     return sizes;
 }
 
-/* Runs of views with the same intrinsics, in pixels of the images as they are trained on. Where
- * every view has its own, this is as long as the list of views. */
+/* Nobody reads 49 cameras that differ by what a matrix lost when it was taken apart. */
+static bool is_nearly_like(const cln_camera *a, const cln_camera *b)
+{
+    cln_camera rest = *b;
+
+    if (fabs(a->fx - b->fx) > NEARLY || fabs(a->fy - b->fy) > NEARLY ||
+        fabs(a->cx - b->cx) > NEARLY || fabs(a->cy - b->cy) > NEARLY)
+        return false;
+    rest.fx = a->fx;
+    rest.fy = a->fy;
+    rest.cx = a->cx;
+    rest.cy = a->cy;
+    return cln_camera_is_like(a, &rest);
+}
+
+/* Runs of views with the same intrinsics to a hundredth of a pixel of the images as they are
+ * trained on: the first view's. Where every view has its own, this is as long as the list of
+ * views. */
 static json_t *describe_intrinsics(const cln_scene *scene)
 {
     json_t *list = json_array();
@@ -57,7 +74,7 @@ static json_t *describe_intrinsics(const cln_scene *scene)
         const cln_lens_model *lens = &cln_lens_models[c->lens];
         json_t *last = json_array_get(list, json_array_size(list) - 1), *params = NULL;
 
-        if (before && cln_camera_is_like(before, c)) {
+        if (before && is_nearly_like(before, c)) {
             json_object_set_new(
                 last, "views",
                 json_integer(json_integer_value(json_object_get(last, "views")) + 1));
@@ -123,16 +140,17 @@ static cln_status describe(const cln_scene *scene, json_t **out)
             channels = scene->views[i].channels;
     }
     *out = json_pack(
-        "{s:s, s:s, s:s, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:b, s:{s:i, s:f}, s:i, s:o, "
+        "{s:s, s:s, s:s, s:i, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:b, s:{s:i, s:f}, s:i, "
+        "s:o, "
         "s:o, s:s, "
         "s:s, s:o, s:s, s:o, s:o, s:o, s:o, s:o, s:o}",
         "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
-        scene->view_count, "missing", scene->missing, "missing_names", describe_missing(scene),
-        "splits", splits, "split_rule", scene->split_rule, "ignored_keys",
-        scene->ignored ? json_incref(scene->ignored) : json_array(), "sizes", describe_sizes(scene),
-        "channels", channels, "alpha", scene->has_alpha, "distortion", scene->lenses != 0,
-        "beyond_fold", "views", fold.views, "share", fold.share, "downscale", scene->downscale,
-        "centre", centre, "half", cln_json_real(scene->space.half), "space",
+        scene->view_count, "missing", scene->missing, "unreadable", scene->unreadable,
+        "missing_names", describe_missing(scene), "splits", splits, "split_rule", scene->split_rule,
+        "ignored_keys", scene->ignored ? json_incref(scene->ignored) : json_array(), "sizes",
+        describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha, "distortion",
+        scene->lenses != 0, "beyond_fold", "views", fold.views, "share", fold.share, "downscale",
+        scene->downscale, "centre", centre, "half", cln_json_real(scene->space.half), "space",
         cln_space_name(&scene->space), "bounds_rule", scene->bounds_rule, "background", background,
         "digest", digest, "camera_distance", cln_json_real(distance), "cube_share",
         cln_json_real(scene->cube_share), "spread", cln_json_real(scene->spread), "apart_share",

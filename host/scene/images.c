@@ -93,32 +93,54 @@ static void warn_mixed_alpha(const cln_scene *scene)
                  opaque);
 }
 
+static bool can_decode(const char *path)
+{
+    int width = 0, height = 0, channels = 0;
+    uint8_t *pixels = NULL;
+    const cln_status st = cln_image_load(path, &width, &height, &channels, &pixels);
+
+    free(pixels);
+    return st == CLN_OK;
+}
+
 /* One image cannot be read: the error also names the next ones, so that they need not be found one
- * by one. */
+ * by one, and the way without them. A file that looks whole and fails in the decoder is found too
+ * late to be left out. */
 static void name_other_failures(const cln_scene *scene)
 {
     enum { NAMED = 5 };
     char *first = strdup(cln_error_text());
     const cln_status status = cln_error_status();
+    const char *way = "";
     char names[1024] = "";
     int count = 0;
 
     for (int i = 0; first && i < scene->view_count; i++) {
         const char *path = scene->views[i].path;
         const size_t used = strlen(names);
+        const bool whole = cln_image_check(path) == CLN_OK;
 
-        if (strncmp(first, path, strlen(path)) == 0 || cln_image_check(path) == CLN_OK)
+        if (strncmp(first, path, strlen(path)) == 0 && first[strlen(path)] == ':') {
+            if (!whole)
+                way = "; --missing skip leaves such frames out";
+            else if (!can_decode(path))
+                way = "; remove the file, and --missing skip leaves its frame out";
+            continue;
+        }
+        if (whole)
             continue;
         if (count++ < NAMED)
             snprintf(names + used, sizeof names - used, "%s'%s'", used ? ", " : "",
                      scene->views[i].name);
     }
     cln_clear_error();
+    if (count + 1 >= scene->view_count)
+        way = "";
     if (count > 0)
-        (void)cln_fail(status, "%s; %d more image%s cannot be read: %s%s", first, count,
-                       count > 1 ? "s" : "", names, count > NAMED ? ", ..." : "");
+        (void)cln_fail(status, "%s; %d more image%s cannot be read: %s%s%s", first, count,
+                       count > 1 ? "s" : "", names, count > NAMED ? ", ..." : "", way);
     else
-        (void)cln_fail(status, "%s", first ? first : "out of memory");
+        (void)cln_fail(status, "%s%s", first ? first : "out of memory", way);
     free(first);
 }
 

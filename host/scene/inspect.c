@@ -549,8 +549,9 @@ static void check_files(inspection *in)
 
     if (scene->missing)
         cln_found_fault(in->findings, "missing", true, NULL,
-                        "%d of %d photos are not there; their frames are left out", scene->missing,
-                        scene->view_count + scene->missing);
+                        "%d of %d photos are not there%s; their frames are left out",
+                        scene->missing, scene->view_count + scene->missing,
+                        scene->unreadable ? " or cannot be read" : "");
     if (!cln_scene_split_count(scene, CLN_SPLIT_TEST))
         cln_found_fault(in->findings, "split", false, NULL,
                         "no photo is held out: how good views between the photos are will not be "

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "io/image.h"
 #include "io/names.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
@@ -71,45 +72,97 @@ static void digest_cameras(cln_scene *scene)
     scene->digest = digest;
 }
 
-/* The first missing frames, for a sentence: "'a', 'b', 'c', ...". */
-static cln_status name_missing(const cln_scene *scene, char **out)
+/* The first of `count` frames from `from` on, for a sentence: "'a', 'b', 'c', ...". */
+static cln_status name_frames(const cln_scene *scene, int from, int count, char **out)
 {
     cln_status st = CLN_OK;
     char *text = NULL, *longer = NULL;
 
     CLN_TRY(cln_strdup(&text, ""));
-    for (int i = 0; i < scene->missing && i < NAMED; i++) {
-        CLN_TRY(cln_asprintf(&longer, "%s%s'%s'", text, i ? ", " : "",
-                             scene->views[scene->view_count + i].name));
+    for (int i = 0; i < count && i < NAMED; i++) {
+        CLN_TRY(
+            cln_asprintf(&longer, "%s%s'%s'", text, i ? ", " : "", scene->views[from + i].name));
         free(text);
         text = longer;
     }
-    CLN_TRY(cln_asprintf(out, "%s%s", text, scene->missing > NAMED ? ", ..." : ""));
+    CLN_TRY(cln_asprintf(out, "%s%s", text, count > NAMED ? ", ..." : ""));
 done:
     free(text);
     return st;
 }
 
-/* Stable: the views that stay keep their order, and so do those that do not. */
-static cln_status move_missing(cln_scene *scene)
+/* Why frames are left out, a phrase with the first of their names. */
+static cln_status say_left_out(const cln_scene *scene, char **out)
+{
+    cln_status st = CLN_OK;
+    const int total = scene->view_count + scene->missing;
+    const int absent = scene->missing - scene->unreadable;
+    char *names = NULL, *gone = NULL;
+
+    if (absent > 0) {
+        CLN_TRY(name_frames(scene, scene->view_count, absent, &names));
+        CLN_TRY(cln_asprintf(&gone, "%d of %d images are not there (%s)", absent, total, names));
+        free(names);
+        names = NULL;
+    }
+    CLN_TRY(name_frames(scene, scene->view_count + absent, scene->unreadable, &names));
+    if (scene->unreadable > 0)
+        CLN_TRY(cln_asprintf(out, "%s%s%d of %d cannot be read (%s)", gone ? gone : "",
+                             gone ? ", " : "", scene->unreadable, total, names));
+    else
+        CLN_TRY(cln_strdup(out, gone));
+done:
+    free(names);
+    free(gone);
+    return st;
+}
+
+typedef enum { FINE, ABSENT, UNREADABLE } state;
+
+/* Only --missing skip looks into the files: otherwise one that cannot be read is an error, which
+ * cln_scene_size_views tells. */
+static cln_status look_for(const cln_view *view, int rule, state *out)
+{
+    cln_status st = CLN_OK;
+
+    *out = cln_is_file(view->path) ? FINE : ABSENT;
+    if (*out == ABSENT || rule != CLN_MISSING_SKIP)
+        return CLN_OK;
+    st = cln_image_check(view->path);
+    if (st != CLN_INPUT)
+        return st;
+    *out = UNREADABLE;
+    cln_debug("frame '%s' is left out: %s", view->name, cln_error_text());
+    cln_clear_error();
+    return CLN_OK;
+}
+
+/* Puts the views that are left out behind those that stay, first those without an image. Stable. */
+static cln_status move_missing(cln_scene *scene, int rule)
 {
     cln_status st = CLN_OK;
     const int total = scene->view_count;
-    cln_view *absent = NULL;
-    int count = 0;
+    cln_view *views = NULL;
+    state *states = NULL;
+    int count[3] = {0}, filled = 0;
 
-    CLN_TRY(cln_alloc(&absent, (size_t)total, sizeof *absent, "views"));
-    scene->view_count = 0;
+    CLN_TRY(cln_alloc(&views, (size_t)total, sizeof *views, "views"));
+    CLN_TRY(cln_alloc(&states, (size_t)total, sizeof *states, "views"));
     for (int i = 0; i < total; i++) {
-        if (cln_is_file(scene->views[i].path))
-            scene->views[scene->view_count++] = scene->views[i];
-        else
-            absent[count++] = scene->views[i];
+        CLN_TRY(look_for(&scene->views[i], rule, &states[i]));
+        count[states[i]]++;
     }
-    memcpy(scene->views + scene->view_count, absent, (size_t)count * sizeof *absent);
-    scene->missing = count;
+    for (state s = FINE; s <= UNREADABLE; s++)
+        for (int i = 0; i < total; i++)
+            if (states[i] == s)
+                views[filled++] = scene->views[i];
+    memcpy(scene->views, views, (size_t)total * sizeof *views);
+    scene->view_count = count[FINE];
+    scene->missing = count[ABSENT] + count[UNREADABLE];
+    scene->unreadable = count[UNREADABLE];
 done:
-    free(absent);
+    free(views);
+    free(states);
     return st;
 }
 
@@ -170,13 +223,16 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
 {
     cln_status st = CLN_OK;
     const int total = scene->view_count;
-    char *names = NULL, *likely = NULL;
+    char *why = NULL, *likely = NULL;
 
-    CLN_TRY(move_missing(scene));
+    CLN_TRY(move_missing(scene, rule));
     if (scene->missing == 0)
         goto done;
-    CLN_TRY(name_missing(scene, &names));
-    CLN_TRY(find_likely(scene, &scene->views[scene->view_count], &likely));
+    CLN_TRY(say_left_out(scene, &why));
+    if (scene->missing > scene->unreadable)
+        CLN_TRY(find_likely(scene, &scene->views[scene->view_count], &likely));
+    else
+        CLN_TRY(cln_strdup(&likely, ""));
     if (rule == CLN_MISSING_FAIL)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: frame '%s': there is no image file %s%s; restore it, or leave such "
@@ -184,22 +240,16 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
                          scene->folder, scene->views[scene->view_count].name,
                          scene->views[scene->view_count].path, likely));
     if (rule == CLN_MISSING_AUTO && 10 * scene->missing >= total)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: %d of %d images are not there, a tenth or more (%s; the first should "
-                         "be %s)%s; restore them%s",
-                         scene->folder, scene->missing, total, names,
-                         scene->views[scene->view_count].path, likely,
-                         scene->missing < total ? ", or leave these frames out with --missing skip"
-                                                : ""));
+        CLN_TRY(cln_fail(
+            CLN_INPUT, "%s: %s, a tenth or more (the first should be %s)%s; restore them%s",
+            scene->folder, why, scene->views[scene->view_count].path, likely,
+            scene->missing < total ? ", or leave these frames out with --missing skip" : ""));
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: no training view is left: %d of %d images are not there (%s)%s; "
-                         "restore them",
-                         scene->folder, scene->missing, total, names, likely));
-    cln_warn("%s: %d of %d images are not there; these frames are left out: %s", scene->folder,
-             scene->missing, total, names);
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view is left: %s%s; restore them",
+                         scene->folder, why, likely));
+    cln_warn("%s: %s; these frames are left out", scene->folder, why);
 done:
-    free(names);
+    free(why);
     free(likely);
     return st;
 }

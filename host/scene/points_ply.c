@@ -39,8 +39,8 @@ typedef struct vertices {
 static cln_status bad_header(const cln_cursor *c, const char *what)
 {
     return cln_fail(CLN_INPUT,
-                    "%s: line %d: %s; what is read is an ASCII or little-endian PLY file whose "
-                    "first element is vertex, with x, y and z",
+                    "%s: line %d: %s; it must be an ASCII or little-endian PLY file whose first "
+                    "element is vertex, with x, y and z",
                     c->path, c->line, what);
 }
 
@@ -62,7 +62,7 @@ static cln_status add_property(const cln_cursor *c, char *rest, vertices *v)
            strcmp(type, kinds[k].names[1]) != 0)
         k++;
     if (k == KINDS || v->properties == MOST_PROPERTIES)
-        return bad_header(c, k == KINDS ? "a vertex has a property that is no number"
+        return bad_header(c, k == KINDS ? "a vertex has a property that is not a number"
                                         : "a vertex has more than 256 properties");
     for (int m = 0; m < 6; m++)
         if (strcmp(name, meanings[m]) == 0)

@@ -139,7 +139,7 @@ done:
     return st;
 }
 
-/* Cameras belong to images by order: behind one that is gone, all others would be wrong. */
+/* Cameras belong to images by order: if an image were missing, all after it would be wrong. */
 static cln_status check_count(const char *file, cln_npz *npz, const char *folder, int images)
 {
     cln_status st = CLN_OK;

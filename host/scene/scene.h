@@ -58,10 +58,10 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
 typedef struct cln_view {
     char *name;       /* as the dataset names it: path relative to the scene folder */
     char *path;       /* file */
-    char *file;       /* its name as one file's (io/names.h): no other view's with another name */
+    char *file;       /* a file name made of `name` (io/names.h), unlike those of other names */
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     char *mask_path;  /* a file that says which pixels count; NULL = all */
-    bool mask_black;  /* they are the black ones there; else all others are */
+    bool mask_black;  /* the black ones count; else all others do */
     cln_split split;
     cln_camera camera;           /* at the size of `pixels` */
     double near, far;            /* depths that the scene lies between; both 0 = not told */
@@ -69,11 +69,11 @@ typedef struct cln_view {
     int file_width, file_height; /* size before --downscale */
     int channels;                /* 3, or 4 with straight alpha */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not in memory */
-    cln_store *store;            /* the scene's, if they are there, at `place`; else NULL */
+    cln_store *store;            /* the scene's, if it has the pixels, at `place`; else NULL */
     size_t place;
     const uint8_t *kept; /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
     int64_t left_out;    /* number of pixels beyond the fold of its lens */
-    uint8_t *masked;     /* `kept` is it, if the view has a mask and pixels; else NULL */
+    uint8_t *masked;     /* what `kept` is, if the view has a mask and pixels; else NULL */
 } cln_view;
 
 /* A pixel of a training view that shows a point whose place is known. */
@@ -90,16 +90,18 @@ typedef struct cln_scene {
     char *because;       /* why it was read as that, a phrase */
     json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
     char *split_rule;    /* how views were split, a phrase */
+    bool has_splits;     /* the dataset named the splits */
     int downscale;
     int view_count;
     cln_view *views;     /* train, then val, then test; by name within a split */
-    int missing;         /* frames without an image, left out: they stand behind the views */
+    int missing;         /* frames left out, as they lack an image: they stand behind the views */
+    int unreadable;      /* the last of these: their image is there, but cannot be read */
     uint8_t *pixels;     /* of all loaded views: one piece, so that it lies in huge pages */
     cln_store *store;    /* or they are here, if memory has no room for them */
     double cached;       /* bytes of them that may be in memory; 0: all are */
     uint8_t **maps;      /* [view_count] of the views' kept pixels; as many as there are lenses */
     bool has_alpha;      /* over the views of all splits */
-    unsigned lenses;     /* so: cln_camera_lenses */
+    unsigned lenses;     /* cln_camera_lenses of all views */
     cln_space space;     /* its cube */
     char *bounds_rule;   /* where the cube comes from, a phrase */
     bool has_box;        /* the cube is around a box, which may be a slab: */
@@ -158,9 +160,9 @@ cln_status cln_scene_check_pixels(const cln_scene *scene);
 /* Bytes of host memory that the loaded views' pixels take. */
 double cln_scene_pixel_bytes(const cln_scene *scene);
 
-/* Makes them take about the lesser of `room`, which there is for them, and `most` bytes, if they
- * take more: in memory, they go to a file of which so many are in memory; in a file, fewer of it
- * are. CLN_OUTPUT, CLN_MEMORY. */
+/* Brings the loaded pixels down to about the lesser of `room` and `most` bytes of memory, if they
+ * take more: those in memory go to a file, of which so much stays in memory; of those in a file
+ * less stays. CLN_OUTPUT, CLN_MEMORY. */
 cln_status cln_scene_shrink(cln_scene *scene, double room, double most);
 
 /* A digest of a loaded view's pixels. */
@@ -170,8 +172,8 @@ uint64_t cln_view_digest(const cln_view *view, uint64_t digest);
  * without). */
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha);
-/* Whether pixel (x, y) counts: it is learnt from and measured. It does not beyond the fold of the
- * view's lens, where no ray goes, nor where the view's mask says so. */
+/* Whether pixel (x, y) counts, in training and in figures. Those beyond the fold of the view's
+ * lens, which have no ray, and those that its mask leaves out do not. */
 bool cln_view_keeps(const cln_view *view, int x, int y);
 /* Views that have pixels beyond a fold, and the share of those in all pixels of these views. */
 typedef struct cln_fold {
@@ -184,9 +186,9 @@ cln_fold cln_scene_fold(const cln_scene *scene);
 void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
- * many) and missing_names (the first), splits, split_rule, ignored_keys, sizes, channels, alpha,
- * distortion, beyond_fold (cln_fold), downscale, centre, half, space (cube, ndc or shell),
- * bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
+ * many), unreadable (of these), missing_names (the first), splits, split_rule, ignored_keys, sizes,
+ * channels, alpha, distortion, beyond_fold (cln_fold), downscale, centre, half, space (cube, ndc or
+ * shell), bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
  * cube_share, spread, apart_share, intrinsics [{views, width, height, fx, fy, cx, cy, lens,
  * params}], cameras [{name, split, width, height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);

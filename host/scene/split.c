@@ -81,6 +81,7 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
 {
     cln_status st = CLN_OK;
 
+    scene->has_splits = named_splits;
     if (named_splits) {
         CLN_TRY(cln_strdup(&scene->split_rule, "as the dataset names them"));
     } else {

@@ -54,7 +54,7 @@ static cln_status open_nameless(int *file)
                          "that takes one, use --downscale, or raise --host-mem",
                          cln_store_folder(), strerror(errno)));
     unlink(path);
-    /* pixels are drawn all over it: the system need not read what follows */
+    /* pixels are read in random order: the system need not read ahead */
     (void)posix_fadvise(*file, 0, 0, POSIX_FADV_RANDOM);
 done:
     free(path);

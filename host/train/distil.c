@@ -33,7 +33,8 @@ static void draw(const cln_trainer *t, int32_t node, uint32_t index, uint32_t wh
                  (uint32_t)node * 65536u + index, what, out);
 }
 
-/* A point of the cube where the device's cameras are: in the cube, or in camera units. */
+/* Brings a point of the cube to the coordinates of the device's cameras: the cube's, or camera
+ * units. */
 static void place(const cln_trainer *t, const float cube[3], float out[3])
 {
     const cln_space *space = &t->pipeline.space;
@@ -91,7 +92,7 @@ static int choose_views(const cln_trainer *t, int32_t node, const float box[4],
     return count;
 }
 
-/* A direction in camera units at a point of these becomes one of the cube. */
+/* Turns a direction at a point, both in camera units, into one of the cube. */
 static void bend(const cln_space *space, const float at[3], float d[3])
 {
     for (int a = 0; a < 2; a++)
@@ -99,7 +100,7 @@ static void bend(const cln_space *space, const float at[3], float d[3])
     d[2] *= 2;
 }
 
-/* The same for a direction of u at a point of it. */
+/* The same in a shell space, both in half sides of the core from its centre. */
 static void bend_in_shell(const cln_space *space, const float at[3], float d[3])
 {
     double scene[3], along[3];
@@ -186,7 +187,7 @@ done:
     return st;
 }
 
-/* Of all nets; each rank makes those of some. */
+/* Makes the points of all nets; each rank makes those of some. */
 static cln_status make_all_points(const cln_trainer *t, cln_distil *d)
 {
     cln_status st = CLN_OK;
@@ -258,7 +259,7 @@ done:
 
 /* ---- training of the new ones ---- */
 
-/* Of a merged leaf; -1 if another rank has it. */
+/* The row of a merged leaf; -1 if another rank has it. */
 static int row_of(const cln_trainer *t, const cln_distil *d, int net)
 {
     return cln_share_row(&t->pipeline, t->model.tree.slot[d->nodes[net]]);

@@ -132,7 +132,7 @@ static void draw_spots(const cln_trainer *t, int i, cln_spot spots[SPOTS])
 
 /* ---- rendering ---- */
 
-/* Renders n pixels, as the training's densities place their samples. */
+/* Renders n pixels, with samples placed by the training's densities. */
 static cln_status render(cln_trainer *t, const cln_pixel *pixels, int n, cln_ray_result *out)
 {
     cln_status st = CLN_OK;
@@ -187,8 +187,8 @@ static bool solve6(double m[6][6], double b[6])
     return true;
 }
 
-/* The point that a spot shows, at the depths of its looks, of what is opaque there; false if
- * nothing is. */
+/* The point that a spot shows, at the mean depth of its looks, weighed by opacity; false if they
+ * are not opaque. */
 static bool point_of(const cln_camera *camera, const cln_space *space, const cln_spot *spot,
                      const cln_ray_result looks[CLN_SPOT_LOOKS], double point[3], double *depth)
 {
@@ -209,8 +209,8 @@ static bool point_of(const cln_camera *camera, const cln_space *space, const cln
     return *depth > 0;
 }
 
-/* How the point moves in the image, pixels by each number of the motion; false if it leaves the
- * lens. */
+/* How the point moves in the image, in pixels for each number of the motion; false where the lens
+ * has no place for it. */
 static bool slopes_of(const cln_camera *camera, const double point[3], double depth,
                       double out[6][2])
 {
@@ -238,7 +238,7 @@ static double channel(const cln_ray_result *r, int c)
     return (double)(c == 0 ? r->r : c == 1 ? r->g : r->b);
 }
 
-/* What a render lacks from a spot's photo, and its mean square. */
+/* A spot's photo less its render. */
 static double lack(const cln_spot *spot, const cln_ray_result *look, const double gain[3], int c)
 {
     return (double)spot->photo[c] / gain[c] - channel(look, c);
@@ -400,7 +400,7 @@ static cln_pixel pixel_of(const cln_trainer *t, const turn *c, int spot, int loo
                        .y = (cln_u32)(none ? 0 : s->y + looks_y[look])};
 }
 
-/* Renders the checked spots of all turns, to before or after; with the fitted ones' looks first. */
+/* Renders the checked spots of all turns, and before a motion also the looks of the fitted ones. */
 static cln_status look(cln_trainer *t, turn *turns, int count, bool after)
 {
     cln_status st = CLN_OK;

@@ -25,8 +25,8 @@ static json_t *camera_json(const cln_view *view)
                      "width", c->width, "height", c->height);
 }
 
-/* The cube; of a forward space, which has no end, as far about the target as the cameras are from
- * it. */
+/* The cube; in a forward space, which has no end, a box about the target as wide as the cameras are
+ * far. */
 static json_t *box_json(const cln_space *space, const cln_orbit_frame *frame)
 {
     double box[6];

@@ -31,7 +31,8 @@ static cln_status read_address(const char *text, place *out, socklen_t *bytes)
         return CLN_OK;
     }
     return cln_fail(CLN_USAGE,
-                    "--listen: '%s' is no address in numbers; 0.0.0.0 is all of this machine's",
+                    "--listen: '%s' is not an IP address; give one in numbers, such as "
+                    "192.168.1.5, or 0.0.0.0 for all of this machine's",
                     text);
 }
 

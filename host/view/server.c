@@ -25,7 +25,8 @@ enum {
     SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
     FILM_SECONDS = 3600       /* for a film */
 };
-static const double SMALL_SECONDS = 0.5; /* a picture that may take no longer is painted whole */
+static const double SMALL_SECONDS =
+    0.5; /* a picture that may take at most this long is painted whole */
 static const double TEND_SECONDS = 0.1; /* how often late and vanished connections are looked for */
 
 /* A connection, for its limit in time. MHD's own counts from the last byte, which a slow client can
@@ -36,9 +37,9 @@ typedef struct client {
     double deadline; /* monotonic seconds; 0 = none, its answer is being made */
 } client;
 
-/* A request; it may wait for the painter, and then has its answer. */
+/* A request, and what the painter makes for it. */
 typedef struct request {
-    bool waited; /* it was the painter's */
+    bool waited; /* the painter had it */
     cln_painting painting;
     char viewer[CLN_VIEWER_BYTES];
     bool cancelled;
@@ -271,7 +272,7 @@ static enum MHD_Result ask(cln_server *s, struct MHD_Connection *connection, cln
     enum MHD_Result refused;
 
     if (kind != CLN_ASK_PHOTO && kind != CLN_ASK_FILM_FILE && !is_viewer(viewer))
-        return answer(s, connection, 403, "a header X-Viewer with a name is wanted");
+        return answer(s, connection, 403, "the request needs a header X-Viewer with a name");
     if (cln_ask_read(kind, painter->scene, painter->model->background, query_value, connection,
                      &r->painting.ask) == CLN_OK) {
         if (kind == CLN_ASK_PICTURE)
@@ -317,7 +318,7 @@ static enum MHD_Result take_order(cln_server *s, struct MHD_Connection *connecti
     const unsigned both = CLN_ORDER_PAUSE | CLN_ORDER_CONTINUE;
 
     if (!is_viewer(header_of(connection, "X-Viewer")))
-        return answer(s, connection, 403, "a header X-Viewer with a name is wanted");
+        return answer(s, connection, 403, "the request needs a header X-Viewer with a name");
     pthread_mutex_lock(&s->lock);
     s->orders = (order & both ? s->orders & ~both : s->orders) | order;
     pthread_cond_signal(&s->came);
@@ -398,8 +399,8 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
     return answer(s, connection, 404, "nothing is here; the page is at /");
 }
 
-/* MHD calls this once when the headers are there, where an answer ends the connection, then to be
- * answered, and again when the painter has resumed it. */
+/* MHD calls this when the headers are there (an answer then ends the connection), next to get the
+ * answer, and again when the painter has resumed the connection. */
 static enum MHD_Result on_request(void *user, struct MHD_Connection *connection, const char *path,
                                   const char *method, const char *version, const char *data,
                                   size_t *bytes, void **context)
@@ -457,7 +458,7 @@ static bool is_small(const request *r)
            (ask->budget > 0 && ask->budget <= SMALL_SECONDS);
 }
 
-/* Sends those away that nobody waits for: their connections are few. */
+/* Ends waiting requests whose clients have gone, as the number of connections is limited. */
 static void drop_gone(cln_server *s)
 {
     request *gone = NULL;

@@ -260,6 +260,10 @@ static void test_idle(void **state)
         warnings_with("fast", "seen-by=9", &(cln_settings_facts){.ranks = 1, .few_views = true}),
         "--seen-by has no effect: there are fewer"));
     assert_string_equal(warnings_with("fast", "seen-by=9", &(cln_settings_facts){.ranks = 1}), "");
+    assert_non_null(strstr(
+        warnings_with("fast", "holdout=4", &(cln_settings_facts){.ranks = 1, .has_splits = true}),
+        "--holdout has no effect: the dataset names the splits"));
+    assert_string_equal(warnings_with("fast", "holdout=4", &(cln_settings_facts){.ranks = 1}), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
     assert_non_null(strstr(warnings_with("fast", "regrow=0.5",

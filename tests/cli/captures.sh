@@ -31,6 +31,7 @@ sums() {
 }
 
 section_missing() {
+    local rule
     baseline
     cp -r "$work/photos" "$work/few"
     rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
@@ -48,6 +49,29 @@ section_missing() {
     rm "$work/few/train/r_003.png" "$work/few/train/r_010.png"
     expect "a tenth missing: refused" 3 "~3.of.27 --missing" "$cln" info "$work/few"
     expect "--missing skip" 0 "~3.of.27" "$cln" info "$work/few" --missing skip
+    head -c 300 "$work/photos/train/r_000.png" >"$work/few/train/r_000.png"
+    : >"$work/few/train/r_007.png"
+    cp "$work/photos/train/r_010.png" "$work/few/train/"
+    for rule in auto fail; do
+        cp "$work/photos/train"/r_00[35].png "$work/few/train/"
+        expect "--missing $rule with broken images: an error that names the way out" 3 \
+            "r_000 r_007.png ~1.more ~--missing.skip" "$cln" info "$work/few" --missing $rule
+    done
+    rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
+    expect "--missing skip leaves broken ones out, too" 0 \
+        "~2.of.27.images.are.not.there ~2.of.27.cannot.be.read train/r_007" \
+        "$cln" info "$work/few" --missing skip --json
+    check "info counts all" [ "$(json missing)" = 4 ]
+    check "and the broken ones" [ "$(json unreadable)" = 2 ]
+    expect "check" 0 "" "$cln" check "$work/few" --missing skip --probe 0
+    check "says so" grep -q "missing: 4 of 27 photos are not there or cannot be read" "$work/out"
+    expect "why: with -v" 0 "r_000 truncated" "$cln" info "$work/few" --missing skip -v
+    expect "train leaves them out" 0 "~2.of.27.cannot.be.read" \
+        "$cln" train "$work/few" -o "$work/broken run" "${small[@]}" --steps 2 --missing skip
+    expect "and so does eval" 0 "~2.of.27.cannot.be.read" "$cln" eval "$work/broken run"
+    cp "$work/photos/train/r_000.png" "$work/few/train/"
+    expect "one that was mended: resumed, it must see the same" 3 "~3.images ~4.were" \
+        "$cln" train --resume "$work/broken run" --skip-selftest --steps 3
     cp -r "$work/photos" "$work/renamed"
     (cd "$work/renamed" && for f in t*/*.png; do mv "$f" "${f%png}PNG"; done)
     sed -i 's|"file_path": "./|"file_path": "C:/Users/me/|' "$work/renamed"/transforms_*.json
@@ -64,7 +88,7 @@ section_moved() {
     cp -r "$work/run" "$work/photos" "$work/away"
     mv "$work/photos" "$work/elsewhere"
     expect "eval of a run moved with its photos, which says what it took" 0 \
-        "~photos.is.not.there ~same.and.taken" "$cln" eval "$work/away/run" --progress none
+        "~photos.is.not.there ~same.one,.and.read" "$cln" eval "$work/away/run" --progress none
     mkdir "$work/away/deep"
     mv "$work/away/run" "$work/away/deep/run"
     expect "the photos neither where they were nor beside it: the option" 3 "photos --scene" \
@@ -72,9 +96,9 @@ section_moved() {
     mv "$work/away/photos" "$work/away/deep"
     sed -i 's/"path_from_run": ".*"/"path_from_run": "nowhere"/' "$work/away/deep/run/run.json"
     sed -i 's,"path": ".*/photos","path": "/nowhere/photos",' "$work/away/deep/run/run.json"
-    expect "beside the run by their name" 0 "~beside.the.run taken" \
+    expect "beside the run by their name" 0 "~beside.the.run ~and.read" \
         "$cln" eval "$work/away/deep/run" --progress none
-    expect "it is resumed there, too" 0 "taken" "$cln" train --resume "$work/away/deep/run" \
+    expect "it is resumed there, too" 0 "~and.read" "$cln" train --resume "$work/away/deep/run" \
         --skip-selftest --progress none --steps 21
     check "and knows the place then" [ \
         "$("$query" dataset.path <"$work/away/deep/run/run.json")" = "$work/away/deep/photos" ]
@@ -204,7 +228,8 @@ section_evals() {
     # root may write anywhere, but not below a file
     cp -r "$work/run" "$work/closed"
     rm -r "$work/closed/eval" && echo >"$work/closed/eval"
-    expect "eval with pictures that cannot be written: before it renders" 7 "eval folder" \
+    expect "eval with pictures that cannot be written: before it renders" 7 \
+        "eval folder ~-o.*--no-save-images" \
         "$cln" eval "$work/closed" --progress none
     check "stdout is empty" [ ! -s "$work/out" ]
     expect "eval --no-save-images: figures, then what could not be written" 7 "eval -o" \

@@ -48,6 +48,8 @@ section_words() {
     check "it is the version" grep -q '^cl-nascent [0-9]' "$work/out"
     expect "version -v" 0 "" "$cln" version -v
     check "names the libraries" printed jansson
+    check "and those that it may lack" grep -qE '^built with(out)? libmicrohttpd .*meshoptimizer' \
+        "$work/out"
     expect "version with a word behind it" 2 "foo" "$cln" version foo
     expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
     expect "a flag off that is never on by itself" 2 "--no-json ~off.unless" \
@@ -114,7 +116,14 @@ section_scenes() {
     printf '%s\n' '# settings of this scene' 'eval-images = 2' '  --rays=512  # few' no-skip \
         'background "black"' >"$conf"
     expect "info with cl-nascent.conf beside the scene" 0 "$conf ~background.black" "$cln" info "$s"
-    check "only what info takes" not_said rays
+    check "and what a training would take" said "rays 512"
+    echo 'steps 7' >>"$conf"
+    expect "so that info tells of that training" 0 "~steps.7" "$cln" info "$s" --json
+    check "its steps" [ "$(json training.steps)" = 7 ]
+    sed -i '$s/.*/time-limit 90s/' "$conf"
+    expect "or of its time" 0 "~time-limit.90" "$cln" info "$s"
+    check "which is told" grep -qE "^  training_seconds +about 01:30$" "$work/out"
+    sed -i '$d' "$conf"
     expect "--no-conf" 0 "" "$cln" info "$s" --no-conf
     check "nothing was read" [ ! -s "$work/err" ]
     echo 'rayz 3' >>"$conf"
@@ -184,6 +193,9 @@ section_scenes() {
     expect "info" 0 "" "$cln" info "$s"
     check "names keys that are not used" grep -qE '^ignored_keys +.*depth_file_path, near' \
         "$work/out"
+    expect "info --json" 0 "" "$cln" info "$s" --json
+    check "names its schema" [ "$(json schema)" = cl-nascent.scene/1 ]
+    expect "info" 0 "" "$cln" info "$s"
     check "intrinsics" grep -qE 'views 9, width 32, .* fx [0-9.]+' "$work/out"
     check "memory that a training needs" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"
     check "and its steps" grep -qE '^  steps +[0-9]+' "$work/out"
@@ -233,7 +245,7 @@ section_training() {
         'Not in the table: .*evaluation' "$r/report.html"
     check "run.json has the time by the clock" \
         number_above "$("$query" result.wall_seconds <"$r/run.json")" 0
-    expect "info of the scene, by the run's pace" 0 "" "$cln" info "$s" --like "$r" --json
+    expect "info of the scene, by the run's pace" 0 "" "$cln" info "$s" --no-conf --like "$r" --json
     check "steps times its seconds per step" awk -v a="$(json training.training_seconds)" \
         -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
         -v k="$("$query" result.step <"$r/run.json")" \
@@ -293,6 +305,14 @@ section_edges() {
         grep -aE "^train [0-9]" | grep -qE "^train [0-9]+% \| PSNR [0-9.]+ train$"'
     on_terminal 80 env TERM=dumb "$cln" render "$r" --split train --width 8
     check "TERM=dumb: no line is redrawn" eval '! grep -qF $'"'\033'"' "$work/out"'
+    on_terminal 60 "$cln" check "$s" --probe 0 --holdout 0
+    check "check fits into 60 columns" eval 'tr -d "\r" <"$work/out" | grep -q "^cameras" &&
+        ! tr -d "\r" <"$work/out" | grep -qE "^.{61}"'
+    expect "info of a run" 0 "" "$cln" info "$r"
+    check "has memory in units" grep -qE "^  device_peak +[0-9.]+ [KMG]iB$" "$work/out"
+    check "also in its plan" grep -qE "^  network weights +[0-9.]+ [KMG]iB$" "$work/out"
+    check "and times, which are not estimates" \
+        grep -qE "^  wall_seconds +[0-9]+:[0-9]+$" "$work/out"
     expect "output folder that is a file" 7 "folder" \
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }

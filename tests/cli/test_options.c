@@ -636,6 +636,9 @@ static void help_is_asked_for_in_three_ways(void **state)
     parsed(&l, "help");
     assert_true(l.options.help);
     done(&l);
+    parsed(&l, "help --help");
+    assert_true(l.options.help);
+    done(&l);
     parsed(&l, "--version -v");
     assert_true(l.options.version);
     assert_int_equal(l.options.verbose, 1);

@@ -330,8 +330,8 @@ section_token() {
     expect "a port that is taken" 2 "--port $port" "$cln" view "$work/run" --port "$port"
     stop TERM
     check "SIGTERM ends it with 143" [ $rc = 143 ]
-    expect "an address that is no number" 2 "--listen localhost" "$cln" view "$work/run" \
-        --listen localhost
+    expect "a name instead of an address" 2 "localhost ~not.an.IP.address 0.0.0.0" \
+        "$cln" view "$work/run" --listen localhost
     mv "$work/photos" "$work/elsewhere"
     serve --listen 127.0.0.1
     check "without photos: a warning" said "no cameras and photos"

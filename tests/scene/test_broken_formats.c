@@ -454,7 +454,7 @@ static void test_ply(void **state)
         {"vertex 2", "vertex 40000000", {"text.ply", "too short", "40000000 points"}},
         {"vertex 2", "vertex 3", {"text.ply", "too short", "3 points"}},
         {"float x", "float w", {"no x, y or z"}},
-        {"float x", "list uchar x", {"line 5", "no number"}},
+        {"float x", "list uchar x", {"line 5", "not a number"}},
         {"float x", "x", {"line 5", "without type or name"}},
         {"end_header", "end_of_header", {"neither an element nor"}},
         {"1 2 3 4 5 6", "1 2 3 4 5 blue", {"line 12", "no 6 numbers"}},

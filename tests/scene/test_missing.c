@@ -1,11 +1,14 @@
-/* Frames whose image is not there: left out with a warning while they are few, by --missing; the
- * others keep their splits and names, and the scene says what it lacks. */
+/* Frames whose image is not there, or with --missing skip cannot be read: left out with a warning
+ * while they are few, by --missing; the others keep their splits and names, and the scene says what
+ * it lacks. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdlib.h>
 #include <string.h>
+#include <zlib.h>
 #include "scene_fixture.h"
 #include "tests.h"
 
@@ -96,12 +99,85 @@ static void test_rules(void **state)
     assert_rule_refuses(*state, CLN_MISSING_SKIP, "no training view");
 }
 
-/* An image that is there and damaged is refused, as it was. */
-static void test_damage_is_no_absence(void **state)
+static void keep_line(cln_log_level level, const char *line, void *user)
 {
+    (void)level;
+    snprintf(user, 512, "%s", line);
+}
+
+static void put_broken(const char *folder)
+{
+    scratch_put(scratch_path(folder, "05.png"), "", 0);
+    put_text(folder, "07.png", "<html>404</html>");
+}
+
+/* An image that is there and damaged is refused, unless all such frames are left out. */
+static void test_damage(void **state)
+{
+    cln_config config = default_config();
+    cln_scene *scene = NULL;
+    json_t *about = NULL;
+    char text[512] = "";
+    int warnings = 0;
+
+    put_scene(*state, 3, 1);
+    put_broken(*state);
+    assert_refused(*state, &config,
+                   (const char *const[3]){"05.png: empty", "'07.png'", "--missing skip"}, "auto");
     put_scene(*state, 3, 0);
-    scratch_put(scratch_path(*state, "05.png"), "", 0);
-    assert_rule_refuses(*state, CLN_MISSING_SKIP, "05.png");
+    put_broken(*state);
+    config.missing = CLN_MISSING_FAIL;
+    assert_refused(*state, &config,
+                   (const char *const[3]){"05.png: empty", "'07.png'", "--missing skip"}, "fail");
+    put_scene(*state, 9, 1);
+    put_broken(*state);
+    cln_log_to(CLN_LOG_WARN, keep_line, text);
+    config.missing = CLN_MISSING_SKIP;
+    assert_int_equal(try_load(*state, &config, &scene), CLN_OK);
+    cln_log_to(CLN_LOG_INFO, NULL, NULL);
+    assert_non_null(strstr(text, "1 of 24 images are not there ('09.png'), 2 of 24 cannot be read "
+                                 "('05.png', '07.png')"));
+    assert_int_equal(scene->view_count, FRAMES - 3);
+    assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), 3);
+    assert_int_equal(cln_scene_describe(scene, &about), CLN_OK);
+    assert_int_equal(json_integer_value(json_object_get(about, "missing")), 3);
+    assert_int_equal(json_integer_value(json_object_get(about, "unreadable")), 2);
+    assert_string_equal(
+        json_string_value(json_array_get(json_object_get(about, "missing_names"), 0)), "09.png");
+    json_decref(about);
+    cln_scene_free(scene);
+    put_scene(*state, 1, 0);
+    put_broken(*state);
+    assert_int_equal(load_with(*state, CLN_MISSING_SKIP, &warnings, &scene), CLN_OK);
+    assert_int_equal(warnings, 1);
+    assert_int_equal(scene->missing, 2);
+    assert_int_equal(scene->unreadable, 2);
+    cln_scene_free(scene);
+}
+
+/* A sound container with a wrong stream in it: only the decoder sees that, too late to leave the
+ * frame out, and the sentence says what helps. */
+static void test_damage_within(void **state)
+{
+    cln_config config = default_config();
+    const char *path = scratch_path(*state, "06.png");
+    char *data = NULL;
+    size_t bytes = 0, at = 33, length = 0;
+
+    put_scene(*state, 3, 0);
+    assert_int_equal(cln_read_file(path, 1 << 20, &data, &bytes), CLN_OK);
+    assert_memory_equal(data + at + 4, "IDAT", 4);
+    for (int i = 0; i < 4; i++)
+        length = length << 8 | (uint8_t)data[at + (size_t)i];
+    data[at + 8] = 0; /* zlib knows no such method */
+    for (size_t i = 0; i < 4; i++)
+        data[at + 8 + length + i] =
+            (char)(crc32(0, (uint8_t *)data + at + 4, (unsigned)length + 4) >> (24 - 8 * i));
+    scratch_put(path, data, bytes);
+    free(data);
+    config.missing = CLN_MISSING_SKIP;
+    assert_refused(*state, &config, (const char *const[3]){"06.png", "decoder", "remove the file"},
+                   "within");
 }
 
 int test_group_missing(void)
@@ -109,7 +185,8 @@ int test_group_missing(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_few_are_left_out, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_rules, scratch_make, scratch_remove),
-        cmocka_unit_test_setup_teardown(test_damage_is_no_absence, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_damage, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_damage_within, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("missing", tests, NULL, NULL);

@@ -527,9 +527,52 @@ static void test_describe(void **state)
     cln_scene_free(scene);
 }
 
+/* How many rows `info` has for three cameras, the second of which differs by `by` pixels. */
+static size_t rows_of_intrinsics(const char *folder, double by)
+{
+    static const char *const poses[3] = {POSE_FRONT, POSE_SIDE, POSE_FRONT};
+    char json[2048] = "{\"frames\":[";
+    cln_scene *scene = NULL;
+    json_t *about = NULL;
+    size_t rows = 0;
+
+    for (int i = 0; i < 3; i++) {
+        const size_t used = strlen(json);
+
+        snprintf(json + used, sizeof json - used,
+                 "%s{\"file_path\":\"%d.png\",\"fl_x\":%.9g,\"cx\":%.9g,"
+                 "\"transform_matrix\":%s}",
+                 i ? "," : "", i, 9 + (i == 1) * by, 4 - (i == 1) * by, poses[i]);
+    }
+    strcat(json, "]}");
+    put_text(folder, "transforms.json", json);
+    scene = load(folder, NULL);
+    assert_int_equal(cln_scene_describe(scene, &about), CLN_OK);
+    rows = json_array_size(json_object_get(about, "intrinsics"));
+    json_decref(about);
+    cln_scene_free(scene);
+    return rows;
+}
+
+static void test_rows_of_intrinsics(void **state)
+{
+    const char *folder = *state;
+
+    for (int i = 0; i < 3; i++) {
+        char name[16];
+
+        snprintf(name, sizeof name, "%d.png", i);
+        put_image(folder, name, 8, 6, 3, i);
+    }
+    assert_int_equal(rows_of_intrinsics(folder, 0), 1);
+    assert_int_equal(rows_of_intrinsics(folder, 0.004), 1);
+    assert_int_equal(rows_of_intrinsics(folder, 0.02), 2);
+}
+
 int test_group_scene(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_rows_of_intrinsics, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_blender, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_instant_ngp, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_lenses, scratch_make, scratch_remove),
