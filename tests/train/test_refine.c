@@ -342,6 +342,34 @@ static void test_resumed(void **state)
     assert_fails(fixture_train("cut", true, &config, NULL, &part), CLN_CHECKPOINT, "refine-poses");
 }
 
+/* Have cameras moved when a training of so many steps is stopped after its 64th? */
+static bool moved_at_64(const char *run, int64_t steps)
+{
+    fixture_stop stop = {.signal = SIGINT, .step = 65};
+    cln_config config = settings(true);
+    cln_train_result result;
+    cln_model model = {0};
+    bool moved = false;
+
+    config.steps = steps;
+    assert_fails(fixture_train(run, false, &config, &stop, &result), CLN_SIGINT, "");
+    assert_ok(cln_checkpoint_read(fixture_path(run), true, &model));
+    assert_int_equal(model.motion_views, VIEWS);
+    for (int i = 0; i < VIEWS; i++)
+        moved |= model.motions[i][0] != 0;
+    cln_model_free(&model);
+    return moved;
+}
+
+/* They first move in the 64th step, if that is a twentieth of the training. */
+static void test_begins(void **state)
+{
+    (void)state;
+    NEED_DEVICE();
+    assert_true(moved_at_64("soon", 1270));
+    assert_false(moved_at_64("late", 1290));
+}
+
 static int setup(void **state)
 {
     char path[PATH_MAX];
@@ -361,6 +389,7 @@ int test_group_refine(void)
         cmocka_unit_test(test_no_step),
         cmocka_unit_test(test_shaken),
         cmocka_unit_test(test_resumed),
+        cmocka_unit_test(test_begins),
     };
 
     return cmocka_run_group_tests_name("refine", tests, setup, fixture_teardown);
