@@ -208,6 +208,31 @@ static void test_no_step(void **state)
     }
 }
 
+/* Only as many spots count as it is given: another one behind them changes no bit. */
+static void test_given_spots(void **state)
+{
+    cln_spot spots[SPOTS];
+    cln_ray_result looks[SPOTS][CLN_SPOT_LOOKS];
+    const cln_ray_result(*const seen_there)[CLN_SPOT_LOOKS] = (const void *)looks;
+    const cln_camera truth = camera_of(0, 6, 0.3);
+    cln_camera now = truth;
+    cln_pose_step step, other;
+    int last = SPOTS - 1;
+
+    (void)state;
+    shake(0, now.c2w, truth.c2w);
+    look(&truth, &now, spots, looks);
+    while (spots[last].x < 0 || looks[last][0].opacity < 1)
+        last--;
+    assert_true(cln_refine_solve(&now, &cln_space_unit, last, spots, seen_there, &step));
+    for (int a = 0; a < 3; a++)
+        spots[last].photo[a] = 1 - spots[last].photo[a];
+    assert_true(cln_refine_solve(&now, &cln_space_unit, last, spots, seen_there, &other));
+    assert_memory_equal(step.motion, other.motion, sizeof step.motion);
+    assert_true(cln_refine_solve(&now, &cln_space_unit, last + 1, spots, seen_there, &other));
+    assert_memory_not_equal(step.motion, other.motion, sizeof step.motion);
+}
+
 /* ---- a training ---- */
 
 static void put_split(const char *folder, const char *split, int count, double phase, bool shaken)
@@ -387,6 +412,7 @@ int test_group_refine(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_steps),
         cmocka_unit_test(test_no_step),
+        cmocka_unit_test(test_given_spots),
         cmocka_unit_test(test_shaken),
         cmocka_unit_test(test_resumed),
         cmocka_unit_test(test_begins),
