@@ -337,6 +337,12 @@ section_check() {
         --probe 0 --json
     check "nothing is said of their exposures" [ "$(grep -c '"exposure": null' "$work/out")" = 3 ]
 
+    "$make_scene" "$work/two" --kind forward --size 64 --train 2 --test 0 >/dev/null
+    expect "two photos" 0 "" "$cln" check "$work/two" --probe 0 --json
+    sed -n 's/^ *"exposure_jump": \([-.0-9e]*\),*$/\1/p' "$work/out" >"$work/jumps"
+    check "one is as much darker as the other is brighter" awk '{ sum += $1; most = $1 }
+        END { exit !(NR == 2 && sum == 0 && most != 0) }' "$work/jumps"
+
     # shellcheck disable=SC2086
     {
         planted axes axes true $front
