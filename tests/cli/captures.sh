@@ -321,6 +321,7 @@ section_check() {
     check "it says the memory" grep -q '^memory .* on the device' "$work/out"
     expect "with a probe" 0 "" "$cln" check "$work/sound" --probe 0.1 --json --width 16 --depth 2
     check "a step has a time" number_above "$(json training.time.step_seconds)" 0
+    check "of less than a minute" number_above 60 "$(json training.time.step_seconds)"
     check "no likely fault as JSON, too" [ -z "$(json findings.0.what)" ]
     check "photos agree with poses" number_above "$(json measures.agreeing_share)" 0.8
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
