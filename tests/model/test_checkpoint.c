@@ -353,9 +353,9 @@ static void put_document(const char *run, json_t *doc)
     text = json_dumps(doc, JSON_COMPACT | JSON_SORT_KEYS | JSON_REAL_PRECISION(17));
     snprintf(hex, sizeof hex, "%016" PRIx64, cln_digest(CLN_DIGEST_START, text, strlen(text)));
     json_object_set_new(doc, "digest", json_string(hex));
-    assert_int_equal(json_dump_file(doc, scratch_path(run, "checkpoint/00000002.json"),
-                                    JSON_REAL_PRECISION(17)),
-                     0);
+    assert_int_equal(
+        json_dump_file(doc, scratch_path(run, "checkpoint/00000002.json"), JSON_REAL_PRECISION(17)),
+        0);
     free(text);
 }
 

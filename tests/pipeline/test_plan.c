@@ -575,11 +575,16 @@ int test_group_plan(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fit),
-        cmocka_unit_test(test_adds_up),         cmocka_unit_test(test_cut_below_the_largest),
-        cmocka_unit_test(test_slices_fit),      cmocka_unit_test(test_limits_by_name),
-        cmocka_unit_test(test_peak_is_planned), cmocka_unit_test(test_growth_stops_at_the_limit),
-        cmocka_unit_test(test_cut_batches),     cmocka_unit_test(test_images_that_do_not_fit),
-        cmocka_unit_test(test_parts),           cmocka_unit_test(test_split_arrays),
+        cmocka_unit_test(test_adds_up),
+        cmocka_unit_test(test_cut_below_the_largest),
+        cmocka_unit_test(test_slices_fit),
+        cmocka_unit_test(test_limits_by_name),
+        cmocka_unit_test(test_peak_is_planned),
+        cmocka_unit_test(test_growth_stops_at_the_limit),
+        cmocka_unit_test(test_cut_batches),
+        cmocka_unit_test(test_images_that_do_not_fit),
+        cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_split_arrays),
         cmocka_unit_test(test_counts),
     };
 

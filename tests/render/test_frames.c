@@ -455,8 +455,8 @@ int test_group_frames(void)
                                        ON_DISK(test_path_with_crop),
                                        cmocka_unit_test(test_through),
                                        cmocka_unit_test(test_turns),
-        cmocka_unit_test(test_around),
-        cmocka_unit_test(test_orbit_lens),
+                                       cmocka_unit_test(test_around),
+                                       cmocka_unit_test(test_orbit_lens),
                                        cmocka_unit_test(test_spiral_in_front),
                                        cmocka_unit_test(test_spiral_around)};
 

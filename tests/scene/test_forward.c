@@ -172,8 +172,8 @@ static double least_cosine(const cln_camera cameras[FORMAT_VIEWS])
             const cln_camera *c = &cameras[v];
             double o[3], d[3], sum = 0, square = 0;
 
-            assert_true(cln_camera_ray(c, 0.5 * (k % 3) * c->width, 0.5 * (k / 3 % 3) * c->height,
-                                       o, d));
+            assert_true(
+                cln_camera_ray(c, 0.5 * (k % 3) * c->width, 0.5 * (k / 3 % 3) * c->height, o, d));
             for (int a = 0; a < 3; a++) {
                 sum += d[a] * mean[a];
                 square += d[a] * d[a];

@@ -410,12 +410,9 @@ static int setup(void **state)
 int test_group_refine(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_steps),
-        cmocka_unit_test(test_no_step),
-        cmocka_unit_test(test_given_spots),
-        cmocka_unit_test(test_shaken),
-        cmocka_unit_test(test_resumed),
-        cmocka_unit_test(test_begins),
+        cmocka_unit_test(test_steps),       cmocka_unit_test(test_no_step),
+        cmocka_unit_test(test_given_spots), cmocka_unit_test(test_shaken),
+        cmocka_unit_test(test_resumed),     cmocka_unit_test(test_begins),
     };
 
     return cmocka_run_group_tests_name("refine", tests, setup, fixture_teardown);
