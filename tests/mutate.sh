@@ -4,8 +4,9 @@
 # of make test: it takes hours. perl is needed.
 #
 #   tests/mutate.sh [FILE...]    sources to change (kernels, and host without cli, report and
-#                                ranks; not peak.cl, where only speed matters, nor share.cl,
-#                                which is for ranks)
+#                                ranks; not peak.cl, where only speed matters, nor what only
+#                                several ranks run: share, stretch.c and checkpoint_parts.c, which
+#                                tests/cli/ranks.sh tests)
 #   AGAIN=1 tests/mutate.sh      only those that survived, after tests were added
 #   COUNT=150                    mutants that compile
 #   SEED=1                       which ones
@@ -187,6 +188,7 @@ else
     [ $# -gt 0 ] || for file in kernels/* host/*/*.c; do
         case $file in
         kernels/peak.cl | kernels/share.cl | host/cli/* | host/report/* | host/ranks/*) ;;
+        host/pipeline/share.c | host/pipeline/stretch.c | host/model/checkpoint_parts.c) ;;
         *) files+=("$file") ;;
         esac
     done

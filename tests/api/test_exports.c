@@ -216,8 +216,9 @@ static bool same_name(const char *is, const char *was)
            (is[strlen(was)] == 0 || strcmp(is + strlen(was), ".png") == 0);
 }
 
-/* Every view of the scene is in the other with the same camera. */
-static void assert_same_cameras(const char *path)
+/* Every view of the scene is in the other with the same camera, and in the same split if it has
+ * any. */
+static void assert_same_cameras(const char *path, bool has_splits)
 {
     const cln_config config = fixture_config();
     cln_scene_desc desc = {.path = fixture_path("scene"), .config = &config};
@@ -228,16 +229,18 @@ static void assert_same_cameras(const char *path)
     assert_ok(cln_scene_load(&desc, &is));
     assert_int_equal(is->view_count, was->view_count);
     for (int i = 0; i < was->view_count; i++) {
-        const cln_camera *a = &was->views[i].camera, *b = NULL;
+        const cln_view *a = &was->views[i], *b = NULL;
 
         for (int k = 0; k < is->view_count; k++)
-            if (same_name(is->views[k].name, was->views[i].name))
-                b = &is->views[k].camera;
+            if (same_name(is->views[k].name, a->name))
+                b = &is->views[k];
         if (!b)
-            fail_msg("%s: no %s, but %s", path, was->views[i].name, is->views[0].name);
-        assert_true(cln_camera_is_like(a, b));
+            fail_msg("%s: no %s, but %s", path, a->name, is->views[0].name);
+        assert_true(cln_camera_is_like(&a->camera, &b->camera));
         for (int m = 0; m < 12; m++)
-            assert_near(b->c2w[m], a->c2w[m], 1e-12);
+            assert_near(b->camera.c2w[m], a->camera.c2w[m], 1e-12);
+        if (has_splits)
+            assert_int_equal(b->split, a->split);
     }
     cln_scene_free(was);
     cln_scene_free(is);
@@ -252,13 +255,13 @@ static void cameras_come_back(void **state)
     desc.device.spec = "no such device"; /* needs none */
     assert_ok(cln_export(&desc, &result));
     assert_int_equal(result.views, TRAIN_VIEWS + TEST_VIEWS);
-    assert_same_cameras(desc.file);
+    assert_same_cameras(desc.file, true);
     assert_ok(cln_make_dirs(fixture_path("colmap")));
     assert_int_equal(symlink(fixture_path("scene"), fixture_path("colmap/images")), 0);
     desc.file = fixture_path("colmap/sparse/0");
     assert_ok(cln_export(&desc, &result));
     assert_fails(cln_export(&desc, &result), CLN_OUTPUT, "cameras.txt");
-    assert_same_cameras(fixture_path("colmap"));
+    assert_same_cameras(fixture_path("colmap"), false);
 }
 
 static void mistakes_are_named(void **state)

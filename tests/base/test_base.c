@@ -490,6 +490,11 @@ static void test_digest(void **state)
     }
     assert_true(cln_digest(CLN_DIGEST_START, "ab", 2) !=
                 cln_digest(cln_digest(CLN_DIGEST_START, "a", 1), "b", 1));
+    /* checkpoints hold digests, so these stay what they are */
+    assert_true(cln_digest(CLN_DIGEST_START, "", 0) == 0xdb01c3104e99566d);
+    assert_true(cln_digest(CLN_DIGEST_START, "abc", 3) == 0x92119cfaa0bb31a0);
+    assert_true(cln_digest(CLN_DIGEST_START, "The digest of a checkpoint", 26) ==
+                0x8016fec6b0965c8d);
 }
 
 /* ---- log ---- */

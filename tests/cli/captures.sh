@@ -346,6 +346,7 @@ section_check() {
     check "it says the memory" grep -q '^memory .* on the device' "$work/out"
     expect "with a probe" 0 "" "$cln" check "$work/sound" --probe 0.1 --json --width 16 --depth 2
     check "a step has a time" number_above "$(json training.time.step_seconds)" 0
+    check "of less than a minute" number_above 60 "$(json training.time.step_seconds)"
     check "no likely fault as JSON, too" [ -z "$(json findings.0.what)" ]
     check "photos agree with poses" number_above "$(json measures.agreeing_share)" 0.8
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
@@ -361,6 +362,12 @@ section_check() {
     expect "photos too small to have anything in common" 0 "" "$cln" check "$work/blurred" \
         --probe 0 --json
     check "nothing is said of their exposures" [ "$(grep -c '"exposure": null' "$work/out")" = 3 ]
+
+    "$make_scene" "$work/two" --kind forward --size 64 --train 2 --test 0 >/dev/null
+    expect "two photos" 0 "" "$cln" check "$work/two" --probe 0 --json
+    sed -n 's/^ *"exposure_jump": \([-.0-9e]*\),*$/\1/p' "$work/out" >"$work/jumps"
+    check "one is as much darker as the other is brighter" awk '{ sum += $1; most = $1 }
+        END { exit !(NR == 2 && sum == 0 && most != 0) }' "$work/jumps"
 
     # shellcheck disable=SC2086
     {

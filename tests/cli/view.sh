@@ -112,8 +112,13 @@ section_page() {
         -o /dev/null -w '%{num_connects}')" = 10 ]
 }
 
+# matrix ROW COLUMN: of the first test view's pose
+matrix() {
+    "$query" "frames.0.transform_matrix.$1.$2" <"$work/photos/transforms_test.json"
+}
+
 section_pictures() {
-    local pose focal i
+    local pose focal axis i
     viewer
     gets "a test view as PNG" 200 "/picture?view=6&format=png" "${me[@]}"
     check "render has the same" cmp -s "$work/out" "$work/rendered/test_r_000.png"
@@ -162,8 +167,11 @@ section_pictures() {
     gets "a point" 200 "/point?view=6&x=24&y=24" "${me[@]}"
     check "it is opaque" number_above "$(json opacity)" 0.5
     check "before the camera" number_above "$(json depth)" 0
-    check "and in the scene's middle" awk -v x="$(json point.0)" -v y="$(json point.1)" \
-        -v z="$(json point.2)" 'BEGIN { exit !(x * x + y * y + z * z < 2.25) }'
+    for axis in 0 1 2; do # a matrix's columns: right, up, back, place
+        check "as far along its axis" awk -v p="$(json point.$axis)" -v t="$(json depth)" \
+            -v back="$(matrix $axis 2)" -v place="$(matrix $axis 3)" \
+            'BEGIN { off = p - (place - t * back); exit !(off * off < 0.01) }'
+    done
 }
 
 section_refused() {
@@ -478,6 +486,8 @@ section_training() {
     check "it told the test PSNR of an evaluation" recorded psnr_test "$psnr"
     check "a curve of training PSNRs" between psnr_train "$curve"
     check "and times of stages" number_above "$(json stages.viewing)" 0
+    check "viewing is a part of the time" awk -v share="$(json viewing)" \
+        'BEGIN { exit !(share > 0 && share < 1) }'
     check "it says how to go on looking" grep -q "cl-nascent view" "$work/log"
 
     train "$work/stopped" --listen 127.0.0.1

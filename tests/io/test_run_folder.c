@@ -89,6 +89,25 @@ static void test_refuses_foreign(void **state)
     expect_error(cln_run_open(scratch_path(*state, "link"), false), CLN_OUTPUT, "not a folder");
 }
 
+/* What lies in a run is told the run, however it ends; what does not, that it is none. */
+static void test_in_a_run(void **state)
+{
+    static const char *const within[] = {"checkpoint", "checkpoint/", "run.json", "checkpoint///"};
+    const char *run = scratch_path(*state, "a/run");
+    char want[512];
+    json_t *doc = document(1), *back = NULL;
+
+    assert_int_equal(cln_run_open(run, false), CLN_OK);
+    assert_int_equal(cln_run_write(run, doc), CLN_OK);
+    assert_int_equal(mkdir(scratch_path(run, "checkpoint"), 0777), 0);
+    snprintf(want, sizeof want, "in one: give %s", run);
+    for (size_t i = 0; i < sizeof within / sizeof *within; i++)
+        expect_error(cln_run_read(scratch_path(run, within[i]), &back), CLN_INPUT, want);
+    expect_error(cln_run_read(scratch_path(*state, "a/"), &back), CLN_INPUT, "no run.json in it");
+    expect_error(cln_run_read(scratch_path(*state, "b"), &back), CLN_INPUT, "no such folder");
+    json_decref(doc);
+}
+
 static void test_run_json(void **state)
 {
     static const double numbers[] = {0.1,  1.0 / 3,   5e-324, 1.7976931348623157e308,
@@ -373,6 +392,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_new_folder, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_refuses_foreign, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_run_json, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_in_a_run, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_resume, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),

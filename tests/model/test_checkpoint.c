@@ -344,12 +344,27 @@ static void test_all_damaged(void **state)
     assert_false(exists(run, "00000002.json"));
 }
 
+/* Writes checkpoint 2's document with the digest that it should have. */
+static void put_document(const char *run, json_t *doc)
+{
+    char hex[17], *text = NULL;
+
+    json_object_del(doc, "digest");
+    text = json_dumps(doc, JSON_COMPACT | JSON_SORT_KEYS | JSON_REAL_PRECISION(17));
+    snprintf(hex, sizeof hex, "%016" PRIx64, cln_digest(CLN_DIGEST_START, text, strlen(text)));
+    json_object_set_new(doc, "digest", json_string(hex));
+    assert_int_equal(
+        json_dump_file(doc, scratch_path(run, "checkpoint/00000002.json"), JSON_REAL_PRECISION(17)),
+        0);
+    free(text);
+}
+
 /* Puts other tensors into checkpoint 2 with correct digests: only the sizes reveal it. */
 static void forge(const char *run, int count, const cln_tensor *tensors)
 {
     const char *path = scratch_path(run, "checkpoint/00000002.json");
     uint64_t digest = 0;
-    char hex[17], *text = NULL;
+    char hex[17];
     json_t *doc = json_load_file(path, 0, NULL);
 
     assert_non_null(doc);
@@ -358,12 +373,7 @@ static void forge(const char *run, int count, const cln_tensor *tensors)
                      CLN_OK);
     snprintf(hex, sizeof hex, "%016" PRIx64, digest);
     json_object_set_new(doc, "tensors_digest", json_string(hex));
-    json_object_del(doc, "digest");
-    text = json_dumps(doc, JSON_COMPACT | JSON_SORT_KEYS | JSON_REAL_PRECISION(17));
-    snprintf(hex, sizeof hex, "%016" PRIx64, cln_digest(CLN_DIGEST_START, text, strlen(text)));
-    json_object_set_new(doc, "digest", json_string(hex));
-    assert_int_equal(json_dump_file(doc, path, JSON_REAL_PRECISION(17)), 0);
-    free(text);
+    put_document(run, doc);
     json_decref(doc);
 }
 
@@ -433,6 +443,29 @@ static void test_forged(void **state)
     free(rows);
     free(bad_rows);
     cln_model_free(&model);
+}
+
+/* A document that is whole but for the digest of its tensors. */
+static void test_no_tensors_digest(void **state)
+{
+    const char *run = *state, *path = NULL;
+
+    for (int kind = 0; kind < 3; kind++) {
+        json_t *doc = NULL;
+
+        write_step(run, 1);
+        write_step(run, 2);
+        path = scratch_path(run, "checkpoint/00000002.json");
+        doc = json_load_file(path, 0, NULL);
+        assert_non_null(doc);
+        json_object_del(doc, "tensors_digest");
+        if (kind > 0)
+            json_object_set_new(doc, "tensors_digest",
+                                kind == 1 ? json_integer(7) : json_string("0123"));
+        put_document(run, doc);
+        json_decref(doc);
+        expect_step(run, 1, 1, "without a digest of its tensors");
+    }
 }
 
 /* What is asked of the disk before training is what a checkpoint takes. */
@@ -581,6 +614,7 @@ int test_group_checkpoint(void)
         cmocka_unit_test_setup_teardown(test_edited_by_hand, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_all_damaged, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_forged, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_no_tensors_digest, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bytes_are_foreseen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_full_disk, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_killed, scratch_make, scratch_remove),

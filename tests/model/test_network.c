@@ -152,6 +152,22 @@ static void test_known_counts(void **state)
     }
 }
 
+static void test_text(void **state)
+{
+    cln_network net = {.width = 32, .depth = 3, .view_width = 16};
+    char text[32];
+
+    (void)state;
+    cln_network_text(&net, text);
+    assert_string_equal(text, "W32-D3-V16");
+    net.encoding = CLN_ENCODING_GRID;
+    net.view_width = 0;
+    net.cells = 8;
+    net.features = 4;
+    cln_network_text(&net, text);
+    assert_string_equal(text, "W32-D3-V0-G8x4");
+}
+
 static void test_layout_refuses(void **state)
 {
     static const struct {
@@ -563,6 +579,7 @@ int test_group_network(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_layout_of_all_shapes),
         cmocka_unit_test(test_known_counts),
+        cmocka_unit_test(test_text),
         cmocka_unit_test(test_layout_refuses),
         cmocka_unit_test(test_grid_layout_refuses),
         cmocka_unit_test(test_init),

@@ -534,14 +534,57 @@ static void test_images_that_do_not_fit(void **state)
     cln_scene_free(scene);
 }
 
+/* Layers of 48 and 32, worked out by hand: vectors and work-items divide both, blocks are whole
+ * tiles and vectors, slices an even number of blocks, and groups no larger than the device's. */
+static void test_fit(void **state)
+{
+    static const struct {
+        size_t group;
+        cln_tune wanted, fits;
+    } rows[] = {
+        {64,
+         {.vw = 8, .nv = 2, .ls = 1, .ts = 6, .nb = 50, .sl = 480, .wg = 16},
+         {.vw = 8, .nv = 2, .ls = 1, .ts = 6, .nb = 48, .sl = 480, .wg = 16}},
+        {64,
+         {.vw = 16, .nv = 3, .ls = 16, .ts = 6, .nb = 5, .sl = 500, .wg = 256},
+         {.vw = 16, .nv = 1, .ls = 1, .ts = 6, .nb = 48, .sl = 480, .wg = 64}},
+        {2,
+         {.vw = 1, .nv = 3, .ls = 8, .ts = 4, .nb = 8, .sl = 9, .wg = 3},
+         {.vw = 1, .nv = 2, .ls = 2, .ts = 4, .nb = 8, .sl = 16, .wg = 1}},
+    };
+    const cln_network net = {.width = 48, .view_width = 32, .view_dependence = true, .depth = 2};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        const cln_device device = {.max_group = rows[i].group, .local_mem = 1 << 20};
+        const cln_tune *want = &rows[i].fits;
+        cln_tune got = rows[i].wanted;
+
+        cln_pipeline_fit(&device, &net, &got);
+        assert_int_equal(got.vw, want->vw);
+        assert_int_equal(got.nv, want->nv);
+        assert_int_equal(got.ls, want->ls);
+        assert_int_equal(got.ts, want->ts);
+        assert_int_equal(got.nb, want->nb);
+        assert_int_equal(got.sl, want->sl);
+        assert_int_equal(got.wg, want->wg);
+    }
+}
+
 int test_group_plan(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_adds_up),         cmocka_unit_test(test_cut_below_the_largest),
-        cmocka_unit_test(test_slices_fit),      cmocka_unit_test(test_limits_by_name),
-        cmocka_unit_test(test_peak_is_planned), cmocka_unit_test(test_growth_stops_at_the_limit),
-        cmocka_unit_test(test_cut_batches),     cmocka_unit_test(test_images_that_do_not_fit),
-        cmocka_unit_test(test_parts),           cmocka_unit_test(test_split_arrays),
+        cmocka_unit_test(test_fit),
+        cmocka_unit_test(test_adds_up),
+        cmocka_unit_test(test_cut_below_the_largest),
+        cmocka_unit_test(test_slices_fit),
+        cmocka_unit_test(test_limits_by_name),
+        cmocka_unit_test(test_peak_is_planned),
+        cmocka_unit_test(test_growth_stops_at_the_limit),
+        cmocka_unit_test(test_cut_batches),
+        cmocka_unit_test(test_images_that_do_not_fit),
+        cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_split_arrays),
         cmocka_unit_test(test_counts),
     };
 

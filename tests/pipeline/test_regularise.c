@@ -11,7 +11,12 @@
 #include "sampling_test.h"
 #include "tests.h"
 
-enum { POINTS = 4096, PAIRS = 2048, EXTRA = POINTS + 2 * PAIRS };
+enum {
+    POINTS = 4096,
+    PAIRS = 2048,
+    EXTRA = POINTS + 2 * PAIRS,
+    WG = 100 /* of the last group, some work-items have no point */
+};
 static const double SPARSITY = 0.5, EDGE = 0.25;
 
 /* Loss of one pair: U |f_a - f_b| summed over f = alpha (r, g, b, 1), times its share of the
@@ -130,6 +135,7 @@ static void run_set(const tune_set *set)
     config.sparsity = SPARSITY;
     config.edge = EDGE;
     p = test_pipeline(set, &config, false, false);
+    p->tune.wg = WG;
     make_sampling_model(&config, &model);
     assert_ok(cln_pipeline_upload(p, &model, false));
     assert_ok(cln_octree_boxes(&model.tree, &boxes));

@@ -290,6 +290,48 @@ static void test_through(void **state)
     cln_clear_error();
 }
 
+/* Turns of the head by 10 and 30 degrees on one spot take 10 and 30 of 40 steps. */
+static void test_turns(void **state)
+{
+    static const double degrees[] = {0, 10, 40}, at[3] = {1, 2, 3};
+    enum { KEYS = sizeof degrees / sizeof *degrees, COUNT = 41 };
+    cln_frame keys[KEYS];
+    const cln_frames from = {.count = KEYS, .frame = keys};
+    cln_frames f = {0};
+
+    (void)state;
+    memset(keys, 0, sizeof keys);
+    for (int i = 0; i < KEYS; i++) {
+        const double turn = degrees[i] * DEGREE;
+
+        aim(at, (double[3]){at[0] + sin(turn), at[1] + cos(turn), at[2]}, 0, &keys[i].camera);
+    }
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    assert_true(most_apart(&f.frame[10].camera, &keys[1].camera) < 1e-9);
+    for (int i = 1; i < COUNT; i++) {
+        const double *before = f.frame[i - 1].camera.c2w, *now = f.frame[i].camera.c2w;
+        const double cosine = before[2] * now[2] + before[6] * now[6] + before[10] * now[10];
+
+        assert_true(fabs(acos(fmin(1, cosine)) - DEGREE) < 0.1 * DEGREE);
+    }
+    cln_frames_free(&f);
+}
+
+/* An orbit's pictures: as wide as --fov says, else as the training views, pixels as they are. */
+static void test_orbit_lens(void **state)
+{
+    const cln_orbit_frame like = {.width = 80, .height = 60, .fx = 100, .fy = 110};
+    cln_camera c;
+
+    (void)state;
+    assert_int_equal(cln_orbit_lens(&like, &(cln_render_desc){.width = 40}, &c), CLN_OK);
+    assert_true(c.width == 40 && c.height == 30 && c.cx == 20 && c.cy == 15);
+    assert_true(fabs(c.fx - 50) < 1e-12 && fabs(c.fy - 55) < 1e-12);
+    assert_int_equal(cln_orbit_lens(&like, &(cln_render_desc){.fov = 90}, &c), CLN_OK);
+    assert_true(c.width == 80 && c.height == 60 && c.cx == 40 && c.cy == 30);
+    assert_true(fabs(c.fx - 40) < 1e-12 && fabs(c.fy - 44) < 1e-12);
+}
+
 /* Of four views a quarter turn apart, none comes nearer, and all look at what they stand around;
  * as a straight line the path would cut through it. */
 static void test_around(void **state)
@@ -412,7 +454,9 @@ int test_group_frames(void)
                                        ON_DISK(test_transforms),
                                        ON_DISK(test_path_with_crop),
                                        cmocka_unit_test(test_through),
+                                       cmocka_unit_test(test_turns),
                                        cmocka_unit_test(test_around),
+                                       cmocka_unit_test(test_orbit_lens),
                                        cmocka_unit_test(test_spiral_in_front),
                                        cmocka_unit_test(test_spiral_around)};
 

@@ -121,10 +121,34 @@ static void test_other_field(void **state)
     assert_true(shared < 12);
 }
 
+/* Lists as long as there can be, each mark unlike all others, the one in the other's reverse order:
+ * every mark finds itself. */
+static void test_full_lists(void **state)
+{
+    cln_features a = {.count = CLN_FEATURES_MOST}, b = {.count = CLN_FEATURES_MOST};
+    cln_match matches[CLN_FEATURES_MOST];
+
+    (void)state;
+    a.list = calloc(CLN_FEATURES_MOST, sizeof *a.list);
+    b.list = calloc(CLN_FEATURES_MOST, sizeof *b.list);
+    assert_true(a.list && b.list);
+    for (int i = 0; i < CLN_FEATURES_MOST; i++) {
+        for (int k = 0; k < CLN_FEATURE_BYTES; k++)
+            a.list[i].about[k] = (uint8_t)cln_hash((uint32_t)(CLN_FEATURE_BYTES * i + k));
+        b.list[CLN_FEATURES_MOST - 1 - i] = a.list[i];
+    }
+    assert_int_equal(cln_features_match(&a, &b, matches), CLN_FEATURES_MOST);
+    for (int i = 0; i < CLN_FEATURES_MOST; i++)
+        assert_true(matches[i].a == i && matches[i].b == CLN_FEATURES_MOST - 1 - i);
+    free(a.list);
+    free(b.list);
+}
+
 int test_group_features(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_same_field),
-                                       cmocka_unit_test(test_other_field)};
+                                       cmocka_unit_test(test_other_field),
+                                       cmocka_unit_test(test_full_lists)};
 
     return cmocka_run_group_tests_name("features", tests, NULL, NULL);
 }

@@ -157,6 +157,71 @@ static void test_refused(void **state)
     }
 }
 
+/* The lowest cosine of the images' corners and sides' middles with the mean of the axes. */
+static double least_cosine(const cln_camera cameras[FORMAT_VIEWS])
+{
+    double mean[3] = {0}, length = 0, least = 1;
+
+    for (int a = 0; a < 3; a++) {
+        for (int v = 0; v < FORMAT_VIEWS; v++)
+            mean[a] += cameras[v].c2w[4 * a + 2];
+        length += mean[a] * mean[a];
+    }
+    for (int v = 0; v < FORMAT_VIEWS; v++)
+        for (int k = 0; k < 9; k++) {
+            const cln_camera *c = &cameras[v];
+            double o[3], d[3], sum = 0, square = 0;
+
+            assert_true(
+                cln_camera_ray(c, 0.5 * (k % 3) * c->width, 0.5 * (k / 3 % 3) * c->height, o, d));
+            for (int a = 0; a < 3; a++) {
+                sum += d[a] * mean[a];
+                square += d[a] * d[a];
+            }
+            least = fmin(least, sum / sqrt(square * length));
+        }
+    return least;
+}
+
+/* A camera turned aside until its image reaches 77 degrees from the mean axis is no reason to
+ * refuse; 80 degrees are. */
+static void test_aside(void **state)
+{
+    for (int i = 0; i < 2; i++) {
+        const char *folder = scratch_path(*state, i ? "far" : "near");
+        const double wanted = cos((i ? 80 : 77) * 3.14159265358979323846 / 180);
+        cln_camera cameras[FORMAT_VIEWS];
+        cln_config config = *plain();
+        cln_scene *scene = NULL;
+        double low = 0, high = 1.5;
+
+        for (int round = 0; round < 50; round++) {
+            const double turn = 0.5 * (low + high);
+
+            make_cameras(cameras);
+            for (int a = 0; a < 3; a++) {
+                double *m = cameras[2].c2w + 4 * a;
+                const double x = m[0];
+
+                m[0] = cos(turn) * x + sin(turn) * m[2];
+                m[2] = cos(turn) * m[2] - sin(turn) * x;
+            }
+            if (least_cosine(cameras) > wanted)
+                low = turn;
+            else
+                high = turn;
+        }
+        assert_float_equal(least_cosine(cameras), wanted, 1e-9);
+        format_images(scratch_path(folder, "images"), 1);
+        format_llff(folder, cameras, 1, false);
+        scene = load(folder, &config);
+        if ((strstr(scene->bounds_rule, "'view_02.png' looks more than 78") != NULL) != (i == 1))
+            fail_msg("case %d: '%s'", i, scene->bounds_rule);
+        assert_int_equal(scene->space.forward, i == 0);
+        cln_scene_free(scene);
+    }
+}
+
 /* COLMAP's points tell how near the scene is, but for an outlier. Such scenes are cubes unless told
  * otherwise. */
 static void test_points(void **state)
@@ -193,6 +258,7 @@ int test_group_forward(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_llff, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_refused, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_aside, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points, scratch_make, scratch_remove),
     };
 

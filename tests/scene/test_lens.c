@@ -311,6 +311,16 @@ static void test_beyond(void **state)
     assert_false(seen_at(CLN_LENS_OPENCV, none, 0.5 * PI + 1e-9, &place));
     assert_false(seen_at(CLN_LENS_OPENCV, none, 2, &place));
 
+    /* the denominators' poles: 1 - s^2 / 2 and 1 - s^3 / 2, s = r^2, at 2^(1/4) and 2^(1/6) */
+    for (int k = 6; k < 8; k++) {
+        double pole[CLN_LENS_PARAMS] = {0};
+        const double at = k == 6 ? 1.189207115 : 1.122462048;
+
+        pole[k] = -0.5;
+        assert_true(seen_at(CLN_LENS_FULL_OPENCV, pole, atan(at - 1e-4), &place));
+        assert_false(seen_at(CLN_LENS_FULL_OPENCV, pole, atan(at + 1e-4), &place));
+    }
+
     /* theta - theta^3 / 10, up to 1.8257418583505538: 1.2171612389003692 */
     assert_true(has_ray(CLN_LENS_OPENCV_FISHEYE, fold, 0, 1.2171612));
     assert_false(has_ray(CLN_LENS_OPENCV_FISHEYE, fold, 0, 1.2171613));

@@ -61,9 +61,10 @@ sub list {
         my @real = lines_of($file);
         my $side = $file =~ /^kernels/ ? 'kernels' : 'host';
         for my $i (0 .. $#code) {
-            for my $kind (keys %kinds) {
+            for my $kind (sort keys %kinds) {
                 for my $change (@{$kinds{$kind}}) {
-                    my ($from, $to, $end) = @$change;
+                    my ($from, $to) = @$change;
+                    pos($code[$i]) = 0; # a statement's search ends half way
                     while ($code[$i] =~ /$from/g) {
                         my ($at, $length) = ($-[0], $+[0] - $-[0]);
                         my $old = substr $real[$i], $at, $length;

@@ -208,6 +208,31 @@ static void test_no_step(void **state)
     }
 }
 
+/* Only as many spots count as it is given: another one behind them changes no bit. */
+static void test_given_spots(void **state)
+{
+    cln_spot spots[SPOTS];
+    cln_ray_result looks[SPOTS][CLN_SPOT_LOOKS];
+    const cln_ray_result(*const seen_there)[CLN_SPOT_LOOKS] = (const void *)looks;
+    const cln_camera truth = camera_of(0, 6, 0.3);
+    cln_camera now = truth;
+    cln_pose_step step, other;
+    int last = SPOTS - 1;
+
+    (void)state;
+    shake(0, now.c2w, truth.c2w);
+    look(&truth, &now, spots, looks);
+    while (spots[last].x < 0 || looks[last][0].opacity < 1)
+        last--;
+    assert_true(cln_refine_solve(&now, &cln_space_unit, last, spots, seen_there, &step));
+    for (int a = 0; a < 3; a++)
+        spots[last].photo[a] = 1 - spots[last].photo[a];
+    assert_true(cln_refine_solve(&now, &cln_space_unit, last, spots, seen_there, &other));
+    assert_memory_equal(step.motion, other.motion, sizeof step.motion);
+    assert_true(cln_refine_solve(&now, &cln_space_unit, last + 1, spots, seen_there, &other));
+    assert_memory_not_equal(step.motion, other.motion, sizeof step.motion);
+}
+
 /* ---- a training ---- */
 
 static void put_split(const char *folder, const char *split, int count, double phase, bool shaken)
@@ -342,6 +367,34 @@ static void test_resumed(void **state)
     assert_fails(fixture_train("cut", true, &config, NULL, &part), CLN_CHECKPOINT, "refine-poses");
 }
 
+/* Have cameras moved when a training of so many steps is stopped after its 64th? */
+static bool moved_at_64(const char *run, int64_t steps)
+{
+    fixture_stop stop = {.signal = SIGINT, .step = 65};
+    cln_config config = settings(true);
+    cln_train_result result;
+    cln_model model = {0};
+    bool moved = false;
+
+    config.steps = steps;
+    assert_fails(fixture_train(run, false, &config, &stop, &result), CLN_SIGINT, "");
+    assert_ok(cln_checkpoint_read(fixture_path(run), true, &model));
+    assert_int_equal(model.motion_views, VIEWS);
+    for (int i = 0; i < VIEWS; i++)
+        moved |= model.motions[i][0] != 0;
+    cln_model_free(&model);
+    return moved;
+}
+
+/* They first move in the 64th step, if that is a twentieth of the training. */
+static void test_begins(void **state)
+{
+    (void)state;
+    NEED_DEVICE();
+    assert_true(moved_at_64("soon", 1270));
+    assert_false(moved_at_64("late", 1290));
+}
+
 static int setup(void **state)
 {
     char path[PATH_MAX];
@@ -357,10 +410,9 @@ static int setup(void **state)
 int test_group_refine(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_steps),
-        cmocka_unit_test(test_no_step),
-        cmocka_unit_test(test_shaken),
-        cmocka_unit_test(test_resumed),
+        cmocka_unit_test(test_steps),       cmocka_unit_test(test_no_step),
+        cmocka_unit_test(test_given_spots), cmocka_unit_test(test_shaken),
+        cmocka_unit_test(test_resumed),     cmocka_unit_test(test_begins),
     };
 
     return cmocka_run_group_tests_name("refine", tests, setup, fixture_teardown);
