@@ -255,7 +255,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(depth_loss, "depth-loss", 0, 2, 0, 1e3,                                                   \
          "weight of the distance between where a ray ends and a sparse point that it shows",       \
          .flags = CLN_ROW_LATER)                                                                   \
-    REAL(depth_until, "depth-until", 0.5, 0.5, 0, 1,                                               \
+    REAL(depth_until, "depth-until", 0.5, 1, 0, 1,                                                 \
          "depth-loss: falls to 0 until this fraction of the budget", .flags = CLN_ROW_LATER)       \
     BOOL(exposure, "exposure", false, false,                                                       \
          "fit a gain to each training photo and channel, for images without alpha",                \

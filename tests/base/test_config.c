@@ -88,6 +88,8 @@ static void test_presets(void **state)
     assert_int_equal(paper.stage1, CLN_STAGE1_SPLAT);
     assert_int_equal(fast.stage1, CLN_STAGE1_GATHER);
     assert_string_equal(paper.background, "white");
+    /* older runs that lack it are read with the paper's value */
+    assert_true(paper.depth_until == 0.5 && fast.depth_until == 1);
     assert_failed(cln_config_preset("slow", &config), CLN_USAGE,
                   "--preset|slow|fast|paper|nerf|kilonerf|voxel");
     assert_same(&paper, &config);
