@@ -424,13 +424,13 @@ HELPER int face_of(int at)
 }
 
 /* A step of numbers p .. p + VW - 1 of a vertex: Adam's (adam.h), but only steps of the vertex count.
- * So there is no number of steps to correct moments by: the second begins as the first gradient's
- * square, the first, if there is one, as 0. key: of the random numbers that round moments. */
+ * So there is no number of steps to correct moments by: the second begins as a tenth of the first
+ * gradient's square (method.md 1), the first, if there is one, as 0. key: of the random numbers that round moments. */
 HELPER vf voxel_step(vf rate, uint key, vf g, uint p, __global float *params,
                      __global moment_type *m, __global moment_type *v)
 {
     const vf before = moment_load(v + p), square = g * g;
-    const vf v1 = select(MAD((vf)(BETA2), before, (1.0f - BETA2) * square), square,
+    const vf v1 = select(MAD((vf)(BETA2), before, (1.0f - BETA2) * square), 0.1f * square,
                          before == (vf)(0.0f));
     const vu chance = hash_lanes((p + V_IOTA) * 0x9E3779B9u ^ key);
 #if MOMENTUM

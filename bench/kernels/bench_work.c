@@ -84,12 +84,12 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
     const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
     const double layers = net->encoding == CLN_ENCODING_VOXEL ? 0 : net->params; /* read again */
 
-    return (bench_work){.flop = (4 * layer_weights(net) - 2 * encoded + grid_flop(net)) * n,
-                        .bytes = n * (SAMPLE + WORD + RAY + 2 * COLOUR +
-                                      (double)cln_pipeline_act_bytes(net, tune)) +
-                                 leaves * WORD * (layers + transposed) +
-                                 slices * ((double)sizeof(cln_slice) +
-                                           WORD * met_numbers(net, n / slices))};
+    return (bench_work){
+        .flop = (4 * layer_weights(net) - 2 * encoded + grid_flop(net)) * n,
+        .bytes =
+            n * (SAMPLE + WORD + RAY + 2 * COLOUR + (double)cln_pipeline_act_bytes(net, tune)) +
+            leaves * WORD * (layers + transposed) +
+            slices * ((double)sizeof(cln_slice) + WORD * met_numbers(net, n / slices))};
 }
 
 /* 13 per weight (two moments 7, the step 6) plus the slices' sum. Voxels: what samples met, without
@@ -101,11 +101,10 @@ bench_work bench_work_adam(const cln_config *config, const cln_network *net, con
     const bool one = net->encoding == CLN_ENCODING_VOXEL && config->beta1 <= 0;
     const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
 
-    return (bench_work){.flop = (one ? 10 : 13) * weights + (slices - leaves) * net->params,
-                        .bytes = weights * (2 * WORD +
-                                            (one ? 2.0 : 4.0) * (double)cln_moment_bytes(config)) +
-                                 WORD * (slices * met_numbers(net, n / slices) +
-                                         leaves * transposed)};
+    return (bench_work){
+        .flop = (one ? 10 : 13) * weights + (slices - leaves) * net->params,
+        .bytes = weights * (2 * WORD + (one ? 2.0 : 4.0) * (double)cln_moment_bytes(config)) +
+                 WORD * (slices * met_numbers(net, n / slices) + leaves * transposed)};
 }
 
 /* In: number, colour, density and gradient of every sample. Out: head gradient and row of about
@@ -124,8 +123,8 @@ bench_work bench_work_update(const cln_config *config, const cln_network *net, c
     const double saved = net->encoding == CLN_ENCODING_VOXEL ? 0 : tune->leaf ? 2 * leaves : leaves;
 
     return (bench_work){.flop = back.flop + adam.flop,
-                        .bytes = back.bytes + adam.bytes -
-                                 WORD * saved * met_numbers(net, n / leaves)};
+                        .bytes =
+                            back.bytes + adam.bytes - WORD * saved * met_numbers(net, n / leaves)};
 }
 
 /* Weights and both moments from host to device, the weights once more for their transposed copy. */

@@ -286,9 +286,8 @@ static cln_status launch_voxel_update(cln_pipeline *p, double lr, uint32_t step_
     return CLN_LAUNCH(p->device, p->k.voxel_update, CLN_STAGE_ADAM,
                       cln_groups((size_t)p->leaves, CLN_ADAM_EACH), (size_t)p->tune.ls,
                       CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
-                      CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params),
-                      CLN_LEAF_ARG(p, adam_m), CLN_LEAF_ARG(p, adam_v), CLN_ARG(count),
-                      CLN_ARG(rate), CLN_ARG(key));
+                      CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
+                      CLN_LEAF_ARG(p, adam_v), CLN_ARG(count), CLN_ARG(rate), CLN_ARG(key));
 }
 
 /* Updates leaves of at least min_slices slices. half_slice: where gradients lie
