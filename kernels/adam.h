@@ -17,7 +17,6 @@
 #define VIEW_L2 1
 #define VIEW_L2_WEIGHT 0.1f
 #define MOMENTS 1
-#define MOMENTUM 1
 #endif
 
 /* Common to all weights of a leaf. */
@@ -33,7 +32,7 @@ HELPER adam_leaf adam_leaf_of(float lr, int steps, float norm, uint slot)
     const float t = (float)steps;
     adam_leaf a;
 
-    a.rate = MOMENTUM ? lr / ONE_MINUS_EXP(float, t * DECAY1) : lr;
+    a.rate = lr / ONE_MINUS_EXP(float, t * DECAY1);
     a.second = 1.0f / ONE_MINUS_EXP(float, t * DECAY2);
 #if VIEW_L2
     a.pull = VIEW_L2_WEIGHT / fmax(norm, 1e-12f);
@@ -87,42 +86,28 @@ HELPER bool adam_spares(vf g, uint p)
 }
 
 /* Updates weights p .. p + VW - 1 of a leaf, given their gradient g and the leaf's rows; returns
- * the new weights, computed from the moments before rounding. By: with rates of their own. */
-HELPER vf adam_step_by(adam_leaf a, vf rate, vf g, uint p, __global float *params,
-                       __global moment_type *m, __global moment_type *v)
+ * the new weights, computed from the moments before rounding. */
+HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,
+                    __global moment_type *v)
 {
     vf w = VLOAD(params + p);
 
     FETCH_STREAM(params, p, WEIGHTS_AHEAD);
-#if MOMENTUM
     FETCH_STREAM(m, p, MOMENTS_AHEAD);
-#endif
     FETCH_STREAM(v, p, MOMENTS_AHEAD);
 #if VIEW_L2
     if (p >= VIEW_W && p < VIEW_W + VIEW_ROWS * VIEW)
         g += w * a.pull;
 #endif
-#if MOMENTUM
     const vf m1 = MAD((vf)(BETA1), moment_load(m + p), (1.0f - BETA1) * g);
-#else
-    const vf m1 = g;
-#endif
     const vf v1 = MAD((vf)(BETA2), moment_load(v + p), (1.0f - BETA2) * g * g);
     const vu chance = hash_lanes((p + V_IOTA) * 0x9E3779B9u ^ a.key);
 
-    w -= rate * m1 / (sqrt(v1 * a.second) + EPSILON);
-#if MOMENTUM
+    w -= a.rate * m1 / (sqrt(v1 * a.second) + EPSILON);
     moment_store(m1, chance & 0xFFFFu, m + p);
-#endif
     moment_store(v1, chance >> 16, v + p);
     VSTORE_IN(__global, w, params + p);
     return w;
-}
-
-HELPER vf adam_step(adam_leaf a, vf g, uint p, __global float *params, __global moment_type *m,
-                    __global moment_type *v)
-{
-    return adam_step_by(a, (vf)(a.rate), g, p, params, m, v);
 }
 
 /* If parameter p is in the row-major weights [WIDTH][columns] at `offset`, also stores it

@@ -16,18 +16,24 @@
  *
  *   CELLS FEATURES  cells an axis; numbers of a vertex, padded: 4 | 16 | 32 for degrees 0 | 1 | 2
  *   PARAMS          of a leaf: [CELLS + 1]^3 vertices (z, y, x) of FEATURES, padded
- *   SMOOTH_DENSITY SMOOTH_COLOUR   weights of (p - q)^2 of neighbouring vertices' numbers, in
- *                   leaves of side 1/16
+ *   SMOOTH 0 | 1, SMOOTH_DENSITY SMOOTH_COLOUR   weights of half of (p - q)^2 of neighbouring
+ *                   vertices' numbers, in leaves of side 1/16
+ *   MOMENTUM 0 | 1  no first moment (beta1 is 0) | Adam's
  *   EACH            leaves that a work-group of voxel_update takes one after another
  *   DENSITY_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
  */
 #ifndef EACH
 #define EACH 16
 #endif
+#ifndef MOMENTUM
+#define MOMENTUM 1
+#endif
+#ifndef SMOOTH
+#define SMOOTH 1
+#endif
 #ifndef DENSITY_RATE
 #define DENSITY_RATE   4.0f
 #define HARMONIC_RATE  0.2f
-#define SMOOTH         1
 #define SMOOTH_DENSITY 4e-9f
 #define SMOOTH_COLOUR  4e-9f
 #endif
@@ -39,6 +45,7 @@
 #define STEP_Z    (SIDE * STEP_Y)
 #define BLOCK     (LS == 1 ? 32 : VW) /* samples that a work-item takes at a time (fetch_place) */
 #define SMOOTH_EVERY 4u /* of so many leaves that samples met, one is smoothed, so much more */
+#define SMOOTH_KEY   0x632BE5ABu
 #define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
 
 /* A sample's cell: its first number in a leaf's row, and the corners' weights, x fastest. */
@@ -334,7 +341,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
     barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
     if (slice.start != begin[slice.slot] ||
-        (hash_one(step_key ^ (uint)slice.slot * 0x9E3779B9u) & (SMOOTH_EVERY - 1u)))
+        (hash_one((step_key ^ SMOOTH_KEY) + (uint)slice.slot * 0x9E3779B9u) & (SMOOTH_EVERY - 1u)))
         return;
     /* as many samples as its face is large */
     const float area = SMOOTH_EVERY * 256.0f * box.w * box.w;
@@ -416,6 +423,32 @@ HELPER int face_of(int at)
     return at == 0 ? -1 : at == CELLS;
 }
 
+/* A step of numbers p .. p + VW - 1 of a vertex: Adam's (adam.h), but steps of the vertex alone
+ * count. So there is no number of steps to correct moments by: the second begins as a tenth of the
+ * first gradient's square (method.md 1), the first, if there is one, as 0. key: of the random
+ * numbers that round moments. */
+HELPER vf voxel_step(vf rate, uint key, vf g, uint p, __global float *params,
+                     __global moment_type *m, __global moment_type *v)
+{
+    const vf before = moment_load(v + p), square = g * g;
+    const vf v1 = select(MAD((vf)(BETA2), before, (1.0f - BETA2) * square), 0.1f * square,
+                         before == (vf)(0.0f));
+    const vu chance = hash_lanes((p + V_IOTA) * 0x9E3779B9u ^ key);
+#if MOMENTUM
+    const vf m1 = MAD((vf)(BETA1), moment_load(m + p), (1.0f - BETA1) * g);
+#else
+    const vf m1 = g;
+#endif
+    const vf w = VLOAD(params + p) - rate * m1 / (sqrt(v1) + EPSILON);
+
+#if MOMENTUM
+    moment_store(m1, chance & 0xFFFFu, m + p);
+#endif
+    moment_store(v1, chance >> 16, v + p);
+    VSTORE_IN(__global, w, params + p);
+    return w;
+}
+
 /* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
  * work-group updates EACH leaves, run by run of the vertices along x: their ends may be shared with
  * other leaves than what is between. */
@@ -424,9 +457,8 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              LEAF_ARRAY(const float, grads),             /* [slice][PARAMS] */
              const __global uint *restrict met,          /* [slice][SIDE * SIDE] */
              const __global int *restrict around,        /* [leaf][27] */
-             const __global int *restrict steps,         /* [leaf] */
              LEAF_ARRAY(float, params), LEAF_ARRAY(moment_type, m), LEAF_ARRAY(moment_type, v),
-             uint leaves, float lr)
+             uint leaves, float lr, uint step_key)
 {
     __local sharers by_face[27];
     const uint from = get_group_id(0) * EACH;
@@ -438,10 +470,10 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
 
         UNROLL (i, VW)
             lanes[i] = f * VW + i == 3 ? DENSITY_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
-        rate[f] = VLOAD(lanes);
+        rate[f] = lr * VLOAD(lanes);
     }
     for (uint leaf = from; leaf < min(from + EACH, leaves); leaf++) {
-        const adam_leaf own = adam_leaf_of(lr, max(steps[leaf], 1), 0.0f, leaf);
+        const uint key = hash_one(step_key ^ leaf * 0xC2B2AE35u);
         __global float *w_row = LEAF_ROW(params, leaf, PARAMS);
         __global moment_type *m_row = LEAF_ROW(m, leaf, PARAMS), *v_row = LEAF_ROW(v, leaf, PARAMS);
         const uint after = min(leaf + 1u, leaves - 1u), slice_after = slice_starts[after];
@@ -490,8 +522,7 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
                             if (met_from(met, slice, at + s->shift[i]) & 1u)
                                 g += VLOAD(SLICE_ROW(grads, slice, PARAMS) +
                                            (at + s->shift[i]) * FEATURES + f);
-                    const vf w = adam_step_by(own, own.rate * rate[f / VW], g, p, w_row, m_row,
-                                              v_row);
+                    const vf w = voxel_step(rate[f / VW], key, g, p, w_row, m_row, v_row);
 
                     for (int i = 1; i < s->count; i++)
                         VSTORE_IN(__global, w,
@@ -503,8 +534,10 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
     }
 }
 
-/* Gives leaves that a change of the tree made anew, or from smaller ones, the numbers that leaves
- * around them have at common vertices. places [leaf]: kernels/carry.cl. */
+#define FRESH (-10) /* CLN_FRESH */
+
+/* Gives leaves that a change of the tree made anew the numbers that leaves around them have at
+ * common vertices. places [leaf]: kernels/carry.cl. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_join(const __global int *restrict around,  /* [leaf][27] */
            const __global int2 *restrict places, /* [leaf] */
@@ -513,7 +546,7 @@ voxel_join(const __global int *restrict around,  /* [leaf][27] */
     const uint leaf = get_group_id(0);
     const __global int *near = around + leaf * 27u;
 
-    if (places[leaf].y > -2)
+    if (places[leaf].y != FRESH)
         return;
     for (int v = (int)get_local_id(0); v < VERTICES; v += LS) {
         const int3 face = (int3)(face_of(v % SIDE), face_of(v / SIDE % SIDE),
@@ -526,7 +559,7 @@ voxel_join(const __global int *restrict around,  /* [leaf][27] */
                     const int other = near[13 + (z * 3 + y) * 3 + x];
                     const int there = v - ((z * SIDE + y) * SIDE + x) * CELLS;
 
-                    if (other < 0 || places[other].y <= -2)
+                    if (other < 0 || places[other].y == FRESH)
                         continue;
                     for (int f = 0; f < FEATURES; f++)
                         LEAF_ROW(params, leaf, PARAMS)[v * FEATURES + f] =

@@ -101,7 +101,7 @@ kernels() {
             headers+=(-include "$header")
         done
         for more in "" -DLENSES=0 -DVW=1 -DLEAF=0 -DPARTS=4 -DTRAIN=0 -DENCODING=1 -DNDC=1 \
-            -DCROP=1 -DSHELL=1 -DBEGINS=1; do
+            -DCROP=1 -DSHELL=1 -DBEGINS=1 -DSMOOTH=0; do
             kernel "${headers[@]}" ${more:+"$more"} "$cl"
         done
     done

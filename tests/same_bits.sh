@@ -95,6 +95,7 @@ bits paper object "${paper[@]}" --steps 100
 bits paper-noise object "${paper[@]}" --steps 80 --rrelu-scope neuron --density-noise 0.5 \
     --moments bfloat16
 bits nerf object --preset nerf --width 64 --rays 256 --batch-samples 16384 --steps 60
+bits voxel object --preset voxel --rays 512 --steps 100
 bits kilonerf object --preset kilonerf --rays 512 --steps 100
 bits regularised object --sparsity 0.01 --cauchy 0.001 --opacity-entropy 0.01 \
     --distortion-loss 0.01 \

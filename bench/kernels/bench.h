@@ -124,7 +124,7 @@ bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool
 bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
                                double leaves, double slices);
 bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,
-                           double leaves, double slices);
+                           double n, double leaves, double slices);
 bench_work bench_work_roulette(double n);
 bench_work bench_work_update(const cln_config *config, const cln_network *net, const cln_tune *tune,
                              double n, double leaves, double slices);

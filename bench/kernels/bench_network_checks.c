@@ -201,8 +201,6 @@ done:
     return st;
 }
 
-/* The first update of one leaf, in one pass or two. Compares the step rather than the weights,
- * whose size would hide its error. */
 /* Voxels: adds what other leaves' slices say of the leaf's numbers, and gives others' numbers the
  * sum, too. grad [leaf's params]. */
 static cln_status share_gradient(const network_run *r, int slot, double *grad)
@@ -232,14 +230,17 @@ done:
     return st;
 }
 
+/* Learning rate of a voxel's number, as a share of --lr. */
 static double rate_of(const network_run *r, size_t number)
 {
     const cln_network *net = &r->p->net;
-    const size_t f = net->encoding == CLN_ENCODING_VOXEL ? number % (size_t)net->features : 0;
+    const size_t f = number % (size_t)net->features;
 
     return f == 3 ? r->p->config.density_rate : f > 3 ? r->p->config.harmonic_rate : 1;
 }
 
+/* The first update of one leaf, in one pass or two. Compares the step rather than the weights,
+ * whose size would hide its error. */
 static cln_status check_adam(const network_run *r, bench_errors *errors)
 {
     cln_status st = CLN_OK;
@@ -268,9 +269,13 @@ static cln_status check_adam(const network_run *r, bench_errors *errors)
                             n * sizeof *got));
     for (size_t i = 0; i < n; i++)
         want[i] = before[i];
-    for (size_t i = 0; i < n; i++)
-        ref_adam(1, &want[i], &grad[i], &m[i], &v[i], 1, lr * rate_of(r, i), (float)config->beta1,
-                 (float)config->beta2, (float)config->epsilon);
+    if (r->p->net.encoding == CLN_ENCODING_VOXEL)
+        for (size_t i = 0; i < n; i++)
+            ref_voxel_step(&want[i], grad[i], &m[i], &v[i], lr * rate_of(r, i),
+                           (float)config->beta1, (float)config->beta2, (float)config->epsilon);
+    else
+        ref_adam((int)n, want, grad, m, v, 1, lr, (float)config->beta1, (float)config->beta2,
+                 (float)config->epsilon);
     for (size_t i = 0; i < n; i++) {
         got[i] -= before[i];
         want[i] -= before[i];

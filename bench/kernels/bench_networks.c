@@ -301,7 +301,7 @@ static bench_work work_of(const network_run *r)
     case UPDATE:
         return bench_work_update(&r->p->config, net, tune, n, leaves, slices);
     default:
-        return bench_work_adam(&r->p->config, net, tune, leaves, slices);
+        return bench_work_adam(&r->p->config, net, tune, n, leaves, slices);
     }
 }
 

@@ -82,24 +82,29 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
     const double encoded = position * (net->skip_layer >= 0 ? 2 : 1) +
                            (net->view_dependence ? (double)net->dir * net->view_width : 0);
     const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
+    const double layers = net->encoding == CLN_ENCODING_VOXEL ? 0 : net->params; /* read again */
 
-    return (bench_work){.flop = (4 * layer_weights(net) - 2 * encoded + grid_flop(net)) * n,
-                        .bytes = n * (SAMPLE + WORD + RAY + 2 * COLOUR +
-                                      (double)cln_pipeline_act_bytes(net, tune)) +
-                                 leaves * WORD * (net->params + transposed) +
-                                 slices * ((double)sizeof(cln_slice) + WORD * (double)net->params)};
+    return (bench_work){
+        .flop = (4 * layer_weights(net) - 2 * encoded + grid_flop(net)) * n,
+        .bytes =
+            n * (SAMPLE + WORD + RAY + 2 * COLOUR + (double)cln_pipeline_act_bytes(net, tune)) +
+            leaves * WORD * (layers + transposed) +
+            slices * ((double)sizeof(cln_slice) + WORD * met_numbers(net, n / slices))};
 }
 
-/* 13 per weight (two moments 7, the step 6) plus the slices' sum. */
+/* 13 per weight (two moments 7, the step 6) plus the slices' sum. Voxels: what samples met, without
+ * the first moment if there is none. */
 bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,
-                           double leaves, double slices)
+                           double n, double leaves, double slices)
 {
-    const double weights = leaves * net->params;
+    const double weights = leaves * met_numbers(net, n / leaves);
+    const bool one = net->encoding == CLN_ENCODING_VOXEL && config->beta1 <= 0;
     const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
 
-    return (bench_work){.flop = 13 * weights + (slices - leaves) * net->params,
-                        .bytes = weights * (2 * WORD + 4.0 * (double)cln_moment_bytes(config)) +
-                                 WORD * (slices * net->params + leaves * transposed)};
+    return (bench_work){
+        .flop = (one ? 10 : 13) * weights + (slices - leaves) * net->params,
+        .bytes = weights * (2 * WORD + (one ? 2.0 : 4.0) * (double)cln_moment_bytes(config)) +
+                 WORD * (slices * met_numbers(net, n / slices) + leaves * transposed)};
 }
 
 /* In: number, colour, density and gradient of every sample. Out: head gradient and row of about
@@ -114,11 +119,12 @@ bench_work bench_work_update(const cln_config *config, const cln_network *net, c
                              double n, double leaves, double slices)
 {
     const bench_work back = bench_work_backward(net, tune, n, leaves, slices);
-    const bench_work adam = bench_work_adam(config, net, tune, leaves, slices);
-    const double saved = tune->leaf ? 2 * leaves : leaves;
+    const bench_work adam = bench_work_adam(config, net, tune, n, leaves, slices);
+    const double saved = net->encoding == CLN_ENCODING_VOXEL ? 0 : tune->leaf ? 2 * leaves : leaves;
 
     return (bench_work){.flop = back.flop + adam.flop,
-                        .bytes = back.bytes + adam.bytes - WORD * saved * net->params};
+                        .bytes =
+                            back.bytes + adam.bytes - WORD * saved * met_numbers(net, n / leaves)};
 }
 
 /* Weights and both moments from host to device, the weights once more for their transposed copy. */

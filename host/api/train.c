@@ -412,8 +412,8 @@ static cln_status prepare(cln_trainer *t)
     }
     if (config.encoding == CLN_ENCODING_VOXEL && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE,
-                         "--encoding voxel: one process trains voxels, as leaves of several share "
-                         "vertices; start one, or give --preset fast"));
+                         "--encoding voxel: several processes cannot train voxels, as these would "
+                         "share vertices; start one, or give --preset fast"));
     CLN_TRY(cln_plan_place_images(t->device, &config, cln_config_most_leaves(&config),
                                   cln_coverage_bytes(t->scene), t->scene));
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,

@@ -51,7 +51,9 @@ int cln_config_deepest(const cln_config *config)
     int most = config->adaptive ? config->max_level : 0;
     double at[CLN_LEVELS];
 
-    if (cln_config_levels(config, at) == CLN_OK)
+    if (cln_config_levels(config, at) != CLN_OK)
+        cln_clear_error(); /* cln_config_check reports it */
+    else
         for (int level = CLN_FULL_LEVELS; level < CLN_LEVELS; level++)
             if (at[level] <= 1 && level > most)
                 most = level;
@@ -198,9 +200,9 @@ int cln_config_most_leaves(const cln_config *config)
     else
         cln_clear_error(); /* cln_config_check reports it */
     all = 1 << (3 * deepest);
-    /* what is deeper than a whole tree may be holds surfaces: four leaves for each of a face */
+    /* deeper than a whole tree may be there are surfaces: eight leaves for each of a face's */
     if (deepest >= CLN_FULL_LEVELS)
-        all = 4 << (2 * deepest);
+        all = 8 << (2 * deepest);
     return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
 }
 
@@ -256,6 +258,9 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
     CLN_TRY(cln_config_background(config, rgb));
     CLN_TRY(check_bbox(config->bbox));
+    if (config->encoding == CLN_ENCODING_VOXEL && config->adaptive)
+        return cln_fail(CLN_USAGE, "--adaptive and --encoding voxel: voxels grow by whole levels; "
+                                   "give --no-adaptive");
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--space shell and --stage1 splat: splatting needs rays that are one line, "

@@ -25,7 +25,7 @@
 
 enum { CLN_TEXT_BYTES = CLN_SETTING_BYTES };
 
-/* Whole trees have levels 0 to 5, adaptive ones up to CLN_LEVELS - 1. */
+/* Whole trees begin at levels 0 to 5; they grow, and adaptive ones go, up to CLN_LEVELS - 1. */
 enum { CLN_FULL_LEVELS = 6 };
 
 /* Flags of a row. */
@@ -90,7 +90,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(grid_features, "grid-features", 4, 4, 4, 16, "grid: features of a vertex: 4, 8, 12, 16",   \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     INT(harmonics, "harmonics", 1, 1, 0, 2,                                                        \
-        "voxel: degree of the spherical harmonics that colours are of the direction",              \
+        "voxel: degree of the spherical harmonics by which colours depend on the direction",       \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
          "colour depends on the direction; without it the view layer is left out",                 \
@@ -232,8 +232,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(density_rate, "density-lr", 1, 1, 1e-3, 1e3,                                              \
          "voxel: learning rate of densities, times --lr", .flags = CLN_ROW_LATER)                  \
     REAL(harmonic_rate, "harmonics-lr", 1, 1, 1e-3, 1e3,                                           \
-         "voxel: learning rate of a colour's share that depends on the direction, times --lr",     \
-         .flags = CLN_ROW_LATER)                                                                   \
+         "voxel: learning rate of harmonics above degree 0, times --lr", .flags = CLN_ROW_LATER)   \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \
          "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average",   \
@@ -271,10 +270,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(distortion_loss, "distortion-loss", 0, 0, 0, 1e3, "weight of the distortion loss")        \
     REAL(edge, "edge", 0, 0, 0, 1e3, "weight of the difference of two leaves at a shared face")    \
     REAL(smooth_density, "smooth-density", 0, 0, 0, 1,                                             \
-         "voxel: weight of squared differences of neighbouring vertices' densities",               \
+         "voxel: weight of half the squared differences of neighbours' densities",                 \
          .flags = CLN_ROW_LATER)                                                                   \
     REAL(smooth_colour, "smooth-colour", 0, 0, 0, 1,                                               \
-         "voxel: weight of squared differences of neighbouring vertices' colours",                 \
+         "voxel: weight of half the squared differences of neighbours' colours",                   \
          .flags = CLN_ROW_LATER)                                                                   \
     REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "weight of the norm of the view layer")                 \
     INT(precrop_steps, "precrop-steps", 0, 0, 0, 1000000,                                          \

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 35 };
+enum { IDLE_ROWS = 37 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -39,6 +39,9 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          c->encoding == CLN_ENCODING_VOXEL, "voxels have no network; give --encoding frequency"},
         {"harmonics density-lr harmonics-lr smooth-density smooth-colour cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
+        {"harmonics-lr", c->harmonics == 0, "there are no harmonics; give --harmonics 1"},
+        {"cell-pixels", facts->forward,
+         "pixels have no width in normalised device coordinates; give --space cube"},
         {"harmonics harmonics-lr", !c->view_dependence,
          "without view dependence there are no harmonics; give --view-dependence"},
         {"bands bands-by-level", c->encoding == CLN_ENCODING_GRID,

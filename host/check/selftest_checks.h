@@ -26,11 +26,11 @@ cln_status cln_check_sort_keys(cln_checks *c, const uint64_t *keys, uint32_t n, 
  * there, and a unit direction: numbers 3 i .. 3 i + 2 of the streams `stream` and the next. */
 void cln_check_random_ray(const float box[4], uint32_t stream, uint32_t i, float o[4], float d[4]);
 
-/* The checks; each reports its verdicts. A status other than CLN_OK: no verdict was possible. */
 /* Of voxels (kernels/voxel.cl): *owner [leaf][params], the number in all leaves' that steps for it;
  * its own in padding. The caller frees it. NULL for networks. CLN_MEMORY. */
 cln_status cln_check_owners(const cln_model *model, int **owner);
 
+/* The checks; each reports its verdicts. A status other than CLN_OK: no verdict was possible. */
 cln_status cln_check_scan(cln_checks *c);
 cln_status cln_check_sort(cln_checks *c, bool wide);
 cln_status cln_check_rays(cln_checks *c);

@@ -27,9 +27,9 @@ static int vertex_in(int cells, const int at[3], int i)
     return there;
 }
 
-static bool is_made(const cln_octree_change *change, int slot)
+static bool is_fresh(const cln_octree_change *change, int slot)
 {
-    return change->octant[slot] <= CLN_MERGED;
+    return change->octant[slot] == CLN_FRESH;
 }
 
 cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
@@ -42,13 +42,13 @@ cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
 
     CLN_TRY(cln_octree_around(tree, &around));
     for (int slot = 0; slot < change->count; slot++)
-        for (int v = 0; is_made(change, slot) && v < side * side * side; v++) {
+        for (int v = 0; is_fresh(change, slot) && v < side * side * side; v++) {
             const int at[3] = {v % side, v / side % side, v / side / side};
 
             for (int i = 0; i < AROUND; i++) {
                 const int other = around[slot][i], there = vertex_in(net->cells, at, i);
 
-                if (other < 0 || there < 0 || is_made(change, other))
+                if (other < 0 || there < 0 || is_fresh(change, other))
                     continue;
                 memcpy(params + (size_t)slot * (size_t)net->params + v * net->features,
                        params + (size_t)other * (size_t)net->params + there * net->features, bytes);

@@ -9,8 +9,8 @@
 #include "model/network.h"
 #include "model/octree.h"
 
-/* After a change of the tree: leaves that are new, or come from smaller ones, take over the numbers
- * that leaves of their size around them have at common vertices. params: [leaf][params].
+/* After a change of the tree: leaves that begin anew take over the numbers that leaves of their
+ * size around them have at common vertices. params: [leaf][params].
  * CLN_MEMORY. */
 cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
                           const cln_octree_change *change, float *params);

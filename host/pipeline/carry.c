@@ -214,6 +214,7 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
     CLN_TRY(carry_numbers(&c, CLN_BUFFER_adam_steps, old_own));
     CLN_TRY(put_places(&all));
     CLN_TRY(carry_densities(&all));
+    CLN_TRY(cln_pipeline_around(p, tree));
     if (p->net.encoding == CLN_ENCODING_VOXEL)
         CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_join, CLN_STAGE_STRUCTURE, (size_t)p->leaves,
                            (size_t)p->tune.ls, CLN_ARG(p->around.mem), CLN_ARG(p->places.mem),

@@ -10,8 +10,8 @@
  *   TRAIN, EVAL   PARTS, and whether the pass is for training (mlp_*.cl)
  *   WIDE    64-bit keys (scan.cl)
  *   CROP    PARTS, and rays are cut to a box (walk.h); only where it is wanted by name
- * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK, VOXEL: what leaves
- * are; SPLATTING: stage 1 splats;
+ * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK or
+ * VOXEL, as leaves are; SPLATTING: stage 1 splats;
  * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge;
  * SHARED: ranks share the pipeline. */
 #define CLN_PROGRAM_LIST(X)                           \

@@ -278,21 +278,20 @@ static cln_status count_updates(cln_pipeline *p, uint32_t min_samples)
                       CLN_ARG(least), CLN_ARG(first));
 }
 
-/* Updates leaves of at least min_slices slices. half_slice: where gradients lie
- * (kernels/mlp_backward.cl). */
-static cln_status launch_voxel_update(cln_pipeline *p, double lr)
+static cln_status launch_voxel_update(cln_pipeline *p, double lr, uint32_t step_key)
 {
-    const cl_uint count = (cl_uint)p->leaves;
+    const cl_uint count = (cl_uint)p->leaves, key = step_key;
     const cl_float rate = (cl_float)lr;
 
     return CLN_LAUNCH(p->device, p->k.voxel_update, CLN_STAGE_ADAM,
                       cln_groups((size_t)p->leaves, CLN_ADAM_EACH), (size_t)p->tune.ls,
                       CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
-                      CLN_ARG(p->around.mem), CLN_ARG(p->adam_steps.mem), CLN_LEAF_ARG(p, params),
-                      CLN_LEAF_ARG(p, adam_m), CLN_LEAF_ARG(p, adam_v), CLN_ARG(count),
-                      CLN_ARG(rate));
+                      CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
+                      CLN_LEAF_ARG(p, adam_v), CLN_ARG(count), CLN_ARG(rate), CLN_ARG(key));
 }
 
+/* Updates leaves of at least min_slices slices. half_slice: where gradients lie
+ * (kernels/mlp_backward.cl). */
 static cln_status launch_adam(cln_pipeline *p, uint32_t min_samples, cl_uint min_slices,
                               cl_uint half_slice, double lr)
 {
@@ -326,11 +325,10 @@ cln_status cln_stage_adam(cln_pipeline *p, uint32_t min_samples, double lr)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(count_updates(p, is_voxel(p) ? 1 : min_samples));
     if (is_voxel(p))
-        CLN_TRY(launch_voxel_update(p, lr));
-    else
-        CLN_TRY(launch_adam(p, min_samples, 1, 0, lr));
+        return launch_voxel_update(p, lr, 0);
+    CLN_TRY(count_updates(p, min_samples));
+    CLN_TRY(launch_adam(p, min_samples, 1, 0, lr));
 done:
     return st;
 }
@@ -343,7 +341,7 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
 
     if (is_voxel(p)) {
         CLN_TRY(cln_stage_backward(p, sample_count, slice_count, step_key));
-        CLN_TRY(cln_stage_adam(p, 1, lr));
+        CLN_TRY(launch_voxel_update(p, lr, step_key));
         goto done;
     }
     CLN_TRY(count_updates(p, min_samples));

@@ -207,6 +207,8 @@ double cln_pipeline_gradients(const cln_tune *tune, double samples, double slice
 /* Uploads a tree alone: boxes, map, room for runs and slices of its leaves. The caller fills the
  * arrays P. CLN_INTERNAL if cln_pipeline_rebuild is missing. */
 cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree);
+/* Uploads the neighbours of leaves, which training of voxels needs; nothing for networks. */
+cln_status cln_pipeline_around(cln_pipeline *p, const cln_octree *tree);
 /* Makes what training derives from leaves and weights: room for norms, transposed weights. */
 cln_status cln_pipeline_derive(cln_pipeline *p);
 

@@ -34,6 +34,20 @@ static cln_status put_own(cln_pipeline *p, cln_buffer_id id, const void *array)
     return cln_pipeline_put(p, id, (const char *)array + (size_t)p->first * row, (size_t)p->own);
 }
 
+cln_status cln_pipeline_around(cln_pipeline *p, const cln_octree *tree)
+{
+    cln_status st = CLN_OK;
+    int32_t(*around)[27] = NULL;
+
+    if (p->net.encoding != CLN_ENCODING_VOXEL)
+        return CLN_OK;
+    CLN_TRY(cln_octree_around(tree, &around));
+    CLN_TRY(CLN_PUT(p, around, around, (size_t)tree->leaf_count));
+done:
+    free(around);
+    return st;
+}
+
 static cln_status upload_training(cln_pipeline *p, const cln_model *model)
 {
     cln_status st = CLN_OK;
@@ -48,6 +62,7 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
     }
     cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
     cln_buffer_free(p->device, &p->seen);  /* of the leaves before */
+    CLN_TRY(cln_pipeline_around(p, &model->tree));
     CLN_TRY(cln_pipeline_derive(p));
 done:
     return st;
@@ -57,7 +72,7 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
 {
     cln_status st = CLN_OK;
     float *boxes = NULL;
-    int32_t *map = NULL, (*around)[27] = NULL;
+    int32_t *map = NULL;
     const size_t leaves = (size_t)tree->leaf_count;
 
     if (p->parts == 1 && cln_pipeline_in_parts(p, tree->leaf_count))
@@ -74,10 +89,6 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
     CLN_TRY(cln_octree_map(tree, p->depth, &map));
     CLN_TRY(CLN_PUT(p, boxes, boxes, leaves));
     CLN_TRY(CLN_PUT(p, map, map, (size_t)1 << (3 * p->depth)));
-    if (p->net.encoding == CLN_ENCODING_VOXEL) {
-        CLN_TRY(cln_octree_around(tree, &around));
-        CLN_TRY(CLN_PUT(p, around, around, leaves));
-    }
     CLN_TRY(CLN_RESERVE(p, begin, leaves));
     CLN_TRY(CLN_RESERVE(p, end, leaves));
     CLN_TRY(CLN_RESERVE(p, slice_counts, leaves));
@@ -85,7 +96,6 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
 done:
     free(boxes);
     free(map);
-    free(around);
     return st;
 }
 

@@ -153,6 +153,10 @@ void ref_voxel_backward(const cln_network *net, const double local[3], const dou
 /* Who steps for a vertex that several leaves have: owner[leaf * vertices + vertex], the same number
  * of one of them. around: cln_octree_around. */
 void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around)[27], int *owner);
+/* A step of one number: Adam's, whose second moment begins as a tenth of the first gradient's
+ * square, and whose moments are not corrected (method.md 1). */
+void ref_voxel_step(double *param, double grad, double *m, double *v, double lr, double beta1,
+                    double beta2, double epsilon);
 
 /* Evaluates a sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
  * negative-side slopes r of all elements, [depth][width] of the trunk, then [view_width] of the

@@ -82,3 +82,11 @@ void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around
     for (int i = 0; i < leaves * vertices; i++)
         owner[i] = first_of(net, around[i / vertices], i % vertices);
 }
+
+void ref_voxel_step(double *param, double grad, double *m, double *v, double lr, double beta1,
+                    double beta2, double epsilon)
+{
+    *v = *v == 0 ? 0.1 * grad * grad : beta2 * *v + (1 - beta2) * grad * grad;
+    *m = beta1 * *m + (1 - beta1) * grad;
+    *param -= lr * *m / (sqrt(*v) + epsilon);
+}

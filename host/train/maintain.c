@@ -240,23 +240,22 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     const int level = t->model.level + 1;
-    /* a shell space has the scene's cube in its middle half */
-    const double cell = (t->model.space.shell ? 4 : 2) * ldexp(1.0 / c->grid_cells, -level);
+    const double cell = 2 * ldexp(1.0 / c->grid_cells, -level); /* in a shell's core, too */
     double pixel = 0;
 
-    *grows = true;
-    if (c->encoding != CLN_ENCODING_VOXEL)
+    *grows = c->encoding != CLN_ENCODING_VOXEL;
+    if (*grows || t->finest)
         return CLN_OK;
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
     if (!*grows || c->cell_pixels <= 0)
         return CLN_OK;
     CLN_TRY(pixel_width(t->scene, &t->model.space, &pixel));
     *grows = cell >= c->cell_pixels * pixel;
-    if (!*grows && !t->finest)
-        cln_info("the tree stays at level %d: at the next one, voxels are %.2g pixels of the "
+    t->finest = !*grows;
+    if (t->finest)
+        cln_info("the tree stays at level %d: at the next one, voxels would be %.2g pixels of the "
                  "photos (--cell-pixels)",
                  t->model.level, cell / pixel);
-    t->finest = !*grows;
 done:
     return st;
 }

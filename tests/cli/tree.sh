@@ -1,7 +1,7 @@
 #!/bin/bash
 # What the leaves of a trained tree are like, on small generated scenes: when empty ones go, and how
 # far neighbours differ at their faces. cli.sh has what a user sees of the tree.
-#   tests/cli/tree.sh [SECTION...]     sections: culling seams
+#   tests/cli/tree.sh [SECTION...]     sections: culling seams voxels
 #   BUILD=build/sanitize               the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -70,4 +70,27 @@ section_seams() {
     done
 }
 
-run_sections "culling seams" "$@"
+# Voxels: as fine as the photos and no finer, resumed, and what is made of them.
+section_voxels() {
+    "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
+    expect "train --preset voxel" 0 "the tree stays at level 3.*pixels of the photos" \
+        "$cln" train "$work/object" -o "$work/voxels" --preset voxel --skip-selftest \
+        --progress none --rays 1024 --leaf-samples 0 --steps 500 \
+        --level-at 3:0.1,4:0.3,5:0.6,6:0.8
+    expect "resume" 0 "" "$cln" train --resume "$work/voxels" --skip-selftest --progress none \
+        --steps +40
+    expect "eval --seams" 0 "" "$cln" eval "$work/voxels" --seams --json --no-save-images
+    check "the object is there" number_above "$(json mean.psnr)" 22
+    # common vertices: what a pair's step across a face differs by is what one inside does
+    check "colours jump no more across faces than inside" number_above \
+        "$(scaled 1.5 "$(json seams.inside.colour)")" "$(json seams.across.colour)"
+    expect "render" 0 "" "$cln" render "$work/voxels" --orbit 1 -o "$work/orbit"
+    expect "export --mesh" 0 "" "$cln" export "$work/voxels" --mesh "$work/mesh.ply"
+    check "it has triangles" grep -q "[1-9][0-9]* triangles" "$work/out"
+    expect "info" 0 "" "$cln" info "$work/voxels"
+    check "its leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
+    expect "--adaptive" 2 "--no-adaptive" "$cln" train "$work/object" -o "$work/no" \
+        --preset voxel --adaptive
+}
+
+run_sections "culling seams voxels" "$@"

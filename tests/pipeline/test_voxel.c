@@ -175,7 +175,7 @@ static void smooth(const cln_config *config, const cln_model *model, uint32_t ke
     for (int s = 0; s < model->tree.leaf_count; s++) {
         const float *p = model->params + s * model->net.params;
 
-        if (cln_hash(key ^ (uint32_t)s * 0x9E3779B9u) % EVERY)
+        if (cln_hash((key ^ 0x632BE5ABu) + (uint32_t)s * 0x9E3779B9u) % EVERY)
             continue;
         for (int v = 0; v < VERTICES; v++)
             for (int a = 0; a < 3; a++)
@@ -198,21 +198,22 @@ static void smooth(const cln_config *config, const cln_model *model, uint32_t ke
 
 /* One step of a leaf's vertex: the sum over all that share it, with the rates of its numbers. */
 static void step(const cln_config *config, const cln_model *model, const double *grads, int slot,
-                 int v, double lr, double want[32])
+                 int v, double lr, double want[32], double second[32])
 {
     const int features = model->net.features, key = key_of(&model->tree, slot, v);
 
     for (int f = 0; f < features; f++) {
         const double rate = f == 3 ? config->density_rate : f > 3 ? config->harmonic_rate : 1;
-        double g = 0, m = 0, moment = 0;
+        double g = 0, m = 0;
 
         for (int s = 0; s < model->tree.leaf_count; s++)
             for (int w = 0; w < VERTICES; w++)
                 if (key_of(&model->tree, s, w) == key)
                     g += grads[s * model->net.params + w * features + f];
         want[f] = model->params[slot * model->net.params + v * features + f];
-        ref_adam(1, &want[f], &g, &m, &moment, 1, lr * rate, (float)config->beta1,
-                 (float)config->beta2, (float)config->epsilon);
+        second[f] = 0;
+        ref_voxel_step(&want[f], g, &m, &second[f], lr * rate, (float)config->beta1,
+                       (float)config->beta2, (float)config->epsilon);
     }
 }
 
@@ -236,11 +237,11 @@ static void check_case(const voxel_case *c)
     cln_model model = {0};
     batch b = {0};
     double *grads = NULL;
-    float *got = NULL;
+    float *got = NULL, *moments = NULL;
     uint8_t *met = NULL;
     uint32_t slices = 0;
     int row = 0, leaves = 0, met_count = 0, tied = 0, features = 0;
-    double worst = 0;
+    double worst = 0, wrong = 0, largest = 0;
 
     make_model(&config, &model);
     make_batch(&model.tree, c->smooth_density + c->smooth_colour > 0, &b);
@@ -250,6 +251,7 @@ static void check_case(const voxel_case *c)
     grads = test_alloc((size_t)(leaves * row), sizeof *grads);
     met = test_alloc((size_t)(leaves * VERTICES), 1);
     got = test_alloc((size_t)(leaves * row), sizeof *got);
+    moments = test_alloc((size_t)(leaves * row), sizeof *moments);
     backward(&config, &model, &b, grads, met);
     smooth(&config, &model, key, grads, met);
 
@@ -262,11 +264,12 @@ static void check_case(const voxel_case *c)
     assert_ok(cln_stage_forward(p, b.n, slices, true, key));
     assert_ok(cln_stage_update(p, b.n, slices, 1, key, lr));
     assert_ok(CLN_GET(p, params, got, (size_t)leaves));
+    assert_ok(CLN_GET(p, adam_v, moments, (size_t)leaves));
 
     for (int s = 0; s < leaves; s += 3)
         for (int v = s % 2; v < VERTICES; v += 2) {
             const float *mine = got + s * row + v * features;
-            double want[32];
+            double want[32], second[32], seconds[32] = {0};
 
             if (!is_met(&model, met, s, v)) {
                 assert_memory_equal(mine, model.params + s * row + v * features,
@@ -274,23 +277,34 @@ static void check_case(const voxel_case *c)
                 continue;
             }
             met_count++;
-            step(&config, &model, grads, s, v, lr, want);
+            step(&config, &model, grads, s, v, lr, want, second);
             for (int f = 0; f < features; f++)
                 worst = fmax(worst, fabs(mine[f] - want[f]) / lr);
             for (int other = 0; other < leaves; other++)
-                for (int w = 0; w < VERTICES; w++)
-                    if (other != s && key_of(&model.tree, other, w) == key_of(&model.tree, s, v)) {
-                        assert_memory_equal(mine, got + other * row + w * features,
-                                            (size_t)features * sizeof *mine);
-                        tied++;
-                    }
+                for (int w = 0; w < VERTICES; w++) {
+                    if (key_of(&model.tree, other, w) != key_of(&model.tree, s, v))
+                        continue;
+                    assert_memory_equal(mine, got + other * row + w * features,
+                                        (size_t)features * sizeof *mine);
+                    for (int f = 0; f < features; f++) /* one of the copies has the moment */
+                        seconds[f] += moments[other * row + w * features + f];
+                    tied += other != s;
+                }
+            for (int f = 0; f < features; f++) {
+                largest = fmax(largest, second[f]);
+                wrong = fmax(wrong, fabs(sqrt(seconds[f]) - sqrt(second[f])));
+            }
         }
     /* a gradient that nearly cancels is a step of either sign: of the samples here none does */
     if (!(worst < 2e-3))
         fail_msg("%s: a vertex is off by %.2g of a step", c->name, worst);
+    /* the first step hides the gradient's size, the second moment has it */
+    if (!(wrong < 1e-6 * sqrt(largest)))
+        fail_msg("%s: a gradient is off by %.2g of the largest", c->name, wrong / sqrt(largest));
     assert_true(met_count > 50 && tied > 50);
-    print_message("%-20s %d vertices met, %d copies, off by %.1g of a step\n", c->name, met_count,
-                  tied, worst);
+    print_message("%-20s %d vertices met, %d copies, off by %.1g of a step, gradient by %.1g\n",
+                  c->name, met_count, tied, worst, wrong / sqrt(largest));
+    free(moments);
     free(grads);
     free(met);
     free(got);
