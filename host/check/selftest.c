@@ -42,6 +42,8 @@ static const shape shapes[] = {
     {"cropped", "fast", .small = true, .crop = true, .in = FULL},
     {"tiny, splatting", "fast", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
      .small = true, .splat = true, .distortion = true, .in = TINY},
+    {"tiny, voxels", "voxel", "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64",
+     .small = true, .in = TINY},
     {"voxels", "voxel", .in = FULL},
     {"voxels, work-groups of 16", "voxel",
      "VW=1,NV=1,LS=16,TS=4,NB=8,SL=24,WG=16,SG=16,DB=4,CHUNK=64", .in = FULL},
@@ -80,7 +82,8 @@ static cln_status config_of(const shape *s, cln_config *config)
         config->width = config->view_width = 16;
         config->depth = config->bands = 2;
         config->view_bands = 1;
-        config->encoding = CLN_ENCODING_GRID;
+        if (config->encoding != CLN_ENCODING_VOXEL)
+            config->encoding = CLN_ENCODING_GRID;
         config->grid_cells = 4;
         config->lists = CLN_LISTS_PADDED;
         config->cdf = CLN_CDF_SIGMA;

@@ -124,7 +124,7 @@ section_second() {
     "$cln" train "$work/photos" -o "$work/killed" "${small[@]}" --steps 0 --time-limit 1h \
         2>"$work/err" &
     while kill -0 $! && [ ! -e "$work/killed/run.json" ]; do sleep 0.1; done
-    expect "eval of a run that is trained and has no checkpoint" 8 "~is.trained --save-every" \
+    expect "eval of a run that is trained and has no checkpoint" 8 "~being.trained --save-every" \
         "$cln" eval "$work/killed"
     expect "a new run there" 7 "~already.holds" "$cln" train "$work/photos" -o "$work/killed"
     { kill -9 $! && wait $!; } 2>/dev/null
@@ -363,8 +363,8 @@ section_check() {
         --probe 0 --json
     check "nothing is said of their exposures" [ "$(grep -c '"exposure": null' "$work/out")" = 3 ]
 
-    "$make_scene" "$work/two" --kind forward --size 64 --train 2 --test 0 >/dev/null
-    expect "two photos" 0 "" "$cln" check "$work/two" --probe 0 --json
+    "$make_scene" "$work/pair" --kind forward --size 64 --train 2 --test 0 >/dev/null
+    expect "two photos" 0 "" "$cln" check "$work/pair" --probe 0 --json
     sed -n 's/^ *"exposure_jump": \([-.0-9e]*\),*$/\1/p' "$work/out" >"$work/jumps"
     check "one is as much darker as the other is brighter" awk '{ sum += $1; most = $1 }
         END { exit !(NR == 2 && sum == 0 && most != 0) }' "$work/jumps"
@@ -410,7 +410,7 @@ section_poses() {
     expect "a second time: nothing is replaced" 7 "posed sparse -o" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed"
 
-    expect "two parts: the larger one" 0 "~2.parts" env PATH="$path" STAND_IN=parts "$cln" \
+    expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
         poses "$work/photos/train" -o "$work/parts" --progress none --json
     check "its photos" [ "$(json registered)" = 21 ]
     expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \

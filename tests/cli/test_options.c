@@ -135,7 +135,8 @@ static const char *companion(const char *option)
     static const char *const with[][2] = {
         {"start-level", "--level-at="},      {"rrelu-lower", "--rrelu-upper=1"},
         {"rrelu-upper", "--rrelu-lower=-1"}, {"structure-from", "--structure-until=1"},
-        {"max-level", "--no-adaptive"},      {"lr-final", "--lr=1"}};
+        {"max-level", "--no-adaptive"},      {"lr-final", "--lr=1"},
+        {"encoding", "--no-adaptive"}};
 
     for (size_t i = 0; i < sizeof with / sizeof with[0]; i++) {
         if (strcmp(with[i][0], option) == 0)

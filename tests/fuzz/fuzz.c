@@ -185,7 +185,7 @@ static void make_llff(void)
     cln_camera cameras[FORMAT_VIEWS];
 
     format_cameras(cameras);
-    format_images("images", 1);
+    make_photos("images");
     format_llff(".", cameras, 1, false);
 }
 
@@ -194,7 +194,7 @@ static void make_neus(void)
     cln_camera cameras[FORMAT_VIEWS];
 
     format_cameras(cameras);
-    format_images("image", 1);
+    make_photos("image");
     format_neus(".", cameras, true);
 }
 
@@ -237,7 +237,7 @@ static void read_ply(void)
 
 static void make_blender(void)
 {
-    format_images("train", 1);
+    make_photos("train");
     put("transforms_train.json",
         "{\"camera_angle_x\": 0.7, \"frames\": [" FRAME("./train/view_00", POSE_FRONT) ", " FRAME(
             "./train/view_01", "[[0,0,1,4],[0,1,0,0],[-1,0,0,0],[0,0,0,1]]") "]}");
@@ -247,7 +247,7 @@ static void make_blender(void)
 
 static void make_transforms(void)
 {
-    format_images("images", 1);
+    make_photos("images");
     put("transforms.json",
         "{ // a comment\n\"camera_model\": \"OPENCV\", \"fl_x\": 20, \"fl_y\": 21.5, \"cx\": 8, "
         "\"cy\": 6, \"w\": 16, \"h\": 12, \"k1\": 0.1, \"k2\": -0.01, \"p1\": 0.001, \"p2\": 0,\n"
