@@ -204,6 +204,7 @@ static void make_nsvf(void)
 
     format_cameras(cameras);
     format_nsvf(".", cameras, "", 1);
+    make_photos("rgb");
 }
 
 static void make_opensfm(void)
