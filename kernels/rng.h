@@ -34,26 +34,20 @@ HELPER float4 uniform4(uint2 seed, uint stream, uint step, uint index, uint draw
     return convert_float4(bits >> 8) * 0x1p-24f;
 }
 
-/* A well-mixed 32-bit hash (two multiply-xorshift rounds, constants of C. Wellons' "lowbias32"). */
-HELPER vu hash_lanes(vu x)
-{
-    x ^= x >> 16;
-    x *= 0x21F0AAADu;
-    x ^= x >> 15;
-    x *= 0xD35A2D97u;
-    x ^= x >> 15;
-    return x;
-}
-
-HELPER uint hash_one(uint x)
-{
-    x ^= x >> 16;
-    x *= 0x21F0AAADu;
-    x ^= x >> 15;
-    x *= 0xD35A2D97u;
-    x ^= x >> 15;
-    return x;
-}
+/* A well-mixed 32-bit hash (two multiply-xorshift rounds, constants of C. Wellons' "lowbias32"), of
+ * lanes and of one number. */
+#define HASH_OF(T, name)   \
+    HELPER T name(T x)     \
+    {                      \
+        x ^= x >> 16;      \
+        x *= 0x21F0AAADu;  \
+        x ^= x >> 15;      \
+        x *= 0xD35A2D97u;  \
+        x ^= x >> 15;      \
+        return x;          \
+    }
+HASH_OF(vu, hash_lanes)
+HASH_OF(uint, hash_one)
 
 /* Uniforms in [0, 1), one per lane. */
 HELPER vf uniform_lanes(uint key, uint index)

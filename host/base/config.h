@@ -38,8 +38,9 @@ const char *cln_config_nearest(const char *option);
 
 #define CLN_PRESETS "fast|paper|nerf|kilonerf|voxel"
 
-/* *out = preset "fast" or "paper", or a baseline: "nerf" (one network) or "kilonerf" (a uniform
- * grid of small ones, from scratch), both otherwise fast. CLN_USAGE for another name. */
+/* *out = preset "fast" or "paper"; a baseline, "nerf" (one network) or "kilonerf" (a uniform grid
+ * of small ones, from scratch); or "voxel" (no networks); these three otherwise fast. CLN_USAGE for
+ * another name. */
 cln_status cln_config_preset(const char *name, cln_config *out);
 
 /* Sets a value from text, range-checked, independent of LC_NUMERIC. Units by the row's flags

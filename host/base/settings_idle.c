@@ -34,8 +34,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"skip", c->skip && c->depth < 6,
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
         {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope "
-         "rrelu-lower "
-         "rrelu-upper init min-leaf-samples",
+         "rrelu-lower rrelu-upper init min-leaf-samples",
          c->encoding == CLN_ENCODING_VOXEL, "voxels have no network; give --encoding frequency"},
         {"harmonics density-lr harmonics-lr smooth-density smooth-colour cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},

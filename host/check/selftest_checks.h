@@ -30,6 +30,15 @@ void cln_check_random_ray(const float box[4], uint32_t stream, uint32_t i, float
  * its own in padding. The caller frees it. NULL for networks. CLN_MEMORY. */
 cln_status cln_check_owners(const cln_model *model, int **owner);
 
+/* A first step of voxels in float64: owners' by the sum of all gradients; others' numbers are their
+ * owners'. All arrays are [all], the numbers of all leaves; grad changes. */
+typedef struct cln_moving {
+    int all;
+    double *want, *grad, *m, *v;
+} cln_moving;
+void cln_check_step_voxels(const cln_config *config, const cln_network *net, const int *owner,
+                           double lr, cln_moving to);
+
 /* The checks; each reports its verdicts. A status other than CLN_OK: no verdict was possible. */
 cln_status cln_check_scan(cln_checks *c);
 cln_status cln_check_sort(cln_checks *c, bool wide);

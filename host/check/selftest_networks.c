@@ -209,35 +209,6 @@ done:
     return st;
 }
 
-cln_status cln_check_owners(const cln_model *model, int **owner)
-{
-    cln_status st = CLN_OK;
-    const cln_network *net = &model->net;
-    const int leaves = model->tree.leaf_count, side = net->cells + 1;
-    const int vertices = side * side * side, numbers = vertices * net->features;
-    int32_t(*around)[27] = NULL;
-    int *vertex = NULL;
-
-    *owner = NULL;
-    if (net->encoding != CLN_ENCODING_VOXEL)
-        return CLN_OK;
-    CLN_TRY(cln_octree_around(&model->tree, &around));
-    CLN_TRY(cln_alloc(&vertex, (size_t)(leaves * vertices), sizeof *vertex, "self-test"));
-    CLN_TRY(cln_alloc(owner, (size_t)(leaves * net->params), sizeof **owner, "self-test"));
-    ref_voxel_owners(net, leaves, (const int32_t(*)[27])around, vertex);
-    for (int i = 0; i < leaves * net->params; i++) {
-        const int at = i % net->params, v = i / net->params * vertices + at / net->features;
-
-        (*owner)[i] = at < numbers ? vertex[v] / vertices * net->params +
-                                         vertex[v] % vertices * net->features + at % net->features
-                                   : i;
-    }
-done:
-    free(around);
-    free(vertex);
-    return st;
-}
-
 /* Runs forward and, in training, backward; allocates *grads. */
 static cln_status launch(cln_checks *c, data *d, bool training, float **grads)
 {
@@ -311,31 +282,6 @@ done:
     return st;
 }
 
-/* [all leaves' numbers] */
-typedef struct moving {
-    int all;
-    double *want, *grad, *m, *v;
-} moving;
-
-/* Voxels' first step: owners' by the sum of all gradients, others' numbers are their owners'. */
-static void step_voxels(const cln_config *config, const cln_network *net, const int *owner,
-                        double lr, moving to)
-{
-    for (int i = 0; i < to.all; i++)
-        if (owner[i] != i)
-            to.grad[owner[i]] += to.grad[i];
-    for (int i = 0; i < to.all; i++) {
-        const int f = i % net->params % net->features;
-        const double rate = f == 3 ? config->density_rate : f > 3 ? config->harmonic_rate : 1;
-
-        if (owner[i] == i && to.grad[i] != 0)
-            ref_voxel_step(&to.want[i], to.grad[i], &to.m[i], &to.v[i], lr * rate,
-                           (float)config->beta1, (float)config->beta2, (float)config->epsilon);
-    }
-    for (int i = 0; i < to.all; i++)
-        to.want[i] = to.want[owner[i]];
-}
-
 /* Checks an update of the leaves with enough samples; the others must keep every bit. */
 static cln_status check_adam(cln_checks *c, const data *d)
 {
@@ -364,7 +310,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
         want[i] = c->model->params[i];
     CLN_TRY(cln_check_owners(c->model, &owner));
     if (owner)
-        step_voxels(config, &p->net, owner, lr, (moving){all, want, grad, m, v});
+        cln_check_step_voxels(config, &p->net, owner, lr, (cln_moving){all, want, grad, m, v});
     for (int i = 0; owner && i < all; i++) {
         idle += grad[owner[i]] == 0;
         changed += grad[owner[i]] == 0 && got[i] != c->model->params[i];

@@ -139,6 +139,10 @@ void cln_scene_warn_doubts(const cln_scene *scene);
 int cln_scene_split_count(const cln_scene *scene, cln_split split);
 int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 
+/* Width of a pixel of the training photos at the cube's centre, in half sides of the scene's cube:
+ * the median over them; 0 in a forward space, where there is no such place. CLN_MEMORY. */
+cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space, double *width);
+
 /* Of `count` views of a split, evenly chosen: the index of the i-th, and the least stride in x and
  * y at which they have at most about `most` pixels in all. */
 int cln_scene_spread_view(const cln_scene *scene, cln_split split, int i, int count);

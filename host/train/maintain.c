@@ -198,41 +198,6 @@ done:
     return st;
 }
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
-/* Width of a pixel of the training photos at the cube's centre, in half sides of the scene's cube:
- * the median; 0 if there is no such place. */
-static cln_status pixel_width(const cln_scene *scene, const cln_space *space, double *width)
-{
-    cln_status st = CLN_OK;
-    double *each = NULL;
-    int count = 0;
-
-    *width = 0;
-    if (space->forward)
-        return CLN_OK;
-    CLN_TRY(cln_alloc(&each, (size_t)scene->view_count, sizeof *each, "views"));
-    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
-        const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
-        double square = 0;
-
-        for (int a = 0; a < 3; a++)
-            square += pow(c->c2w[4 * a + 3] - space->centre[a], 2);
-        if (c->fx > 0)
-            each[count++] = sqrt(square) / c->fx / space->half;
-    }
-    qsort(each, (size_t)count, sizeof *each, by_value);
-    *width = count > 0 ? each[count / 2] : 0;
-done:
-    free(each);
-    return st;
-}
-
 /* Whether voxels of the next level are due: empty leaves of this one were culled, as all would be
  * split, and the finer ones are no finer than the photos can tell (--cell-pixels). */
 static cln_status ready_to_grow(cln_trainer *t, bool *grows)
@@ -249,7 +214,7 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
     if (!*grows || c->cell_pixels <= 0)
         return CLN_OK;
-    CLN_TRY(pixel_width(t->scene, &t->model.space, &pixel));
+    CLN_TRY(cln_scene_pixel_width(t->scene, &t->model.space, &pixel));
     *grows = cell >= c->cell_pixels * pixel;
     t->finest = !*grows;
     if (t->finest)

@@ -13,6 +13,7 @@
 #include "base/rng.h"
 #include "check/forward_scene.h"
 #include "near.h"
+#include "scene/scene.h"
 #include "scene/space.h"
 #include "tests.h"
 
@@ -328,6 +329,30 @@ static void test_forward_equality(void **state)
     assert_false(cln_space_equal(&cube, &forward));
 }
 
+/* Three photos for training and one for tests: a pixel is distance / (fx half) wide, the median
+ * counts, and focal lengths of the middle one decide. A forward space has no middle. */
+static void test_pixel_width(void **state)
+{
+    cln_view views[4] = {{0}};
+    const cln_scene scene = {.views = views, .view_count = 4};
+    const cln_space cube = {.centre = {1, 2, 3}, .half = 2};
+    const cln_space ahead = {.half = 1, .forward = true};
+    const double distance[4] = {10, 4, 60, 1000}, fx[4] = {100, 200, 300, 1};
+    double width = -1;
+
+    (void)state;
+    for (int v = 0; v < 4; v++) {
+        views[v].split = v < 3 ? CLN_SPLIT_TRAIN : CLN_SPLIT_TEST;
+        views[v].camera.fx = fx[v];
+        for (int a = 0; a < 3; a++)
+            views[v].camera.c2w[4 * a + 3] = cube.centre[a] + (a == v % 3 ? distance[v] : 0);
+    }
+    assert_int_equal(cln_scene_pixel_width(&scene, &cube, &width), CLN_OK);
+    assert_true(fabs(width - 0.05) < 1e-15); /* of 0.05, 0.01, 0.1 */
+    assert_int_equal(cln_scene_pixel_width(&scene, &ahead, &width), CLN_OK);
+    assert_true(width == 0);
+}
+
 int test_group_space(void)
 {
     const struct CMUnitTest tests[] = {
@@ -338,6 +363,7 @@ int test_group_space(void)
         cmocka_unit_test(test_forward_map),
         cmocka_unit_test(test_boxes),
         cmocka_unit_test(test_forward_equality),
+        cmocka_unit_test(test_pixel_width),
     };
 
     return cmocka_run_group_tests_name("space", tests, NULL, NULL);
