@@ -393,6 +393,10 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_run_check(t->desc->run, false, &empty));
     }
     CLN_TRY(cln_config_check(&config));
+    if (config.encoding == CLN_ENCODING_VOXEL && cln_ranks_count() > 1)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--encoding voxel: several processes cannot train voxels, as these would "
+                         "share vertices; start one, or give --preset fast"));
     CLN_TRY(cln_watch_open(t));
     CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));
@@ -410,10 +414,6 @@ static cln_status prepare(cln_trainer *t)
     } else {
         CLN_TRY(cln_scene_load(&scene, &t->scene));
     }
-    if (config.encoding == CLN_ENCODING_VOXEL && cln_ranks_count() > 1)
-        CLN_TRY(cln_fail(CLN_USAGE,
-                         "--encoding voxel: several processes cannot train voxels, as these would "
-                         "share vertices; start one, or give --preset fast"));
     CLN_TRY(cln_plan_place_images(t->device, &config, cln_config_most_leaves(&config),
                                   cln_coverage_bytes(t->scene), t->scene));
     CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,

@@ -312,7 +312,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
     if (owner)
         cln_check_step_voxels(config, &p->net, owner, lr, (cln_moving){all, want, grad, m, v});
     for (int i = 0; owner && i < all; i++) {
-        idle += grad[owner[i]] == 0;
+        idle += grad[owner[i]] == 0 && i % params % p->net.features == 3; /* of densities */
         changed += grad[owner[i]] == 0 && got[i] != c->model->params[i];
     }
     for (int s = 0; !owner && s < p->leaves; s++) {
@@ -337,7 +337,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
     cln_check_say(c, "adam", within, "%s", text);
     cln_check_say(c, "adam: leaves with few samples stay", changed == 0 && idle > 0,
                   "%d weights of %d %s changed", changed, idle,
-                  owner ? "without gradient" : "leaves");
+                  owner ? "vertices without gradient" : "leaves");
     if (!owner || config->beta1 > 0)
         CLN_TRY(check_moments(c, "adam: first moments", &p->adam_m, m, (size_t)all));
     CLN_TRY(check_moments(c, "adam: second moments", &p->adam_v, v, (size_t)all));

@@ -81,6 +81,7 @@ section_voxels() {
         --steps +40
     expect "eval --seams" 0 "" "$cln" eval "$work/voxels" --seams --json --no-save-images
     check "the object is there" number_above "$(json mean.psnr)" 22
+    check "there are faces" number_above "$(json seams.across.pairs)" 20
     # common vertices: what a pair's step across a face differs by is what one inside does
     check "colours jump no more across faces than inside" number_above \
         "$(scaled 1.5 "$(json seams.inside.colour)")" "$(json seams.across.colour)"

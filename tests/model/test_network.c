@@ -166,6 +166,9 @@ static void test_text(void **state)
     net.features = 4;
     cln_network_text(&net, text);
     assert_string_equal(text, "W32-D3-V0-G8x4");
+    net.encoding = CLN_ENCODING_VOXEL;
+    cln_network_text(&net, text);
+    assert_string_equal(text, "X8x4");
 }
 
 static void test_layout_refuses(void **state)
