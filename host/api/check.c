@@ -1,5 +1,5 @@
-/* cln_check: what `check` tells of a scene, as JSON and as a page. Decodes all images; needs no
- * device, but tells memory and time only with one. */
+/* cln_check: reports on a scene, as JSON and as a page. Decodes all images. Needs a device only for
+ * the figures of memory and time. */
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -36,7 +36,7 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
     CLN_TRY(check_page(desc));
     CLN_TRY(cln_scene_load(&wanted, &scene));
     CLN_TRY(cln_scene_describe(scene, &about));
-    json_object_del(about, "cameras"); /* "views" tells more of them */
+    json_object_del(about, "cameras"); /* "views" says more about them */
     CLN_TRY(cln_scene_inspect(scene, &inspected));
     document = json_pack("{s:s, s:O, s:O, s:O, s:o, s:O, s:O}", "schema", "cl-nascent.check/1",
                          "findings", json_object_get(inspected, "findings"), "measures",

@@ -10,7 +10,7 @@
 #include "check/selftest.h"
 #include "pipeline/stages.h"
 
-/* What a training with the fast preset would use. */
+/* Fills in the kernel parameters that a training with the fast preset would use. */
 static cln_status tell_tune(const cln_device *device, cln_device_info *info)
 {
     cln_status st = CLN_OK;
@@ -28,7 +28,8 @@ done:
     return st;
 }
 
-/* CLN_INPUT, of the file of rows, is the caller's fault and no device's. */
+/* Describes device number `row`. CLN_INPUT (a bad file of tuning rows) and CLN_USAGE are the
+ * caller's errors; any other is the verdict on this device. */
 static cln_status judge(int row, const cln_device_desc *given, bool test, cln_device_info *info)
 {
     char spec[16];

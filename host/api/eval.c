@@ -1,6 +1,6 @@
-/* cln_eval: a run's newest checkpoint against the photos of one split. Every figure comes from
- * cln_quality_measure, as train's own do, so the two agree image by image. The run's folder gets
- * figures of its own scene alone. */
+/* cln_eval: compares a run's newest checkpoint with the photos of one split. Every figure comes
+ * from cln_quality_measure, like those of training, so the two agree image by image. Only figures
+ * of the run's own scene go into the run's folder. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,7 +13,7 @@
 #include "render/seams.h"
 #include "report/report.h"
 
-/* In a folder of the user's, a file that is there may be replaced by figures of the same model. */
+/* Checks an older file in the user's folder: only figures of the same model may replace it. */
 static cln_status check_place(const char *place, uint64_t model)
 {
     cln_status st = CLN_OK;
@@ -38,7 +38,8 @@ done:
     return st;
 }
 
-/* Where it goes, and whether it can: asked before anything is rendered. */
+/* Finds the place of the evaluation's files, and whether they can be written, before anything is
+ * rendered. */
 static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *opened,
                              const char *split, const int *views, int count, char **place)
 {
@@ -77,7 +78,8 @@ done:
     return st;
 }
 
-/* What all ranks must have in common: they would wait for each other forever. */
+/* Checks what all ranks must have in common; if it differed, they would wait for each other
+ * forever. */
 static cln_status check_ranks(const cln_eval_desc *desc, const cln_open_run *opened,
                               const int *views, int count)
 {
@@ -149,7 +151,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (st == CLN_OK && !desc->out)
         st = cln_report_write(desc->run);
     if (st == CLN_OUTPUT && !desc->out)
-        cln_note("writing figures that are complete into the run (-o puts them elsewhere)");
+        cln_note("writing the figures, which are complete, into the run (-o puts them elsewhere)");
 done:
     cln_open_run_close(&opened);
     free(views);

@@ -1,5 +1,5 @@
-/* cln_field_*: a trained run asked at points of the scene, over pipeline/field.h. Here are units
- * alone: scene units outside, the cube inside. */
+/* cln_field_*: evaluates a trained run at points of the scene, by pipeline/field.h. This file only
+ * converts units: callers have scene units, the pipeline the cube. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,8 +13,8 @@ struct cln_field {
 };
 
 enum {
-    CHUNK = 65536, /* points converted at a time */
-    FARTHEST = 1000
+    CHUNK = 65536,  /* points converted at a time */
+    FARTHEST = 1000 /* depth of a forward space's box, in near planes */
 };
 
 cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out)
@@ -27,7 +27,7 @@ cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_fi
     CLN_TRY(cln_alloc(&field, 1, sizeof *field, "field"));
     CLN_TRY(cln_open_run_model(run, &field->opened));
     CLN_TRY(cln_open_run_start(&field->opened, device ? device : &any, false));
-    field->opened.run = NULL; /* the caller's */
+    field->opened.run = NULL; /* the caller owns the string */
     *out = field;
     field = NULL;
 done:
@@ -47,7 +47,7 @@ void cln_field_box(const cln_field *field, double min[3], double max[3])
 {
     const cln_space *space = &field->opened.model.space;
 
-    if (space->forward) { /* around what the cameras see as far as FARTHEST near planes */
+    if (space->forward) { /* around the part of the cube up to FARTHEST near planes away */
         for (int k = 0; k < 8; k++) {
             const double cube[3] = {k & 1 ? 1 : -1, k & 2 ? 1 : -1,
                                     k & 4 ? 1 - 2.0 / FARTHEST : -1};
@@ -61,7 +61,7 @@ void cln_field_box(const cln_field *field, double min[3], double max[3])
         }
         return;
     }
-    for (int a = 0; a < 3; a++) { /* of a shell space, the core */
+    for (int a = 0; a < 3; a++) { /* in a shell space, the core */
         min[a] = space->centre[a] - space->half;
         max[a] = space->centre[a] + space->half;
     }
@@ -82,7 +82,7 @@ static cln_status to_cube(const cln_space *space, size_t i, const double positio
     return CLN_OK;
 }
 
-/* The unit direction; NULL: the density in the cube does not depend on it. */
+/* Normalises a direction; NULL gives any, as densities in the cube do not depend on it. */
 static cln_status to_unit(size_t i, const float *direction, float out[4])
 {
     double length = 0;
@@ -101,8 +101,8 @@ static cln_status to_unit(size_t i, const float *direction, float out[4])
     return CLN_OK;
 }
 
-/* Forward, shell: the direction becomes one of the cube; `look` keeps that of the scene, or without
- * one the mean camera's axis, or z. */
+/* Turns the direction `towards` of the scene into one of the cube, in a forward or shell space.
+ * look: the scene's direction; if none was given, the mean camera's axis, in a shell space z. */
 static void turn_to_cube(const cln_space *space, const double position[3], bool given,
                          float towards[4], double look[3])
 {

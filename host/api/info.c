@@ -1,5 +1,6 @@
-/* cln_info_scene, cln_info_run: what `info` tells, as JSON text. Reads what is on disk and decodes
- * no image; of a scene it asks a device, if there is one, how much memory a training would need. */
+/* cln_info_scene, cln_info_run: the output of `info`, as JSON text. Reads files but decodes no
+ * image; for a scene it also asks a device, if there is one, how much memory a training would
+ * need. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -57,7 +58,7 @@ static cln_status add_checkpoint(const char *run, json_t *about)
     json_t *levels = NULL;
     int count[CLN_MAX_LEVEL + 1] = {0};
 
-    CLN_TRY(cln_path_join(&folder, run, "checkpoint/latest")); /* written after the first one */
+    CLN_TRY(cln_path_join(&folder, run, "checkpoint/latest")); /* names the newest one */
     if (!cln_is_file(folder)) {
         for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
             json_object_set_new(about, keys[i], json_null());
@@ -98,7 +99,7 @@ cln_status cln_info_run(const char *run, char **json)
     json_object_set_new(about, "schema", json_string("cl-nascent.info/1"));
     json_object_set_new(about, "run", json_string(run));
     CLN_TRY(add_checkpoint(run, about));
-    json_object_update_missing(about, document); /* the run's result is of its end, above is now */
+    json_object_update_missing(about, document); /* keeps the keys above: they are newer */
     CLN_TRY(to_text(about, run, json));
 done:
     json_decref(about);

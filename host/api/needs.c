@@ -1,7 +1,7 @@
-/* See needs.h. The time is that of synthetic steps (check/synthetic.h) with the settings' networks,
- * on a tree of at most 512 leaves: what the device makes of a sample, times the samples of the
- * training. Real steps on the demo took three times as long, as its tree has 4,096 leaves, changes,
- * and the host has a share. So it tells minutes from hours. */
+/* See needs.h. The time is measured on synthetic steps (check/synthetic.h) with the settings'
+ * networks, on a tree of at most 512 leaves: the time per sample times the samples of the training.
+ * Real steps on the demo took three times as long: its tree has 4,096 leaves and changes, and the
+ * host works, too. So the figure tells minutes from hours, no more. */
 #include "api/needs.h"
 
 #include <math.h>
@@ -13,7 +13,7 @@
 #include "train/coverage.h"
 
 enum { LEAST_STEPS = 3, MOST_STEPS = 64 };
-static const double LONGER = 4; /* real steps over synthetic ones, at most; it is said below */
+static const double LONGER = 4; /* a real step takes at most so many synthetic ones; see how_good */
 
 static double training_pixels(const cln_scene *scene)
 {
@@ -28,8 +28,7 @@ static double training_pixels(const cln_scene *scene)
     return pixels;
 }
 
-/* *seconds: of a step of batch-samples samples, the median, the least and the most of those
- * timed. */
+/* Times *count steps, scaled to batch-samples samples. seconds: their median, least and most. */
 static cln_status time_steps(cln_device *device, const cln_config *config, double budget,
                              double seconds[3], int *count)
 {
@@ -81,9 +80,9 @@ static void add_time(json_t *about, cln_device *device, const cln_config *c, dou
             seconds[1], "step_seconds_most", seconds[2], "steps_timed", count, "seconds_least",
             steps > 0 ? json_real(steps * seconds[0]) : json_null(), "seconds_most",
             steps > 0 ? json_real(LONGER * steps * seconds[0]) : json_null(), "how_good",
-            "rough: steps on a made-up object, on this device as busy as it is now; real ones "
-            "take up to 4 times as long, with a larger tree, its changes and the host's "
-            "share; evaluations come on top"));
+            "rough: measured on a synthetic object, on this device as busy as it is now; real "
+            "steps take up to 4 times as long, as their tree is larger and changes and the host "
+            "works, too; evaluations come on top"));
     if (c->time_limit > 0)
         json_object_set_new(json_object_get(about, "time"), "steps_in_time_limit",
                             json_real(floor(c->time_limit / seconds[0])));

@@ -1,14 +1,15 @@
-/* cln_render: pictures of a run as files: which frames, in what order, by which eyes. Their files
- * are render_folder.c's, which cameras render/frames.c's, a view itself render/view.c's. Per frame,
- * in this order, each atomically:
+/* cln_render: renders frames of a run into files. This file orders the work and places the eyes of
+ * stereo pairs; render/frames.c chooses the cameras, render/view.c renders a view, render_folder.c
+ * has the files. A frame's files, in the order in which they are written, each atomically:
  *
  *   NAME.depth.npy  (NAME.depth.pfm  NAME.depth16.png  NAME.normal.npy  NAME.normal.png)
  *   NAME.opacity.png  NAME.png
  *
- * NAME.png goes first and comes back last, so a frame that was cut short is rendered again; the
- * depth pictures follow when all frames are there, on one scale. OUT/render.json tells of every
- * frame what it was made from: a frame of the same model, camera and settings is kept, another one
- * is rendered again. A folder that holds files but no render.json is not written to. */
+ * An old NAME.png is removed first and the new one written last, so a frame that was cut short is
+ * rendered again. Depth pictures follow when all frames are there, as they share a scale.
+ * OUT/render.json has a digest of what each frame was made from: a frame of the same model, camera
+ * and settings is kept, another one is rendered again. A folder that holds files but no render.json
+ * is not written to. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +27,7 @@
 
 /* ---- which frames ---- */
 
-/* Left and right of the frame's camera, looking the same way. */
+/* Places the eyes: left and right of the frame's camera, looking the same way. */
 static cln_status place_eyes(cln_render_job *j)
 {
     cln_status st = CLN_OK;
@@ -70,7 +71,7 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
     const cln_camera *c = &f->camera;
     const uint64_t digest = cln_model_digest(model);
     const double lengths[4] = {c->fx, c->fy, c->cx, c->cy};
-    /* files from before the median was there have the mean, as 0 or 1 */
+    /* 0 and 1 are the mean, as in files from before there was a median */
     const int32_t kind = j->desc->z_depth | (j->desc->mean_depth ? 0 : 4);
     const int32_t numbers[4] = {c->width, c->height, (int32_t)c->lens, kind};
     uint64_t d = CLN_DIGEST_START;
@@ -98,7 +99,8 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
     snprintf(f->made_from, sizeof f->made_from, "%016llx", (unsigned long long)d);
 }
 
-/* What all ranks must have in common: they would wait for each other forever. */
+/* Checks what all ranks must have in common; if it differed, they would wait for each other
+ * forever. */
 static cln_status check_ranks(const cln_render_job *j)
 {
     uint64_t d = CLN_DIGEST_START;
@@ -108,7 +110,7 @@ static cln_status check_ranks(const cln_render_job *j)
     return cln_ranks_agree(d, "checkpoint or choice of frames");
 }
 
-/* Which frames are left as they are: rank 0 looks. */
+/* Tells all ranks which frames rank 0 found in the folder; these are kept. */
 static cln_status tell_there(cln_render_job *j)
 {
     cln_status st = CLN_OK;
@@ -170,7 +172,8 @@ done:
     return st;
 }
 
-/* Columns [at, at + width) of `whole`, `channels` floats a pixel, become `part`. */
+/* Copies `part` to columns [at, at + width) of `whole`, which has `of` columns; a pixel has
+ * `channels` floats. */
 static void put_beside(const float *part, int width, int height, int channels, int at, int of,
                        float *whole)
 {
@@ -180,7 +183,7 @@ static void put_beside(const float *part, int width, int height, int channels, i
                (size_t)width * (size_t)channels * sizeof *part);
 }
 
-/* An eye's picture: depths become scene units. normals: NULL or [height][width][3]. */
+/* Renders an eye's picture, its depths in scene units. normals: NULL or [height][width][3]. */
 static cln_status render_eye(cln_render_job *j, int eye, float *normals, cln_picture *out)
 {
     cln_status st = CLN_OK;
@@ -200,8 +203,8 @@ done:
     return st;
 }
 
-/* A frame's picture, of two eyes side by side. *normals: if they are wanted; the caller frees
- * it. */
+/* Renders a frame's picture, two eyes side by side. *normals is set if they are wanted; the caller
+ * frees it. */
 static cln_status render_frame(cln_render_job *j, int i, cln_picture *out, float **normals)
 {
     cln_status st = CLN_OK;
@@ -240,7 +243,7 @@ done:
     return st;
 }
 
-/* film: NULL, or what gets the pictures instead of files. */
+/* Renders all frames but those that are kept. film: gets the pictures instead of files, or NULL. */
 static cln_status render_frames(cln_render_job *j, cln_film *film, cln_render_result *result)
 {
     cln_status st = CLN_OK;
@@ -335,7 +338,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
-    if (!desc->cropped && j.cameras.crop.on) { /* the command line goes before the file */
+    if (!desc->cropped && j.cameras.crop.on) { /* the command line overrides the file */
         j.crop = j.cameras.crop;
         memcpy(j.opened.model.background, j.cameras.crop_background,
                sizeof j.opened.model.background);

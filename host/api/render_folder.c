@@ -101,8 +101,8 @@ done:
 
 /* ---- the folder ---- */
 
-/* What the newest frames are of, and each of the folder's; nothing that differs between two
- * renderings of the same. */
+/* Makes render.json: what this rendering is of, and the digest of every frame in the folder.
+ * Nothing in it differs between two renderings of the same. */
 static json_t *describe(const cln_render_job *j)
 {
     const cln_render_desc *d = j->desc;
@@ -302,7 +302,7 @@ done:
     return st;
 }
 
-/* Depth and opacity as written. */
+/* Reads a frame's depth and opacity from its files. */
 static cln_status read_frame(const cln_render_job *j, const cln_render_frame *f, float **depth,
                              uint8_t **opacity)
 {
@@ -331,7 +331,7 @@ done:
     return st;
 }
 
-/* Twice through the files: for the scale, and to draw. */
+/* Reads the files twice: to find the scale, then to draw. */
 cln_status cln_render_draw_depths(const cln_render_job *j)
 {
     cln_status st = CLN_OK;
@@ -375,7 +375,7 @@ done:
 
 /* ---- room ---- */
 
-/* As if nothing could be compressed. */
+/* Assumes that nothing can be compressed. */
 cln_status cln_render_check_disk(const cln_render_job *j)
 {
     double bytes = 0;

@@ -25,34 +25,35 @@ typedef struct cln_render_job {
     cln_crop crop;
     cln_render_frame *frames;
     cln_camera *eyes;           /* [count][1 or 2] what is rendered */
-    int count, there, pictured; /* frames; of these rendered, and with a depth picture */
+    int count, there, pictured; /* frames; those that are there; those with a depth picture */
     json_t *run;                /* run.json */
     json_t *before;             /* the folder's render.json; NULL if there is none */
 } cln_render_job;
 
-/* Eyes of a frame: 1, of stereo pairs 2. The width of a frame's pictures, which hold them side by
- * side. */
+/* Eyes of a frame: 2 in a stereo pair, else 1. Width of a frame's pictures, which have the eyes
+ * side by side. */
 int cln_render_eyes(const cln_render_job *j);
 int cln_render_width(const cln_render_job *j, const cln_render_frame *f);
 
-/* CLN_OUTPUT if the folder holds files of others; *before: its render.json, NULL if there is
- * none. */
+/* CLN_OUTPUT if the folder holds files but no render.json of ours. *before: its render.json, NULL
+ * if there is none. */
 cln_status cln_render_check_folder(const char *out, json_t **before);
 
-/* Which frames are there as they would be made now, by j->before: sets frame.there, j->there and
- * j->pictured. */
+/* Finds the frames in the folder that are as they would be made now, by j->before: sets
+ * frame.there, j->there and j->pictured. */
 cln_status cln_render_find_there(cln_render_job *j);
 
-/* Is there room for the frames that are not there? */
+/* CLN_OUTPUT if the disk has no room for the frames that are not there yet. */
 cln_status cln_render_check_disk(const cln_render_job *j);
 
-/* Pictures of before that are made again go first: what is there is then what render.json says. */
+/* Removes old pictures of frames that are rendered again: the folder then has what render.json
+ * says. */
 cln_status cln_render_drop_stale(const cln_render_job *j);
 
 /* Writes render.json. scale: of the depth pictures, NULL before they are drawn. */
 cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale *scale);
 
-/* Writes a frame's files but its depth picture. Depths of p: scene units; normals: NULL or
+/* Writes a frame's files except its depth picture. p has depths in scene units; normals: NULL or
  * [height][width][3]. */
 cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_frame *f,
                                   const cln_picture *p, const float *normals);

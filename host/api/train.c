@@ -28,7 +28,7 @@
 #include "train/step.h"
 #include "train/watch.h"
 
-static const double LONG_CHECK = 5; /* seconds; with kernels that were compiled before it is less */
+static const double LONG_CHECK = 5; /* seconds; with cached kernels the check takes less */
 
 cln_status cln_settings_of_run(const char *run, cln_settings **out)
 {
@@ -54,7 +54,8 @@ done:
     return st;
 }
 
-/* What the checkpoint fixes: the networks' shape and everything the kernels' layout depends on. */
+/* Checks the settings that a checkpoint fixes: the networks' shape and whatever the kernels' layout
+ * depends on. */
 static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
 {
     const cln_config_row *row = cln_config_differs(saved, wanted, CLN_ROW_FIXED);
@@ -67,7 +68,7 @@ static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
                     row->option);
 }
 
-/* A tree is taken over by a new run alone; what a run began with, it keeps. */
+/* Only a new run can take over a tree; a resumed one keeps what it began with. */
 static cln_status check_same_tree(const cln_config *saved, const cln_config *wanted)
 {
     if (strcmp(saved->tree_from, wanted->tree_from) == 0)
@@ -88,19 +89,17 @@ static cln_status check_same_cube(const char *run, const cln_model *other, const
         return CLN_OK;
     if (its->forward != ours->forward || its->shell != ours->shell)
         return cln_fail(CLN_USAGE,
-                        "--tree-from '%s': one of the two runs is in a cube, in a cube and a shell "
-                        "or in normalised device coordinates, the other in another; give both the "
-                        "same --space",
+                        "--tree-from '%s': its --space (cube, ndc or shell) differs from this "
+                        "scene's; give both runs the same",
                         run);
-    return cln_fail(
-        CLN_USAGE,
-        "--tree-from '%s': its cube has its centre at %g,%g,%g and half %g, this scene's "
-        "%g,%g,%g and %g; give both runs the same scene and --bbox",
-        run, its->centre[0], its->centre[1], its->centre[2], its->half, ours->centre[0],
-        ours->centre[1], ours->centre[2], ours->half);
+    return cln_fail(CLN_USAGE,
+                    "--tree-from '%s': its cube has centre %g,%g,%g and half side %g, this scene's "
+                    "%g,%g,%g and %g; give both runs the same scene and --bbox",
+                    run, its->centre[0], its->centre[1], its->centre[2], its->half, ours->centre[0],
+                    ours->centre[1], ours->centre[2], ours->half);
 }
 
-/* Asked before the work: is there a run to take the tree from? */
+/* Checks before any work that there is a run to take the tree from. */
 static cln_status check_tree_from(const char *run)
 {
     cln_status st = CLN_OK;
@@ -113,7 +112,7 @@ static cln_status check_tree_from(const char *run)
     return st;
 }
 
-/* A new model on the tree of the run config.tree_from: its leaves, none of its weights. */
+/* Creates a model on the tree of the run config.tree_from: with its leaves, not its weights. */
 static cln_status create_on_tree_of(const cln_config *config, const cln_scene *scene,
                                     cln_model *out)
 {
@@ -137,8 +136,8 @@ done:
     return st;
 }
 
-/* A new model on the full tree of --start-level, of a shell's at least 2, without the leaves that
- * are empty by geometry. */
+/* Creates a model on the full tree of --start-level, at least 2 in a shell space, without leaves
+ * that must be empty by geometry. */
 static cln_status create(const cln_config *config, const cln_scene *scene, cln_model *out)
 {
     cln_status st = CLN_OK;
@@ -153,8 +152,8 @@ static cln_status create(const cln_config *config, const cln_scene *scene, cln_m
     CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, &marks, &count));
     if (count > 0) {
         CLN_TRY(cln_octree_cull(&tree, marks, &change));
-        cln_info("tree: %d of the first %d leaves are left out, as they are seen by too few views, "
-                 "or outside the box",
+        cln_info("tree: %d of the first %d leaves are left out, as too few views see them or they "
+                 "are outside the box",
                  count, count + tree.leaf_count);
     }
     CLN_TRY(cln_model_create_on(config, &tree, out));
@@ -176,7 +175,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_shape(&t->model.config, config));
         CLN_TRY(check_same_tree(&t->model.config, config));
         t->model.config = *config;
-        t->scene->space = t->model.space; /* runs older than forward spaces have a cube */
+        t->scene->space = t->model.space; /* a run from before forward spaces has a cube */
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         if (config->time_limit > 0)
             snprintf(limit, sizeof limit, " of %.0f", config->time_limit);
@@ -198,7 +197,7 @@ done:
     return st;
 }
 
-/* The memory plans, and the first batch's rays under them. */
+/* Makes the memory plans, and finds the number of rays of the first batch under them. */
 static cln_status plan(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -220,12 +219,12 @@ static cln_status plan(cln_trainer *t)
     most = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
     first = t->desc->resume ? t->model.rays : (int)(t->plan.batch_samples / 32);
     t->model.rays = first < 16 ? 16 : first > most ? most : first;
-    t->device->peak = t->device->allocated; /* the self-test's is not this run's */
+    t->device->peak = t->device->allocated; /* without the self-test's peak */
 done:
     return st;
 }
 
-/* The strings of an array in one text, as far as it has room. */
+/* Joins the strings of an array, as many as fit. */
 static const char *join(const json_t *strings, const char *between, char *out, size_t bytes)
 {
     size_t used = 0;
@@ -237,7 +236,7 @@ static const char *join(const json_t *strings, const char *between, char *out, s
     return out;
 }
 
-/* What every run says of itself, and with -v the details that most never need. */
+/* Logs what the run consists of; with -v also details that few people need. */
 static void say_what_runs(cln_trainer *t)
 {
     const cln_scene *scene = t->scene;
@@ -282,7 +281,7 @@ static void say_what_runs(cln_trainer *t)
     }
 }
 
-/* Room for what the run will leave, at the largest tree. */
+/* CLN_OUTPUT if the disk has no room for the run's files with the largest tree. */
 static cln_status check_disk(const cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -295,8 +294,8 @@ done:
     return st;
 }
 
-/* What all ranks must have in common, by digests. Training goes wrong without a word, or waits
- * forever, where they differ. */
+/* Compares by digests what all ranks must have in common. If it differed, training would silently
+ * go wrong, or wait forever. */
 static cln_status check_ranks(const cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -339,12 +338,11 @@ static void show_work(const char *what, int done, int total, void *user)
         callbacks->work(what, done, total, callbacks->user);
 }
 
-/* Compiling is what takes time where the driver has not done it before. */
+/* Most of its time is compiling, if the driver has not cached the kernels. */
 static cln_status check_kernels(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
-    const bool alone =
-        cln_ranks_count() == 1; /* else devices may differ in where they would poll */
+    const bool alone = cln_ranks_count() == 1; /* several ranks could stop at different checks */
     const cln_callbacks callbacks = {
         .work = show_work, .interrupted = alone ? cln_loop_poll : NULL, .user = t};
     const double began = cln_now();
@@ -353,20 +351,20 @@ static cln_status check_kernels(cln_trainer *t, const cln_config *config)
     cln_info("checking the kernels on %s", t->device->info.name);
     st = cln_selftest_training(t->device, config, &t->scene->space, &callbacks);
     if (st == CLN_CHECK)
-        cln_note("checking the device before training; --skip-selftest trains on it all the "
-                 "same, and what comes out may be wrong");
+        cln_note("checking the device before training; --skip-selftest trains on it anyway, but "
+                 "results may be wrong");
     CLN_TRY(st);
     if (cln_now() - began > LONG_CHECK) {
         cln_format_duration(cln_now() - began, took);
-        cln_info("the kernels are right, after %s; most drivers keep what they compiled, so the "
-                 "next start is faster",
+        cln_info("the kernels are correct (checked in %s); most drivers keep compiled kernels, so "
+                 "the next start is faster",
                  took);
     }
 done:
     return st;
 }
 
-/* Before the first step there is nothing to save. */
+/* Stops on a signal before the first step, when there is nothing to save. */
 static cln_status stop_early(cln_trainer *t)
 {
     cln_loop_poll(t);
@@ -405,7 +403,7 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
     if (t->desc->resume) {
         CLN_TRY(cln_recorded_load(t->desc->run, &scene, &t->scene, &same));
-        if (!same && scene.path) /* the run would be the other scene's from now on */
+        if (!same && scene.path) /* the run would belong to the other scene */
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: not the scene that %s began with, so nothing is trained; leave "
                              "it out, or train a new run on it with -o",
@@ -499,7 +497,7 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
     CLN_TRY(st);
     CLN_TRY(cln_loop_run(&t));
 done:
-    if (t.device) /* after a failure the queue may still have to do with our arrays */
+    if (t.device) /* after a failure the queue may still use our arrays */
         (void)cln_device_finish(t.device);
     cln_watch_close(&t);
     result->step = t.model.step;
