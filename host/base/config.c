@@ -85,7 +85,7 @@ typedef struct setting {
  * one network for the whole cube, 8 x 256 with the encoding again at layer 5, view layer 128, 10
  * and 4 frequencies, ReLU, Adam and its rates. Left out: the linear layer before the view layer
  * (method.md section 1) and the coarse network. Stage 1 replaces the coarse network: 64 cells along
- * an axis for its 64 samples of a ray, refreshed at least every 64 steps, as it is never stale.
+ * an axis for its 64 samples of a ray, refreshed at least every 64 steps, as NeRF's is never stale.
  * Stage 2 follows the compositing weight, like NeRF's fine samples, 64 for an opaque ray: the fast
  * preset's 8 a leaf are too few for a leaf that is the whole cube. No culling: there is one
  * leaf. */
@@ -115,11 +115,11 @@ static const setting nerf[] = {
 };
 
 /* KiloNeRF (Reiser et al., arXiv 2103.13744; creiser/kilonerf: cfgs/): a uniform grid of networks,
- * each two layers of 32 and a view layer of 32, 10 and 4 frequencies, ReLU. Here it has 16^3 cells
- * over the cube, there a grid per scene over a tight box (lego: 9 x 16 x 10). It trains from
- * scratch, while KiloNeRF distils a trained NeRF into the grid and fine-tunes with a weight on the
- * view layer; without that teacher this is its shape, not its quality. Culling and stage 1 replace
- * its occupancy grid. */
+ * each two layers of 32 and a view layer of 32, 10 and 4 frequencies, ReLU. This one has 16^3 cells
+ * over the cube, the original a grid over each scene's tight box (lego: 9 x 16 x 10). This one
+ * trains from scratch, while the original distils a trained NeRF into the grid and fine-tunes with
+ * a weight on the view layer: without that teacher it has KiloNeRF's shape, not its quality.
+ * Culling and stage 1 replace its occupancy grid. */
 static const setting kilonerf[] = {
     {"start-level", "4"}, {"level-at", ""},     {"adaptive", "no"},   {"width", "32"},
     {"depth", "2"},       {"skip", "no"},       {"view-width", "32"}, {"bands", "10"},

@@ -85,8 +85,8 @@ cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVEL
                             config->start_level);
         if (!(value >= last_fraction && value <= 1))
             return cln_fail(CLN_USAGE,
-                            "--level-at: the fraction in '%s' of '%s' is not in 0..1 or below the "
-                            "one before it",
+                            "--level-at: the fraction in '%s' of '%s' is outside 0..1, or below "
+                            "the one before it",
                             part, config->level_at);
         found[level] = value;
         last_level = level;
@@ -120,8 +120,8 @@ cln_status cln_config_eval_points(const cln_config *config, int max, double *sec
             right = cln_integer_read(part, &step) && step > last_step && step <= 2000000000;
         if (!right)
             return cln_fail(CLN_USAGE,
-                            "--eval-at: '%s' in '%s' is not a time (60s, 2m, 1h) or a step above "
-                            "0, later than the one before it",
+                            "--eval-at: '%s' in '%s' is not a time (60s, 2m, 1h) or a step that is "
+                            "above 0 and later than the one before it",
                             part, config->eval_at);
         if (used == max)
             return cln_fail(CLN_USAGE, "--eval-at: '%s' has more than %d points; give fewer",
@@ -200,14 +200,14 @@ int cln_config_most_leaves(const cln_config *config)
     else
         cln_clear_error(); /* cln_config_check reports it */
     all = 1 << (3 * deepest);
-    /* deeper than a whole tree may be there are surfaces: eight leaves for each of a face's */
+    /* where a tree cannot be full, leaves follow surfaces: count eight for each cell of a face */
     if (deepest >= CLN_FULL_LEVELS)
         all = 8 << (2 * deepest);
     return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
 }
 
-/* Checks the adaptive rows among themselves and against growth by level. --tree-from keeps its
- * tree, so that none of them counts. */
+/* Checks the adaptive rows among themselves and against growth by level. They have no effect with
+ * --tree-from, which keeps its tree. */
 static cln_status check_adaptive(const cln_config *config, const double fraction[CLN_LEVELS])
 {
     const int deepest = deepest_level(config, fraction);
@@ -263,15 +263,15 @@ cln_status cln_config_check(const cln_config *config)
                                    "give --no-adaptive");
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
-                        "--space shell and --stage1 splat: splatting needs rays that are one line, "
-                        "and in a shell they have several; give --stage1 gather, or --space cube");
+                        "--space shell and --stage1 splat: splatting needs straight rays, and in "
+                        "a shell a ray bends; give --stage1 gather, or --space cube");
     if (config->space == CLN_SPACE_NDC && config->bbox[0])
         return cln_fail(CLN_USAGE, "--space ndc and --bbox: normalised device coordinates reach to "
                                    "infinity, so they have no box; leave one out");
     if (config->refine_poses && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--refine-poses and --stage1 splat: refining renders single pixels of many "
-                        "views, which splatting cannot; give --stage1 gather");
+                        "views, which splatting cannot do; give --stage1 gather");
 done:
     return st;
 }

@@ -25,7 +25,7 @@ cln_status cln_write_file(const char *path, const void *data, size_t bytes);
 typedef struct cln_atomic_file cln_atomic_file;
 cln_status cln_atomic_open(const char *path, cln_atomic_file **out);
 FILE *cln_atomic_stream(cln_atomic_file *file);
-const char *cln_atomic_temp(const cln_atomic_file *file); /* where it lies until the commit */
+const char *cln_atomic_temp(const cln_atomic_file *file); /* its path until the commit */
 cln_status cln_atomic_write(cln_atomic_file *file, const void *data, size_t bytes);
 cln_status cln_atomic_commit(cln_atomic_file **file);
 void cln_atomic_abandon(cln_atomic_file *file); /* accepts NULL */
@@ -39,7 +39,7 @@ cln_status cln_path_join(char **out, const char *dir, const char *name);
 /* *out = the path from the root, without links; CLN_INPUT if nothing is there. */
 cln_status cln_path_absolute(char **out, const char *path);
 
-/* *out = the way from the folder `from` to `to`, both as cln_path_absolute makes them. */
+/* *out = the path of `to` relative to the folder `from`, both as cln_path_absolute makes them. */
 cln_status cln_path_relative(char **out, const char *from, const char *to);
 
 /* 64-bit content digest (FNV-1a over 8-byte words with a final mix; not cryptographic): start with
@@ -47,9 +47,9 @@ cln_status cln_path_relative(char **out, const char *from, const char *to);
 #define CLN_DIGEST_START 0xcbf29ce484222325ull
 uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes);
 
-/* The same of data that come in pieces; what lies between two calls may go to another process. */
+/* The same digest for data that come in pieces. Another process may continue with the struct. */
 typedef struct cln_digest_part {
-    uint64_t digest, word, bytes; /* word: of the last bytes % 8 */
+    uint64_t digest, word, bytes; /* word: the last bytes % 8 bytes, not in the digest yet */
 } cln_digest_part;
 void cln_digest_begin(cln_digest_part *part, uint64_t digest);
 void cln_digest_more(cln_digest_part *part, const void *data, size_t bytes);

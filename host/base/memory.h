@@ -8,8 +8,8 @@
 #include <stdint.h>
 #include "base/status.h"
 
-/* *out = zeroed memory for count elements of size bytes (a pointer to free even for count 0). what:
- * its name in the error sentence. On failure *out is NULL. */
+/* *out = zeroed memory for count elements of size bytes; not NULL even for count 0. what: its name
+ * in the error sentence. On failure *out is NULL. */
 cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *what);
 
 /* *out = copy of text; NULL stays NULL. */

@@ -18,8 +18,8 @@ enum {
     CLN_STREAM_SCENE = 7,      /* host: generated scenes */
     CLN_STREAM_DISTIL = 8,     /* host: points that merged leaves learn from */
     CLN_STREAM_SURFACE = 9,    /* host: exported points of a surface */
-    CLN_STREAM_SIGHTS = 10,    /* host: which sparse point a ray goes to */
-    CLN_STREAM_POSES = 11      /* host: pixels that poses are refined by */
+    CLN_STREAM_SIGHTS = 10,    /* host: sparse point that a ray is shot at */
+    CLN_STREAM_POSES = 11      /* host: pixels used to refine poses */
 };
 
 /* out[4] = philox4x32-10(counter, key). */

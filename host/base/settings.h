@@ -1,5 +1,5 @@
-/* The opaque cln_settings of cl_nascent.h: values, their base, and which ones were given. The
- * library reads values as plain fields of cln_config. */
+/* The opaque cln_settings of cl_nascent.h: values, the preset's or run's values below them, and
+ * which ones were given. The library reads values as plain fields of cln_config. */
 #ifndef CLN_BASE_SETTINGS_H
 #define CLN_BASE_SETTINGS_H
 
@@ -22,11 +22,11 @@ bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)
 typedef struct cln_settings_facts {
     bool resume;     /* it resumes a run */
     bool has_alpha;  /* its images have alpha */
-    bool forward;    /* its space is that of normalised device coordinates */
-    bool shell;      /* or a cube and a shell */
+    bool forward;    /* its space is normalised device coordinates */
+    bool shell;      /* its space is a cube and a shell */
     int ranks;       /* processes */
-    bool no_sights;  /* no sparse point is known with the training images that show it */
-    bool no_box;     /* nor a box in the cube */
+    bool no_sights;  /* no sparse point comes with the training images that show it */
+    bool no_box;     /* no box is known within the cube */
     bool has_splits; /* its dataset names the splits */
     bool few_views;  /* --seen-by asks for more training views than there are */
 } cln_settings_facts;

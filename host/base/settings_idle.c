@@ -18,7 +18,7 @@ enum { IDLE_ROWS = 37 };
     "split-samples split-factor merge-factor cost-density distil-steps distil-samples "   \
     "distil-lr distil-stop"
 
-/* The list. Of two rows of an option, the first that holds counts. */
+/* The list. If several rows apply to an option, the first one counts. */
 static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle out[IDLE_ROWS])
 {
     const bool tree = c->tree_from[0];
@@ -52,7 +52,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"view-width view-bands view-l2", !c->view_dependence,
          "without view dependence there is no view layer; give --view-dependence"},
         {"lr-final", c->lr_schedule == CLN_SCHEDULE_STEP,
-         "--lr-schedule step goes down by tenths from --lr; give --lr-schedule exp"},
+         "--lr-schedule step only divides --lr by ten, twice; give --lr-schedule exp"},
         {"huber-delta", c->loss != CLN_LOSS_HUBER, "the loss is l2; give --loss huber"},
         {"alpha-loss", c->alpha_loss > 0 && !facts->has_alpha,
          "the images have no alpha; give --opaque-loss"},
@@ -64,13 +64,13 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "the scene's files name no points with the images that show them; leave it out"},
         {"depth-until", c->depth_loss <= 0, "there is no depth loss; give --depth-loss"},
         {"exposure", c->exposure && facts->has_alpha,
-         "images with alpha are taken as they are; leave it out"},
+         "images with alpha get no gains; leave it out"},
         {"epochs", c->steps > 0 || c->time_limit > 0,
          "epochs count when no other budget is set; leave out --steps and --time-limit"},
         {"lists splat-per-ray splat-min-alpha views-per-batch", c->stage1 == CLN_STAGE1_GATHER,
          "nothing is splatted with --stage1 gather; give --stage1 splat"},
         {"skip-uncovered", c->skip_uncovered && c->stage1 == CLN_STAGE1_SPLAT,
-         "--stage1 splat takes whole pictures' rays; give --stage1 gather"},
+         "--stage1 splat draws from all pixels of a view; give --stage1 gather"},
         {"refresh-every", c->rolling_refresh,
          "a rolling refresh has a rhythm of its own; give --no-rolling-refresh"},
         {"samples-per-ray empty-weight empty-share", c->allocate == CLN_ALLOCATE_CHORD,
@@ -84,13 +84,13 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"slab", facts->forward || facts->shell,
          "only a cube has a box that ends the scene; give --space cube"},
         {"slab", c->slab && facts->no_box,
-         "nothing is known of a box in the cube, as there are no sparse points; give --bbox"},
+         "no box in the cube is known, as there are no sparse points; give --bbox"},
         {"holdout", facts->has_splits, "the dataset names the splits; leave it out"},
         {"seen-by", facts->few_views, "there are fewer training views; give less"},
         {"exchange", facts->ranks <= 1,
-         "one process has nobody to tell; start several (docs/scale-out.md)"},
+         "a single process exchanges nothing; start several (docs/scale-out.md)"},
         {"exchange", c->exchange == CLN_EXCHANGE_STRETCHES && (c->sparsity > 0 || c->edge > 0),
-         "with --sparsity and --edge samples are exchanged; leave it out"},
+         "with --sparsity or --edge, samples are exchanged; leave it out"},
     };
 
     _Static_assert(sizeof rows / sizeof rows[0] == IDLE_ROWS, "IDLE_ROWS counts the rows");

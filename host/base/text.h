@@ -24,8 +24,8 @@ const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 /* Replaces each byte outside UTF-8 characters by '?'. */
 void cln_utf8_repair(char *text);
 
-/* What is printed for people: control characters, which a terminal would obey, become '?'; the ends
- * of lines stay. */
+/* Makes text safe to print: control characters, which a terminal would obey, become '?', except
+ * newlines and tabs. */
 void cln_text_plain(char *text);
 
 #endif

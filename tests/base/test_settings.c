@@ -254,7 +254,7 @@ static void test_idle(void **state)
     no_sights = false;
     assert_non_null(
         strstr(warnings_with("fast", "slab=yes", &(cln_settings_facts){.ranks = 1, .no_box = true}),
-               "--slab has no effect: nothing is known of a box"));
+               "--slab has no effect: no box in the cube is known"));
     assert_string_equal(warnings_with("fast", "slab=yes", &(cln_settings_facts){.ranks = 1}), "");
     assert_non_null(strstr(
         warnings_with("fast", "seen-by=9", &(cln_settings_facts){.ranks = 1, .few_views = true}),
