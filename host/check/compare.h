@@ -59,8 +59,8 @@ typedef struct cln_checks {
     const cln_model *model;
     const char *shape; /* name of the pipeline; precedes a check's name in reports */
     cln_verdicts verdicts;
-    bool tiny;              /* the least work */
-    const float (*crop)[4]; /* of the rays (cln_sampling); NULL: none */
+    bool tiny;              /* as little work as possible */
+    const float (*crop)[4]; /* that rays are cut to (cln_sampling); NULL: none */
     int failed;             /* number of failed checks */
     char first[512];        /* name and detail of the first one */
 } cln_checks;

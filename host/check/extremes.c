@@ -73,7 +73,7 @@ void cln_extreme_report(cln_extreme *e)
 
 /* ---- subjects ---- */
 
-/* The fast preset with the smallest network, and what a subject changes. */
+/* Gives the fast preset the smallest network and no options; a subject then changes it. */
 static void plain(cln_config *config)
 {
     config->width = config->view_width = 16;
@@ -253,8 +253,8 @@ cln_status cln_extremes_device(cln_device *device, const cln_extremes_plan *plan
             CLN_TRY(run_subject(device, &subjects[i], plan->quick, &c));
     if (c.failed > 0)
         st = cln_fail(CLN_CHECK,
-                      "%s leaves its bounds at extremes: %s%s; docs/stability.md says what they "
-                      "mean, another driver or device (--device) may do better",
+                      "%s is out of bounds at extremes: %s%s; docs/stability.md explains the "
+                      "bounds, another driver or device (--device) may do better",
                       device->info.name, c.first, c.failed > 1 ? ", and more" : "");
 done:
     return st;

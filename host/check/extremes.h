@@ -1,7 +1,7 @@
 /* The self-test at extremes (selftest --extremes): kernels, forward and backward, against float64
  * or exact integers, where numbers are large, tiny, equal, saturated or on an edge. A subject is a
- * function on a pipeline of its own; a row of the table is what one kind of number did over a
- * range. docs/stability.md has the rows. The ordinary self-test (selftest.h) has ordinary
+ * function on a pipeline of its own. A row of the table has the errors of one kind of number over a
+ * range; docs/stability.md lists the rows. The ordinary self-test (selftest.h) has ordinary
  * shapes. */
 #ifndef CLN_EXTREMES_H
 #define CLN_EXTREMES_H
@@ -18,14 +18,14 @@ typedef struct cln_extremes_plan {
 /* Runs subjects with the device's parameters. CLN_CHECK names the first row that failed. */
 cln_status cln_extremes_device(cln_device *device, const cln_extremes_plan *plan);
 
-/* A row in the making. Errors are in units of a scale that each number has (itself, a sum, 1), and
- * each number has its bound: the row reports the one that uses the largest share of its bound. */
+/* A row while numbers are added. Each number has a scale for its error (itself, a sum, 1) and a
+ * bound; the row reports the number that uses the largest share of its bound. */
 typedef struct cln_extreme {
     cln_checks *checks;
     const char *name, *range; /* what is compared; what was varied, and how far */
     size_t n, not_finite;
-    bool compared;              /* with an oracle, at least one */
-    double share, error, bound; /* of the worst one */
+    bool compared;              /* at least one number had an oracle */
+    double share, error, bound; /* of the worst number */
     char where[80];
 } cln_extreme;
 
@@ -33,7 +33,7 @@ cln_extreme cln_extreme_row(cln_checks *c, const char *name, const char *range);
 
 /* Compares a number: |got - want| / scale against the bound. Scale or bound 0: they must be equal.
  * Numbers that are not finite fail the row. Differences below 1e-36 count as none: a device may
- * flush denormals. fmt: where it is. */
+ * flush denormals. fmt: where the number is. */
 void cln_extreme_meet(cln_extreme *e, double got, double want, double scale, double bound,
                       const char *fmt, ...) __attribute__((format(printf, 6, 7)));
 
@@ -44,18 +44,18 @@ void cln_extreme_finite(cln_extreme *e, double got, const char *fmt, ...)
 /* Reports the row; one without any number fails. */
 void cln_extreme_report(cln_extreme *e);
 
-/* ---- subjects; the pipeline must have been made for it (extremes.c) ---- */
+/* ---- subjects, with what their pipelines must have (extremes.c makes them) ---- */
 
-cln_status cln_extremes_composite(cln_checks *c);     /* L2 alone, or with a Cauchy prior */
+cln_status cln_extremes_composite(cln_checks *c);     /* the L2 loss, at most a Cauchy prior */
 cln_status cln_extremes_regularised(cln_checks *c);   /* any loss */
-cln_status cln_extremes_cameras(cln_checks *c);       /* knows all lenses */
+cln_status cln_extremes_cameras(cln_checks *c);       /* all lenses */
 cln_status cln_extremes_intervals(cln_checks *c);     /* any space */
-cln_status cln_extremes_forward(cln_checks *c);       /* in a forward space */
+cln_status cln_extremes_forward(cln_checks *c);       /* a forward space */
 cln_status cln_extremes_networks(cln_checks *c);      /* dead slopes (0), see extremes.c */
 cln_status cln_extremes_large_weights(cln_checks *c); /* any network */
 cln_status cln_extremes_adam(cln_checks *c);
-cln_status cln_extremes_distil(cln_checks *c);           /* measures leaves */
-cln_status cln_extremes_regularisers(cln_checks *c);     /* of points */
-cln_status cln_extremes_sort(cln_checks *c, bool quick); /* splats */
+cln_status cln_extremes_distil(cln_checks *c);           /* measures of leaves */
+cln_status cln_extremes_regularisers(cln_checks *c);     /* sparsity and edge */
+cln_status cln_extremes_sort(cln_checks *c, bool quick); /* splatting */
 
 #endif

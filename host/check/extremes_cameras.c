@@ -63,7 +63,7 @@ done:
     return st;
 }
 
-/* The double camera's ray of the cube; false beyond a fold. */
+/* The float64 camera's ray, in the cube; false beyond a fold. */
 static bool exact_ray(const shot *s, const cln_space *space, int r, double o[3], double d[3])
 {
     const cln_pixel *pixel = &s->pixels[r];
@@ -75,7 +75,7 @@ static bool exact_ray(const shot *s, const cln_space *space, int r, double o[3],
     return found;
 }
 
-/* A camera whose rotation is that of view v, upright or not; view 0 along an axis: its rotation has
+/* Turns a camera by angles that depend on v; view 0 looks along an axis, so its rotation has
  * zeros. */
 static void turn(int v, cln_camera *c)
 {
@@ -93,7 +93,8 @@ static void turn(int v, cln_camera *c)
     }
 }
 
-/* Puts it `distance` half-cubes before the cube's centre, `aside` of that to the side. */
+/* Places a camera `distance` half sides before the cube's centre, and `aside` times that to its
+ * side. */
 static void place(cln_camera *c, const cln_space *space, double distance, double aside)
 {
     for (int a = 0; a < 3; a++)
@@ -103,9 +104,9 @@ static void place(cln_camera *c, const cln_space *space, double distance, double
 
 /* ---- far cameras, in cubes of any unit ---- */
 
-/* Cameras 10 to 10^6 half-cubes away, in the middle of the image and off its axis, with a pinhole
- * and behind lenses: near the cube, rays are where the double camera's are, to a fraction of the
- * deepest leaf and of a pixel; depths are right. */
+/* Cameras 10 to 10^6 half sides away see the cube on and off their axis, through several lenses.
+ * Near the cube, rays must be where the float64 camera's are, to a fraction of the deepest leaf and
+ * of a pixel, and depths must be right. */
 static cln_status check_far(cln_checks *c, const cln_space *space, cln_extreme *lateral,
                             cln_extreme *depth, cln_extreme *starts)
 {
@@ -129,7 +130,7 @@ static cln_status check_far(cln_checks *c, const cln_space *space, cln_extreme *
             k->distortion[0] = 0.5;
             k->distortion[1] = 1;
         }
-        if (aside > 0) { /* the image is a part of a larger one */
+        if (aside > 0) { /* brings the cube into the image */
             double u = 0, v = 0, z = 0;
 
             CLN_ASSERT(cln_camera_project(k, space->centre, &u, &v, &z));
@@ -145,8 +146,8 @@ static cln_status check_far(cln_checks *c, const cln_space *space, cln_extreme *
     for (int r = 0; r < s.rays; r++) {
         const int i = (int)s.pixels[r].view;
         const double away = pow(10, 1 + i / 2);
-        /* of positions of size 4; and the pixel's own place, which float32 has to 6e-8 of its
-         * distance from the principal point */
+        /* rounding of positions of size 4, and of the pixel's place, which float32 has to 6e-8 of
+         * its distance from the principal point */
         const double most = 2e-6 + 2e-7 * fabs(s.cameras[i].cx) / 100;
         double o[3], d[3], near = 0, t = 0, off = 0;
 
@@ -244,7 +245,8 @@ done:
 static const struct {
     const char *name;
     cln_lens lens;
-    double params[CLN_LENS_PARAMS], wide, share; /* of the pixels that have rays: about */
+    double params[CLN_LENS_PARAMS];
+    double wide, share; /* image width over fx; share of pixels with a ray, about */
 } folds[] = {
     {"OPENCV", CLN_LENS_OPENCV, {-0.5}, 1.6, 0.363},
     {"OPENCV, four", CLN_LENS_OPENCV, {-0.4, 0.05, -0.03, 0.02}, 1.8, 0.41},
@@ -256,7 +258,7 @@ static const struct {
 };
 enum { FOLDS = sizeof folds / sizeof *folds, SIDE = 48 };
 
-/* Near the fold the place of a direction stands still, so that host and device may differ. */
+/* Near the fold a direction's place in the image hardly moves, so host and device may differ. */
 static cln_status check_folds(cln_checks *c)
 {
     static const char range[] = "lenses from the middle to beyond their fold";

@@ -1,5 +1,5 @@
-/* Compositing, losses and their gradients at extreme optical depths, with bounds
- * relative to each number: what cancels is measured by what it is made of. See extremes.h. */
+/* Compositing, losses and their gradients at extreme optical depths. Bounds are relative to each
+ * number or, where terms cancel, to the terms. See extremes.h. */
 #include "check/extremes.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ typedef struct batch {
     float (*out)[4], (*dout)[4], (*targets)[4], (*backgrounds)[4], (*ray_o)[4], (*ray_d)[4];
     float (*shown)[4];
     cln_ray_result *median, *mean, *trained;
-    double (*wide)[4], *t, *delta, (*grad)[4]; /* of the ray with the most samples */
+    double (*wide)[4], *t, *delta, (*grad)[4]; /* of one ray; room for the longest */
 } batch;
 
 static cln_status make(batch *b, int rays, uint32_t most_samples, uint32_t longest)
@@ -69,7 +69,7 @@ static void free_batch(batch *b)
     free(b->grad);
 }
 
-/* Runs pictures of both depths, then training. */
+/* Composites with the median depth, with the mean depth, and for training. */
 static cln_status run(cln_pipeline *p, batch *b)
 {
     cln_status st = CLN_OK;
@@ -100,7 +100,7 @@ done:
     return st;
 }
 
-/* Widens ray r; returns its number of samples. */
+/* Copies ray r to float64; returns its number of samples. */
 static int widen(batch *b, int r)
 {
     const uint32_t first = b->starts[r];
@@ -122,15 +122,15 @@ static double optical_depth(const batch *b, int i)
 
 /* ---- equal samples ---- */
 
-/* Rays of `count` equal, black samples at t = 1000 before a white background: whatever passes is
- * the colour, and nothing in the loss and its gradient cancels. */
+/* Rays of `count` equal, black samples at t = 1000 before a white background: the colour is the
+ * transmittance, and nothing in the loss and its gradient cancels. */
 typedef struct even {
     uint32_t count;
-    double depth, delta; /* of a sample: optical, and its length */
+    double depth, delta; /* a sample's optical depth and length */
 } even;
 
 static const even evens[] = {
-    {100000, 2.9e-8, 1e-3}, /* of a depth that 1 - x rounds away */
+    {100000, 2.9e-8, 1e-3}, /* 1 - depth rounds to 1 */
     {50, 1e-12, 0.01},      {50, 1e-10, 0.01},   {50, 1e-8, 0.01},   {50, 1e-6, 0.01},
     {50, 1e-4, 0.01},       {50, 1e-2, 0.01},    {50, 0.149, 0.01},  {50, 0.151, 0.01},
     {50, 1, 0.01},          {50, 3, 0.01},       {50, 10, 0.01},     {50, 79, 0.01},
@@ -141,7 +141,7 @@ static const even evens[] = {
 };
 enum { EVENS = sizeof evens / sizeof *evens, EVEN_RAYS = EVENS + 1, EVEN_MOST = 100000 };
 
-/* The last ray has the largest density of any activation beside deltas of 0. */
+/* The last ray has the largest density that an activation can give, with deltas of 0. */
 static const double most_density = 2.5e34; /* 1e4 exp(70) */
 
 static void fill_evens(batch *b)
@@ -187,7 +187,7 @@ cln_status cln_extremes_composite(cln_checks *c)
     CLN_TRY(run(c->p, &b));
     for (int r = 0; r < EVEN_RAYS; r++) {
         const int n = widen(&b, r);
-        /* sums of equal numbers in float32, that of tau by its own size */
+        /* relative errors of float32 sums of n equal numbers, and of tau */
         const double sums = 1e-5 + 5e-9 * n, of_tau = 3e-7 + 2e-8 * n;
         double tau = 0, opacity = 0, depth = 0, regular = 0, left = 1, median = 0;
 
@@ -209,7 +209,7 @@ cln_status cln_extremes_composite(cln_checks *c)
             cln_extreme_meet(&depths, b.mean[r].depth, depth / opacity, depth / opacity, sums,
                              "sigma delta %.3g x %d", optical_depth(&b, 0), n);
         }
-        if (left > 1e-30) /* exp(-tau) has the relative error of tau in absolute terms */
+        if (left > 1e-30) /* the absolute error of tau is the relative one of exp(-tau) */
             cln_extreme_meet(&through, b.median[r].r, left, left, 1e-6 + of_tau * tau,
                              "sigma delta %.3g x %d", optical_depth(&b, 0), n);
         cln_extreme_meet(&losses, b.trained[r].loss, left * left + regular, left * left + regular,
@@ -278,7 +278,7 @@ static void fill_mixed(batch *b)
             b->targets[r][k] = (float)cln_check_uniform(55, 4 * r + k, 0, 1);
             b->backgrounds[r][k] = (float)cln_check_uniform(56, 4 * r + k, 0, 1);
         }
-        for (uint32_t k = 0; k < 3; k++) { /* points on the ray and beside it; of some, none */
+        for (uint32_t k = 0; k < 3; k++) { /* points on and beside rays; every fifth has none */
             b->ray_o[r][k] = (float)cln_check_uniform(57, 4 * r + k, -1, 1);
             b->ray_d[r][k] = k == 1 ? 0 : k ? 0.8f : 0.6f;
             b->shown[r][k] = (float)cln_check_uniform(58, 4 * r + k, -1, 3);
@@ -288,8 +288,8 @@ static void fill_mixed(batch *b)
     b->starts[MIXED_RAYS] = b->n;
 }
 
-/* Gradients by what they are made of: dL/dc by the sample's weight; dL/dsigma by the light that
- * reaches behind the sample times the largest dL/dw that the losses can have, and delta. */
+/* Scales of gradients: of dL/dc the sample's weight; of dL/dsigma delta times the light that
+ * reaches behind the sample times the largest dL/dw that the losses can have. */
 cln_status cln_extremes_regularised(cln_checks *c)
 {
     static const char range[] = "sigma delta 0 to 1e6, 1 to 60 samples, equal t, deltas of 0";

@@ -49,7 +49,7 @@ done:
     return st;
 }
 
-/* An opaque sample on each ray at the cube's t of a known depth: it must come back. */
+/* Puts an opaque sample of known depth on each ray: compositing must give that depth. */
 static cln_status check_depths(cln_checks *c, const cln_space *space, batch *b, cln_extreme *row)
 {
     cln_status st = CLN_OK;

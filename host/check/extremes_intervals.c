@@ -1,5 +1,5 @@
 /* Rays through the octree where float32 is on an edge: along axes, in faces, edges and corners of
- * leaves and a rounding beside them, grazing, starting inside a leaf or on its face. In a tree
+ * leaves and one float beside them, grazing, starting inside a leaf or on its face. In a tree
  * without holes the samples of such a ray fill its chord of the cube, whichever leaf it is in. See
  * extremes.h; ordinary rays are selftest_rays.c's. */
 #include "check/extremes_intervals.h"
@@ -49,7 +49,7 @@ typedef struct batch {
 static const double lattice[] = {-1, -0.75, -0.5, -0.0625, 0, 0.3, 0.5, 1};
 enum { LATTICE = sizeof lattice / sizeof *lattice };
 
-/* Slopes against an axis: none, under what counts as none, and small ones. */
+/* Slopes off an axis: 0, one so small that it counts as 0, and small ones. */
 static const double grazes[] = {0, 1e-13, 1e-9, 1e-6, 1e-4, 1e-2};
 enum { GRAZES = sizeof grazes / sizeof *grazes };
 
@@ -71,8 +71,8 @@ static void put(batch *b, const double from[3], const double along[3])
     b->rays++;
 }
 
-/* Each origin of the lattice with two of the directions to faces, edges and corners, in turn; from
- * there and from 3 before it. */
+/* Adds rays through each point of the lattice, in two of the 26 directions to faces, edges and
+ * corners, which take turns: one ray starts at the point, one 3 before it. */
 static void put_lattice(batch *b)
 {
     int turn = 0;
@@ -83,7 +83,7 @@ static void put_lattice(batch *b)
                                   lattice[i / LATTICE / LATTICE]};
             double along[3], before[3];
 
-            if (turn % DIRECTIONS == 13) /* no direction */
+            if (turn % DIRECTIONS == 13) /* 0, 0, 0 is not a direction */
                 turn++;
             for (int a = 0, t = turn++ % DIRECTIONS; a < 3; a++, t /= 3) {
                 along[a] = t % 3 - 1;
@@ -94,7 +94,7 @@ static void put_lattice(batch *b)
         }
 }
 
-/* Along every axis, both ways, in and a rounding beside planes of the lattice. */
+/* Adds rays along every axis, both ways, in planes of the lattice and one float beside them. */
 static void put_grazing(batch *b)
 {
     for (int i = 0; i < LATTICE * LATTICE * GRAZES; i++)
@@ -115,10 +115,10 @@ static void put_grazing(batch *b)
             }
 }
 
-/* ---- what samples do ---- */
+/* ---- samples ---- */
 
-/* Length of a ray's part in the cube. A ray in the cube's face, or as near as positions of its
- * origin's size are in float32, may count as inside or not: *vague. */
+/* Length of a ray's part in the cube. *vague: the ray runs in a face of the cube, as far as float32
+ * can tell, so it may count as inside or outside. */
 static double chord_of(const float o[4], const float d[4], bool *vague)
 {
     double from = 0, upto = INFINITY;
@@ -135,7 +135,7 @@ static double chord_of(const float o[4], const float d[4], bool *vague)
         }
         from = fmax(from, fmin((-1 - at) / along, (1 - at) / along));
         upto = fmin(upto, fmax((-1 - at) / along, (1 - at) / along));
-        /* slides along a face: a rounding of its place there moves its end by as much over slope */
+        /* grazes a face: rounding its place there moves its end by the rounding over the slope */
         *vague |= fabs(along) < 0.1 && fabs(fabs(at + along * fmax(from, 0)) - 1) < 1e-6;
         *vague |= fabs(along) < 0.1 && fabs(fabs(at + along * upto) - 1) < 1e-6;
     }
@@ -144,7 +144,7 @@ static double chord_of(const float o[4], const float d[4], bool *vague)
 
 cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, const char *range)
 {
-    /* skips nothing: samples fill chords */
+    /* leaves no interval out, so samples fill chords */
     const cln_sampling sampling = {.jitter = true,
                                    .uniform_share = 0.25f,
                                    .empty_share = 1,
@@ -187,15 +187,15 @@ cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, c
             break;
         for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
             const cln_sample *s = &sample[i];
-            const bool whose = s->slot >= 0 && s->slot < tree->leaf_count;
+            const bool valid = s->slot >= 0 && s->slot < tree->leaf_count;
             double off = 0;
 
             cln_extreme_meet(
-                &order, s->t >= last && s->delta >= 0 && whose && s->ray == (uint32_t)r, 1, 1, 0,
+                &order, s->t >= last && s->delta >= 0 && valid && s->ray == (uint32_t)r, 1, 1, 0,
                 "ray %d, from %g %g %g along %g %g %g", r, (double)o[r][0], (double)o[r][1],
                 (double)o[r][2], (double)d[r][0], (double)d[r][1], (double)d[r][2]);
             cln_extreme_finite(&order, s->delta, "ray %d", r);
-            if (!whose)
+            if (!valid)
                 break;
             for (int a = 0; a < 3; a++) {
                 const double at = o[r][a] + (double)s->t * d[r][a] - boxes[s->slot][a];
@@ -210,7 +210,7 @@ cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, c
         if (vague)
             continue;
         met += chord > 0;
-        /* chords of less than CLN_MIN_CHORD in a leaf are left out, a few a ray */
+        /* a ray may lose chords shorter than CLN_MIN_CHORD in a few leaves */
         cln_extreme_meet(&chords, filled, chord, 1, (used[r] + 3) * (double)CLN_MIN_CHORD,
                          "ray %d, from %g %g %g along %g %g %g", r, (double)o[r][0],
                          (double)o[r][1], (double)o[r][2], (double)d[r][0], (double)d[r][1],

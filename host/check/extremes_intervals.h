@@ -1,4 +1,4 @@
-/* The tree and the comparison that extremes of rays share (extremes_intervals.c, _forward.c). */
+/* The tree and the comparison of samples that several subjects share. */
 #ifndef CLN_EXTREMES_INTERVALS_H
 #define CLN_EXTREMES_INTERVALS_H
 
@@ -7,8 +7,8 @@
 /* Makes and uploads a tree without holes, its leaves at levels 1 to 8. */
 cln_status cln_extreme_tree(cln_checks *c, cln_model *model);
 
-/* Makes samples of the device's rays in that tree: they must fill chords, in order, in their
- * leaves. Reports the rows. */
+/* Places samples on the device's rays in that tree: they must fill the chords, in order, each in
+ * its leaf. Reports the rows. */
 cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, const char *range);
 
 #endif

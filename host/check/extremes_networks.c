@@ -1,6 +1,6 @@
 /* Leaf networks and Adam at extremes: weights of all sizes, saturated colours, dead layers,
- * gradients and learning rates. Each leaf is an extreme of its own, and its numbers are compared
- * with its own size, so that a large leaf hides no small one. See extremes.h. */
+ * gradients and learning rates. Each leaf is an extreme of its own, and errors are relative to its
+ * own numbers, so that a leaf of large numbers hides no other. See extremes.h. */
 #include "check/extremes.h"
 
 #include <math.h>
@@ -49,7 +49,7 @@ static void free_data(data *d)
     free(d);
 }
 
-/* Of every vertex: the constant part of its colours, and densities that the activation ends. */
+/* Saturates, at every vertex, the constant part of the colours, or the density at 0. */
 static void fill_voxels(const cln_network *net, int s, float *params)
 {
     for (int i = 0; i < net->params; i++) {
@@ -138,7 +138,7 @@ static cln_status launch(cln_pipeline *p, data *d)
     CLN_TRY(cln_buffer_read(p->device, &p->slices, 0, d->slice, d->slices * sizeof *d->slice));
     CLN_TRY(cln_check_spoil(p->device, &p->out, sizeof d->out));
     CLN_TRY(cln_check_spoil(p->device, &p->grads, floats * sizeof *d->grads));
-    if (p->net.encoding == CLN_ENCODING_VOXEL) /* of vertices that are met alone */
+    if (p->net.encoding == CLN_ENCODING_VOXEL) /* only vertices near samples are written */
         CLN_TRY(cln_buffer_zero(p->device, &p->grads, floats * sizeof *d->grads));
     CLN_TRY(cln_stage_forward(p, SAMPLES, d->slices, true, 7));
     CLN_TRY(cln_stage_backward(p, SAMPLES, d->slices, 7));
@@ -173,7 +173,8 @@ static void run_reference(const cln_checks *c, data *d)
     }
 }
 
-/* Beginnings of the parameters' blocks, whose gradients differ in size. Returns their number. */
+/* Starts of the blocks of parameters, as gradients differ in size between blocks. Returns their
+ * number. */
 static int blocks_of(const cln_network *net, int starts[32])
 {
     int n = 0;
@@ -194,7 +195,7 @@ static int blocks_of(const cln_network *net, int starts[32])
     return n;
 }
 
-/* The block of a parameter; of voxels, a vertex' number. */
+/* The block of a parameter; for voxels, its place among the numbers of its vertex. */
 static int block_of(const cln_network *net, const int starts[32], int blocks, int parameter)
 {
     int b = blocks - 1;
@@ -206,8 +207,8 @@ static int block_of(const cln_network *net, const int starts[32], int blocks, in
     return b;
 }
 
-/* By the largest gradient of its leaf's block, or of all blocks to 1e-12: what saturates has
- * 1 - c of 0 in float32 where c is 1 to the last bit. */
+/* A gradient's scale is the largest of its leaf's block; of bright colours at least 1e-3 of the
+ * leaf's largest, as c saturates at 1 and float32 has 1 - c = 0 there. */
 static void compare_gradients(const cln_network *net, const data *d, cln_extreme *row)
 {
     int starts[32];
@@ -299,14 +300,14 @@ done:
     return st;
 }
 
-/* How far a colour is from 0..1; what is not finite stays so. */
+/* How far a colour is outside 0..1; the colour itself if it is not finite. */
 static double outside(double colour)
 {
     return isfinite(colour) ? fmax(fabs(colour - 0.5) - 0.5, 0) : colour;
 }
 
-/* Pre-activations beyond 16 bits' range, an exponential density at its end: no number has an oracle
- * but finiteness, the range of a colour, and the exponential's largest value. */
+/* Pre-activations beyond the range of 16 bits, exponential densities at their limit. There is no
+ * oracle: numbers must be finite, colours in 0..1, the largest density the exponential's limit. */
 cln_status cln_extremes_large_weights(cln_checks *c)
 {
     static const char range[] = "weights x 1e6";
@@ -343,14 +344,14 @@ done:
 
 enum { LEAST = 8, UPDATES = 20 };
 
-/* Gradients of 0 and of sizes 1e-30 to 1e18, of both signs, in every leaf; weights begin at 0, so
- * that they are the steps. */
+/* Gradients of 0 and of sizes 1e-30 to 1e18, of both signs, in every leaf; weights begin at 0, so a
+ * weight after the update is its step. */
 static double gradient_of(int i)
 {
     return i % 50 == 49 ? 0 : (i % 2 ? -1 : 1) * pow(10, -30 + i % 49);
 }
 
-/* A leaf's updates before: bias correction from the first to far beyond its end. */
+/* Earlier updates of each leaf: none, up to far more than bias correction lasts. */
 static const int32_t before[LEAVES] = {0, 1, 10, 100, 1000, 100000, 10000000, 2000000000};
 
 static cln_status put_leaf_runs(cln_pipeline *p)
@@ -386,7 +387,7 @@ static void count_moments(const cln_config *config, const void *moments, size_t 
 
 cln_status cln_extremes_adam(cln_checks *c)
 {
-    static const double rates[] = {1e-8, 1e-3, 1}; /* 100 times the fast preset's is 1 */
+    static const double rates[] = {1e-8, 1e-3, 1}; /* 1: 100 times the fast preset's */
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
     const cln_config *config = &p->config;
@@ -422,8 +423,8 @@ cln_status cln_extremes_adam(cln_checks *c)
 
             ref_adam(1, &w, &g, &m, &v, (int64_t)before[i / params] + 1, (float)rates[k],
                      (float)config->beta1, (float)config->beta2, (float)config->epsilon);
-            /* where the square underflows, epsilon is far above it, or so is the step below any
-             * weight's last bit */
+            /* where the gradient's square underflows, epsilon outweighs its root, or the step is
+             * below any weight's last bit */
             cln_extreme_meet(&step, got[i], w, fabs(w), 1e-4,
                              "gradient %g, rate %g, %d updates before", g, rates[k],
                              (int)before[i / params]);

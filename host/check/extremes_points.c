@@ -51,7 +51,7 @@ cln_status cln_extremes_distil(cln_checks *c)
         cln_extreme_meet(&loss, losses[i], want, want, 1e-5, "sigma delta %.3g", x);
         for (int k = 0; k < 3; k++)
             cln_extreme_meet(&gradient, dout[i][k], 0, 1, 0, "sigma delta %.3g", x);
-        if (x < 79) /* what is left behind ends at exp(-80) */
+        if (x < 79) /* optical depths end at 80 */
             cln_extreme_meet(&gradient, dout[i][3], grad[3], grad[3], 1e-5 + 1e-6 * x,
                              "sigma delta %.3g", x);
         else
@@ -73,7 +73,7 @@ typedef struct points {
     float out[MOST][4], got[MOST][4], (*boxes)[4];
 } points;
 
-/* Densities from 0 to 1e6 an edge of a leaf's cell. */
+/* Sets densities whose optical depth across a cell of stage 1 is 0 to 1e6. */
 static void fill(const cln_pipeline *p, points *b)
 {
     for (uint32_t i = 0; i < b->all; i++) {

@@ -24,7 +24,7 @@ typedef enum total { TO_2_31, TO_2_32, WRAPPED, TOTALS } total;
 
 static const char *const totals[TOTALS] = {"2^31", "2^32 - 1", "beyond 2^32"};
 
-/* Values whose sums end at the total: the last one takes the rest. */
+/* Fills in n values that sum to the total; the last one makes up the rest. */
 static void fill(uint32_t *values, uint32_t n, total t)
 {
     const uint32_t goal = t == TO_2_31 ? 1u << 31 : 0xFFFFFFFFu;
@@ -60,8 +60,8 @@ static cln_status check_scan(cln_checks *c, uint32_t n, total t, cln_extreme *ro
         sum += i < n ? in[i] : 0;
     }
     wrong += all != sum;
-    cln_extreme_meet(row, wrong, 0, 1, 0, "%u numbers that sum to %s, from number %u", n, totals[t],
-                     first);
+    cln_extreme_meet(row, wrong, 0, 1, 0, "%u numbers that sum to %s, the first wrong at %u", n,
+                     totals[t], first);
 done:
     cln_buffer_free(device, &from);
     cln_buffer_free(device, &to);
@@ -85,7 +85,7 @@ static uint64_t key_of(key_kind k, uint32_t i)
         return random % 37 * 0x9E3779B97F4A7C15ull;
     case ENDS:
         return random & 1 ? ~(uint64_t)0 : 0;
-    case RAYS: /* of 10^7, and bits of a float in [2, 8) */
+    case RAYS: /* a ray of 10^7, and the bits of a float in [2, 8) */
         return (random >> 8) % 10000000 << 32 | (0x40000000u + (random & 0xFFFFFFu));
     default:
         return random;
@@ -108,7 +108,7 @@ done:
     return st;
 }
 
-/* Do so many elements fit? Host and device have 32 bytes each, buffers 8. */
+/* Whether n elements fit: each takes 32 bytes of host and device memory, 8 of a buffer. */
 static bool fits(const cln_device *device, uint32_t n)
 {
     return 8.0 * n <= (double)device->max_alloc && 32.0 * n <= 0.5 * device->info.global_mem &&

@@ -20,8 +20,8 @@ typedef struct shape {
     const char *name, *preset, *tune; /* tune NULL: the device's */
     bool small;                       /* the smallest network instead of the preset's */
     bool splat, distortion;
-    bool forward, shell, crop;    /* only rays and samples, the rest is the same */
-    bool in[CLN_SHAPES_TINY + 1]; /* sets that have it */
+    bool forward, shell, crop;    /* checks only rays and samples, as the rest is the same */
+    bool in[CLN_SHAPES_TINY + 1]; /* sets of shapes that have it */
 } shape;
 
 /* clang-format off */
@@ -51,7 +51,7 @@ static const shape shapes[] = {
      .small = true, .in = TINY},
 };
 
-/* A box that is not in line with any leaf, one of its faces aslant. */
+/* A crop box whose faces are not those of leaves; one face is aslant. */
 static const float box[6][4] = {{1, 0, 0, 0.61f},  {0, 0.8f, 0.6f, 0.33f}, {0, 0, 1, 0.71f},
                                 {-1, 0, 0, 0.57f}, {0, -1, 0, 0.83f},      {0, 0, -1, 0.29f}};
 
@@ -62,7 +62,7 @@ static void prepare(cln_config *config)
     config->n1 = 5; /* odd: no midpoint between opposite faces lies on a border of cells */
     config->splat_min_alpha = 0;
     config->roulette = 0;                               /* has its own check */
-    config->smooth_density = config->smooth_colour = 0; /* tests/pipeline/test_voxel.c */
+    config->smooth_density = config->smooth_colour = 0; /* see tests/pipeline/test_voxel.c */
     /* runs the code of random slopes with equal bounds, so that the reference needs no hash */
     if (config->rrelu_scope != CLN_RRELU_MEAN)
         config->rrelu_lower = config->rrelu_upper = -0.2;
@@ -287,14 +287,14 @@ static void poll_callbacks(progress *p)
         p->signal = signal;
 }
 
-/* After each check, so that a signal is answered at once. */
+/* Polls after each check, so that a signal is answered at once. */
 static void on_check(const char *name, bool passed, bool skipped, const char *detail, void *user)
 {
     (void)name, (void)passed, (void)skipped, (void)detail;
     poll_callbacks(user);
 }
 
-/* Between two pipelines. */
+/* Shows progress and polls between two pipelines. */
 static cln_status advance(progress *p, const cln_checks *c)
 {
     if (p->callbacks->work)
@@ -306,7 +306,7 @@ static cln_status advance(progress *p, const cln_checks *c)
     return CLN_OK;
 }
 
-/* Whether a shape is checked before a training in this space. */
+/* Returns whether a shape is checked before a training in this space. */
 static bool is_due(const shape *s, const cln_space *space)
 {
     return s->in[CLN_SHAPES_QUICK] || (space->forward && s->forward) || (space->shell && s->shell);

@@ -24,10 +24,10 @@ cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan
 cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
                                void *user);
 
-/* Runs the checks before a training: the quick set, rays of a forward or shell space for a scene in
- * one, and these settings if their networks' kernels differ from the fast preset's. Shows its
- * progress, and is interrupted (CLN_SIGINT, CLN_SIGTERM): where the driver has compiled nothing
- * before, it takes a minute. */
+/* Runs the checks before a training: the quick set, for a forward or shell space its rays, and
+ * these settings if their networks' kernels differ from the fast preset's. Shows its progress and
+ * can be interrupted (CLN_SIGINT, CLN_SIGTERM), as it takes a minute if the driver has to compile
+ * all kernels. */
 cln_status cln_selftest_training(cln_device *device, const cln_config *config,
                                  const cln_space *space, const cln_callbacks *callbacks);
 

@@ -1,5 +1,5 @@
-/* Checks changes of the tree on the device (pipeline/carry.h): splits a leaf there and by
- * cln_model_apply, to the same bits. Changes the pipeline's tree, so it comes last. See
+/* Checks changes of the tree on the device (pipeline/carry.h): a leaf that is split there and by
+ * cln_model_apply must give the same bits. Changes the pipeline's tree, so it comes last. See
  * selftest_checks.h. */
 #include "check/selftest_checks.h"
 
@@ -34,7 +34,7 @@ cln_status cln_check_carry(cln_checks *c)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
-    uint8_t split[64] = {0, 0, 1}; /* of the first leaves */
+    uint8_t split[64] = {0, 0, 1}; /* the third leaf */
     cln_model host = {0}, carried = {0};
     cln_octree_change change = {0};
     sizes s;

@@ -17,21 +17,22 @@ ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cl
 cln_status cln_check_sorted(const uint64_t *keys, const uint64_t *got, const uint32_t *values,
                             uint32_t n, uint32_t *wrong);
 
-/* Sorts keys, which have so many bits (wide: up to 64, else 32), with the values 0 .. n - 1 on the
- * device, and compares (cln_check_sorted). */
+/* Sorts keys of `bits` bits (at most 64 if wide, else 32) with the values 0 .. n - 1 on the device,
+ * and compares (cln_check_sorted). */
 cln_status cln_check_sort_keys(cln_checks *c, const uint64_t *keys, uint32_t n, int bits, bool wide,
                                uint32_t *wrong);
 
-/* A point of the box (x, y, z of its lowest corner, side), a multiple of 1/1024 of the side from
- * there, and a unit direction: numbers 3 i .. 3 i + 2 of the streams `stream` and the next. */
+/* A random point of a box (x, y, z of its lowest corner, side), on a grid of 1/1024 of the side,
+ * and a unit direction, from numbers 3 i .. 3 i + 2 of the streams `stream` and `stream` + 1. */
 void cln_check_random_ray(const float box[4], uint32_t stream, uint32_t i, float o[4], float d[4]);
 
-/* Of voxels (kernels/voxel.cl): *owner [leaf][params], the number in all leaves' that steps for it;
- * its own in padding. The caller frees it. NULL for networks. CLN_MEMORY. */
+/* Voxels (kernels/voxel.cl) share vertices, of which one leaf's copy is updated, the owner. *owner
+ * [leaf][params]: index of each parameter's owner among all leaves' parameters; in padding its own.
+ * The caller frees it. NULL for networks. CLN_MEMORY. */
 cln_status cln_check_owners(const cln_model *model, int **owner);
 
-/* A first step of voxels in float64: owners' by the sum of all gradients; others' numbers are their
- * owners'. All arrays are [all], the numbers of all leaves; grad changes. */
+/* A first step of voxels in float64: an owner steps by the sum of its copies' gradients, and copies
+ * take their owner's value. Arrays are [all], the parameters of all leaves; grad changes. */
 typedef struct cln_moving {
     int all;
     double *want, *grad, *m, *v;
@@ -39,14 +40,14 @@ typedef struct cln_moving {
 void cln_check_step_voxels(const cln_config *config, const cln_network *net, const int *owner,
                            double lr, cln_moving to);
 
-/* The checks; each reports its verdicts. A status other than CLN_OK: no verdict was possible. */
+/* The checks; each reports its verdicts. A status other than CLN_OK: none was possible. */
 cln_status cln_check_scan(cln_checks *c);
 cln_status cln_check_sort(cln_checks *c, bool wide);
 cln_status cln_check_rays(cln_checks *c);
 cln_status cln_check_densities(cln_checks *c);
 cln_status cln_check_networks(cln_checks *c);
 cln_status cln_check_composite(cln_checks *c);
-cln_status cln_check_structure(cln_checks *c); /* only if the pipeline measures */
+cln_status cln_check_structure(cln_checks *c); /* only if the pipeline has measures */
 cln_status cln_check_carry(cln_checks *c);     /* last: changes the tree on the device */
 
 #endif

@@ -92,7 +92,7 @@ typedef struct data {
     double (*want)[4], *want_grads; /* reference; gradients [leaf][params] */
 } data;
 
-/* Leaves have no sample, one, and more than a block. */
+/* A leaf's number of samples: none, one, some, more than a block. */
 static uint32_t samples_of(const cln_checks *c, int slot)
 {
     static const uint32_t counts[] = {0, 1, 7, 48, 50, 101, 130, 17};
@@ -223,7 +223,7 @@ static cln_status launch(cln_checks *c, data *d, bool training, float **grads)
     if (training) {
         CLN_TRY(cln_alloc(grads, floats, sizeof **grads, "self-test"));
         CLN_TRY(cln_check_spoil(p->device, &p->grads, floats * sizeof **grads));
-        if (p->net.encoding == CLN_ENCODING_VOXEL) /* of vertices that are met alone */
+        if (p->net.encoding == CLN_ENCODING_VOXEL) /* only vertices near samples are written */
             CLN_TRY(cln_buffer_zero(p->device, &p->grads, floats * sizeof **grads));
         CLN_TRY(cln_stage_backward(p, d->n, d->slices, 77));
         CLN_TRY(cln_buffer_read(p->device, &p->grads, 0, *grads, floats * sizeof **grads));
@@ -232,7 +232,7 @@ done:
     return st;
 }
 
-/* Checks the sum of each leaf's slices, its gradient. */
+/* Checks each leaf's gradient, the sum over its slices. */
 static cln_status compare_gradients(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;
@@ -312,7 +312,7 @@ static cln_status check_adam(cln_checks *c, const data *d)
     if (owner)
         cln_check_step_voxels(config, &p->net, owner, lr, (cln_moving){all, want, grad, m, v});
     for (int i = 0; owner && i < all; i++) {
-        idle += grad[owner[i]] == 0 && i % params % p->net.features == 3; /* of densities */
+        idle += grad[owner[i]] == 0 && i % params % p->net.features == 3; /* once a vertex */
         changed += grad[owner[i]] == 0 && got[i] != c->model->params[i];
     }
     for (int s = 0; !owner && s < p->leaves; s++) {
@@ -351,7 +351,7 @@ done:
     return st;
 }
 
-/* Checks that training's way, backward and Adam in one pass, gives the same weights. */
+/* Checks that backward and Adam in one pass, as in training, give the same weights. */
 static cln_status check_update(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;
@@ -460,7 +460,7 @@ static cln_status check_roulette(cln_checks *c, const data *d)
     }
     /* some must be left out if any slice has more than one sample */
     cln_check_say(c, "roulette: samples", other == 0 && (all < d->n || d->slices >= d->n),
-                  "%d of %u chosen otherwise, %u go", other, d->n, all);
+                  "%d of %u not chosen as by the reference, %u chosen", other, d->n, all);
     cln_check_compare(c, "roulette: gradients", got[0], want[0], 4 * (size_t)d->n, 1e-11, 1e-4);
 done:
     free(order);
@@ -598,7 +598,7 @@ done:
     return st;
 }
 
-/* Widens ray r for the reference; returns its number of samples. */
+/* Copies ray r to float64 for the reference; returns its number of samples. */
 static int widen(const cln_pipeline *p, batch *b, int r, double background[3], double target[4])
 {
     const int n = (int)(b->starts[r + 1] - b->starts[r]);
@@ -640,7 +640,7 @@ static void compare_batch(cln_checks *c, batch *b)
         ref_composite(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta, background, want,
                       want + 3, want + 4, NULL);
         want[3] = ref_median_depth(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta);
-        want[3] += (double)b->ray_o[r][3] * want[4] / fmax(want[4], 1e-10); /* where it begins */
+        want[3] += (double)b->ray_o[r][3] * want[4] / fmax(want[4], 1e-10); /* from the camera */
         memcpy(b->got + 5 * r, (const float[5]){got->r, got->g, got->b, got->depth, got->opacity},
                5 * sizeof(float));
     }

@@ -73,8 +73,7 @@ done:
     return st;
 }
 
-/* Checks that keys are sorted, stably, and keep their values (the places before). Wide keys are
- * enough for the sort to look for bits that vary. */
+/* The values are the keys' places before the sort. */
 cln_status cln_check_sort_keys(cln_checks *c, const uint64_t *keys, uint32_t n, int bits, bool wide,
                                uint32_t *wrong)
 {
@@ -115,6 +114,7 @@ cln_status cln_check_sort(cln_checks *c, bool wide)
 {
     enum { VALUES = 97 };
     cln_status st = CLN_OK;
+    /* 33333: enough for the sort of wide keys to skip bits that do not vary */
     const uint32_t n = c->tiny ? 331 : wide ? 33333 : 5003;
     uint64_t *keys = NULL;
     uint32_t wrong = 0;
@@ -183,7 +183,7 @@ static void make_cameras(const cln_pipeline *p, cln_camera cameras[VIEWS])
     }
 }
 
-/* The lines of a camera's ray in the cube, one unless there is a shell. */
+/* The lines that a camera's ray consists of in the cube: one, or several in a shell space. */
 static int lines_of(const cln_space *space, const cln_camera *camera, const cln_pixel *pixel,
                     cln_space_line lines[CLN_SPACE_LINES])
 {
@@ -198,7 +198,7 @@ static int lines_of(const cln_space *space, const cln_camera *camera, const cln_
     return 1;
 }
 
-/* The same of the device's rows. */
+/* The same from the device's rows of rays. */
 static int device_lines(const cln_pipeline *p, const float (*ray_o)[4], const float (*ray_d)[4],
                         int r, cln_space_line lines[CLN_SPACE_LINES])
 {
@@ -254,7 +254,7 @@ static cln_status check_lines(cln_checks *c, const cln_camera *cameras, const cl
             const double t = 0.5 * (host[k].begin + host[k].end);
             int at = 0;
 
-            if (host[k].end - host[k].begin < 1e-4) /* as good as none */
+            if (host[k].end - host[k].begin < 1e-4) /* too short to compare */
                 continue;
             while (at + 1 < found && device[at + 1].begin <= t)
                 at++;
@@ -404,8 +404,8 @@ static bool counts_agree(const made *m, uint32_t samples)
     return agree;
 }
 
-/* Returns whether a line has stage-1 points clear of borders between cells, and a clear number of
- * them. */
+/* Returns whether rounding cannot change a line's stage-1 points: they are clear of borders between
+ * cells, and their number is clear, too. */
 static bool line_is_steady(const cln_checks *c, const ref_way *way, const cln_space_line *line,
                            const float (*boxes)[4])
 {
@@ -434,8 +434,8 @@ static bool line_is_steady(const cln_checks *c, const ref_way *way, const cln_sp
     return true;
 }
 
-/* Returns whether all of a camera's ray is steady. Else rounding decides which density counts, and
- * devices may differ. */
+/* Returns whether all lines of a camera's ray are steady. Else rounding decides which density
+ * counts, and devices may differ. */
 static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_pixel *pixel,
                       const float (*boxes)[4])
 {
@@ -443,7 +443,7 @@ static bool is_steady(const cln_checks *c, const cln_camera *camera, const cln_p
     cln_space_line lines[CLN_SPACE_LINES];
     int count = 0;
 
-    if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* lists, the same for all rays of a pixel */
+    if (c->p->config.stage1 == CLN_STAGE1_SPLAT) /* reads no cells */
         return true;
     count = lines_of(&c->p->space, camera, pixel, lines);
     for (int k = 0; k < count; k++)
@@ -492,7 +492,7 @@ static cln_status put_out_batch(cln_checks *c, const cln_camera *cameras, const 
                   left_out, m->rays);
     cln_check_numbers(c, "intervals: leaves and samples", numbers, 2 * (size_t)intervals);
     cln_check_values(c, "intervals: ends", ends, 2 * (size_t)intervals, 1e-12, 1e-5);
-    cln_check_values(c, "samples: where", places, 2 * (size_t)samples, 1e-10, 1e-4);
+    cln_check_values(c, "samples: places", places, 2 * (size_t)samples, 1e-10, 1e-4);
 done:
     free(numbers);
     free(ends);
@@ -529,7 +529,7 @@ cln_status cln_check_rays(cln_checks *c)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
-    /* skips nothing, so that chords can be compared */
+    /* leaves no interval out, so that chords can be compared */
     const cln_sampling sampling = {.jitter = true,
                                    .uniform_share = 0.25f,
                                    .empty_share = 1,

@@ -170,8 +170,8 @@ typedef struct pairs {
     double *want;
 } pairs;
 
-/* The analytic derivatives: 0.05 lambda exp(-0.05 sigma) / points, and that of lambda U
- * |f_a - f_b| / 4 per pair, f = (1 - exp(-x)) (r, g, b, 1), x = density times cell side. */
+/* The analytic derivatives: of a point, 0.05 lambda exp(-0.05 sigma) / points; of a pair, that of
+ * lambda U |f_a - f_b| / 4 with f = (1 - exp(-x)) (r, g, b, 1), x = density times cell side. */
 static void differentiate(const cln_checks *c, const cln_sampling *s, const pairs *d)
 {
     const cln_config *config = &c->p->config;
@@ -238,9 +238,9 @@ static cln_status check_places(cln_checks *c, const cln_sampling *s, pairs *d)
     cln_check_say(c, "points of the volume", wrong == 0 && samples == all,
                   "%d of %u outside their leaves", wrong, samples);
     cln_check_numbers(c, "points of the volume: leaves", numbers, all);
-    cln_check_values(c, "points of the volume: where", d->places[0], 4 * rays, 1e-12, 1e-5);
+    cln_check_values(c, "points of the volume: places", d->places[0], 4 * rays, 1e-12, 1e-5);
     if (wrong > 0)
-        d->extra = 0; /* slots are no valid indices */
+        d->extra = 0; /* slots are not valid indices */
 done:
     free(numbers);
     return st;

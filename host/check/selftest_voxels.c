@@ -1,4 +1,4 @@
-/* What is other in voxels than in networks: who steps for a vertex that several leaves have. See
+/* How voxels differ from networks: leaves share vertices, and one of them updates a vertex. See
  * selftest_checks.h; the checks themselves are in selftest_networks.c. */
 #include "check/selftest_checks.h"
 

@@ -22,17 +22,17 @@ typedef struct cln_synthetic {
     uint32_t samples, slices; /* of the last step */
 } cln_synthetic;
 
-/* Makes the leaves of a ball at start-level, or if the tree grows at its last level, at most 3; the
- * settings' networks, sampling, loss and batch; stage 1 with at most 2^21 cells. CLN_MEMORY if the
- * device has no room for it. */
+/* Makes a ball of leaves at --start-level or, if --level-at goes deeper, at its last level, at most
+ * 3; networks, sampling, loss and batch are the settings'; stage 1 has at most 2^21 cells.
+ * CLN_MEMORY if the device has no room for it. */
 cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cln_synthetic *out);
 void cln_synthetic_free(cln_synthetic *s); /* accepts a zeroed one */
 
 /* Uploads tree, weights and cameras to a pipeline made for s->model.config. */
 cln_status cln_synthetic_upload(const cln_synthetic *s, cln_pipeline *p);
 
-/* Runs every stage of a training step but the regularisers of points, with a learning rate that
- * changes nothing, and waits for its end. */
+/* Runs every stage of a training step except sparsity and edge, with a learning rate that changes
+ * nothing, and waits for its end. */
 cln_status cln_synthetic_step(cln_synthetic *s, cln_pipeline *p);
 
 /* Halves the rays until a step takes at most `seconds` (or 256 are left). */
