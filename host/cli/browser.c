@@ -9,7 +9,7 @@
 
 extern char **environ;
 
-/* In the background: where there is no desktop, xdg-open is the browser itself. */
+/* Runs xdg-open in the background: without a desktop it becomes the browser itself. */
 void cln_open_browser(const char *address)
 {
     static const char script[] =

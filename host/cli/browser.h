@@ -2,7 +2,7 @@
 #ifndef CLN_BROWSER_H
 #define CLN_BROWSER_H
 
-/* A warning where it cannot be opened. */
+/* Warns if it cannot be opened. */
 void cln_open_browser(const char *address);
 
 #endif

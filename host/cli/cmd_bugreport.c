@@ -1,6 +1,6 @@
-/* `cl-nascent bugreport`: one text with what the people who mend a defect ask first. Made in
- * memory, so that names of home folders can be taken out of all of it before it is printed. What
- * cannot be found out is said in its place: a report of a broken machine is still a report. */
+/* `cl-nascent bugreport`: a text with the facts that developers ask for first. It is made in
+ * memory, so that names of home folders can be removed from all of it before it is printed. An
+ * error stands where a fact cannot be found out: a report of a broken machine is still a report. */
 #include "cli/commands.h"
 #include "cli/help.h"
 
@@ -17,7 +17,7 @@
 #include "cli/console.h"
 #include "io/run_folder.h"
 
-/* ---- what the machine is ---- */
+/* ---- the machine ---- */
 
 static void put_system(FILE *to)
 {
@@ -63,7 +63,7 @@ static void put_devices(FILE *to, const cln_options *options)
     free(devices);
 }
 
-/* ---- what a run is ---- */
+/* ---- the run ---- */
 
 static void put_member(FILE *to, const json_t *object, const char *key)
 {
@@ -75,7 +75,7 @@ static void put_member(FILE *to, const json_t *object, const char *key)
     free(text);
 }
 
-/* What differs from the run's preset. */
+/* Prints the settings that differ from the run's preset. */
 static cln_status put_settings(FILE *to, const char *run, const char *preset)
 {
     cln_status st = CLN_OK;
@@ -85,7 +85,7 @@ static cln_status put_settings(FILE *to, const char *run, const char *preset)
 
     CLN_TRY(cln_settings_of_run(run, &settings));
     CLN_TRY(cln_config_preset(*preset ? preset : "fast", &standard));
-    fprintf(to, "    settings      preset %s, but for:\n", *preset ? preset : "fast");
+    fprintf(to, "    settings      preset %s, except:\n", *preset ? preset : "fast");
     for (int i = 0; i < cln_config_row_count; i++) {
         cln_config_text(&settings->config, &cln_config_rows[i], own);
         cln_config_text(&standard, &cln_config_rows[i], usual);
@@ -127,7 +127,7 @@ done:
 
 /* ---- the text ---- */
 
-/* Prints it with ~ for every /home/NAME, /Users/NAME and the folder of $HOME. */
+/* Prints the text with ~ for every /home/NAME, /Users/NAME and the folder of $HOME. */
 static void print_without_homes(const char *text)
 {
     static const char *const parents[] = {"/home/", "/Users/"};
@@ -169,9 +169,8 @@ cln_status cln_cmd_bugreport(const cln_options *options)
         CLN_TRY(cln_fail(CLN_MEMORY, "bugreport: no memory for its text"));
     print_without_homes(text);
     fprintf(stderr,
-            "Nothing was sent. Please look through this text for what you would not show, "
-            "and put it into your\nreport, with what you did, what came, and what should "
-            "have come%s.\n",
+            "Nothing was sent. Please remove from this text what you do not want to show, and put "
+            "it into your\nreport, with what you did, what happened, and what you expected%s.\n",
             options->operand ? "" : "; `cl-nascent bugreport RUN` adds a run");
 done:
     free(text);

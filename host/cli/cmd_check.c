@@ -14,7 +14,7 @@
 
 enum { COLUMNS_LEAST = 40, COLUMNS = 96 };
 
-/* As many as a terminal has, so that it breaks no word; elsewhere COLUMNS. */
+/* Columns of the terminal, so that it breaks no word; COLUMNS without a terminal. */
 static int columns(void)
 {
     struct winsize size = {0};
@@ -24,7 +24,7 @@ static int columns(void)
     return size.ws_col > COLUMNS_LEAST ? size.ws_col : COLUMNS_LEAST;
 }
 
-/* A text in lines of at most columns(), all but the first indented. */
+/* Prints a text in lines of at most columns(), all but the first indented. */
 static void print_wrapped(int column, int indent, const char *text)
 {
     const int most = columns();
@@ -78,7 +78,7 @@ static void print_findings(const json_t *findings)
     }
 }
 
-/* Of photos that share nothing there is less to say. */
+/* Photos that share nothing have fewer measures. */
 static void print_overlap(const json_t *measures)
 {
     const double agreeing = number(measures, "agreeing_share");
@@ -86,7 +86,7 @@ static void print_overlap(const json_t *measures)
     char line[512];
 
     if (isnan(agreeing))
-        snprintf(line, sizeof line, "no marks are found that two photos share");
+        snprintf(line, sizeof line, "no two photos share a mark");
     else
         snprintf(line, sizeof line,
                  "%.0f%% of %.0f marks that two photos share lie where both poses put them",
@@ -159,8 +159,8 @@ static void print_training(const json_t *training)
     if (!isnan(number(time, "steps_in_time_limit")))
         snprintf(range, sizeof range, "at most about %.0f steps within --time-limit, ",
                  number(time, "steps_in_time_limit"));
-    snprintf(line, sizeof line, "%s%.3g ms a step (%.3g to %.3g in %.0f steps). How good: %s",
-             range, 1e3 * number(time, "step_seconds"), 1e3 * number(time, "step_seconds_least"),
+    snprintf(line, sizeof line, "%s%.3g ms a step (%.3g to %.3g in %.0f steps). This is %s", range,
+             1e3 * number(time, "step_seconds"), 1e3 * number(time, "step_seconds_least"),
              1e3 * number(time, "step_seconds_most"), number(time, "steps_timed"),
              text_of(time, "how_good"));
     print_wrapped(printf("time     "), 9, line);
@@ -188,8 +188,7 @@ cln_status cln_cmd_check(const cln_options *options)
     }
     document = json_loads(text, 0, NULL);
     if (!json_is_object(document))
-        CLN_TRY(
-            cln_fail(CLN_INTERNAL, "%s: what was found is not a JSON object", options->operand));
+        CLN_TRY(cln_fail(CLN_INTERNAL, "%s: its findings are not a JSON object", options->operand));
     print_findings(json_object_get(document, "findings"));
     print_measures(document);
     print_training(json_object_get(document, "training"));

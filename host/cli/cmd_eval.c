@@ -105,7 +105,7 @@ cln_status cln_cmd_eval(const cln_options *options)
         puts(json);
     else if (cln_ranks_me() == 0)
         print_table(&result);
-    CLN_TRY(evaluated); /* what could not be written is told after the figures */
+    CLN_TRY(evaluated); /* an error of writing comes after the figures */
     if (!(result.psnr >= options->min_psnr))
         CLN_TRY(cln_fail(CLN_THRESHOLD, "%s: mean PSNR %.2f dB is below --min-psnr %g",
                          options->operand, result.psnr, options->min_psnr));

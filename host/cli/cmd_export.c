@@ -1,4 +1,4 @@
-/* `cl-nascent export`: what a run holds as a file for other programs. */
+/* `cl-nascent export`: writes what a run holds into a file for other programs. */
 #include "cli/commands.h"
 
 #include <errno.h>
@@ -11,7 +11,7 @@
 #include "cli/console.h"
 #include "export/list.h"
 
-/* The numbers of this export: its words in the document and behind the file's name. */
+/* The counts of an export, by the words that document and sentence have for them. */
 static json_t *counts_of(const cln_export_result *r)
 {
     json_t *counts = json_object();
@@ -116,7 +116,7 @@ static void ending_of(const char *what, char *out, size_t bytes)
     }
 }
 
-/* "-": to a file that only we know, and from there to standard output. */
+/* "-": exports to a temporary file and copies that to standard output. */
 static cln_status export_to_stdout(const cln_options *options, cln_export_desc *desc,
                                    cln_export_result *result)
 {
@@ -136,7 +136,7 @@ static cln_status export_to_stdout(const cln_options *options, cln_export_desc *
                         desc->what);
     if (strcmp(desc->what, "volume") == 0)
         return cln_fail(CLN_USAGE,
-                        "--volume -: a volume is two files, the array and where it lies; name a "
+                        "--volume -: a volume is two files, the array and its place; name a "
                         "file");
     ending_of(desc->what, ending, sizeof ending);
     CLN_TRY(

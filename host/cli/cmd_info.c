@@ -53,7 +53,7 @@ static bool ends_with(const char *text, const char *end)
     return length >= n && strcmp(text + length - n, end) == 0;
 }
 
-/* Bytes, as people read them: of keys that name memory, and all of memory plans. */
+/* Prints bytes for people, if the key names memory or belongs to a memory plan. */
 static bool print_memory(const char *parent, const char *key, const json_t *value)
 {
     char text[32];
@@ -68,7 +68,7 @@ static bool print_memory(const char *parent, const char *key, const json_t *valu
     return true;
 }
 
-/* Minutes and seconds; what a scene says of a training to come is an estimate. */
+/* Prints minutes and seconds; those of a training to come are an estimate. */
 static bool print_time(const char *parent, const char *key, const json_t *value)
 {
     char text[32];
@@ -80,7 +80,7 @@ static bool print_time(const char *parent, const char *key, const json_t *value)
     return true;
 }
 
-/* Scalars in one line: "800, 600" or "name lego/r_0.png, width 800". */
+/* Prints scalars in one line: "800, 600" or "name lego/r_0.png, width 800". */
 static void print_inline(const json_t *value)
 {
     const char *key = NULL;
@@ -104,7 +104,7 @@ static void print_inline(const json_t *value)
     }
 }
 
-/* A line for each member, of long lists only the first. */
+/* Prints a line for each member; of long lists only for the first ones. */
 static void print_list(const json_t *array, int indent)
 {
     size_t count = json_array_size(array);
@@ -155,7 +155,7 @@ static double number_at(const json_t *document, const char *object, const char *
     return json_number_value(json_object_get(json_object_get(document, object), key));
 }
 
-/* The settings that a step's time hangs on and that differ from the run's: "rays, width", or "". */
+/* Names settings that a step's time depends on and that differ from the run's: "rays, width". */
 static cln_status name_differences(const char *run, const cln_settings *settings, char *out,
                                    size_t bytes)
 {
@@ -181,7 +181,7 @@ done:
     return st;
 }
 
-/* Pixels of a view, in the mean; 0 if nobody says. */
+/* Mean number of pixels of a view; 0 if unknown. */
 static double mean_pixels(const json_t *described)
 {
     const json_t *sizes = json_object_get(described, "sizes");
@@ -198,7 +198,7 @@ static double mean_pixels(const json_t *described)
     return views > 0 ? pixels / views : 0;
 }
 
-/* How often a training of so many steps evaluates, the end included. */
+/* Counts the evaluations of a training of `steps` steps, with the one at its end. */
 static cln_status count_evaluations(const cln_settings *settings, double steps, double *count)
 {
     cln_status st = CLN_OK;
@@ -215,7 +215,7 @@ done:
     return st;
 }
 
-/* Adds what is no training time: the start, and evaluations, whose time grows with the pixels. */
+/* Adds times besides training: the start, and evaluations, whose time grows with the pixels. */
 static cln_status add_other_times(const cln_settings *settings, const json_t *run,
                                   const json_t *scene, double steps, json_t *training)
 {
@@ -239,8 +239,8 @@ done:
     return st;
 }
 
-/* Adds to training how long it would take: at the pace of a run, as nothing else tells it before
- * steps were taken. A mean over that run's growth, so it stands for one that grows alike. */
+/* Adds the time that training would take at the pace of a run, as nothing else tells it before the
+ * first step. The pace is a mean over that run's growth, so it holds for a run that grows alike. */
 static cln_status add_time(const cln_options *options, const json_t *scene, json_t *training)
 {
     cln_status st = CLN_OK;
@@ -259,14 +259,16 @@ static cln_status add_time(const cln_options *options, const json_t *scene, json
     if (!options->like) {
         json_object_set_new(training, "training_seconds", json_null());
         json_object_set_new(training, "training_seconds_from",
-                            json_string("not known before: --like RUN takes the pace of a run on "
-                                        "this device, train --time-limit sets the time"));
+                            json_string("not known yet: --like RUN estimates it from the pace of a "
+                                        "run on this device, train --time-limit sets it"));
         goto done;
     }
     CLN_TRY(cln_info_run(options->like, &text));
     run = json_loads(text, 0, NULL);
     if (!(number_at(run, "result", "step") > 0) || !(number_at(run, "result", "seconds") > 0))
-        CLN_TRY(cln_fail(CLN_INPUT, "--like %s: it has no result yet, so no pace; wait for its end",
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--like %s: it has no result yet, so its pace is unknown; wait for its "
+                         "end",
                          options->like));
     pace = number_at(run, "result", "seconds") / number_at(run, "result", "step");
     its = json_string_value(json_object_get(json_object_get(run, "device"), "name"));

@@ -11,8 +11,8 @@
 #include "ranks/ranks.h"
 #include "render/crop.h"
 
-/* RUN/render/ and the split, orbit, spiral, or name of the file of poses; of a path through poses
- * with -path. */
+/* RUN/render/ with the split, "orbit", "spiral", or the name of the file of poses; "-path" is added
+ * for a path through poses. */
 static cln_status standard_folder(const cln_options *options, char **out)
 {
     const char *slash = options->poses ? strrchr(options->poses, '/') : NULL;

@@ -1,5 +1,4 @@
-/* `cl-nascent train`: settings -> cln_train, and what came out of it, also when it was
- * interrupted. */
+/* `cl-nascent train`: settings -> cln_train, then the result, also of an interrupted training. */
 #include "cli/commands.h"
 
 #include <math.h>
@@ -63,7 +62,7 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     return CLN_OK;
 }
 
-/* Not to standard output, which has the result. */
+/* Shows the address on standard error, as standard output has the result. */
 static void show_address(const char *address, void *user)
 {
     const cln_options *options = user;
@@ -110,7 +109,7 @@ cln_status cln_cmd_train(const cln_options *options)
     if (trained != CLN_OK && result.digest == 0) /* stopped before the first step */
         return trained;
     if (options->watch)
-        cln_info("the viewer ends with the training; go on looking with `cl-nascent view %s`",
+        cln_info("the viewer ends with the training; `cl-nascent view %s` shows the run again",
                  cln_shell_quote(run, quoted, sizeof quoted));
     if (cln_ranks_me() == 0)
         CLN_TRY(print_result(options, run, trained, &result));

@@ -1,5 +1,5 @@
-/* `cl-nascent tune`: settings -> cln_tune_search; what was tried, the best set, and where its row
- * went. */
+/* `cl-nascent tune`: settings -> cln_tune_search, then the sets that were tried, the best one, and
+ * the file that has its row. */
 #include "cli/commands.h"
 
 #include <stdio.h>
@@ -49,7 +49,7 @@ static void print_result(const cln_tune_result *r, const char *file)
            count[CLN_SET_REFUSED], count[CLN_SET_SLOWER], count[CLN_SET_UNDECIDED],
            r->complete ? "no better one is known" : "--budget ended the search");
     printf("best        %s\n", r->tune);
-    printf("time        %.4g ms a step, %.2f times as fast as where the search began\n",
+    printf("time        %.4g ms a step, %.2f times as fast as the set that the search began with\n",
            1e3 * r->seconds, r->gain);
     if (file)
         printf("written to  %s\n", file);

@@ -28,7 +28,7 @@ done:
     return st;
 }
 
-/* Without comment and blanks around it. */
+/* Removes a comment, and blanks around the text. */
 static char *trim(char *text)
 {
     char *end = NULL;
@@ -62,7 +62,7 @@ static const char *split(char *line, char **value)
     return name;
 }
 
-/* Adds "NAME VALUE" to what is said. */
+/* Adds "NAME VALUE" to the line for the log. */
 static cln_status say(char **said, const char *path, const char *name, const char *value)
 {
     cln_status st = CLN_OK;
@@ -125,7 +125,7 @@ cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings
             "%s: is not a file, so there are no settings in it; rename it, or give --no-conf",
             path));
     CLN_TRY(cln_read_file(path, MOST_BYTES, &text, &bytes));
-    /* behind the byte order mark of Windows editors */
+    /* skips the byte order mark of Windows editors */
     for (char *line = text + (strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0), *next = NULL; line;
          line = next) {
         next = strchr(line, '\n');

@@ -8,10 +8,10 @@
 #include "cli/option_table.h"
 #include "cli/options.h"
 
-/* Sets what the file beside `scene` (a folder or a file) says, but for `overridden` rows
- * ([cln_config_row_count]), which the command line sets. info takes all of it, too, as it tells
- * what a training would need. *said: a line for the log that names what was set, or NULL where
- * there is no file; the caller frees it. CLN_INPUT names file and line. */
+/* Sets what the file beside `scene` (a folder or a file) says, except `overridden` rows
+ * ([cln_config_row_count]), which the command line sets. info reads it, too, as it tells what a
+ * training would need. *said: a line for the log that names what was set, or NULL where there is no
+ * file; the caller frees it. CLN_INPUT names file and line. */
 cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings *settings,
                          char **said);
 

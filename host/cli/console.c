@@ -55,8 +55,8 @@ static int poll_signals(void *user)
 {
     cln_console *console = user;
 
-    /* Again and again, because LLVM, which compiles the kernels inside PoCL, puts its own handlers
-     * over ours when it is first used, and its one for SIGUSR1 does nothing. */
+    /* At each poll, because LLVM, which compiles the kernels inside PoCL, replaces our handlers
+     * when it is first used, and its handler for SIGUSR1 does nothing. */
     handle_all(on_stop, on_checkpoint);
     if (stop_signal) {
         if (!console->announced)
@@ -96,7 +96,7 @@ void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
     cln_format_count(progress->leaves, leaves);
     cln_format_short(progress->params, params);
     cln_format_bytes(progress->device_bytes, memory);
-    /* what matters first: a narrow terminal shows the fields that it has room for */
+    /* the most important fields first: a narrow terminal shows those that it has room for */
     snprintf(out, bytes,
              "train %.0f%% | PSNR %s train%s | %s left%s | %s trained | step %s%s%s | %s rays/s | "
              "loss %s | %s leaves %s params | %s dev",
@@ -148,7 +148,7 @@ cln_status cln_console_open(const cln_options *options, cln_console *console)
     CLN_TRY(cln_progress_open(options->progress, &console->progress));
     console->callbacks = (cln_callbacks){
         .train = show_train, .work = show_work, .interrupted = poll_signals, .user = console};
-    if (cln_ranks_me() > 0) /* one of them speaks */
+    if (cln_ranks_me() > 0) /* only rank 0 shows progress */
         console->callbacks = (cln_callbacks){.interrupted = poll_signals, .user = console};
     stop_signal = 0;
     checkpoint_wanted = 0;

@@ -9,11 +9,11 @@
 #include "base/number.h"
 #include "cl_nascent.h"
 
-enum { LEFT = 26, RIGHT = 80, MOST = 5 }; /* columns; commands that make an option general */
+enum { LEFT = 26, RIGHT = 80, MOST = 5 }; /* columns; commands of an option of most commands */
 
 /* ---- layout ---- */
 
-/* Words of text from column `column` on, wrapped, later lines indented. */
+/* Prints the words of a text from column `column` on, wrapped, later lines indented. */
 static void put_wrapped(FILE *to, int column, int indent, const char *text)
 {
     bool first = true;
@@ -157,7 +157,7 @@ static bool is_of_most(const cln_arg *arg)
     return commands >= MOST;
 }
 
-/* A command's own options first, which its reader came for. */
+/* Prints a command's options: those of most commands, or the others, which come first. */
 static void put_args(FILE *to, const cln_command *command, bool of_most, const char *title)
 {
     bool titled = false;
@@ -203,9 +203,9 @@ static void put_program(FILE *to)
                 "  cl-nascent render run/ --orbit 60\n"
                 "\n"
                 "Sizes are given as 512M or 4G, times as 90s, 10m, 2h or 1:30. Results go to\n"
-                "standard output, log and progress to standard error. Which OpenCL devices there\n"
-                "are is up to the system's loader and drivers (OCL_ICD_VENDORS, POCL_DEVICES,\n"
-                "CUDA_VISIBLE_DEVICES and the like are theirs).\n"
+                "standard output, log and progress to standard error. The system's loader and\n"
+                "drivers decide which OpenCL devices there are (they read OCL_ICD_VENDORS,\n"
+                "POCL_DEVICES, CUDA_VISIBLE_DEVICES and the like).\n"
                 "The manual, with exit codes and files: man cl-nascent\n");
 }
 

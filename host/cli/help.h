@@ -5,10 +5,10 @@
 #include <stdio.h>
 #include "cli/option_table.h"
 
-/* Of one command, or with NULL the list of commands. */
+/* Prints the help of a command, or with NULL the list of commands. */
 void cln_help_print(FILE *to, const cln_command *command);
 
-/* The optional libraries that this program was or was not built with, a line without its end. */
+/* The optional libraries that this program was or was not built with, a line without newline. */
 const char *cln_built_with(void);
 
 /* "cl-nascent 0.1.0"; verbose: also the libraries and OpenCL platforms it runs on. */

@@ -19,7 +19,7 @@ static void print_error(cln_status st, const cln_options *options)
 
     if (cln_ranks_me() > 0 && (st == CLN_SIGINT || st == CLN_SIGTERM))
         return;
-    if (cln_ranks_me() > 0) /* an error of all ranks is told by rank 0, which ends the others */
+    if (cln_ranks_me() > 0) /* rank 0 reports an error of all ranks, and ends the others */
         sleep(1);
     fflush(stdout);
     fprintf(stderr, "%scl-nascent:%s %s%s\n", colour ? "\033[1;31m" : "", colour ? "\033[0m" : "",
@@ -29,13 +29,13 @@ static void print_error(cln_status st, const cln_options *options)
                 command ? " " : "");
 }
 
-/* Several ranks are for what takes them; each of the others would do, and write, the same. */
+/* Refuses several ranks for most commands: each would do, and write, the same. */
 static cln_status join_ranks(const cln_command *command)
 {
     cln_status st = CLN_OK;
 
     CLN_TRY(cln_ranks_open());
-    if (cln_ranks_me() > 0) /* one of them speaks */
+    if (cln_ranks_me() > 0) /* rank 0 has the log */
         cln_log_set_level(CLN_LOG_WARN);
     if (cln_ranks_count() > 1 && !(command->bit & (CLN_TRAIN | CLN_EVAL | CLN_RENDER)))
         CLN_TRY(cln_fail(CLN_USAGE,
@@ -53,8 +53,8 @@ int main(int argc, char **argv)
     cln_options options = {0};
 
     cln_log_to(CLN_LOG_INFO, cln_log_stderr, NULL);
-    signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other trouble */
-    signal(SIGXFSZ, SIG_IGN); /* a file beyond its limit is a write that fails */
+    signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other errors */
+    signal(SIGXFSZ, SIG_IGN); /* a write beyond the limit of a file's size then fails */
     CLN_TRY(cln_options_parse(argc, argv, &options));
     cln_log_use_colour(cln_options_colour(&options));
     cln_log_to(options.quiet         ? CLN_LOG_WARN

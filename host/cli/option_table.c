@@ -19,12 +19,12 @@ const cln_command cln_commands[] = {
      "SCENE is a folder or a transforms JSON file. Training ends when the first budget is used up "
      "(--steps, --time-limit, --target-psnr; else --epochs). Ctrl-C or SIGTERM writes a checkpoint "
      "and stops, a second one leaves at once; SIGUSR1 writes a checkpoint and goes on. With --view "
-     "it is watched, paused and stopped in a browser, too.",
+     "a browser can watch, pause and stop it, too.",
      cln_cmd_train},
     {"eval", CLN_EVAL, "RUN", true, "eval RUN [OPTIONS]",
      "PSNR and SSIM of a run's renders against held-out photos",
-     "Leaves RUN/eval/STEP-SPLIT.json, of fewer views than all STEP-SPLIT-COUNT.json, and renews "
-     "RUN/report.html. Figures of another scene than the run's go only where -o says.",
+     "Writes RUN/eval/STEP-SPLIT.json, for fewer views than all STEP-SPLIT-COUNT.json, and renews "
+     "RUN/report.html. Figures of another scene than the run's need a folder of their own: -o.",
      cln_cmd_eval},
     {"render", CLN_RENDER, "RUN", true, "render RUN [OPTIONS]",
      "Pictures and depth from a split's poses, a file's, or a path",
@@ -33,8 +33,8 @@ const cln_command cln_commands[] = {
      cln_cmd_render},
     {"view", CLN_VIEW, "RUN", true, "view RUN [OPTIONS]",
      "A run in the browser: fly through it, beside its photos",
-     "Prints an address of this machine, which a browser opens, also through ssh -L, until Ctrl-C. "
-     "Nothing is loaded from elsewhere, and nothing is written but films on their way.",
+     "Prints an address for a browser on this machine, or elsewhere through ssh -L; Ctrl-C ends "
+     "it. Nothing is loaded from elsewhere, and only films are written, while they are made.",
      cln_cmd_view},
     {"info", CLN_INFO, "SCENE|RUN", true, "info SCENE|RUN [OPTIONS]",
      "What is in a scene or a run",
@@ -44,17 +44,18 @@ const cln_command cln_commands[] = {
     {"poses", CLN_POSES, "PHOTOS", true, "poses PHOTOS -o SCENE [OPTIONS]",
      "Finds where photos were taken, with COLMAP's program",
      "PHOTOS is a folder of PNG and JPEG files, or a video (with ffmpeg). Needs the program colmap "
-     "(Debian: apt install colmap). What it says goes to SCENE/colmap.log.",
+     "(Debian: apt install colmap), whose output goes to SCENE/colmap.log.",
      cln_cmd_poses},
     {"check", CLN_CHECK_SCENE, "SCENE", true, "check SCENE [OPTIONS]",
      "What is likely wrong with a scene, and what a training would need",
      "Compares photos and poses with each other, and measures the time of training steps here. "
-     "Takes the options of train, for the training to come. What is found is no error: the exit "
+     "Takes the options of train, for the training to come. Findings are not errors: the exit "
      "code is 0.",
      cln_cmd_check},
     {"export", CLN_EXPORT, "RUN", true, "export RUN --mesh FILE.ply [OPTIONS]",
      "Surface, volume, cameras, octree of a run, for other programs",
-     "Of the newest checkpoint, in the scene's coordinates. The octree and cameras need no device.",
+     "Exports the newest checkpoint, in the scene's coordinates. The octree and cameras need no "
+     "device.",
      cln_cmd_export},
     {"devices", CLN_DEVICES, NULL, false, "devices [OPTIONS]",
      "The OpenCL devices, and whether they compute correctly",
@@ -72,8 +73,8 @@ const cln_command cln_commands[] = {
      cln_cmd_tune},
     {"bugreport", CLN_BUGREPORT, "RUN", false, "bugreport [RUN] [OPTIONS]",
      "What to send with a report of something that went wrong",
-     "A text on standard output: versions, devices with a quick self-test, and of RUN its settings "
-     "and where it stands. Nothing is sent anywhere.",
+     "A text on standard output: versions, devices with a quick self-test, and RUN's settings and "
+     "state. Nothing is sent anywhere.",
      cln_cmd_bugreport},
     {"completion", CLN_COMPLETION, "SHELL", true, "completion " CLN_SHELLS,
      "Completion of command lines for a shell",
@@ -90,7 +91,7 @@ const int cln_command_count = sizeof cln_commands / sizeof cln_commands[0];
 #define EVERY     (ON_DEVICE | CLN_INFO | CLN_DEVICES | CLN_BUGREPORT | CLN_POSES | CLN_COMPLETION)
 #define AT(field) offsetof(cln_options, field)
 
-/* Rows by kind; behind the help stands what else a row has: .letter, .standard, .shown, .env,
+/* Rows by kind; a row's other members follow its help: .letter, .standard, .shown, .env,
  * .negatable. */
 #define ROW(kind_, commands_, name_, field, help_, ...)                                          \
     {                                                                                            \
@@ -129,26 +130,27 @@ const cln_arg cln_args[] = {
     TEXT(CLN_POSES, "output", output, "SCENE",
          "folder of the scene; made if it is not there", .letter = 'o'),
     WORD(CLN_POSES, "match", match, "auto|all|next",
-         "which photos to compare: all with all, or each with the next ones; auto: the latter for "
-         "more than 120 that are numbered, or frames", .standard = "auto"),
+         "which photos to compare: all with all, or each with the next ones; auto: next for frames "
+         "of a video, or more than 120 numbered photos", .standard = "auto"),
     INT(CLN_POSES, "frames", frames, "N", 3, 10000,
         "frames to take from a video", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE, "preset", preset, CLN_PRESETS,
-         "defaults of the options below: chosen for a CPU, the paper's, or those of the baselines "
-         "inside the same program: one network, a uniform grid of small ones", .standard = "fast"),
+         "defaults of the options below: chosen for a CPU, the paper's, those of two baselines "
+         "(nerf: one network; kilonerf: a uniform grid of small ones), or voxels instead of "
+         "networks", .standard = "fast"),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
          "continue a run with its settings; options that are given replace them; --steps, --epochs "
-         "and --time-limit take +N for so much more"),
+         "and --time-limit take +N for N more"),
     TEXT(ON_DEVICE, "device", device.spec, "SPEC",
          "auto, cpu, gpu, a row number of `cl-nascent devices`, or part of a name",
          .letter = 'd', .standard = "auto", .env = "CL_NASCENT_DEVICE"),
     TEXT(ON_DEVICE, "kernel-dir", device.kernel_dir, "DIR",
          "read the kernels from here instead of from the program", .env = "CL_NASCENT_KERNEL_DIR"),
     TEXT(ON_DEVICE, "tune", device.tune, "LIST",
-         "kernel parameters over those of the device's class: VW=8,TS=6,...; tune: where the "
-         "search begins"),
+         "kernel parameters that replace the defaults of the device's class: VW=8,TS=6,...; tune: "
+         "where the search begins"),
     TEXT(ON_DEVICE | CLN_DEVICES | CLN_BUGREPORT, "tune-file", device.tune_file, "FILE",
-         "your rows of kernel parameters, which go before the program's own",
+         "your rows of kernel parameters, which take precedence over the program's own",
          .shown = "cl-nascent/tune.txt in $XDG_CONFIG_HOME or ~/.config",
          .env = "CL_NASCENT_TUNE_FILE"),
     TEXT(ON_DEVICE, "max-alloc", device.max_alloc, "SIZE",
@@ -174,20 +176,20 @@ const cln_arg cln_args[] = {
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
          "N x N rays for pixels at edges", .standard = "1"),
     FLAG(CLN_EVAL, "seams", seams,
-         "also how much colour and alpha jump between leaves at surfaces, beside the same step "
-         "inside"),
+         "also measure how much colour and alpha change at surfaces from leaf to leaf, and over "
+         "the same step inside a leaf"),
     FLAG(CLN_EVAL | CLN_RENDER, "fast", fast, "fewer samples: less time, a little more error"),
     TEXT(CLN_EVAL | CLN_RENDER, "device-mem", device.device_mem, "SIZE",
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",
          .shown = "the run's"),
     TEXT(CLN_RENDER, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ]",
          "only what is inside this box, in the scene's own frame and units, turned about its "
-         "middle by these degrees about x, then y, then z; the viewer tells the numbers of its "
+         "middle by these degrees about x, then y, then z; the viewer shows the numbers of its "
          "crop box"),
     REAL(CLN_EVAL, "min-psnr", min_psnr, "DB", 0, 200,
          "exit with code 9 if the mean PSNR is below this", .standard = "0"),
     FLAG(CLN_EVAL, "save-images", save_images,
-         "leave renders, truths, error images and pictures of the tree in RUN/eval/ and show them "
+         "write renders, truths, error images and pictures of the tree to RUN/eval/ and show them "
          "in the report", .standard = "yes", .negatable = true),
 
     NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "orbit", orbit_frames, "FRAMES", 1, 100000,
@@ -197,7 +199,7 @@ const cln_arg cln_args[] = {
          "orbit: all around, also where no training camera was"),
     REAL(CLN_RENDER, "elevation", elevation, "DEG", -90, 90,
          "orbit: degrees above the horizon of the training cameras",
-         .shown = "as these stand in the mean"),
+         .shown = "their mean"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit, spiral: distance, 1 = the training cameras' mean; of a spiral in front of the "
          "scene: its width, 1 = that of the cameras", .standard = "1"),
@@ -224,10 +226,10 @@ const cln_arg cln_args[] = {
     FLAG(CLN_RENDER, "normals", normals,
          "also NAME.normal.npy and NAME.normal.png: the surface's normals, from the depths"),
     REAL(CLN_RENDER, "depth-unit", depth_unit, "D", 0, 1e12,
-         "also NAME.depth16.png: 16-bit grey in steps of D scene units; 0 = not",
+         "also NAME.depth16.png: 16-bit grey in steps of D scene units; 0 = no such file",
          .standard = "0"),
     WORD(CLN_RENDER, "depth", depth, "median|mean",
-         "what depth is: where half of a ray's opacity lies before, or the samples' mean",
+         "what depth is: the point where half of a ray's opacity is reached, or the samples' mean",
          .standard = "median"),
 
 #define X(what, needs, form, help) \
@@ -266,7 +268,7 @@ const cln_arg cln_args[] = {
          "time to search in (also 90s, 10m, 1:30); the best set found by then is kept",
          .standard = "60", .seconds = true),
     FLAG(CLN_SELFTEST, "quick", quick,
-         "only the checks that take about a second; of --extremes, no sorts of over 2^17 keys"),
+         "only the checks that take about a second; with --extremes, no sorts of over 2^17 keys"),
     FLAG(CLN_SELFTEST, "extremes", extremes,
          "every kernel where numbers are large, tiny, saturated or on an edge: worst error, its "
          "place and its bound (docs/stability.md)"),
@@ -396,7 +398,8 @@ static const char *longer_option(const cln_command *command, const char *name)
     return NULL;
 }
 
-/* What other programs call it: ours, or in capitals what stands without an option here. */
+/* Our name of an option that other programs call `name`: an option, or in capitals an argument that
+ * has none. */
 static const char *name_elsewhere(const cln_command *command, const char *name)
 {
     static const struct {
@@ -465,7 +468,8 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
     return NULL;
 }
 
-/* A name that is in no table of this command: whose it is, or which one it resembles. */
+/* Fails for a name that is in no table of this command: says which commands have it, or which name
+ * it resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length)
 {
     char wanted[64], owners[128] = "";
@@ -495,8 +499,8 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean -%s?", wanted, wanted);
     best = name_elsewhere(command, wanted);
     if (best && *best <= 'Z')
-        return cln_fail(CLN_USAGE, "unknown option --%s; %s stands without one: `cl-nascent %s %s`",
-                        wanted, best, command->name, best);
+        return cln_fail(CLN_USAGE, "unknown option --%s; %s needs none: `cl-nascent %s %s`", wanted,
+                        best, command->name, best);
     if (best)
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s?", wanted, best);
     name = wanted;

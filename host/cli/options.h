@@ -1,5 +1,5 @@
-/* A command line, read: what was asked for. The tables of option_table.h say where each option
- * goes, parse.h fills it. */
+/* A parsed command line. The tables of option_table.h say where each option goes, parse.h fills
+ * it. */
 #ifndef CLN_OPTIONS_H
 #define CLN_OPTIONS_H
 
@@ -12,14 +12,14 @@ typedef struct cln_options {
     bool help, version;
     const char *operand; /* SCENE or RUN as given; NULL without */
     char *line;          /* the whole command line, quoted for a shell */
-    char *tune_path;     /* the user's rows, there or not; NULL without a home */
+    char *tune_path;     /* file of the user's tuning rows, which may not exist; NULL = no home */
 
     const char *output, *resume, *scene, *like, *preset, *split, *progress, *color;
     const char *dump_program, *colour, *match;
     const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;
     bool conf;       /* cl-nascent.conf beside the scene is read */
-    char *conf_said; /* what was taken from it, a line for the log; NULL = nothing */
+    char *conf_said; /* a line for the log that names its settings; NULL = none */
     bool circle, fast, json, quiet, test, quick, extremes, skip_selftest, save_images, overwrite,
         z_depth, seams;
     int verbose, max_images, antialias, frames;

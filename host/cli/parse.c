@@ -42,7 +42,7 @@ typedef struct parser {
     setting *settings; /* [argc] */
     int setting_count;
     bool given[CLN_ARGS_MAX]; /* by row of cln_args */
-    const char *dashed;       /* letters that are also the name of a file, "-dash"; NULL: none */
+    const char *dashed;       /* an argument of letters that also names a file, "-dash", or NULL */
 } parser;
 
 /* ---- values ---- */
@@ -120,8 +120,8 @@ done:
     return st;
 }
 
-/* The value of an option: after '=', or the next argument. Negative numbers are values; what starts
- * with "--" is the next option. */
+/* The value of an option: after '=', or the next argument. Negative numbers are values; an argument
+ * that starts with "--" is the next option. */
 static cln_status take_value(parser *p, const char *name, const char *form, const char *attached,
                              const char **text)
 {
@@ -155,12 +155,12 @@ static cln_status choose_export(cln_options *out, const cln_arg *arg)
     return CLN_OK;
 }
 
-/* Every option's default, before the environment and the command line are read. */
+/* Sets every option's default, before the environment and the command line are read. */
 static cln_status set_standards(cln_options *out)
 {
     cln_status st = CLN_OK;
 
-    out->elevation = NAN; /* which no option can say */
+    out->elevation = NAN; /* no option can set it */
     for (int i = 0; i < cln_arg_count; i++) {
         if (cln_args[i].standard && cln_args[i].kind != CLN_ARG_OPTINT)
             CLN_TRY(set_arg(out, &cln_args[i], cln_args[i].standard));
@@ -287,8 +287,7 @@ static cln_status parse_operand(parser *p, const char *argument)
     if (p->out->operand)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'%s",
                         argument, command->name, command->operand, p->out->operand,
-                        cln_arg_find_letter(command, 'o') ? "; what is written is named with -o"
-                                                          : "");
+                        cln_arg_find_letter(command, 'o') ? "; name the output with -o" : "");
     if (!*argument)
         return cln_fail(CLN_USAGE, "%s: the name of %s is empty", command->name, command->operand);
     p->out->operand = argument;
@@ -403,7 +402,7 @@ static cln_status parse_first(parser *p)
     return out->command ? CLN_OK : cln_fail_command(first);
 }
 
-/* ---- what one argument alone cannot decide ---- */
+/* ---- checks of several arguments ---- */
 
 static void read_environment(parser *p)
 {
@@ -471,7 +470,7 @@ static cln_status check_train(const parser *p)
     return CLN_OK;
 }
 
-/* A film holds colours alone, and a folder is not called like a file that it is not. */
+/* A film has only colours, and a folder must not be named like a film or a picture. */
 static cln_status check_render_output(const parser *p)
 {
     static const char *const of_folder[] = {"pfm", "normals", "depth-unit"};
@@ -532,7 +531,7 @@ static cln_status check_render(const parser *p)
     return check_render_output(p);
 }
 
-/* A terminal that cannot redraw a line, or a log that keeps every redraw: plain lines instead. */
+/* Chooses plain lines for a terminal that cannot redraw a line, or a log that keeps redraws. */
 static void settle_progress(parser *p)
 {
     const char *term = getenv("TERM");
@@ -545,8 +544,8 @@ static void settle_progress(parser *p)
         p->out->progress = "line";
 }
 
-/* --tune-file and its variable name a file that must be there (but for tune, which makes it); the
- * standard one need not be. */
+/* --tune-file and its variable name a file that must exist (except for tune, which makes it); the
+ * standard file need not exist. */
 static cln_status settle_tune_file(parser *p)
 {
     cln_status st = CLN_OK;
@@ -592,7 +591,7 @@ done:
     return st;
 }
 
-/* The line as one could type it again; for run.json. */
+/* The command line in a form that can be typed again; for run.json. */
 static cln_status quote_line(int argc, char **argv, char **out)
 {
     cln_status st = CLN_OK;

@@ -7,11 +7,11 @@
 #include "cli/options.h"
 
 /* Reads a command line into *out, which the caller frees also on failure. CLN_USAGE sentences name
- * the option and what is legal; a name that does not exist brings the nearest one that does. Errors
- * of reading the run of --resume pass through. */
+ * the option and what is legal, or the option nearest to an unknown name. Errors of reading the run
+ * of --resume pass through. */
 cln_status cln_options_parse(int argc, char **argv, cln_options *out);
-/* Whether messages may be in colour: as --color says; auto is on a terminal that has colours,
- * unless NO_COLOR is set. Also for options whose parsing failed. */
+/* Whether messages have colours: as --color says; auto: on a terminal that has colours, unless
+ * NO_COLOR is set. Also for options whose parsing failed. */
 bool cln_options_colour(const cln_options *options);
 void cln_options_free(cln_options *options);
 
