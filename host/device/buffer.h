@@ -4,8 +4,8 @@
 
 #include "device/device.h"
 
-/* One buffer, or one array in CLN_PARTS buffers: byte b lies in part b / part_bytes. A buffer may
- * take at least a quarter of the device's memory, so four reach all of it. */
+/* An array in one OpenCL buffer, or in CLN_PARTS of them: byte b lies in part b / part_bytes.
+ * Devices allow a buffer of at least a quarter of their memory, so four buffers reach all of it. */
 enum { CLN_PARTS = 4 };
 typedef struct cln_buffer {
     size_t bytes;      /* of all parts */
@@ -31,7 +31,8 @@ cln_status cln_buffer_write(cln_device *device, const cln_buffer *buffer, size_t
 cln_status cln_buffer_read(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,
                            size_t bytes);
 /* The same without waiting; done once a later cln_buffer_read, cln_buffer_write or
- * cln_device_finish has returned. Until then send's `data` must stay, fetch's are not valid. */
+ * cln_device_finish has returned. Until then, data that are sent must stay unchanged, and data that
+ * are fetched are not valid. */
 cln_status cln_buffer_send(cln_device *device, const cln_buffer *buffer, size_t offset,
                            const void *data, size_t bytes);
 cln_status cln_buffer_fetch(cln_device *device, const cln_buffer *buffer, size_t offset, void *data,

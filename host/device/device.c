@@ -146,7 +146,7 @@ static bool matches(const char *spec, int row, const cln_device_info *info)
            contains(info->platform, spec);
 }
 
-/* The first device that matches; of several, ranks of this machine take one each, in turn. */
+/* Picks a device that matches: the first one; several ranks of this machine take turns. */
 static cln_status pick(const char *spec, const cl_device_id *ids, int count, int *out)
 {
     static const char *const preference[] = {"gpu", "accelerator", "cpu"};

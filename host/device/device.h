@@ -68,8 +68,8 @@ typedef struct cln_device {
     size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */
     cln_stage booked; /* stage of all launches (cln_queue_book); CLN_STAGES: each its own */
-    /* queue.c's: launches whose time is not yet known; since cln_device_open, launches whose time
-     * is, and waits of the host. */
+    /* for queue.c: launches whose time is not yet known; number of launches whose time is known and
+     * of waits by the host, since cln_device_open */
     cln_pending *pending;
     int pending_count, pending_capacity;
     uint64_t settled, waits;

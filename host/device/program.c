@@ -1,6 +1,6 @@
 /* Programs from embedded or on-disk kernel files. A program's source is an array of lines with
  * #line marks, so that build errors name the real file and line; the device's compiler includes
- * nothing. / */
+ * nothing. */
 #include "device/program.h"
 
 #include <stdio.h>
@@ -62,7 +62,7 @@ static const char *const *embedded(const char *name)
     return NULL;
 }
 
-/* Notes a file; false if it is in already. */
+/* Adds a file's name; false if it is there already. */
 static bool enter(source *s, const char *name)
 {
     for (int i = 0; i < s->files; i++)
@@ -124,7 +124,7 @@ static bool is_word(char c)
     return c == '_' || (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z');
 }
 
-/* Does a word occur in the files? */
+/* Returns whether a word occurs in the files. */
 static bool mentions(const source *s, const char *word, size_t length)
 {
     for (int i = 0; i < s->count; i++)
@@ -134,8 +134,8 @@ static bool mentions(const source *s, const char *word, size_t length)
     return false;
 }
 
-/* *out = the "#define NAME ..." lines whose names the files mention: a setting that a program does
- * not read leaves its text as it is, and the driver's cache has it already. */
+/* *out = the "#define NAME ..." lines whose names the files mention. So a setting that a program
+ * does not read leaves its text as it is, and the driver's cache can have it already. */
 static cln_status keep_defines(const source *s, const char *defines, char **out)
 {
     static const char directive[] = "#define ";
@@ -174,7 +174,8 @@ static bool has_file(const char *folder, const char *name, const char *suffix)
     return has;
 }
 
-/* A folder without any of our files, or the asked one, would change nothing, silently. */
+/* Returns whether a folder has the file that is asked for, or any other of ours; without one,
+ * --kernel-dir would silently change nothing. */
 static bool has_kernels(const char *folder, const char *asked)
 {
     bool has = has_file(folder, asked, ".cl");
@@ -215,8 +216,8 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
                          device->kernel_dir));
     if (device->kernel_dir && !has_kernels(device->kernel_dir, name))
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "--kernel-dir %s: no kernel file is in it (such as rays.cl); give the "
-                         "folder of a copy of kernels/",
+                         "--kernel-dir %s: it has no kernel file (such as rays.cl); give a copy of "
+                         "the folder kernels/",
                          device->kernel_dir));
     CLN_TRY(append(&s, "")); /* place of the defines */
     CLN_TRY(append_file(device, &s, "device_abi.h"));

@@ -33,8 +33,8 @@ cln_status cln_device_finish(cln_device *device);
 /* Submits enqueued work without waiting. */
 cln_status cln_device_flush(cln_device *device);
 
-/* A place in the queue. Waiting for it waits for work enqueued before it, not after it; fetches
- * before it are done then. Wait for every mark exactly once. */
+/* A place in the queue. Waiting for it waits for the work enqueued before it, fetches included, not
+ * for later work. Wait for every mark exactly once. */
 typedef struct cln_mark {
     cl_event event;
     uint64_t launches;
@@ -42,8 +42,8 @@ typedef struct cln_mark {
 cln_status cln_device_mark(cln_device *device, cln_mark *out);
 cln_status cln_device_wait(cln_device *device, cln_mark *mark);
 
-/* Counts all later launches as this stage: pictures use the stages of training but are not part of
- * it. CLN_STAGES: each launch counts as its own stage again. */
+/* Books the time of all later launches on this stage, as pictures use training's stages but are not
+ * part of training. CLN_STAGES: each launch counts for its own stage again. */
 void cln_queue_book(cln_device *device, cln_stage stage);
 
 /* Adds launch times to stage_seconds; call it after a call outside this file that waited for all

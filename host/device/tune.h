@@ -50,7 +50,7 @@ void cln_tune_plain(cln_tune *out);
 typedef struct cln_tune_row {
     char device[160], driver[160], network[32]; /* patterns */
     char list[CLN_TUNE_TEXT];
-    const char *file; /* name of its text */
+    const char *file; /* where it was read */
     int line;
 } cln_tune_row;
 
@@ -78,8 +78,8 @@ void cln_tune_row_apply(const cln_tune_row *row, cln_tune *tune);
 void cln_tune_row_text(const cln_device_info *info, const char *network, const cln_tune *tune,
                        const char *comment, char out[1024]);
 /* Appends such a line to a file and removes rows with the same three patterns; all other lines
- * stay. Creates the file and its folder as needed. CLN_INPUT: a wrong row; the file stays as it
- * is. */
+ * stay. Creates the file and its folder as needed. CLN_INPUT if a row is wrong; the file then stays
+ * as it is. */
 cln_status cln_tune_row_put(const char *path, const char *line);
 
 #endif
