@@ -13,7 +13,7 @@
 
 enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
 
-/* A view's camera for its file: --downscale made it smaller. */
+/* A view's camera at the size of its image file, which --downscale had reduced. */
 static cln_camera camera_of(const cln_view *view)
 {
     cln_camera c = view->camera;
@@ -28,7 +28,7 @@ static cln_camera camera_of(const cln_view *view)
     return c;
 }
 
-/* Its file from the scene's folder: names may lack the ending. */
+/* The path of a view's file from the scene's folder; the view's name may lack the ending. */
 static cln_status name_of(const cln_view *view, char **name)
 {
     const char *last = strrchr(view->name, '/'), *file = strrchr(view->path, '/');
@@ -105,8 +105,8 @@ done:
 enum { CAMERAS, IMAGES, POINTS, FILES };
 static const char *const names[FILES] = {"cameras.txt", "images.txt", "points3D.txt"};
 
-/* The shortest list of parameters that has all of a camera: its model and their number; CLN_INPUT
- * if COLMAP has none. */
+/* Finds the COLMAP model with the fewest parameters that describes a camera, and their values;
+ * CLN_INPUT if COLMAP has none. */
 static cln_status list_of(const cln_view *view, const cln_camera *c, const cln_colmap_model **model,
                           double values[CLN_COLMAP_PARAMS])
 {
@@ -159,8 +159,8 @@ done:
     return st;
 }
 
-/* From the world to the camera: unit quaternion w, x, y, z and translation. By the largest of the
- * four, so that nothing small is divided by. */
+/* The pose from the world to the camera: unit quaternion w, x, y, z and translation. The largest of
+ * the four is found first, so that no division is by a small number. */
 static void pose_of(const double c2w[12], double q[4], double t[3])
 {
     double r[3][3], sums[4], most = 0;
@@ -200,7 +200,7 @@ static bool same_camera(const cln_view *a, const cln_view *b)
            cln_camera_is_like(&a->camera, &b->camera);
 }
 
-/* cameras.txt and images.txt; views of one camera in a row share its entry. */
+/* Writes all three files; successive views with the same camera share its entry. */
 static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
 {
     cln_status st = CLN_OK;

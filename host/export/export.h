@@ -1,5 +1,5 @@
-/* What the exports of list.h share: what each gets from api/export.c, which checks what is asked
- * for and opens the run. */
+/* What the exports of list.h share: the job that each gets from api/export.c, which checks the
+ * request and opens the run. */
 #ifndef CLN_EXPORT_H
 #define CLN_EXPORT_H
 
@@ -7,8 +7,8 @@
 #include "render/open_run.h"
 
 /* The checkpoint is always read. DEVICE: the field on a device; SCENE: the scene, without its
- * images; VIEWS: both. BOXES: leaves that are boxes of the scene, so that no forward or shell space
- * (scene/space.h) can be written; CELLS: the field on a grid of them. */
+ * images; VIEWS: both. BOXES: leaves that are boxes of the scene, as they are not in a forward or
+ * shell space (scene/space.h); CELLS: the field on a grid of equal cells, likewise. */
 typedef enum {
     CLN_EXPORT_CHECKPOINT = 0,
     CLN_EXPORT_DEVICE = 1,
@@ -31,7 +31,7 @@ CLN_EXPORT_LIST(X)
 /* "cl-nascent VERSION: WHAT at step N; scene units", for a file's comment; the caller frees it. */
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text);
 
-/* Has the file's name this ending (".obj"), in any case of letters? */
+/* Returns whether the file's name has this ending (".obj"), in upper or lower case. */
 bool cln_export_ends(const char *file, const char *ending);
 
 #endif

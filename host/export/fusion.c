@@ -11,13 +11,13 @@
 
 enum { MOST_VIEWS = 100, VIEW_WIDTH = 800 };
 
-/* A pixel that less light is absorbed on shows what is behind it. */
+/* A pixel of less opacity than this shows no surface. */
 static const float opaque = 0.5f;
 
 struct cln_fusion_view {
     cln_camera camera;
     bool plain;    /* a pinhole */
-    double eye[3]; /* the cube; the scene, if that is forward */
+    double eye[3]; /* in the cube; for a forward space in the scene */
     float *depth;  /* [height][width] along the ray, in the cube; below 0: nothing opaque */
 };
 
@@ -31,7 +31,7 @@ void cln_fusion_free(cln_fusion *fusion)
 
 /* ---- a view and a point ---- */
 
-/* The ray of the cube from where a view's begin to a point of it: direction and length. */
+/* The ray of a view, in the cube, that ends at a point: its direction and length. */
 static void aim(const cln_fusion *f, const cln_fusion_view *view, const double cube[3],
                 const double scene[3], double direction[3], double *distance)
 {
@@ -49,8 +49,8 @@ static void aim(const cln_fusion *f, const cln_fusion_view *view, const double c
         *distance += (cube[a] - begin[a]) * direction[a];
 }
 
-/* Where it sees a point, in which direction of the cube, and how far away that is; false: not in
- * its image. */
+/* Finds where a view sees a point, in which direction of the cube, and at what distance; false if
+ * the point is not in its image. */
 static bool project(const cln_fusion *f, const cln_fusion_view *view, const float at[3], double *u,
                     double *v, double direction[3], double *distance)
 {
@@ -83,8 +83,8 @@ static bool project(const cln_fusion *f, const cln_fusion_view *view, const floa
     return *u >= 0 && *u < c->width && *v >= 0 && *v < c->height;
 }
 
-/* Between the four pixels around a position, unless they are of different surfaces: then the
- * nearest one's. */
+/* Interpolates the depth between the four pixels around a position; if they show different
+ * surfaces, takes that of the nearest pixel. */
 static double depth_at(const cln_fusion *f, const cln_fusion_view *view, double u, double v)
 {
     const int width = view->camera.width, height = view->camera.height;
@@ -180,7 +180,7 @@ cln_status cln_fusion_start(const cln_space *space, const cln_octree *tree, int 
     return cln_alloc(&out->views, (size_t)count, sizeof *out->views, "views");
 }
 
-/* A forward space's depths, as lengths of the cube. */
+/* Turns depths of a forward space into lengths in the cube. */
 static void bend_depths(const cln_space *space, const cln_camera *camera, float *depth)
 {
     for (int k = 0; k < camera->width * camera->height; k++) {

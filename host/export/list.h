@@ -11,10 +11,10 @@
       "write points of the surface that training views see, evenly by area, with colours and "     \
       "normals")                                                                                   \
     X(mesh, VIEWS, "FILE.ply|.obj|.glb",                                                           \
-      "write that surface as triangles with colours and normals; the ending says how")             \
+      "write that surface as triangles with colours and normals; the ending names the format")     \
     X(volume, CELLS, "FILE.npy",                                                                   \
       "write colour and density on a grid: float32 [z][y][x][r, g, b, density]; FILE.json beside " \
-      "it says where the grid lies; not of a run with --space ndc or shell")                       \
+      "it has the grid's place; not of a run with --space ndc or shell")                           \
     X(cameras, SCENE, "FILE.json|FOLDER",                                                          \
       "write the scene's cameras: a transforms JSON file, or for a FOLDER COLMAP's text files; "   \
       "of a run with --refine-poses the corrected ones")                                           \

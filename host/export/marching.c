@@ -1,6 +1,7 @@
-/* Marching cubes. See marching.h. A slab of the grid, one block thick, at a time: its points are
- * asked for, then each cell is cut. A cell with edges of its own width alone is cut by the table of
- * marching_cases.c; another one by the same rule, but with the pieces of its faces as they are. */
+/* Marching cubes. See marching.h. Works on one slab of the grid at a time, a block thick: asks for
+ * the values at its points, then cuts its cells. A cell whose edges all have its own width is cut
+ * by the table of marching_cases.c; any other by the same rule, applied to each of the narrower
+ * faces on its sides. */
 #include "export/marching.h"
 
 #include <float.h>
@@ -14,21 +15,21 @@ enum {
     CHUNK = 65536,
     ROUNDS = 6,
     RING = 8,      /* points around a face at most: its sides may be halved */
-    PIECES = 6 * 8 /* of surface in a cell's faces at most: two in each of four quarters of one */
+    PIECES = 6 * 8 /* of surface in a cell's faces at most: two in each quarter of a face */
 };
 
 static const float unasked = FLT_MAX;
 
-/* A vertex that is somewhere on a line from inside, where the function is above 0, to outside. */
+/* A vertex to be placed on a line from inside, where the function is above 0, to outside. */
 typedef struct crossing {
     float in[3], out[3], value_in, value_out;
     uint32_t vertex;
 } crossing;
 
-/* A vertex that a row of faces turns about; its place is the function's 0 between them. */
+/* The vertex in the middle of a fan of faces; it is placed where the function is 0. */
 typedef struct hub {
     uint32_t vertex;
-    float reach;         /* how far that may be from the middle of the others */
+    float reach;         /* how far it may be from the mean of the fan's other vertices */
     size_t first, count; /* faces */
 } hub;
 
@@ -39,9 +40,9 @@ typedef struct sweep {
     uint8_t *levels;     /* [z][y][x]; NULL: all 0 */
     float *values;       /* [slice][y][x] of a slab, from `bottom` up */
     int bottom, top;     /* slices */
-    cln_edges edges;     /* that are cut, of a slab: see vertex_on */
+    cln_edges edges;     /* of the slab, those with a vertex */
     crossing *crossings; /* of vertices that are not yet in their places */
-    hub *hubs;           /* likewise */
+    hub *hubs;           /* that are not yet in their places */
     size_t count, room, hub_count, hub_room;
     float (*at)[4]; /* [CHUNK] */
     float *answers; /* [CHUNK] */
@@ -70,7 +71,7 @@ static int level_of(const sweep *s, int x, int y, int z)
 
 /* ---- levels ---- */
 
-/* Lowers a block to one above the lowest of those around it. */
+/* Lowers a block to level `to` if a block around it has a lower level than that. */
 static void lower(sweep *s, int x, int y, int z, int to)
 {
     uint8_t *level =
@@ -137,7 +138,7 @@ static int edge_length(const sweep *s, int axis, const int from[3])
     return 1 << level;
 }
 
-/* The same of a face across `axis` that has a point as its lowest corner. */
+/* Width of the face across `axis` with its lowest corner at a point: that of the narrower cell. */
 static int face_width(const sweep *s, int axis, const int from[3])
 {
     int before[3] = {from[0], from[1], from[2]};
@@ -222,7 +223,7 @@ static cln_status want(sweep *s, const int at[3])
     return s->waiting == CHUNK ? flush(s) : CLN_OK;
 }
 
-/* The points of a block's cells, as far as they lie in slices of the slab. */
+/* Asks for the points of a block's cells that are in the slab. */
 static cln_status want_block(sweep *s, int x, int y, int z)
 {
     cln_status st = CLN_OK;
@@ -240,8 +241,8 @@ done:
     return st;
 }
 
-/* Those of the slab of blocks z, and those of the next one on their common slice; from the slab
- * before they are there. */
+/* Asks for the points of slab z, with those that the next slab has on their common slice. Values on
+ * the slice in common with the slab before are there already. */
 static cln_status ask_slab(sweep *s, int z)
 {
     cln_status st = CLN_OK;
@@ -296,7 +297,7 @@ done:
     return st;
 }
 
-/* Does the next slab have this edge, too? */
+/* Returns whether the next slab has this edge, too. */
 static bool is_on_top(const void *user, uint64_t key)
 {
     const sweep *s = user;
@@ -305,8 +306,8 @@ static bool is_on_top(const void *user, uint64_t key)
     return (key - 1) / 3 / area == (uint64_t)s->top && (key - 1) % 3 != 2;
 }
 
-/* Halves the piece of a line that has the change of sign, some times, and ends by a straight line.
- */
+/* Places vertices: ROUNDS times halves the part of a line where the sign changes, then interpolates
+ * linearly. */
 static cln_status put_in_place(sweep *s)
 {
     cln_status st = CLN_OK;
@@ -341,8 +342,8 @@ done:
     return st;
 }
 
-/* The line through the middle of a hub's others, at right angles to its faces as they would be with
- * the hub there. */
+/* Puts a hub in the mean of its fan's other vertices, and makes the line to search for its place:
+ * through that mean, along the fan's normal. */
 static void aim(sweep *s, const hub *h, crossing *c)
 {
     float(*at)[3] = s->out->at, (*middle)[3] = &s->out->at[h->vertex];
@@ -374,7 +375,8 @@ static void aim(sweep *s, const hub *h, crossing *c)
     }
 }
 
-/* Once the others are in their places; where the line does not cross the surface, in the middle. */
+/* Places hubs, after the other vertices; a hub whose line does not cross the surface stays in the
+ * mean. */
 static cln_status place_hubs(sweep *s)
 {
     cln_status st = CLN_OK;
@@ -428,7 +430,7 @@ static void corner_of(const int from[3], int width, int corner, int at[3])
         at[a] = from[a] + width * (corner >> a & 1);
 }
 
-/* A cell by the table. */
+/* Cuts a cell by the table. */
 static cln_status cut_plain(sweep *s, const int from[3], int width)
 {
     cln_status st = CLN_OK;
@@ -482,8 +484,8 @@ static cln_status vertex_after(sweep *s, const ring *r, int i, uint32_t *vertex)
                       : vertex_on(s, axis, b, -length, vertex);
 }
 
-/* A face of the cells' narrower one, across `axis`, as seen from above or below: as join_edges of
- * marching_cases.c. */
+/* Adds the pieces of surface in a face across `axis`, seen from above or below, by the rule of
+ * join_edges in marching_cases.c. `width` is that of the narrower cell at the face. */
 static cln_status walk_face(sweep *s, int axis, bool above, const int corner[3], int width,
                             pieces *p)
 {
@@ -521,8 +523,8 @@ done:
     return st;
 }
 
-/* A loop of vertices, as a triangle or as a fan around a new one: no side of it is anywhere else.
- * Two pieces to and fro lie on a straight edge, whose other sides have the same two. */
+/* Fills a loop of vertices with a triangle, or with a fan around a new vertex, as sides to a new
+ * vertex are in no other cell. A loop of two pieces goes to and fro and encloses nothing. */
 static cln_status fill_loop(sweep *s, const uint32_t *loop, int n, int width)
 {
     cln_status st = CLN_OK;
@@ -544,7 +546,7 @@ done:
     return st;
 }
 
-/* A cell that narrower ones are next to. */
+/* Cuts a cell that is next to narrower ones. */
 static cln_status cut_joint(sweep *s, const int from[3], int width)
 {
     cln_status st = CLN_OK;
@@ -586,7 +588,7 @@ done:
     return st;
 }
 
-/* Are all edges of a cell as long as it is wide? */
+/* Returns whether all edges of a cell are as long as it is wide. */
 static bool is_plain(const sweep *s, const int from[3], int width)
 {
     for (int edge = 0; edge < CLN_MARCHING_EDGES; edge++) {

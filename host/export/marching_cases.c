@@ -1,6 +1,6 @@
-/* The cases of marching cubes. See marching.h. The table is made, not written down: in each face of
- * a cell, seen from outside, the surface runs from where a walk around the face enters the inside
- * to where it leaves it; these pieces join to loops, and the loops are cut into triangles. */
+/* The cases of marching cubes. See marching.h. The table is computed: in each face of a cell, seen
+ * from outside, the surface runs from where a walk around the face enters the inside to where it
+ * leaves it; these pieces join to loops, and the loops are cut into triangles. */
 #include "export/marching.h"
 
 #include <string.h>
@@ -27,8 +27,8 @@ int cln_marching_edge_start(int edge)
     return (edge & 1) << low | (edge >> 1 & 1) << high;
 }
 
-/* Do two edges lie in one face? Then a triangle's inner side must not join them: the cell beyond
- * would have it as well. */
+/* Returns whether two edges lie in one face. A cut of a loop must not join such edges: the cell
+ * beyond the face could have the same side. */
 static bool share_face(int a, int b)
 {
     const int from_a = cln_marching_edge_start(a), from_b = cln_marching_edge_start(b);
@@ -39,8 +39,8 @@ static bool share_face(int a, int b)
     return false;
 }
 
-/* next[e]: the edge that the surface runs to from edge e, in the face where a walk around it,
- * counter-clockwise as seen from outside the cell, enters the inside on e; -1: e is not cut. */
+/* next[e]: the edge to which the surface runs from edge e, in the face where a walk around it,
+ * counter-clockwise as seen from outside the cell, enters the inside at e; -1: e is not cut. */
 static void join_edges(int inside, int next[CLN_MARCHING_EDGES])
 {
     for (int e = 0; e < CLN_MARCHING_EDGES; e++)
@@ -64,7 +64,7 @@ static void join_edges(int inside, int next[CLN_MARCHING_EDGES])
     }
 }
 
-/* The vertex of a loop from which it is cut, so that no cut lies in a face. */
+/* The vertex of a loop from which all cuts go, chosen so that no cut lies in a face. */
 static int apex_of(const int *loop, int n)
 {
     for (int apex = 0; apex < n; apex++) {

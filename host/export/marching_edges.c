@@ -1,4 +1,4 @@
-/* Edges and their vertices: open addressing, at most half full. See marching_edges.h. */
+/* A hash table with open addressing, at most half full. See marching_edges.h. */
 #include "export/marching_edges.h"
 
 #include <stdlib.h>

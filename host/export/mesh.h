@@ -6,12 +6,12 @@
 #include "export/surface.h"
 #include "io/mesh.h"
 
-/* Rows for `vertices` in a zeroed mesh; its faces, comment and numbers are the caller's. */
+/* Allocates rows for `vertices` vertices in a zeroed mesh; the caller sets the rest. */
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices);
 void cln_export_mesh_free(cln_mesh *mesh); /* not its faces */
 
-/* Writes to the job's file, in the format of its ending (PLY without one), and counts. comment: of
- * what (cln_export_comment). */
+/* Writes the job's file, in the format of its ending (PLY without one), and sets the result's
+ * counts. what: the mesh's name in the file's comment (cln_export_comment). */
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh);
 
 #endif

@@ -1,4 +1,4 @@
-/* export --octree: the active leaves as boxes. Reads the checkpoint alone. */
+/* export --octree: the active leaves as boxes. Reads only the checkpoint. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

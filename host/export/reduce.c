@@ -30,7 +30,7 @@ cln_status cln_mesh_reduce_possible(void)
     return CLN_OK;
 }
 
-/* Keeps the vertices of its faces, in their order. */
+/* Drops vertices that no face has; the others keep their order. */
 static cln_status drop_unused(cln_mesh *mesh)
 {
     cln_status st = CLN_OK;

@@ -4,14 +4,14 @@
 
 #include "io/mesh.h"
 
-/* CLN_FAILED in a program that was built without meshoptimizer: which package is missing. */
+/* CLN_FAILED in a program that was built without meshoptimizer; names the missing package. */
 cln_status cln_mesh_reduce_possible(void);
 
 /* Leaves out vertices until the mesh has at most `most` triangles, first those that change it least
  * (edge collapse by quadric error; Garland and Heckbert 1997). What stays keeps its place, normal
  * and colour. No crack opens, so there may be more triangles than `most`; small parts may vanish.
- * *error: of the surface's place, in the mesh's units, as the quadrics estimate it (about its
- * largest distance). Rows of mesh->at, normal, colour and face are moved, none is freed.
+ * *error: about the largest distance by which the surface moved, in the mesh's units, as the
+ * quadrics estimate it. Rows of mesh->at, normal, colour and face are moved, none is freed.
  * CLN_MEMORY. */
 cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error);
 

@@ -1,5 +1,5 @@
-/* The surface of a run, as its training views see it, as a coloured mesh. What the exports of
- * points and meshes have in common. */
+/* The surface of a run, as its training views see it, as a coloured mesh. Shared by the exports of
+ * points and meshes. */
 #ifndef CLN_SURFACE_H
 #define CLN_SURFACE_H
 
@@ -9,11 +9,12 @@
 /* Width of a cell of the finest leaves' cached densities, in the cube. */
 double cln_surface_cell(const cln_model *model);
 
-/* Marching cubes (marching.h) of the depths of views (fusion.h), whose band it sets: all but
- * colours. `cells` along an axis of the cube, a uniform grid; 0: as many as `cell` (the width of
- * the finest detail to expect, in the cube: that in the deepest leaves) and the views' pixels ask
- * for, and fewer where leaves are less deep. `closed`: also what no view sees. CLN_MEMORY for more
- * vertices than memory has room for; no face is no error. */
+/* Traces the surface in the fused depths of views (fusion.h), whose band it sets, by marching cubes
+ * (marching.h); sets all but colours. cells: of a uniform grid along an axis of the cube; 0: as
+ * many as `cell` (width of the finest detail to expect, that of the deepest leaves, in the cube)
+ * and the views' pixels call for, and fewer where leaves are less deep. closed: also traces what no
+ * view sees. CLN_MEMORY for more vertices than memory has room for. A surface without faces is not
+ * an error. */
 cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool closed,
                              const cln_callbacks *callbacks, cln_surface *out);
 

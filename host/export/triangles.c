@@ -38,8 +38,8 @@ cln_status cln_surface_grow_vertices(cln_surface *surface)
 
     if (surface->vertices >= most)
         return cln_fail(CLN_MEMORY,
-                        "surface: more than %zu vertices, for which memory is too small; give a "
-                        "larger --spacing",
+                        "surface: memory has no room for more than %zu vertices; give a larger "
+                        "--spacing",
                         most);
     return cln_surface_grow(&surface->at, &surface->vertex_room, surface->vertices,
                             sizeof *surface->at, "vertices");

@@ -8,7 +8,7 @@
 
 typedef struct cln_surface {
     size_t vertices, faces, vertex_room, face_room;
-    size_t most;          /* vertices that it may have; 0 = as many as an index can name */
+    size_t most;          /* vertices at most; 0 = as many as an index can name */
     float (*at)[3];       /* [vertex] in the cube */
     float (*normal)[3];   /* [vertex] unit, outwards */
     float (*towards)[3];  /* [vertex] unit, from the eye that saw it best; 0: none did */
@@ -18,8 +18,8 @@ typedef struct cln_surface {
 
 void cln_surface_free(cln_surface *surface); /* accepts a zeroed one */
 
-/* Make room for one more; CLN_MEMORY. Of any array: pointer is its address, `row` the bytes of one,
- * `what` they are. */
+/* Make room for one more row; CLN_MEMORY. The first takes any array: pointer is the address of its
+ * pointer, row the bytes of a row, what the name of rows in the sentence. */
 cln_status cln_surface_grow(void *pointer, size_t *room, size_t count, size_t row,
                             const char *what);
 cln_status cln_surface_grow_vertices(cln_surface *surface);
