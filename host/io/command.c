@@ -1,5 +1,5 @@
-/* See command.h. The program is this one's child with its own output in a pipe; it shares the
- * terminal, so that it hears Ctrl-C, too. */
+/* See command.h. The other program runs as a child, its output goes to a pipe; it shares the
+ * terminal, so that Ctrl-C reaches it, too. */
 #include "io/command.h"
 
 #include <errno.h>
@@ -60,7 +60,7 @@ static void child(const char *const *argv, int out)
     _exit(127);
 }
 
-/* Lines of what is read; the last one that is not empty stays in last[]. */
+/* Cuts what is read into lines; the last line that is not empty stays in last[]. */
 typedef struct lines {
     char now[LINE], last[LINE];
     size_t used;
@@ -88,7 +88,7 @@ static void take(lines *l, const char *bytes, size_t count, const cln_command_wa
     }
 }
 
-/* Reads until the program closes its output. *stop: the signal that ended it before. */
+/* Reads until the program closes its output. *stop: the signal for which it was stopped, or 0. */
 static void read_output(int from, pid_t pid, lines *l, const cln_command_watch *watch, int *stop)
 {
     struct pollfd wait = {.fd = from, .events = POLLIN};
@@ -129,7 +129,7 @@ cln_status cln_command_run(const char *const *argv, const cln_command_watch *wat
         fflush(watch->log);
     }
     if (pipe2(pipes, O_CLOEXEC) != 0)
-        return cln_fail(CLN_FAILED, "%s: no pipe: %s", argv[0], strerror(errno));
+        return cln_fail(CLN_FAILED, "%s: cannot make a pipe: %s", argv[0], strerror(errno));
     pid = fork();
     if (pid == 0)
         child(argv, pipes[1]);
@@ -149,7 +149,8 @@ cln_status cln_command_run(const char *const *argv, const cln_command_watch *wat
                         argv[0]);
     if (WIFSIGNALED(code))
         return cln_fail(CLN_FAILED, "%s %s: ended by signal %d%s", argv[0], argv[1] ? argv[1] : "",
-                        WTERMSIG(code), WTERMSIG(code) == SIGKILL ? ", maybe for memory" : "");
+                        WTERMSIG(code),
+                        WTERMSIG(code) == SIGKILL ? ", perhaps for lack of memory" : "");
     if (WEXITSTATUS(code) != 0)
         return cln_fail(CLN_FAILED, "%s %s: ended with code %d: %s", argv[0],
                         argv[1] ? argv[1] : "", WEXITSTATUS(code), l.last);
@@ -161,7 +162,7 @@ cln_status cln_command_run(const char *const *argv, const cln_command_watch *wat
 struct cln_command_feed {
     const char *name;
     pid_t pid;
-    int to;     /* a socket, so that a reader that has gone is an error and no signal */
+    int to;     /* a socket, so that a program that has ended is an error, not a signal */
     FILE *said; /* its output and errors */
 };
 
@@ -174,7 +175,7 @@ static void free_feed(cln_command_feed *f)
     free(f);
 }
 
-/* Waits for its end; the sentence has the last line that it said. */
+/* Waits for the program's end; the error sentence has the last line that it printed. */
 static cln_status reap(cln_command_feed *f, bool early)
 {
     char line[LINE] = "", last[LINE] = "";
@@ -207,7 +208,7 @@ cln_status cln_command_open(const char *const *argv, cln_command_feed **out)
     f->to = -1;
     f->said = tmpfile();
     if (!f->said || socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
-        CLN_TRY(cln_fail(CLN_FAILED, "%s: no pipe: %s", argv[0], strerror(errno)));
+        CLN_TRY(cln_fail(CLN_FAILED, "%s: cannot make a pipe: %s", argv[0], strerror(errno)));
     f->to = ends[0];
     f->pid = fork();
     if (f->pid == 0) {

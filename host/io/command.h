@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include "base/status.h"
 
-/* Is there a program of that name on PATH? */
+/* Returns whether a program of that name is on PATH. */
 bool cln_command_found(const char *program);
 
 typedef struct cln_command_watch {
@@ -15,13 +15,13 @@ typedef struct cln_command_watch {
     FILE *log; /* gets the command and its output; or NULL */
 } cln_command_watch;
 
-/* Runs argv, NULL at its end, and waits. CLN_FAILED with its last line if it ends with another code
- * than 0, CLN_SIGINT or CLN_SIGTERM if it was stopped for `interrupted`. */
+/* Runs argv, which ends with NULL, and waits. CLN_FAILED with the program's last line if it ends
+ * with another code than 0; CLN_SIGINT or CLN_SIGTERM if `interrupted` had it stopped. */
 cln_status cln_command_run(const char *const *argv, const cln_command_watch *watch);
 
-/* A program that reads what is written to it: open, write, then end (closes its input and waits) or
- * kill, exactly one of them; both free it. Write and end: CLN_FAILED with the last line that it
- * said, if it ended early or with another code than 0. */
+/* A program that reads what is written to it: open, write, then either end (closes its input and
+ * waits) or kill; both free it. Write and end: CLN_FAILED with the last line that it printed if it
+ * ended early or with another code than 0. */
 typedef struct cln_command_feed cln_command_feed;
 cln_status cln_command_open(const char *const *argv, cln_command_feed **out);
 cln_status cln_command_write(cln_command_feed *feed, const void *data, size_t bytes);

@@ -17,8 +17,8 @@ typedef struct cln_cursor {
  * WHAT ...". */
 cln_status cln_cursor_take(cln_cursor *cursor, const char *what, void *out, size_t bytes);
 
-/* The next u64: the number of `what` that follow (also to be skipped), at least `least` bytes each.
- * CLN_INPUT if the rest of the file cannot hold them. */
+/* The next u64: the number of `what` that follow, each of at least `least` bytes. CLN_INPUT if the
+ * rest of the file cannot hold them, even if the caller skips them. */
 cln_status cln_cursor_count(cln_cursor *cursor, const char *what, size_t least, size_t *count);
 
 /* The next zero-terminated text, in the file's memory. CLN_INPUT if there is none. */

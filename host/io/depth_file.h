@@ -4,8 +4,8 @@
 
 #include "base/status.h"
 
-/* Writes [height][width] as 16-bit grey, round(depth / unit), atomically; 0 where nothing is. What
- * is beyond 65535 units becomes 65535; *beyond (may be NULL) counts it. CLN_OUTPUT,
+/* Writes [height][width] as 16-bit grey, round(depth / unit), atomically; 0 where nothing is.
+ * Depths beyond 65535 units become 65535; *beyond (may be NULL) counts them. CLN_OUTPUT,
  * CLN_MEMORY. */
 cln_status cln_depth_write_png16(const char *path, int width, int height, const float *depth,
                                  double unit, int *beyond);

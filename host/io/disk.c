@@ -11,7 +11,7 @@
 #include "base/memory.h"
 #include "io/progress.h"
 
-/* The path itself, or the nearest above it that is there. */
+/* The path itself, or its nearest ancestor that exists. */
 static cln_status nearest(const char *path, char **out)
 {
     cln_status st = CLN_OK;
@@ -30,7 +30,7 @@ done:
     return st;
 }
 
-/* Some file systems let nobody make anything (/proc), though access() has nothing against it. */
+/* Some file systems (/proc) let nobody create a file, though access() says that one may. */
 static cln_status try_folder(const char *subject, const char *there)
 {
     cln_status st = CLN_OK;
@@ -38,7 +38,7 @@ static cln_status try_folder(const char *subject, const char *there)
 
     CLN_TRY(cln_path_join(&trial, there, ".cl-nascent-XXXXXX"));
     if (!mkdtemp(trial))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: nothing can be made in %s: %s; choose another place",
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: no file can be created in %s: %s; choose another place",
                          subject, there, strerror(errno)));
     rmdir(trial);
 done:
@@ -46,7 +46,7 @@ done:
     return st;
 }
 
-/* subject: what is to be written, with which the sentence begins. */
+/* subject: what is to be written; begins the error sentence. */
 static cln_status check(const char *subject, const char *folder, double bytes, const char *what)
 {
     cln_status st = CLN_OK;
@@ -61,7 +61,7 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
     if (access(there, W_OK | X_OK) != 0)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s cannot be written to: %s; choose another place",
                          subject,
-                         strcmp(there, ".") == 0       ? "the folder one is in"
+                         strcmp(there, ".") == 0       ? "the current folder"
                          : strcmp(there, subject) == 0 ? "this folder"
                                                        : there,
                          strerror(errno)));

@@ -1,5 +1,5 @@
-/* Films. See film.h. Colours are turned to YCbCr as BT.709 has it, in its narrow range; y4m cannot
- * say so, ffmpeg's files do. */
+/* Films. See film.h. Colours become YCbCr by BT.709, in its narrow range. Files by ffmpeg declare
+ * that; y4m has no field for it. */
 #include "io/film.h"
 
 #include <errno.h>
@@ -43,7 +43,7 @@ bool cln_film_named(const char *path)
 
 static cln_status start_ffmpeg(cln_film *f, double fps)
 {
-    /* most players want even sides and halved colours */
+    /* most players need even sides and subsampled colours */
     static const char even[] = "pad=ceil(iw/2)*2:ceil(ih/2)*2,"
                                "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
     static const char palette[] = "split[a][b];[a]palettegen[p];[b][p]paletteuse";
@@ -147,7 +147,7 @@ done:
     return st;
 }
 
-/* BT.709, 16..235 and 16..240. */
+/* To YCbCr by BT.709, in 16..235 and 16..240. */
 static void to_planes(const cln_film *f, const uint8_t *rgb)
 {
     const size_t n = (size_t)f->width * (size_t)f->height;

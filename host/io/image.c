@@ -4,8 +4,9 @@
  *
  * Files are untrusted, so before stb decodes anything:
  *   1. our code reads the size from the header and checks it against the limits,
- * 2. our code walks the container to its end: PNG chunk lengths and CRCs up to IEND, JPEG segments
- *      and entropy-coded data up to EOI. stb checks neither, and fills missing data with grey,
+ *   2. our code walks the container to its end: PNG chunk lengths and CRCs up to IEND, JPEG
+ *      segments and entropy-coded data up to EOI. stb checks neither, and fills missing data with
+ *      grey,
  *   3. the size caps the decoder's largest single allocation, so that a small file cannot inflate
  *      to gigabytes.
  * stb_image 2.27 (Debian 12) needs that: without it damaged JPEGs write out of bounds. */

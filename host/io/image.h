@@ -21,7 +21,7 @@ cln_status cln_image_load(const char *path, int *width, int *height, int *channe
 cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
                             int *height, int *channels, uint8_t **pixels);
 
-/* Fails like cln_image_decode where the file is no image or cut, without decoding it. */
+/* Fails like cln_image_decode if the file is not an image or is truncated, without decoding it. */
 cln_status cln_image_check(const char *path);
 
 /* Divides the size by n (floor; partial blocks are dropped) by the mean of n x n blocks, to

@@ -103,7 +103,7 @@ done:
 
 /* ---- OBJ ---- */
 
-/* Vertices with their colours behind, which most programs read. */
+/* Writes colours behind the coordinates of vertices, where most programs read them. */
 cln_status cln_mesh_write_obj(const char *path, const cln_mesh *mesh)
 {
     cln_status st = CLN_OK;

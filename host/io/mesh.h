@@ -13,13 +13,13 @@ typedef struct cln_mesh {
     float (*normal)[3];   /* unit */
     uint8_t (*colour)[3]; /* sRGB */
     uint32_t (*face)[3];  /* counter-clockwise as seen from outside */
-    double origin[3];     /* a point near all of them */
-    double fine;          /* length that positions have to tell apart */
+    double origin[3];     /* a point near all vertices */
+    double fine;          /* smallest length that positions must resolve */
     const char *comment;  /* one line */
 } cln_mesh;
 
-/* Do floats keep its positions to a hundredth of `fine`? Else files have doubles, or positions
- * relative to the origin (GLB). */
+/* Returns whether floats keep positions to a hundredth of `fine`. Else files have doubles, or
+ * positions relative to the origin (GLB). */
 bool cln_mesh_fits_floats(const cln_mesh *mesh);
 
 /* The most bytes that the file may have. */

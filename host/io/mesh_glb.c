@@ -1,7 +1,7 @@
 /* Meshes as GLB, binary glTF 2.0: a header, a chunk of JSON, a chunk of numbers. See mesh.h.
  * Positions are floats relative to the origin, which is the node's translation, a number in the
- * JSON. Colours are linear 16-bit numbers, as glTF has them, and the material is lit by nothing:
- * the light is in the colours. Axes stay the scene's, though glTF calls y up. */
+ * JSON. Colours are linear 16-bit numbers, as in glTF, and the material is unlit, as colours
+ * contain the light. Axes stay the scene's, though y is up in glTF. */
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
@@ -25,7 +25,7 @@ typedef struct part {
     const char *type;
     int component, target;
     bool normalized;
-    size_t count, bytes; /* elements; of one */
+    size_t count, bytes; /* elements; bytes of one */
 } part;
 
 static void bounds_of(const cln_mesh *mesh, double low[3], double high[3])
@@ -42,7 +42,7 @@ static void bounds_of(const cln_mesh *mesh, double low[3], double high[3])
     }
 }
 
-/* The document; *total: bytes of the numbers. */
+/* Makes the JSON document; *total: bytes of the chunk of numbers. */
 static json_t *document_of(const cln_mesh *mesh, const part *parts, int count, size_t *total)
 {
     json_t *accessors = json_array(), *views = json_array(), *primitive = NULL;

@@ -9,9 +9,9 @@
  * "train_r_0". The caller frees *out. */
 cln_status cln_view_file_name(const char *name, char **out);
 
-/* Of all views of a scene: files[i] is the above of names[i], and where other names have the same,
- * "-" and eight hex digits of the name's digest stand behind it ("a/b" and "a_b"). Equal names have
- * equal files. On failure files may be partly filled; the caller frees them. */
+/* The same for all views of a scene: files[i] is the file name of names[i]. If different names
+ * would share it ("a/b" and "a_b"), "-" and eight hex digits of the name's digest are added. Equal
+ * names have equal files. On failure files may be partly filled; the caller frees them. */
 cln_status cln_view_file_names(int count, const char *const *names, char **files);
 
 #endif

@@ -1,7 +1,7 @@
 /* NumPy .npy files. The format (numpy.lib.format, version 1.0):
  *   "\x93NUMPY" 1 0 | u16 header length | header: a Python dict as text, padded with spaces to a
  *   multiple of 64 and ended by a newline | data
- * Not .npz, which npz.c has, nor records, strings, complex numbers or big-endian ones. */
+ * Does not read .npz (see npz.c), records, strings, complex or big-endian numbers. */
 #include "io/npy.h"
 
 #include <stdlib.h>
@@ -72,7 +72,8 @@ cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const
 
     CLN_ASSERT(dims >= 0 && dims <= MAX_DIMS);
     if (!element_count(dims, shape, &count))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: array too large for a .npy file of ours", path));
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: the array is larger than the 2^31 bytes that are written",
+                         path));
     CLN_TRY(cln_npy_begin_f32(path, dims, shape, &file));
     CLN_TRY(cln_atomic_write(file, data, count * sizeof(float)));
     CLN_TRY(cln_atomic_commit(&file));
@@ -150,8 +151,9 @@ static cln_status read_header(const char *path, const char *file, size_t bytes, 
     if (!a->type || !a->order || !extent)
         return cln_fail(CLN_INPUT, "%s: .npy header lacks descr, fortran_order or shape", path);
     if (!parse_shape(extent, a->dims, a->shape) || !element_count(*a->dims, a->shape, &a->count))
-        return cln_fail(CLN_INPUT, "%s: .npy shape is not up to %d sizes within 2^31 bytes", path,
-                        MAX_DIMS);
+        return cln_fail(CLN_INPUT,
+                        "%s: .npy shape is not a list of at most %d sizes, or has over 2^31 bytes",
+                        path, MAX_DIMS);
     a->data = file + PREFIX_BYTES + length;
     a->bytes = bytes - PREFIX_BYTES - length;
     return CLN_OK;

@@ -9,8 +9,8 @@
 /* Writes shape[dims] float32, atomically. */
 cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const float *data);
 
-/* The same for an array that is made in pieces, of any size: its header is written; the data
- * follow, with cln_atomic_write, and a commit. */
+/* The same for an array of any size that is made in pieces: writes the header; the caller then
+ * writes the data with cln_atomic_write, and commits. */
 cln_status cln_npy_begin_f32(const char *path, int dims, const int *shape, cln_atomic_file **out);
 
 /* Reads files as the writer makes them (version 1.0, '<f4', C order, up to 4 dimensions, at most

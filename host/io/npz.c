@@ -1,6 +1,6 @@
 /* A reader of zip archives as numpy writes them. See npz.h. The format (APPNOTE.TXT 4.3): files,
  * each after a local header; then the directory, with a header per file; then an end record, which
- * a comment may follow. Uses the directory, and of local headers only the length. */
+ * a comment may follow. Uses the directory; reads local headers only for their length. */
 #include "io/npz.h"
 
 #include <stdint.h>

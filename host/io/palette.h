@@ -8,7 +8,7 @@
 
 enum { CLN_PALETTE_LEVELS = 9 };
 
-/* Levels 0 to 8, from cold to warm up to 5; readers who cannot tell red from green see them
+/* Levels 0 to 8, from cold to warm up to 5; readers who cannot tell red from green can tell levels
  * apart. */
 void cln_palette_level(int level, uint8_t rgb[3]);
 

@@ -118,7 +118,7 @@ done:
     return st;
 }
 
-/* What the holder of a lock wrote into its file: "process 123 on HOST". */
+/* Reads what the holder of a lock wrote into its file: "process 123 on HOST". */
 static void read_holder(int lock, char *out, size_t bytes)
 {
     const ssize_t n = pread(lock, out, bytes - 1, 0);
@@ -129,7 +129,7 @@ static void read_holder(int lock, char *out, size_t bytes)
         snprintf(out, bytes, "another process");
 }
 
-/* What this process writes there. */
+/* Makes what this process writes there. */
 static void name_holder(char *out, size_t bytes)
 {
     char host[128] = "";
@@ -194,7 +194,7 @@ void cln_run_release(int lock)
 {
     if (lock < 0)
         return;
-    (void)!ftruncate(lock, 0); /* finished runs are alike, whoever trained them */
+    (void)!ftruncate(lock, 0); /* a finished run does not tell which process trained it */
     close(lock);
 }
 
@@ -215,7 +215,7 @@ cln_status cln_run_write_json(const char *run, const char *name, const json_t *d
     if (!text) /* documents hold what JSON can, so nothing else can fail */
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: no memory for its contents", path));
     length = strlen(text);
-    text[length] = '\n'; /* where the zero was; written by length */
+    text[length] = '\n'; /* replaces the zero; the length is given below */
     CLN_TRY(cln_write_file(path, text, length + 1));
 done:
     free(text);
@@ -229,7 +229,7 @@ cln_status cln_run_write(const char *run, const json_t *document)
     return cln_run_write_json(run, "run.json", document);
 }
 
-/* What is none; a file or folder of a run is told the run. */
+/* Fails for a path that is not a run; for one within a run, names the run. */
 static cln_status fail_no_run(const char *run)
 {
     cln_status st = CLN_OK;
@@ -278,8 +278,8 @@ done:
     return st;
 }
 
-/* Is the line a row up to `step`? An event belongs to the beginning of the next step: a run resumed
- * at the event's step repeats it. */
+/* Returns whether a line is a row up to `step`. An event belongs to the beginning of the next step:
+ * a run resumed at the event's step repeats it. */
 static bool keep_row(const char *line, size_t length, int64_t step)
 {
     json_t *row = json_loadb(line, length, 0, NULL);

@@ -8,7 +8,7 @@
 #include "base/status.h"
 #include "io/json.h"
 
-/* What cln_run_open would say, before work that would be in vain; *empty: RUN is new or empty. */
+/* Fails as cln_run_open would, before any work is done. *empty: RUN is new or empty. */
 cln_status cln_run_check(const char *run, bool resume, bool *empty);
 
 /* Prepares RUN for training: creates it for a new run; with `resume` it must hold one, else
@@ -16,13 +16,13 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty);
  * written. */
 cln_status cln_run_open(const char *run, bool resume);
 
-/* Holds RUN for this process alone, until cln_run_release or its end, however it comes: a lock on
- * RUN/lock, which names the process. CLN_OUTPUT names the one that holds it. On a file system
- * without locks a warning. The caller releases *lock. */
+/* Holds RUN for this process alone, until cln_run_release or the process ends in any way: by a lock
+ * on RUN/lock, which names the process. CLN_OUTPUT names the process that holds it already. Warns
+ * on a file system without locks. The caller releases *lock. */
 cln_status cln_run_hold(const char *run, int *lock);
 void cln_run_release(int lock); /* accepts a negative one */
 
-/* Does another process hold RUN? No where there are no locks. */
+/* Returns whether another process holds RUN; false on a file system without locks. */
 bool cln_run_is_held(const char *run);
 
 /* run.json, written atomically, and read; the reader checks "schema" ("cl-nascent.run/1") and gives

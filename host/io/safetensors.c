@@ -151,8 +151,7 @@ done:
     return st;
 }
 
-/* Reads one entry of the header; size: bytes of the data section. NULL if sound, else the defect.
- */
+/* Reads an entry of the header; size: bytes of the data section. Returns NULL, or the defect. */
 static const char *read_entry(const json_t *entry, const char *data, size_t size, cln_tensor *out)
 {
     const json_t *shape = json_object_get(entry, "shape");

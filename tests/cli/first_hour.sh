@@ -324,7 +324,7 @@ section_results() {
     expect "a file of a run in its place" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
     expect "export into no folder: said at once" 7 "$work/none ~no.folder" \
         "$cln" export "$r" --mesh "$work/none/a.ply"
-    expect "nor where nothing can be made: before the work" 7 "/proc/a.ply ~made.in./proc" \
+    expect "nor where no file can be created: before the work" 7 "/proc/a.ply ~created.in./proc" \
         "$cln" export "$r" --mesh /proc/a.ply
     check "none was begun" not_said "depths"
     expect "a page" 7 "/proc/a.html" "$cln" check "$work/my scene" -o /proc/a.html

@@ -359,7 +359,7 @@ static void test_disk_check(void **state)
     assert_int_equal(cln_disk_check_file("file.ply", 1e18, "boxes"), CLN_OUTPUT);
     cln_clear_error();
     assert_int_equal(cln_disk_check_file("/proc/a.ply", 0, ""), CLN_OUTPUT);
-    assert_non_null(strstr(cln_error_text(), "/proc/a.ply: nothing can be made in /proc"));
+    assert_non_null(strstr(cln_error_text(), "/proc/a.ply: no file can be created in /proc"));
     cln_clear_error();
 }
 
