@@ -1,5 +1,5 @@
-/* The opaque cln_settings of cl_nascent.h: values, the preset's or run's values below them, and
- * which ones were given. The library reads values as plain fields of cln_config. */
+/* The opaque cln_settings of cl_nascent.h: values, the preset's or run's values that they began
+ * with, and which ones were given. The library reads values as plain fields of cln_config. */
 #ifndef CLN_BASE_SETTINGS_H
 #define CLN_BASE_SETTINGS_H
 

@@ -274,7 +274,7 @@ static void test_idle(void **state)
                "--slab has no effect: only a cube"));
     assert_non_null(
         strstr(warnings_with("fast", "exchange=samples", &(cln_settings_facts){.ranks = 1}),
-               "--exchange has no effect: one process"));
+               "--exchange has no effect: a single process"));
     assert_string_equal(
         warnings_with("fast", "exchange=samples slab=yes", &(cln_settings_facts){.ranks = 2}), "");
     /* no warning of a preset's own settings, though the paper's has both a final rate and steps */
