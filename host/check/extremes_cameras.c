@@ -179,7 +179,7 @@ static cln_status check_all_far(cln_checks *c)
     static const char range[] = "cameras 10 to 10^6 half-cubes away, cubes of 1e-6 to 1e6 units";
     cln_status st = CLN_OK;
     cln_extreme lateral = cln_extreme_row(c, "place near the cube", range);
-    cln_extreme depth = cln_extreme_row(c, "depth by distance", range);
+    cln_extreme depth = cln_extreme_row(c, "depth / distance", range);
     cln_extreme starts = cln_extreme_row(c, "t begins at the cube", "cameras 100 to 10^6 away");
 
     for (size_t i = 0; i < sizeof spaces / sizeof *spaces; i++)

@@ -305,8 +305,8 @@ cln_status cln_extremes_regularised(cln_checks *c)
                      0};
     cln_extreme colours = cln_extreme_row(c, "colour and opacity", range);
     cln_extreme losses = cln_extreme_row(c, "loss", range);
-    cln_extreme by_colour = cln_extreme_row(c, "colour gradient by its weight", range);
-    cln_extreme by_density = cln_extreme_row(c, "density gradient by light behind", range);
+    cln_extreme by_colour = cln_extreme_row(c, "colour gradient / sample weight", range);
+    cln_extreme by_density = cln_extreme_row(c, "density gradient / light behind", range);
     batch b = {0};
 
     CLN_TRY(make(&b, MIXED_RAYS, MIXED_RAYS * MIXED_MOST, MIXED_MOST));

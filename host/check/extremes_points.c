@@ -123,7 +123,7 @@ cln_status cln_extremes_regularisers(cln_checks *c)
     cln_pipeline *p = c->p;
     const cln_sampling s = {.jitter = true, .seed = 5, .step = 9, .max_samples = 1 << 20};
     cln_extreme sparsity = cln_extreme_row(c, "sparsity gradient", range);
-    cln_extreme edge = cln_extreme_row(c, "edge gradient by alpha or light behind", range);
+    cln_extreme edge = cln_extreme_row(c, "edge gradient / alpha or light behind", range);
     cln_model model = {0};
     uint32_t samples = 0;
     points *b = NULL;
