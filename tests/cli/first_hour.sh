@@ -76,8 +76,8 @@ section_words() {
         "$cln" train s -o r --iterations 5
     expect "a near plane" 2 "~mean.--near[?]" "$cln" train s -o r --near-plane 0.1
     expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
-    expect "the scene as an option" 2 "~SCENE.stands.without.*train.SCENE" "$cln" train --data s
-    expect "the run as an option" 2 "~RUN.stands.without.*eval.RUN" "$cln" eval --model_path r
+    expect "the scene as an option" 2 "~SCENE.needs.none.*train.SCENE" "$cln" train --data s
+    expect "the run as an option" 2 "~RUN.needs.none.*eval.RUN" "$cln" eval --model_path r
     expect "but of a training it is the output" 2 "--output" "$cln" train s --model_path r
     expect "where to write, without -o" 2 "-o" "$cln" train s r
     expect "a folder in place of a command" 2 "~command.comes.first train" "$cln" "$work"
