@@ -102,7 +102,7 @@ struct cln_pipeline {
     double *load;           /* [leaf]: of this rank's leaves at least */
     bool leaf_rank_there;   /* p->leaf_rank is up to date with rank_first */
     bool stretched;         /* the batch has only samples of this rank's leaves (stretch.h) */
-    uint32_t samples_here;  /* samples of the batch that are here; with `stretched`, also its stretches */
+    uint32_t samples_here;  /* samples that are here; if stretched, also stretches */
     uint32_t stretch_total;
     /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
     double samples_own, samples_busiest, samples_all;

@@ -341,7 +341,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, 2 * s->leaves * BYTES(d, adam_m));
         add(out, densities);
         row(out, "changes of the tree", CLN_LOWER_LEAVES);
-        add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* leaves folded at a time */
+        add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded together */
         if (s->distil) /* up to every eighth leaf comes from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
         row(out, "coverage of the images", "the number of views");

@@ -67,7 +67,7 @@ int cln_share_most(const cln_pipeline *p, int leaves);
 
 typedef struct cln_share_move {
     int leaves;           /* leaves that changed their rank */
-    double before, after; /* busiest rank's work over the mean; after: if the leaves had been there already */
+    double before, after; /* the busiest rank's work over the mean; after: had they moved before */
 } cln_share_move;
 
 /* Moves leaves between ranks, weights and all, if the busiest rank has recently had more than LIMIT
