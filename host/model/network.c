@@ -45,8 +45,8 @@ static cln_status check_shape(const cln_config *c)
         return cln_fail(CLN_USAGE, "view-width %d: it must be a multiple of 16 from 16 to 256",
                         c->view_width);
     if (c->bands < 1 || c->bands > 10 || c->view_bands < 0 || c->view_bands > 4)
-        return cln_fail(CLN_USAGE, "bands %d, view-bands %d: they must be 1 to 10 and 0 to 4", c->bands,
-                        c->view_bands);
+        return cln_fail(CLN_USAGE, "bands %d, view-bands %d: they must be 1 to 10 and 0 to 4",
+                        c->bands, c->view_bands);
     if (c->encoding == CLN_ENCODING_FREQUENCY)
         return CLN_OK;
     if (c->grid_cells < 2 || c->grid_cells > 32 || c->grid_cells % 2 != 0)

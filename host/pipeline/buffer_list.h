@@ -9,18 +9,18 @@
 typedef struct cln_pipeline cln_pipeline;
 
 /* X(purpose, name, what to lower in training, in rendering): the memory plan's rows, in order. */
-#define CLN_PURPOSE_LIST(X)                                               \
-    X(WEIGHTS, "network weights", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)     \
-    X(OPTIMISER, "optimiser state", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)   \
-    X(GRADIENTS, "weight gradients", CLN_LOWER_BATCH, CLN_LOWER_BATCH)    \
-    X(ACTIVATIONS, "activations", CLN_LOWER_BATCH, CLN_LOWER_BATCH)       \
-    X(MEASURES, "measures", "--batch-samples, or give --no-adaptive", NULL)    \
-    X(DENSITIES, "stage-1 densities", CLN_LOWER_CELLS, CLN_LOWER_CELLS)   \
-    X(CHANGES, "changes of the tree", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES) \
-    X(TREE, "tree and cameras", "--max-leaves", "--max-leaves")           \
-    X(SAMPLES, "samples", CLN_LOWER_SAMPLES, CLN_LOWER_SAMPLES)           \
-    X(RAYS, "rays", "--max-alloc, --max-level or --rays", "--max-alloc")  \
-    X(LISTS, "lists of views", CLN_LOWER_VIEWS, CLN_LOWER_VIEWS)          \
+#define CLN_PURPOSE_LIST(X)                                                 \
+    X(WEIGHTS, "network weights", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)       \
+    X(OPTIMISER, "optimiser state", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)     \
+    X(GRADIENTS, "weight gradients", CLN_LOWER_BATCH, CLN_LOWER_BATCH)      \
+    X(ACTIVATIONS, "activations", CLN_LOWER_BATCH, CLN_LOWER_BATCH)         \
+    X(MEASURES, "measures", "--batch-samples, or give --no-adaptive", NULL) \
+    X(DENSITIES, "stage-1 densities", CLN_LOWER_CELLS, CLN_LOWER_CELLS)     \
+    X(CHANGES, "changes of the tree", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)   \
+    X(TREE, "tree and cameras", "--max-leaves", "--max-leaves")             \
+    X(SAMPLES, "samples", CLN_LOWER_SAMPLES, CLN_LOWER_SAMPLES)             \
+    X(RAYS, "rays", "--max-alloc, --max-level or --rays", "--max-alloc")    \
+    X(LISTS, "lists of views", CLN_LOWER_VIEWS, CLN_LOWER_VIEWS)            \
     X(PROJECTED, "projected samples", CLN_LOWER_PROJECTED, CLN_LOWER_PROJECTED)
 #define CLN_LOWER_LEAVES    "--start-level, --max-leaves, --width or --depth"
 #define CLN_LOWER_BATCH     "--batch-samples, --width or --depth"
@@ -124,7 +124,7 @@ typedef enum cln_when {
     X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                         \
     X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                \
     X(packed, cl_float4, 1, SAMPLE, SAMPLES, SHARED, "messages")                                 \
-    /* stretches, no more than samples: rank, first sample here, sums (stretch.cl) */      \
+    /* stretches, no more than samples: rank, first sample here, sums (stretch.cl) */            \
     X(stretch_rank, cl_uint, 1, SAMPLE, SAMPLES, SHARED, "stretches")                            \
     X(stretch_first, cl_uint, 1, SAMPLE_START, SAMPLES, SHARED, "stretches")                     \
     X(stretch_sums, cl_float4, sums_of(p), SAMPLE, SAMPLES, SHARED, "stretches")                 \
@@ -133,12 +133,12 @@ typedef enum cln_when {
     X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                    \
     X(digit_counts, cl_uint, 1, PLACE, SAMPLES, ALWAYS, "sort counts")                           \
     X(sums, cl_ulong, 1, CHUNK, SAMPLES, ALWAYS, "scan sums")                                    \
-    /* rays; backgrounds: one, or one per ray; intervals, and number used of each ray */    \
+    /* rays; backgrounds: one, or one per ray; intervals, and number used of each ray */         \
     X(pixels, cln_pixel, 1, RAY, RAYS, ALWAYS, "pixels")                                         \
     X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                  \
-    /* with a depth loss: points that rays show, in the cube, and their weights */     \
+    /* with a depth loss: points that rays show, in the cube, and their weights */               \
     X(shown, cl_float4, shown_of(p), RAY, RAYS, TRAINING, "points of rays")                      \
     X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                               \
     X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                              \

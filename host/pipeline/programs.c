@@ -453,12 +453,11 @@ static cln_status create(cln_device *device, const cln_config *config, unsigned 
     out->wanted = wanted;
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         *unfit = true;
-        st =
-            cln_fail(CLN_MEMORY,
-                     "width %d with view width %d needs %zu bytes of local memory per sample, but "
-                     "%s has %zu in all; lower --width or --view-width",
-                     out->net.width, out->net.view_width, bytes_per_sample(&out->net),
-                     device->info.name, device->local_mem);
+        st = cln_fail(CLN_MEMORY,
+                      "width %d with view width %d needs %zu bytes of local memory per sample, but "
+                      "%s has %zu in all; lower --width or --view-width",
+                      out->net.width, out->net.view_width, bytes_per_sample(&out->net),
+                      device->info.name, device->local_mem);
         goto done;
     }
     CLN_TRY(build(out));

@@ -32,11 +32,11 @@ cln_status cln_orbit_frame_read(const json_t *saved, cln_orbit_frame *out);
 /* A path, by cln_orbit_make. */
 typedef struct cln_orbit {
     cln_orbit_frame frame;
-    double distance;  /* of the path's cameras to the target */
-    double elevation; /* radians */
+    double distance;      /* of the path's cameras to the target */
+    double elevation;     /* radians */
     double middle, swing; /* radians: the path swings by `swing` to either side of `middle` */
     bool circle;          /* goes all around instead, from the east on */
-    cln_camera lens; /* size and intrinsics; its pose is not used */
+    cln_camera lens;      /* size and intrinsics; its pose is not used */
 } cln_orbit;
 
 /* Size and intrinsics of desc's pictures on a path: those of the training view, without its lens

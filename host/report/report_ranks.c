@@ -35,8 +35,8 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
 
     cln_format_duration(r->message_seconds, messages);
     fprintf(to,
-            "<table><tr><td>processes<td class=n>%.0f\n<tr><td>bytes that the first one sent, per step"
-            "<td class=n>%.0f\n<tr><td>the same, per ray<td class=n>",
+            "<table><tr><td>processes<td class=n>%.0f\n<tr><td>bytes that the first one sent, "
+            "per step<td class=n>%.0f\n<tr><td>the same, per ray<td class=n>",
             r->ranks, r->bytes / r->steps);
     cln_report_number(to, r->bytes / r->rays, 1);
     fprintf(to, "\n<tr><td>its time in messages, waiting included<td class=n>%s (", messages);
