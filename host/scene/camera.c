@@ -97,8 +97,8 @@ void cln_camera_resize(cln_camera *camera, int width, int height, double x, doub
     camera->cy /= y;
 }
 
-/* The rotation nearest to r (row-major 3x3), by Newton's iteration for the polar decomposition: X
- * <- (X + X^-T) / 2. Needs det(r) > 0. */
+/* The rotation nearest to r (row-major 3x3), by Newton's iteration for the polar decomposition,
+ * X <- (X + X^-T) / 2. Needs det(r) > 0. */
 static void nearest_rotation(double r[9])
 {
     for (int step = 0; step < 60; step++) {

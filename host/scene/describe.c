@@ -46,8 +46,8 @@ static json_t *describe_sizes(const cln_scene *scene)
     return sizes;
 }
 
-/* Are two cameras alike to NEARLY? They may differ by rounding only, as of a matrix that was taken
- * apart: a list of 49 such cameras would tell nothing. */
+/* Are two cameras alike to within NEARLY? They may differ by rounding only, as of a matrix that was
+ * taken apart: a list of 49 such cameras would tell nothing. */
 static bool is_nearly_like(const cln_camera *a, const cln_camera *b)
 {
     cln_camera rest = *b;
@@ -62,9 +62,9 @@ static bool is_nearly_like(const cln_camera *a, const cln_camera *b)
     return cln_camera_is_like(a, &rest);
 }
 
-/* Runs of views whose intrinsics agree to NEARLY, in pixels of the images as they are trained on,
- * each with those of its first view. If every view has its own, this is as long as the list of
- * views. */
+/* Runs of views whose intrinsics agree to within NEARLY, in pixels of the images as they are
+ * trained on, each with those of its first view. If every view has its own, this is as long as the
+ * list of views. */
 static json_t *describe_intrinsics(const cln_scene *scene)
 {
     json_t *list = json_array();

@@ -24,7 +24,7 @@ static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2;
 static const double FAR_OFF = 8;       /* distance from the middle, in median distances */
 static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over that of pixels */
 static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
-static const double BLURRED = 0.7;     /* sharpness over its neighbours' */
+static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 static const double COPY = 0.004, FLAT = 0.02;
 static const double EXPOSURE_JUMP = 0.7, EXPOSURE_RANGE = 0.6; /* factors of 2 */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12;     /* points in the cube: share, span */

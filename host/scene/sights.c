@@ -1,14 +1,14 @@
 /* Depths of training pixels by points from structure from motion: each training view in which a
  * point was found gets a sight, at the point's projection. A point counts only if it was found in
- * two training views, so none comes from held-out views alone. A point's trust is that of DS-NeRF
- * (arXiv 2107.02791): exp(-(e / m)^2), with its reprojection error e and the mean m of all
+ * two training views or more, so none comes from held-out views alone. A point's trust is that of
+ * DS-NeRF (arXiv 2107.02791): exp(-(e / m)^2), with its reprojection error e and the mean m of all
  * errors. */
 #include <math.h>
 #include <stdlib.h>
 #include "base/memory.h"
 #include "scene/build.h"
 
-enum { NO_VIEW = -1, SEVERAL = -2 }; /* the training view of a point, if it is not one */
+enum { NO_VIEW = -1, SEVERAL = -2 }; /* in place of a point's only training view */
 
 /* Maps the reader's numbers of views to indices of training views; other views get NO_VIEW. The
  * caller frees *out. */
