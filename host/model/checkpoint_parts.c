@@ -1,14 +1,14 @@
 /* A checkpoint written by all ranks. The file of tensors is that of one process, byte for byte:
  *
- *   rank 0     makes the file under a temporary name, with a number in it that nobody else knows
- *   each       opens it, and finds that number: else they share no file system
+ *   rank 0     makes the file under a temporary name, with a number in it that no other file has
+ *   each       opens it and looks for that number: without it, they share no file system
  *   each       writes its rows of the weights and of Adam's state to their places, and syncs them;
- *              rank 0 also what all have
- *   in turn    the digest, which goes through all bytes in order, goes from rank to rank
+ *              rank 0 also writes what all ranks have
+ *   in turn    each adds its bytes to the digest, which covers all bytes in order
  *   rank 0     writes the head, renames, then writes the document
  *
- * After each of these all ranks know whether one failed; then nothing is renamed, and the
- * checkpoints before are whole. */
+ * After each step all ranks know whether one has failed. If so, nothing is renamed, and the earlier
+ * checkpoints stay whole. */
 #include "model/checkpoint.h"
 
 #include <errno.h>
@@ -28,7 +28,8 @@ enum { TEXT_BYTES = 512, PATH_BYTES = 4096 };
 
 /* ---- one outcome for all ---- */
 
-/* If one rank has failed, all do, with its sentence: rank 0 clears up and tells it. */
+/* If one rank has failed, all fail with its error sentence, so that rank 0 cleans up and reports
+ * it. */
 static cln_status same_end(cln_status st)
 {
     double failed = st != CLN_OK;
@@ -53,7 +54,7 @@ static cln_status same_end(cln_status st)
     return st;
 }
 
-/* ---- bytes at places ---- */
+/* ---- writing at offsets ---- */
 
 static cln_status cannot_write(const char *path)
 {
@@ -79,7 +80,7 @@ static cln_status write_at(int fd, const char *path, const void *data, size_t by
     return CLN_OK;
 }
 
-/* Of leaves whose rows are on their ranks alone. */
+/* Is each row of this tensor on its leaf's rank alone? */
 static bool is_dealt(const cln_tensor *t)
 {
     static const char *const names[] = {"params", "adam_m", "adam_v", "adam_steps"};
@@ -118,7 +119,7 @@ done:
 
 /* ---- digests ---- */
 
-/* Of all bytes in order; all ranks call it, rank 0 gets them. */
+/* Digests all bytes in order. All ranks call it; rank 0 gets the digests. */
 static void digest_all(const cln_model *model, int count, const cln_tensor *tensors,
                        const int *first, uint64_t *digest, uint64_t *model_digest)
 {
@@ -153,7 +154,7 @@ static void digest_all(const cln_model *model, int count, const cln_tensor *tens
 
 /* ---- the file ---- */
 
-/* Makes the file (rank 0), opens it (all), and finds whether it is one. */
+/* Rank 0 makes the file, and all ranks open it. *one: all of them see the same file. */
 static cln_status open_one(const char *run, const cln_model *model, cln_atomic_file **file,
                            char temp[PATH_BYTES], int *fd, bool *one)
 {
@@ -173,7 +174,7 @@ static cln_status open_one(const char *run, const cln_model *model, cln_atomic_f
         CLN_TRY(cln_checkpoint_path(run, model, &path));
         CLN_TRY(cln_atomic_open(path, file));
         if (snprintf(told.temp, sizeof told.temp, "%s", cln_atomic_temp(*file)) >= PATH_BYTES)
-            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: too long a path; choose another folder", path));
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: the path is too long; choose another folder", path));
         clock_gettime(CLOCK_REALTIME, &now);
         told.number = cln_digest(CLN_DIGEST_START, &now, sizeof now) + (uint64_t)getpid();
         CLN_TRY(cln_atomic_write(*file, &told.number, sizeof told.number));
@@ -193,8 +194,8 @@ done:
             found != told.number;
     if (reading >= 0)
         close(reading);
-    /* for writing alone: of a file that it may read, a client of NFS writes whole pages back, with
-     * what it read of other ranks' rows in them */
+    /* not for reading: an NFS client would then write whole pages back, with outdated rows of other
+     * ranks in them */
     *fd = other == 0 ? open(temp, O_WRONLY | O_CLOEXEC) : -1;
     other = *fd < 0;
     cln_ranks_largest(&other, 1);
@@ -202,7 +203,7 @@ done:
     return CLN_OK;
 }
 
-/* Rank 0's last part, when all rows are there. */
+/* Rank 0's last step, when all rows are written. */
 static cln_status finish(const char *run, const cln_model *model, int count,
                          const cln_tensor *tensors, uint64_t digest, uint64_t model_digest, int fd,
                          const char *temp, cln_atomic_file **file)

@@ -48,8 +48,8 @@ static const double fit_cos[FIT_BANDS][FIT_BANDS + 1] = {
 };
 
 /* Folds one neuron's weights over the encoding along one axis, in[enc] -> out[enc] (rows of this
- * axis only). sign: half of the parent; turn[k]: cos, sin of 2^k / 2. Returns the change of its
- * bias. */
+ * axis only). sign: which half of the parent, -1 or 1; turn[k]: cos, sin of 2^k / 2. Returns the
+ * change of its bias. */
 static double fold_axis(int bands, int axis, double sign, const double (*turn)[2], const double *in,
                         double *out)
 {
@@ -61,8 +61,8 @@ static double fold_axis(int bands, int axis, double sign, const double (*turn)[2
     for (int k = 0; k < bands; k++) {
         int sin_row = 3 + PAIR * k + axis, cos_row = sin_row + 3;
         double cos_phi = turn[k][0], sin_phi = sign * turn[k][1];
-        double a = in[sin_row] * cos_phi - in[cos_row] * sin_phi; /* of sin(2^k x'/2) */
-        double b = in[sin_row] * sin_phi + in[cos_row] * cos_phi; /* of cos(2^k x'/2) */
+        double a = in[sin_row] * cos_phi - in[cos_row] * sin_phi; /* weight of sin(2^k x'/2) */
+        double b = in[sin_row] * sin_phi + in[cos_row] * cos_phi; /* weight of cos(2^k x'/2) */
 
         if (k > 0) {
             out[sin_row - PAIR] += a;
@@ -97,7 +97,7 @@ static double unfold_axis(int bands, int axis, double sign, const double (*turn)
 typedef double change_axis(int bands, int axis, double sign, const double (*turn)[2],
                            const double *in, double *out);
 
-/* angle: of band 0 */
+/* angle: the turn of band 0 */
 static void change_rows(int bands, int w, change_axis *change, double angle, int octant,
                         const float *rows, const float *bias, float *out_rows, float *out_bias)
 {

@@ -5,16 +5,16 @@
 #ifndef CLN_ENCODING_H
 #define CLN_ENCODING_H
 
-/* Rows of `bands` bands of a point p. Rows 0 .. 2 are p; with a = axis, row 3 + 6k + a is
- * sin(2^k p_a) and row 6 + 6k + a is cos(2^k p_a). */
+/* Number of rows of the encoding of a point p by `bands` bands. Rows 0 .. 2 are p; with a = axis,
+ * row 3 + 6k + a is sin(2^k p_a) and row 6 + 6k + a is cos(2^k p_a). */
 int cln_encoding_rows(int bands);
 
-/* Vertices of a grid of `cells` cells an axis. */
+/* Number of vertices of a grid of `cells` cells along each axis. */
 int cln_encoding_vertices(int cells);
 
-/* Brings a layer's weights over the encoding of a leaf's position, [cln_encoding_rows()][width],
- * and its bias [width] to the coordinates of child `octant`: the same function there, but for band
- * 0 (see encoding.c). Outputs may not overlap inputs. */
+/* Converts a layer's weights for the encoding of a leaf's position, [cln_encoding_rows()][width],
+ * and its bias [width] to the coordinates of child `octant`: they compute the same function there,
+ * but for band 0 (see encoding.c). Outputs may not overlap inputs. */
 void cln_encoding_split(int bands, int width, int octant, const float *rows, const float *bias,
                         float *out_rows, float *out_bias);
 

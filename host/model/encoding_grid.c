@@ -5,7 +5,8 @@
 #include <string.h>
 #include "model/encoding.h"
 
-/* Feature f at grid coordinates g, 0 .. cells per axis; beyond them the nearest. */
+/* Feature f at grid coordinates g, 0 .. cells per axis; a g beyond the grid is moved to its
+ * edge. */
 static double grid_value(const cln_network *net, const float *grid, const double g[3], int f)
 {
     const int side = net->cells + 1;
@@ -32,7 +33,8 @@ static double grid_value(const cln_network *net, const float *grid, const double
     return sum;
 }
 
-/* All layers, and a grid whose vertex i lies at coordinate scale i + offset of that of `from`. */
+/* Copies the layers and resamples the grid: vertex i takes the value of the grid of `from` at
+ * coordinate scale i + offset. */
 static void resample(const cln_network *net, double scale, const double offset[3],
                      const float *from, float *to)
 {

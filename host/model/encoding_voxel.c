@@ -12,7 +12,8 @@ static int direction(int i, int axis)
     return (axis == 0 ? i : axis == 1 ? i / 3 : i / 9) % 3 - 1;
 }
 
-/* Number in leaf `i` around a leaf of the vertex at `at` in that leaf, or -1 if it is not there. */
+/* The number that a leaf's vertex `at` has in its neighbour `i`, or -1 if the neighbour lacks
+ * it. */
 static int vertex_in(int cells, const int at[3], int i)
 {
     int there = 0;

@@ -1,17 +1,17 @@
 /* The integer program of the structure optimisation, solved exactly. See integer_program.h.
  *
- * Leaves of a group share rows of their group only, groups share the budget row only. So a group
- * has a short list of ways, each with a number of leaves and a cost:
+ * Leaves share constraints within their group only, groups share the budget only. So a group has a
+ * short list of ways, each with a number of leaves and a cost:
  *
  *   merge      1 leaf           if it may merge
  *   split k    m + 7 k leaves   the k members that gain most, k = 0..members that may split
  *
- * without ways that cost no less than another one with no more leaves. Choosing one way per group
+ * A way is left out if another one has no more leaves and costs no more. Choosing one way per group
  * under the budget is a multiple-choice knapsack: after each group, cost[c] is the least cost of
- * the groups so far with c leaves in all, and one byte per group and c records the way. Only those
- * c have a byte that the groups so far can reach and the remaining groups can still fit: about 1 MB
- * at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves). Ties go to fewer leaves, then
- * to the earlier way; among members, to the lower slot. */
+ * the groups so far with c leaves in all, and one byte per group and c records the way. A byte
+ * exists only for each c that the groups so far can reach and that leaves room for the remaining
+ * groups: about 1 MB at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves). Ties go to
+ * fewer leaves, then to the earlier way; among members, to the lower slot. */
 #include "model/integer_program.h"
 
 #include <math.h>
@@ -30,7 +30,7 @@ static const double LARGEST_COST = 1e300;
 typedef struct way {
     double cost;
     int leaves;
-    int splits; /* how many of by_gain, or MERGE */
+    int splits; /* how many of by_gain are split, or MERGE */
 } way;
 
 /* ACTIVE siblings; the root as a leaf is a group of its own. */
@@ -50,7 +50,8 @@ typedef struct program {
     int fewest, most; /* leaves, if every group takes its first or its last way */
 } program;
 
-/* Leaf counts low..high that the groups up to one can have; its bytes begin at `start`. */
+/* All groups up to and including one have low..high leaves together; the bytes of that one begin at
+ * `start`. */
 typedef struct span {
     int low, high;
     size_t start;
@@ -130,7 +131,7 @@ static void sort_by_gain(group *g)
 }
 
 /* Summed anew for every number of splits, in slot order: subtracting gains from one sum could leave
- * mere rounding. */
+ * nothing but rounding errors. */
 static double cost_of_splits(const group *g, int splits)
 {
     bool split[SIBLINGS] = {false};

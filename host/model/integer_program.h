@@ -1,7 +1,7 @@
 /* The integer program of the structure optimisation (method.md 12.2, 12.3; NAScenT section 4, after
  * ACORN and NeAT): decides which ACTIVE leaves split and which sibling groups merge, under a budget
  * of leaves. Solved exactly: siblings are coupled within their group only, groups by one row only,
- * so it is a multiple-choice knapsack over sibling groups. octree.h carries it out.
+ * so it is a multiple-choice knapsack over sibling groups. octree.h carries the decisions out.
  *
  *   min  sum_b keep_b n_b + split_b s_b + merge_b g_b                     n_b, s_b, g_b binary
  *   s.t. n_b + s_b + g_b = 1                                              every leaf b
@@ -40,8 +40,8 @@ typedef struct cln_integer_program_result {
     bool infeasible;               /* no choice meets the budget: every merge, no split */
 } cln_integer_program_result;
 
-/* Finds the optimum; among equal ones always the same. CLN_MEMORY; CLN_INTERNAL for a measure that
- * is negative or not finite. */
+/* Finds the optimum; of several equal ones, always the same. CLN_MEMORY; CLN_INTERNAL for a measure
+ * that is negative or not finite. */
 cln_status cln_integer_program_solve(const cln_integer_program_desc *desc,
                                      cln_integer_program_result *out);
 void cln_integer_program_result_free(cln_integer_program_result *result); /* accepts a zeroed one */

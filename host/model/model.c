@@ -157,7 +157,8 @@ void cln_model_restart_measures(cln_model *model)
     model->sum_square = 0;
 }
 
-/* Carries *array, rows of row_bytes or NULL: rows of kept leaves, zeros for new ones. */
+/* Carries *array, which has rows of row_bytes or is NULL: kept leaves keep their rows, new ones get
+ * zeros. */
 static cln_status carry(const cln_octree_change *change, size_t row_bytes, void *array)
 {
     cln_status st = CLN_OK;
@@ -176,7 +177,7 @@ done:
     return st;
 }
 
-/* The same for one number a leaf; NaN for new ones. */
+/* The same for one number per leaf; new leaves get NaN. */
 static cln_status carry_known(const cln_octree_change *change, float **array)
 {
     cln_status st = CLN_OK;

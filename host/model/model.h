@@ -14,7 +14,7 @@ typedef struct cln_model {
     cln_config config;
     cln_network net;
     cln_octree tree;
-    cln_space space; /* of the cube that the tree divides */
+    cln_space space; /* space of the cube that the tree divides */
     float background[3];
     bool has_alpha, has_distortion; /* of the scene it was trained on */
     float *params;                  /* [slot][net.params] */
@@ -37,8 +37,9 @@ typedef struct cln_model {
     double sum_square;  /* sum of their squared errors */
     double last_square; /* mean squared error of the interval before; 0 = none */
     int decisions;      /* structure decisions due so far */
-    /* Of training photos (train/exposure.h): gains r, g, b, then per channel the sums of rendered
-     * times photo's colour and of the rendered one's square; NULL without --exposure. */
+    /* Exposure of training photos (train/exposure.h): gains r, g, b, then per channel the sums of
+     * rendered times photographed colour and of rendered colour squared; NULL without
+     * --exposure. */
     float (*exposure)[9]; /* [exposure_views] */
     int exposure_views;
     /* Corrections of the training cameras' poses (scene/motion.h), in the split's order; NULL
@@ -47,15 +48,15 @@ typedef struct cln_model {
     int motion_views;
 } cln_model;
 
-/* Of each leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */
+/* Measures of a leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */
 enum { CLN_MEASURES = 3 };
 
 /* Bytes of one of Adam's moments of a weight. */
 size_t cln_moment_bytes(const cln_config *config);
 
 /* Create a model on a full tree of config.start_level, or on a copy of `tree`: initial weights,
- * zero training state. shell: on the tree of a shell space, whose levels count as those of the
- * core's leaves less one. */
+ * zero training state. shell: on the tree of a shell space, where start_level is one less than the
+ * level of the core's leaves. */
 cln_status cln_model_create(const cln_config *config, cln_model *out);
 cln_status cln_model_create_shell(const cln_config *config, cln_model *out);
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out);
@@ -83,7 +84,7 @@ void cln_model_restart_measures(cln_model *model);
 
 /* Digest of parameters and tree: what `info` prints as model_digest. 0 without weights. */
 uint64_t cln_model_digest(const cln_model *model);
-/* Begins it: the parameters, leaf by leaf, are still missing. */
+/* Begins that digest; the caller adds the parameters, leaf by leaf. */
 void cln_model_digest_begin(const cln_model *model, cln_digest_part *out);
 
 /* Writes RUN/checkpoint/NNNNNNNN.safetensors, NNNNNNNN.json (step, seconds, rays, config, cube,
@@ -98,11 +99,11 @@ cln_status cln_checkpoint_write(const char *run, const cln_model *model);
 cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, const int *first,
                                       bool *written);
 
-/* *bytes: of one checkpoint with so many leaves, with training state. */
+/* *bytes: size of one checkpoint of so many leaves, with training state. */
 cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes);
 
-/* *bytes: what checkpoints may still take on the disk, at the largest tree of the settings: the two
- * that are kept and the one that is being written, less what there is in RUN. */
+/* *bytes: disk space that checkpoints may still need with the largest tree that the settings allow:
+ * for the two that are kept and the one being written, less what RUN already has. */
 cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes);
 
 /* The step of RUN's newest checkpoint, whole or not; -1 if there is none. */

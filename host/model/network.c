@@ -10,7 +10,7 @@
 #include "model/encoding.h"
 
 enum { ALIGN_FLOATS = 16, PAD_ROWS = 4 };
-static const double GRID_BOUND = 0.1; /* of initial features: nearly the same everywhere */
+static const double GRID_BOUND = 0.1; /* initial features are nearly the same everywhere */
 
 static int round_up(int n, int multiple)
 {
@@ -42,34 +42,34 @@ static cln_status check_shape(const cln_config *c)
         return cln_fail(CLN_USAGE, "depth %d: leaf networks have 2 to 8 layers", c->depth);
     if (c->view_dependence &&
         (c->view_width < 16 || c->view_width > 256 || c->view_width % ALIGN_FLOATS != 0))
-        return cln_fail(CLN_USAGE, "view-width %d: it is a multiple of 16 from 16 to 256",
+        return cln_fail(CLN_USAGE, "view-width %d: it must be a multiple of 16 from 16 to 256",
                         c->view_width);
     if (c->bands < 1 || c->bands > 10 || c->view_bands < 0 || c->view_bands > 4)
-        return cln_fail(CLN_USAGE, "bands %d, view-bands %d: they are 1 to 10 and 0 to 4", c->bands,
-                        c->view_bands);
+        return cln_fail(CLN_USAGE, "bands %d, view-bands %d: they must be 1 to 10 and 0 to 4",
+                        c->bands, c->view_bands);
     if (c->encoding == CLN_ENCODING_FREQUENCY)
         return CLN_OK;
     if (c->grid_cells < 2 || c->grid_cells > 32 || c->grid_cells % 2 != 0)
         return cln_fail(CLN_USAGE,
-                        "grid-cells %d: it is an even number from 2 to 32, so that "
+                        "grid-cells %d: it must be an even number from 2 to 32, so that "
                         "vertices of a leaf are vertices of its children",
                         c->grid_cells);
     if (c->encoding == CLN_ENCODING_VOXEL && c->grid_cells > CLN_VOXEL_CELLS)
         return cln_fail(CLN_USAGE,
-                        "grid-cells %d: leaves have at most %d voxels along an axis; smaller "
-                        "leaves have finer ones (--level-at)",
+                        "grid-cells %d: leaves have at most %d voxels along an axis; for "
+                        "finer voxels, give smaller leaves (--level-at)",
                         c->grid_cells, CLN_VOXEL_CELLS);
     if (c->encoding == CLN_ENCODING_VOXEL)
         return CLN_OK;
     if (c->grid_features < 4 || c->grid_features > 16 || c->grid_features % PAD_ROWS != 0)
-        return cln_fail(CLN_USAGE, "grid-features %d: it is 4, 8, 12 or 16", c->grid_features);
+        return cln_fail(CLN_USAGE, "grid-features %d: it must be 4, 8, 12 or 16", c->grid_features);
     if (c->skip && c->depth >= 6)
         return cln_fail(CLN_USAGE, "skip: networks on a grid have no skip connection; give "
                                    "--no-skip, or --encoding frequency");
     return CLN_OK;
 }
 
-/* Voxels: no layers, a grid alone (encoding_voxel.h). */
+/* Voxels: no layers, only a grid (encoding_voxel.h). */
 static void layout_voxels(const cln_config *config, cln_network *net)
 {
     static const int features[] = {4, 16, 32}, learned[] = {4, 13, 28};
@@ -157,7 +157,8 @@ void cln_network_text(const cln_network *net, char out[32])
         snprintf(out + used, (size_t)(32 - used), "-G%dx%d", net->cells, net->features);
 }
 
-/* Fills in uniforms in +-bound; block: number of the matrix or bias in the network. */
+/* Fills `out` with uniform random numbers in +-bound; block: number of the matrix or bias in the
+ * network. */
 static void fill_uniform(const cln_config *config, int block, int count, double bound, float *out)
 {
     float u[4];

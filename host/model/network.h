@@ -7,15 +7,15 @@
  * Parameters of one leaf, floats, in this order; a matrix is [input][output] row-major; every block
  * starts at a multiple of 16 floats:
  *   trunk layer 0        W [enc_pad][width]                b [width]
- *   trunk layer i >= 1   W [width (+ enc_pad)][width]      b [width]   + enc_pad: skip layer alone;
+ *   trunk layer i >= 1   W [width (+ enc_pad)][width]      b [width]   + enc_pad: skip layer only;
  *                                                                      rows: h, then encoding
  *   density head         w [width]                         b [16]      only b[0] is used
  *   view layer           W [width + dir_pad][view_width]   b [view_width]
  *   colour head          W [3][view_width]                 b [16]      only b[0..2] are used
  *   grid, if there is one   [cells + 1]^3 (z, y, x) [features]        enc_pad is features then
- * Without view dependence the view layer is absent and the colour head is W [3][width].
- * Skip layer: i = depth/2 + 1, for depth >= 6 with config.skip; else none.
- * Voxels are no network: grid alone, see encoding_voxel.h; width is features, there are no layers.
+ * Without view dependence the view layer is absent and the colour head is W [3][width]. Skip layer:
+ * i = depth/2 + 1, for depth >= 6 with config.skip; else none. Voxels have no layers, only the
+ * grid: see encoding_voxel.h; width is features then.
  */
 #ifndef CLN_NETWORK_H
 #define CLN_NETWORK_H
@@ -24,7 +24,7 @@
 #include "base/status.h"
 #include "base/config_rows.h"
 
-/* Most voxels of a leaf along an axis: a row of vertices is the bits of a number. */
+/* Most voxels of a leaf along an axis: kernels mark the vertices of a row as bits of one number. */
 enum { CLN_VOXEL_CELLS = 16 };
 
 typedef struct cln_network {
@@ -40,7 +40,7 @@ typedef struct cln_network {
     int colour_w, colour_b;
     int encoding;        /* CLN_ENCODING_* of the position */
     int cells, features; /* of the grid; 0 without one */
-    int grid_w;          /* behind the layers; params without a grid */
+    int grid_w;          /* offset behind the layers; equals params without a grid */
     int params;          /* floats per leaf, padded (the stride of packed buffers) */
     int learned;         /* of these, without padding (for reports) */
 } cln_network;
@@ -50,8 +50,8 @@ int cln_network_rows(const cln_network *net, int layer);
 
 cln_status cln_network_layout(const cln_config *config, cln_network *out);
 
-/* "W32-D3-V16": width, depth, width of the view layer (V0: none); "-G8x4" behind it: a grid of 8
- * cells an axis and 4 features. At most 31 characters. */
+/* "W32-D3-V16": width, depth, width of the view layer (V0: none); followed by "-G8x4": a grid of 8
+ * cells along each axis and 4 features. At most 31 characters. */
 void cln_network_text(const cln_network *net, char out[32]);
 
 /* Fills in a leaf's initial weights, [params] (method.md section 2); the same for every leaf. */
@@ -66,8 +66,8 @@ double cln_network_density_bias(const cln_config *config);
  * overlap. */
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child);
 
-/* The inverse, where a merge starts: weights of the parent that compute what its child `octant`
- * computes, inside the octant and beyond, without the child's top band. */
+/* The inverse, from which a merge starts: weights of the parent that compute what its child
+ * `octant` computes, inside the octant and beyond, without the child's top band. */
 void cln_network_unfold(const cln_network *net, const float *child, int octant, float *parent);
 
 #endif

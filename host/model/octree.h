@@ -36,7 +36,7 @@ typedef struct cln_octree {
  *   octant[s] = CLN_COPIED             the same leaf
  *   octant[s] = k in 0..7              its child k (a split: fold)
  *   octant[s] = CLN_MERGED - k         the parent of the old leaf, its child k (a merge: unfold)
- *   octant[s] = CLN_FRESH              no leaf: a network as at step 0; from[s] is a neighbour's,
+ *   octant[s] = CLN_FRESH              no leaf: a network as at step 0; from[s] is its neighbour's,
  *                                      so that from[] ascends */
 enum { CLN_COPIED = -1, CLN_MERGED = -2, CLN_FRESH = CLN_MERGED - 8 };
 typedef struct cln_octree_change {
@@ -65,9 +65,9 @@ bool cln_octree_can_merge(const cln_octree *tree, int slot);
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
 
-/* Makes leaves of `level` in CULLED nodes again, where cells are marked: cells[(z n + y) n + x], n
- * = 2^depth; of a node that is deeper, itself. Leaves with a marked cell that are `empty` [slot]
- * begin anew. */
+/* Makes ACTIVE leaves of `level` again in CULLED nodes where cells are marked (cells[(z n + y) n +
+ * x], n = 2^depth); a marked CULLED node of that level or deeper becomes ACTIVE itself. ACTIVE
+ * leaves that are `empty` [slot] but have a marked cell begin anew. */
 cln_status cln_octree_regrow(cln_octree *tree, const uint8_t *cells, int depth, int level,
                              const uint8_t *empty, cln_octree_change *change);
 
@@ -80,16 +80,16 @@ cln_status cln_octree_copy(const cln_octree *tree, cln_octree *out);
 /* Deepest level with an ACTIVE leaf (0 without any). */
 int cln_octree_depth(const cln_octree *tree);
 
-/* The most leaves that a straight line can meet: one for each plane of leaves' faces over the three
- * axes, or for each cell of the deepest level along them, if those are fewer. */
+/* The most leaves that a straight line can meet: one for each plane of leaves' faces across the
+ * three axes or, if those are fewer, one for each cell of the deepest level along them. */
 cln_status cln_octree_most_intervals(const cln_octree *tree, int *most);
 
 /* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */
 int cln_octree_find(const cln_octree *tree, const double point[3]);
 
-/* Neighbours of each leaf: (*around)[slot][13 + (dz * 3 + dy) * 3 + dx] is the slot of the leaf
- * of the same size so many sides further, or -1; [slot][13] is the leaf itself. The caller frees
- * it. CLN_MEMORY. */
+/* Neighbours of each leaf: (*around)[slot][13 + (dz * 3 + dy) * 3 + dx] is the slot of the leaf of
+ * the same size at an offset of dx, dy, dz sides, or -1; [slot][13] is the leaf itself. The caller
+ * frees it. CLN_MEMORY. */
 cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27]);
 
 /* Place of a cell in [z][y][x] of n^3 cells. */
@@ -98,7 +98,8 @@ static inline size_t cln_cell_at(int x, int y, int z, int n)
     return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
 }
 
-/* Cells [low, high) of a node in the map at `depth`; the cell it is in, if that is larger. */
+/* Cells [low, high) of a node in the map at `depth`; if the node is smaller than a cell, the cell
+ * that it is in. */
 void cln_octree_cells(const cln_octree *tree, int node, int depth, int low[3], int high[3]);
 
 /* The tree as the kernels read it: a dense map at level `depth`, n = 2^depth cells along an axis.

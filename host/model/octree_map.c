@@ -22,8 +22,8 @@ static void fill_box(int32_t *map, int n, const int low[3], const int high[3], i
                 map[cln_cell_at(x, y, z, n)] = value;
 }
 
-/* sums[z][y][x], (n + 1)^3, of zeros: makes it the number of cells with a leaf below (x, y, z); the
- * eight corners of a box then tell whether it is empty. */
+/* Turns zeros, sums[z][y][x] of (n + 1)^3, into the number of cells with a leaf below (x, y, z):
+ * its values at the eight corners of a box then tell whether the box is empty. */
 static void sum_up(const cln_octree *tree, int depth, int32_t *sums)
 {
     const int n = 1 << depth;
@@ -82,7 +82,8 @@ static void grow_box(const int32_t *sums, int n, int low[3], int high[3])
     }
 }
 
-/* Fills in boxes for the culled nodes from `node` down: nodes in the arrays may be unreachable. */
+/* Fills in boxes for the culled nodes from `node` down; it descends because the arrays also have
+ * unreachable nodes. */
 static void fill_empty(const cln_octree *tree, int node, int depth, const int32_t *sums,
                        int32_t *map)
 {

@@ -16,7 +16,7 @@ bool cln_shell_holds(const double cube[3])
     return outside < 2;
 }
 
-/* The piece of a node of level 2 or deeper: 2 axis + (0, 1) of a face, CORE; -1: none. */
+/* The piece of a node of level 2 or deeper: a face, 2 axis + (0 or 1), or CORE; -1: none. */
 static int piece_of(const cln_octree *tree, int node)
 {
     const int quarter = tree->level[node] - 2;
@@ -95,12 +95,12 @@ done:
     return st;
 }
 
-/* A ray's lines have a length of at most 4 along the three axes together, of a root of side 2: from
- * outside, q = u / max |u_a| goes along half of a convex polygon, the section of a cube of side 2
- * by the plane of ray and centre (a chord of it in the core), so each of its coordinates changes by
- * 2 at most and that of the cube by 1; and the way out, 1 - 1 / (2 max |u_a|), falls and rises by
- * 1/2 at most. A line meets a cell more than it crosses planes, and along each axis crosses one
- * plane more than its length has cells. */
+/* A ray is at most LINES straight lines in the cube of side 2, whose extents along the three axes
+ * add up to at most 4. Outside the core, q = u / max |u_a| follows half of a convex polygon, the
+ * section of a cube of side 2 by the plane of ray and centre (in the core, a chord of it), so each
+ * coordinate of q changes by at most 2, and that in the cube by 1; the outward coordinate, 1 - 1 /
+ * (2 max |u_a|), falls and rises by at most 1/2. A line meets one cell more than it crosses planes,
+ * and along each axis crosses at most one plane more than its extent has cells. */
 double cln_shell_most_intervals(int level)
 {
     return 2 * ldexp(1, level) + LINES * (1 + 3);

@@ -5,8 +5,9 @@
 #include "base/config.h"
 #include "base/log.h"
 
-/* Empty by the mean and, guarded, by the peak: a thin opaque rod in a big leaf has a tiny mean
- * (1e-5 of the volume at sigma 500 gives 0.005) but one opaque sample. */
+/* Is a leaf empty by its mean density and, if culling is guarded, by its peak? A thin opaque rod in
+ * a big leaf has a tiny mean (1e-5 of the volume at sigma 500 gives 0.005) but one opaque
+ * sample. */
 static bool is_empty(const cln_config *config, float mean, float peak, double side)
 {
     if (!(mean < config->cull_mean))
@@ -78,7 +79,8 @@ int cln_structure_level(const cln_config *config, double fraction)
     double at[CLN_MAX_LEVEL + 1];
     int level = config->start_level;
 
-    /* The options' check has seen the syntax; without a plan the tree stays as it starts. */
+    /* The check of the options has refused wrong syntax; without a plan the tree keeps its first
+     * level. */
     if (cln_config_levels(config, at) != CLN_OK) {
         cln_clear_error();
         return level;

@@ -1,5 +1,5 @@
 /* The list of the pipeline's buffers: a new one takes a row here. The list generates the members of
- * cln_pipeline, reserving, releasing, and the memory plan's rows (plan.h). */
+ * cln_pipeline, the code that reserves and releases them, and the memory plan's rows (plan.h). */
 #ifndef CLN_BUFFER_LIST_H
 #define CLN_BUFFER_LIST_H
 
@@ -9,24 +9,24 @@
 typedef struct cln_pipeline cln_pipeline;
 
 /* X(purpose, name, what to lower in training, in rendering): the memory plan's rows, in order. */
-#define CLN_PURPOSE_LIST(X)                                               \
-    X(WEIGHTS, "network weights", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)     \
-    X(OPTIMISER, "optimiser state", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)   \
-    X(GRADIENTS, "weight gradients", CLN_LOWER_BATCH, CLN_LOWER_BATCH)    \
-    X(ACTIVATIONS, "activations", CLN_LOWER_BATCH, CLN_LOWER_BATCH)       \
-    X(MEASURES, "measures", "--batch-samples, or --no-adaptive", NULL)    \
-    X(DENSITIES, "stage-1 densities", CLN_LOWER_CELLS, CLN_LOWER_CELLS)   \
-    X(CHANGES, "changes of the tree", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES) \
-    X(TREE, "tree and cameras", "--max-leaves", "--max-leaves")           \
-    X(SAMPLES, "samples", CLN_LOWER_SAMPLES, CLN_LOWER_SAMPLES)           \
-    X(RAYS, "rays", "--max-alloc, --max-level or --rays", "--max-alloc")  \
-    X(LISTS, "lists of views", CLN_LOWER_VIEWS, CLN_LOWER_VIEWS)          \
+#define CLN_PURPOSE_LIST(X)                                                 \
+    X(WEIGHTS, "network weights", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)       \
+    X(OPTIMISER, "optimiser state", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)     \
+    X(GRADIENTS, "weight gradients", CLN_LOWER_BATCH, CLN_LOWER_BATCH)      \
+    X(ACTIVATIONS, "activations", CLN_LOWER_BATCH, CLN_LOWER_BATCH)         \
+    X(MEASURES, "measures", "--batch-samples, or give --no-adaptive", NULL) \
+    X(DENSITIES, "stage-1 densities", CLN_LOWER_CELLS, CLN_LOWER_CELLS)     \
+    X(CHANGES, "changes of the tree", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)   \
+    X(TREE, "tree and cameras", "--max-leaves", "--max-leaves")             \
+    X(SAMPLES, "samples", CLN_LOWER_SAMPLES, CLN_LOWER_SAMPLES)             \
+    X(RAYS, "rays", "--max-alloc, --max-level or --rays", "--max-alloc")    \
+    X(LISTS, "lists of views", CLN_LOWER_VIEWS, CLN_LOWER_VIEWS)            \
     X(PROJECTED, "projected samples", CLN_LOWER_PROJECTED, CLN_LOWER_PROJECTED)
 #define CLN_LOWER_LEAVES    "--start-level, --max-leaves, --width or --depth"
 #define CLN_LOWER_BATCH     "--batch-samples, --width or --depth"
 #define CLN_LOWER_CELLS     "--n1, --start-level or --max-leaves"
 #define CLN_LOWER_SAMPLES   "--batch-samples or --samples-per-leaf"
-#define CLN_LOWER_VIEWS     "--views-per-batch, --downscale or use --stage1 gather"
+#define CLN_LOWER_VIEWS     "--views-per-batch or the size with --downscale, or use --stage1 gather"
 #define CLN_LOWER_PROJECTED "--n1, or use --stage1 gather"
 
 typedef enum cln_purpose {
@@ -37,7 +37,7 @@ typedef enum cln_purpose {
 } cln_purpose;
 
 /* What a buffer has one row for; plan.c knows the largest numbers. P: may be split into parts
- * (cln_pipeline). A buffer of leaves also shrinks when many leaves are gone. */
+ * (cln_pipeline). A buffer with a row per leaf also shrinks when many leaves are gone. */
 typedef enum cln_per {
     CLN_PER_LEAF,
     CLN_PER_LEAF_P,
@@ -73,7 +73,7 @@ typedef enum cln_when {
     CLN_WHEN_DISTILLING, /* training in which leaves may merge */
     CLN_WHEN_SPLATTING,
     CLN_WHEN_SHARED,  /* by ranks */
-    CLN_WHEN_INSTEAD, /* replaces another row, never beside it: not planned */
+    CLN_WHEN_INSTEAD, /* takes the place of another row: not planned */
 } cln_when;
 
 /* X or PAIR(member, element, elements of a row, per, purpose, when, what): messages call the buffer
@@ -124,7 +124,7 @@ typedef enum cln_when {
     X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                         \
     X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                \
     X(packed, cl_float4, 1, SAMPLE, SAMPLES, SHARED, "messages")                                 \
-    /* stretches, of which each has a sample: rank, first sample here, sums (stretch.cl) */      \
+    /* stretches, no more than samples: rank, first sample here, sums (stretch.cl) */            \
     X(stretch_rank, cl_uint, 1, SAMPLE, SAMPLES, SHARED, "stretches")                            \
     X(stretch_first, cl_uint, 1, SAMPLE_START, SAMPLES, SHARED, "stretches")                     \
     X(stretch_sums, cl_float4, sums_of(p), SAMPLE, SAMPLES, SHARED, "stretches")                 \
@@ -133,12 +133,12 @@ typedef enum cln_when {
     X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                    \
     X(digit_counts, cl_uint, 1, PLACE, SAMPLES, ALWAYS, "sort counts")                           \
     X(sums, cl_ulong, 1, CHUNK, SAMPLES, ALWAYS, "scan sums")                                    \
-    /* rays; backgrounds: one, or one per ray; intervals, and how many of a ray's are used */    \
+    /* rays; backgrounds: one, or one per ray; intervals, and number used of each ray */         \
     X(pixels, cln_pixel, 1, RAY, RAYS, ALWAYS, "pixels")                                         \
     X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                         \
     X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                  \
-    /* points that rays show, in the cube, and what their depth counts; with a depth loss */     \
+    /* with a depth loss: points that rays show, in the cube, and their weights */               \
     X(shown, cl_float4, shown_of(p), RAY, RAYS, TRAINING, "points of rays")                      \
     X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                               \
     X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                              \
@@ -178,7 +178,7 @@ typedef enum cln_buffer_id {
 typedef struct cln_buffer_row {
     const char *what;
     size_t at; /* in cln_pipeline */
-    int count; /* 2 of a PAIR, else 1 */
+    int count; /* 2 for a PAIR, else 1 */
     cln_per per;
     cln_purpose purpose;
     cln_when when;
@@ -198,7 +198,7 @@ cln_status cln_pipeline_reserve(cln_pipeline *p, cln_buffer_id id, size_t rows);
 cln_status cln_pipeline_succeed(cln_pipeline *p, cln_buffer_id array, size_t rows);
 void cln_pipeline_replace(cln_pipeline *p, cln_buffer_id array);
 
-/* The first of a row's buffers. */
+/* The buffer of a row; of a PAIR, the first. */
 cln_buffer *cln_pipeline_buffer(cln_pipeline *p, cln_buffer_id id);
 
 /* Reserve rows and write them. Put waits; put_soon does not: `data` must stay until a later call
@@ -213,7 +213,7 @@ cln_status cln_pipeline_put_soon(cln_pipeline *p, cln_buffer_id id, const void *
 cln_status cln_pipeline_get(cln_pipeline *p, cln_buffer_id id, void *data, size_t rows);
 #define CLN_GET(p, member, data, rows) cln_pipeline_get(p, CLN_BUFFER_##member, data, rows)
 
-/* Frees the buffers of one purpose; all of them. */
+/* Frees the buffers of one purpose, or all buffers. */
 void cln_pipeline_release(cln_pipeline *p, cln_purpose purpose);
 void cln_pipeline_release_all(cln_pipeline *p);
 

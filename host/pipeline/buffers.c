@@ -1,5 +1,4 @@
-/* The list of buffers at work: how large each is, reserving, filling and releasing. See
- * buffer_list.h. */
+/* Reserves, fills and releases the buffers of buffer_list.h, and computes their sizes. */
 #include "pipeline/pipeline.h"
 
 #include <string.h>
@@ -117,7 +116,7 @@ cln_buffer *cln_pipeline_buffer(cln_pipeline *p, cln_buffer_id id)
     return (cln_buffer *)((char *)p + cln_buffer_rows[id].at);
 }
 
-/* Gives memory of culled and merged leaves back. */
+/* Gives back the memory of culled and merged leaves. */
 static void free_if_large(cln_device *device, cln_buffer *buffer, size_t bytes)
 {
     if (buffer->bytes > bytes + bytes / 4 + 65536)

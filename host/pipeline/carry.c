@@ -36,7 +36,7 @@ done:
     return st;
 }
 
-/* An array of old leaves as an argument of kernels that know parts: if it is one buffer, it fits
+/* An array of old leaves as an argument of kernels that read parts: an array of one buffer lies in
  * the first part, and the others are not read. */
 static cln_buffer in_parts(const cln_buffer *old)
 {
@@ -47,7 +47,7 @@ static cln_buffer in_parts(const cln_buffer *old)
     return out;
 }
 
-/* Makes an array's successor by the kernel; count: the kernel's last argument. */
+/* Makes an array's successor with the kernel; count: the kernel's last argument. */
 static cln_status gather(const carry *c, cln_buffer_id array, cl_kernel kernel, cl_uint count)
 {
     cln_status st = CLN_OK;
@@ -91,7 +91,7 @@ done:
 }
 
 /* Length of the run of new leaves from slot `first` on whose old leaves are adjacent too, at most
- * CLN_CARRY_ROWS; *old_count: how many old leaves. */
+ * CLN_CARRY_ROWS; *old_count: number of those old leaves. */
 static int run_of(const cln_octree_change *change, int first, int *old_count)
 {
     int end = first, last = change->from[first];
@@ -156,7 +156,7 @@ done:
     return st;
 }
 
-/* Carries an array of a few numbers a leaf through the host; zeros for new leaves. */
+/* Carries an array of a few numbers per leaf by way of the host; zeros for new leaves. */
 static cln_status carry_numbers(const carry *c, cln_buffer_id array, int old_leaves)
 {
     cln_status st = CLN_OK;

@@ -1,5 +1,5 @@
 /* The field at points. See field.h. A point is the origin of a ray with one sample at t = 0, so
- * that grouping and networks are those of rendering. */
+ * grouping and networks work as in rendering. */
 #include "pipeline/field.h"
 
 #include <stdlib.h>

@@ -9,8 +9,8 @@
  *   positions   [n][4] x, y, z in [-1, 1], and 0
  *   directions  [n][4] unit vectors from the eye to the point, and anything
  *   out         [n][4] r, g, b in 0..1, density per unit of the cube; 0 outside active leaves
- * Works in batches of p->max_samples, at most 65,536 (0 = that many). Reads back. CLN_MEMORY,
- * CLN_CL. */
+ * Works in batches of p->max_samples, at most 65,536 (if it is 0: of 65,536). Reads back.
+ * CLN_MEMORY, CLN_CL. */
 cln_status cln_field_points(cln_pipeline *p, const cln_octree *tree, size_t n,
                             const float (*positions)[4], const float (*directions)[4],
                             float (*out)[4]);

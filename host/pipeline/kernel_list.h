@@ -1,5 +1,6 @@
 /* The lists of the pipeline's programs and kernels: a new one takes a row here. They generate the
- * members of cln_pipeline, building, releasing, and the bench's check that each kernel is timed. */
+ * members of cln_pipeline, the code that builds and releases them, and the bench's check that each
+ * kernel is timed. */
 #ifndef CLN_KERNEL_LIST_H
 #define CLN_KERNEL_LIST_H
 
@@ -9,11 +10,10 @@
  *   PARTS   layout of arrays of a row per leaf (kernels/leaves.h); built again when they are split
  *   TRAIN, EVAL   PARTS, and whether the pass is for training (mlp_*.cl)
  *   WIDE    64-bit keys (scan.cl)
- *   CROP    PARTS, and rays are cut to a box (walk.h); only where it is wanted by name
- * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK or
- * VOXEL, as leaves are; SPLATTING: stage 1 splats;
- * REGULARISED: a regulariser reads points; MEASURED: training measures leaves, which may merge;
- * SHARED: ranks share the pipeline. */
+ *   CROP    PARTS, and rays are cut to a box (walk.h); only if it is asked for by name
+ * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK or VOXEL: what
+ * leaves are; SPLATTING: stage 1 splats; REGULARISED: a regulariser reads points; MEASURED:
+ * training measures leaves, which may merge; SHARED: ranks share the pipeline. */
 #define CLN_PROGRAM_LIST(X)                           \
     X(scan, scan, PLAIN, ALWAYS)                      \
     X(sort64, scan, WIDE, SPLATTING)                  \

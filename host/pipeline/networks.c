@@ -68,7 +68,7 @@ cln_status cln_stage_fill(cln_pipeline *p, double *leaf_samples, double *padding
     CLN_TRY(cln_alloc(&end, leaves, sizeof *end, "leaves' samples"));
     CLN_TRY(cln_buffer_read(p->device, &p->begin, 0, begin, leaves * sizeof *begin));
     CLN_TRY(cln_buffer_read(p->device, &p->end, 0, end, leaves * sizeof *end));
-    /* a leaf's slices but the last are whole blocks of whole tiles (kernels/group.cl) */
+    /* all slices of a leaf but the last are whole blocks of whole tiles (kernels/group.cl) */
     for (size_t leaf = 0; leaf < leaves; leaf++) {
         const uint32_t n = end[leaf] - begin[leaf];
 
@@ -232,7 +232,7 @@ done:
     return st;
 }
 
-/* Without `update`, writes gradients to p->grads, each slice's at its index. */
+/* Without `update`, writes the gradient of each slice to the slice's row of p->grads. */
 static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
                                   uint32_t step_key, bool update, uint32_t min_samples, double lr)
 {
@@ -422,7 +422,7 @@ done:
     return st;
 }
 
-/* The same of leaves that came here since. */
+/* Marks those of leaves that have come to this rank since. */
 static cln_status see_more(cln_pipeline *p)
 {
     cln_status st = CLN_OK;

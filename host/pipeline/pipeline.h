@@ -32,8 +32,8 @@ typedef enum cln_program_id {
         CLN_PROGRAMS
 } cln_program_id;
 
-/* Sets of programs: bits of cln_program_id. All: of a training. Pictures need no gradients and
- * change no tree; a crop (cln_sampling) needs sampling_crop, too. */
+/* Sets of programs: bits of cln_program_id. All: what training needs. Pictures need no gradients
+ * and do not change the tree; a crop (cln_sampling) needs sampling_crop, too. */
 #define CLN_PROGRAM_BIT(member) (1u << CLN_PROGRAM_##member)
 #define CLN_PROGRAMS_ALL        (CLN_PROGRAM_BIT(stretch) * 2u - 1u)
 #define CLN_PROGRAMS_PICTURES                                                      \
@@ -42,9 +42,9 @@ typedef enum cln_program_id {
      CLN_PROGRAM_BIT(mlp_density) | CLN_PROGRAM_BIT(mlp_forward_eval) |            \
      CLN_PROGRAM_BIT(voxel_eval) | CLN_PROGRAM_BIT(composite) | CLN_PROGRAM_BIT(share))
 
-/* What ranks tell each other in the one meeting of a training step, beside the sums of stretches
- * (share.h): everyone gets the largest of each. First, twice with either sign, what must be the
- * same, then a rank's samples, then the trainer's. */
+/* Numbers that ranks exchange once in a training step, beside the sums of stretches (share.h):
+ * every rank gets the largest of each. First come those that must be equal on all ranks, each with
+ * either sign, then a rank's samples, then the trainer's. */
 enum {
     CLN_TOLD_SAMPLES,
     CLN_TOLD_STRETCHES = 2,
@@ -63,13 +63,13 @@ struct cln_pipeline {
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
     int line_bits;       /* widest digit of a sort that writes whole lines (scan.cl, SG = 1) */
-    uint32_t wanted;     /* programs, of which those that settings and device need are built */
-    unsigned lenses;     /* whose code is built in (cln_camera_lenses) */
-    cln_space space;     /* of the cube that its kernels are for: forward is built in */
+    uint32_t wanted;     /* programs to build, if settings and device need them */
+    unsigned lenses;     /* lenses whose code is built in (cln_camera_lenses) */
+    cln_space space;     /* space of its cube; kernels are built for this space */
     bool ray_background; /* one background per ray (random_background) */
-    /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; where one array would
-     * exceed the device's largest allocation, all are CLN_PARTS buffers of so many rows
-     * (kernels/leaves.h). */
+    /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; if one of them would
+     * exceed the device's largest allocation, each becomes CLN_PARTS buffers of part_leaves (or
+     * part_slices) rows (kernels/leaves.h). */
     int parts, part_leaves, part_slices;
 
 #define X(member, file, text, when) cln_program member;
@@ -96,13 +96,13 @@ struct cln_pipeline {
 
     int seen_first, seen_end; /* leaves whose cells in p->seen are marked */
 
-    /* Shared by ranks (share.h): how many, 0 or 1 if not; where each begins; work on leaves in
-     * training, the latest counting most; room for messages. */
+    /* Shared by ranks (share.h): number of ranks, 0 or 1 if not shared; each one's first leaf; work
+     * on leaves in training, in which recent steps count most; room for messages. */
     int ranks, *rank_first; /* [ranks + 1] */
     double *load;           /* [leaf]: of this rank's leaves at least */
-    bool leaf_rank_there;   /* p->leaf_rank is that of rank_first */
+    bool leaf_rank_there;   /* p->leaf_rank is up to date with rank_first */
     bool stretched;         /* the batch has only samples of this rank's leaves (stretch.h) */
-    uint32_t samples_here;  /* of it, then; and stretches of its rays */
+    uint32_t samples_here;  /* samples that are here; if stretched, also stretches */
     uint32_t stretch_total;
     /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
     double samples_own, samples_busiest, samples_all;
@@ -124,16 +124,16 @@ struct cln_pipeline {
     cln_device_camera *host_cameras;
 };
 
-/* Where a camera is, in the cube's space or a forward one's camera units: its rays may begin
- * elsewhere (device_abi.h). */
+/* A camera's position, in the cube's coordinates or, in a forward space, in camera units: its rays
+ * may begin elsewhere (device_abi.h). */
 void cln_device_camera_origin(const cln_device_camera *c, double origin[3]);
 
 /* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
- * (cln_camera_lenses). alpha: the images have it; otherwise it counts as 1, weighed by
- * opaque_loss. space: where its cube is; cameras must be given with the same. wanted: bits of
- * cln_program_id; of these, what settings and device need is built.
- * Kernel parameters come from cln_device_tune; if programs cannot be built with them, plain ones
- * with a warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
+ * (cln_camera_lenses). alpha: whether the images have it; without it, alpha counts as 1, with the
+ * weight opaque_loss. space: that of its cube; cameras must be given in the same. wanted: bits of
+ * cln_program_id; of these, the programs that settings and device need are built. Kernel parameters
+ * come from cln_device_tune; if programs cannot be built with them, plain ones are used, with a
+ * warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
 cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
                                bool alpha, const cln_space *space, uint32_t wanted,
                                cln_pipeline *out);
@@ -141,8 +141,8 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
  * freeing. */
 cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
                                 bool alpha, const cln_space *space, cln_pipeline *out);
-/* Shares it between the ranks of this process (share.h), if there are several: builds the kernels
- * for that. Before the memory plan. */
+/* Shares the pipeline with the other ranks (share.h), if there are any: builds the kernels for
+ * that. Call it before the memory plan. */
 cln_status cln_pipeline_share(cln_pipeline *p);
 void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
 
@@ -153,8 +153,8 @@ void cln_pipeline_free(cln_pipeline *p); /* accepts a zeroed one */
         sizeof(cl_mem), (buffer)->part, (p)->parts \
     }
 
-/* Rows of a part, for leaves and for gradients: what the device's largest allocation holds, at
- * least 1. */
+/* Rows of a part, for leaves and for gradients: as many as the device's largest allocation holds,
+ * at least 1. */
 int cln_pipeline_part_leaves(const cln_pipeline *p);
 int cln_pipeline_part_slices(const cln_pipeline *p);
 
@@ -184,7 +184,7 @@ int cln_pipeline_measures(const cln_config *config);
 /* The deepest level that its tree may have. */
 int cln_pipeline_deepest(const cln_pipeline *p);
 
-/* Rows of ray_o and ray_d that a ray has; the most intervals of one, of any tree of this depth. */
+/* Rows of ray_o and ray_d per ray; the most intervals of a ray, in any tree of this depth. */
 int cln_pipeline_rows(const cln_pipeline *p);
 double cln_pipeline_most_intervals(const cln_pipeline *p, int depth);
 
@@ -192,7 +192,7 @@ double cln_pipeline_most_intervals(const cln_pipeline *p, int depth);
 int cln_pipeline_extra_rays(const cln_pipeline *p);
 int cln_pipeline_extra_samples(const cln_pipeline *p);
 
-/* Of a work-group of the adam kernel: weights that it updates per leaf, and leaves. */
+/* A work-group of the adam kernel updates so many weights per leaf, of so many leaves. */
 enum { CLN_ADAM_PART = 1024, CLN_ADAM_EACH = 16 };
 
 /* Pre-activations kept per sample, and their bytes (tune.half); transposed weights per leaf. */
@@ -217,9 +217,10 @@ cln_status cln_pipeline_derive(cln_pipeline *p);
  * missing. Reads back. A change of the tree needs neither (carry.h). */
 cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool training);
 cln_status cln_pipeline_download(cln_pipeline *p, cln_model *model, bool training);
-/* The same, but of several ranks each gets only its own leaves' weights and Adam's state. */
+/* Downloads likewise, but each of several ranks gets only its own leaves' weights and Adam's
+ * state. */
 cln_status cln_pipeline_download_own(cln_pipeline *p, cln_model *model, bool training);
-/* And, after that, what other ranks have. */
+/* Adds, after that, what the other ranks have. */
 void cln_pipeline_collect(cln_pipeline *p, cln_model *model, bool training);
 
 /* Uploads the cameras of `count` views, brought to normalised space, and with p->antialias > 1
@@ -236,12 +237,12 @@ cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const cln
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
                               const float *backgrounds);
 
-/* Uploads the points that a batch's rays show: [n][4], in the cube, and what each counts (0: none
- * is known). Only with a depth loss. Like cln_pipeline_batch, it does not wait. */
+/* Uploads the points that a batch's rays show: [n][4], in the cube, each with its weight (0: no
+ * point is known). Only with a depth loss. Like cln_pipeline_batch, it does not wait. */
 cln_status cln_pipeline_shown(cln_pipeline *p, const float *shown, int n);
 
-/* Upload points instead of rays: a ray per point with the point as origin, [n][4] both; targets
- * [n][4] or NULL. And samples on them, at t = 0. */
+/* Points: uploads points instead of rays, each as the origin of its ray; origins and directions
+ * [n][4], targets [n][4] or NULL. Samples: uploads samples on these rays, at t = 0. */
 cln_status cln_pipeline_points(cln_pipeline *p, const float *origins, const float *directions,
                                const float *targets, uint32_t rays);
 cln_status cln_pipeline_samples(cln_pipeline *p, const cln_sample *samples, uint32_t n);

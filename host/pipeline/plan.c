@@ -60,15 +60,15 @@ static int largest_row(const cln_plan *plan)
 
 /* ---- the device ---- */
 
-/* What the numbers of rows are computed from. */
+/* Sizes from which the numbers of rows follow. */
 typedef struct sizes {
     double leaves, rays, ray_rows, extra_rays, samples, slices, points, gradients;
     double views, pixels;            /* of a splatted batch; of the largest view */
-    double runs;                     /* of cells: a work-item projects one into a view */
+    double runs;                     /* runs of cells: a work-item projects one into a view */
     double entries;                  /* projected samples held at a time */
     double part_leaves, part_slices; /* rows of a part */
-    double widest;                   /* counts of a digit of the sort */
-    bool split;                      /* into parts */
+    double widest;                   /* values of a digit of the sort */
+    bool split;                      /* arrays are split into parts */
     bool distil;
 } sizes;
 
@@ -200,14 +200,14 @@ static double samples_of(double most, double leaves, double slice)
     return most > leaves ? fmax(spread, (most - leaves) * slice) : spread;
 }
 
-/* Of a ray, in the deepest tree. */
+/* The most intervals of a ray in the deepest tree. */
 static double most_intervals(const cln_plan_desc *d)
 {
     return cln_pipeline_most_intervals(d->pipeline, cln_pipeline_deepest(d->pipeline));
 }
 
-/* Samples of a batch whose every buffer fits `largest`; at least those of the smallest batch, so
- * that the check finds the buffer that does not fit. */
+/* Samples of a batch so that each of its buffers fits `largest`; at least those of the smallest
+ * batch, so that the check finds the buffer that does not fit. */
 static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest)
 {
     const cln_config *c = &d->pipeline->config;
@@ -321,7 +321,7 @@ static bool is_cpu(const cln_plan_desc *d)
     return strcmp(d->pipeline->device->info.type, "cpu") == 0;
 }
 
-/* Per pixel of an evaluated view: render, depth, opacity, truth, rounded, SSIM, PNG. */
+/* Bytes per pixel of an evaluated view: render, depth, opacity, truth, rounded, SSIM, PNG. */
 static const double picture_bytes = 64;
 
 /* Adds the host's rows, without the memory of a device that is a CPU. */
@@ -341,7 +341,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, 2 * s->leaves * BYTES(d, adam_m));
         add(out, densities);
         row(out, "changes of the tree", CLN_LOWER_LEAVES);
-        add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded at a time */
+        add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded together */
         if (s->distil) /* up to every eighth leaf comes from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
         row(out, "coverage of the images", "the number of views");
@@ -494,7 +494,7 @@ cln_status cln_plan_check(const cln_device *device, const cln_plan *plan)
             snprintf(where, sizeof where, "each of %d parts", plan->rows[i].parts);
         else
             snprintf(where, sizeof where, "one buffer");
-        CLN_TRY(cln_fail(CLN_MEMORY, "%s: %s in %s, %s allows %s; lower %s (the plan: %s)",
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: %s in %s, but %s allows only %s; lower %s (the plan: %s)",
                          plan->rows[i].purpose, amount, where, device->info.name, largest,
                          plan->rows[i].way_out, text));
     }

@@ -29,14 +29,14 @@ typedef struct cln_plan {
         const char *purpose;
         double bytes;
         double largest;      /* bytes of its largest single buffer */
-        int parts;           /* of each of its arrays of a row per leaf; 1 = not split */
+        int parts;           /* parts of each of its arrays P (pipeline.h); 1 = not split */
         const char *way_out; /* what to lower; NULL = nothing can be */
     } rows[CLN_PLAN_ROWS];
     int count;
     double total, limit;
-    double cells;         /* of stage 1 over all leaves; kernels index them with 32 bits */
-    int max_rays;         /* of a batch, so that its intervals stay within one buffer */
-    size_t max_samples;   /* of a batch, likewise */
+    double cells;         /* cells of stage 1 over all leaves; kernels index them with 32 bits */
+    int max_rays;         /* most rays of a batch, so that its intervals fit one buffer */
+    size_t max_samples;   /* most samples of a batch, likewise */
     size_t batch_samples; /* samples aimed at: --batch-samples, or fewer if max_samples is small */
     size_t max_entries;   /* projected samples held at a time (splat) */
     int distil_nets;      /* merged leaves trained together */
@@ -57,9 +57,10 @@ void cln_plan_device(const cln_plan_desc *desc, cln_plan *out);
 /* limit: --host-mem, else the machine's memory. A CPU's device memory is the host's. */
 void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_plan *out);
 
-/* Before a pipeline is made: where the host's plan leaves too little for the scene's images, lets
- * them lie in a file (cln_scene_shrink), of which at most an eighth of the limit is in memory.
- * coverage_bytes: as in cln_plan_desc; below 0 if only pictures are made. CLN_OUTPUT, CLN_MEMORY.
+/* Called before a pipeline is made: if the host's plan leaves too little memory for the scene's
+ * images, they go to a file (cln_scene_shrink), of which at most an eighth of the limit is kept in
+ * memory. coverage_bytes: as in cln_plan_desc; below 0 if only pictures are made. CLN_OUTPUT,
+ * CLN_MEMORY.
  */
 cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
                                  double coverage_bytes, cln_scene *scene);
@@ -68,7 +69,7 @@ cln_status cln_plan_place_images(cln_device *device, const cln_config *config, i
 cln_status cln_plan_check(const cln_device *device, const cln_plan *plan);
 cln_status cln_plan_check_host(const cln_plan *plan);
 
-/* Sets what the pipeline must keep to: the device's limit, rays, samples, entries. */
+/* Sets the pipeline's limits: device memory, rays, samples, entries. */
 void cln_plan_apply(const cln_plan *plan, cln_pipeline *pipeline);
 
 /* "weights 12 MiB in 3 parts, activations 80 MiB, ... = 230 MiB of 3.2 GiB". */

@@ -14,7 +14,8 @@
 #include "model/shell_tree.h"
 #include "ranks/ranks.h"
 
-/* Local memory of a work-group of mlp_backward, the largest: bytes per sample of a block of NB. */
+/* Local memory of a work-group of mlp_backward, which needs the most: bytes per sample of a block
+ * of NB. */
 static size_t bytes_per_sample(const cln_network *net)
 {
     const int view = net->view_dependence ? net->view_width : 0;
@@ -83,7 +84,8 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
         tune->leaf = 0;
 }
 
-/* Lowers work-items to a power of two, and digits, until they fit the local memory. */
+/* Lowers the work-items to a power of two, then work-items, lines and digits until they fit the
+ * local memory. */
 static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
 {
     const size_t local = device->local_mem * 7 / 8;
@@ -311,7 +313,7 @@ static cl_kernel *kernel_of(cln_pipeline *p, int i)
     return (cl_kernel *)((char *)p + kernels[i].at);
 }
 
-/* Frees all programs, or those that know parts. */
+/* Frees all programs, or only those that read parts. */
 static void free_programs(cln_pipeline *p, bool all)
 {
     for (int i = 0; i < KERNELS; i++)
@@ -439,7 +441,7 @@ done:
     return st;
 }
 
-/* *unfit: whether it failed for its kernel parameters. */
+/* *unfit: whether it failed because of the kernel parameters. */
 static cln_status create(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
                          const cln_space *space, uint32_t wanted, const cln_tune *tune,
                          cln_pipeline *out, bool *unfit)
@@ -451,12 +453,11 @@ static cln_status create(cln_device *device, const cln_config *config, unsigned 
     out->wanted = wanted;
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         *unfit = true;
-        st =
-            cln_fail(CLN_MEMORY,
-                     "width %d with view width %d needs %zu bytes of local memory a sample, %s has "
-                     "%zu in all; lower --width or --view-width",
-                     out->net.width, out->net.view_width, bytes_per_sample(&out->net),
-                     device->info.name, device->local_mem);
+        st = cln_fail(CLN_MEMORY,
+                      "width %d with view width %d needs %zu bytes of local memory per sample, but "
+                      "%s has %zu in all; lower --width or --view-width",
+                      out->net.width, out->net.view_width, bytes_per_sample(&out->net),
+                      device->info.name, device->local_mem);
         goto done;
     }
     CLN_TRY(build(out));

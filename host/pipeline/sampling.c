@@ -24,7 +24,7 @@ static const cln_buffer *densities(const cln_pipeline *p, const cln_sampling *s)
     return s->pictures ? &p->picture_density : &p->density;
 }
 
-/* Work-items of a group; each takes CLN_RAYS_EACH rays, so a group takes about tune.wg. */
+/* Work-items of a group; each takes CLN_RAYS_EACH rays, so a group takes about tune.wg rays. */
 static size_t group_of(const cln_pipeline *p)
 {
     return cln_groups((size_t)p->tune.wg, CLN_RAYS_EACH((size_t)p->tune.vw));
@@ -171,7 +171,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
                                  sizeof p->samples_here));
     }
     CLN_TRY(cln_device_mark(device, &mark));
-    /* The reserved room mostly suffices: the device then goes on while the host waits. */
+    /* The reserved room is usually enough: the device then goes on while the host waits. */
     if (group_count == 1 && limit > 0)
         made = emit(p, s, &groups[0], n, limit);
     CLN_TRY(cln_device_wait(device, &mark));

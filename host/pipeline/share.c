@@ -110,8 +110,8 @@ done:
     return st;
 }
 
-/* A leaf's part in a step, in samples: its weights and moments are read and written once. Of
- * networks of any size alike; measured with docs/results.md's "How cost grows". */
+/* A leaf's work in a step, in samples: its own, and 12 for reading and writing weights and moments
+ * once. This holds for networks of any size (docs/results.md, "How cost grows"). */
 static double work_of(uint32_t samples)
 {
     return samples > 0 ? samples + 12.0 : 0;
@@ -151,8 +151,8 @@ done:
     return st;
 }
 
-/* All ranks have placed the same samples and stretches: a difference would let them wait forever.
- * own: this rank's samples. */
+/* Begins to check that all ranks have placed the same samples and stretches: if not, they would
+ * wait for each other forever. own: this rank's samples. */
 static void meet(cln_pipeline *p, uint32_t samples, uint32_t stretches, uint32_t own)
 {
     double *told = p->told;
@@ -312,22 +312,22 @@ void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array)
 
 /* ---- balance ---- */
 
-/* More than this over the mean, and leaves move: which takes as long as some hundred steps lose by
- * it. */
+/* Leaves move if the busiest rank has more than this many times the mean work: a move takes as long
+ * as some hundred steps lose by waiting for that rank. */
 static const double LIMIT = 1.04;
 
-/* Lending pays if training the merged leaves that the busiest rank has over the mean, WORTH moved
- * leaves' time each, takes longer than moving all leaves. */
+/* Lending pays if the busiest rank needs longer to train its merged leaves in excess of the mean
+ * than it takes to move all leaves; training one takes as long as moving WORTH leaves. */
 enum { WORTH = 256 };
 
-/* A rank gets at most so many times the mean number of leaves, which memory plans count on. */
+/* A rank gets at most 1.5 times the mean number of leaves; memory plans count on that. */
 int cln_share_most(const cln_pipeline *p, int leaves)
 {
     return p->ranks > 1 ? (int)ceil(1.5 * leaves / p->ranks) : leaves;
 }
 
-/* Where ranks begin if each has about the same load; a leaf counts for its own and, because its
- * densities are computed anew, for a share of the mean of all. */
+/* Finds each rank's first leaf so that all ranks have about the same load. A leaf counts with its
+ * own load and, because its densities are computed anew, with a tenth of the mean load. */
 static void find_balance(const cln_pipeline *p, const double *load, int *first)
 {
     const int most = cln_share_most(p, p->leaves);
@@ -388,7 +388,7 @@ done:
     return st;
 }
 
-/* Deals the leaves so that ranks begin at next[rank]; p->load stays here. */
+/* Deals the leaves so that ranks begin at next[rank]; does not move p->load. */
 static cln_status deal(cln_pipeline *p, const int *next)
 {
     cln_status st = CLN_OK;
@@ -428,7 +428,7 @@ cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out)
         out->after = imbalance(p, p->load, next);
     }
     if (out->before > LIMIT && out->after < out->before) {
-        for (int r = 0; r < p->ranks; r++) /* what rank r keeps */
+        for (int r = 0; r < p->ranks; r++) /* leaves that are new to rank r */
             for (int s = next[r]; s < next[r + 1]; s++)
                 out->leaves += s < p->rank_first[r] || s >= p->rank_first[r + 1];
         CLN_TRY(deal(p, next));

@@ -9,10 +9,10 @@
 
 #include "base/memory.h"
 
-/* ALONE: up to so many elements one group scans alone. LOOK: from so many keys on, finding the bits
- * that vary costs less than a pass. STREAM: from so many pairs on, a CPU's caches do not hold them
- * between passes, and whole lines are written past the caches. BUCKET: pairs that the caches of one
- * core hold. */
+/* ALONE: one group alone scans up to this many elements. LOOK: from this many keys on, finding the
+ * bits that vary costs less than a pass. STREAM: this many pairs no longer stay in a CPU's caches
+ * between passes, and whole lines are written past the caches. BUCKET: pairs that fit the caches of
+ * one core. */
 enum { ALONE = 32768, LOOK = 32768, STREAM = 1 << 20, BUCKET = 8192, MAX_PASSES = 64 };
 
 static size_t larger(size_t a, size_t b)
@@ -58,7 +58,7 @@ done:
     return st;
 }
 
-/* A digit of the keys: one or two pieces, see digit_of of scan.cl. */
+/* A digit of the keys: one or two pieces, see digit_of in scan.cl. */
 typedef struct digit {
     cl_uint shift[2], mask[2];
     int bits;
@@ -144,7 +144,7 @@ static double pass_cost(size_t n, size_t chunks, int bits)
 static int plan_passes(const cln_pipeline *p, size_t n, uint64_t mask, int most,
                        digit digits[MAX_PASSES])
 {
-    const double launches = 10000; /* in elements, as above */
+    const double launches = 10000; /* in elements, as pass_cost */
     double least = INFINITY;
     int best = most;
 
@@ -221,7 +221,7 @@ static void swap(cln_buffer pair[2])
     pair[1] = first;
 }
 
-/* p->digit_counts = first place of each chunk's elements of each digit. */
+/* Sets p->digit_counts: the first place of each chunk's elements with each digit. */
 static cln_status find_places(const sort *s, const digit *d, cl_uint *chunks)
 {
     cln_status st = CLN_OK;

@@ -14,11 +14,11 @@
 
 enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 
-/* Grid of a view and a level, without its lists' place. A leaf's cells of spacing s = side / n1,
- * seen from distance z with focal length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that
- * must reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every
- * s^3 f^2 / (k t)^2 of a ray on average. In a forward space, a pixel has the same size at any t:
- * about that of the mean camera's, scale / f. */
+/* Grid of a view and a level, all but `first`. A leaf's cells of spacing s = side / n1, seen from
+ * distance z with focal length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that must
+ * reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every s^3 f^2
+ * / (k t)^2 of a ray on average. In a forward space, a pixel has the same size at any t: about
+ * scale / f, that of the mean camera. */
 static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level)
 {
     const double n1 = p->config.n1, spacing = 2.0 / (1 << level) / n1;

@@ -56,7 +56,8 @@ done:
     return st;
 }
 
-/* What stretches are made of: the first arguments of stretch_composite and stretch_train. */
+/* Adds the first arguments of stretch_composite and stretch_train: the stretches and their
+ * samples. */
 static void add_stretches(const cln_pipeline *p, cln_args *args)
 {
     CLN_ADD(args, p->intervals.mem);
@@ -83,7 +84,7 @@ cln_status cln_stretch_composite(cln_pipeline *p, int n, int me)
                       wg, a.list, a.count);
 }
 
-/* In a message, the stretches of each rank are a run, in the order of all. */
+/* In a message, the stretches of each rank are adjacent; within a rank they keep their order. */
 cln_status cln_stretch_exchange(cln_pipeline *p)
 {
     cln_status st = CLN_OK;

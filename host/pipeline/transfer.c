@@ -26,7 +26,7 @@ done:
     return st;
 }
 
-/* Uploads this rank's rows of [leaf] rows. */
+/* Uploads this rank's rows of an array that has a row for each leaf. */
 static cln_status put_own(cln_pipeline *p, cln_buffer_id id, const void *array)
 {
     const size_t row = cln_buffer_row_bytes(p, id);
@@ -61,7 +61,7 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
         CLN_TRY(CLN_PUT(p, leaf_met, model->met, leaves));
     }
     cln_buffer_free(p->device, &p->grads); /* sized by the leaves of the batches so far */
-    cln_buffer_free(p->device, &p->seen);  /* of the leaves before */
+    cln_buffer_free(p->device, &p->seen);  /* holds cells of the old leaves */
     CLN_TRY(cln_pipeline_around(p, &model->tree));
     CLN_TRY(cln_pipeline_derive(p));
 done:
@@ -170,7 +170,7 @@ static void begin_near_cube(const double c2w[12], const cln_space *space, cln_de
     memset(centre, 0, sizeof centre);
     for (int a = 0; a < 3; a++) {
         distance = hypot(distance, o[a]);
-        for (int k = 0; k < 3; k++) /* of the cube, in the camera's frame */
+        for (int k = 0; k < 3; k++) /* the cube's centre in the camera's frame */
             centre[k] -= c2w[4 * a + k] * o[a];
     }
     if (!(distance > (double)CLN_FAR) || centre[2] < distance / 2)
@@ -199,7 +199,7 @@ static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
     for (int i = 0; i < CLN_LENS_PARAMS; i++)
         out.k[i] = (float)c->distortion[i];
     cln_space_pose_to_cube(space, c->c2w, out.c2w);
-    if (!space->forward) /* whose rays begin at the near plane anyway */
+    if (!space->forward) /* a forward space's rays begin at the near plane */
         begin_near_cube(c->c2w, space, &out);
     return out;
 }
@@ -215,7 +215,7 @@ void cln_device_camera_origin(const cln_device_camera *c, double origin[3])
     }
 }
 
-/* The same camera with n x n pixels for each. */
+/* The same camera with n x n pixels for each pixel. */
 static cln_device_camera finer(cln_device_camera c, int n)
 {
     c.fx *= (float)n;

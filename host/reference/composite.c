@@ -43,7 +43,7 @@ double ref_median_depth(int n, const double (*out)[4], const double *t, const do
 
     for (int i = 0; i < n; i++)
         all += optical_depth(out[i][3], delta[i]);
-    goal = -log1p(0.5 * expm1(-all)); /* optical depth that half of the opacity has */
+    goal = -log1p(0.5 * expm1(-all)); /* optical depth where half of the opacity is reached */
     for (int i = 0; i < n && all > 0; i++) {
         const double x = optical_depth(out[i][3], delta[i]);
 
@@ -134,7 +134,8 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
     if (!grad)
         return total;
 
-    /* Back to front. dtrans = dL/d(transmittance behind sample i), initially the last one's. */
+    /* Back to front. dtrans = dL/d(transmittance behind sample i), at first that of the last
+     * sample. */
     for (int i = n - 1; i >= 0; i--) {
         double x = optical_depth(out[i][3], delta[i]), alpha = -expm1(-x);
         double w = weight_of(i, out, delta), trans = 1, dw = dopacity, dalpha = 0;

@@ -19,7 +19,7 @@ void ref_encode(int bands, const double x[3], const double *weights, int pad, do
     }
 }
 
-/* A corner of the cell that holds a point, and its share of the value there. */
+/* A corner of the cell that holds a point, and its weight in the value at the point. */
 typedef struct corner {
     int vertex;
     double weight;

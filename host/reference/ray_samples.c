@@ -44,7 +44,7 @@ int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
     return kept;
 }
 
-/* A line of a ray, t from begin to end; a ray without lines is one. */
+/* A line of a ray, for t from begin to end; only in a shell space a ray has several. */
 typedef struct line {
     double o[3], d[3], begin, end;
     int row;
@@ -68,7 +68,7 @@ static int lines_of(const ref_way *way, const float *fo, const float *fd, line o
     return count;
 }
 
-/* The intervals of a line, from o + moved. */
+/* The intervals of a line whose origin is moved by `moved`. */
 static int line_intervals(const ref_way *way, const line *l, const double moved[3],
                           ref_interval out[REF_MOST_INTERVALS])
 {
@@ -86,8 +86,8 @@ static int line_intervals(const ref_way *way, const line *l, const double moved[
     return kept;
 }
 
-/* Returns whether the line meets other leaves if it is moved a little, or hardly meets one. Lines
- * end at faces of leaves, many of them at a small angle: they are moved less. */
+/* Returns whether the line meets other leaves if it is moved a little, or only just meets one.
+ * Lines of a shell space end at faces of leaves, many at a small angle: they are moved less. */
 static bool near_edges(const ref_way *way, const line *l, const ref_interval *iv, int n)
 {
     const double move = way->lines ? REF_NEAR / 8 : REF_NEAR;

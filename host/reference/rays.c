@@ -39,7 +39,7 @@ int ref_intervals(const cln_octree *tree, const double origin[3], const double d
         }
         if (!hit || !(t_out - t_in > min_chord))
             continue;
-        /* insertion sort; the farthest do not fit */
+        /* insertion sort; of more than max, the farthest are dropped */
         at = count < max ? count : max;
         count++;
         while (at > 0 && out[at - 1].t_in > t_in) {

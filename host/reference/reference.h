@@ -57,10 +57,10 @@ typedef struct ref_sampling {
 int ref_sample_count(const ref_sampling *s, double length, double side, double tau_in, double tau,
                      double roulette);
 
-/* Bins of [t_in, t_out] by m stage-1 points (t ascending, sigma): around each point half way to its
- * neighbours or to the chord's ends, and what is left between, with density 0. On a side where that
- * is more than 1.5 times lengths[j], what point j stands for (NULL: any length), it reaches half of
- * lengths[j]. Writes edges [2 m + 2], densities [2 m + 1]; returns 2 m + 1. */
+/* Bins of [t_in, t_out] by m stage-1 points (t ascending, sigma): a point's bin reaches half way to
+ * its neighbours, and to the chord's ends; what bins leave free has density 0. On a side where that
+ * is more than 1.5 times lengths[j], the length that point j stands for (NULL: any), its bin
+ * reaches only half of lengths[j]. Writes edges [2 m + 2], densities [2 m + 1]; returns 2 m + 1. */
 int ref_bins(double t_in, double t_out, int m, const double *t, const double *sigma,
              const double *lengths, double *edges, double *densities);
 
@@ -81,14 +81,13 @@ void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta
 enum { REF_MOST_INTERVALS = 256, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
 #define REF_NEAR 4e-6 /* float32 may decide differently on rays closer to an edge than this */
 
-/* Gives the stage-1 points of an interval of ray r, ascending, and the lengths that they
- * stand for; returns their
- * number, at most REF_MOST_POINTS. Sets *close if rounding may give other points. */
+/* Gives the stage-1 points of an interval of ray r, ascending, and the lengths that they stand for.
+ * Returns their number, at most REF_MOST_POINTS. Sets *close if rounding may give other points. */
 typedef int ref_points_fn(void *user, int r, const double o[3], const double d[3],
                           const ref_interval *interval, double *t, double *sigma, double *lengths,
                           bool *close);
 
-/* Points by gather; user is a */
+/* Points by gather; `user` is one of these. */
 typedef struct ref_gather_cache {
     int n1;
     const float *boxes; /* [slot][4] */
@@ -112,10 +111,10 @@ typedef struct ref_samples {
     bool close; /* float32 may decide differently somewhere */
     int n;
     double t[REF_MOST_SAMPLES], delta[REF_MOST_SAMPLES];
-    int slot[REF_MOST_SAMPLES], row[REF_MOST_SAMPLES]; /* row: of its line; 0 without lines */
+    int slot[REF_MOST_SAMPLES], row[REF_MOST_SAMPLES]; /* row: that of its line; 0 without lines */
 } ref_samples;
 
-/* The intervals of a ray by the tree alone; with a crop, what is inside all half-spaces of them.
+/* The intervals of a ray in the tree's leaves; with a crop, their parts inside all half-spaces.
  * Front to back; returns their number. */
 int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
                       ref_interval out[REF_MOST_INTERVALS]);
@@ -134,8 +133,8 @@ typedef struct ref_network {
     int density;            /* CLN_DENSITY_* */
     double kappa, bias;     /* sigma = kappa * softplus(s + bias), etc. */
     double level_bands[10]; /* weight of band k (bands_by_level), else 1 */
-    const double *wide;     /* weights to use instead of params, which may be NULL then; or NULL.
-                               Not with a grid */
+    const double *wide;     /* if not NULL, used instead of params, which may be NULL then;
+                               not with a grid */
 } ref_network;
 
 /* Encodings. Frequency: x[3] -> out[enc_pad]; zero padding. Grid: linear between the vertices of
@@ -150,11 +149,11 @@ void ref_voxel(const cln_network *net, const float *params, const double local[3
                const double dir[3], double raw[4]);
 void ref_voxel_backward(const cln_network *net, const double local[3], const double dir[3],
                         const double draw[4], double *grad);
-/* Who steps for a vertex that several leaves have: owner[leaf * vertices + vertex], the same number
- * of one of them. around: cln_octree_around. */
+/* Finds the leaf that updates a vertex, which several leaves may share: owner[leaf * vertices +
+ * vertex] is that leaf's own leaf * vertices + vertex. around: cln_octree_around. */
 void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around)[27], int *owner);
-/* A step of one number: Adam's, whose second moment begins as a tenth of the first gradient's
- * square, and whose moments are not corrected (method.md 1). */
+/* A step of one number by Adam, but the second moment begins as a tenth of the first gradient's
+ * square, and the moments are not bias-corrected (method.md 1). */
 void ref_voxel_step(double *param, double grad, double *m, double *v, double lr, double beta1,
                     double beta2, double epsilon);
 
@@ -164,13 +163,13 @@ void ref_voxel_step(double *param, double grad, double *m, double *v, double lr,
 void ref_forward(const ref_network *r, const float *params, const double local[3],
                  const double dir[3], const double *slopes, double slope, double out[4]);
 
-/* dc/d(raw) of a colour c = sigmoid(raw), given dL/dc: c (1 - c), but at least this where the
- * gradient leads back from the end that c is near (method.md 9). */
+/* dc/d(raw) of a colour c = sigmoid(raw), given dL/dc: c (1 - c), but at least this where a step
+ * would lead c away from the end, 0 or 1, that it is near (method.md 9). */
 #define REF_SLOPE_LEAST 0x1p-25
 double ref_colour_slope(double colour, double gradient);
 
-/* The smallest absolute pre-activation of a sample: below rounding errors, float32 may have it on
- * the other side of zero, with another gradient. */
+/* The smallest absolute pre-activation of a sample: if it is below rounding errors, float32 may
+ * have it on the other side of zero, with another gradient. */
 double ref_margin(const ref_network *r, const float *params, const double local[3],
                   const double dir[3], const double *slopes, double slope);
 
@@ -195,7 +194,7 @@ typedef struct ref_loss {
     int kind; /* CLN_LOSS_* */
     double huber_delta;
     double cauchy, opacity_entropy, distortion, alpha;
-    double depth, reach; /* times its trust; t of the point that the ray shows */
+    double depth, reach; /* weight times the point's trust; t of the point that the ray shows */
 } ref_loss;
 
 /* Composites n samples front to back: out[i] = r, g, b, sigma. sigma * delta is clamped to 80.
@@ -204,7 +203,8 @@ void ref_composite(int n, const double (*out)[4], const double *t, const double 
                    const double background[3], double rgb[3], double *depth, double *opacity,
                    double *weights);
 
-/* Where half of the weights' sum lies before; 0 without any. Sample i is t[i] +- delta[i] / 2. */
+/* The t before which half of the weights' sum lies; 0 if the sum is 0. Sample i is t[i] +- delta[i]
+ * / 2. */
 double ref_median_depth(int n, const double (*out)[4], const double *t, const double *delta);
 
 /* t of the point of a ray that is nearest to `point`. */
@@ -214,8 +214,7 @@ double ref_reach(const float origin[4], const float direction[4], const float po
  * below huber_delta, huber_delta (|d| - huber_delta/2) above; plus cauchy * sum log(1 + 2 sigma^2)
  * + opacity_entropy * log1p(A (1-A) / 0.11) + distortion * (sum_ij w_i w_j |t_i - t_j| + 1/3 sum
  * w_i^2 delta_i) + alpha * (T_end - (1 - target[3]))^2 + depth * (sum_i w_i |t_i - reach| + T_end).
- * grad (may be NULL): dL/d(r, g, b, sigma)
- * per sample, by a true backward sweep. */
+ * grad (may be NULL): dL/d(r, g, b, sigma) per sample, by a true backward sweep. */
 double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], const double *t,
                        const double *delta, const double background[3], const double target[4],
                        double (*grad)[4]);

@@ -13,7 +13,7 @@ uint16_t ref_to_bf16(float value)
     upper = (uint16_t)(bits >> 16);
     lower = bits & 0xFFFF;
     if (isnan(value))
-        return upper | 0x40; /* quiet: its payload may have been in the lower half only */
+        return upper | 0x40; /* made quiet, as its payload may have been in the lower half only */
     if (lower > 0x8000 || (lower == 0x8000 && (upper & 1)))
         upper++; /* may carry into the exponent: the largest float becomes infinity */
     return upper;
@@ -92,7 +92,8 @@ static double edge(int j, double t_in, double t_out, int m, const double *t)
     return clip((t[j - 1] + t[j]) / 2, t_in, t_out);
 }
 
-/* Distance from a point to its bin's edge: `distance`, unless the point stands for too little. */
+/* Distance from a point to its bin's edge: `distance`, unless the point stands for too short a
+ * length. */
 static double reach_of(double distance, double length)
 {
     return distance > 1.5 * length ? length / 2 : distance;

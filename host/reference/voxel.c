@@ -4,8 +4,9 @@
 
 enum { FEATURES = 32, HARMONICS = 9 };
 
-/* The functions of a direction that colours are sums of, over the constant one's. Real spherical
- * harmonics, as in Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2(2), 2013. */
+/* The functions of a direction of which colours are weighted sums, each divided by the constant
+ * one: real spherical harmonics, as in Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2(2),
+ * 2013. */
 static int harmonics(int features, const double d[3], double y[HARMONICS])
 {
     const double x = d[0], v = d[1], z = d[2];
@@ -24,7 +25,7 @@ static int harmonics(int features, const double d[3], double y[HARMONICS])
     return features == 4 ? 1 : features == 16 ? 4 : 9;
 }
 
-/* Number `k` of colour c. */
+/* Where coefficient k of colour c is among a vertex's numbers. */
 static int number_of(int k, int c)
 {
     return k == 0 ? c : 4 + 3 * (k - 1) + c;

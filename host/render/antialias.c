@@ -7,10 +7,10 @@
 
 #include "base/memory.h"
 
-/* Of colour and opacity, 0..1: about 6 of 255 steps. Below it nothing is gained (docs/results.md,
- * "More rays where edges are"). */
+/* A larger difference of colour or opacity, 0..1, is an edge: about 6 of 255 steps. A smaller
+ * threshold gains nothing (docs/results.md, "More rays where edges are"). */
 static const float STEP = 0.024f;
-static const float DEPTH_STEP = 0.05f; /* of the nearer depth */
+static const float DEPTH_STEP = 0.05f; /* the same for depths, as a share of the nearer one */
 
 static bool differ(const cln_picture *p, size_t a, size_t b)
 {

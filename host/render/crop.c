@@ -1,4 +1,4 @@
-/* Checks and uses a box. See crop.h; the geometry is scene/space.h's. */
+/* Checks a box and crops pictures to it. See crop.h; the geometry is scene/space.h's. */
 #include "render/crop.h"
 
 #include <math.h>
@@ -43,8 +43,8 @@ cln_status cln_crop_read(const char *name, const char *text, double numbers[CLN_
     memset(numbers, 0, CLN_CROP_NUMBERS * sizeof *numbers);
     if (!cln_reals_read(text, 6, numbers) && !cln_reals_read(text, CLN_CROP_NUMBERS, numbers))
         return cln_fail(CLN_USAGE,
-                        "%s: six numbers with commas are wanted, x0,y0,z0,x1,y1,z1, or nine with "
-                        "the degrees that the box is turned by about x, y and z",
+                        "%s: give six numbers with commas, x0,y0,z0,x1,y1,z1, or nine: the last "
+                        "three turn the box about x, y and z, in degrees",
                         name);
     return CLN_OK;
 }
@@ -67,8 +67,8 @@ bool cln_crop_is_turned(const cln_crop *crop)
     return false;
 }
 
-/* A half-space of u as one of the cube's, in the piece of a shell space that a point is in: times w
- * in a face, it is linear there, too. */
+/* Turns a half-space of u into one of the cube that holds in the piece of a shell space where the
+ * point is. In a face it is multiplied by w, which makes it linear. */
 static void plane_of_piece(const float plane[4], const double point[3], double out[4])
 {
     int axis = -1;
@@ -89,7 +89,7 @@ static void plane_of_piece(const float plane[4], const double point[3], double o
     out[3] = 2.0 * plane[3] + sign * plane[axis];
 }
 
-/* Is all of a leaf outside of one of the sides? */
+/* Is the whole leaf outside one side of the box? */
 static bool is_outside(const cln_space *space, const cln_crop *crop, const float box[4])
 {
     const double half = 0.5 * (double)box[3];

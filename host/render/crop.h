@@ -1,5 +1,5 @@
-/* A box that pictures are cropped to: rays see the field inside it alone, and what is before and
- * behind it is not there. */
+/* A box to which pictures are cropped: rays see only the field inside it, nothing before or behind
+ * it. */
 #ifndef CLN_CROP_H
 #define CLN_CROP_H
 
@@ -13,13 +13,13 @@ typedef struct cln_crop {
     float planes[6][4]; /* the same in the cube, as cln_sampling takes it */
 } cln_crop;
 
-/* Sets a box that is on: finite numbers, each of the last three above its first; turned about its
- * middle by angles in radians about x, then y, then z. CLN_USAGE; name: what they are called. */
+/* Sets a box and switches it on: finite numbers, each maximum above its minimum; turned about its
+ * middle by angles in radians about x, then y, then z. CLN_USAGE; name: what messages call it. */
 cln_status cln_crop_set(const char *name, const double box[6], const double angle[3],
                         cln_crop *out);
 
-/* The same of a request's or an option's text: the six numbers of the box, and where it is turned
- * three more, the angles in degrees. */
+/* The same from the text of a request or an option: the six numbers of the box and, if it is
+ * turned, the three angles in degrees. */
 enum { CLN_CROP_NUMBERS = 9 };
 cln_status cln_crop_read(const char *name, const char *text, double numbers[CLN_CROP_NUMBERS]);
 cln_status cln_crop_from_numbers(const char *name, const double numbers[CLN_CROP_NUMBERS],
@@ -27,7 +27,7 @@ cln_status cln_crop_from_numbers(const char *name, const double numbers[CLN_CROP
 
 bool cln_crop_is_turned(const cln_crop *crop);
 
-/* Is every active leaf outside of one of the box's sides? Sets its planes. Warns if that is so. */
+/* Empty: is every ACTIVE leaf outside one side of the box? Sets its planes. Warn: warns if so. */
 bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop);
 void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree,
                    cln_crop *crop);
@@ -35,9 +35,8 @@ void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *t
 /* Computes the planes; cln_crop_use does it, too. */
 void cln_crop_place(const cln_space *space, cln_crop *crop);
 
-/* The pictures of the pipeline are cropped from here on; NULL, or one that is not on: they are not
- * any more. Builds the kernel for it when it is first wanted. The crop stays the caller's.
- * CLN_BUILD, CLN_CL. */
+/* Crops the pipeline's pictures from now on; with NULL, or a crop that is off, no longer. Builds
+ * the kernel for it at its first use. The crop stays the caller's. CLN_BUILD, CLN_CL. */
 cln_status cln_crop_use(cln_pipeline *p, const cln_space *space, cln_crop *crop);
 
 #endif

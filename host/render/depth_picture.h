@@ -9,13 +9,13 @@
 #include "base/status.h"
 
 typedef struct cln_depth_scale {
-    float low, high; /* its ends, inverse depths: the 2nd and 98th percentile of what was added */
+    float low, high; /* the scale's ends: 2nd and 98th percentile of inverse depths */
     float *sample;
     size_t count;
 } cln_depth_scale;
 
-/* Depth and opacity of a frame, n pixels each; of those mostly opaque some thousands, evenly
- * chosen, are remembered. */
+/* Adds a frame, depth and opacity of n pixels; keeps some thousands of those mostly opaque, evenly
+ * chosen. */
 cln_status cln_depth_scale_add(cln_depth_scale *scale, size_t n, const float *depth,
                                const uint8_t *opacity);
 
@@ -23,7 +23,7 @@ cln_status cln_depth_scale_add(cln_depth_scale *scale, size_t n, const float *de
 bool cln_depth_scale_make(cln_depth_scale *scale);
 void cln_depth_scale_free(cln_depth_scale *scale);
 
-/* What is transparent fades to black. */
+/* Transparent pixels fade to black. */
 void cln_depth_draw(const cln_depth_scale *scale, size_t n, const float *depth,
                     const uint8_t *opacity, uint8_t *grey);
 

@@ -1,4 +1,4 @@
-/* Chooses among the ways to frames. See frames.h. */
+/* Makes frames in the way that is asked for. See frames.h. */
 #include "render/frames.h"
 
 #include <stdlib.h>
@@ -26,7 +26,7 @@ void cln_frames_free(cln_frames *frames)
     memset(frames, 0, sizeof *frames);
 }
 
-/* No poses of a list: an orbit. */
+/* Without a split, a file of poses or a spiral, frames are an orbit. */
 static bool is_orbit(const cln_render_desc *desc)
 {
     return !desc->split && !desc->poses && desc->spiral_frames == 0;

@@ -18,12 +18,12 @@ typedef struct cln_frames {
     int count;
     cln_frame *frame;  /* [count] */
     const char *poses; /* where they come from: "test", "orbit", "spiral", "file", "path" */
-    double fps;        /* that their file tells; 0 = none */
+    double fps;        /* as their file says; 0 = it does not */
     cln_crop crop;     /* likewise, with the colour around it */
     float crop_background[3];
 } cln_frames;
 
-/* Whether desc's frames need the scene; an orbit only where run.json has no frame for it. */
+/* Whether desc's frames need the scene; an orbit needs it only if run.json has no frame for it. */
 bool cln_frames_need_scene(const cln_render_desc *desc, const json_t *run);
 
 /* The frames that desc asks for. scene: NULL if they need none. CLN_USAGE, CLN_INPUT,
@@ -38,24 +38,25 @@ cln_status cln_frames_room(int count, cln_frames *out);
 /* ---- pose_file.c ---- */
 
 /* Reads nerfstudio's camera_path.json, or the frames of a transforms JSON file with its lenses.
- * width, height: where the file tells no size and no photo is there. CLN_INPUT. */
+ * width, height: for poses of which neither the file nor a photo gives the size. CLN_INPUT. */
 cln_status cln_frames_read(const char *path, int width, int height, cln_frames *out);
 
 /* ---- path.c ---- */
 
 /* A smooth path of `count` frames through the keys, in their order, at an even pace, from the first
  * to the last: cubic splines of positions and quaternions. Size and lens are the first key's, the
- * latter only if all have it; focal lengths go evenly from key to key. around: what the keys stand
- * around, to which the path keeps distance and direction; NULL = nothing. CLN_USAGE for fewer than
- * two keys. */
+ * latter only if all have it; focal lengths change evenly from key to key. around: what the keys
+ * stand around, to which the path keeps distance and direction; NULL = nothing. CLN_USAGE for fewer
+ * than two keys. */
 cln_status cln_frames_through(const cln_frames *keys, int count, const cln_orbit_frame *around,
                               cln_frames *out);
 
 /* ---- spiral.c ---- */
 
-/* A closed path of two turns. Cameras that stand all around: around the target, up and down within
- * their elevations. Others, as forward-facing ones: about their mean pose, as wide as they stand,
- * looking at the target's distance. desc: frames, size, field of view, radius. */
+/* A closed path of two turns. If the cameras stand all around, it leads around the target, up and
+ * down within their elevations. Else, as for forward-facing cameras, it leads around their mean
+ * pose, as wide as they stand, and looks at the target's distance. desc: frames, size, field of
+ * view, radius. */
 cln_status cln_frames_spiral(const cln_scene *scene, const cln_render_desc *desc, cln_frames *out);
 
 #endif

@@ -101,7 +101,8 @@ static colour_map fit_colours(size_t pixels, const uint8_t *kept, const float *a
     }
     const double trace = square[0][0] + square[1][1] + square[2][2];
 
-    for (int c = 0; c < 3; c++) /* grey pictures, or of one colour, determine no whole matrix */
+    /* grey pictures, or those of one colour, do not determine all of the matrix */
+    for (int c = 0; c < 3; c++)
         square[c][c] += 1e-6 * trace + 1e-12;
     solve(square, product);
     for (int i = 0; i < 3; i++)
@@ -192,12 +193,12 @@ static double ssim_of_moments(const double m[MOMENTS])
     return (2 * mu01 + c1) * (2 * s01 + c2) / ((mu00 + mu11 + c1) * (s00 + s11 + c2));
 }
 
-/* Which windows are whole, by their lowest row and first column: [height][valid]. */
+/* Marks whole windows by their lowest row and first column: [height][valid]. */
 static cln_status find_windows(int width, int height, const uint8_t *kept, uint8_t **out)
 {
     cln_status st = CLN_OK;
     const int valid = width - WINDOW + 1;
-    int *run = NULL; /* [width] kept pixels in a row down each column */
+    int *run = NULL; /* [width] run of kept pixels in each column that ends in this row */
 
     CLN_TRY(cln_alloc(&run, (size_t)width, sizeof *run, "SSIM windows"));
     CLN_TRY(cln_alloc(out, (size_t)height * (size_t)valid, 1, "SSIM windows"));

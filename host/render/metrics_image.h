@@ -3,7 +3,8 @@
  * Gaussian window, sigma 1.5, K1 0.01, K2 0.03, L = 1, valid convolution, per channel, mean of the
  * map, variances clipped at 0 and |s01| <= sqrt(s00 s11). All sums in double.
  *
- * Where pixels are left out, the MSE is over the others, and SSIM over windows without any. */
+ * Where pixels are left out, the MSE is over the others, and SSIM over windows that have none of
+ * them. */
 #ifndef CLN_METRICS_IMAGE_H
 #define CLN_METRICS_IMAGE_H
 
@@ -16,7 +17,7 @@ double cln_image_mse(int width, int height, const uint8_t *kept, const float *a,
 double cln_psnr(double mse);
 /* The MSE after the affine map of a's colours (3 x 3 matrix and offset) that brings them nearest to
  * b's by least squares: what is left where two photos differ in exposure and white balance. Never
- * above cln_image_mse but for the clipping to [0,1]; a NaN stays one. */
+ * above cln_image_mse but for the clipping to [0,1]; a NaN stays a NaN. */
 double cln_image_fitted_mse(int width, int height, const uint8_t *kept, const float *a,
                             const float *b);
 enum { CLN_SSIM_WINDOW = 11 };

@@ -6,8 +6,8 @@
 
 #include "render/vectors.h"
 
-static const float SEEN = 0.5f;  /* opacity from which on a pixel shows a surface */
-static const double EDGE = 0.05; /* a larger step of depth, in shares of it, is an edge */
+static const float SEEN = 0.5f;  /* from this opacity on, a pixel shows a surface */
+static const double EDGE = 0.05; /* a larger step of depth, as a share of it, is an edge */
 
 typedef struct surface {
     const cln_camera *camera;
@@ -35,7 +35,7 @@ static bool find_point(const surface *s, int x, int y, double point[3], double *
     return true;
 }
 
-/* How the point moves from pixel to pixel, by the neighbour whose depth differs least. */
+/* How the point moves from pixel to pixel, from the neighbour whose depth differs least. */
 static bool find_slope(const surface *s, int x, int y, int dx, int dy, const double here[3],
                        double range, double out[3])
 {

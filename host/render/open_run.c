@@ -36,7 +36,7 @@ cln_status cln_open_run_model(const char *run, cln_open_run *out)
     memset(out, 0, sizeof *out);
     out->run = run;
     out->wanted = CLN_PROGRAMS_PICTURES;
-    /* tells a folder that is no run from one without checkpoint */
+    /* tells a folder that is not a run from a run without checkpoint */
     CLN_TRY(cln_run_read(run, &document));
     CLN_TRY(cln_checkpoint_read(run, false, &out->model));
 done:

@@ -1,5 +1,5 @@
-/* A trained run opened to be looked at: newest checkpoint (weights alone), scene, device, programs.
- * What eval and render have in common. Writes nothing. */
+/* A trained run opened for pictures: newest checkpoint (weights only), scene, device, programs.
+ * Eval and render share it. Writes nothing. */
 #ifndef CLN_OPEN_RUN_H
 #define CLN_OPEN_RUN_H
 
@@ -9,28 +9,29 @@ typedef struct cln_open_run {
     const char *run;
     cln_model model;
     cln_scene *scene; /* NULL after cln_open_run_model; poses as training refined them */
-    bool same_scene;  /* it is the one that the run was trained on */
-    bool refined;     /* and its training views have the poses that training refined */
+    bool same_scene;  /* the scene is the one that the run was trained on */
+    bool refined;     /* its training views have the poses that training refined */
     cln_device *device;
     uint32_t wanted; /* programs to build: those of pictures, unless changed before the start */
     cln_pipeline pipeline;
 } cln_open_run;
 
-/* Checkpoint, and scene (NULL = the run's own, where cln_recorded_load finds it) with the images of
- * these splits. No device yet. */
+/* Opens the checkpoint and the scene (NULL = the run's own, where cln_recorded_load finds it) with
+ * the images of these splits. No device yet. */
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              cln_open_run *out);
 
-/* The checkpoint alone: for what needs no scene. */
+/* Opens the checkpoint alone, for what needs no scene. */
 cln_status cln_open_run_model(const char *run, cln_open_run *out);
 
-/* Device, memory plan, programs, tree and weights, of several ranks (ranks/ranks.h) each one's own
- * leaves; cameras are the caller's. lenses: of the views that will be rendered
- * (cln_camera_lenses). */
+/* Opens the device, checks the memory plan, builds the programs and uploads tree and weights: of
+ * several ranks (ranks/ranks.h), each those of its own leaves. The caller uploads cameras. lenses:
+ * of the views that will be rendered (cln_camera_lenses). */
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses);
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 
-/* "train", "val" or "test" that the scene has views of; CLN_USAGE, CLN_INPUT. */
+/* Finds a split by its name: "train", "val" or "test", of which the scene has views. CLN_USAGE,
+ * CLN_INPUT. */
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split);
 
 #endif

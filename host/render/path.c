@@ -9,16 +9,16 @@
 #include "base/memory.h"
 #include "render/vectors.h"
 
-/* Of a key: position, unit quaternion w x y z, distance from the target (0 without one). Around a
- * target, the quaternion is that of the pose as seen by a level camera that looks at it from
- * there. */
+/* Numbers of a key: position, unit quaternion w x y z, distance from the target (0 without one).
+ * Around a target, the quaternion is relative to a level camera that looks at it from the same
+ * position. */
 enum { DISTANCE = 7, PARTS };
 
 typedef struct key {
     double at, part[PARTS], slope[PARTS];
 } key;
 
-/* By the largest of the four, so that nothing small is divided by. */
+/* Finds the largest of the four first, so that nothing is divided by a small number. */
 static void quaternion_of(const double c2w[12], double q[4])
 {
     const double m[3] = {c2w[0], c2w[5], c2w[10]};
@@ -76,7 +76,7 @@ static void look(const cln_orbit_frame *around, const double c2w[12], double axe
     }
 }
 
-/* Turns the rotation of a pose: axes^T R to see it from there, axes R to come back. */
+/* Turns the rotation R of a pose into one relative to the axes, axes^T R, or back, axes R. */
 static void turn(double axes[3][3], bool back, double c2w[12])
 {
     double from[12];
@@ -90,7 +90,8 @@ static void turn(double axes[3][3], bool back, double c2w[12])
         }
 }
 
-/* Distances between neighbours: of positions and of directions, each in its mean. */
+/* Places the keys by the distances between neighbours: those of positions and of directions, each
+ * divided by its mean. */
 static cln_status place_keys(int n, key *keys)
 {
     cln_status st = CLN_OK;
@@ -116,7 +117,7 @@ static cln_status place_keys(int n, key *keys)
 
         for (int k = 0; k < 2; k++)
             length += mean[k] > 1e-12 ? apart[i][k] / mean[k] : 0;
-        keys[i].at = keys[i - 1].at + fmax(length, 1e-3); /* poses that are there twice: a halt */
+        keys[i].at = keys[i - 1].at + fmax(length, 1e-3); /* a pose given twice is a short halt */
     }
 done:
     free(apart);
@@ -135,7 +136,7 @@ static void find_slopes(int n, key *keys)
 
             keys[i].slope[a] = (back * g + on * h) / (h + g);
             if (i == 0 || i == n - 1)
-                keys[i].slope[a] = back + on; /* the one that is there */
+                keys[i].slope[a] = back + on; /* one of them is 0 */
         }
     }
 }
@@ -151,7 +152,7 @@ static void pose_at(const key *a, const key *b, double at, const cln_orbit_frame
                   u * u * ((1 + 2 * v) * b->part[k] - v * h * b->slope[k]);
     for (int k = 3; k < DISTANCE; k++)
         square += part[k] * part[k];
-    if (!(square > 1e-6)) { /* opposite directions: a jump, half way */
+    if (!(square > 1e-6)) { /* opposite directions: jumps half way */
         memcpy(part + 3, (u < 0.5 ? a : b)->part + 3, 4 * sizeof *part);
         square = 1;
     }
@@ -200,7 +201,7 @@ static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *aroun
     return place_keys(from->count, keys);
 }
 
-/* Of the first key; as a pinhole, if others have another lens. */
+/* The first key's camera; a pinhole if other keys have another lens. */
 static cln_camera lens_of(const cln_frames *keys)
 {
     cln_camera c = keys->frame[0].camera;
@@ -229,7 +230,7 @@ cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit
 
     if (n < 2)
         CLN_TRY(cln_fail(CLN_USAGE,
-                         "--interpolate: a path needs two poses or more, here is %d; "
+                         "--interpolate: a path needs at least two poses, not %d; "
                          "choose others with --split or --poses",
                          n));
     CLN_TRY(cln_alloc(&keys, (size_t)n, sizeof *keys, "path"));

@@ -1,7 +1,7 @@
 /* Files of poses for `render --poses`. See frames.h. camera_path.json, as nerfstudio and its viewer
  * write it: one size, camera-to-world matrices of 16 numbers row by row with OpenGL's axes,
  * vertical fields of view in degrees. Transforms JSON: read as a scene's. Both in the scene's own
- * frame and units. Nothing of stereo panoramas and times. */
+ * frame and units. Stereo panoramas and times are not read. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -170,7 +170,7 @@ done:
 
 /* ---- transforms JSON ---- */
 
-/* Names of files; a frame that is there again gets its number. */
+/* Names frames by their files; further frames of a file also get their numbers. */
 static cln_status name_frames(char *const *names, cln_frames *out)
 {
     cln_status st = CLN_OK;

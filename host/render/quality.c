@@ -90,8 +90,8 @@ done:
     return st;
 }
 
-/* Opacity against alpha, which colours over one background cannot tell: what is opaque and has the
- * background's colour looks like air. */
+/* Compares opacity with alpha, as colours over one background do not show it: an opaque surface of
+ * the background's colour looks like air. */
 static void measure_opacity(const cln_view *view, const uint8_t *kept, const cln_picture *picture,
                             cln_eval_image *image)
 {
@@ -162,7 +162,8 @@ done:
     return st;
 }
 
-/* If view i of `count` is one of those: its pictures of the tree, and its name to `drawn`. */
+/* If view i of `count` is one of the TREE_VIEWS, draws its pictures of the tree and adds its name
+ * to `drawn`. */
 static cln_status draw_tree(const cln_model *model, const cln_view *view, int i, int count,
                             const cln_picture *picture, const char *folder, json_t *drawn)
 {
@@ -250,7 +251,7 @@ done:
     return st;
 }
 
-/* Render, truth and error; the tree by level and by error of a few. */
+/* Each view has render, truth and error; a few also have the tree by level and by error. */
 double cln_quality_bytes(const cln_scene *scene, const int *views, int count)
 {
     double bytes = 0, largest = 0;

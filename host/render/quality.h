@@ -6,17 +6,18 @@
 #include <jansson.h>
 #include "render/view.h"
 
-/* Evenly chosen `most` (0 = all) of a split's views: indices into scene->views. */
+/* Chooses `most` (0 = all) of a split's views, evenly. *views: indices into scene->views; the
+ * caller frees it. */
 cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most, int **views,
                               int *count);
 
-/* CLN_INPUT names a view that is too small for an SSIM: asked before a training or a rendering. */
+/* CLN_INPUT names a view that is too small for an SSIM. Called before a training or a rendering. */
 cln_status cln_quality_check(const cln_scene *scene, const int *views, int count);
 
-/* Renders the given views (their pixels must be loaded) and fills `result` (digest, step and train
- * seconds are the caller's). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go,
- * and of a few views pictures of the tree, which is `model`'s (NULL: none), with tree.json. Makes
- * the densities of pictures and gives them back. */
+/* Renders the given views (their pixels must be loaded) and fills `result` (the caller sets digest,
+ * step and train seconds). folder: NULL, or where NAME.png, NAME.truth.png and NAME.error.png go,
+ * and, with a model, pictures of its tree for a few views, with tree.json. Makes the densities of
+ * pictures and frees them again. */
 cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
                                const int *views, int count, const char *folder,
                                const cln_callbacks *callbacks, cln_eval_result *result);

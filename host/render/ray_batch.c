@@ -1,10 +1,10 @@
-/* The stages of a batch of rays that nothing is learnt from. See ray_batch.h. */
+/* Runs the stages of a batch of rays without training. See ray_batch.h. */
 #include "render/ray_batch.h"
 
 #include <math.h>
 
-/* Half the samples, but for the most of a leaf; none in intervals of less than a hundredth of the
- * ray's light, or behind what leaves less. */
+/* Halves the samples of a ray or, if chords allocate them, of a leaf. An interval gets none if it
+ * adds less than a hundredth of the ray's light, or if less reaches it. */
 void cln_render_faster(cln_config *config)
 {
     static const double LITTLE = 0.01;

@@ -1,5 +1,5 @@
-/* A batch of rays rendered with a pipeline whose tree and weights are uploaded: the one way to
- * pictures, to the probe of training (train/maintain.h) and to whoever looks at a run live. */
+/* A batch of rays rendered with a pipeline whose tree and weights are uploaded: all pictures, the
+ * probe of training (train/maintain.h) and live views come from it. */
 #ifndef CLN_RAY_BATCH_H
 #define CLN_RAY_BATCH_H
 
@@ -13,12 +13,12 @@ typedef struct cln_ray_batch {
     cln_sampling sampling;
 } cln_ray_batch;
 
-/* How pictures are sampled, by p->config: midpoints, densities of pictures, samples of one
- * batch. */
+/* The sampling of pictures by p->config: midpoints, densities of pictures, at most a batch of
+ * samples. */
 cln_sampling cln_render_sampling(const cln_pipeline *p);
 
-/* Settings for pictures in less time, a little worse (method.md 13): before the pipeline is
- * created. */
+/* Changes settings for faster, slightly worse pictures (method.md 13). Call it before the pipeline
+ * is created. */
 void cln_render_faster(cln_config *config);
 
 /* Renders the first *rendered rays of the batch, as many as have room for their samples (at least

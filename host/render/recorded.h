@@ -1,5 +1,5 @@
-/* What run.json records of a run, for those who go on with it or look at it: its settings,
- * its kernel parameters and its scene. */
+/* What run.json records of a run, for commands that continue it or show it: its settings, its
+ * kernel parameters and its scene. */
 #ifndef CLN_RECORDED_H
 #define CLN_RECORDED_H
 
@@ -12,14 +12,15 @@
 cln_status cln_run_config(const char *run, cln_config *config);
 
 /* Sets device->tune to the kernel parameters that the run began with, so that its bits do not
- * depend on what a file of rows says by now. Leaves them if they were given (--tune), and on
+ * depend on later changes of a file of rows. Leaves them if they were given (--tune), and on
  * another device or driver. Reads run.json: CLN_INPUT. */
 cln_status cln_recorded_tune(const char *run, cln_device *device);
 
-/* Loads the run's scene. desc->path NULL: from where run.json says; if nothing is there, from the
- * same place seen from the run, then from beside the run by its name, which is said, and only if it
- * is the same scene (by digest): else CLN_INPUT. At the place told, another scene is a warning: the
- * results would silently be others. *same tells. */
+/* Loads the run's scene. desc->path NULL: from the path in run.json; if nothing is there, from the
+ * same place relative to the run, then by its name beside the run. A scene found in these two
+ * places is reported, and must be the same one (by digest), else CLN_INPUT. At desc->path or the
+ * path in run.json, another scene is a warning, as it gives other results. *same: whether it is the
+ * same. */
 cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_scene **scene,
                              bool *same);
 

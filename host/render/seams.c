@@ -11,13 +11,13 @@
 
 enum {
     MOST_VIEWS = 16,       /* training views, evenly chosen */
-    MOST_PIXELS = 1 << 18, /* of all of them */
+    MOST_PIXELS = 1 << 18, /* of all these views */
 };
 
-/* In sides of the leaf: a pair's distance; how near a face is moved onto; how far inside is from
- * every face. */
+/* In sides of the leaf: distance between the points of a pair; a point nearer than NEAR to a face
+ * is moved onto it; one farther than INSIDE from every face is inside. */
 static const double STEP = 1.0 / 64, NEAR = 1.0 / 32, INSIDE = 1.0 / 8;
-static const float SEEN = 0.5f; /* opacity from which on a pixel shows a surface */
+static const float SEEN = 0.5f; /* from this opacity on, a pixel shows a surface */
 
 enum { ACROSS, WITHIN, KINDS };
 
@@ -25,7 +25,7 @@ enum { ACROSS, WITHIN, KINDS };
 typedef struct pairs {
     int count, most;
     uint8_t *kind;        /* [pair] */
-    float *length;        /* [pair] that alpha is over */
+    float *length;        /* [pair] of the ray, for its alpha */
     float (*position)[4]; /* [pair][2] */
     float (*direction)[4];
     float (*field)[4];
@@ -55,8 +55,8 @@ done:
     return st;
 }
 
-/* The pair at a surface point of the cube, seen along the direction: across the face that it is
- * nearly on, or if it is far from all, along the same axis inside. */
+/* Adds the pair at a surface point of the cube, seen along `direction`: across the face that is
+ * very near, or, if all faces are far, inside the leaf along the axis of the nearest face. */
 static void add_pair(const cln_model *model, const double point[3], const double direction[3],
                      pairs *a)
 {
@@ -137,7 +137,7 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Mean, and what 95 % of the values do not exceed; NAN of none. Sorts them. */
+/* Mean and 95th percentile of the values; NAN if there are none. Sorts them. */
 static void summarise(double *values, int n, double *mean, double *most)
 {
     double sum = 0;

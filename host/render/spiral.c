@@ -11,8 +11,8 @@
 
 static const double PI = 3.14159265358979323846;
 static const double SHARE = 0.9;    /* of the cameras stand within the spiral */
-static const double STEEPEST = 1.4; /* radians: before an azimuth says nothing */
-static const double LEAST = 0.02;   /* of the target's distance: a single camera moves, too */
+static const double STEEPEST = 1.4; /* radians: above, an azimuth says nothing */
+static const double LEAST = 0.02;   /* least radius over the target's distance, as for one camera */
 enum { TURNS = 2 };
 
 typedef struct basis {

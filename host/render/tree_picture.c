@@ -12,7 +12,7 @@
 
 _Static_assert(CLN_PALETTE_LEVELS == CLN_MAX_LEVEL + 1, "a colour for each level");
 
-static const float SEEN = 0.5f;       /* opacity from which on a pixel shows a surface */
+static const float SEEN = 0.5f;       /* from this opacity on, a pixel shows a surface */
 static const float LEAF_SHARE = 0.6f; /* of a leaf's colour in a pixel; the rest is the render */
 static const float BORDER = 0.45f;    /* brightness of pixels at a border */
 

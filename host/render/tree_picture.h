@@ -20,17 +20,18 @@ void cln_tree_surface(const cln_model *model, const cln_camera *camera, const cl
 void cln_tree_draw(const cln_picture *picture, const int32_t *slots, const uint8_t *colours,
                    uint8_t *rgb);
 
-/* The colours of the leaves, [leaf][3], by level or by error; of errors *low and *high: the ends of
- * their scale, NaN if none is known. */
+/* The colours of the leaves, [leaf][3], by level or by error. For errors, *low and *high are the
+ * ends of the scale, NaN if no error is known. */
 void cln_tree_colours(const cln_model *model, bool error, uint8_t *colours, double *low,
                       double *high);
 
-/* FOLDER/NAME.tree.png, by level, and FOLDER/NAME.tree-error.png if the error of any leaf is
+/* Writes FOLDER/NAME.tree.png, by level, and FOLDER/NAME.tree-error.png if the error of any leaf is
  * known. */
 cln_status cln_tree_save(const cln_model *model, const cln_view *view, const cln_picture *picture,
                          const char *folder);
 
-/* FOLDER/tree.json: what is in those pictures of `views`, an array of names (docs/formats.md). */
+/* Writes FOLDER/tree.json, which describes those pictures of `views`, an array of names
+ * (docs/formats.md). */
 cln_status cln_tree_describe(const cln_model *model, const json_t *views, const char *folder);
 
 #endif

@@ -56,7 +56,7 @@ done:
 void cln_rendering_end(cln_pipeline *p, cln_rendering *r)
 {
     if (r->under_way)
-        (void)cln_device_finish(p->device); /* the queue may still have to do with these arrays */
+        (void)cln_device_finish(p->device); /* the queue may still use these arrays */
     cln_picture_free(&r->picture);
     free(r->pixels);
     free(r->results);
@@ -118,7 +118,7 @@ static cln_status poll_signal(const cln_pipeline *p, const cln_callbacks *callba
     return CLN_OK;
 }
 
-/* Some edges of a picture, whole rows of pixels, and their n x n rays each. */
+/* Edge pixels in some whole rows of a picture, and the n x n rays of each. */
 typedef struct block {
     int n;
     int *edges; /* [count] of the picture: y width + x */
@@ -128,7 +128,7 @@ typedef struct block {
     double (*sums)[4]; /* [count] r, g, b, opacity */
 } block;
 
-/* Edges of whole rows from the first on: as many as `most`, but at least one row. */
+/* Counts edges in whole rows from the first edge on: at most `most`, but at least one row. */
 static int count_rows(const int *edges, int count, int width, int most)
 {
     int end = 0;
@@ -198,8 +198,9 @@ done:
     return st;
 }
 
-/* The means of n x n rays where edges are; depth stays that of the centre, which is a surface's.
- * Memory is that of a batch of rays or of one row's, however large the picture. */
+/* Gives pixels at edges the means of n x n rays. Depth stays that of the ray through the centre, as
+ * a mean of depths is on no surface. Memory is that of a batch of rays or of one row's, however
+ * large the picture. */
 static cln_status render_edges(cln_pipeline *p, cln_rendering *r, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;

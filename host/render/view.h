@@ -8,28 +8,28 @@
 #include "render/picture.h"
 #include "render/ray_batch.h"
 
-/* Makes the densities of pictures, at cell centres; again after a change of tree or weights.
- * CLN_MEMORY, CLN_CL. */
+/* Makes the densities of pictures, at cell centres; call it again after a change of tree or
+ * weights. CLN_MEMORY, CLN_CL. */
 cln_status cln_render_prepare(cln_pipeline *p);
 
 /* Gives back the memory of the densities of pictures. */
 void cln_render_release(cln_pipeline *p);
 
-/* View number `view` of the cameras given to cln_pipeline_cameras. depth: 0, or bits
- * CLN_DEPTH_*. `interrupted` (may be NULL) is polled between batches and
- * ends the picture with CLN_SIGINT / CLN_SIGTERM. With p->antialias n > 1, pixels at edges
- * (antialias.h) are the mean of n x n rays. */
+/* Renders view number `view` of the cameras given to cln_pipeline_cameras. depth: 0, or bits
+ * CLN_DEPTH_*. `interrupted` (may be NULL) is polled between batches and ends the picture with
+ * CLN_SIGINT / CLN_SIGTERM. With p->antialias n > 1, pixels at edges (antialias.h) are the mean of
+ * n x n rays. */
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_picture *out);
 
-/* The same batch by batch, one ray a pixel, for those who do something else in between: begin, step
- * until done, end. The cameras may be others in between if they are put back before the next
- * step. */
+/* The same batch by batch, one ray per pixel, for callers that do other work in between: begin,
+ * step until done, end. In between, the pipeline may have other cameras if these are put back
+ * before the next step. */
 typedef struct cln_rendering {
     cln_picture picture; /* whole when `done` is the number of its pixels */
     int done;            /* pixels, from the top */
     int view, most;      /* most: rays of a batch */
-    bool under_way;      /* the queue may have to do with the arrays */
+    bool under_way;      /* the queue may still use the arrays */
     cln_pixel *pixels;
     cln_ray_result *results;
     float (*backgrounds)[4];

@@ -211,9 +211,8 @@ cln_status cln_report_curves(FILE *to, const cln_report_data *data)
     put_small(to, data, "Leaves", r->leaves, CLN_SERIES_STEPS, CLN_AXIS_COUNT);
     put_small(to, data, "Rays per second", r->rays_per_s, CLN_SERIES_LINE, CLN_AXIS_COUNT);
     put_small(to, data, "Samples per ray", r->samples_per_ray, CLN_SERIES_LINE, CLN_AXIS_NUMBER);
-    fputs("</div>\n<p class=soft>Train PSNR is that of each batch of training rays, pale as "
-          "measured, "
-          "dark smoothed. Dashed lines: a level more.",
+    fputs("</div>\n<p class=soft>Train PSNR is that of each batch of training rays: pale as "
+          "measured, dark smoothed. Dashed lines: the tree grew by a level.",
           to);
     if (data->decision_count > 0)
         fputs(" Marks at the foot: decisions on single leaves.", to);

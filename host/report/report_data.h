@@ -40,7 +40,7 @@ typedef struct cln_report_move {
 typedef struct cln_report_ranks_sum {
     double ranks; /* of the latest row; 0 or NaN without */
     double steps, rays, seconds, bytes, message_seconds;
-    double balanced, balance_weight; /* balance by steps */
+    double balanced, balance_weight; /* sums of balance x steps, and of steps */
     double last_step, last_seconds, last_bytes, last_message_seconds;
 } cln_report_ranks_sum;
 
@@ -77,8 +77,8 @@ void cln_report_data_free(cln_report_data *data);
 double cln_json_number(const json_t *object, const char *key);
 const char *cln_json_text(const json_t *object, const char *key);
 
-/* The name, without suffixes, of the pictures of an evaluation's image: its "file", in evaluations
- * from before there was one the name made a file's. The caller frees *file. */
+/* The name, without suffixes, of the pictures of an evaluation's image: its "file" or, in older
+ * evaluations that lack it, its name made fit for a file. The caller frees *file. */
 cln_status cln_report_file(const json_t *image, char **file);
 
 /* Thins out count points for a curve: of each group of neighbours the least and the greatest finite

@@ -16,8 +16,7 @@ cln_status cln_report_left_out(FILE *to, const cln_report_data *data)
         fputs("<p>Nothing: this scene needs all of it.</p>\n", to);
         return CLN_OK;
     }
-    fputs("<p class=soft>What this scene does not need is not in its kernels and not in its "
-          "work.</p>\n"
+    fputs("<p class=soft>Kernels and training leave out what this scene does not need.</p>\n"
           "<ul>\n",
           to);
     for (size_t i = 0; i < json_array_size(sentences); i++) {

@@ -76,13 +76,13 @@ static void put_plan(FILE *to, const json_t *run)
         if (is_purpose(key) && json_is_number(bytes))
             put_bytes(to, key, json_number_value(bytes));
     }
-    put_bytes(to, "together", total);
+    put_bytes(to, "total", total);
     if (cln_json_number(plan, "limit") > 0)
         put_bytes(to, "limit", cln_json_number(plan, "limit"));
     if (cln_json_number(result, "device_peak") > 0)
         put_bytes(to, "used at most", cln_json_number(result, "device_peak"));
     if (cln_json_number(result, "host_peak") > 0)
-        put_bytes(to, "the process at most", cln_json_number(result, "host_peak"));
+        put_bytes(to, "host memory used at most", cln_json_number(result, "host_peak"));
     fputs("</table></section>\n", to);
 }
 

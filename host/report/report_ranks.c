@@ -1,5 +1,6 @@
-/* The report's section "Processes": what those of one training sent each other, waiting, and how
- * even their work was, before and after leaves moved. Of rank 0, which wrote the rows. */
+/* The report's section "Processes": messages between the processes of one training, and how even
+ * their work was before and after leaves moved. The figures are those of rank 0, which wrote the
+ * rows. */
 #include "report/report_sections.h"
 
 #include <math.h>
@@ -12,8 +13,8 @@ bool cln_report_has_ranks(const cln_report_data *data)
 
 static void put_moves(FILE *to, const cln_report_data *data)
 {
-    fputs("<table><tr><th class=n>step<th class=n>leaves that moved<th class=n>the busiest one's "
-          "work over the mean, before<th class=n>after\n",
+    fputs("<table><tr><th class=n>step<th class=n>leaves that moved<th class=n>the busiest "
+          "process's work over the mean, before<th class=n>after\n",
           to);
     for (int i = 0; i < data->move_count; i++) {
         const cln_report_move *m = &data->moves[i];
@@ -34,13 +35,13 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
 
     cln_format_duration(r->message_seconds, messages);
     fprintf(to,
-            "<table><tr><td>processes<td class=n>%.0f\n<tr><td>sent by the first, bytes a step"
-            "<td class=n>%.0f\n<tr><td>and a ray<td class=n>",
+            "<table><tr><td>processes<td class=n>%.0f\n<tr><td>bytes that the first one sent, "
+            "per step<td class=n>%.0f\n<tr><td>the same, per ray<td class=n>",
             r->ranks, r->bytes / r->steps);
     cln_report_number(to, r->bytes / r->rays, 1);
-    fprintf(to, "\n<tr><td>its time in messages, with waiting<td class=n>%s (", messages);
+    fprintf(to, "\n<tr><td>its time in messages, waiting included<td class=n>%s (", messages);
     cln_report_number(to, 100 * r->message_seconds / r->seconds, 1);
-    fputs("&thinsp;% of training)\n<tr><td>balance: the busiest one's samples over the mean"
+    fputs("&thinsp;% of training)\n<tr><td>balance: the busiest process's samples over the mean"
           "<td class=n>",
           to);
     cln_report_number(to, r->balanced / r->balance_weight, 2);
@@ -48,6 +49,6 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
     if (data->move_count > 0)
         put_moves(to, data);
     else
-        fputs("<p class=soft>No leaf moved between them.</p>\n", to);
+        fputs("<p class=soft>No leaf moved between processes.</p>\n", to);
     return CLN_OK;
 }

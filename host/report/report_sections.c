@@ -28,8 +28,8 @@ void cln_report_number(FILE *to, double value, int decimals)
         fputs("&ndash;", to);
 }
 
-/* PNG, or JPEG where that is smaller, as it is of photos: a page is mailed and opened on phones.
- * The files in eval/ are whole. *type: "png" or "jpeg". */
+/* PNG, or JPEG if that is smaller, as for photos: a page may be mailed and opened on a phone. The
+ * files in eval/ keep all details. *type: "png" or "jpeg". */
 static cln_status encode(int width, int height, int channels, const uint8_t *pixels,
                          const char **type, uint8_t **out, size_t *bytes)
 {

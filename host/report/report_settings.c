@@ -62,9 +62,9 @@ cln_status cln_report_settings(FILE *to, const cln_report_data *data)
             cln_clear_error();
     }
     if (standards) {
-        fputs("<p class=soft>What differs from the preset <b>", to);
+        fputs("<p class=soft>Settings that differ from the preset <b>", to);
         cln_html_text(to, preset);
-        fputs("</b> is marked, the preset's value behind it.</p>\n", to);
+        fputs("</b> are marked; the preset's value follows in brackets.</p>\n", to);
     }
     fputs("<div class=settings>\n", to);
     for (int g = 0; g < CLN_CONFIG_GROUPS; g++) {

@@ -1,5 +1,6 @@
 /* The report's section "Time per stage": a bar and a table of each stage's time by OpenCL events,
- * and the rest of the training time. What is no training (evaluations, probes) is told below it. */
+ * and the rest of the training time. Work that is not training (evaluations, probes) is listed
+ * below it. */
 #include "report/report_sections.h"
 
 #include <math.h>
@@ -56,7 +57,7 @@ static double wall_seconds(const cln_report_rows *r)
     return sum + last;
 }
 
-/* Not a stage of a training step: work of other kinds, booked apart. */
+/* Is it no stage of a training step, but work that is counted apart? */
 static bool is_apart(const char *name)
 {
     return strcmp(name, cln_stage_names[CLN_STAGE_PROBE]) == 0 ||

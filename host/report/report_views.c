@@ -161,7 +161,7 @@ cln_status cln_report_views(FILE *to, const cln_report_data *data)
         return CLN_OK;
     }
     if (strcmp(e->split, "train") == 0)
-        fputs("<p class=soft>None was evaluated; these are training views.</p>\n", to);
+        fputs("<p class=soft>No held-out view was evaluated; these are training views.</p>\n", to);
     cln_format_duration(e->seconds, time);
     cln_format_count(e->step, steps);
     fprintf(to, "<p>%d view%s of the split <b>", e->images, e->images == 1 ? "" : "s");

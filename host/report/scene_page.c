@@ -80,7 +80,8 @@ static const side sides[] = {{"from above: x to the right, y up", 0, 1},
                              {"from the front: x to the right, z up", 0, 2},
                              {"from the side: y to the right, z up", 1, 2}};
 
-/* Half the width that is drawn around the cube's centre: the cube and most cameras. */
+/* Half the width that is drawn around the cube's centre, so that it shows the cube and most
+ * cameras. */
 static cln_status find_reach(const cln_scene *scene, double *reach)
 {
     cln_status st = CLN_OK;
@@ -137,7 +138,7 @@ static void put_cameras(FILE *to, const cln_scene *scene, const json_t *document
     }
 }
 
-/* A forward space, from the near plane to DRAWN of them away: its edges. */
+/* Draws the edges of a forward space, from the near plane to DRAWN times its distance. */
 static void put_frustum(FILE *to, const cln_scene *scene, const side *s, double reach)
 {
     static const int edges[12][2] = {{0, 1}, {2, 3}, {4, 5}, {6, 7}, {0, 2}, {1, 3},
@@ -234,7 +235,7 @@ static void put_value(FILE *to, const char *name, double value, const char *form
     }
 }
 
-/* Those that a finding names, and others evenly chosen. */
+/* Shows the photos that a finding names, and others evenly chosen. */
 static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *document)
 {
     cln_status st = CLN_OK;
@@ -310,7 +311,7 @@ static cln_status put_page(FILE *to, const cln_scene *scene, const json_t *docum
     for (size_t i = 0; i < sizeof sides / sizeof *sides; i++)
         put_side(to, scene, document, &sides[i], reach);
     fputs("</div>\n<p class=soft>Blue: training cameras; purple: held out; orange: named above. "
-          "Green: where what two photos show meets. The square is the cube.</p>\n"
+          "Green: points that two photos see. The square is the cube.</p>\n"
           "<h2>Photos</h2>\n",
           to);
     CLN_TRY(put_photos(to, scene, document));

@@ -6,8 +6,8 @@
 #include <jansson.h>
 #include "scene/scene.h"
 
-/* document: of cln_check (docs/formats.md). The scene's pixels must be loaded. Atomic; CLN_OUTPUT
- * if it cannot be written. */
+/* document: as of cln_check (docs/formats.md). The scene's pixels must be loaded. Atomic;
+ * CLN_OUTPUT if it cannot be written. */
 cln_status cln_scene_page(const char *path, const cln_scene *scene, const json_t *document);
 
 #endif

@@ -13,7 +13,7 @@ typedef enum {
     CLN_SERIES_FAINT, /* a thin line behind the others */
     CLN_SERIES_STEPS, /* keeps its value until the next point */
     CLN_SERIES_DOTS,  /* points on a line */
-    CLN_SERIES_RINGS  /* points alone */
+    CLN_SERIES_RINGS  /* points only */
 } cln_series_style;
 
 typedef struct cln_series {

@@ -1,8 +1,8 @@
 /* Ties between neighbouring views and how far they agree with the poses; see agree.h.
  *
- * A tie agrees if its two rays meet, up to TOLERANCE pixels: if d1, d2 are their directions and b
- * is the way from one camera to the other, (b x d1) . d2 = 0, whatever the distance is, and the
- * place lies before both cameras. A false tie does so by chance in a few cases of a hundred. */
+ * A tie agrees if its two rays meet, up to TOLERANCE pixels, before both cameras. With their
+ * directions d1, d2 and the vector b from one camera to the other, they meet if (b x d1) . d2 = 0,
+ * at any distance. A few of a hundred false ties agree by chance. */
 #include "scene/agree.h"
 
 #include <math.h>
@@ -11,17 +11,17 @@
 #include "base/memory.h"
 #include "base/number.h"
 
-/* Views that are compared with others, and with how many; ties of all that other readings are tried
- * on; photos that are compared with all others. */
+/* ASKED: views that are compared with others, each with NEIGHBOURS. TRIED: ties on which other
+ * readings are tried. STRAYS: photos that are compared with all others. */
 enum { ASKED = 96, NEIGHBOURS = 3, TRIED = 12000, STRAYS = 8 };
-/* Fewest ties that tell anything of a set; of a view; agreeing ties of partners. */
+/* Fewest ties that say anything about a set, and about a view; agreeing ties that make partners. */
 enum { FEWEST = 100, FEWEST_OF_VIEW = 8, PARTNERS_SHARE = 6 };
-static const double TOLERANCE = 2;    /* pixels of the size that was looked at */
-static const double STRICT = 0.25;    /* share of it for focal lengths, which change little */
-static const double GOOD = 0.5;       /* share of agreeing ties of a set that tells of its views */
-static const double BAD = 0.2;        /* of a view among others that are good; their gain */
-static const double STRAY = 0.7;      /* of a view over that of all */
-static const double FAR_APART = 3e-4; /* squared sine of the angle that tells a distance: 1 deg */
+static const double TOLERANCE = 2;    /* pixels, at the size at which features are found */
+static const double STRICT = 0.25;    /* share of it for focal lengths, whose effect is small */
+static const double GOOD = 0.5;       /* share of agreeing ties of a set that can tell bad views */
+static const double BAD = 0.2;        /* share of a bad view; another pose must gain as much */
+static const double STRAY = 0.7;      /* share of a stray over that of all views */
+static const double FAR_APART = 3e-4; /* squared sine of 1 deg, from which on distances are known */
 
 const cln_reading cln_readings[CLN_READINGS] = {
     {"as given", "", {1, 0, 0, 0, 1, 0, 0, 0, 1}, false},
@@ -67,7 +67,7 @@ static void cross(const double a[3], const double b[3], double out[3])
 
 /* ---- two rays ---- */
 
-/* Where two rays come nearest to each other, along them; false if they are too parallel to tell. */
+/* Finds how far along two rays they come nearest to each other; false if they are too parallel. */
 static bool nearest(const double b[3], const double d1[3], const double d2[3], double *s, double *t)
 {
     const double c = dot(d1, d2), far = 1 - c * c;
@@ -99,7 +99,7 @@ static void read_pose(const cln_reading *reading, const double given[12], double
     if (reading->inverse) {
         double m[12];
 
-        /* the reader has turned the axes of the file's matrix already, maybe */
+        /* undoes the reader's turn of the matrix's axes, if there was one */
         for (int i = 0; i < 3; i++)
             for (int k = 0; k < 4; k++)
                 m[4 * i + k] = given[4 * i + k] * (k < 3 ? reading->axes[4 * k] : 1);
@@ -151,8 +151,9 @@ static bool tie_agrees(const work *w, const cln_tie *tie, const cln_reading *rea
 
 /* ---- neighbours ---- */
 
-/* How unlike two views are: by places, in typical distances, and by directions, in 45 degrees.
- * INFINITY for two in one place, whose rays meet for any distance. */
+/* How unlike two views are: the distance between them, in units of `reach`, plus the angle between
+ * their directions, in units of 45 degrees. INFINITY for two in one place, whose rays always
+ * meet. */
 static double unlike(const work *w, int a, int b)
 {
     const double *m = camera_of(w, a)->c2w, *n = camera_of(w, b)->c2w;
@@ -281,8 +282,8 @@ done:
     return st;
 }
 
-/* Each view that is asked with its neighbours by pose, and with the next by name: photos are mostly
- * taken in order, and poses may be wrong. */
+/* Compares each chosen view with its neighbours by pose, and with the next by name: photos are
+ * mostly taken in order, and poses may be wrong. */
 static cln_status find_ties(work *w)
 {
     cln_status st = CLN_OK;
@@ -377,7 +378,8 @@ static void count_agreeing(work *w)
 
 /* ---- single views ---- */
 
-/* Ties of this photo with the neighbours of the pose, if it were taken there: how many agree. */
+/* Counts the ties of a photo with the neighbours of a pose, and those that would agree if it had
+ * been taken there. */
 static cln_status try_pose(work *w, int photo, int pose, int *ties, int *agreeing)
 {
     cln_status st = CLN_OK;
@@ -428,7 +430,7 @@ static double share_of_view(const cln_agree_view *v)
     return (double)v->agreeing / (v->ties + 1);
 }
 
-/* The views whose ties agree less than most, the worst first. */
+/* Finds the views whose ties agree less often than those of most, the worst first. */
 static int find_strays(const work *w, int strays[STRAYS])
 {
     const cln_agreement *out = w->out;
@@ -453,7 +455,7 @@ static int find_strays(const work *w, int strays[STRAYS])
 }
 
 /* A view is bad if hardly any of its ties agree although its photo is related to others; or if its
- * photo fits the pose of another stray and not its own. A neighbour of a bad one has bad ties with
+ * photo fits the pose of another stray and not its own. A neighbour of a bad view has bad ties with
  * it, but good ones with others. */
 static cln_status find_bad(work *w)
 {
@@ -485,7 +487,7 @@ static cln_status find_bad(work *w)
             }
         }
     }
-    for (int i = 0; i < count; i++) { /* both ways, else the one is just near the other */
+    for (int i = 0; i < count; i++) { /* must hold both ways, else one is just near the other */
         cln_agree_view *v = &out->views[strays[i]];
 
         if (v->pose_of >= 0 && out->views[v->pose_of].pose_of == strays[i])
@@ -497,8 +499,8 @@ done:
 
 /* ---- brightness ---- */
 
-/* Of each pair, the median ratio of brightness of what both show; then one value for each view, so
- * that their differences are nearest to the pairs', by relaxation. */
+/* Takes the median ratio of brightness of each pair; then finds one value for each view by
+ * relaxation, so that the differences of values fit the pairs' ratios best. */
 static cln_status find_exposures(work *w)
 {
     cln_status st = CLN_OK;
@@ -565,7 +567,7 @@ done:
     return st;
 }
 
-/* ---- places ---- */
+/* ---- points ---- */
 
 static cln_status find_points(work *w)
 {

@@ -1,6 +1,6 @@
 /* Do the photos agree with their poses? Features that two photos share (features.h) must lie on
- * rays that meet: here is how many do, of each photo and of all; what other axes, order or focal
- * length would make more of them meet; and where they meet. Needs loaded pixels. */
+ * rays that meet: this finds how many do, of each photo and of all; which other axes, matrices or
+ * focal length would make more of them meet; and where they meet. Needs loaded pixels. */
 #ifndef CLN_AGREE_H
 #define CLN_AGREE_H
 
@@ -17,19 +17,19 @@ typedef struct cln_tie {
 typedef struct cln_reading {
     const char *name, *advice;
     double axes[9]; /* row-major; the camera's axes are turned by it */
-    bool inverse;   /* the matrix is inverted before */
+    bool inverse;   /* the matrix is inverted first */
 } cln_reading;
 
 enum { CLN_READINGS = 8 }; /* the first is the given one */
 extern const cln_reading cln_readings[CLN_READINGS];
 
 typedef struct cln_agree_view {
-    bool looked_at;     /* else the set was too large for it */
+    bool looked_at;     /* false: the set was too large */
     int features;       /* of its photo */
     int ties, agreeing; /* with other views */
     int partners;       /* other views with which several ties agree */
-    double exposure;    /* brightness against all others, in factors of 2 (linear); NaN */
-    double jump;        /* and against those that it was compared with; NaN */
+    double exposure;    /* brightness relative to all others, in stops; or NaN */
+    double jump;        /* the same, to those that it was compared with; or NaN */
     bool bad;           /* its pose does not fit its photo, while others' do */
     int pose_of;        /* the view whose pose fits this photo better; -1 */
 } cln_agree_view;
@@ -40,13 +40,13 @@ typedef struct cln_agreement {
     cln_tie *ties;
     int looked_at, pairs;
     int agreeing; /* ties */
-    double share; /* of the ties, those that agree; NaN if they are too few to tell */
+    double share; /* of the ties that agree; NaN if there are too few ties */
     int reading;  /* the one that most ties agree with */
     double reading_share;
     double focal;        /* the factor on all focal lengths that most ties agree with */
-    double focal_share;  /* share of those, within a quarter of the tolerance; and with focal */
-    double strict_share; /* lengths as given */
-    double kept_share;   /* of features that agree, those that masks and alpha keep; NaN */
+    double focal_share;  /* share of ties that agree with it, within a quarter of the tolerance */
+    double strict_share; /* the same with focal lengths as given */
+    double kept_share;   /* of features of agreeing ties: those that masks and alpha keep; or NaN */
     int point_count;     /* places where the rays of agreeing ties meet at some angle */
     double (*points)[3]; /* scene units */
 } cln_agreement;

@@ -1,6 +1,7 @@
-/* The scene's cube, and whether any training camera sees it. How the cube is chosen: `rules` below,
- * the first that applies, and bounds_rule says which it was. With --space ndc, and for formats of
- * forward-facing scenes unless --bbox or --space cube is given, first bounds_forward.c's.
+/* The scene's cube, and whether any training camera sees it. The first of the `rules` below that
+ * applies gives the cube, and bounds_rule says which it was. With --space ndc, and for formats of
+ * forward-facing scenes unless --bbox or --space cube is given, the space of bounds_forward.c goes
+ * before them.
  *   given_box       --bbox: the smallest cube around that box, with the same centre
  *   of_dataset      what the reader found in the files
  *   of_points       points on surfaces are known: the cube around them and around what the images
@@ -45,7 +46,8 @@ static void position_and_axis(const cln_camera *camera, double position[3], doub
     }
 }
 
-/* Mean of I - d d^T over the training cameras, of that times o, of o and of d. */
+/* Means over the training cameras, with position o and axis d: of I - d d^T, of that times o, of o
+ * and of d. */
 typedef struct axes {
     double matrix[9], right[3], position[3], direction[3];
 } axes;
@@ -108,7 +110,7 @@ static void solve3(const double m[9], const double right[3], double out[3])
 }
 
 /* Radius of what a camera sees around its axis at depth 1: the farthest corner. At most 1 for
- * models that are no perspective: they may see a half-space and more, which says nothing of the
+ * lenses that are not perspective: they may see a half-space and more, which says nothing about the
  * scene. */
 static double view_radius(const cln_camera *camera)
 {
@@ -143,7 +145,7 @@ static void enclose(const double low[3], const double high[3], cln_space *space)
     }
 }
 
-/* Keeps the box that the cube is around. */
+/* Keeps the box around which the cube was put. */
 static void keep_box(cln_scene *scene, const double low[3], const double high[3])
 {
     scene->has_box = true;
@@ -284,8 +286,8 @@ static cln_status before_cameras(const evidence *e, cln_space *space, char **bec
 static cln_status (*const rules[])(const evidence *, cln_space *, char **) = {
     given_box, of_dataset, of_points, of_depths, looked_at, before_cameras};
 
-/* bounds_rule stays NULL where a cube is wanted, or where a format of forward-facing scenes has one
- * that is not: refused[] then says why. */
+/* bounds_rule stays NULL if a cube is wanted, or if a scene is not forward-facing although its
+ * format is for such scenes: refused[] then says why. */
 static cln_status find_forward(cln_scene *scene, const cln_reader_result *result,
                                const cln_config *config, char refused[CLN_REFUSED_BYTES])
 {
@@ -299,14 +301,14 @@ static cln_status find_forward(cln_scene *scene, const cln_reader_result *result
     if (wanted && !scene->bounds_rule)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: --space ndc: there are no normalised device coordinates, because %s; "
-                         "leave it out",
+                         "leave the option out",
                          scene->folder, refused));
 done:
     return st;
 }
 
-/* Where no points tell the cube of a shell: half of what looked_at finds, as the cameras may stand
- * in the shell; a box of instant-ngp's, too, holds what lies beyond. */
+/* Without points, the cube of a shell is half of what looked_at finds, as the cameras may stand in
+ * the shell. It also replaces a larger box of instant-ngp, which holds what lies beyond, too. */
 static cln_status looked_at_in_shell(const evidence *e, cln_space *space, char **because)
 {
     cln_status st = CLN_OK;
@@ -327,15 +329,15 @@ done:
     return st;
 }
 
-/* Photos show what lies beyond a cube of sparse points, or of a guess; not those whose alpha cuts
- * something out, nor of a box that their file gives. */
+/* Photos show what lies beyond a cube that was found by sparse points or guessed, but not if their
+ * alpha cuts an object out, nor if their file gives the box. */
 static bool chooses_shell(const evidence *e, const cln_config *config, bool found)
 {
     return config->space == CLN_SPACE_AUTO && config->stage1 == CLN_STAGE1_GATHER && found &&
            e->result->beyond && !e->scene->has_alpha;
 }
 
-/* The rule that found the cube says why it is one, or what is around it. */
+/* Adds to bounds_rule why the space is not a forward one, and that a shell is around the cube. */
 static cln_status add_reasons(cln_scene *scene, const char *refused, bool chosen)
 {
     cln_status st = CLN_OK;
@@ -408,8 +410,8 @@ static bool pixel_meets_cube(const cln_scene *scene, const cln_camera *camera, d
            cln_space_met_by(&scene->space, o, d);
 }
 
-/* Not every pixel: a grid over the image finds cubes that are large in it, the pixels onto which a
- * lattice of points of the cube falls find small ones. */
+/* Tests only some pixels: a grid over the image finds cubes that are large in it; the pixels to
+ * which a lattice of points in the cube projects find small ones. */
 static bool camera_sees_cube(const cln_scene *scene, const cln_camera *camera)
 {
     for (int j = 0; j < GRID; j++)
@@ -426,7 +428,7 @@ static bool camera_sees_cube(const cln_scene *scene, const cln_camera *camera)
         cln_space_point_to_scene(&scene->space, point, point);
         if (!cln_camera_project(camera, point, &u, &v, &z))
             continue;
-        /* Neighbours too: the centre of the pixel with the cube's corner may just miss it. */
+        /* Neighbours too: the centre of the pixel with the cube's corner may just miss the cube. */
         for (int k = 0; k < 9; k++)
             if (pixel_meets_cube(scene, camera, u + k % 3 - 1, v + k / 3 - 1))
                 return true;

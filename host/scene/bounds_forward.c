@@ -1,8 +1,8 @@
 /* The forward space (space.h: normalised device coordinates) of a scene whose cameras all look one
- * way. The mean camera has their mean position, forward axis and down vector. The near plane is
- * NEAR of the way to the nearest thing, along the mean axis: by the depths that the images tell, or
- * else by the sparse points. The cube's sides hold what every training image shows from there to
- * infinity. */
+ * way. The mean camera has their mean position, forward axis and down vector. The near plane lies
+ * at NEAR times the depth of the nearest object along the mean axis, which the images' near depths
+ * tell, or else the sparse points. The cube's sides hold what every training image shows from there
+ * to infinity. */
 #include "scene/build.h"
 
 #include <math.h>
@@ -62,7 +62,7 @@ static bool find_mean(const cln_scene *scene, cln_space *space)
     if (!(normalise(forward) > LEAST_COMMON))
         return false;
     cross(down, forward, right);
-    if (!(normalise(right) > 1e-3)) { /* held in all ways: any will do */
+    if (!(normalise(right) > 1e-3)) { /* cameras are held in all ways: any axis will do */
         down[0] = fabs(forward[0]) < 0.9;
         down[1] = !down[0];
         down[2] = 0;
@@ -73,8 +73,8 @@ static bool find_mean(const cln_scene *scene, cln_space *space)
     return true;
 }
 
-/* The ray at place k of an image's border, in the mean camera's frame, scene units; false: the lens
- * has none there. along: its part along the camera's own axis. */
+/* The ray at place k of an image's border, in the mean camera's frame, scene units; false if the
+ * lens has none there. along: its part along the camera's own axis. */
 static bool border_ray(const cln_space *space, const cln_camera *camera, int k, double o[3],
                        double d[3], double *along)
 {
@@ -95,8 +95,8 @@ static bool border_ray(const cln_space *space, const cln_camera *camera, int k, 
     return true;
 }
 
-/* The depth of the nearest thing along the mean axis, by the images' depths; NaN if one does not
- * tell its. Also whether all borders look forward: else the name of a view that does not. */
+/* The depth of the nearest object along the mean axis, by the images' near depths; NaN if an image
+ * has none. *aside: the name of a view with a border that does not look forward, or NULL. */
 static double nearest_told(const cln_scene *scene, const cln_space *space, const char **aside)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
@@ -181,7 +181,7 @@ cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_resul
     nearest = nearest_told(scene, &space, &aside);
     if (aside) {
         snprintf(refused, CLN_REFUSED_BYTES,
-                 "a border of '%.100s' looks more than 78 degrees away from the mean camera",
+                 "a border of '%.100s' looks more than 78 degrees off the mean camera's axis",
                  aside);
         goto done;
     }
@@ -191,12 +191,12 @@ cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_resul
     }
     if (isnan(nearest)) {
         snprintf(refused, CLN_REFUSED_BYTES,
-                 "nothing tells how near the scene begins (depths of the images or sparse points)");
+                 "neither depths of the images nor sparse points tell how near the scene begins");
         goto done;
     }
     if (!(nearest > 0 && isfinite(nearest))) {
         snprintf(refused, CLN_REFUSED_BYTES,
-                 "by %s the scene begins at depth %.4g, which is not before the mean camera",
+                 "by %s the scene begins at depth %.4g, which is not in front of the mean camera",
                  source, nearest);
         goto done;
     }

@@ -24,24 +24,25 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
 /* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
 int cln_natural_compare(const char *a, const char *b);
 
-/* load.c: takes frames whose image file is not there, or by CLN_MISSING_SKIP cannot be read, out of
- * the views, behind them, with a warning. CLN_INPUT if config.missing wants none left out, or not
- * as many, or no training view stays. After the split, so that the others keep theirs. */
+/* load.c: takes frames whose image file is missing, or with CLN_MISSING_SKIP cannot be read, out of
+ * the views and puts them behind these, with a warning. CLN_INPUT if `rule` (config.missing) allows
+ * none to be left out, or not so many, or if no training view remains. Called after the split, so
+ * that the others stay in theirs. */
 cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 
 /* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,
  * checked, then brought to the downscaled size. Fills downscale, has_alpha, lenses. */
 cln_status cln_scene_size_views(cln_scene *scene, int downscale);
 
-/* kept.c: finds the pixels that have no ray; fills maps, and of views kept and left_out. CLN_INPUT
- * if a view has no other. */
+/* kept.c: finds the pixels that have no ray; fills maps, and the views' kept and left_out.
+ * CLN_INPUT if no pixel of a view has a ray. */
 cln_status cln_scene_find_kept(cln_scene *scene);
 
-/* images.c: finds where the images of the wanted splits go, and fills cached: into memory, if they
- * and two that are being read need at most config.host_mem bytes (0: what the machine has), and
- * they leave desc.elsewhere of it; else into a store, of which an eighth of host_mem is in memory.
- * What else needs memory decides later (cln_scene_shrink). CLN_MEMORY if not even two can be
- * read. */
+/* images.c: decides where the images of the wanted splits go, and fills cached. They go into memory
+ * if they and two that are being read need at most config.host_mem bytes (0: those of the machine)
+ * and leave desc.elsewhere of them; else into a store, of which an eighth of host_mem is in memory.
+ * Other needs of memory can move them there later (cln_scene_shrink). CLN_MEMORY if not even two
+ * can be read. */
 cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc);
 
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits. */
@@ -52,8 +53,8 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,
                                  const cln_config *config);
 
-/* bounds_forward.c: the forward space of the training cameras and why it is that, a phrase; or in
- * refused[] why there is none, and *because stays as it was. CLN_MEMORY. */
+/* bounds_forward.c: finds the forward space of the training cameras and *because, a phrase that
+ * says why. If there is none, refused[] says why, and *because stays as it was. CLN_MEMORY. */
 enum { CLN_REFUSED_BYTES = 256 };
 cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_result *result,
                                   cln_space *space, char **because,
@@ -64,7 +65,7 @@ cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_resul
 cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_result *result,
                                    double low[3], double high[3], bool *found);
 
-/* sights.c: fills sights by the reader's observations. Views have their sizes and kept pixels. */
+/* sights.c: fills sights from the reader's observations. Views have their sizes and kept pixels. */
 cln_status cln_scene_find_sights(cln_scene *scene, const cln_reader_result *result);
 
 /* bounds.c: CLN_INPUT if no training camera has a ray through the cube. */
@@ -72,7 +73,7 @@ cln_status cln_scene_check_seen(const cln_scene *scene);
 
 /* doubts.c: fills cube_share, spread and apart_share. */
 void cln_scene_find_doubts(cln_scene *scene);
-/* What they make doubtful, as findings (inspect.h). */
+/* Adds what they make doubtful to the findings (inspect.h). */
 void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings);
 
 #endif

@@ -80,7 +80,7 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
         if (!cln_lens_distort(camera->lens, camera->distortion, local, place))
             return false;
     } else if (!(local[2] > 0 && isfinite(place[0] * place[0] + place[1] * place[1]))) {
-        return false; /* as the lens models have it, whose checks of folds take far longer */
+        return false; /* as by the lens models, whose checks for folds take far longer */
     }
     *u = camera->fx * place[0] + camera->cx;
     *v = camera->fy * place[1] + camera->cy;
@@ -97,8 +97,8 @@ void cln_camera_resize(cln_camera *camera, int width, int height, double x, doub
     camera->cy /= y;
 }
 
-/* The rotation nearest to r (row-major 3x3), by Newton's iteration for the polar decomposition:
- * X <- (X + X^-T) / 2. Wants det(r) > 0. */
+/* The rotation nearest to r (row-major 3x3), by Newton's iteration for the polar decomposition,
+ * X <- (X + X^-T) / 2. Needs det(r) > 0. */
 static void nearest_rotation(double r[9])
 {
     for (int step = 0; step < 60; step++) {

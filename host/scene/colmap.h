@@ -27,7 +27,8 @@ typedef struct cln_colmap {
     cln_observation *observations; /* view: the image's id, as cln_colmap_read leaves it */
 } cln_colmap;
 
-/* Has the folder a model: cameras and images, both .bin or both .txt? *missing as in cln_reader. */
+/* Does the folder have a model: cameras and images, both .bin or both .txt? *missing as in
+ * cln_reader. */
 bool cln_colmap_is_model(const char *folder, const char **missing);
 
 /* Reads the model's .bin files or, without them, its .txt files; points are optional. CLN_INPUT

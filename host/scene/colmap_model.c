@@ -1,7 +1,7 @@
 /* The files of a COLMAP sparse model, binary or text:
  *   cameras   id, camera model, width, height, parameters
  *   images    id, quaternion w x y z and translation of world-to-camera, id of the camera, name,
- *             and where its points are in it, which is skipped
+ *             and the places of its points, which are skipped
  *   points3D  id, x y z, colour, error, and the images that have it
  * Newer models have rigs and frames besides; images still have every pose. Not the database. */
 #include "scene/colmap.h"
@@ -156,7 +156,7 @@ done:
 
 /* ---- text ---- */
 
-/* The next line with data, "#" begins a comment; NULL behind the last. */
+/* The next line with data, "#" begins a comment; NULL after the last. */
 static char *data_line(cln_cursor *c)
 {
     for (char *line = NULL; (line = cln_cursor_line(c));)
@@ -272,7 +272,7 @@ static cln_status parse_points(cln_cursor *c, cln_colmap *out)
                 if (cln_field_whole(&word, UINT32_MAX, &image))
                     CLN_TRY(add_observation(out, (uint32_t)image));
             }
-        point->views = words / 2; /* of an image its id and where the point is in it */
+        point->views = words / 2; /* two words for an image: its id, the point's number in it */
         out->point_count++;
     }
 done:

@@ -11,7 +11,7 @@ enum { CLN_MAX_VIEWS = 100000 };
 bool cln_dataset_has(const char *folder, const char *file);
 bool cln_dataset_has_folder(const char *folder, const char *name);
 
-/* `path` as seen from the scene that it is in, for people; as it is if it is elsewhere. */
+/* `path` relative to the scene, for messages; unchanged if it lies elsewhere. */
 const char *cln_dataset_within(const char *scene, const char *path);
 
 /* "./train//r_0" -> "train/r_0". Components "." and ".." go, so that a name never leads out of a
@@ -28,7 +28,7 @@ typedef struct cln_names {
 cln_status cln_dataset_images(const char *folder, cln_names *out);
 void cln_dataset_free_names(cln_names *names);
 
-/* A view for each of these images of a folder, with name (below the folder) and path. */
+/* Makes a view for each of these images of a folder, with name (below the folder) and path. */
 cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,
                              cln_reader_result *result);
 
@@ -37,17 +37,17 @@ cln_status cln_dataset_views(const char *where, const char *folder, const cln_na
  * there is none of them; the caller frees it. */
 cln_status cln_dataset_image_folder(const char *base, char **out);
 
-/* Fills the paths of the views, which have names: from the first folder that has any of them, below
- * one of `bases` (nearest first): images, images_2, images_4, images_8, the base itself, any other
- * folder in it; CLN_INPUT if no folder has one. Tells in the log how many images of the folder are
- * no view. *folder is it; the caller frees it. */
+/* Fills the paths of the views, whose names are known, from the first folder that has any of them.
+ * It tries for each of `bases`, nearest first: images, images_2, images_4, images_8, the base
+ * itself, any other folder in it; CLN_INPUT if no folder has one. Warns if images of the folder are
+ * no views. *folder: that folder; the caller frees it. */
 cln_status cln_dataset_find_images(const char *where, const char *const *bases, int base_count,
                                    cln_reader_result *result, char **folder);
 
-/* points_ply.c: the points of a PLY file, into result->points. CLN_INPUT, CLN_MEMORY. */
+/* points_ply.c: reads the points of a PLY file into result->points. CLN_INPUT, CLN_MEMORY. */
 cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result);
 
-/* Room for one more of what there are `count`; *array grows at powers of two. */
+/* Makes room for one more element after `count`; *array grows at powers of two. */
 cln_status cln_dataset_grow(void *array, int64_t count, size_t size, const char *what);
 
 /* "OPENCV (k1 k2 p1 p2), ...": every lens model there is. The caller frees *out. */

@@ -22,7 +22,7 @@ static double distance_to_centre(const cln_scene *scene, const cln_view *view)
     return sqrt(sum);
 }
 
-/* Distinct [width, height] in order of first appearance, "count" views each. */
+/* Distinct sizes in the order of their first views, with the number of views of each. */
 static json_t *describe_sizes(const cln_scene *scene)
 {
     json_t *sizes = json_array();
@@ -46,7 +46,8 @@ static json_t *describe_sizes(const cln_scene *scene)
     return sizes;
 }
 
-/* Nobody reads 49 cameras that differ by what a matrix lost when it was taken apart. */
+/* Are two cameras alike to within NEARLY? They may differ by rounding only, as of a matrix that was
+ * taken apart: a list of 49 such cameras would tell nothing. */
 static bool is_nearly_like(const cln_camera *a, const cln_camera *b)
 {
     cln_camera rest = *b;
@@ -61,9 +62,9 @@ static bool is_nearly_like(const cln_camera *a, const cln_camera *b)
     return cln_camera_is_like(a, &rest);
 }
 
-/* Runs of views with the same intrinsics to a hundredth of a pixel of the images as they are
- * trained on: the first view's. Where every view has its own, this is as long as the list of
- * views. */
+/* Runs of views whose intrinsics agree to within NEARLY, in pixels of the images as they are
+ * trained on, each with those of its first view. If every view has its own, this is as long as the
+ * list of views. */
 static json_t *describe_intrinsics(const cln_scene *scene)
 {
     json_t *list = json_array();
@@ -107,7 +108,7 @@ static json_t *describe_views(const cln_scene *scene)
     return views;
 }
 
-/* The first of those left out, by name. */
+/* Names of the first frames that were left out. */
 static json_t *describe_missing(const cln_scene *scene)
 {
     json_t *names = json_array();

@@ -1,12 +1,12 @@
-/* What in a scene looks like a mistake in its poses. Each fault has a number and a bound between
- * what captures have and what the fault makes of them (tests/scene/test_doubts.c); as captures of
- * other kinds may pass the bound, too, the sentences say "likely".
+/* What in a scene looks like a mistake in its poses. Each mistake shows in a number, with a bound
+ * between its values in good captures and in faulty ones (tests/scene/test_doubts.c). As captures
+ * of other kinds may pass the bound, too, the sentences say "likely".
  *   cube_share   of the training rays, those that meet the cube: small where translations are too
  *                large for a cube that the dataset or --bbox fixes
  *   spread       of the training cameras, in half sides of the cube: small where they are too small
  *   apart_share  of pairs of training cameras whose axes differ, those whose axes come nearest to
- *                each other behind both: all of them where cameras around something were turned to
- *                look away, by axes of another convention; few in a room, some over flat land */
+ *                each other behind both: all if cameras around an object look away from it, by axes
+ *                of another convention; few in a room, some over flat land */
 #include "scene/build.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3 };
 static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, ONE_PLACE = 1e-9, APART_MAX = 0.8;
 static const double DIFFER = 0.030153689607045808; /* squared sine of 10 degrees */
 
-/* At most CAMERAS of the training cameras, evenly chosen: number i, and how many. */
+/* At most CAMERAS training cameras, evenly chosen: their number, and below, camera i of them. */
 static int chosen_count(const cln_scene *scene)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
@@ -65,8 +65,8 @@ static double spread(const cln_scene *scene)
     return farthest / scene->space.half;
 }
 
-/* Where two axes come nearest to each other lies at s and t along them: +1 before both cameras, -1
- * behind both, 0 before one of them, or if they are too parallel to tell. */
+/* Where do two axes come nearest to each other? +1 before both cameras, -1 behind both, 0 before
+ * one of them, or if they are too parallel to tell. s, t: how far along the axes. */
 static int meet(const cln_camera *a, const cln_camera *b, bool *differ)
 {
     double cosine = 0, along_a = 0, along_b = 0, s = 0, t = 0;
@@ -115,31 +115,32 @@ void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
     if (scene->apart_share > APART_MAX)
         cln_found_fault(
             findings, "axes", true, NULL,
-            "the cameras look apart: of pairs of them, %.0f%% have what they look at behind "
-            "both. Likely the axes of the poses: in a transforms file they are OpenGL's (y up, "
-            "z backwards); if this one has OpenCV's (y down, z forward), negate the second and "
-            "third column of each matrix. Photos taken outwards from one place are right as "
-            "they are",
+            "the cameras look apart: for %.0f%% of the pairs of cameras, the point that both "
+            "axes pass lies behind both. Likely the axes of the poses are wrong: in a transforms "
+            "file they are OpenGL's (y up, z backwards); if this one has OpenCV's (y down, z "
+            "forward), negate the second and third column of each matrix. Photos taken outwards "
+            "from one place are right as they are",
             100 * scene->apart_share);
     if (scene->cube_share < CUBE_SHARE_MIN)
         cln_found_fault(
             findings, "scale", true, NULL,
             "only %.1f%% of the training rays meet the cube (centre %g, %g, %g, half side "
-            "%g; %s), so that there is little to learn from. Likely the scale: translations in "
-            "another unit than the cube; scale them, or give a larger box with --bbox",
+            "%g; %s), so there is little to learn from. Likely the scale is wrong: "
+            "translations are in another unit than the cube; scale them, or give a larger box "
+            "with --bbox",
             100 * scene->cube_share, space->centre[0], space->centre[1], space->centre[2],
             space->half, scene->bounds_rule);
     if (scene->spread < ONE_PLACE && cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > PAIRS_MIN)
         cln_found_fault(findings, "scale", true, NULL,
-                        "all training cameras stand in one place, so that no distance can be told. "
-                        "Likely the poses were not found; a panorama has none to be learnt from");
+                        "all training cameras stand in one place, so no distance can be found. "
+                        "Likely the poses are missing; a panorama does not show distances");
     else if (scene->spread < SPREAD_MIN &&
              cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > PAIRS_MIN)
         cln_found_fault(findings, "scale", true, NULL,
                         "the training cameras stand within %.2g half sides of the cube of each "
-                        "other, too near to tell distances. Likely the scale: translations in "
-                        "another unit than the cube (half side %g; %s); scale them, or give a "
-                        "smaller box with --bbox",
+                        "other, too near to tell distances. Likely the scale is wrong: "
+                        "translations are in another unit than the cube (half side %g; %s); scale "
+                        "them, or give a smaller box with --bbox",
                         scene->spread, space->half, scene->bounds_rule);
 }
 

@@ -8,12 +8,12 @@
 #include <string.h>
 #include "base/memory.h"
 
-/* Sides that are looked at: larger photos are reduced, small ones doubled. */
+/* Longest sides of a photo: above LONGEST it is reduced, up to SHORT it is doubled. */
 enum { LONGEST = 480, SHORT = 240 };
 enum { OCTAVES = 4, STEPS = 3, BLURRED = STEPS + 3, SMALLEST = 16, BORDER = 5 };
 enum { BINS = 36, CELLS = 4, WAYS = 8 };
 static const double SIGMA = 1.6, CAMERA_SIGMA = 0.5;
-static const float CONTRAST = 0.008f, EDGE = 10; /* of the difference; ratio of its curvatures */
+static const float CONTRAST = 0.008f, EDGE = 10; /* least difference; ratio of its curvatures */
 static const double TWO_PI = 6.283185307179586;
 
 typedef struct plane {
@@ -23,7 +23,7 @@ typedef struct plane {
 
 typedef struct octave {
     plane blurred[BLURRED];
-    double pixel; /* side of its pixels, of the first plane's */
+    double pixel; /* side of its pixels, in pixels of the first plane */
 } octave;
 
 typedef struct found {
@@ -57,7 +57,8 @@ static float grey(const cln_view *view, int x, int y)
     return (0.299f * p[0] + 0.587f * p[1] + 0.114f * p[2]) / 255;
 }
 
-/* The view in grey at a size of at most LONGEST, by means of blocks or twice as large. */
+/* The view in grey, at most LONGEST wide or high, as means of blocks; a small one at twice its
+ * size. */
 static cln_status first_plane(const cln_view *view, plane *out, double *pixel)
 {
     cln_status st = CLN_OK;
@@ -98,7 +99,7 @@ static void add_row(float weight, const float *restrict from, int width, float *
         to[x] += weight * from[x];
 }
 
-/* to[x] += weight from[x + by]; beyond the ends are the ends. */
+/* to[x] += weight from[x + by]; beyond an end, its value goes on. */
 static void add_shifted(float weight, const float *from, int width, int by, float *to)
 {
     const int first = by < 0 ? within(-by, width) : 0;
@@ -265,7 +266,7 @@ static void describe(const plane *p, float x, float y, double sigma, float turn,
                     cells[ck][ci][cw % WAYS] += (float)(share * weight);
             }
         }
-    for (int pass = 0; pass < 2; pass++) { /* no single gradient may be most of it */
+    for (int pass = 0; pass < 2; pass++) { /* no single gradient may dominate */
         length = 1e-12f;
         for (int n = 0; n < CLN_FEATURE_BYTES; n++)
             length += flat[n] * flat[n];
@@ -277,8 +278,8 @@ static void describe(const plane *p, float x, float y, double sigma, float turn,
         out[n] = (uint8_t)fminf(255, 512 * flat[n]);
 }
 
-/* The octave's features go into list[], which has room for CLN_FEATURES_MOST: the strongest stay,
- * as a heap with the weakest on top. */
+/* Adds a feature to list[], which keeps the CLN_FEATURES_MOST strongest, as a heap with the weakest
+ * on top. */
 static void keep_strongest(found *list, int *count, const found *one)
 {
     int at = 0;
@@ -332,7 +333,8 @@ static void search(const cln_view *view, const octave *o, double pixel, found *l
                     (float)x + top_of(difference(o, s, x - 1, y), here, difference(o, s, x + 1, y));
                 fy =
                     (float)y + top_of(difference(o, s, x, y - 1), here, difference(o, s, x, y + 1));
-                /* octaves take every second pixel: centres of the first one's pixels */
+                /* octaves take every second pixel, so theirs lie on centres of the first plane's
+                 * pixels */
                 one.feature.u = (float)((fx * o->pixel + .5) * pixel);
                 one.feature.v = (float)((fy * o->pixel + .5) * pixel);
                 one.feature.value = get(&o->blurred[s], x, y);

@@ -13,18 +13,18 @@ enum { CLN_FEATURE_BYTES = 128, CLN_FEATURES_MOST = 600 };
 typedef struct cln_feature {
     float u, v;  /* pixel position in the view */
     float value; /* mean grey around it, 0..1, straight colours */
-    bool kept;   /* the pixel counts, and is not transparent */
+    bool kept;   /* masks keep the pixel, and it is not transparent */
     uint8_t about[CLN_FEATURE_BYTES];
 } cln_feature;
 
 typedef struct cln_features {
     int count;
     cln_feature *list;
-    double pixel; /* side of a pixel of the size that was looked at, in pixels of the view */
+    double pixel; /* side of a pixel of the searched copy, in pixels of the view */
 } cln_features;
 
-/* The most contrasty features of a loaded view; of large ones a smaller copy is looked at. The
- * caller frees out->list. */
+/* Finds the features of highest contrast in a loaded view; a large view is searched in a smaller
+ * copy. The caller frees out->list. */
 cln_status cln_features_find(const cln_view *view, cln_features *out);
 
 typedef struct cln_match {

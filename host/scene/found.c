@@ -1,5 +1,5 @@
-/* What lies at a path: folders of other programs by what they have (markers), everything else by
- * the endings of names (kinds), in the folder and in the folders in it. See found.h. */
+/* Says what lies at a path: knows folders of other programs by what they have (markers), everything
+ * else by the endings of names (kinds), in the folder and in the folders in it. See found.h. */
 #include "scene/found.h"
 
 #include <ctype.h>
@@ -32,7 +32,8 @@ static const struct {
 
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };
 
-/* Kinds of files, with the advice for a folder that has some; an earlier kind's goes first. */
+/* Kinds of files, with the advice for a folder that has some; the advice of an earlier kind goes
+ * first. */
 static const struct {
     const char *one, *many, *extensions, *advice;
 } kinds[KINDS] = {
@@ -48,7 +49,7 @@ static const struct {
                  "unpack the archive and give the folder in it"},
     [MODEL] = {"a mesh or point cloud", "meshes or point clouds",
                " ply obj glb gltf stl splat spz usdz las laz e57 ",
-               "the photos that it was made of are needed, and their cameras"},
+               "give the photos that it was made from, with their cameras"},
     [FILE_OF_ANY] = {"a file", "files", "", GIVE_SCENE},
     [FOLDER] = {"a folder", "folders", "", GIVE_SCENE},
 };
@@ -87,7 +88,8 @@ static cln_status keep_first(char **first, const char *name)
     return cln_strdup(first, name);
 }
 
-/* Counts what is in `folder`, and in the folders in it; `within`: this is one of those, by name. */
+/* Counts what is in `folder`, and in the folders in it; within: the name of `folder` if it is one
+ * of those, else NULL. */
 static cln_status look(const char *folder, const char *within, bool (*is_scene)(const char *path),
                        survey *found)
 {
@@ -127,7 +129,7 @@ done:
     return st;
 }
 
-/* Appends ", " or `begin`, and the text; takes *text over. */
+/* Appends ", " and `more` to *text, or begins it with `begin` and `more`. Frees `more`. */
 static cln_status append(char **text, const char *begin, char *more)
 {
     cln_status st = CLN_OK;
@@ -141,8 +143,8 @@ done:
     return st;
 }
 
-/* The first marker and the images; without a marker all kinds, and folders if there is nothing
- * else. *advice is the first one's. */
+/* Names the first marker and the images; without a marker all kinds, and folders if there is
+ * nothing else. *advice: that of the first one named. */
 static cln_status describe_folder(const char *path, const survey *found, char **what,
                                   const char **advice)
 {
@@ -182,7 +184,7 @@ done:
     return st;
 }
 
-/* The folder that `path` is in, where that is a scene or a run (*run); else *out is NULL. */
+/* Finds the folder that `path` is in, if that is a scene or a run (*run); else *out stays NULL. */
 static cln_status find_around(const char *path, bool (*is_scene)(const char *path), char **out,
                               bool *run)
 {

@@ -1,13 +1,13 @@
-/* What lies at a path that no reader takes, for the sentence that says so. Knows no reader. */
+/* Says what lies at a path that no reader takes, for the error sentence. Knows no reader. */
 #ifndef CLN_SCENE_FOUND_H
 #define CLN_SCENE_FOUND_H
 
 #include <stdbool.h>
 #include "base/status.h"
 
-/* What is there and what its owner can do, two phrases that the caller frees: "it holds 12 images
- * (the first is 'a.jpg')". is_scene tells scenes among the folders in it. CLN_INPUT if the folder
- * may not be read. */
+/* Says what is there and what the user can do, in two phrases that the caller frees: "it holds 12
+ * images (the first is 'a.jpg')". is_scene tells scenes among the folders in it. CLN_INPUT if the
+ * folder may not be read. */
 cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), char **what,
                         char **advice);
 

@@ -60,7 +60,7 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
     return CLN_OK;
 }
 
-/* A file that goes with an image, pixel by pixel. */
+/* Checks that a mask or alpha file has the size of its image. */
 static cln_status check_mask(const cln_view *view, const char *path)
 {
     cln_status st = CLN_OK;
@@ -74,7 +74,8 @@ done:
     return st;
 }
 
-/* Opaque images among others are good ones if they are opaque indeed. */
+/* Warns of images without alpha among others: they are right only if all that they show is
+ * opaque. */
 static void warn_mixed_alpha(const cln_scene *scene)
 {
     const char *first = NULL;
@@ -103,9 +104,9 @@ static bool can_decode(const char *path)
     return st == CLN_OK;
 }
 
-/* One image cannot be read: the error also names the next ones, so that they need not be found one
- * by one, and the way without them. A file that looks whole and fails in the decoder is found too
- * late to be left out. */
+/* After an image could not be read: the error also names the others, so that they need not be found
+ * one by one, and the way to go on without them. A file that looks whole and fails in the decoder
+ * is found too late to be left out. */
 static void name_other_failures(const cln_scene *scene)
 {
     enum { NAMED = 5 };
@@ -200,8 +201,8 @@ static void say_in_file(int images, double bytes, double room)
 
     cln_format_bytes(bytes, need);
     cln_format_bytes(fmax(room, 0), have);
-    cln_info("scene: %d images have %s, and host memory room for %s: their pixels lie in a file in "
-             "%s",
+    cln_info("scene: %d images take %s, but host memory has room for %s: their pixels go to a file "
+             "in %s",
              images, need, have, cln_store_folder());
 }
 
@@ -235,15 +236,15 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
     cln_format_bytes(room, have);
     if (reading > room)
         return cln_fail(CLN_MEMORY,
-                        "%s: to read its largest images needs %s of host memory, %s is %s; make "
-                        "smaller copies of them, or raise --host-mem",
+                        "%s: reading its largest images needs %s of host memory, but %s is %s; "
+                        "make smaller copies of them, or raise --host-mem",
                         scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have);
     scene->cached = room / 8;
     say_in_file(images, kept, room - fmax(reading, desc->elsewhere));
     return CLN_OK;
 }
 
-/* Puts the pixels of all loaded views, which are in memory, into a store. */
+/* Moves the pixels of all loaded views from memory into a store. */
 static cln_status move_to_store(cln_scene *scene)
 {
     cln_status st = CLN_OK;
@@ -303,7 +304,7 @@ done:
 }
 
 /* One reading of all files. Indices are handed out in order and none after a failure, so the lowest
- * failing index is always among the results: the error told is the same on every run. */
+ * failing index is always among the results: the reported error is the same on every run. */
 typedef struct job {
     cln_scene *scene;
     const bool *wanted;
@@ -339,8 +340,8 @@ static cln_status changed(const char *path)
     return cln_fail(CLN_INPUT, "%s: the file changed while it was read; try again", path);
 }
 
-/* Gives decoded pixels the alpha of the view's other file: of its first channel. *pixels is
- * replaced by one of 4 channels. */
+/* Gives decoded pixels the alpha of the view's other file, which is its first channel: *pixels then
+ * has 4 channels. */
 static cln_status add_alpha(const cln_view *view, bool wanted, uint64_t *digest, int *channels,
                             uint8_t **pixels)
 {
@@ -418,7 +419,8 @@ done:
     return st;
 }
 
-/* Tells how much the masks leave, and warns if it is little or all: mostly the wrong colour. */
+/* Logs how much the masks leave, as a warning if it is little or all: then their colours are mostly
+ * swapped. */
 static void say_masks(const cln_scene *scene)
 {
     double left = 0, all = 0;
@@ -483,7 +485,7 @@ static void take_failure(job *work, int index, cln_status st)
     pthread_mutex_lock(&work->mutex);
     if (work->failed_view < 0 || index < work->failed_view) {
         free(work->sentence);
-        work->sentence = strdup(cln_error_text()); /* NULL is told as "out of memory" below */
+        work->sentence = strdup(cln_error_text()); /* NULL is reported as "out of memory" below */
         work->failed_view = index;
         work->failure = st;
     }
@@ -510,7 +512,7 @@ static void *read_views(void *argument)
     return NULL;
 }
 
-/* Room for the pixels of all wanted views. */
+/* Makes room for the pixels of all wanted views. */
 static cln_status make_room(job *work)
 {
     cln_status st = CLN_OK;

@@ -1,6 +1,6 @@
-/* The findings of inspect.h: measures against bounds, and sentences. Bounds lie between what sound
- * captures have and what the fault makes of them (tests/cli/captures.sh plants them). Where photos
- * and poses can be compared (agree.h), that decides: what the poses alone make doubtful is taken
+/* The findings of inspect.h: measures against bounds, and sentences. A bound lies between the
+ * values of sound captures and of those with the fault (tests/cli/captures.sh plants faults). If
+ * photos and poses can be compared (agree.h), that decides: a finding by the poses alone is taken
  * back if the photos agree with them. */
 #include "scene/inspect.h"
 
@@ -17,17 +17,17 @@
 #include "scene/photos.h"
 
 static const double SOUND = 0.5;       /* share of agreeing ties above which poses are right */
-static const double UNSOUND = 0.3;     /* below which they are not */
+static const double UNSOUND = 0.3;     /* share below which they are wrong */
 static const double READING = 0.6;     /* the given reading's share over another's */
 static const double FOCAL_GAIN = 1.15; /* share with other focal lengths over the given ones' */
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2;
 static const double FAR_OFF = 8;       /* distance from the middle, in median distances */
-static const double KEPT_LEAST = 0.25; /* of what several photos show, over that of the pixels */
-static const double MASKS_LEAST = 0.1; /* of the pixels */
-static const double BLURRED = 0.7;     /* sharpness over its neighbours' */
+static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over that of pixels */
+static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
+static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 static const double COPY = 0.004, FLAT = 0.02;
 static const double EXPOSURE_JUMP = 0.7, EXPOSURE_RANGE = 0.6; /* factors of 2 */
-static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube; theirs of it */
+static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12;     /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800 };
 
@@ -36,7 +36,7 @@ typedef struct inspection {
     cln_agreement agreement;
     cln_photo *photos; /* [view] */
     json_t *findings, *measures;
-    bool posed; /* photos and poses go together, as far as can be told */
+    bool posed; /* photos fit their poses, as far as is known */
 } inspection;
 
 void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json_t *views,
@@ -80,7 +80,7 @@ static const char *name_some(const json_t *views, char *out, size_t bytes)
     return out;
 }
 
-/* The first of views that come in pairs, for a sentence. */
+/* The first pairs of a list of views, two by two, for a sentence. */
 static const char *name_pairs(const json_t *views, char *out, size_t bytes)
 {
     const size_t count = json_array_size(views) / 2;
@@ -131,11 +131,11 @@ static void check_agreement(inspection *in)
     }
     if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {
         take_back(in->findings, "axes");
-        take_back(in->findings, "scale"); /* rays pass the cube for this reason, likely */
+        take_back(in->findings, "scale"); /* likely rays miss the cube for this reason */
         in->posed = false;
         cln_found_fault(in->findings, "axes", true, NULL,
                         "the photos do not fit the poses as given (%.0f%% of what two photos show "
-                        "lies where both poses put it), but %s (%.0f%%): %s",
+                        "lies where both poses put it), but fit poses %s (%.0f%%): %s",
                         100 * a->share, reading->name, 100 * a->reading_share, reading->advice);
         return;
     }
@@ -146,16 +146,16 @@ static void check_agreement(inspection *in)
             in->findings, "focal length", true, NULL,
             "the photos fit focal lengths %.2f times as long better than the given "
             "ones (%.0f%% of what two photos show lies exactly where both poses put it, "
-            "with the given ones %.0f%%). Likely the image size that the focal length is "
-            "given for, or a field of view across the wrong side",
+            "with the given ones %.0f%%). Likely the focal length is given for "
+            "another image size, or the field of view is that across the other side",
             a->focal, 100 * a->focal_share, 100 * a->strict_share);
         return;
     }
     if (a->share < UNSOUND)
         cln_found_fault(in->findings, "poses", true, NULL,
                         "the photos do not fit their poses: only %.0f%% of what two photos show "
-                        "lies where both poses put it. Likely names and poses in different orders, "
-                        "or poses of other photos",
+                        "lies where both poses put it. Likely names and poses are in different "
+                        "orders, or the poses are those of other photos",
                         100 * a->share);
     else if (a->share > SOUND)
         take_back(in->findings, "axes");
@@ -188,7 +188,7 @@ static void check_strays(inspection *in)
     }
     if (json_array_size(astray))
         cln_found_fault(in->findings, "pose", true, json_incref(astray),
-                        "photos that show what others show, but not from where their poses are: "
+                        "photos that show what others show, but not as seen from their poses: "
                         "%s; leave them out or find their poses again",
                         name_some(astray, names, sizeof names));
     json_decref(astray);
@@ -223,7 +223,7 @@ static cln_status check_far(inspection *in)
         }
     if (json_array_size(far))
         cln_found_fault(in->findings, "far camera", true, json_incref(far),
-                        "far off: %s, up to %.3g times as far from the middle of the cameras as "
+                        "cameras far off: %s, up to %.3g times as far from the middle as "
                         "most; a wrong pose also makes the cube too large: leave such frames out",
                         name_some(far, names, sizeof names), farthest);
 done:
@@ -293,7 +293,7 @@ static cln_status check_cube(inspection *in)
     }
     for (int i = 0; i < count; i++)
         inside += cln_space_holds(&core, a->points[i]) / (double)count;
-    if (space->forward) { /* it ends nowhere: only its beginning can be wrong */
+    if (space->forward) { /* it is endless: only its near plane can be wrong */
         measure(in, "points", count);
         measure(in, "points_inside", inside);
         if (inside < INSIDE_LEAST)
@@ -326,13 +326,13 @@ static cln_status check_cube(inspection *in)
     if (inside < INSIDE_LEAST && !space->shell)
         cln_found_fault(in->findings, "cube", true, NULL,
                         "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "
-                        "Around it would be --bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",
+                        "A box around all of that: --bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",
                         space->half, in->scene->bounds_rule, 100 * inside, low[0], low[1], low[2],
                         high[0], high[1], high[2]);
     else if (span < SPAN_LEAST || in->scene->cube_guessed)
         cln_found_fault(in->findings, "cube", span < SPAN_LEAST, NULL,
                         "%s (half side %g; %s): it holds %.0f%% of what the photos show, which "
-                        "spans %.0f%% of its side. Tighter would be "
+                        "spans %.0f%% of its side. A tighter box: "
                         "--bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",
                         span < SPAN_LEAST ? "the cube is much too large" : "the cube is a guess",
                         space->half, in->scene->bounds_rule, 100 * inside, 100 * span, low[0],
@@ -378,7 +378,7 @@ static void check_intrinsics(inspection *in)
                         100 * off);
     if (planes && ratio > 1.1)
         cln_found_fault(in->findings, "intrinsics", true, NULL,
-                        "fx and fy differ by a factor of up to %.3g, as if pixels were no squares. "
+                        "fx and fy differ by a factor of up to %.3g, as if pixels were not square. "
                         "Likely width and height are exchanged in one of them",
                         ratio);
     if (fold.views)
@@ -393,7 +393,7 @@ static void check_intrinsics(inspection *in)
 
 /* ---- photos ---- */
 
-/* Of a grid of pixels, those that masks and alpha keep. */
+/* The share of a grid of pixels that masks and alpha keep. */
 static double kept_pixels(const cln_view *view)
 {
     enum { STEPS = 64 };
@@ -411,8 +411,8 @@ static double kept_pixels(const cln_view *view)
     return (double)kept / (STEPS * STEPS);
 }
 
-/* What several photos show alike is what is to be learnt: masks that keep much less of it than of
- * the pixels keep the wrong side. */
+/* What several photos show alike is to be learnt: masks that keep a much smaller share of it than
+ * of the pixels keep the wrong side. */
 static void check_masks(inspection *in)
 {
     const double agreeing = in->agreement.kept_share;
@@ -439,7 +439,8 @@ static void check_masks(inspection *in)
                         masks, 100 * area);
 }
 
-/* A photo that differs from its neighbours at once; else slow changes over the whole set. */
+/* Finds photos that are brighter or darker than their neighbours; if there are none, slow changes
+ * over the set. */
 static void check_exposure(inspection *in)
 {
     double low = INFINITY, high = -INFINITY, most = 0;
@@ -467,8 +468,8 @@ static void check_exposure(inspection *in)
                         in->scene->has_alpha ? "" : ", or train with --exposure");
     else if (high - low > EXPOSURE_RANGE)
         cln_found_fault(in->findings, "exposure", false, NULL,
-                        "exposure changes over the set, by %.2g stops in all: the model will blend "
-                        "it; fixed exposure and white balance are better%s",
+                        "exposure changes over the set, by %.2g stops in all: the model will "
+                        "average it; fixed exposure and white balance are better%s",
                         high - low, in->scene->has_alpha ? "" : ", or train with --exposure");
     json_decref(views);
 }
@@ -534,7 +535,7 @@ static void check_duplicates(inspection *in)
         cln_found_fault(in->findings, "duplicates", true, json_incref(photos),
                         "the same photo more than once: %s. Leave the copies out%s",
                         name_pairs(photos, names, sizeof names),
-                        across ? ". One of a pair is held out: its figure would be too good" : "");
+                        across ? ". One of a pair is held out: its score would be too good" : "");
     if (json_array_size(poses))
         cln_found_fault(in->findings, "duplicates", true, json_incref(poses),
                         "different photos with the same pose: %s. One of each pair is wrong",

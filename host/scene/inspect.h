@@ -1,6 +1,6 @@
-/* What is to be said about a scene before hours are spent on it: everything that looks like a
- * mistake, each with its likely cause and a way out, and the measures behind it. The command
- * `check`; needs the pixels of all splits. */
+/* Inspects a scene before hours are spent on it, for the command `check`: finds everything that
+ * looks like a mistake, each with its likely cause and a way out, and the measures behind it. Needs
+ * the pixels of all splits. */
 #ifndef CLN_INSPECT_H
 #define CLN_INSPECT_H
 
@@ -8,7 +8,7 @@
 #include "scene/scene.h"
 
 /* Appends a finding to an array: {"what": word, "likely_fault": bool, "views": [names], "text"}.
- * `views` is taken over; NULL: none in particular. */
+ * Takes `views` over; NULL: no view in particular. */
 void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json_t *views,
                      const char *fmt, ...) __attribute__((format(printf, 5, 6)));
 

@@ -8,9 +8,9 @@
 
 #include "base/memory.h"
 
-enum { SMALL = 8 }; /* sides of rectangles that are looked at pixel by pixel */
+enum { SMALL = 8 }; /* rectangles up to this side are tested pixel by pixel */
 
-/* The camera, its map, and the pixel below its principal point, which has a ray if any has. */
+/* The camera, its map, and the pixel that holds its principal point, which has a ray if any has. */
 typedef struct search {
     const cln_camera *camera;
     uint8_t *map;
@@ -35,7 +35,7 @@ typedef struct rectangle {
     int x, y, wide, high;
 } rectangle;
 
-/* Pixels along its border, and of them those with a ray. */
+/* Counts the pixels along a rectangle's border, and those of them with a ray. */
 static void look_around(const search *s, const rectangle *r, int *pixels, int *rays)
 {
     *pixels = *rays = 0;
@@ -48,8 +48,9 @@ static void look_around(const search *s, const rectangle *r, int *pixels, int *r
         }
 }
 
-/* Marks the pixels of a rectangle that have rays. These are the image of a disc, without holes: a
- * border that has them all has them all within, and one without any holds none, or all of them. */
+/* Marks the pixels of a rectangle that have rays. All such pixels are the image of a disc, without
+ * holes: if a whole border has rays, so has all within; if none of it has, either none within has,
+ * or the whole disc is within. */
 static void search_rectangle(search *s, const rectangle *r)
 {
     const bool small = r->wide <= SMALL && r->high <= SMALL, across = r->wide >= r->high;
@@ -112,7 +113,7 @@ done:
     return st;
 }
 
-/* "k1 = -0.5, k2 = 0": what a lens is bent by. */
+/* Writes the name and parameters of a lens: "OPENCV: k1 = -0.5, k2 = 0". */
 static void say_lens(const cln_camera *camera, char *text, size_t size)
 {
     const cln_lens_model *lens = &cln_lens_models[camera->lens];

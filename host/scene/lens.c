@@ -91,7 +91,7 @@ static bool division_distort(const double *k, const double direction[3], double 
     const double bent = -4 * k[0] * (x * x + y * y), root = sqrt(fmax(z * z + bent, 0));
     const double below = z > 0 ? z + root : bent / (root - z); /* the same, without cancellation */
 
-    if (!(z * z + bent >= 0) || !(below > 0)) /* if k < 0 it is that for z <= 0, too */
+    if (!(z * z + bent >= 0) || !(below > 0)) /* for k < 0 it is above 0 for z <= 0, too */
         return false;
     place[0] = 2 * x / below;
     place[1] = 2 * y / below;

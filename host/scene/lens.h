@@ -3,12 +3,11 @@
  *
  *   direction (x, y, z) in camera axes     distort ->  <- undistort     place (a', b')
  *
- * The camera turns a place into a pixel position: u = fx a' + cx, v = fy b' + cy. Directions are
- * never divided by z here but by models of perspective, so that a lens may see more than a
- * half-space.
+ * The camera turns a place into a pixel position: u = fx a' + cx, v = fy b' + cy. Only perspective
+ * models divide directions by z, so that a lens may see more than a half-space.
  *
  * A model has a domain: the directions around the axis up to its fold, where places stop moving
- * outwards. Beyond it two directions would share a place; they have none.
+ * outwards. Beyond it, directions have no place, as two of them would share one.
  *
  * To add one: its name in cln_lens (include/device_abi.h), its row in lens.c, its branch in
  * kernels/lens.h, its rows in tests/scene/test_lens.c. Readers find it by its name. */
@@ -25,14 +24,15 @@ typedef struct cln_lens_model {
     int count;                           /* number of parameters */
     bool pinhole_at_zero;                /* no distortion means: all parameters are 0 */
 
-    /* Either: it bends a plane so (lens_plane.h). */
+    /* Either: how it bends a plane (lens_plane.h). */
     void (*plane)(const double *params, cln_lens_plane *out);
 
-    /* Or it has closed forms of both ways, as cln_lens_distort and cln_lens_undistort say. */
+    /* Or: closed forms of both ways, as of cln_lens_distort and cln_lens_undistort. */
     bool (*distort)(const double *params, const double direction[3], double place[2]);
     bool (*undistort)(const double *params, const double place[2], double direction[3]);
 
-    /* NULL, or what parameters must be: a phrase if these are not, NULL if they are. */
+    /* Says what is wrong with parameters: a phrase, or NULL if they are right. NULL: all are
+     * right. */
     const char *(*refuse)(const double *params);
 } cln_lens_model;
 
@@ -55,7 +55,7 @@ bool cln_lens_undistort(cln_lens lens, const double *params, const double place[
                         double direction[3]);
 
 /* Radius of the plane up to which a model's radial part grows (lens_plane.h); INFINITY if there is
- * no end, and for models with closed forms, which know theirs. */
+ * no end, and for models with closed forms, which check their own. */
 double cln_lens_limit(cln_lens lens, const double *params);
 
 /* ---- COLMAP's camera models ---- */
@@ -66,7 +66,7 @@ double cln_lens_limit(cln_lens lens, const double *params);
 typedef struct cln_colmap_model {
     const char *name;
     cln_lens lens;
-    int focals, count; /* count: the whole list's */
+    int focals, count; /* count: length of the list */
 } cln_colmap_model;
 
 enum {

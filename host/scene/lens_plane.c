@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Terms of the polynomials below: of above times below. */
+/* The most terms of a polynomial here: of `above` times `below`. */
 enum { TERMS = CLN_LENS_ABOVE + CLN_LENS_BELOW + 1 };
 
 static const double PI = 3.14159265358979323846;
@@ -267,7 +267,7 @@ bool cln_lens_plane_distort(const cln_lens_plane *plane, const double direction[
 
     if (!plane->fisheye && !(z > 0))
         return false;
-    if (plane->fisheye && !(across > 0 || z > 0)) /* nothing, or straight back */
+    if (plane->fisheye && !(across > 0 || z > 0)) /* no direction, or straight back */
         return false;
     for (int i = 0; i < 2; i++)
         point[i] = !plane->fisheye ? direction[i] / z

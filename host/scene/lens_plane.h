@@ -8,7 +8,7 @@
  *   radial        (a, b) R(s),  R = (1 + above[0] s + above[1] s^2 + ..) / (1 + below[0] s + ..)
  *   tangential    + (2 p1 a b + p2 (s + 2 a^2), p1 (s + 2 b^2) + 2 p2 a b)
  *   thin prism    + (prism[0] s + prism[1] s^2, prism[2] s + prism[3] s^2)
- * the last two being of the point before the radial part, or (`after`) of the one behind it. */
+ * The last two take the point before the radial part or, with `after`, the point after it. */
 #ifndef CLN_LENS_PLANE_H
 #define CLN_LENS_PLANE_H
 
@@ -22,7 +22,7 @@ typedef struct cln_lens_plane {
     double p1, p2, prism[4];
 } cln_lens_plane;
 
-/* The point's place, and its Jacobian {da'/da, da'/db, db'/da, db'/db} (NULL: not asked). */
+/* The point's place, and its Jacobian {da'/da, da'/db, db'/da, db'/db} (may be NULL). */
 void cln_lens_plane_bend(const cln_lens_plane *plane, const double point[2], double place[2],
                          double jacobian[4]);
 

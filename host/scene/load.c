@@ -1,5 +1,5 @@
 /* Loading a scene: pick the reader, then the same steps for every format (build.h), cheapest first
- * so that bad input is told before gigabytes are decoded. Also the life of cln_scene and its
+ * so that bad input is reported before gigabytes are decoded. Also frees cln_scene and reads its
  * pixels. Knows no file format; those are in reader_*.c. */
 #include "scene/scene.h"
 
@@ -66,7 +66,7 @@ static void digest_cameras(cln_scene *scene)
         digest = cln_digest(digest, c->c2w, sizeof c->c2w);
         memcpy(lengths + 4, c->distortion, sizeof c->distortion);
         digest = cln_digest(digest, lengths, (4 + (size_t)lens->count) * sizeof *lengths);
-        if (c->lens != CLN_LENS_OPENCV) /* whose digests are older than the names of models */
+        if (c->lens != CLN_LENS_OPENCV) /* its digests are older than the names of models */
             digest = cln_digest(digest, lens->name, strlen(lens->name));
     }
     scene->digest = digest;
@@ -120,7 +120,7 @@ done:
 typedef enum { FINE, ABSENT, UNREADABLE } state;
 
 /* Only --missing skip looks into the files: otherwise one that cannot be read is an error, which
- * cln_scene_size_views tells. */
+ * cln_scene_size_views reports. */
 static cln_status look_for(const cln_view *view, int rule, state *out)
 {
     cln_status st = CLN_OK;
@@ -166,7 +166,8 @@ done:
     return st;
 }
 
-/* The file of `folder` called like name[length], in whichever case; *out stays NULL without one. */
+/* Finds the file of `folder` that is called name[length], in any case; *out stays NULL if there is
+ * none. */
 static cln_status find_alike(const char *folder, const char *name, size_t length, char **out)
 {
     cln_status st = CLN_OK;
@@ -186,8 +187,8 @@ done:
     return st;
 }
 
-/* What the missing image may be called, as "; FILE is there: ..." or "": a name in other letters,
- * or a path of another machine that ends like one of the scene's folder. */
+/* Finds what the missing image may be called, as "; FILE is there: ..." or "": its name in another
+ * case, or a path of another machine whose end is that of a file in the scene's folder. */
 static cln_status find_likely(const cln_scene *scene, const cln_view *view, char **out)
 {
     cln_status st = CLN_OK;

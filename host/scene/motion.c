@@ -83,7 +83,7 @@ static void solve3(const double m[9], const double b[3], double x[3])
     }
 }
 
-/* How one pose turned, in the scene's axes. */
+/* The rotation vector from one pose to another, in the scene's axes. */
 static void turn_of(const double from[12], const double to[12], double turn[3])
 {
     double motion[CLN_MOTION];

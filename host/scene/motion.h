@@ -14,9 +14,9 @@ void cln_motion_apply(const double c2w[12], const double motion[CLN_MOTION], dou
 /* The motion that makes `to` of `from`; for rotations of less than half a turn. */
 void cln_motion_between(const double from[12], const double to[12], double out[CLN_MOTION]);
 
-/* Takes out of the poses `to` what moved all of them alike since `from`: the rotation, translation
- * and scale about their middle that fit best, as photos alone cannot tell them. `reach`: the length
- * in scene units that weighs an angle against a distance. */
+/* Removes from the poses `to` what moved all of them alike since `from`: the rotation, translation
+ * and scale about their middle that fit best, as photos alone do not determine them. `reach`: the
+ * length in scene units that weighs an angle against a distance. */
 void cln_motion_hold(int count, const double (*from)[12], double reach, double (*to)[12]);
 
 /* Moves the training views of a scene, by motions in the split's order. */

@@ -12,8 +12,8 @@ typedef struct cln_photo {
     float contrast;                     /* their standard deviation */
 } cln_photo;
 
-/* Of a loaded view. Sharpness: the mean change of the gradient from pixel to pixel over the mean
- * gradient, where the gradient is strong; a blur makes both smaller, the former more. */
+/* Measures a loaded view. Sharpness: the mean change of the gradient from pixel to pixel over the
+ * mean gradient, where the gradient is strong; a blur makes both smaller, the former more. */
 void cln_photo_measure(const cln_view *view, cln_photo *out);
 
 /* Root mean square difference of two thumbnails. */

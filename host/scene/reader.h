@@ -1,5 +1,5 @@
-/* What a dataset reader is: one per format, each a file and a row of the table in readers.c, whose
- * order they are tried in. A reader fills views without pixels; load.c then splits, checks,
+/* What a dataset reader is: one per format, each a file and a row of the table in readers.c, in
+ * whose order they are tried. A reader fills views without pixels; load.c then splits, checks,
  * downscales and loads them, and finds the cube and the digest, the same for every format.
  *
  * To add a format: write reader_x.c with one `const cln_reader cln_reader_x`, declare it below, add
@@ -21,13 +21,13 @@
 typedef struct cln_point {
     double xyz[3]; /* scene units */
     uint8_t rgb[3];
-    int views;   /* images that it was found in; 0 = not told */
-    float error; /* mean distance in the images from where they have it, pixels; 0 = not told */
+    int views;   /* images that it was found in; 0 = not given */
+    float error; /* mean reprojection error, pixels; 0 = not given */
 } cln_point;
 
-/* An image in which a point was found; where, its projection tells. */
+/* An image in which a point was found, at the point's projection. */
 typedef struct cln_observation {
-    int32_t point, view; /* of the result's */
+    int32_t point, view; /* indices in the result's arrays */
 } cln_observation;
 
 typedef struct cln_reader_result {
@@ -39,21 +39,21 @@ typedef struct cln_reader_result {
     char *bounds_rule;
     int point_count;
     cln_point *points;
-    int64_t observation_count; /* 0 = not told */
+    int64_t observation_count; /* 0 = not given */
     cln_observation *observations;
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
-    bool beyond;         /* of photos, which show what is around what they look at: a shell */
-    const char *dialect; /* what cln_scene.dialect is to say */
+    bool beyond;         /* its photos show what lies around, too: a shell */
+    const char *dialect; /* for cln_scene.dialect */
     char *because;       /* why it was read as that, a phrase */
     json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
 } cln_reader_result;
 
 typedef struct cln_reader {
     const char *name;
-    const char *wants; /* "NAME wants ...": what it takes for its own */
+    const char *wants; /* a phrase that ends "NAME wants ..." */
 
-    /* Does this folder or file look like the format? Cheap, never an error. On false *missing is a
-     * phrase that says what is not there, where something of the format is; else NULL. */
+    /* Does this folder or file look like the format? Cheap, never an error. On false, *missing is a
+     * phrase that says what is missing if a part of the format is there; else NULL. */
     bool (*detect)(const char *path, const char **missing);
 
     /* Reads it; on failure the result may be partly filled and is freed by the caller. */

@@ -2,7 +2,7 @@
  * sparse, sparse/0 or colmap/sparse/0. Images lie in `images` beside it or above it, smaller copies
  * in images_2, _4, _8 (dataset.h); cameras follow the images' size. Poses are world-to-camera with
  * our axes; the centre of the top-left pixel is (0.5, 0.5) there, too. Points say where the cube
- * is. Several cameras are one case with one. */
+ * is. One camera and several are the same case. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,7 +41,7 @@ static int find_place(const char *path, const char **missing)
     return PLACES;
 }
 
-/* The folder that `path` is in, by its text where that tells. The caller frees *out. */
+/* Finds the folder that `path` is in, from its text if that is enough. The caller frees *out. */
 static cln_status parent(const char *path, char **out)
 {
     cln_status st = CLN_OK;
@@ -79,7 +79,7 @@ static cln_status sort_cameras(cln_colmap *model)
         qsort(model->cameras, (size_t)model->camera_count, sizeof *model->cameras, by_id);
     for (int i = 1; i < model->camera_count; i++)
         if (model->cameras[i].id == model->cameras[i - 1].id)
-            return cln_fail(CLN_INPUT, "%s: camera %u is there twice", model->camera_file,
+            return cln_fail(CLN_INPUT, "%s: camera %u appears twice", model->camera_file,
                             model->cameras[i].id);
     return CLN_OK;
 }
@@ -156,7 +156,7 @@ done:
     return st;
 }
 
-/* ---- what its points were found in ---- */
+/* ---- points and observations ---- */
 
 typedef struct image_index {
     uint32_t id;
@@ -170,8 +170,8 @@ static int by_image_id(const void *a, const void *b)
     return x->id < y->id ? -1 : x->id > y->id;
 }
 
-/* Points and their images, by the images' order instead of their ids; of images that are not there
- * nothing is kept. */
+/* Hands over points and observations, which then have the images' indices instead of their ids;
+ * observations in unknown images are dropped. */
 static cln_status give_points(cln_colmap *model, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -213,8 +213,8 @@ static bool detect(const char *path, const char **missing)
     return false;
 }
 
-/* Images are looked for beside the model and in the folders above it: up to the scene's, where that
- * is known. */
+/* Images are looked for beside the model and in the folders above it: up to the scene's folder, if
+ * that is known. */
 static cln_status find_images(const char *model, int depth, const char *where,
                               cln_reader_result *result, char **images)
 {

@@ -2,8 +2,8 @@
  * images (or images_2, _4, _8, the first there is), by name. A row is a 3 x 5 matrix, row-major,
  * whose columns are the camera's axes in the world, down, right and backwards, its position, and
  * (height, width, focal length) of the originals; then the depths of the nearest and the farthest
- * thing. No distortion; the principal point is the centre. Such scenes are
- * mostly forward-facing: bounds_forward.c puts them into normalised device coordinates. */
+ * object. No distortion; the principal point is the centre. Such scenes are mostly forward-facing:
+ * bounds_forward.c puts them into normalised device coordinates. */
 #include <math.h>
 #include <stdlib.h>
 #include "base/files.h"
@@ -35,7 +35,8 @@ static cln_status set_view(const char *where, const double row[ROW], cln_view *v
     camera->cx = 0.5 * camera->width;
     camera->cy = 0.5 * camera->height;
     if (!(row[15] >= 0 && row[15] < row[16]))
-        return cln_fail(CLN_INPUT, "%s: its depths go from %g to %g", where, row[15], row[16]);
+        return cln_fail(CLN_INPUT, "%s: its depths %g and %g are not 0 <= near < far", where,
+                        row[15], row[16]);
     view->near = row[15];
     view->far = row[16];
     return CLN_OK;

@@ -13,7 +13,7 @@
 
 enum { MOST = 16, LINES = 4, MAX_BYTES = 1 << 20 };
 
-/* Numbers of a small text file: all of them, and how many the first lines have. */
+/* Numbers of a small text file: all of them, and their count in each of the first lines. */
 typedef struct numbers {
     int count, lines, in_line[LINES];
     double value[MOST];
@@ -94,7 +94,8 @@ static cln_status read_box(const char *folder, cln_reader_result *result)
     CLN_TRY(read_numbers(path, &n));
     for (int a = 0; a < 3; a++) {
         if (n.count < 6 || !(n.value[a] < n.value[a + 3]))
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: not six numbers, the lowest corner and the highest",
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: it must have six numbers, the lowest corner and the highest",
                              path));
         result->space.centre[a] = 0.5 * (n.value[a] + n.value[a + 3]);
         result->space.half = fmax(result->space.half, 0.5 * (n.value[a + 3] - n.value[a]));
@@ -137,14 +138,14 @@ static void name_splits(cln_reader_result *result)
     }
 }
 
-/* Leaves out images without a pose file, and tells how many. */
+/* Leaves out images without a pose file, with a warning. */
 static cln_status read_poses(const char *path, cln_names *images, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     char *file = NULL;
     int kept = 0, without = 0;
 
-    for (int i = 0; i < images->count; i++) { /* first which, then their views */
+    for (int i = 0; i < images->count; i++) { /* first chooses the images, then makes their views */
         char *name = images->name[i];
         const char *dot = strrchr(name, '.');
 

@@ -6,7 +6,7 @@
  *           and translation
  *   points  coordinates and color; they say where the cube is
  * tracks.csv beside it, if it is there, has a row for each image that a point was found in: image,
- * point, feature, ..., divided by tabs; before them a line with the version, in old files none.
+ * point, feature, ..., separated by tabs; except in old files, a line with the version comes first.
  * Of several reconstructions, the one with the most shots is read. */
 #include <math.h>
 #include <stdlib.h>
@@ -192,7 +192,7 @@ done:
     return st;
 }
 
-/* The next field of a row of tracks.csv; NULL behind the last. */
+/* The next field of a row of tracks.csv; NULL after the last. */
 static const char *next_field(char **at)
 {
     char *field = *at;
@@ -217,7 +217,7 @@ static json_t *index_of(const json_t *object)
     return index;
 }
 
-/* What tracks.csv says of which image shows which point; rows of others are passed over. */
+/* Reads from tracks.csv which image shows which point; skips rows of other images or points. */
 static cln_status read_tracks(const char *path, const json_t *shots, const json_t *points,
                               cln_reader_result *result)
 {

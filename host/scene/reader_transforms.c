@@ -40,8 +40,8 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
     if (!json_is_object(root))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: not a JSON object with frames", file));
     if (!frames)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: it has no frames, so it is not a scene's; give its folder",
-                         file));
+        CLN_TRY(cln_fail(
+            CLN_INPUT, "%s: it has no frames, so it is not a scene; give the folder of one", file));
     if (!json_is_array(frames))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: frames must be an array", file));
     count = json_array_size(frames);
@@ -112,8 +112,8 @@ done:
     return st;
 }
 
-/* train_filenames and its sisters: views become exactly what they list (a frame may be in two
- * lists); frames in no list are left out with a warning. */
+/* Applies train_filenames, val_filenames and test_filenames: views become exactly what these list
+ * (a frame may be in two lists); frames in no list are left out with a warning. */
 static cln_status apply_lists(const char *file, const json_t *root, cln_reader_result *result)
 {
     static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
@@ -270,8 +270,8 @@ static cln_status read_points(const char *folder, const char *file, const json_t
     }
     st = cln_dataset_read_ply(path, result);
     if (st == CLN_INPUT)
-        cln_note("reading the sparse points of %s (without its ply_file_path it is read by its "
-                 "cameras alone)",
+        cln_note("reading the sparse points of %s (without ply_file_path, its cameras alone "
+                 "are read)",
                  file);
 done:
     free(path);

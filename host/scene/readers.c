@@ -1,4 +1,4 @@
-/* The readers that there are, and the choice among them. */
+/* The table of readers, and the choice among them. */
 #include "scene/reader.h"
 
 #include <errno.h>
@@ -29,7 +29,7 @@ static bool is_scene(const char *path)
     return false;
 }
 
-/* " (NAME wants ...: what is missing)" of the readers that have found something of theirs, or of
+/* " (NAME wants ...: what is missing)" for the readers that found a part of their format, or for
  * that of `format`; "" if there is none. The caller frees *out. */
 static cln_status list_readers(const char *path, int format, char **out)
 {
@@ -56,7 +56,7 @@ done:
     return st;
 }
 
-/* The words of the formats behind `format` that are there; NULL if none is. */
+/* The words of the formats after `format` that are found there; NULL if none is. */
 static cln_status list_others(const char *path, int format, char **out)
 {
     cln_status st = CLN_OK;

@@ -1,16 +1,17 @@
-/* What points from structure from motion tell of the depths of training pixels: a sight for each
- * training view in which a point was found, where its projection is. A point counts if two training
- * views have it, so held-out views alone never tell of one. How far a point is to be trusted is as
- * in DS-NeRF (arXiv 2107.02791): exp(-(e / m)^2), e its error in its images, m the mean of all. */
+/* Depths of training pixels by points from structure from motion: each training view in which a
+ * point was found gets a sight, at the point's projection. A point counts only if it was found in
+ * two training views or more, so none comes from held-out views alone. A point's trust is that of
+ * DS-NeRF (arXiv 2107.02791): exp(-(e / m)^2), with its reprojection error e and the mean m of all
+ * errors. */
 #include <math.h>
 #include <stdlib.h>
 #include "base/memory.h"
 #include "scene/build.h"
 
-enum { NO_VIEW = -1, SEVERAL = -2 }; /* training views of a point; else the only one */
+enum { NO_VIEW = -1, SEVERAL = -2 }; /* in place of a point's only training view */
 
-/* Index among the scene's views by the reader's number, of training views; the others' are
- * NO_VIEW. The caller frees *out. */
+/* Maps the reader's numbers of views to indices of training views; other views get NO_VIEW. The
+ * caller frees *out. */
 static cln_status number_views(const cln_scene *scene, int **out)
 {
     cln_status st = CLN_OK;

@@ -1,4 +1,4 @@
-/* Between scene space and the cube; space.h has the formulas. */
+/* Maps between scene space and the cube; space.h has the formulas. */
 #include "scene/space.h"
 
 #include <math.h>
@@ -60,7 +60,7 @@ void cln_space_point_to_view(const cln_space *space, const double cube[3], doubl
 
 /* ---- shell spaces ---- */
 
-/* The face's axis and sign of a point of u, or the core (CORE). */
+/* The piece of a point of u: a face's axis and sign, or the core (CORE). */
 enum { CORE = 3 };
 typedef struct piece {
     int axis;
@@ -80,7 +80,8 @@ static piece piece_of(const double p[3], double least)
     return (piece){a, p[a] < 0 ? -1 : 1};
 }
 
-/* A point of u in the piece, on its border or anywhere that its map reaches. */
+/* Maps a point of u with a piece's map; the point is in the piece, on its border, or wherever the
+ * map reaches. */
 static void into_piece(piece f, const double u[3], double cube[3])
 {
     const double w = f.axis == CORE ? 1 : f.sign / u[f.axis];
@@ -113,8 +114,8 @@ static double bend_in_piece(piece f, const double u[3], const double v[3], doubl
     return 2 * u[f.axis] * u[f.axis];
 }
 
-/* Where the ray u = o + s d, at `s` in the piece, leaves it for *next: INFINITY if never. Behind a
- * face's border the next piece's sign-true coordinate grows faster, so none comes twice. */
+/* Where the ray u = o + s d, at `s` in the piece, leaves it for *next: INFINITY if never. Beyond a
+ * face's border the next piece's signed coordinate grows faster, so no piece comes twice. */
 static double leave_piece(piece f, const double o[3], const double d[3], double s, piece *next)
 {
     double leave = INFINITY;
@@ -177,7 +178,7 @@ int cln_space_lines(const cln_space *space, const double origin[3], const double
         for (int a = 0; a < 3; a++)
             u[a] = isfinite(until) ? o[a] + until * d[a] : d[a];
         into_piece(here, u, to);
-        if (!isfinite(until)) /* its place at infinity, as d's, is on the face */
+        if (!isfinite(until)) /* the point at infinity is on the root's face */
             to[here.axis] = here.sign;
         s = until;
         *line = (cln_space_line){.begin = t};
@@ -322,7 +323,7 @@ void cln_space_normal_to_scene(const cln_space *space, const double cube[3], con
             scene[a] = (float)out[a];
         return;
     }
-    /* a normal goes by the transposed derivative */
+    /* normals go by the transposed derivative */
     cln_space_point_to_view(space, cube, q);
     for (int a = 0; a < 2; a++)
         n[a] = space->scale[a] * normal[a];

@@ -9,11 +9,12 @@
  *   distance    (also t of a ray, and depth) scene = half * cube
  *   density     (per unit of distance) scene = cube / half
  *
- * A forward space (normalised device coordinates, method.md 3.2) is what cameras see that all look
- * one way, from a near plane to infinity. With q = axes (scene - centre) / half, "camera units":
+ * A forward space (normalised device coordinates, method.md 3.2) holds what cameras see that all
+ * look one way, from a near plane to infinity. With q = axes (scene - centre) / half, "camera
+ * units":
  *   point       cube = (scale_x q_x / q_z, scale_y q_y / q_z, 1 - 2 / q_z)
  * so q_z is 1 at the near plane, the cube's face z = -1, and infinite at z = 1. Straight lines stay
- * straight, lengths and angles do not stay. Rays of the cube begin at the near plane, or where the
+ * straight, lengths and angles change. Rays of the cube begin at the near plane, or where the
  * camera is if that is beyond. Depths are lengths in camera units, which the device returns.
  *
  * A shell space (method.md 3.3) is a plain one with all that lies beyond its cube around it. With u
@@ -26,8 +27,8 @@
  * straight: a ray is at most CLN_SPACE_LINES lines. Depths are lengths of u, which the device
  * returns.
  *
- * Nothing else does this arithmetic: a space of another shape joins here, and in kernels/space.h,
- * the twin. No function fails. */
+ * Nothing else does this arithmetic: a space of another shape is added here and in the twin,
+ * kernels/space.h. No function fails. */
 #ifndef CLN_SPACE_H
 #define CLN_SPACE_H
 
@@ -54,20 +55,20 @@ void cln_space_point_to_cube(const cln_space *space, const double scene[3], doub
 void cln_space_point_to_scene(const cln_space *space, const double cube[3], double scene[3]);
 
 /* A ray of the scene (unit direction) as a ray of the cube (unit direction), whose t is in cube
- * units. Forward: one that does not look forward meets nothing. Shell: of u instead, where the
- * scene's cube is [-1, 1]^3. */
+ * units. Forward: one that does not look forward meets nothing. Shell: as a ray of u instead, where
+ * the scene's cube is [-1, 1]^3. */
 void cln_space_ray_to_cube(const cln_space *space, const double origin[3],
                            const double direction[3], double cube_origin[3],
                            double cube_direction[3]);
 
 /* A part of a ray: from begin to end, its point at t is origin + t direction. t is the length of
- * the way in the cube. From one part to the next it may jump over an edge that holds nothing. */
+ * the path in the cube. From one part to the next it may jump over an edge that holds nothing. */
 typedef struct cln_space_line {
     double origin[3], direction[3], begin, end;
 } cln_space_line;
 
 /* The lines of a ray of the scene, in order, from a distance `near` (of u) on; returns how many, at
- * most CLN_SPACE_LINES. For shell spaces alone. */
+ * most CLN_SPACE_LINES. For shell spaces only. */
 int cln_space_lines(const cln_space *space, const double origin[3], const double direction[3],
                     double near, cln_space_line lines[CLN_SPACE_LINES]);
 
@@ -85,19 +86,20 @@ void cln_space_normal_to_scene(const cln_space *space, const double cube[3], con
 /* A camera's pose, 3x4 row-major [R|o], for the device: in the cube, or in camera units. */
 void cln_space_pose_to_cube(const cln_space *space, const double c2w[12], float out[12]);
 
-/* A distance of the cube, or a depth of the device; forward: a depth alone. */
+/* Converts a distance of the cube, or a depth of the device, to scene units; forward: depths
+ * only. */
 double cln_space_distance_to_scene(const cln_space *space, double cube);
 /* The same in float arithmetic, for the depth of pictures. */
 float cln_space_depth_to_scene(const cln_space *space, float cube);
 
-/* A density per unit of distance in the cube, per scene unit. Forward: in the direction of the
- * scene (unit) at the point of the scene; both may be NULL otherwise. */
+/* Converts a density per unit of distance in the cube to one per scene unit. Forward: in the
+ * direction of the scene (unit) at the point of the scene; both may be NULL otherwise. */
 double cln_space_density_to_scene(const cln_space *space, const double scene[3],
                                   const double direction[3], double cube);
 
-/* A node's box {x, y, z, side} (model/octree.h) as its lowest and highest corner. Faces that two
- * nodes share get the same numbers, whatever their levels: positions in the cube are dyadic. Not
- * of a forward space, whose nodes are no boxes of the scene. */
+/* A node's box {x, y, z, side} (model/octree.h) as its lowest and highest corner in the scene.
+ * Faces that two nodes share get the same numbers, whatever their levels: positions in the cube are
+ * dyadic. Not for a forward space, whose nodes are not boxes in the scene. */
 void cln_space_box_to_scene(const cln_space *space, const float cube[4], float low[3],
                             float high[3]);
 
@@ -113,7 +115,7 @@ void cln_space_plane_to_cube(const cln_space *space, const double scene[4], floa
  * and 1 / q_z, which is 0 at infinity. */
 void cln_space_point_to_view(const cln_space *space, const double cube[3], double out[4]);
 
-/* A point of a shell space's cube in u. */
+/* Maps a point of a shell space's cube to u. */
 void cln_space_point_to_u(const double cube[3], double u[3]);
 
 /* Does the cube hold a point of the scene, faces included? Does the scene's ray
@@ -124,7 +126,7 @@ bool cln_space_met_by(const cln_space *space, const double origin[3], const doub
 /* The scene's cube alone: of a shell space, the plain space of its core; else a copy. */
 cln_space cln_space_core(const cln_space *space);
 
-/* As --space calls it. */
+/* Its name, as for --space. */
 const char *cln_space_name(const cln_space *space);
 
 /* Are they the same to a millionth of b's half? */

@@ -1,7 +1,8 @@
 /* The pixels of photos in a file, for sets that --host-mem has no room for. A photo's 8-bit pixels
- * lie there in tiles of TILE x TILE, so that pixels near each other are one piece; a cache of fixed
- * size holds the tiles read last. What is read is what was written, so training draws the same bits
- * as from memory. The file is in TMPDIR, or /var/tmp, and has no name: it goes with the process.
+ * lie there in tiles of TILE x TILE, so that pixels near each other are read together; a cache of
+ * fixed size holds the tiles read last. What is read is what was written, so training draws the
+ * same bits as from memory. The file is in TMPDIR, or /var/tmp, and has no name: it vanishes with
+ * the process.
  *
  * Photos may be written by several threads; reading is for one. */
 #ifndef CLN_STORE_H
@@ -18,11 +19,11 @@ enum { CLN_STORE_LEAST = 64 * 4104 }; /* bytes of the smallest cache */
 /* Room that a photo takes: whole tiles. */
 size_t cln_store_room(int width, int height, int channels);
 
-/* The folder that stores are made in. */
+/* The folder in which stores are made. */
 const char *cln_store_folder(void);
 
-/* A file of so many bytes, and a cache of about `cached` bytes. CLN_OUTPUT if the disk has no room
- * or the folder takes no file; CLN_MEMORY. */
+/* Makes a file of `bytes` bytes, and a cache of about `cached` bytes. CLN_OUTPUT if the disk has no
+ * room or the folder takes no file; CLN_MEMORY. */
 cln_status cln_store_create(double bytes, double cached, cln_store **out);
 void cln_store_free(cln_store *store); /* accepts NULL */
 
@@ -30,8 +31,8 @@ void cln_store_free(cln_store *store); /* accepts NULL */
 cln_status cln_store_write(cln_store *store, size_t place, int width, int height, int channels,
                            const uint8_t *pixels);
 
-/* Pixel (x, y) of the photo at `place`, of this width: its channels. If it cannot be read, it is 0,
- * and so is the next one: cln_store_check tells, as CLN_OUTPUT. */
+/* Reads the channels of pixel (x, y) of the photo at `place`, of this width. If it cannot be read,
+ * they are 0, and cln_store_check returns CLN_OUTPUT from then on. */
 void cln_store_pixel(cln_store *store, size_t place, int width, int channels, int x, int y,
                      uint8_t out[4]);
 cln_status cln_store_check(const cln_store *store);
@@ -39,7 +40,8 @@ cln_status cln_store_check(const cln_store *store);
 /* Asks the system to read the pixel's tile ahead. */
 void cln_store_fetch(cln_store *store, size_t place, int width, int channels, int x, int y);
 
-/* Bytes of its cache; makes it one of about so many, which is empty. CLN_MEMORY: it has none. */
+/* Cached: bytes of the cache. Resize: makes it an empty one of about `cached` bytes; with
+ * CLN_MEMORY there is none. */
 double cln_store_cached(const cln_store *store);
 cln_status cln_store_resize(cln_store *store, double cached);
 

@@ -20,8 +20,8 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
                                 cln_view *view);
 
 /* Name and camera of frames[index], checked, for a picture to be rendered: no image need be there.
- * *camera has the size to take where neither file nor image tells one. Without a file_path its name
- * is pose_0000. The caller frees *name, also on failure. */
+ * *camera has the size to take if neither file nor image gives one. Without a file_path its name is
+ * pose_0000. The caller frees *name, also on failure. */
 cln_status cln_transforms_camera(const char *folder, const char *file, const json_t *root,
                                  int index, char **name, cln_camera *camera);
 

@@ -1,7 +1,8 @@
 /* One frame of a transforms JSON document -> a view: name, image file, camera. Values are looked up
  * in the frame first, then in the document, so shared and per-frame intrinsics are one case. The
  * pose changes from OpenGL's camera axes to ours. Ranges are checked by camera.c, for every format.
- * Used by reader_transforms.c, and for poses to render, which need no image (cln_pose_file). */
+ * Used by reader_transforms.c, and for poses to render, which need no image
+ * (render/pose_file.c). */
 #include "scene/transforms.h"
 
 #include <math.h>
@@ -13,7 +14,7 @@
 #include "scene/build.h"
 #include "scene/dataset.h"
 
-/* Names tried behind a file_path, in this order. */
+/* Endings tried after a file_path, in this order. */
 static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
 
 /* One frame being read: values are looked up in the frame, then in the whole document. */
@@ -91,7 +92,8 @@ done:
     return st;
 }
 
-/* The lens model, OPENCV if none is named, and its parameters; refuses what they leave out. */
+/* Reads the lens model, OPENCV if none is named, and its parameters; refuses parameters that the
+ * model lacks. */
 static cln_status read_lens(const source *src, cln_camera *camera)
 {
     static const char *const others[] = {"k3", "k4", "k5", "k6"};
@@ -118,7 +120,8 @@ static cln_status read_lens(const source *src, cln_camera *camera)
                          camera->lens == CLN_LENSES ? json_string_value(named) : "F-theta", known));
     if (camera->lens == CLN_LENS_OPENCV && json_is_true(value_of(src, "is_fisheye")))
         camera->lens = CLN_LENS_OPENCV_FISHEYE; /* instant-ngp's way to say it */
-    /* Beside k3, k4 is of OpenCV's divisor for some and of the series for others. */
+    /* k3 with k4 is ambiguous: to some, k4 belongs to OpenCV's divisor, to others, to the
+     * series. */
     if (camera->lens == CLN_LENS_OPENCV && k3 != 0 && k4 == 0)
         camera->lens = CLN_LENS_FULL_OPENCV; /* OPENCV with more terms */
     model = &cln_lens_models[camera->lens];
@@ -157,7 +160,7 @@ done:
     return st;
 }
 
-/* Of a size that is told nowhere, it keeps the camera's own, if it has one. */
+/* Reads the intrinsics. If no size is given anywhere, the camera keeps its own, if it has one. */
 static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera)
 {
     cln_status st = CLN_OK;
@@ -229,7 +232,8 @@ static cln_status read_pose(const source *src, double c2w[12])
     return CLN_OK;
 }
 
-/* The file, with the extension that it has on disk; what it might be if it is not there. */
+/* Finds the file, with the extension that it has on disk; if it is missing, *out is its likely
+ * name. */
 static cln_status find_image(const source *src, const char *file_path, char **out)
 {
     cln_status st = CLN_OK;
@@ -251,7 +255,7 @@ static cln_status find_image(const source *src, const char *file_path, char **ou
             if (*p == '\\')
                 *p = '/';
     }
-    /* Missing frames are load.c's. */
+    /* load.c deals with missing frames. */
     dot = strrchr(base, '.');
     CLN_TRY(cln_asprintf(out, "%s%s", base, dot && !strchr(dot, '/') ? "" : ".png"));
 done:

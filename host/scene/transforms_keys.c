@@ -1,11 +1,13 @@
-/* Which keys of a transforms JSON document are not read. See transforms.h. Users put there what
- * other programs read (depth_file_path, near, far): without a word they would take it for read. */
+/* Which keys of a transforms JSON document are not read. See transforms.h. Users add keys that
+ * other programs read (depth_file_path, near, far): without a message they would think that these
+ * are read. */
 #include "scene/transforms.h"
 
 #include <string.h>
 #include "base/memory.h"
 
-/* Of the document or of a frame; parameters of lens models are in their own table. */
+/* Keys of the document or of a frame that are read; parameters of lens models are in their own
+ * table. */
 static const char *const used[] = {"frames",
                                    "file_path",
                                    "transform_matrix",

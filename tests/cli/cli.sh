@@ -912,7 +912,7 @@ section_memory() {
     whole_peak=$(json host_peak)
     run "$cln" train "$work/large" -o "$work/stored" "${small[@]}" --steps 20 --no-adaptive \
         --host-mem 480M --json
-    check "what does not fit lies in a file" grep -q "their pixels lie in a file" "$work/err"
+    check "what does not fit goes to a file" grep -q "their pixels go to a file" "$work/err"
     check "memory is less by most of the photos" number_above "$whole_peak" \
         "$(awk -v p="$(json host_peak)" 'BEGIN { printf "%.0f", p + 150 * 1048576 }')"
     check "and keeps to --host-mem" number_above 503316480 "$(json host_peak)"
@@ -925,7 +925,7 @@ section_memory() {
     limit=$((${limit%.*} - 52428800))
     run "$cln" train "$work/large" -o "$work/between" "${small[@]}" --steps 20 --no-adaptive \
         --host-mem "$limit" --json
-    check "photos beyond what is left lie in a file" grep -q "pixels lie in a file" "$work/err"
+    check "photos beyond what is left go to a file" grep -q "pixels go to a file" "$work/err"
     check "of the same model" [ "$(digest "$work/between")" = "$(digest "$work/in-memory")" ]
     check "which keeps to --host-mem" number_above "$limit" "$(json host_peak)"
     rm -r "$work/large" "$work/in-memory" "$work/stored" "$work/between"

@@ -300,7 +300,7 @@ static void page_shows_what_the_run_left(void **state)
     assert_has(page, "20.0"); /* and the rest, between the stages */
     assert_has(page, "Not in the table: evaluation 00:40. Training took 01:40; 01:50 by the clock");
     assert_has(page, "90 train, 0 val, 10 test");
-    assert_has(page, "<td class=soft>together<td class=n>4.0 MiB"); /* without the limit */
+    assert_has(page, "<td class=soft>total<td class=n>4.0 MiB"); /* without the limit */
     assert_has(page, "<td class=soft>limit<td class=n>8.0 MiB");
     assert_int_equal(count_in(page, "error", "<svg "), 5);
     assert_int_equal(count_of(page, "r='4.5'"), 2); /* the evaluation, in both PSNR curves */
@@ -511,8 +511,8 @@ static void processes_are_summed_up(void **state)
              "\"message_seconds\":0.3,\"balance\":1.1}\n");
     page = page_of(run);
     assert_has(page, "<td>processes<td class=n>4\n");
-    assert_has(page, "bytes a step<td class=n>750\n");
-    assert_has(page, "and a ray<td class=n>5.0\n");
+    assert_has(page, "sent, per step<td class=n>750\n");
+    assert_has(page, "the same, per ray<td class=n>5.0\n");
     assert_has(page, " (20.0&thinsp;% of training)");
     assert_has(page, "over the mean<td class=n>1.30\n");
     assert_has(page, "<td class=n>10<td class=n>7<td class=n>1.50<td class=n>1.02\n");

@@ -144,7 +144,7 @@ static void test_colmap_fields(void **state)
         {"cameras.bin", 0, &many, 8, {"cameras.bin", "18446744073709551615 cameras", "cut off"}},
         {"cameras.bin", 0, &lots, 8, {"cameras.bin", "1000000 cameras"}},
         {"cameras.bin", 0, &none, 8, {"images.bin", "'view_00.png'", "camera 7 is not in"}},
-        {"cameras.bin", 8, &id, 4, {"cameras.bin", "camera 19 is there twice"}},
+        {"cameras.bin", 8, &id, 4, {"cameras.bin", "camera 19 appears twice"}},
         {"cameras.bin", 12, &model, 4, {"cameras.bin", "camera 22", "camera model 99"}},
         {"cameras.bin", 12, &minus, 4, {"cameras.bin", "camera 22", "camera model -1"}},
         {"cameras.bin", 16, &absurd, 8, {"cameras.bin", "camera 22", "absurd image size"}},
@@ -265,7 +265,7 @@ static void test_llff(void **state)
         {9, &huge, {"row 1", "absurd image size"}},
         {14, &zero, {"'view_00.png'", "fl_x = 0"}},
         {1, &seven, {"'view_00.png'", "not rigid"}},
-        {15, &seven, {"row 1", "depths go from 7 to 6"}},
+        {15, &seven, {"row 1", "depths 7 and 6 are not"}},
     };
     const char *folder = *state, *file = scratch_path(folder, "poses_bounds.npy");
 

@@ -117,7 +117,7 @@ static void test_llff(void **state)
 static void test_refused(void **state)
 {
     static const char *const whys[] = {"do not look one way", "'view_02.png' looks more than 78",
-                                       "begins at depth", "nothing tells how near"};
+                                       "begins at depth", "tell how near"};
 
     for (int i = 0; i < 4; i++) {
         const char *folder = scratch_path(*state, (const char *[]){"a", "b", "c", "d"}[i]);
