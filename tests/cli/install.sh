@@ -225,7 +225,7 @@ for file in 0000.png 0001.png 0001.depth.npy 0001.opacity.png; do
     check "orbit_$file is there" [ -s orbit/orbit_$file ]
 done
 run static/render run-shared orbit 2
-check "frames that are there are skipped" grep -q '^0 frames in .*, 2 were there$' out
+check "existing frames are skipped" grep -q '^0 frames in .*; 2 existed already$' out
 expect "no frames" 2 "orbit 0" shared/render run-shared orbit 0
 
 run shared/field run-shared
