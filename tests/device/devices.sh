@@ -168,7 +168,7 @@ section_broken() {
     # correct by float64 (any random number is), but different from other devices
     noticed "other random numbers" sampling.cl \
         's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
-        "samples: where, as the other"
+        "samples: where, as on the other"
     [ -d "$work/scene" ] || "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
     break_kernel regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' || return
     expect "train refuses, names the case and the way out" 10 \
@@ -244,7 +244,7 @@ fi
 [ $# -gt 0 ] && sections=("$@")
 for program in "$cln" "$make_scene" "$query" "$cases"; do
     if [ ! -x "$program" ]; then
-        echo "devices.sh: $program is not there; make it first" >&2
+        echo "devices.sh: $program is missing; make it first" >&2
         exit 1
     fi
 done
