@@ -140,8 +140,8 @@ static void look(const cln_camera *truth, const cln_camera *now, cln_spot *spots
     }
 }
 
-/* Steps end at the true pose, with a lens, too, in a cube of another size with a photo of less
- * light; some pixels that are wrong altogether do little. */
+/* Steps end at the true pose: with a lens, in a cube of another size, with a darker photo; a few
+ * pixels that are entirely wrong matter little. */
 static void test_steps(void **state)
 {
     cln_spot spots[SPOTS];
