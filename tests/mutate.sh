@@ -79,7 +79,7 @@ order() {
     name=${name%%.*}
     room=$(basename "$(dirname "$file")")
     [ "$room" != kernels ] || room=pipeline
-    case $file in kernels/*.h) # and what needs it, and what needs that, and once more
+    case $file in kernels/*.h) # and the files that need it, in three rounds
         for _ in 1 2 3; do
             users=$(grep -lE "^/\* needs:.*\<(${name// /|})\>" kernels/* | sed 's|.*/||; s|\..*||')
             name=$(printf '%s\n' $name $users | sort -u | paste -sd ' ')

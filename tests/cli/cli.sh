@@ -593,7 +593,7 @@ section_resume() {
     expect "train without --refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/unrefined" \
         "${small[@]}" --steps 2
     expect "export of given poses" 0 "" "$cln" export "$work/unrefined" --cameras "$work/given.json"
-    check "no word of corrected poses" eval '! grep -q corrected "$work/out"'
+    check "given poses are not called corrected" eval '! grep -q corrected "$work/out"'
     check "training cameras have moved" [ "$("$query" frames.0.transform_matrix.0.3 \
         <"$work/refined.json")" != "$("$query" frames.0.transform_matrix.0.3 \
         <"$work/given.json")" ]
@@ -795,7 +795,7 @@ section_damage() {
     wait_for 60 rows_of "$r" 30
     kill -USR1 "$child"
     finish
-    check "SIGUSR1: the training goes on to its end" [ $rc = 0 ]
+    check "SIGUSR1: the training runs to its end" [ $rc = 0 ]
     check "two checkpoints" [ "$(find "$r/checkpoint" -name '*.safetensors' | wc -l)" = 2 ]
     check "a checkpoint on the way changes nothing" is_whole "$r"
 
@@ -808,7 +808,7 @@ section_damage() {
     check "the older checkpoint's digest is printed" printed_another
     expect "train from the older one" 0 "" "$cln" train --resume "$work/cut" --skip-selftest \
         --progress none
-    check "and ends with the same bits" is_whole "$work/cut"
+    check "the training from the older one ends with the same bits" is_whole "$work/cut"
 
     cp -r "$r" "$work/flipped"
     file=$(newest "$work/flipped")
@@ -879,7 +879,7 @@ section_memory() {
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --max-alloc 64K
     check "too little memory: nothing is written" [ ! -e "$work/never" ]
 
-    # the plan comes before the first buffer; both peaks are told
+    # the plan comes before the first buffer; both peaks are reported
     run "$cln" train "$work/blender" -o "$work/planned" "${small[@]}" --steps 20 --no-adaptive \
         --level-at "" -v
     check "the plan is said before anything is allocated" awk '/memory plan:/ { planned = NR }
@@ -917,7 +917,7 @@ section_memory() {
         "$(awk -v p="$(json host_peak)" 'BEGIN { printf "%.0f", p + 150 * 1048576 }')"
     check "the training keeps to --host-mem" number_above 503316480 "$(json host_peak)"
     check "the model is the same" [ "$(digest "$work/stored")" = "$(digest "$work/in-memory")" ]
-    check "so are the evaluation's pictures and photos" diff -r \
+    check "the evaluation's pictures and photos are the same" diff -r \
         "$work/in-memory/eval/00000020-test" "$work/stored/eval/00000020-test"
     check "the report has the photos" grep -q 'alt="truth of test/r_000"' "$work/stored/report.html"
     # above twice the photos, below the total need: photos go to the file, without refusal
@@ -956,8 +956,8 @@ section_memory() {
     check "--max-alloc cuts the batches" grep -q "batches are cut to" "$work/err"
     check "cut batches train as well" number_above "$(json psnr_test)" \
         "$(awk -v p="$psnr" 'BEGIN { print p - 1 }')"
-    check "in less memory" number_above "$("$query" result.device_peak <"$work/buffers/run.json")" \
-        "$(json device_peak)"
+    check "cut batches take less memory" number_above \
+        "$("$query" result.device_peak <"$work/buffers/run.json")" "$(json device_peak)"
     run "$cln" eval "$work/buffers" --json --progress none
     cp "$work/out" "$work/whole.json"
     run "$cln" eval "$work/buffers" --json --progress none --max-alloc 512K

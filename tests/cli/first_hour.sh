@@ -67,11 +67,11 @@ section_words() {
     expect "a command with dashes" 2 "~cl-nascent.train" "$cln" --train s -o r
     expect "--o for -o" 2 "~did.you.mean.-o" "$cln" train s --o r
     expect "a name like no command" 2 "me" "$cln" me
-    check "no suggestion for it" not_said "did you mean"
+    check "a name like no command has no suggestion" not_said "did you mean"
     (cd "$work" && touch -- -dash)
     expect "a name that begins with a dash" 2 "./-dash" \
         bash -c 'cd "$1" && exec "$2" info -dash' - "$work" "$cln"
-    expect "and whose letters are an option" 2 "./-dash" \
+    expect "a name that begins with a dash, in train" 2 "./-dash" \
         bash -c 'cd "$1" && exec "$2" train -dash -o r' - "$work" "$cln"
     expect "iterations, as other programs have it" 2 "--iterations --steps" \
         "$cln" train s -o r --iterations 5
@@ -79,7 +79,7 @@ section_words() {
     expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
     expect "the scene as an option" 2 "~SCENE.stands.without.*train.SCENE" "$cln" train --data s
     expect "the run as an option" 2 "~RUN.stands.without.*eval.RUN" "$cln" eval --model_path r
-    expect "which in train is the output" 2 "--output" "$cln" train s --model_path r
+    expect "the output as --model_path" 2 "--output" "$cln" train s --model_path r
     expect "an output without -o" 2 "-o" "$cln" train s r
     expect "a folder in place of a command" 2 "~command.comes.first train" "$cln" "$work"
     expect "--help" 0 "" "$cln" --help
@@ -138,7 +138,7 @@ section_scenes() {
     expect "a wrong value" 3 "~line.1 rays many" \
         "$cln" train "$s/transforms_train.json" -o "$work/r"
     echo 'output x' >"$conf"
-    expect "an option that is no setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
+    expect "an option that is not a setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
     printf '\357\273\277background: black\n' >"$conf"
     expect "a byte order mark, and a colon" 0 "$conf ~background.black" "$cln" info "$s"
     rm "$conf"

@@ -222,7 +222,7 @@ expect "a setting that does not exist, with the nearest" 2 "stepz steps" \
     shared/train scene other stepz=5
 expect "a value out of range" 2 "width 16" shared/train scene other width=3
 expect "a missing scene" 3 "nowhere" shared/train nowhere other steps=5
-check "none of them leaves a run" [ ! -e other ]
+check "no refused training leaves a run" [ ! -e other ]
 
 run shared/render run-shared orbit 2
 check "render" [ $rc = 0 ]

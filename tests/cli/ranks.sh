@@ -250,7 +250,7 @@ section_pictures() {
     expect "four ranks render that model" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
         -o "$work/four" --device-mem 13M
     run "$cln" render "$work/large" -o "$work/alone"
-    check "as one process with room for it" diff -r "$work/alone" "$work/four"
+    check "the pictures are those of one process with room" diff -r "$work/alone" "$work/four"
 }
 
 # bench/scale computes the bytes that a training counted.

@@ -484,7 +484,7 @@ section_training() {
     exec {slow}>&-
     check "the training ends well" [ $rc = 0 ]
     check "pictures came meanwhile" [ $pictures -ge 3 ]
-    check "the same bits as unwatched" [ "$(json model_digest)" = "$digest" ]
+    check "watched and unwatched, the same bits" [ "$(json model_digest)" = "$digest" ]
     check "a pause is not training time" number_above "$(json wall_seconds)" \
         "$(awk -v s="$(json seconds)" 'BEGIN { print s + 1 }')"
     cp "$work/told" "$work/out"

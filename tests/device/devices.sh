@@ -175,8 +175,8 @@ section_broken() {
         "~regularisers.backward --skip-selftest" \
         "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" \
         --kernel-dir "$work/kernels" "${settings[@]}"
-    check "and writes nothing" [ ! -e "$work/refused" ]
-    expect "train goes on if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" \
+    check "a refused train writes nothing" [ ! -e "$work/refused" ]
+    expect "train continues if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" \
         -d "${devices[$best]}" \
         --kernel-dir "$work/kernels" "${settings[@]}" --skip-selftest
 }
@@ -231,9 +231,9 @@ section_grind() {
     sed -i '/if (r >= n)/,/return;/d' "$work/kernels/rays.cl"
     simulate -k "$work/kernels"
     check "a missing barrier is a race" reports "data race"
-    check "with its kernel" reports "Kernel: stats_leaf"
+    check "the race's kernel is named" reports "Kernel: stats_leaf"
     check "a missing guard is a bad access" reports 'Invalid (read|write)'
-    check "its kernel is named" reports 'Kernel: rays_make'
+    check "the bad access's kernel is named" reports 'Kernel: rays_make'
 }
 
 shapes=all sections=(table unit train broken grind)

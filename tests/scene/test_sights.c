@@ -89,7 +89,7 @@ static void test_colmap(void **state)
     }
 }
 
-/* The same from tracks.csv, beside reconstruction.json; no errors are told. */
+/* The same from tracks.csv, beside reconstruction.json; that file has no errors. */
 static void test_opensfm(void **state)
 {
     cln_point points[POINTS];

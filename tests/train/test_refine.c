@@ -367,7 +367,7 @@ static void test_resumed(void **state)
     assert_fails(fixture_train("cut", true, &config, NULL, &part), CLN_CHECKPOINT, "refine-poses");
 }
 
-/* Have cameras moved when a training of so many steps is stopped after its 64th? */
+/* Have cameras moved when a training of this many steps is stopped after its 64th? */
 static bool moved_at_64(const char *run, int64_t steps)
 {
     fixture_stop stop = {.signal = SIGINT, .step = 65};
