@@ -317,14 +317,14 @@ typedef struct cln_render_desc {
     double crop[6];         /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
     double crop_turn[3];    /* degrees by which the box is turned about its middle: about x, then
                                y, then z */
-    double stereo;          /* for each pose a pair side by side, left and right, of eyes so many
+    double stereo;          /* for each pose a pair side by side, left and right, of eyes this many
                                scene units apart; 0 = single pictures */
     bool normals;           /* also NAME.normal.npy and NAME.normal.png */
     double fps;             /* film: frames a second; 0 = the file of poses', or 24 */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     bool pfm;               /* also NAME.depth.pfm */
-    double depth_unit;      /* also NAME.depth16.png, 16-bit grey in steps of so many scene units;
+    double depth_unit;      /* also NAME.depth16.png, 16-bit grey in steps of this many scene units;
                                0 = not */
     bool mean_depth; /* depth is the mean over the ray; else half of its opacity is before it */
     cln_device_desc device;

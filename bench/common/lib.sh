@@ -78,7 +78,7 @@ bench_run() {
     status=0
     case $(bench_state "$run") in
     "done")
-        bench_say "$run is there already"
+        bench_say "$run exists already"
         return 0
         ;;
     none)

@@ -10,7 +10,7 @@
 #   STEPS=...    steps of a run; the second half is measured (64)
 #   RANKS=...    numbers of ranks of the runs that check the model ("2 4")
 #   CLN, SCALE, MAKE_SCENE: the programs, of `make MPI=1 bench-scale-programs`
-# Prints the tables, also into OUT/scale.md. A rank has one thread. Runs are made anew each time.
+# Prints the tables, also into OUT/scale.md. A rank has one thread. Every call makes its runs again.
 # TRAIN OPTIONS go to every run (a larger network).
 set -eu
 [ $# -ge 1 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }

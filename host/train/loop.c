@@ -157,7 +157,7 @@ static cln_status checkpoint(cln_trainer *t)
                           (long long)t->model.step);
             goto done;
         }
-    /* the error since the last decision, for exports and reports; decisions measure it anew */
+    /* the error since the last decision, for exports and reports; decisions measure it again */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     if (p->ranks > 1)
