@@ -10,11 +10,11 @@ typedef struct colmap_scene {
     const char *out; /* folder of the scene; the model is in its sparse/0 */
     const world *world;
     int count, seed;
-    const cln_camera *exact; /* [count] pinholes that take the photos */
+    const cln_camera *exact; /* [count] pinholes that took the photos */
     char *const *names;      /* [count] images/NAME, without ".png" */
 } colmap_scene;
 
-/* cameras: what the model says of them. CLN_OUTPUT. */
+/* cameras: as the model states them, right or wrong. CLN_OUTPUT. */
 cln_status colmap_write(const colmap_scene *scene, const cln_camera *cameras);
 
 #endif

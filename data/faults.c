@@ -1,4 +1,4 @@
-/* See faults.h. What `axes` and `inverse` do to a matrix, make_scene.c does where it writes it. */
+/* See faults.h. make_scene.c applies `axes` and `inverse` when it writes the matrix. */
 #include "faults.h"
 
 #include <math.h>
@@ -14,7 +14,7 @@ const char *const fault_names[FAULTS + 1] = {
 #undef X
         NULL};
 
-/* A direction, evenly distributed, from two numbers in [0, 1). */
+/* A vector of length `by`, evenly distributed over directions, from two numbers in [0, 1). */
 static void direction(const float of[2], double by, double out[3])
 {
     const double z = 2 * (double)of[0] - 1, angle = 2 * M_PI * (double)of[1], r = sqrt(1 - z * z);
@@ -48,7 +48,7 @@ void fault_camera(fault which, int view, cln_camera *camera)
     for (int a = 0; a < 3; a++)
         camera->c2w[4 * a + 3] *= by;
     if (which == FAULT_pose &&
-        view == FAULT_VIEW) /* rows: world x and y, so a half turn around z */
+        view == FAULT_VIEW) /* the rows of world x and y: a half turn around z */
         for (int k = 0; k < 8; k++)
             camera->c2w[k] *= -1;
     if (which == FAULT_shaken && view >= 0)

@@ -1,5 +1,5 @@
-/* Mistakes of captures, planted into a generated scene one at a time, for tests of what finds them
- * (make-scene --fault). In poses and cameras as they are written, or in the photo of one view. */
+/* Capture mistakes, planted into a generated scene one at a time to test what detects them
+ * (make-scene --fault): in the poses and cameras that the files state, or in photos. */
 #ifndef DATA_FAULTS_H
 #define DATA_FAULTS_H
 
@@ -16,7 +16,7 @@
     X(far, "one camera stands 40 times as far away")                        \
     X(pose, "one camera stands on the other side, by a half turn around z") \
     X(swap, "two photos are exchanged")                                     \
-    X(copy, "one photo is there twice, under the name of another one, too") \
+    X(copy, "one photo is stored twice, also under another's name")         \
     X(exposure, "one photo has half of its light")                          \
     X(blur, "one photo is blurred")                                         \
     X(shaken, "poses of training views are off, by 0.3 degrees and 0.5 %")  \
@@ -31,17 +31,18 @@ typedef enum {
 
 extern const char *const fault_names[FAULTS + 1]; /* and NULL */
 
-/* The faulty views: training views FAULT_VIEW, of some FAULT_OTHER(train), too. */
+/* The faulty training views: FAULT_VIEW; for swap and copy also FAULT_OTHER(train). */
 enum { FAULT_VIEW = 2 };
 #define FAULT_OTHER(train) ((train) / 2 + 1)
 
-/* What the file says instead of the camera of training view `view`; -1: of another split's. */
+/* Turns a camera into what the files state. view: number of the training view, -1 in other
+ * splits. */
 void fault_camera(fault which, int view, cln_camera *camera);
 
 /* The view whose photo is stored as that of training view `view`. */
 int fault_photo(fault which, int view, int train);
 
-/* In place: [height][width][channels] of training view `view`. */
+/* Changes the pixels of training view `view` in place: [height][width][channels]. */
 cln_status fault_pixels(fault which, int view, int width, int height, int channels,
                         uint8_t *pixels);
 

@@ -1,4 +1,5 @@
-/* What make-scene is asked for, and the work on it: shared by make_scene.c, place.c and write.c. */
+/* The options of make-scene and its work in progress: shared by make_scene.c, place.c and
+ * write.c. */
 #ifndef DATA_JOB_H
 #define DATA_JOB_H
 
@@ -21,7 +22,7 @@ typedef struct settings {
     int size, seed;
     int views[CLN_SPLITS];
     cln_lens lens;
-    const char *bent_by; /* as it is given; NULL */
+    const char *bent_by; /* text of --distortion; NULL without */
     double distortion[CLN_LENS_PARAMS];
 } settings;
 
@@ -40,7 +41,7 @@ typedef struct job {
 /* The exact camera of view i of the split. */
 void job_place(const settings *set, int split, int i, cln_camera *camera);
 
-/* The files of cameras, in the job's format. CLN_OUTPUT. */
+/* Writes the camera files in the job's format. CLN_OUTPUT. */
 cln_status job_write(const job *j);
 
 /* generator.json records the options, and marks the folder as one that may be overwritten.

@@ -48,11 +48,11 @@ static const char usage[] =
     "                             distance (others: 0.55 to 1.8 times that)\n"
     "  --lens MODEL               lens model, by COLMAP's name (not with blender) [OPENCV]\n"
     "  --distortion k1,k2,p1,p2   its parameters, all of them [0]\n"
-    "  --depth                    also write NAME.depth.npy, distance along the ray; 0 = nothing\n"
-    "                             there\n"
-    "  --masks                    also write masks of what is there (nerfstudio: black is "
+    "  --depth                    also write NAME.depth.npy, distance along the ray; 0 = no\n"
+    "                             surface\n"
+    "  --masks                    also write masks of the shapes (nerfstudio: black is "
     "ignored)\n"
-    "  --fault NAME               plant a mistake of captures, to test what finds it:\n"
+    "  --fault NAME               plant a capture mistake, to test what detects it:\n"
     "                             " FAULT_WORDS "\n"
     "  --seed N                   of camera positions and noise textures (default 1)\n";
 #undef X
@@ -313,7 +313,9 @@ static cln_status parse(int argc, char **argv, settings *set)
         case 'l':
             set->lens = cln_lens_find(optarg);
             if (set->lens == CLN_LENSES)
-                return cln_fail(CLN_USAGE, "--lens %s: there is no such model", optarg);
+                return cln_fail(CLN_USAGE,
+                                "--lens %s: unknown model; give COLMAP's name, such as OPENCV",
+                                optarg);
             break;
         case 'z':
             set->depth = true;
@@ -338,11 +340,11 @@ static cln_status parse(int argc, char **argv, settings *set)
     if (!cln_lens_is_pinhole(set->lens, set->distortion) &&
         (set->format == BLENDER || set->format == LLFF || set->format == COLMAP))
         return cln_fail(CLN_USAGE,
-                        "--lens, --distortion: the %s format has none; add --format "
+                        "--lens, --distortion: the %s format cannot store them; add --format "
                         "nerfstudio",
                         job_formats[set->format]);
     if (set->from != FROM_ALL && set->kind != OBJECT)
-        return cln_fail(CLN_USAGE, "--from %s: is for --kind object", job_places[set->from]);
+        return cln_fail(CLN_USAGE, "--from %s: needs --kind object", job_places[set->from]);
     if (set->masks && set->format != NERFSTUDIO)
         return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
     if (set->fault == FAULT_mask && !set->masks)

@@ -32,8 +32,9 @@ static void place_forward(const settings *set, int split, int i, const float u[4
     look(camera, from, sub(at, from));
 }
 
-/* Terrain: the first half of a split in a grid of photos straight down that overlap by half, turned
- * like strips to and fro; the others obliquely, from all around, 35 to 50 degrees steep. */
+/* Terrain: the first half of a split looks straight down, in a grid of photos that overlap by half,
+ * along strips flown to and fro; the others look obliquely from all around, 35 to 50 degrees
+ * steep. */
 static void place_terrain(const settings *set, int split, int i, double turn, const float u[4],
                           cln_camera *camera)
 {
@@ -55,7 +56,8 @@ static void place_terrain(const settings *set, int split, int i, double turn, co
 }
 
 /* Object: evenly over the sphere, from a little below the horizon to nearly overhead, by the golden
- * angle; training views by --from: over less of it, and the others at many distances. */
+ * angle. With --from the training views cover less of it; with --from near the other splits have
+ * many distances. */
 static void place_object(const settings *set, int split, int i, double yaw, const float u[4],
                          cln_camera *camera)
 {
@@ -78,8 +80,8 @@ static void place_object(const settings *set, int split, int i, double yaw, cons
     look(camera, at, scale(at, -1));
 }
 
-/* Room: anywhere in its middle, looking all around. Street: from a walk around. Each split has its
- * own sequence. */
+/* Room: anywhere in its middle, looking all around. Street: from a walk around the fountain. Each
+ * split has its own sequence. */
 void job_place(const settings *set, int split, int i, cln_camera *camera)
 {
     const double golden = pi * (3 - sqrt(5));

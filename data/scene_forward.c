@@ -1,4 +1,4 @@
-/* A still life on a table before a wall with a window, seen from the front alone (scenes.h): things
+/* A still life on a table before a wall with a window, seen only from the front (scenes.h): things
  * from near to far, thin ones before a textured wall, and a view out of the window farther back.
  * Cameras stand around (0, -3.3, 0) and look along +y. */
 #include "scenes.h"

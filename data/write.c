@@ -1,4 +1,4 @@
-/* A generated scene's files of cameras, in the formats of the dataset readers. colmap.c writes
+/* Camera files of a generated scene, in the formats of the dataset readers. colmap.c writes
  * COLMAP's. */
 #include <jansson.h>
 #include <math.h>
@@ -17,7 +17,7 @@ const char *const job_kinds[] = {"object", "room", "forward", "terrain", "street
 const char *const job_places[] = {"all", "cone", "low", "near", NULL};
 const char *const job_formats[] = {"blender", "nerfstudio", "ngp", "llff", "colmap", NULL};
 
-/* What the files say: with the fault, if it is one of cameras. */
+/* The camera as the files state it, with the planted fault if it concerns cameras. */
 static cln_camera written(const job *j, int view)
 {
     cln_camera camera = j->cameras[view];

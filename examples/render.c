@@ -34,6 +34,7 @@ int main(int argc, char **argv)
         fprintf(stderr, "%s: %s\n", argv[0], cln_error_text());
         return cln_status_exit_code(st);
     }
-    printf("%d frames in %.1f s, %d were there\n", result.rendered, result.seconds, result.skipped);
+    printf("%d frames in %.1f s; %d existed already\n", result.rendered, result.seconds,
+           result.skipped);
     return 0;
 }

@@ -165,12 +165,12 @@ typedef struct cln_train_progress {
     double fraction;     /* of the budget, 0..1 */
     double seconds;      /* of training so far */
     double eta;          /* seconds to go, evaluations included; NaN at first */
-    int unmeasured;      /* evaluations to come that eta excludes: none has shown its time yet */
+    int unmeasured;      /* evaluations to come that eta leaves out, as none was timed yet */
     double rays_per_s, samples_per_ray;
     double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
     int leaves;
     double params, device_bytes;
-    double unmeasured_seconds; /* what those may take, by the rays per second: within 2 times */
+    double unmeasured_seconds; /* estimate for those, from rays_per_s: off by up to 2 times */
 } cln_train_progress;
 
 typedef struct cln_callbacks {
@@ -187,9 +187,9 @@ typedef struct cln_callbacks {
  * cln_view_run, error against run time, stage times; pause, checkpoint, stop. What is trained does
  * not depend on it, and its time is not training's. */
 typedef struct cln_live_desc {
-    const char *listen; /* a numeric address, which then wants a token; NULL = 127.0.0.1, without */
+    const char *listen; /* a numeric address, which then needs a token; NULL = 127.0.0.1, without */
     int port;           /* 0 = 7007, or a free one if that is taken */
-    double share; /* of the time, 0..0.9: what pictures may take, the first one aside; 0 = 0.2 */
+    double share;       /* of the time, 0..0.9, for all pictures but the first; 0 = 0.2 */
     /* Called once, when a browser can open the address (token included). May be NULL. */
     void (*ready)(const char *address, void *user);
     void *user;
@@ -241,8 +241,9 @@ typedef struct cln_eval_image {
                              NAN where there are none */
 } cln_eval_image;
 
-/* Changes of the field over a small step: colours (mean over channels) and alphas of a small
- * length, on the mean, and what 95 % of the pairs do not exceed; NAN without pairs. */
+/* Changes of the field over a small step: of the colour (mean over channels), and of the alpha of a
+ * short length; their mean over the pairs of points, and the value that 95 % of the pairs do not
+ * exceed. NAN without pairs. */
 typedef struct cln_eval_jump {
     int pairs;
     double colour, colour_95, alpha, alpha_95;
@@ -283,9 +284,10 @@ typedef struct cln_eval_desc {
     cln_callbacks callbacks;
 } cln_eval_desc;
 
-/* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, of fewer views than the split
- * has STEP-SPLIT-COUNT.json. CLN_OUTPUT with a filled *result (count above 0): all was measured,
- * and not all of it could be written. CLN_INPUT for another scene than the run's without `out`. */
+/* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, or STEP-SPLIT-COUNT.json for
+ * fewer views than the split has. CLN_OUTPUT with a filled *result (count above 0): all was
+ * measured, but not all could be written. CLN_INPUT for another scene than the run's without
+ * `out`. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);
@@ -294,19 +296,19 @@ CLN_API void cln_eval_free(cln_eval_result *result);
 typedef struct cln_render_desc {
     const char *run, *out;
     const char *scene; /* NULL = the run's own; an orbit needs none then */
-    /* Where from: a file of poses (nerfstudio's camera_path.json, or transforms JSON), else the
+    /* The poses: a file's (nerfstudio's camera_path.json, or transforms JSON), else the
      * poses of a split, else a spiral of so many frames within the training cameras' poses, else
      * an orbit. */
     const char *poses, *split;
     int spiral_frames, orbit_frames;
-    double orbit_elevation; /* degrees above the horizon of the training cameras' up axis; NaN: as
-                               these stand in the mean */
+    double orbit_elevation; /* degrees above the horizon of the training cameras' up axis; NaN: the
+                               mean of theirs */
     double orbit_radius;    /* in units of the mean training camera distance; of a spiral of
                                forward-facing cameras, of the extent of their poses */
-    int interpolate;        /* so many frames of a smooth path through file's or split's poses, in
-                               their order; 0 = these themselves */
-    bool orbit_circle;      /* all around, also where the training cameras cover an arc alone */
-    int width, height;      /* image size; 0 = as the photos, or by the other one */
+    int interpolate;        /* frames of a smooth path through the file's or split's poses, in
+                               their order; 0 = only these poses */
+    bool orbit_circle;      /* all around, even if the training cameras cover only an arc */
+    int width, height;      /* image size; 0 = as the photos, or in their shape */
     double fov;             /* orbit, spiral: horizontal, degrees; 0 = as the training images */
     int max_images;         /* file, split: evenly chosen; 0 = all */
     int antialias;          /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
@@ -315,16 +317,16 @@ typedef struct cln_render_desc {
     double crop[6];         /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
     double crop_turn[3];    /* degrees by which the box is turned about its middle: about x, then
                                y, then z */
-    double stereo;          /* pairs side by side, left and right, of eyes so many scene units
-                               apart, for each pose; 0 = single pictures */
+    double stereo;          /* for each pose a pair side by side, left and right, of eyes this many
+                               scene units apart; 0 = single pictures */
     bool normals;           /* also NAME.normal.npy and NAME.normal.png */
     double fps;             /* film: frames a second; 0 = the file of poses', or 24 */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     bool pfm;               /* also NAME.depth.pfm */
-    double depth_unit;      /* also NAME.depth16.png, 16-bit grey in steps of so many scene units;
+    double depth_unit;      /* also NAME.depth16.png, 16-bit grey in steps of this many scene units;
                                0 = not */
-    bool mean_depth;        /* the mean over the ray; else where half of its opacity lies before */
+    bool mean_depth; /* depth is the mean over the ray; else half of its opacity is before it */
     cln_device_desc device;
     cln_callbacks callbacks;
 } cln_render_desc;
@@ -338,7 +340,7 @@ typedef struct cln_render_result {
 /* Writes OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (for
  * viewing), NAME.opacity.png. If OUT ends in .mp4, .mov, .mkv, .webm, .gif or .y4m, it is a film of
  * the colours instead, by ffmpeg (.y4m without; if ffmpeg is not installed, OUT with that ending),
- * from the first frame on. Names are the dataset's, or orbit_0000, spiral_0000, path_0000. */
+ * always from its first frame. Names are the dataset's, or orbit_0000, spiral_0000, path_0000. */
 CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *result);
 
 /* ---- looking at it live ---- */
@@ -346,7 +348,7 @@ CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *re
 typedef struct cln_view_desc {
     const char *run;
     const char *scene;  /* NULL = the run's own; without one there are no cameras and photos */
-    const char *listen; /* a numeric address, which then wants a token; NULL = 127.0.0.1, without */
+    const char *listen; /* a numeric address, which then needs a token; NULL = 127.0.0.1, without */
     int port;           /* 0 = 7007, or a free one if that is taken */
     cln_device_desc device;
     /* Called once, when a browser can open the address (token included). May be NULL. */
@@ -370,7 +372,7 @@ CLN_API void cln_field_close(cln_field *field); /* accepts NULL */
 
 /* The cube that holds the scene, in scene units; it is empty outside, unless the run has a shell
  * (--space shell). Of a run in normalised device coordinates: a box around what its cameras see as
- * far as 1,000 near planes; it goes on behind. */
+ * far as 1,000 near planes; the scene continues beyond it. */
 CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3]);
 
 /* Evaluates colour and density at n points, as in pictures.
@@ -393,14 +395,14 @@ typedef struct cln_export_desc {
      * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms
      * JSON, or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
     const char *what;
-    const char *file;   /* its ending says the format; without any, the first of those above (of
+    const char *file;   /* its ending says the format; without any, the first one above (for
                            cameras the folder) */
     const char *colour; /* octree: "level" or "error"; NULL = "level" */
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
     const char *scene;  /* NULL = the run's own; volume and octree need none */
-    /* In scene units: of points on the surface (0: by count), of the grid that a mesh is made on
-     * (0: by leaves and views, wider where leaves are larger), of a volume's grid (0: a 256th of
-     * the cube). */
+    /* Distance in scene units between points on the surface (0: by count), of the grid that a mesh
+     * is made on (0: by leaves and views, wider where leaves are larger), or of a volume's grid (0:
+     * a 256th of the cube). */
     double spacing;
     int64_t count;          /* points: how many; 0 = 200,000 */
     bool closed;            /* points, mesh: also the parts that no training view sees */
@@ -415,8 +417,8 @@ typedef struct cln_export_result {
     int64_t step;
     int leaves, levels[CLN_LEVELS]; /* active leaves, in all and by level */
     int64_t vertices, faces;        /* points, mesh */
-    int64_t faces_before;           /* mesh: before `triangles` left some out; 0 = it did not */
-    double reduction_error;         /* how far that moved the surface at most, about; scene units */
+    int64_t faces_before;           /* mesh: before `triangles` left some out; 0 = none left out */
+    double reduction_error;         /* about how far that moved the surface at most; scene units */
     int shape[3];                   /* volume: of the grid, z, y, x */
     int views;                      /* cameras */
     bool refined;                   /* cameras: training views have corrected poses */
@@ -436,7 +438,7 @@ CLN_API cln_status cln_info_run(const char *run, char **json);
 
 typedef struct cln_check_desc {
     const char *scene;
-    const cln_settings *settings; /* how to read it, and of the training to come */
+    const cln_settings *settings; /* for reading it, and for the training to come */
     cln_device_desc device;
     double probe;     /* seconds to measure the time of a step in; 0 = not */
     const char *page; /* an HTML file that shows it; NULL = none */
@@ -445,7 +447,7 @@ typedef struct cln_check_desc {
 
 /* Looks for mistakes in a scene, by its poses, its photos, and both together, before hours are
  * spent on it; *json (docs/formats.md) has what was found, likely faults first, and what a training
- * would need. The caller frees it. What is found is no error. */
+ * would need. The caller frees it. Found mistakes are not an error of the call. */
 CLN_API cln_status cln_check(const cln_check_desc *desc, char **json);
 
 /* ---- poses ---- */
@@ -460,7 +462,7 @@ typedef struct cln_poses_desc {
 
 typedef struct cln_poses_result {
     int photos, registered; /* all, and those with a pose */
-    int focal_lengths;      /* photos whose EXIF data tells it */
+    int focal_lengths;      /* photos with one in their EXIF data */
 } cln_poses_result;
 
 /* Finds where photos were taken, by COLMAP's own program (`colmap`, and `ffmpeg` for a video), if
@@ -494,7 +496,7 @@ typedef struct cln_tune_desc {
     const cln_settings *settings; /* their networks, sampling and batch count */
     double budget;                /* seconds */
     int max_tries;                /* most sets tried; 0 = as many as the budget allows */
-    const char *file;             /* gets the row, in place of one for the same; NULL = none */
+    const char *file;             /* gets the row, instead of an older one; NULL = none */
     cln_callbacks callbacks;
 } cln_tune_desc;
 

@@ -43,7 +43,8 @@ typedef enum cln_lens {
 
 #define CLN_LENS_PARAMS 12 /* the most that a model has */
 
-/* Cameras further than this from the cube's centre, in normalised units, have a start. */
+/* Rays of cameras further than this from the cube's centre, in normalised units, begin at a
+ * `start`. */
 #define CLN_FAR 32.0f
 
 /* A view's camera in normalised space (scene/scene.h has the model and the units). Rays begin where
@@ -73,7 +74,7 @@ typedef struct cln_interval {
     cln_u32 count;
 } cln_interval;
 
-/* Number of its stage-2 samples, and its leaf's level. */
+/* Holds the number of the interval's stage-2 samples and its leaf's level. */
 #define CLN_INTERVAL_COUNT(samples, level) ((samples) | (cln_u32)(level) << 24)
 #define CLN_INTERVAL_SAMPLES(count)        ((count)&0xFFFFFFu)
 #define CLN_INTERVAL_LEVEL(count)          ((count) >> 24)
@@ -98,8 +99,8 @@ typedef struct cln_ray_result {
     cln_f32 opacity, loss, square_error, pad;
 } cln_ray_result;
 
-/* Depth of pictures: along the ray, where half of its opacity lies before; or along the camera's
- * axis, and the mean. Bits. */
+/* Bits for the depth of pictures. Without them it is along the ray, where half of the opacity lies
+ * before; AXIS: along the camera's axis; MEAN: the mean. */
 #define CLN_DEPTH_AXIS 1u
 #define CLN_DEPTH_MEAN 2u
 
@@ -115,7 +116,7 @@ typedef struct cln_ray_result {
 
 /* Empty cells: the sign bit, and a box of empty cells around them, its lowest and highest x, y, z
  * of CLN_BOX_LEVEL bits each, in cells of that level if the map is deeper (CLN_MAP_UNIT). Empty
- * nodes below that level: CLN_MAP_NODE and the level, where a leaf has its own. */
+ * nodes below that level: CLN_MAP_NODE, with the level in the same bits as a leaf's. */
 #define CLN_BOX_LEVEL       5
 #define CLN_MAP_EMPTY       0x80000000u
 #define CLN_MAP_NODE(level) (0xC0000000u | (cln_u32)(level))
@@ -131,8 +132,9 @@ typedef struct cln_ray_result {
 #define CLN_MAP_HIGH(entry, axis) (CLN_MAP_SIDE(entry, 3 + (axis)) + 1)
 
 /* Lists of projected samples of a view and a level (splat.cl): coarse pixels of `coarse` x `coarse`
- * pixels, `row` of them in a row of the image. longest: of all lists, if they are padded. A sample
- * at t stands for a piece of the ray of length max(cell, spread / t^2) (method.md 5). */
+ * pixels, `row` of them in a row of the image. longest: length of the longest list, if lists are
+ * padded. A sample at t stands for a piece of the ray of length max(cell, spread / t^2) (method.md
+ * 5). */
 typedef struct cln_grid {
     cln_u32 first, coarse, row, longest;
     cln_f32 cell, spread;

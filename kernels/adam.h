@@ -22,7 +22,7 @@
 /* Common to all weights of a leaf. */
 typedef struct adam_leaf {
     float rate, second; /* learning rate over the first moment's correction; 1 over the second's */
-    float pull;         /* of the view layer's norm, per weight */
+    float pull;         /* gradient of the view layer's norm over the weight */
     uint key;           /* of the random numbers that round moments */
 } adam_leaf;
 
@@ -78,8 +78,8 @@ HELPER void moment_store(vf value, vu chance, __global moment_type *p)
 #define MOMENTS_AHEAD 2048
 #define WEIGHTS_AHEAD 1024
 
-/* Vertices of a grid that no sample of the batch is near keep weights and moments: most of a grid,
- * in most steps. */
+/* Whether to skip an update: vertices of a grid without a sample of the batch nearby keep weights
+ * and moments. In most steps these are most vertices. */
 HELPER bool adam_spares(vf g, uint p)
 {
     return p >= GRID_W && !V_ANY(g != 0.0f);

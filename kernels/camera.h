@@ -1,9 +1,8 @@
 /* needs: lens */
-/* A camera behind a lens (lens.h): pixel position to direction and back, twin of
- * host/scene/camera.c (host/scene/scene.h has the model). Its frame is space.h's, which is what
- * kernels go through. */
+/* A camera with a lens (lens.h): pixel position to direction and back, twin of host/scene/camera.c
+ * (host/scene/scene.h has the model). Kernels use it through space.h, which has the frame. */
 
-/* The vector (x, y, z) of the camera's frame. */
+/* Turns the vector (x, y, z) out of the camera's frame. */
 HELPER float3 camera_turn(cln_device_camera c, float x, float y, float z)
 {
     return (float3)(c.c2w[0] * x + c.c2w[1] * y + c.c2w[2] * z,

@@ -2,8 +2,8 @@
 /* Carries rows of leaves over a change of the tree, from arrays of the old leaves to those of the
  * new ones (host/pipeline/carry.c; the host's twin is cln_model_apply). A group takes a leaf.
  *
- *   places[leaf] = (old leaf, octant): octant -1: the same leaf; k >= 0: child k of the old one;
- *                  -2 - k: the parent of the old one, its child k; -10: of none
+ *   places[leaf] = (old leaf, octant): octant -1: the same leaf; k >= 0: child k of the old leaf;
+ *                  -2 - k: the parent of the old leaf, its child k; -10: a leaf without an old one
  *
  * SG  work-items of a group
  */

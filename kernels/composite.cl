@@ -9,13 +9,13 @@
  *   with G_i = dL/dw_i:  dL/dc_i = w_i g,  dL/dsigma_i = delta_i (T_{i+1} G_i - S_i),
  *   S_i = sum_{j>i} w_j G_j + T_end g.background, a true backward sweep (no cancellation)
  *
- * A picture's depth is the median of the weights: where half of the opacity lies before. `depth`
- * has the bits of CLN_DEPTH_*: along the camera's axis; the mean instead.
+ * A picture's depth is the median of the weights: half of the opacity lies before it. `depth` has
+ * the bits of CLN_DEPTH_*: depth along the camera's axis; the mean instead of the median.
  *
  * Losses, regularisers and their parameters: loss.h. */
 
-/* Where half of the opacity lies before, the samples being as long as their deltas: there the
- * optical depth is -log(1 - opacity / 2). */
+/* The t before which half of the opacity lies, with samples as long as their deltas: the optical
+ * depth there is -log(1 - opacity / 2). */
 HELPER float median_depth(const __global cln_sample *samples, const __global float4 *out,
                           uint begin, uint end, float opacity)
 {
@@ -61,7 +61,7 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
         through = EXP(-tau);
     }
     colour = MAD((float4)(through), BACKGROUND(r), colour);
-    /* where the ray begins counts as much as the weights, not at all without any */
+    /* the ray's start counts by the opacity: not at all without weights */
     const float share = opacity / fmax(opacity, 1e-10f);
     const float t = depth & CLN_DEPTH_MEAN ? moment / fmax(opacity, 1e-10f)
                                            : median_depth(samples, out, sample_starts[r],

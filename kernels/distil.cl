@@ -3,7 +3,7 @@
  *
  *   loss = mean (alpha - alpha*)^2 + alpha* |c - c*|^2 / 3,   alpha = 1 - exp(-sigma delta)
  *
- * with delta = a thirty-second of the leaf's diagonal, the sample's. Each sample has a ray of its
+ * with the sample's delta, a thirty-second of the leaf's diagonal. Each sample has a ray of its
  * own (t = 0), which is also the index of its target. */
 
 __kernel void distil_gradient(const __global cln_sample *restrict samples, /* [sample] */

@@ -40,8 +40,8 @@ HELPER vf cos_unit(vf x)
 
 /* x [3][NB] of the first `rows` samples -> out [pad][NB]: rows 0 .. 2 are x, row 3 + 6k + a is the
  * sine and row 6 + 6k + a the cosine of 2^k x_a, the rest is zero. A band doubles the angle of the
- * band before; every sixth is computed anew, so that rounding errors stay below 2^5 ulp. level: of
- * the leaf. */
+ * band before; every sixth is computed directly, so that rounding errors stay below 2^5 ulp. level:
+ * of the leaf. */
 HELPER void encode(const __local float *x, int bands, int level, __local float *out, int pad,
                    int rows, int lid)
 {

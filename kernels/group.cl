@@ -6,7 +6,7 @@
  *
  *   keys -> (scan.cl's sort) -> bounds -> slice counts -> (scan) -> slices
  *
- * The host knows only a bound on the number of slices: the rest of the list are empty ones. */
+ * The host knows only a bound on the number of slices: empty ones fill the rest of the list. */
 
 __kernel void group_keys(const __global cln_sample *restrict samples, __global uint *restrict keys,
                          __global uint *restrict values, uint n)
@@ -33,7 +33,7 @@ __kernel void group_bounds(const __global uint *restrict keys, __global uint *re
         end[keys[i]] = i + 1u;
 }
 
-/* Slices of the leaves from `first` on whose weights are here. */
+/* Counts the slices of the `own` leaves from `first` on, whose weights are on this device. */
 __kernel void group_slice_counts(const __global uint *restrict begin,
                                  const __global uint *restrict end,
                                  __global uint *restrict counts, uint leaves, uint slice,

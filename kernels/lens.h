@@ -10,14 +10,14 @@
 #define HAS_LENS(model)   ((LENSES) >> (model)&1)
 #define IS_LENS(c, model) (HAS_LENS(model) && (c).lens == (model))
 
-/* Those that bend a plane (lens_bend), and which of these planes are a fisheye's. */
+/* Models that bend a plane (lens_bend), and those whose plane is a fisheye's. */
 #define IS_FISHEYE(c)                                                                  \
     (IS_LENS(c, CLN_LENS_OPENCV_FISHEYE) || IS_LENS(c, CLN_LENS_THIN_PRISM_FISHEYE) || \
      IS_LENS(c, CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE))
 #define IS_BENT(c) \
     (IS_LENS(c, CLN_LENS_OPENCV) || IS_LENS(c, CLN_LENS_FULL_OPENCV) || IS_FISHEYE(c))
 
-/* Nearer to its camera's plane than this, a point of a perspective has no place. */
+/* A perspective has no place for points nearer to the camera's plane than this. */
 #define LENS_NEAR 1e-6f
 
 #if LENSES
@@ -52,7 +52,7 @@ HELPER float lens_radial(cln_device_camera c, float s, float *slope)
     return 1.0f + s * (c.k[0] + c.k[1] * s);
 }
 
-/* A point of the plane -> its place; by: da'/da, da'/db, db'/da, db'/db. */
+/* Moves a point of the plane to its place; by: derivatives da'/da, da'/db, db'/da, db'/db. */
 HELPER float2 lens_bend(cln_device_camera c, float2 p, float4 *by)
 {
     const float a = p.x, b = p.y, r2 = a * a + b * b;
@@ -110,7 +110,7 @@ HELPER bool lens_solved(cln_device_camera c, float2 target, float2 p)
 }
 
 /* The point of the plane that is moved to `target`, by Newton's method; false if there is none.
- * From the target itself, which is enough for a mild lens; else from the solution of the radial
+ * Starts at the target itself, which is enough for a mild lens; else at the solution of the radial
  * part by bisection, kept off the fold, with steps that are halved until they help. */
 HELPER bool lens_unbend(cln_device_camera c, float2 target, float2 *point)
 {

@@ -7,7 +7,7 @@
  *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
  *     alpha_weight (T_end - (1 - a))^2;  CAUCHY, OPACITY, DISTORT 0 | 1: that regulariser is built
  *     in
- *   DEPTH_LOSS 0 | 1       of rays that show a known point, where they end:
+ *   DEPTH_LOSS 0 | 1       for rays that show a known point, a pull of their depth to it:
  *                          depth_loss trust (sum w_i |t_i - t*| + T_end), t* the point's t
  *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
  *                          share of the ray's error; and T sigma delta, T delta (density weighted
@@ -88,7 +88,7 @@ typedef struct ray_loss {
     float4 g;           /* dL/dC */
     float rest;         /* T_end dL/dT_end: where S_i begins, at the back */
     float extra;        /* regularisers of the whole ray */
-    float g_opacity;    /* dL/dA of one of them */
+    float g_opacity;    /* dL/dA of the OPACITY regulariser */
 } ray_loss;
 
 /* colour: with the background behind it; through: T_end; target: r, g, b, a; pull: DEPTH_PASS. */
@@ -134,8 +134,8 @@ HELPER ray_loss loss_of_ray(float4 colour, float4 back, float4 target, float thr
     return l;
 }
 
-/* log(1 + 2 sigma^2). sigma = few * times: the square of few is finite, and 1 beside it nothing if
- * times > 1. */
+/* log(1 + 2 sigma^2). sigma = few * times, so that the square of few is finite; if times > 1, the 1
+ * is negligible. */
 HELPER float cauchy_of(float sigma)
 {
     const float few = fmin(sigma, 1e6f), times = fmax(sigma, 1e6f) * 1e-6f;
@@ -151,8 +151,8 @@ typedef struct sweep {
     float extra;                 /* regularisers of samples so far */
 } sweep;
 
-/* Takes the next sample: kept = T_i, alpha_i, T_(i+1); t from where the sums of w t are from, off =
- * |t_i - t*|; returns its dL/d(r, g, b, sigma). */
+/* Takes the next sample: kept = T_i, alpha_i, T_(i+1); t has the origin of the sums of w t; off =
+ * |t_i - t*|. Returns its dL/d(r, g, b, sigma). */
 HELPER float4 sweep_back(sweep *s, const ray_loss *l, float4 kept, float4 o, float t, float delta,
                          float distort, float cauchy, float pull, float off)
 {
@@ -195,8 +195,8 @@ HELPER float4 sweep_back(sweep *s, const ray_loss *l, float4 kept, float4 o, flo
 }
 
 #if MEASURES > 0
-/* Of a sample; through: T_end. What was seen through blames the leaves that it was seen through, by
- * length. */
+/* Measures of a sample; through: T_end. The share of the error that belongs to the background is
+ * blamed on the leaves along the ray, by length. */
 HELPER void measure_sample(__global float *measures, uint i, float square, float4 kept, float sigma,
                            float delta, float through, float length)
 {

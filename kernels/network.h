@@ -191,9 +191,9 @@ HELPER vf density_gradient(vf sigma)
 
 /* ---- slices ---- */
 
-/* The slice of a work-group. Empty slices are at the end of the list (group.cl) and are taken
- * first: at the end they would leave nothing to balance for a driver that deals out groups in ever
- * smaller portions. */
+/* The slice of a work-group. Empty slices are at the end of the list (group.cl) but are taken
+ * first: drivers that hand out ever smaller portions of groups need full ones at the end to balance
+ * the load. */
 HELPER uint slice_of(const __global cln_slice *slices, uint group, uint n_slices)
 {
     const uint used = slices[0].used;

@@ -3,9 +3,9 @@
  *
  * Rules that keep the figures honest:
  *   CHAINS independent accumulators hide the latency of an FMA; the stored result depends on all of
- *   them; the factor is no constant, or the compiler would fold the loop
+ *   them; the factor is not a constant, or the compiler would fold the loop
  *   the copy goes through more memory than any cache holds (the host ensures it); neighbouring
- *   work-items touch neighbouring vectors, a single one moves straight on
+ *   work-items touch neighbouring vectors, a lone one goes straight through memory
  */
 #define CHAINS 12
 

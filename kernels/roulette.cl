@@ -2,8 +2,8 @@
 /* Russian roulette before the backward pass: chooses the samples of a slice that take part, and
  * computes the gradients of their heads. Most gradients of a leaf are far below their mean (samples
  * in empty space or behind opaque ones). Of these a few take part, with probabilities in proportion
- * to their gradients, and count for more, so that the expectation stays. Runs between composite.cl
- * and mlp_backward.cl. Twin: host/reference/roulette.c. */
+ * to their gradients, and count for more, so that the expected gradient stays the same. Runs
+ * between composite.cl and mlp_backward.cl. Twin: host/reference/roulette.c. */
 
 #define SEGMENT CLN_ROULETTE_SEGMENT
 #define AHEAD   16 /* samples by which fetches run ahead */
@@ -16,9 +16,9 @@ HELPER float size_of(float4 g)
     return (a.x + a.y) + (a.z + a.w);
 }
 
-/* Gradient of the raw colours, given that of the colours, g. Where a sigmoid is at its end, o (1 -
- * o) is 0 in float32, and a colour would stay there for good: a gradient that leads back from the
- * end counts with a slope of at least SLOPE_LEAST, which is less than any slope but an end's. */
+/* Gradient of the raw colours, given that of the colours, g. Where a sigmoid is saturated,
+ * o (1 - o) is 0 in float32, and a colour would stay there for good. So a gradient that leads back
+ * counts with a slope of at least SLOPE_LEAST, which is less than any unsaturated slope. */
 #define SLOPE_LEAST 0x1p-25f
 HELPER float4 colour_gradient(float4 o, float4 g)
 {
@@ -61,7 +61,7 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
     }
     for (uint first = 0; first < slice.count; first += SEGMENT) {
         const uint count = min((uint)SEGMENT, slice.count - first), at = slice.start + first;
-        const uint each = (count + STEP_N - 1) / STEP_N * VW; /* of a work-item, side by side */
+        const uint each = (count + STEP_N - 1) / STEP_N * VW; /* per work-item, in a row */
         const uint from = min(lid * each, count), upto = min(from + each, count);
         float sum = 0.0f, least = 0.0f;
         uint mine = 0u;
@@ -96,7 +96,7 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         for (uint l = 0; l < LS; l++)
             least += sums[l];
         least *= cutoff / (float)count;
-        /* all of them also if the mean is not finite, so that the defect shows */
+        /* all take part also if the mean is not finite, so that the defect shows */
         const vi every = (vi)(cutoff == 0.0f || !(least < MAXFLOAT) ? -1 : 0);
 
         /* sizes become factors: 0 for samples that do not take part */

@@ -17,7 +17,7 @@
 #define CDF      1
 #endif
 
-/* The library's even with NATIVE: the number of samples depends on it. */
+/* The library's exp even with NATIVE: the number of samples depends on it. */
 #undef EXP
 #define EXP(x) exp(x)
 
@@ -329,7 +329,7 @@ HELPER void window_fill(window *w, const bundle *b, blend mix, STAGE1_ARGUMENTS)
     w->end[1] = sum;
 }
 
-/* Moves lanes that `move` on to their next bins; the others compute the same ones again. */
+/* Moves the lanes of `move` to their next bins; the others compute the same ones again. */
 HELPER void window_move(window *w, vi move)
 {
     w->moved = true;
@@ -400,8 +400,8 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
     }
 }
 
-/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, but for rays whose samples would
- * exceed `most` in all; lanes over their intervals. */
+/* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, without the rays whose samples
+ * would exceed `most` in total; lanes over their intervals. */
 __kernel void
 samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
              const __global float4 *restrict ray_d,

@@ -13,7 +13,7 @@ __kernel void share_pack(const __global float4 *restrict out, /* [sample] */
         packed[first + i] = out[order[first + i]];
 }
 
-/* The way back, for all of n grouped samples but [first, end). */
+/* The inverse, for all of n grouped samples except [first, end). */
 __kernel void share_unpack(__global float4 *restrict out, const __global uint *restrict order,
                            const __global float4 *restrict packed, uint first, uint end, uint n)
 {

@@ -6,8 +6,8 @@
  *   face   p_a = s (1 - w / 2), p_b = u_b w / 2, w = 1 / (s u_a)    where s u_a is the largest |u|
  *
  * In each piece straight lines stay straight. A ray has CLN_LINE_ROWS rows: the scene's ray, then
- * its lines: origin and begin, direction and end; begin and end are NEVER of those that it does not
- * have. t is the length of all lines so far. Samples say which row they are on.
+ * its lines: origin and begin, direction and end. Rows without a line have NEVER as begin and end.
+ * t is the length of all lines so far. A sample's `ray` is the row of its line.
  *
  *   SHELL 0 | 1
  *   BEGINS 0 | 1   1: rays begin at a distance BEGIN of u from their camera
@@ -39,7 +39,7 @@ HELPER float along_axis(float3 v, int axis)
     return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
 }
 
-/* v with another number along the axis; all of v if that is the core's. */
+/* v with `value` along the axis; v itself for the core. */
 HELPER float3 with_axis(float3 v, int axis, float value)
 {
     return (float3)(axis == 0 ? value : v.x, axis == 1 ? value : v.y, axis == 2 ? value : v.z);
@@ -78,7 +78,7 @@ HELPER float3 out_of_piece(piece f, float3 p)
     return with_axis(p * (2.0f / w), f.axis, f.sign / w);
 }
 
-/* The direction in the cube of a line through u along v, of the piece; not of length 1. */
+/* Direction in the cube of a line through u along v, inside the piece; not of length 1. */
 HELPER float3 bend_in_piece(piece f, float3 u, float3 v)
 {
     if (f.axis == CORE)

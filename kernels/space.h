@@ -6,7 +6,7 @@
  *   leaf    [-1, 1]^3 of a leaf's box, its network's input
  *
  * The host moves and scales the scene into the cube once, cameras included: a ray of the scene is
- * straight in the cube, and t is a length but for a factor, which the host undoes.
+ * straight in the cube, and t is a length up to a factor, which the host undoes.
  *
  * NDC 1: a forward space (method.md 3.2). The cameras are in camera units, where the near plane is
  * at z = 1, and pixel_ray() and point_pixel() bend space: (x, y, z) becomes
@@ -15,7 +15,7 @@
  *
  * SHELL 1: a shell space, by shell.h. The cameras are in u, and ray_depth() returns lengths of u.
  *
- * BEGINS 1: rays begin at a distance BEGIN before their camera, in u or the cube. */
+ * BEGINS 1: rays begin at a distance BEGIN from their camera, in u or the cube. */
 #ifndef NDC
 #define NDC 0
 #endif
@@ -31,8 +31,8 @@
 #define LEAST_TO_INFINITY 2e-6f
 #endif
 
-/* The unit direction of the scene, in its own axes or a forward space's, of a ray of the cube:
- * what a network's colour depends on. box: of the leaf where it is. */
+/* Unit direction in the scene, in its own axes or a forward space's, of a ray of the cube: a
+ * network's colour depends on it. box: of the leaf where the ray is. */
 HELPER float3 view_direction(float4 o, float4 d, float4 box)
 {
 #if SHELL
@@ -59,8 +59,8 @@ HELPER float3 view_direction(float4 o, float4 d, float4 box)
 }
 
 /* The ray through pixel position (u, v), for ray_depth(): where it begins, and its distance from
- * the camera there; unit direction, and factor of depths along the axis. False if it has none, or
- * none that meets the cube; the direction is then any. */
+ * the camera there; unit direction, and factor of depths along the axis. False if there is
+ * none, or it cannot meet the cube; the direction is then arbitrary. */
 HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
 {
 #if NDC
@@ -105,8 +105,8 @@ HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
     return camera_project(c, point, pixel);
 }
 
-/* Depth at t of ray r, along its camera's axis or itself; where the ray begins counts by `share`.
- * */
+/* Depth at t of ray r, along the ray or its camera's axis; what is before the ray's begin counts by
+ * `share`. */
 HELPER float ray_depth(float t, const __global float4 *ray_o, const __global float4 *ray_d, uint r,
                        float share, bool axis)
 {

@@ -2,8 +2,8 @@
 /* Stage 1 along rays (method.md 4, 5): the points of VW intervals at a time, one interval per lane,
  * by bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). An interval's
  * points ascend in t and have densities; a point's bin reaches half way to its neighbours, the
- * first and last to the interval's ends, and no further than its reach: what is left between has
- * density 0 and is a bin, too. For sampling.cl. Two methods give the points:
+ * first and last to the interval's ends, and no further than its reach: gaps between have density 0
+ * and are bins, too. For sampling.cl. Two methods give the points:
  *
  *   STAGE1 1 (gather)  points of the interval, spaced like the cells, with the nearest cell's
  *                      cached density; their reach has no end
@@ -28,7 +28,7 @@
 
 typedef struct bundle {
     vf t_in, t_out;
-    vi count; /* bins: one per point, and with DROPPED what is left between them */
+    vi count; /* bins: one per point, and with DROPPED one per gap around them */
 #if STAGE1 == 1
     vf step, at[3], along[3]; /* cell coordinates at t_in, and per unit of t */
     const __global ushort *cells[VW];
@@ -179,7 +179,7 @@ HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool ke
         const __global float *restrict list_sigma /* [entry] */
 #define STAGE1_PASS list_start, list_t, list_sigma
 
-/* grids: [batch view][level 0..5] */
+/* grids: [batch view][LEVELS] */
 #define LIST_ARGUMENTS                                                                    \
     , const __global cln_pixel *restrict pixels, const __global cln_grid *restrict grids, \
         const __global uint *restrict list_count /* [list] padded only */
@@ -239,15 +239,16 @@ HELPER void bundle_fetch(bundle *b, STAGE1_ARGUMENTS)
 }
 
 #if DROPPED
-/* Distance from a point to its bin's edge, given that to its middle with a neighbour or to the
- * interval's end. Where that is too far, samples between were left out as faint. */
+/* Distance from a point to its bin's edge, given the distance to the middle between it and its
+ * neighbour, or to the interval's end. Where that is too far, samples between were left out as
+ * faint. */
 HELPER float bundle_reach(float distance, float length)
 {
     return distance > 1.5f * length ? 0.5f * length : distance;
 }
 
-/* Bin `bin` of `count` of lane l: density to *sigma, right edge to *end, which is the interval's
- * before. Bin 2 i + 1 is point i's, bin 2 i what is left before it. */
+/* Bin `bin` of `count` of lane l: density to *sigma, right edge to *end, which holds the interval's
+ * end on entry. Bin 2 i + 1 is point i's, bin 2 i the gap before it. */
 HELPER void bundle_lane(const bundle *b, STAGE1_ARGUMENTS, int l, int bin, int count, float start,
                         float *end, float *sigma)
 {
@@ -272,8 +273,8 @@ HELPER void bundle_lane(const bundle *b, STAGE1_ARGUMENTS, int l, int bin, int c
     }
 }
 #else
-/* Bin `bin` of `count` of lane l, that of a point: density to *sigma, right edge to *end, which is
- * the interval's before. */
+/* Bin `bin` of `count` of lane l, which is a point's: density to *sigma, right edge to *end, which
+ * holds the interval's end on entry. */
 HELPER void bundle_lane(const bundle *b, STAGE1_ARGUMENTS, int l, int bin, int count, float start,
                         float *end, float *sigma)
 {

@@ -2,8 +2,8 @@
 /* Compositing of rays whose samples are on several ranks (host/pipeline/stretch.h). A stretch is a
  * run of a ray's intervals in leaves of one rank. All ranks know all intervals; a rank has only the
  * samples of its own leaves, and composites its own stretches as if nothing were before them. From
- * the sums of all stretches it takes the ray's colour, its loss and its own samples' gradient:
- * composite.cl's, but for rounding (twin: host/reference/composite.c).
+ * the sums of all stretches it computes the ray's colour, its loss and its own samples' gradient,
+ * equal to composite.cl's up to rounding (twin: host/reference/composite.c).
  *
  *   sums[k] of a stretch, T counted from its begin, t from the ray's first interval:
  *     [0] sum w_i c_i; optical depth        [1] length, sum w_i t_i, distortion, cauchy
@@ -40,7 +40,7 @@ __kernel void stretch_count(const __global cln_interval *restrict intervals, /* 
     stretch_counts[r] = count;
 }
 
-/* Lists the stretches, and takes the samples of other ranks' intervals away. */
+/* Lists the stretches, and sets the sample counts of other ranks' intervals to 0. */
 __kernel void stretch_list(__global cln_interval *restrict intervals, /* [most][rays] */
                            const __global uint *restrict used,
                            const __global uint *restrict leaf_rank,
@@ -76,7 +76,7 @@ __kernel void stretch_list(__global cln_interval *restrict intervals, /* [most][
         stretch_first[at] = sample;
 }
 
-/* The sums of the stretches that are here. */
+/* The sums of this rank's stretches. */
 __kernel void stretch_composite(const __global cln_interval *restrict intervals,
                                 const __global uint *restrict stretch_starts,
                                 const __global uint *restrict stretch_rank,
@@ -139,7 +139,8 @@ __kernel void stretch_composite(const __global cln_interval *restrict intervals,
     (void)r;
 }
 
-/* Results of every ray, gradients and measures of the samples here. sums: of all ranks; changed. */
+/* Results of every ray; gradients and measures of this rank's samples. sums: of all ranks;
+ * overwritten. */
 __kernel void stretch_train(const __global cln_interval *restrict intervals,
                             const __global uint *restrict stretch_starts,
                             const __global uint *restrict stretch_rank,
@@ -198,7 +199,7 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
         const float front = EXP(-c.w), weight = front * ONE_MINUS_EXP(float, more.w);
         const float far = front * more.y;
 
-        if (stretch_rank[k] != me) { /* at once, as sweep_back() its samples */
+        if (stretch_rank[k] != me) { /* all at once, as sweep_back() does sample by sample */
             float gain = front * dot(l.g.xyz, c.xyz);
 
 #if OPACITY

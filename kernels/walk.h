@@ -18,7 +18,7 @@ typedef struct walk {
     vf t;          /* the ray's position */
     vi more;       /* it walks on: a mask like a vector comparison's */
 #if CROP || SHELL
-    vf end; /* where it leaves what is inside, or its line */
+    vf end; /* where it leaves the crop's planes, or its line */
 #endif
 #if SHELL
     const __global float4 *ray_o, *ray_d; /* [row] */
@@ -37,7 +37,7 @@ HELPER vi cell_of(vf o, vf d, vf t, float half_n, vi low, vi high)
 
 #if SHELL
 #if CROP
-/* Cuts a line to what is inside of the planes, which are of u. */
+/* Cuts a line to the inside of the planes, which are of u. */
 HELPER void line_crop(const float4 *planes, float3 o, float3 d, float *begin, float *end)
 {
     const piece f = piece_of(MAD((float3)(0.5f * (*begin + *end)), d, o), 0.5f);
@@ -126,7 +126,8 @@ HELPER void walk_line(walk *w, int depth)
     }
 }
 
-/* Rays first .. first + VW - 1 are at the end of no line; those from `end` on do not walk. */
+/* Starts rays first .. first + VW - 1, each before its first line; those from `end` on do not
+ * walk. */
 HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global float4 *ray_d,
                        uint first, uint end, int depth)
 {
@@ -147,8 +148,8 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
     (void)depth;
 }
 #else
-/* Rays first .. first + VW - 1 enter the cube; those from `end` on, and those that miss it, do not
- * walk. Components under 1e-12 count as zero. */
+/* Starts rays first .. first + VW - 1 where they enter the cube; those from `end` on, and those
+ * that miss it, do not walk. Components under 1e-12 count as zero. */
 HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global float4 *ray_d,
                        uint first, uint end, int depth)
 {
@@ -195,7 +196,7 @@ HELPER void walk_start(walk *w, const __global float4 *ray_o, const __global flo
 #endif
 
 #if CROP && !SHELL
-/* Cuts rays that have just started to what is inside: plane.xyz . p + plane.w >= 0. */
+/* Cuts rays that have just started to the inside of the planes: plane.xyz . p + plane.w >= 0. */
 HELPER void walk_crop(walk *w, const float4 *planes, int depth)
 {
     const vi none = (vi)(0), last = (vi)((1 << depth) - 1);
@@ -267,7 +268,7 @@ HELPER vi walk_next(walk *w, const __global int *map, int depth)
         const vi along = cell_of(w->o[a], w->d[a], t, 0.5f * (float)n, from, to);
 
         w->cell[a] = select(along, over, exits[a] <= t);
-#if SHELL /* the line has ended, then, perhaps in what holds nothing */
+#if SHELL /* beyond the map, the line has ended */
         t = select(w->end, t, (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n)));
 #else
         w->more = w->more & (w->cell[a] >= (vi)(0)) & (w->cell[a] < (vi)(n));

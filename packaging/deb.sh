@@ -1,6 +1,6 @@
 #!/bin/sh
-# make deb: build/cl-nascent_VERSION_ARCH.deb, of the program alone (the library is inside it), from
-# `make install` into a folder. Needs dpkg-dev. It does not build with debhelper, nor sources.
+# make deb: build/cl-nascent_VERSION_ARCH.deb, with only the program (it contains the library), from
+# `make install` into a folder. Needs dpkg-dev. Uses no debhelper and makes no source package.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -39,7 +39,7 @@ gzip -9nc CHANGELOG.md >"$doc/changelog.gz"
 printf 'cl-nascent (%s) unstable; urgency=medium\n\n  * As in changelog.gz.\n\n -- %s  %s\n' \
     "$version" "$maintainer" "$date" | gzip -9n >"$doc/changelog.Debian.gz"
 
-# dpkg-shlibdeps wants a debian/control beside it
+# dpkg-shlibdeps needs a debian/control beside it
 printf 'Source: cl-nascent\n\nPackage: cl-nascent\nArchitecture: any\n' >"$work/debian/control"
 depends=$(cd "$work" && dpkg-shlibdeps -O root/usr/bin/cl-nascent 2>/dev/null |
     sed -n 's/^shlibs:Depends=//p')

@@ -29,7 +29,7 @@ for what in "$@"; do
 done
 
 if ! command -v dpkg-query >/dev/null; then
-    echo "deps.sh: no Debian system; please make sure that these are there:$wanted" >&2
+    echo "deps.sh: not a Debian system; please install the equivalents of:$wanted" >&2
     exit 0
 fi
 

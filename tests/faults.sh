@@ -1,8 +1,8 @@
 #!/bin/bash
 # Faults: the program is killed, the disk is full, memory or the device fails, files vanish, signals
-# storm, clocks jump; each at the k-th call of the program that it concerns (support/faults.c).
-# After each: an exit code and a sentence, a last checkpoint that is whole, and a training that goes
-# on from there to the very weights of one that nothing happened to.
+# storm, clocks jump; each at the k-th call of the function that it concerns (support/faults.c).
+# After each there must be an exit code and a sentence, an intact last checkpoint, and a training
+# that resumes from it to the same weights as an undisturbed one.
 #
 #   tests/faults.sh [SECTION...]   sections: kill disk memory device files signals clock
 #                                  results small
@@ -37,12 +37,12 @@ again=("$cln" train --resume "$work/run" --skip-selftest --progress none)
 
 # ---- checks of its own ----
 
-# faulty CALL AT DO COMMAND...: the command with a fault. Its clock is so fast that --save-every 1
-# means every few steps.
+# faulty CALL AT DO COMMAND...: runs the command with a fault. Its clock is so fast that
+# --save-every 1 means every few steps.
 faulty() {
     local call=$1 at=$2 how=$3
     shift 3
-    # the shell would tell of a killed one
+    # the shell would report a killed command
     { run env LD_PRELOAD="$shim" FAULT_CALL="$call" FAULT_AT="$at" FAULT_DO="$how" \
         FAULT_SPEED=20 FAULT_LOG="$work/log" "$@"; } 2>/dev/null
 }
@@ -61,7 +61,7 @@ whole_run() {
     run "${fresh[@]}"
     mv "$work/run" "$work/whole"
     whole=$(digest "$work/whole")
-    check "a run that nothing happens to" grep -qxE '[0-9a-f]{16}' <<<"$whole"
+    check "an undisturbed run" grep -qxE '[0-9a-f]{16}' <<<"$whole"
 }
 
 # total: the calls of a kind in a training; without any, nothing is tested
@@ -81,19 +81,19 @@ one_of() {
     echo $(((RANDOM * 32768 + RANDOM) % $1 + 1))
 }
 
-# A fault that the program lived through: a code of its own, and a sentence if it is not 0.
+# The program handled the fault: an exit code of its own, and a sentence if it is not 0.
 ended_well() {
     [ $rc = 0 ] || { [ $rc -lt 11 ] && [ $rc != 1 ] && said "cl-nascent: "; } ||
         { [ $rc = 130 ] || [ $rc = 143 ]; } && ! said "sanitizer"
 }
 
-# The run goes on, or is begun anew if it says that it has no checkpoint, and ends as the whole one.
-# $1: a name.
+# The run is resumed, or begun again if it says that it has no checkpoint, and ends like the
+# undisturbed one. $1: a name.
 goes_on() {
     local anew="" step
     run "${again[@]}"
     if [ $rc != 0 ] && ! ls "$work/run"/checkpoint/*.json >/dev/null 2>&1; then
-        anew=", begun anew"
+        anew=", begun again"
         if ! said "cl-nascent: "; then
             bad "$1: resumed" "exit code $rc"
             return
@@ -103,7 +103,7 @@ goes_on() {
     fi
     step=$(digest "$work/run")
     if [ $rc != 0 ] || [ "$step" != "$whole" ]; then
-        bad "$1$anew: it goes on to the same weights" "exit code $rc, digest $step, not $whole"
+        bad "$1$anew: it ends with the same weights" "exit code $rc, digest $step, not $whole"
     elif ! cmp -s <(step_rows | "$query" -l step) <(seq $steps); then
         bad "$1$anew: every step has a row" "$(step_rows | wc -l) rows"
     elif ls "$work/run"/checkpoint/*.tmp.* >/dev/null 2>&1; then
@@ -113,7 +113,7 @@ goes_on() {
     fi
 }
 
-# each KIND DO...: moments of a training, then it goes on
+# each KIND DO...: faults at moments of a training, which then resumes
 each_moment() {
     local kind=$1 i at how
     shift
@@ -128,8 +128,8 @@ each_moment() {
                 bad "$name: an exit code and a sentence" "exit code $rc"
                 continue
             fi
-            [ $rc = 0 ] && [ "$(digest "$work/run")" = "$whole" ] && ok "$name: in vain" && continue
-            # a driver that builds no kernel: others, said so, sum in another order
+            [ $rc = 0 ] && [ "$(digest "$work/run")" = "$whole" ] && ok "$name: no harm" && continue
+            # a driver that builds no kernel: plain ones, which it announces, sum in another order
             [ "$kind$rc" = device0 ] && said "plain ones are used" && ok "$name: told" && continue
             goes_on "$name: exit code $rc"
         done
@@ -194,8 +194,8 @@ pictures() {
         find . -name '*.png' -exec md5sum {} + | sort | md5sum | cut -c -32) | tr '\n' ' '
 }
 
-# A command on the finished run, killed or with a fault, and then again, without one: the same
-# pictures and figures as if it had been the first time.
+# A command on the finished run, killed or with a fault, and then repeated without one: the same
+# pictures and figures as undisturbed.
 results() {
     local name=$1 out=$2 i at how kind sums
     shift 2

@@ -106,7 +106,7 @@ kernels() {
         done
     done
     grep -n '#include' kernels/* | sed \
-        's/$/: kernels include nothing, the prelude is put before them/'
+        's/$/: kernels include nothing; the build puts the prelude before them/'
 }
 
 # Small integers are denormal floats. bfloat16's and the sort key's bits are those of floats.

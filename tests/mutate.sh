@@ -14,11 +14,11 @@
 #   LIMIT=9999                   minutes after which no new one is begun
 #   SPEND=9999                   processor seconds of tests that a mutant may cost; those that they
 #                                do not notice have survived, for AGAIN=1 with more
-# A mistake in a room can be noticed by tests of that room and of those above alone; a group ends at
+# Only tests of a room and of rooms above it can notice a mistake in it; a group ends at
 # its first failed test, counts as hung after some processor seconds, and begins with a copy of the
 # driver's cache of kernels. Seconds of groups are measured once, by a run without a mistake, and
 # kept in build/mutants/times.
-# Results are rows in build/mutants/results, which a further call keeps; remove it to begin anew.
+# Results are rows in build/mutants/results, which a further call keeps; remove it to start again.
 # tests/support/mutants.txt explains survivors that no test can tell: file, changed line, reason.
 # The last line counts; the exit code is 1 if a mutant survived that is not explained there.
 set -u
@@ -79,7 +79,7 @@ order() {
     name=${name%%.*}
     room=$(basename "$(dirname "$file")")
     [ "$room" != kernels ] || room=pipeline
-    case $file in kernels/*.h) # and what needs it, and what needs that, and once more
+    case $file in kernels/*.h) # and the files that need it, in three rounds
         for _ in 1 2 3; do
             users=$(grep -lE "^/\* needs:.*\<(${name// /|})\>" kernels/* | sed 's|.*/||; s|\..*||')
             name=$(printf '%s\n' $name $users | sort -u | paste -sd ' ')
@@ -103,7 +103,7 @@ count_spent() {
         printf "%d", sum }' used)
 }
 
-# Is something left of $most, for the mutant at hand?
+# Is something left of $most, for the current mutant?
 may_spend() {
     count_spent
     [ "$spent" -lt "$most" ]

@@ -67,7 +67,7 @@ interrupted() {
         2>&1 &
     local child=$!
     while :; do
-        sleep $((1 + tries)) # longer each time, so that a slow machine gets on, too
+        sleep $((1 + tries)) # longer each time, so that a slow machine ends, too
         kill -INT $child 2>/dev/null || true
         status=0
         wait $child || status=$?

@@ -1,14 +1,14 @@
 #!/bin/bash
 # A soak: trains for hours with a stop and a resume every few minutes, beside one training of as
 # many steps that is not stopped. Fails if the process grows, or if the two end with other weights.
-# Not a part of make test. EVERY must be several times what a start takes.
+# Not a part of make test. EVERY must be several times as long as a start.
 #
 #   HOURS=6 tests/soak.sh [SCENE] [TRAIN OPTIONS]
 #   SCENE          a scene (the generated one of data/scenes.h, 64 x 64)
 #   HOURS=6        of the training with stops
 #   EVERY=300      seconds from one stop to the next
 #   GROWTH=1.1     memory in the last quarter over that in the second one, the most that is allowed
-#   OUT=build/soak a folder for its runs and table, begun anew
+#   OUT=build/soak a folder for its runs and table, emptied first
 # A process begins with little memory and grows as the tree does, so only the process of the run
 # without stops is compared with itself, after half of its steps, when the tree is whole; of the
 # others, peaks from one resume to the next. The budget in steps is measured first. The last line
@@ -21,7 +21,7 @@ cln=${CLN:-build/cl-nascent}
 query=${QUERY:-build/json-query}
 make_scene=${MAKE_SCENE:-build/make-scene}
 for program in "$cln" "$query" "$make_scene"; do
-    [ -x "$program" ] || { echo "soak: $program is not there; make, make build/tests" >&2; exit 2; }
+    [ -x "$program" ] || { echo "soak: $program is missing; make it first" >&2; exit 2; }
 done
 rm -rf "$out"
 mkdir -p "$out"

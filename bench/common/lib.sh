@@ -1,7 +1,7 @@
 # shellcheck shell=sh disable=SC2034
 # Shell functions of the scene benches, which source it. POSIX sh.
 #
-#   bench_open NAME SCENE OUT LIMIT     programs, folder, points in time; then
+#   bench_open NAME SCENE OUT LIMIT     comes first: checks the programs, makes the folder OUT
 #   bench_train RUN LABEL PRESET OPTIONS...
 #                                       one run in OUT/RUN, and its row in the table; sets
 #                                       $trained to "no" if it does not fit the device
@@ -17,7 +17,7 @@
 #   CL_NASCENT_DEVICE   where to run, as for cl-nascent -d
 #   POINTS              test PSNR at these training times ("1m,2m,5m"); otherwise at 1/32, 1/16,
 #                       1/8, 1/4 and 1/2 of LIMIT
-#   VIEWS               test views for it, evenly chosen (8)
+#   VIEWS               test views for each of these points, evenly chosen (8)
 #   FINAL               test views at the end (VIEWS; 0 = all)
 #   CLN, TABLE, QUERY   the programs (build/cl-nascent, build/bench-table, build/json-query)
 
@@ -34,7 +34,7 @@ bench_fail() {
 bench_seconds() {
     echo "$1" | awk '!/^[0-9]+(\.[0-9]+)?[smh]?$/ { exit 1 }
         { print $1 * (/h$/ ? 3600 : /m$/ ? 60 : 1) }' ||
-        bench_fail "'$1' is no time: give seconds, or 90s, 10m, 2h"
+        bench_fail "'$1' is not a time: give seconds, or 90s, 10m, 2h"
 }
 
 bench_open() {
@@ -48,7 +48,7 @@ bench_open() {
         [ -x "$program" ] || bench_fail "$program is not there; make bench-programs"
     done
     [ -e "$scene" ] || bench_fail "$scene: no such scene"
-    # on lines of their own, so that a failure ends the script
+    # assignments of their own, so that a failure ends the script
     seconds=$(bench_seconds "$limit")
     points=$(awk -v s="$seconds" 'BEGIN {
         for (part = 32; part > 1; part /= 2) printf "%s%gs", (part < 32 ? "," : ""), s / part }')
@@ -58,7 +58,7 @@ bench_open() {
     : >"$rows"
 }
 
-# none: no run, or none to resume; done; anything else: to be resumed
+# Prints done, interrupted, or none (no run, or no checkpoint to resume it from).
 bench_state() {
     if [ ! -e "$1/run.json" ]; then
         echo none
@@ -78,7 +78,7 @@ bench_run() {
     status=0
     case $(bench_state "$run") in
     "done")
-        bench_say "$run is there already"
+        bench_say "$run exists already"
         return 0
         ;;
     none)
@@ -88,7 +88,7 @@ bench_run() {
             >"$run.log" 2>&1 || status=$?
         ;;
     *)
-        bench_say "$run: going on"
+        bench_say "$run: resuming"
         "$cln" train --resume "$run" "$@" --progress none --json >>"$run.log" 2>&1 || status=$?
         ;;
     esac
@@ -107,7 +107,7 @@ bench_train() {
     given=$(printf '%s\n' "$scene" "$preset" "$@")
     # only a folder with our list of options is ours to remove
     if [ -e "$run" ] && [ ! -e "$run.options" ]; then
-        bench_fail "$run is no run of a bench; choose another OUT"
+        bench_fail "$run was not made by a bench; choose another OUT"
     fi
     if [ -e "$run.options" ] && [ "$(cat "$run.options")" != "$given" ]; then
         bench_fail "$run was made with other options ($run.options); choose another OUT"

@@ -34,7 +34,7 @@ typedef struct run {
     const char *path;
     double leaves, samples, pixels, steps; /* samples: per step; steps: measured */
     double step;                           /* seconds per step */
-    double stages[CLN_STAGES];             /* of these, in each stage */
+    double stages[CLN_STAGES];             /* seconds per step in each stage */
     double device, host;                   /* peak bytes */
 } run;
 
@@ -86,8 +86,8 @@ static cln_status read_rows(run *r, double steps)
     }
     if (!(r->steps > 0))
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: no two rows in its second half; more --steps or a smaller "
-                         "--log-every",
+                         "%s: the second half of the run has fewer than two rows; train with more "
+                         "--steps or a smaller --log-every",
                          path));
     r->step /= r->steps;
     r->samples /= r->steps;
@@ -111,7 +111,7 @@ static cln_status read_run(const char *argument, run *r)
             strncmp(argument, series_names[r->series], (size_t)(equals - argument)) == 0)
             break;
     if (!equals || r->series == SERIES)
-        return cln_fail(CLN_USAGE, "'%s' is not leaves, samples or pixels =RUN", argument);
+        return cln_fail(CLN_USAGE, "'%s' is not leaves=RUN, samples=RUN or pixels=RUN", argument);
     r->path = equals + 1;
     CLN_TRY(cln_run_read(r->path, &document));
     result = json_object_get(document, "result");
@@ -399,7 +399,7 @@ static cln_status tabulate(const char *base, char **arguments, int count)
     run *runs = NULL;
 
     if (count > MAX_RUNS)
-        return cln_fail(CLN_USAGE, "%d runs, at most %d are compared", count, MAX_RUNS);
+        return cln_fail(CLN_USAGE, "%d runs are too many; give at most %d", count, MAX_RUNS);
     CLN_TRY(cln_alloc(&runs, (size_t)count, sizeof *runs, "runs"));
     for (int i = 0; i < count; i++)
         CLN_TRY(read_run(arguments[i], &runs[i]));

@@ -45,7 +45,7 @@ measure() {
     given="$level $samples $size $steps $*"
     if [ -e "$run" ] && [ "$(cat "$run.options" 2>/dev/null)" != "$given" ]; then
         bench_fail \
-            "$run was made with other options ($run.options), or not by this; choose another OUT"
+            "$run was made with other options ($run.options) or by hand; choose another OUT"
     fi
     [ -d "$out/scene-$size" ] || "$make_scene" "$out/scene-$size" --size "$size" --train 24 \
         --test 1 >/dev/null

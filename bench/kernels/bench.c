@@ -15,7 +15,7 @@ enum { REPEATS = 5, LONG_REPEATS = 3, ROWS = 1024 };
 
 /* ---- ceilings ---- */
 
-/* Bytes of a copy that exceeds the caches, read and written. */
+/* Bytes of each buffer of the copy probe, more than the caches hold. */
 static size_t copy_bytes(const bench *b)
 {
     return (size_t)(b->usual.ls == 1 ? 64 : 256) << 20;

@@ -91,7 +91,8 @@ cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, c
                           cln_pipeline **out);
 cln_status bench_small_config(cln_config *out);
 
-/* The same with the kernels that measure (one number per sample) and distil. */
+/* The small configuration with the kernels that measure (one number per sample) and distil, and its
+ * pipeline. */
 cln_status bench_measuring(bench *b, cln_config *config, cln_pipeline **p);
 
 /* Adds a comparison to *errors; bounds as in the self-test. bench_equal: `wrong` of n values
@@ -112,7 +113,7 @@ typedef cln_status bench_body(void *context);
 cln_status bench_add(bench *b, int part, bench_body *body, bench_body *before, void *context,
                      cln_stage stage, bench_work work, const bench_errors *errors);
 
-/* Seconds that the binding ceiling allows over seconds that the row took; *bound: that ceiling's
+/* Share of the binding ceiling: the least seconds that it allows over the row's best. *bound: its
  * name. */
 double bench_share(const bench_row *row, const char **bound);
 

@@ -28,7 +28,7 @@ static cln_status body(void *context)
     return cln_pipeline_carry(c->p, &c->model.tree, &c->change);
 }
 
-/* Of voxels every other leaf is new, and takes over what its neighbours have. */
+/* With voxels every other leaf is new and takes its neighbours' numbers at shared vertices. */
 static cln_status start(bench *b, const char *preset, int level, carry *c)
 {
     cln_status st = CLN_OK;

@@ -124,7 +124,8 @@ done:
     return st;
 }
 
-/* Number of leaves whose gradients are compared, limited by the time of float64; and the k-th. */
+/* The leaves whose gradients are compared: how many, as float64 takes long, and the k-th of
+ * them. */
 static int compared_leaves(const network_run *r)
 {
     const int per_leaf = (int)r->n / r->p->leaves;
@@ -201,8 +202,8 @@ done:
     return st;
 }
 
-/* Voxels: adds what other leaves' slices say of the leaf's numbers, and gives others' numbers the
- * sum, too. grad [leaf's params]. */
+/* Voxels: replaces the gradient of each number of the leaf by the sum over all leaves that share
+ * the number. grad [params]. */
 static cln_status share_gradient(const network_run *r, int slot, double *grad)
 {
     cln_status st = CLN_OK;
@@ -344,10 +345,10 @@ cln_status network_check(network_run *r, bench_body *body, bench_errors *errors)
 {
     cln_status st = CLN_OK;
 
-    if (r->part == UPDATE) /* after Adam's runs */
+    if (r->part == UPDATE) /* the timed runs of Adam have changed the moments */
         CLN_TRY(cln_pipeline_rebuild(r->p, r->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
-    if (r->p->net.encoding == CLN_ENCODING_VOXEL) { /* gradients are of met vertices alone */
+    if (r->p->net.encoding == CLN_ENCODING_VOXEL) { /* only touched vertices get gradients */
         CLN_TRY(CLN_RESERVE(r->p, grads, r->slice_count));
         CLN_TRY(cln_buffer_zero(r->p->device, &r->p->grads,
                                 r->slice_count * cln_buffer_row_bytes(r->p, CLN_BUFFER_grads)));

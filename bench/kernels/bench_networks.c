@@ -14,7 +14,7 @@
 
 typedef struct network_shape {
     int width, depth, view, bands, view_bands, leaves,
-        samples;                         /* view 0: none; bands 0: a grid; samples of a leaf */
+        samples;                         /* view 0: none; bands 0: a grid; samples per leaf */
     const char *preset, *variant, *tune; /* only for arithmetic */
 } network_shape;
 
@@ -45,7 +45,7 @@ static const network_shape arithmetic[] = {
     {0, 0, 0, 0, 0, 64, 512, "paper", "native and half", "NATIVE=1,HALF=1"},
 };
 
-/* Preset voxel: leaves as in its first seconds, and as where it ends. */
+/* Preset voxel: leaves as in its first seconds and as at its end. */
 static const network_shape voxels[] = {
     {0, 0, 0, 0, 0, 64, 512, "voxel", "", 0},
     {0, 0, 0, 0, 0, 2048, 40, "voxel", "", 0},
@@ -82,7 +82,7 @@ static const bench_part voxel_parts[] = {
 static const bench_part upload_parts[] = {{"transpose", "transpose"}};
 
 static const double SLOPE = -0.2;
-enum { CELLS = 131072 }; /* about the most that are refreshed */
+enum { CELLS = 131072 }; /* about as many as training refreshes at once */
 
 /* ---- a model with a given number of leaves, samples in all of them ---- */
 
@@ -99,7 +99,7 @@ static cln_status config_of(const network_shape *s, cln_config *config)
     config->roulette = 0;                     /* all samples are timed */
     config->rrelu_lower = SLOPE * (1 + 1e-6); /* just wide enough that no compiler folds it */
     config->rrelu_upper = SLOPE;
-    config->smooth_density = config->smooth_colour = 0; /* of some leaves in some steps */
+    config->smooth_density = config->smooth_colour = 0; /* off: they work on some leaves */
     if (s->preset)
         goto done;
     config->width = s->width;

@@ -11,7 +11,7 @@
 
 /* ---- the scene ---- */
 
-/* From `angle` around the vertical axis, towards the middle. */
+/* A camera at `angle` around the vertical axis that looks at the middle. */
 static cln_camera camera_of(double angle, bool distorted)
 {
     const double s = sin(angle), c = cos(angle);

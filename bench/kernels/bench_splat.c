@@ -78,7 +78,8 @@ done:
     return st;
 }
 
-/* List of cell i for a view, and its distance along the list's ray; -1 if dropped or too close. */
+/* List of cell i for a view, and its distance along the list's ray; -1 if the cell is dropped or so
+ * close to the next list that rounding may decide. */
 static int project(const run *r, const lists *l, int view, int i, double *t)
 {
     const bench_scene *s = &r->scene;

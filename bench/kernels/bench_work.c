@@ -3,8 +3,8 @@
  *   FLOP   The method's arithmetic: a multiply-add is 2; exp, sqrt and divide are 1 each. Networks:
  *          2 per weight (and bias) and sample forward; backward the same for the inputs' gradients
  *          (without the encodings') and the same for the weights'. Encodings, activations, padding
- *          and repeated work do not count. Choosing and moving (scan, sort, rays, tree walk,
- *          projection) is 0 FLOP.
+ *          and repeated work do not count. Selecting and moving data (scan, sort, rays, tree
+ *          walk, projection) is 0 FLOP.
  *   bytes  The least traffic: every input read once, every output written once, regardless of
  *          passes, caches and write-allocation. A share of the copy ceiling above 1 means that the
  *          data stayed in caches.
@@ -17,7 +17,7 @@
 
 enum { SAMPLE = 16, INTERVAL = 20, RAY = 32, PIXEL = 16, RESULT = 32, COLOUR = 16, WORD = 4 };
 
-/* Numbers of the layers that every sample meets; of a grid it meets 8 corners (grid_flop). */
+/* Weights of the layers, which every sample uses. It uses only 8 corners of a grid (grid_flop). */
 static double layer_weights(const cln_network *net)
 {
     const double edge = net->cells + 1;
@@ -33,8 +33,8 @@ static double grid_flop(const cln_network *net)
     return 2.0 * 8 * net->features;
 }
 
-/* Numbers of a leaf that its samples' corners are among, on the mean: all of a network; of voxels
- * those that so many random cells have, each vertex counted once. */
+/* Numbers of a leaf that its samples use, on average: all of a network's; of voxels those at the
+ * corners of that many random cells, each vertex counted once. */
 static double met_numbers(const cln_network *net, double samples)
 {
     const double edge = net->cells + 1, vertices = edge * edge * edge;
@@ -77,7 +77,7 @@ bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool
 bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
                                double leaves, double slices)
 {
-    /* No gradient goes to an encoding, but to a grid's features. */
+    /* No gradient reaches an encoding, except a grid's features. */
     const double position = net->cells > 0 ? 0 : (double)net->enc * net->width;
     const double encoded = position * (net->skip_layer >= 0 ? 2 : 1) +
                            (net->view_dependence ? (double)net->dir * net->view_width : 0);
@@ -92,8 +92,8 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
             slices * ((double)sizeof(cln_slice) + WORD * met_numbers(net, n / slices))};
 }
 
-/* 13 per weight (two moments 7, the step 6) plus the slices' sum. Voxels: what samples met, without
- * the first moment if there is none. */
+/* 13 per weight (two moments 7, the step 6) plus the slices' sum. Voxels: only numbers that samples
+ * used, without the first moment if beta1 is 0. */
 bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,
                            double n, double leaves, double slices)
 {

@@ -98,7 +98,7 @@ static cln_status layer(clblast *c, cl_uint number, cl_mem from, cl_mem to)
         samples * W, leaves, &c->device->queue, NULL);
 
     if (code != CLBlastSuccess)
-        CLN_TRY(cln_fail(CLN_CL, "CLBlast: GemmStridedBatched gave %d", (int)code));
+        CLN_TRY(cln_fail(CLN_CL, "CLBlast: GemmStridedBatched failed with code %d", (int)code));
     CLN_TRY(CLN_LAUNCH(c->device, c->activate, CLN_STAGE_OTHER, samples * leaves * 4 / 16, 16,
                        CLN_ARG(to), CLN_ARG(c->bias.mem), CLN_ARG(n), CLN_ARG(number),
                        CLN_ARG(layers), CLN_ARG(slope)));

@@ -148,7 +148,8 @@ static cln_status prepare(const peer_data *data, cln_device *device, void **own)
 
     (void)device;
     if (data->threads > MAX_THREADS)
-        return cln_fail(CLN_USAGE, "oneDNN: %d threads, %d are made", data->threads, MAX_THREADS);
+        return cln_fail(CLN_USAGE, "oneDNN: %d threads are too many; use at most %d", data->threads,
+                        MAX_THREADS);
     CLN_TRY(cln_alloc(&o, 1, sizeof *o, "oneDNN"));
     o->data = data;
     o->products = (peer_products){o, block, multiply, accumulate, layer};

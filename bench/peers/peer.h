@@ -17,7 +17,7 @@ enum { PEER_LAYERS = 8, PEER_WIDTH = 64, PEER_CELLS = PEER_WIDTH * PEER_WIDTH };
 /* Negative slope of the activation: the mean of the settings' random slopes. */
 #define PEER_SLOPE (-0.2f)
 
-/* Host arrays of all peers, read; they write out and dw. */
+/* Host arrays that all peers share; a peer writes only out, dw and kept. */
 typedef struct peer_data {
     int leaves, samples, threads;
     const float *x;      /* [leaf][sample][64] */

@@ -245,8 +245,8 @@ done:
     return st;
 }
 
-/* A tree with exactly this many leaves: the last whole level that has fewer, partly split; culls
- * the surplus. */
+/* A tree with exactly this many leaves: splits a part of the finest whole level that has no more,
+ * then culls the surplus. */
 static cln_status make_tree(int leaves, cln_octree *tree)
 {
     cln_status st = CLN_OK;
@@ -476,7 +476,10 @@ static cln_status open_ours(cln_device *device, shape s, int depth, ours *o, con
     CLN_TRY(make_ours(device, s, depth, o));
     CLN_TRY(check_ours(o, &out->error[FORWARD]));
     if (!(out->error[FORWARD] <= bound))
-        CLN_TRY(cln_fail(CLN_CHECK, "ours is wrong by %.2g", out->error[FORWARD]));
+        CLN_TRY(cln_fail(CLN_CHECK,
+                         "the leaf networks differ from float64 by %.2g of the rms; `cl-nascent "
+                         "selftest` says where",
+                         out->error[FORWARD]));
 done:
     return st;
 }
@@ -508,7 +511,7 @@ static cln_status run_shape(cln_device *device, shape s, int rounds)
             count++;
             continue;
         }
-        fprintf(stderr, "bench-peers: %s left out: %s (errors %.2g, %.2g)\n", peers[i]->name,
+        fprintf(stderr, "bench-peers: %s is left out: %s (errors %.2g, %.2g)\n", peers[i]->name,
                 cln_error_text(), c->error[FORWARD], c->error[BLOCKS]);
         cln_clear_error();
         peers[i]->release(c->own);
@@ -563,10 +566,11 @@ int main(int argc, char **argv)
         if (sscanf(argv[i], "%dx%d", &s.leaves, &s.samples) != 2 || s.leaves < 2 ||
             s.leaves > MOST_LEAVES || s.samples < 4 || s.samples % 4 ||
             (int64_t)s.leaves * s.samples > MOST_SAMPLES)
-            CLN_TRY(cln_fail(CLN_USAGE,
-                             "'%s' is not LEAVESxSAMPLES: 2 to %d, a multiple of 4, and a product "
-                             "of at most %d",
-                             argv[i], MOST_LEAVES, MOST_SAMPLES));
+            CLN_TRY(cln_fail(
+                CLN_USAGE,
+                "'%s' is not LEAVESxSAMPLES: give 2 to %d leaves, a multiple of 4 samples, "
+                "and a product of at most %d",
+                argv[i], MOST_LEAVES, MOST_SAMPLES));
         CLN_TRY(run_shape(device, s, rounds));
     }
     for (size_t i = 0; argc < 4 && i < sizeof standard / sizeof standard[0]; i++)

@@ -38,15 +38,15 @@ scale_step scale_predict(const scale_machine *m, const scale_network *net, const
                                  m->refresh * w->leaves / w->refresh_every) *
                                     w->balance / w->ranks;
     s.repeated = m->repeated.step + m->repeated.sample * w->samples + m->repeated.leaf * w->leaves;
-    if (w->ranks > 1) /* a rank receives as much as it sends if all have the mean */
+    if (w->ranks > 1) /* with equal shares a rank receives as much as it sends */
         s.messages = net->latency * ceil(log2(w->ranks)) * (1 + 1 / w->refresh_every) +
                      s.sent / net->bandwidth;
     s.total = s.shared + s.repeated + s.messages;
     return s;
 }
 
-/* Solves the n <= 3 normal equations of the columns that are in use; false if they depend on each
- * other. */
+/* Brings the normal equations to diagonal form; columns not in use have 1 on the diagonal. 0 if the
+ * columns depend on each other. */
 static int solve(double a[3][4])
 {
     for (int i = 0; i < 3; i++) {
@@ -82,7 +82,7 @@ scale_cost scale_fit(int n, const double (*x)[3], const double *seconds)
         for (int i = 0; i < n; i++)
             unit[k] = fmax(unit[k], x[i][k] / seconds[i]);
     }
-    /* of all choices of columns, the best without negatives */
+    /* tries every choice of columns, keeps the best fit without negative costs */
     for (int used = 1; used < 8; used++) {
         double a[3][4] = {{0}}, error = 0;
         int legal = 1;

@@ -1,13 +1,14 @@
-/* build/mpi/bench-scale: how far a training by ranks goes, for bench/scale/scale.sh. Reads only run
- * folders; the arithmetic and its assumptions are model.h's.
+/* build/mpi/bench-scale: how training scales over ranks, for bench/scale/scale.sh. Reads only run
+ * folders; model.h has the arithmetic and its assumptions.
  *
- *   mpirun -n 2 bench-scale messages   latency and bandwidth of what training sends, here
- *   bench-scale bytes RUN              bytes that rank 0 sent a step: by the model, by the run
+ *   mpirun -n 2 bench-scale messages   latency and bandwidth of training's messages, measured
+ *   bench-scale bytes RUN              bytes per step that rank 0 sent: model, run, error
  *   bench-scale predict LATENCY BANDWIDTH CORES RUN... -- RUN...
  *
- * predict: fits the costs to the runs of one process before --, compares the model with the runs by
- * ranks behind it, which share CORES cores and those messages, and prints what 1 to 1,024 ranks
- * would do. Only the second half of a run's steps counts. Exit status as cl-nascent's. */
+ * predict fits the costs to the runs before --, of one process each, compares the model with all
+ * runs (those after -- are by ranks that share CORES cores and have messages of that LATENCY and
+ * BANDWIDTH), and prints the model's figures for 1 to 1,024 ranks. Only the second half of a run's
+ * steps counts. Exit status as cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,7 +25,7 @@
 
 enum { MAX_RUNS = 32 };
 
-/* Assumptions of the prediction beside model.h's. */
+/* Assumptions of the prediction in addition to model.h's. */
 static const double BALANCE = 1.04;        /* leaves move above this (pipeline/share.c) */
 static const double PHOTO_BYTES = 3 * 2e6; /* a photo of 2 megapixels in host memory */
 static const double STEP_SAMPLES = 262144; /* of a step, the paper preset's */
@@ -37,9 +38,10 @@ static const struct {
 typedef struct run {
     const char *path;
     scale_work work;                  /* ranks, leaves, samples of a step */
-    double rays, steps, step;         /* of a step; measured; seconds of one */
-    double shared, refresh, repeated; /* seconds of one */
-    double sent, own_share, messages; /* of a step by rank 0; of what it tells; seconds */
+    double rays, steps, step;         /* rays per step; measured steps; seconds per step */
+    double shared, refresh, repeated; /* seconds per step */
+    double sent, own_share, messages; /* rank 0's bytes per step and its share of what ranks send;
+                                         seconds per step */
     double own_leaves;
 } run;
 
@@ -52,7 +54,7 @@ static double stage(const json_t *row, const char *name)
     return isfinite(s) ? s : 0;
 }
 
-/* What ranks share: a stage's seconds are of the samples of a rank's leaves. */
+/* Stages whose work ranks share: each works on the samples of its own leaves. */
 static const char *const shared_stages[] = {
     "samples", "group", "networks forward", "composite", "networks backward", "adam"};
 
@@ -100,7 +102,7 @@ static cln_status read_rows(run *r, double from)
             json_decref(row);
             continue;
         }
-        /* a row with an evaluation has its bytes, too */
+        /* a row with an evaluation also counts the evaluation's bytes */
         if (before && cln_json_number(before, "step") >= from && !json_object_get(row, "psnr_test"))
             add_row(row, before, r);
         r->work.ranks = cln_json_number(row, "ranks");
@@ -109,8 +111,8 @@ static cln_status read_rows(run *r, double from)
     }
     if (!(r->steps > 0 && r->work.samples > 0))
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: no two rows in its second half; more --steps or a smaller "
-                         "--log-every",
+                         "%s: the second half of the run has fewer than two rows; train with more "
+                         "--steps or a smaller --log-every",
                          path));
     r->own_share /= r->work.samples;
     r->own_leaves /= r->work.samples;
@@ -152,7 +154,7 @@ done:
 
 /* ---- messages ---- */
 
-/* Seconds of a gather of so many rows of 16 bytes to both, the least of several series. */
+/* Seconds of gathering `count` rows of 16 bytes on both ranks, the least of several series. */
 static double time_gather(char *rows, int count)
 {
     const int half = count / 2, first[3] = {0, half, count};
@@ -182,8 +184,9 @@ static cln_status measure_messages(void)
 
     CLN_TRY(cln_ranks_open());
     if (cln_ranks_count() != 2)
-        CLN_TRY(cln_fail(CLN_USAGE, "messages: start it as mpirun -n 2, with the program of "
-                                    "`make MPI=1 bench-scale-programs`"));
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "messages takes two processes: start it by `mpirun -n 2`, as built by "
+                         "`make MPI=1 bench-scale-programs`"));
     CLN_TRY(cln_alloc(&rows, ROWS, 16, "messages"));
     memset(rows, 1, (size_t)ROWS * 16);
     small = time_gather(rows, 2);
@@ -205,7 +208,7 @@ static cln_status compare_bytes(const char *path)
 
     CLN_TRY(read_run(path, &r));
     if (!(r.sent > 0))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a training by several processes", path));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: the run was not trained by several processes", path));
     model = scale_sent(&r.work, r.own_share, r.own_leaves / r.work.leaves);
     printf("%.0f %.0f %.4f\n", model, r.sent, model / r.sent - 1);
 done:
@@ -244,22 +247,21 @@ static void put_check(const scale_machine *m, const scale_network *here, double 
 
 /* ---- the prediction ---- */
 
-/* The larger one of what more ranks do not lessen. */
+/* The larger of the two costs that more ranks do not reduce. */
 static const char *reason(const scale_step *s)
 {
     return s->messages >= s->repeated ? "messages: stretches and densities go to all ranks"
                                       : "work repeated on every rank";
 }
 
-/* rays: of a step; passed: leaves with samples of one. */
+/* rays: per step; passed: leaves with samples per ray. */
 static void put_network(const scale_machine *m, int n, double density_bytes, double rays,
                         double passed)
 {
     printf("\n### %s, %.0f us\n\n"
            "| leaves | steps/s of 1 rank | speed-up of 4 | 16 | 64 | 256 | 1,024 ranks | most | "
-           "by ranks | half efficiency until | MB a step and rank beyond | its end | GiB of "
-           "densities on "
-           "every rank |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+           "by ranks | half efficiency up to | MB per step and rank beyond it | limited by | GiB "
+           "of densities on every rank |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
            networks[n].name, 1e6 * networks[n].network.latency);
     for (double leaves = 1e4; leaves < 2e7; leaves *= 10) {
         scale_work w = {STEP_SAMPLES, leaves, 0, density_bytes, REFRESH_EVERY, 1, 1};
@@ -281,7 +283,7 @@ static void put_network(const scale_machine *m, int n, double density_bytes, dou
             }
             if (alone / s.total >= 0.5 * ranks)
                 half = ranks;
-            if (half * 2 >= ranks) /* the last with half, or the first without */
+            if (half * 2 >= ranks) /* the last count with half efficiency, or the first without */
                 end = s;
             if (ranks == 4 || ranks == 16 || ranks == 64 || ranks == 256 || ranks == 1024)
                 printf(" | %.2f", alone / s.total);
@@ -321,12 +323,13 @@ static cln_status predict(int argc, char **argv)
             continue;
         }
         if (count == MAX_RUNS)
-            CLN_TRY(cln_fail(CLN_USAGE, "at most %d runs", MAX_RUNS));
+            CLN_TRY(cln_fail(CLN_USAGE, "predict: give at most %d runs", MAX_RUNS));
         CLN_TRY(read_run(argv[i], &runs[count++]));
     }
     if (alone < 3 || !(here.bandwidth > 0) || !(cores > 0))
-        CLN_TRY(cln_fail(CLN_USAGE, "predict: LATENCY BANDWIDTH CORES, three runs of one process "
-                                    "or more, --, runs by ranks"));
+        CLN_TRY(cln_fail(
+            CLN_USAGE, "predict needs LATENCY BANDWIDTH CORES, at least three runs of one process, "
+                       "-- and runs by ranks"));
     for (int i = 0; i < alone; i++) {
         const scale_work *w = &runs[i].work;
 
@@ -350,7 +353,7 @@ static cln_status predict(int argc, char **argv)
             several++;
         }
     if (several == 0)
-        CLN_TRY(cln_fail(CLN_USAGE, "predict: no run by ranks with stretches behind --"));
+        CLN_TRY(cln_fail(CLN_USAGE, "predict: no run after -- has stretches; give runs by ranks"));
     passed /= several;
     m.refresh /= refreshed > 0 ? refreshed : 1;
     m.shared = scale_fit(alone, (const double(*)[3])met, shared_s);
@@ -363,14 +366,14 @@ static cln_status predict(int argc, char **argv)
            "GB/s.\n",
            1e6 * m.refresh, runs[0].work.refresh_every, 1e6 * here.latency, 1e-9 * here.bandwidth);
     printf("A ray has samples in %.1f leaves, by the stretches of the runs by ranks.\n", passed);
-    printf("\n## The model beside what ran here, on %.0f cores\n\n| ranks | leaves | samples | "
+    printf("\n## The model and the runs here, on %.0f cores\n\n| ranks | leaves | samples | "
            "balance | ms a step, model | run | error | bytes a step of rank 0, model | run | error "
            "|\n|---|---|---|---|---|---|---|---|---|---|\n",
            cores);
     for (int i = 0; i < count; i++)
         put_check(&m, &here, cores, &runs[i]);
-    printf("\n## What 1 to 1,024 ranks would do\n\nRanks like this machine's one core, a rank a "
-           "machine; %.0f samples a step, a refresh every %.0f;\nthe busiest rank has %.1f times "
+    printf("\n## What 1 to 1,024 ranks would do\n\nEach rank is a machine with one core like this "
+           "one's; %.0f samples a step, a refresh every %.0f;\nthe busiest rank has %.1f times "
            "the mean. Half "
            "efficiency: a speed-up of at least half the ranks. See bench/scale/model.h.\n",
            STEP_SAMPLES, REFRESH_EVERY, BALANCE);

@@ -1,16 +1,16 @@
 #!/bin/sh
-# How far a training by ranks goes: short trainings of one process measure the stages, pairs of
-# processes the messages; a model (bench/scale/model.h has its assumptions) computes 1 to 1,024
-# ranks from them, and stands beside what really ran here with 2 and 4. Nothing else should run on
-# the machine; two minutes.
+# How training scales over ranks: short trainings by one process measure the stages, a pair of
+# processes measures the messages. From them a model (bench/scale/model.h has its assumptions)
+# computes 1 to 1,024 ranks; runs by 2 and 4 ranks check it. Takes two minutes, in which nothing
+# else should run on the machine.
 #
 #   make bench-scale                    into build/bench-scale
 #   bench/scale/scale.sh OUT [TRAIN OPTIONS]
 #
 #   STEPS=...    steps of a run; the second half is measured (64)
-#   RANKS=...    ranks that are run ("2 4")
+#   RANKS=...    numbers of ranks of the runs that check the model ("2 4")
 #   CLN, SCALE, MAKE_SCENE: the programs, of `make MPI=1 bench-scale-programs`
-# Prints the tables, also into OUT/scale.md. A rank has one thread. Runs are made anew each time.
+# Prints the tables, also into OUT/scale.md. A rank has one thread. Every call makes its runs again.
 # TRAIN OPTIONS go to every run (a larger network).
 set -eu
 [ $# -ge 1 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }

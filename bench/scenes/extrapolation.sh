@@ -11,8 +11,9 @@
 #
 #   FROM=...      cone low near
 #   PRESETS=...   fast nerf kilonerf
-#   SIZE=200 TRAIN=60 TEST=32   of the pictures; training and test views
-# More: bench/common/lib.sh. What is there already is kept. Tables: OUT/FROM/extrapolation.md, too.
+#   SIZE=200 TRAIN=60 TEST=32   width and height of the pictures; training and test views
+# More: bench/common/lib.sh. Scenes and runs that exist are kept. OUT/FROM/extrapolation.md keeps
+# the tables.
 set -eu
 [ $# -ge 2 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 # shellcheck source=bench/common/lib.sh

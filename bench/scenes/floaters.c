@@ -6,7 +6,7 @@
  * view, the run's density is integrated from the camera to SHARE of the true depth. Prints a line
  * per run: the mean opacity there, the share of rays on which it is above a half (a floater hides
  * the scene), and the mean within the first tenth of the way, before the lens; for rays that end in
- * the run's cube, then for those that end beyond it, whose depth photos hardly tell. Exit status as
+ * the run's cube, then for those that end beyond it, whose depth photos barely show. Exit status as
  * cl-nascent's. */
 #include <math.h>
 #include <stdio.h>
@@ -29,7 +29,7 @@ typedef struct sums {
     double rays, opacity, hidden, first;
 } sums;
 
-/* Points of a ray, twice as close before the camera: at share (k / STEPS)^2 of `end`. */
+/* Points of a ray, denser near the camera: at share (k / STEPS)^2 of `end`. */
 static cln_status add_ray(cln_field *field, const double o[3], const double d[3], double end,
                           sums *out)
 {
@@ -74,7 +74,7 @@ static cln_status add_view(cln_field *field, const cln_view *view, sums *out)
         memmove(dot, dot + 4, strlen(dot + 4) + 1);
     CLN_TRY(cln_npy_read_f32(path, &dims, shape, &depth));
     if (dims != 2 || shape[0] != view->camera.height || shape[1] != view->camera.width)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: not of the photo's size", path));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: the depth map is not as large as its photo", path));
     for (int i = 0; i < GRID * GRID; i++) {
         const int x = (int)((i % GRID + 0.5) / GRID * shape[1]);
         const int y = (int)((i / GRID + 0.5) / GRID * shape[0]);

@@ -82,6 +82,6 @@ grep '"stages"' "$metrics" | awk -v after="$(echo "$from $end" | awk '{ print $1
             1e3 * (all - device) / steps, 100 * (all - device) / all
         printf "| all | %.2f | |\n", 1e3 * all / steps
         if (rows)
-            printf "\n%.0f samples a leaf; %.1f %% of the rows of the forward tiles stand empty.\n",
+            printf "\n%.0f samples a leaf; %.1f %% of the rows of the forward tiles are empty.\n",
                 filled / rows, 100 * padding / rows
     }'

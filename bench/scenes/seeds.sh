@@ -1,15 +1,16 @@
 #!/bin/sh
 # How much does the seed decide? Trains one scene from several seeds for as many steps, and
-# evaluates every test view: a row a seed, then mean, spread (standard deviation) and worst. By
-# steps the same command has the same bits: other work on the machine changes only the seconds.
+# evaluates every test view: a row per seed, then mean, spread (standard deviation) and worst. With
+# a number of steps the same command gives the same bits: other work on the machine changes only the
+# seconds.
 #
 #   bench/scenes/seeds.sh SCENE OUT STEPS SEEDS [TRAIN OPTIONS]
 #   bench/scenes/seeds.sh build/demo/scene build/seeds 2500 "$(seq 0 19)"
 #
-# A run is OUT/seed-N. The same command again keeps finished runs, resumes interrupted ones, and
-# shows a table of what is there after each. TRAIN OPTIONS go to every run; a run made with others
-# ends the bench. The self-test is left out. Seconds are processor
-# seconds of training and evaluation.
+# A run is OUT/seed-N. The same command continues a stopped bench: it keeps finished runs and
+# resumes interrupted ones. Each run adds its row to OUT/seeds.md. TRAIN OPTIONS go to every run; a
+# run made with others ends the bench. The self-test is skipped. Seconds are processor seconds of
+# training and evaluation.
 # CLN, QUERY: the programs (build/cl-nascent, build/json-query).
 set -eu
 [ $# -ge 4 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
@@ -33,14 +34,14 @@ one() {
         bench_fail "$run was made with other options ($run.options); choose another OUT"
     fi
     [ ! -e "$run" ] || [ -e "$run.options" ] ||
-        bench_fail "$run is no run of this bench; choose another OUT"
+        bench_fail "$run was not made by this bench; choose another OUT"
     printf '%s\n' "$given" >"$run.options"
     [ ! -s "$row" ] || return 0
     bench_run "$run" fast --steps "$steps" --seed "$seed" --skip-selftest "$@" ||
         bench_fail "$run does not fit the device; see $run.log"
     "$cln" eval "$run" --max-images 0 --no-save-images --progress none --json >"$run.eval.json" \
         2>>"$run.log" || bench_fail "$run: see $run.log"
-    times >"$run.times" # not in a pipe, which is a process without children
+    times >"$run.times" # not in a pipe: its process would have no children to count
     printf '%s %s %s %s %s %s\n' "$seed" "$(bench_value "seed-$seed" result.leaves)" \
         "$(bench_value "seed-$seed" result.psnr_train)" \
         "$("$query" mean.psnr <"$run.eval.json")" "$("$query" mean.ssim <"$run.eval.json")" \
@@ -68,11 +69,11 @@ write_table() {
             mean = sum / NR
             variance = NR > 1 ? (squares - NR * mean * mean) / (NR - 1) : 0
             spread = variance > 0 ? sqrt(variance) : 0
-            printf "\n%d seeds, %d steps each: PSNR test %.2f dB on the mean, standard deviation ",
+            printf "\n%d seeds, %d steps each: PSNR test %.2f dB on average, standard deviation ",
                 NR, steps, mean
             printf "%.2f dB, best %.2f dB, worst %.2f dB (seed %d, %.2f dB below the best); ",
                 spread, best, worst, which, best - worst
-            printf "PSNR train %.2f dB, SSIM test %.4f on the mean.\n", train / NR, ssim / NR
+            printf "PSNR train %.2f dB, SSIM test %.4f on average.\n", train / NR, ssim / NR
         }' >"$out/seeds.md.new"
     mv "$out/seeds.md.new" "$out/seeds.md"
 }

@@ -154,7 +154,7 @@ static cln_status read_run(const char *argument, run *r)
     take_evaluation(r);
     CLN_TRY(take_tests(r));
     if (strcmp(cln_json_text(document, "state"), "done") != 0)
-        fprintf(stderr, "bench-table: %s is not done, but %s\n", r->path,
+        fprintf(stderr, "bench-table: %s is not finished; its state: %s\n", r->path,
                 cln_json_text(document, "state"));
 done:
     json_decref(document);

@@ -1,15 +1,15 @@
-/* build/bench-views: what pictures are worth away from the training cameras, for
+/* build/bench-views: how good pictures are away from the training cameras, for
  * bench/scenes/extrapolation.sh. A scene with exact depth (build/make-scene --depth), and runs that
  * were evaluated and rendered (cl-nascent eval RUN; render RUN -o RUN/render/test).
  *
  *   bench-views SCENE LABEL=RUN...
  *
- * Prints tables in Markdown. A test view counts by the angle at the scene's middle between it and
- * the nearest training camera in this sense, and by its distance from there over that camera's.
+ * Prints tables in Markdown. Groups test views by the angle, seen from the scene's middle, to the
+ * nearest training camera, and by their distance from the middle over that camera's.
  *
  *   PSNR        mean of the views, of the newest evaluation of test views
  *   depth       of the pixels that show something: the median of abs(depth - exact) / exact, and
- *               the share where that is above 2 % or nothing was found; means of the views
+ *               the share where that is above 2 % or the picture shows nothing; means of the views
  *
  * Exit status as cl-nascent's. */
 #include <math.h>
@@ -94,8 +94,8 @@ static cln_status read_depth(const char *path, const cln_view *view, float **dep
 
     if (st == CLN_OK &&
         (dims != 2 || shape[0] != view->camera.height || shape[1] != view->camera.width))
-        st = cln_fail(CLN_INPUT, "%s: not the size of its view, %d x %d", path, view->camera.width,
-                      view->camera.height);
+        st = cln_fail(CLN_INPUT, "%s: the depth map is not as large as its view, %d x %d", path,
+                      view->camera.width, view->camera.height);
     return st;
 }
 
@@ -151,7 +151,7 @@ static cln_status score_run(const char *run, const place *places, int count, sco
                 scores[v].psnr = cln_json_number(image, "psnr");
         }
         if (isnan(scores[v].psnr)) {
-            st = cln_fail(CLN_INPUT, "%s: view %s is not evaluated; `cl-nascent eval` does it", run,
+            st = cln_fail(CLN_INPUT, "%s: view %s is not evaluated; run `cl-nascent eval`", run,
                           places[v].view->name);
             goto done;
         }

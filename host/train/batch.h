@@ -13,7 +13,7 @@ typedef struct cln_batch {
     cln_pixel *pixels;       /* [ray] */
     float (*targets)[4];     /* [ray] r, g, b over its background, alpha */
     float (*backgrounds)[4]; /* [ray] with random_background, else [1] */
-    float (*shown)[4];       /* [ray] the point that it shows, cube; what it counts; else NULL */
+    float (*shown)[4];       /* [ray] sparse point x, y, z in the cube, its weight; or NULL */
     int train_views;
     uint64_t *first;       /* [train_views + 1] pixels before view i */
     cln_coverage coverage; /* the owner keeps it up to date */
@@ -24,14 +24,14 @@ typedef struct cln_draw {
     int n; /* rays */
     bool ray_background;
     bool covered; /* only covered tiles of batch->coverage, at least one; gather only */
-    double depth; /* > 0: every CLN_SIGHT_EVERY-th ray goes to a sparse point, whose trust counts
-                     as much */
-    const cln_space *space; /* of the cube, for that */
+    double depth; /* > 0: every CLN_SIGHT_EVERY-th ray goes to a sparse point, of this weight times
+                     its trust */
+    const cln_space *space; /* of the cube, for the sparse points */
 } cln_draw;
 
 enum { CLN_SIGHT_EVERY = 8 };
 
-/* Whether rays are drawn that go to sparse points: a depth loss is wanted, and such are known. */
+/* Whether some rays go to sparse points: the scene has such points, and there is a depth loss. */
 bool cln_batch_knows(const cln_scene *scene, const cln_config *config);
 static inline bool cln_batch_is_sight(int ray)
 {

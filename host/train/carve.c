@@ -1,4 +1,4 @@
-/* Leaves that the training views tell nothing of. See carve.h. */
+/* Finds leaves that the training views show nothing of. See carve.h. */
 #include "train/carve.h"
 
 #include <stdlib.h>
@@ -6,7 +6,7 @@
 #include "base/config.h"
 #include "base/memory.h"
 
-enum { PLACES = 4 }; /* of a leaf along an axis, its faces included */
+enum { PLACES = 4 }; /* tested along each axis of a leaf, faces included */
 
 static bool sees(const cln_camera *camera, const double point[3])
 {
@@ -16,7 +16,7 @@ static bool sees(const cln_camera *camera, const double point[3])
            u < camera->width && v < camera->height;
 }
 
-/* Whether at least `least` training views see one place of a box of the cube. */
+/* Whether at least `least` training views see the same tested place of a box of the cube. */
 static bool is_seen(const cln_scene *scene, const cln_space *space, const float box[4], int least)
 {
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
@@ -65,7 +65,7 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
                       (config->seen_by > 0 && !is_seen(scene, space, box, config->seen_by));
         *count += (*marks)[s];
     }
-    if (*count == tree->leaf_count) /* then it is the cameras that are wrong */
+    if (*count == tree->leaf_count) /* then the cameras must be wrong */
         *count = 0;
 done:
     return st;

@@ -1,7 +1,6 @@
-/* Which leaves are empty before anything is trained: those that too few training views see
- * (--seen-by), where what one photo shows alone could be painted, and those outside the box of the
- * scene (--slab), which its cube holds besides. By geometry alone; regrow.h brings back what is
- * missing. */
+/* Finds leaves that are empty by geometry alone, before training: those that too few training views
+ * see (--seen-by), where networks could paint what a single photo shows, and those of the cube
+ * outside the scene's box (--slab). regrow.h brings back leaves that are missing then. */
 #ifndef CLN_CARVE_H
 #define CLN_CARVE_H
 

@@ -199,7 +199,7 @@ static void mark_view(const cln_camera *c, int side, const cln_octree *tree, con
 {
     const grid g = grid_of(c, side);
     const size_t tiles = (size_t)g.across * (size_t)g.down;
-    bool whole = cln_camera_is_distorted(c) || space->shell; /* nothing is beyond it */
+    bool whole = cln_camera_is_distorted(c) || space->shell; /* a shell space fills every view */
     float pose[12];
 
     memset(marks, 0, tiles);
@@ -233,8 +233,8 @@ static grid inside(const cln_camera *c, const cln_tile *tile, int side)
     return (grid){wide < side ? wide : side, high < side ? high : side};
 }
 
-/* Sum of squared errors over a tile's pixels, each the mean of its channels, where pictures show
- * the bare background. */
+/* Sum, over a tile's pixels, of the squared error (mean over channels) of a picture that shows only
+ * the background. */
 static double background_error(const cln_scene *scene, const cln_view *view, const cln_tile *tile,
                                int side)
 {

@@ -1,5 +1,5 @@
 /* PSNR and leaves against seconds of a training of any length, in a bounded number of points: when
- * it is full, every second one goes. */
+ * they are full, every second point is dropped. */
 #ifndef CLN_CURVE_H
 #define CLN_CURVE_H
 
@@ -10,7 +10,7 @@ typedef struct cln_curve_point {
     int leaves;
 } cln_curve_point;
 
-/* Zeroed but for `every`. */
+/* The owner zeroes it and sets `every`. */
 typedef struct cln_curve {
     double every; /* least seconds between points without a test PSNR; doubles */
     int count;

@@ -11,7 +11,7 @@ typedef struct cln_distil {
     int32_t *nodes; /* [net] the octree node that becomes the leaf */
     float (*origins)[4], (*directions)[4]; /* [net][point] */
     float (*targets)[4];                   /* [net][point] r, g, b, alpha over its length */
-    float *lengths;                        /* [net] a thirty-second of the diagonal */
+    float *lengths;                        /* [net] path of a point's opacity: diagonal / 32 */
 } cln_distil;
 
 /* Draws points and evaluates the old networks, for the groups with marked leaves (merge: [slot]).

@@ -9,8 +9,8 @@
 #include "base/memory.h"
 
 enum { EXPOSURE_STEPS = 64 };
-static const float MOST = 8;  /* of a gain, and its inverse */
-static const float DOUBT = 5; /* rays of a white wall that speak for a gain of 1 */
+static const float MOST = 8;  /* largest gain; its inverse is the smallest */
+static const float DOUBT = 5; /* weight of a gain of 1, in rays of a white wall */
 
 cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *model,
                               cln_exposure *out)
@@ -103,7 +103,7 @@ void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batc
         const int32_t view = e->number_of[batch->pixels[i].view];
         float *target = batch->targets[i];
 
-        rays->view[i] = target[3] > 0 ? view : -1; /* 0: a pixel that shows nothing */
+        rays->view[i] = target[3] > 0 ? view : -1; /* 0: the pixel does not count */
         memcpy(rays->photo[i], target, sizeof rays->photo[i]);
         for (int c = 0; c < 3 && target[3] > 0; c++)
             target[c] /= model->exposure[view][c];

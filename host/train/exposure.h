@@ -1,19 +1,19 @@
 /* Gains of the training photos: how much brighter each is than the scene, by channel, so that
  * exposure and white balance that change from photo to photo need not become fog or colours that
  * depend on the direction (--exposure). A photo is compared with the scene as photo / gain.
- * Rows lie in cln_model.exposure and in checkpoints.
+ * cln_model.exposure has the gains, and checkpoints store them.
  *
- * Every EXPOSURE_STEPS steps a gain becomes the least-squares factor from the rendered to the
- * photo's colours of the rays drawn since, those before counting half as much each time; then all
- * are divided by their geometric mean over the views, as the scene's colours may have any common
- * factor. Held-out views have gain 1. */
+ * Every EXPOSURE_STEPS steps a gain becomes the least-squares factor from rendered colours to the
+ * photo's, over the rays so far, of which each update halves the weight. Then all gains are divided
+ * by their geometric mean over the views, as a common factor belongs to the scene's colours.
+ * Held-out views have gain 1. */
 #ifndef CLN_EXPOSURE_H
 #define CLN_EXPOSURE_H
 
 #include "model/model.h"
 #include "train/batch.h"
 
-/* What the rays of a step looked at. */
+/* The photos that a step's rays are compared with. */
 typedef struct cln_exposure_rays {
     int n;
     int32_t *view;     /* [ray] training view; -1: the ray does not count */
@@ -33,7 +33,7 @@ cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *m
                               cln_exposure *out);
 void cln_exposure_free(cln_exposure *exposure); /* accepts a zeroed one */
 
-/* Is the gains' turn before this step? All results must then have been added. */
+/* Are gains updated before this step? All results must then have been added. */
 bool cln_exposure_due(const cln_exposure *exposure, int64_t step);
 void cln_exposure_update(const cln_exposure *exposure, cln_model *model);
 

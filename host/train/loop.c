@@ -53,11 +53,11 @@ static void say_used_up(const cln_trainer *t)
 
 /* ---- evaluation, checkpoints ---- */
 
-/* By what they make of the training: of several, all ranks obey the last. */
+/* In order of precedence: of several signals, all ranks obey the last one here. */
 static const int signals[] = {0, SIGUSR1, SIGINT, SIGTERM};
 enum { SIGNALS = sizeof signals / sizeof signals[0] };
 
-/* The place among `signals` of one to this rank. */
+/* Index in `signals` of a signal to this rank, 0 without one. */
 static int poll_here(cln_trainer *t)
 {
     const cln_callbacks *callbacks = &t->desc->callbacks;
@@ -70,7 +70,7 @@ static int poll_here(cln_trainer *t)
     return i;
 }
 
-/* It may come during an evaluation, so it is kept for the loop. */
+/* Keeps the signal for the loop, as it may come during an evaluation. */
 static int obey(cln_trainer *t, double place)
 {
     const int signal = signals[(int)place];
@@ -100,7 +100,7 @@ static void show_work(const char *what, int done, int total, void *user)
 }
 
 /* Evaluates the test views. *done: false without test views, or if a signal (t->signal) ended it.
- * folder: of the pictures of the final evaluation, else NULL. */
+ * folder: for the pictures of the final evaluation; NULL: none are written. */
 static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
 {
     cln_status st = CLN_OK, rendered = CLN_OK;
@@ -153,11 +153,11 @@ static cln_status checkpoint(cln_trainer *t)
         if (!isfinite(t->model.params[i])) {
             st = cln_fail(CLN_DIVERGED,
                           "training diverged: weights of step %lld are not finite; the checkpoint "
-                          "before is kept, resume from it with a lower --lr",
+                          "before it is kept: resume from that with a lower --lr",
                           (long long)t->model.step);
             goto done;
         }
-    /* the error since the last decision, for exports and reports; decisions measure it anew */
+    /* the error since the last decision, for exports and reports; decisions measure it again */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     if (p->ranks > 1)
@@ -219,8 +219,8 @@ static int evaluations_left(const cln_trainer *t, double fraction)
     return (int)fmin(count, 1e6);
 }
 
-/* Seconds of an evaluation before one was measured: of nine trainings on real scenes, its pixels
- * took 0.25 to 0.86 times as long as training rays. */
+/* Estimates the seconds of an evaluation before one was measured: in nine trainings on real scenes
+ * a pixel took 0.25 to 0.86 times as long as a training ray. */
 static double guess_evaluation(const cln_trainer *t)
 {
     double pixels = 0;
@@ -313,7 +313,7 @@ static cln_status stopped(const cln_trainer *t, const char *when)
                     (long long)t->model.step, cln_shell_quote(t->desc->run, run, sizeof run));
 }
 
-/* After a write that failed: what is safe, and the way on. */
+/* After a failed write: says what is saved, and how to continue. */
 static void say_how_to_keep(const cln_trainer *t)
 {
     const int64_t kept = cln_checkpoint_newest(t->desc->run);
@@ -324,21 +324,23 @@ static void say_how_to_keep(const cln_trainer *t)
     cln_format_bytes(size, bytes);
     cln_shell_quote(t->desc->run, run, sizeof run);
     if (kept < 0)
-        cln_note("training; nothing is kept of it, as no checkpoint was written yet (one has %s): "
-                 "make room and train again",
-                 bytes);
+        cln_note(
+            "training; nothing of it is saved, as no checkpoint was written yet (one takes %s): "
+            "make room and train again",
+            bytes);
     else if (kept < t->model.step)
-        cln_note("training; the checkpoint of step %lld is whole: make room (a checkpoint has %s) "
-                 "and go on from there with `cl-nascent train --resume %s`",
-                 (long long)kept, bytes, run);
+        cln_note(
+            "training; the checkpoint of step %lld is intact: make room (a checkpoint takes %s), "
+            "then continue from it with `cl-nascent train --resume %s`",
+            (long long)kept, bytes, run);
     else
-        cln_note("finishing; the checkpoint of step %lld, the newest, is whole: make room, then "
+        cln_note("finishing; the newest checkpoint, of step %lld, is intact: make room, then "
                  "`cl-nascent eval %s` makes pictures and report",
                  (long long)kept, run);
 }
 
-/* Training time since `began`. Of several ranks, t->clock is their own, and rank 0's is everyone's
- * train_seconds, once it was told. */
+/* Adds the time since `began` to this rank's clock. With several ranks train_seconds is rank 0's
+ * clock, once that was told. */
 static void spend(cln_trainer *t, double began)
 {
     t->clock += cln_now() - began;
@@ -393,7 +395,7 @@ done:
     return st;
 }
 
-/* Paints for those who watch, and pauses if they want it; none of it is training time. */
+/* Paints for the browser, and pauses if it asks for that; neither counts as training time. */
 static cln_status let_watch(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -414,14 +416,14 @@ static cln_status let_watch(cln_trainer *t)
         CLN_TRY(save_if_wanted(t));
     }
     if (t->signal == 0)
-        cln_info("going on");
+        cln_info("continued from the browser");
     cln_watch_say(t, "training");
 done:
     return st;
 }
 
-/* Rank 0's clock decides for all: about budgets, and when to save. And all obey a signal to one.
- * With the next step, they tell each other. */
+/* Fills in what the ranks tell each other with the next step: rank 0's clock, which decides about
+ * budgets and saving for all, and signals, which all ranks obey. */
 static void tell(cln_trainer *t)
 {
     double *told = t->pipeline.told;
@@ -431,7 +433,7 @@ static void tell(cln_trainer *t)
     told[CLN_TOLD_SIGNAL] = cln_ranks_count() > 1 ? poll_here(t) : 0;
 }
 
-/* What it was, after that step. */
+/* Takes over what was told with that step. */
 static void heed(cln_trainer *t)
 {
     t->save_wanted |= t->pipeline.told[CLN_TOLD_SAVE] > 0;

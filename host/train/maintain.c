@@ -74,8 +74,8 @@ done:
     return st;
 }
 
-/* Changing the tree costs as much as some ten steps, a few empty leaves of thousands cost little:
- * so culling waits until one leaf in CULL_PART is marked, or for another change (`now`). */
+/* Changing the tree costs as much as about ten steps, and a few empty leaves among thousands cost
+ * little. So culling waits until one leaf in CULL_PART is marked, or for another change (`now`). */
 enum { CULL_PART = 100 };
 
 static cln_status cull(cln_trainer *t, bool now)
@@ -109,7 +109,7 @@ done:
     return st;
 }
 
-/* The memory plans of a tree with `leaves` leaves after the next change, a level deeper at most. */
+/* The memory plans of a tree with `leaves` leaves after the next change, at most a level deeper. */
 typedef struct plans {
     cln_plan device, host;
 } plans;
@@ -117,7 +117,7 @@ typedef struct plans {
 static void make_plans(const cln_trainer *t, int leaves, plans *out)
 {
     const int depth = cln_octree_depth(&t->model.tree), level = t->model.level;
-    const int grown = level + t->model.space.shell; /* of leaves that begin anew */
+    const int grown = level + t->model.space.shell; /* deepest leaves that regrow() adds */
     const cln_plan_desc desc = {&t->pipeline,
                                 t->scene,
                                 leaves,
@@ -158,7 +158,7 @@ static bool fits(const cln_trainer *t, int leaves, plans *out)
     others = full;
     cln_ranks_largest(&others, 1);
     if (others > full)
-        (void)cln_fail(CLN_MEMORY, "the plan of another rank needs more memory than it has");
+        (void)cln_fail(CLN_MEMORY, "another rank has not enough memory for its plan");
     return others == 0;
 }
 
@@ -198,8 +198,9 @@ done:
     return st;
 }
 
-/* Whether voxels of the next level are due: empty leaves of this one were culled, as all would be
- * split, and the finer ones are no finer than the photos can tell (--cell-pixels). */
+/* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
+ * must have been culled, as growth splits every leaf, and the finer voxels must not be finer than
+ * the photos can tell (--cell-pixels). */
 static cln_status ready_to_grow(cln_trainer *t, bool *grows)
 {
     cln_status st = CLN_OK;
@@ -218,8 +219,8 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     *grows = cell >= c->cell_pixels * pixel;
     t->finest = !*grows;
     if (t->finest)
-        cln_info("the tree stays at level %d: at the next one, voxels would be %.2g pixels of the "
-                 "photos (--cell-pixels)",
+        cln_info("the tree stays at level %d: voxels of the next level would be %.2g pixels of the "
+                 "photos wide (--cell-pixels)",
                  t->model.level, cell / pixel);
 done:
     return st;
@@ -285,11 +286,12 @@ done:
     return st;
 }
 
-/* Missing leaves are looked for while at least one leaf in FREE_PART is free. */
+/* Missing leaves are looked for while at least 1 / FREE_PART of the largest tree's leaves are
+ * free. */
 enum { FREE_PART = 64 };
 
-/* Brings leaves back where something is missing: all, or none if the tree would then have no room;
- * splits: how many each leaf becomes right after, 8 before a growth, else 1. */
+/* Brings leaves back where something is missing: all of them, or none if they do not fit. splits:
+ * the number of leaves that each leaf becomes right afterwards, 8 before a growth, else 1. */
 static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
 {
     cln_status st = CLN_OK;
@@ -333,7 +335,7 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     t->model.growth_step = t->model.step; /* densities change fast */
     t->model.last_square = 0;
     *regrown = true;
-    cln_debug("step %lld: something is missing: %d leaves begin anew, %d leaves; %.2f s",
+    cln_debug("step %lld: something is missing: %d leaves come back, now %d leaves; %.2f s",
               (long long)t->model.step, fresh, t->pipeline.leaves, cln_now() - began);
 done:
     free(cells);
@@ -527,7 +529,7 @@ static int leaf_budget(cln_trainer *t)
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }
     if (n < wanted && n <= leaves && !t->full) {
-        cln_warn("no memory for more than the %d leaves there are (--max-leaves %d)", leaves,
+        cln_warn("memory has no room for more than the present %d leaves (--max-leaves %d)", leaves,
                  wanted);
         t->full = true;
     }
@@ -573,7 +575,7 @@ static void say(const cln_trainer *t, const cln_decision *d)
 
     if (d->splits + d->merges > 0)
         snprintf(psnr, sizeof psnr, "; PSNR of a fixed batch %.2f -> %.2f%s dB", d->psnr_before,
-                 d->psnr_pretrained, d->merges ? " (merged ones trained)" : "");
+                 d->psnr_pretrained, d->merges ? " (merged leaves trained)" : "");
     cln_debug("step %lld: %d leaves -> %d: %d split, %d groups merged, %d kept; objective %.4g -> "
               "%.4g%s; %.1f s",
               (long long)t->model.step, d->leaves_before, d->leaves, d->splits, d->merges, d->keeps,

@@ -50,7 +50,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
 #define ROW(condition, text, ...) {.left_out = condition, .what = text, __VA_ARGS__}
         ROW(!p->lenses, "lens distortion (pinhole cameras)"),
         ROW(!p->space.forward, "normalised device coordinates (an ordinary cube)"),
-        ROW(!p->space.shell, "lines of a ray beyond the cube (nothing lies there)"),
+        ROW(!p->space.shell, "parts of rays beyond the cube (the scene ends there)"),
         ROW(!(c->near > 0), "a near distance (rays begin at the camera)"),
         ROW(fold.views > 0,
             "%g%% of the pixels of %g views (beyond the fold of the lens model, where no ray goes)",
@@ -64,12 +64,12 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
         ROW(c->density_noise <= 0, "density noise"),
         ROW(!regularised, "regularisers"),
         ROW(c->min_transmittance > 0,
-            "leaves behind less than %g transmittance (from %g%% of the budget)",
+            "leaves of a ray where less transmittance than %g is left (from %g%% of the budget)",
             .first = c->min_transmittance, .second = 100 * c->occlusion_from),
         ROW(c->empty_share < 1 && by_weight,
             "%g%% of the intervals in leaves that stage 1 finds empty",
             .first = 100 * (1 - c->empty_share)),
-        ROW(skips, "%g%% of the training pixels (no leaf is before them)",
+        ROW(skips, "%g%% of the training pixels (their rays meet no leaf)",
             .first = tenths(100 * uncovered)),
         ROW(!c->adaptive, "the structure optimisation (whole levels only)"),
         ROW(c->adaptive && c->tree_from[0],
@@ -208,7 +208,7 @@ done:
     return st;
 }
 
-/* How even the samples were since the row before. */
+/* Adds how evenly the ranks shared the samples since the previous row. */
 static void add_balance(cln_trainer *t, json_t *row)
 {
     const cln_pipeline *p = &t->pipeline;
@@ -289,7 +289,7 @@ done:
     return st;
 }
 
-/* Takes row over; NULL: there was no memory for it. */
+/* Adds a row and frees it. NULL: there was no memory to make it. */
 static cln_status add_row(const cln_trainer *t, json_t *row)
 {
     cln_status st = CLN_OK;

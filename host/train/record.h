@@ -31,9 +31,9 @@ cln_status cln_record_decision(cln_trainer *t, const cln_decision *decision);
 /* Adds the row of leaves that moved between ranks. */
 cln_status cln_record_move(cln_trainer *t, const cln_share_move *move);
 
-/* Where an evaluation goes: IN/STEP-SPLIT, and of `count` views out of more IN/STEP-SPLIT-COUNT, so
- * that it never takes the place of one of all. Pictures go into a folder of that name, the document
- * to the name with .json behind it. */
+/* Path of an evaluation: IN/STEP-SPLIT, or IN/STEP-SPLIT-COUNT if it has `count` of more views, so
+ * that it never replaces an evaluation of all. The folder of its pictures has that name, its
+ * document that name and ".json". */
 cln_status cln_record_place(const char *in, int64_t step, const char *split, int count, int total,
                             char **place);
 cln_status cln_record_eval(const char *place, const cln_eval_result *result);

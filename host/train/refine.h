@@ -1,27 +1,27 @@
-/* Poses of the training cameras, corrected by their photos (--refine-poses, method.md 11). Each
- * camera has a motion (scene/motion.h) relative to the pose that the scene gives it; they lie in
- * cln_model.motions and in checkpoints, and the scene's training views have the corrected poses
- * while it trains. Held-out views keep theirs.
+/* Corrects the poses of the training cameras by their photos (--refine-poses, method.md 11). Each
+ * camera has a motion (scene/motion.h) relative to the pose that the scene gives it. The motions
+ * are in cln_model.motions and in checkpoints; the scene's training views have the corrected poses
+ * during training. Held-out views keep theirs.
  *
- * Every EVERY steps some cameras, in turn, take a step of Gauss and Newton: in pixels drawn where
- * their photo has contrast, it compares the rendered colour with the photo's, and how the rendered
- * one would change as the camera moves: by its slope between the neighbouring pixels, times the way
- * that the surface's point at the rendered depth moves in the image (Lucas and Kanade, 1981, for a
- * rendered picture). So no gradient passes the networks. A step counts if it surely lowers the
- * error of other pixels. What moves all cameras alike is taken out again. A function of seed, step,
- * model and photos alone. */
+ * Every EVERY steps some cameras, in turn, take a Gauss-Newton step. At pixels where the photo has
+ * contrast it compares the rendered colour with the photo's. The rendered colour changes with the
+ * camera's motion by its slope between neighbouring pixels, times the motion in the image of the
+ * surface point at the rendered depth (Lucas and Kanade, 1981, here for a rendered picture). So no
+ * gradient passes the networks. A step is kept if it clearly lowers the error at other pixels. The
+ * motion that all cameras have in common is removed. All this depends only on seed, step, model and
+ * photos. */
 #ifndef CLN_REFINE_H
 #define CLN_REFINE_H
 
 #include "train/trainer.h"
 
-/* Makes the model's motions if it has none, and moves the training views by them. Without
- * config.refine_poses neither. CLN_CHECKPOINT if they are of another number of views. */
+/* Makes the model's motions if it has none, and moves the training views by them; does nothing
+ * without config.refine_poses. CLN_CHECKPOINT if the motions are of another number of views. */
 cln_status cln_refine_start(cln_trainer *t);
 void cln_refine_free(cln_refine *refine); /* accepts a zeroed one */
 
-/* Corrects poses if it is their turn before the next step, on host and device, and finds anew what
- * training views see. fraction: 0..1 of the budget. */
+/* Corrects poses on host and device if a correction is due before the next step, and updates what
+ * the training views see. fraction: 0..1 of the budget. */
 cln_status cln_refine_poses(cln_trainer *t, double fraction);
 
 /* Tells how far the cameras are from their given poses. */
@@ -37,12 +37,12 @@ enum { CLN_SPOT_LOOKS = 5 }; /* the pixel, then those left, right, above, below 
 
 typedef struct cln_pose_step {
     double motion[6]; /* relative to the present pose */
-    double scale;     /* the residual that is half trusted */
-    double gain[3];   /* of the photo: how much brighter it is than what is rendered */
+    double scale;     /* the residual whose weight is a half */
+    double gain[3];   /* of the photo: how much brighter it is than the render */
 } cln_pose_step;
 
-/* The step for a camera, from n spots and what is rendered there, looks [n][CLN_SPOT_LOOKS]. False
- * if they do not tell one. */
+/* Solves for a camera's step, from n spots and their renders, looks [n][CLN_SPOT_LOOKS]. False if
+ * they do not determine one. */
 bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
                       const cln_spot *spots, const cln_ray_result (*looks)[CLN_SPOT_LOOKS],
                       cln_pose_step *out);

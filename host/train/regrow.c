@@ -19,16 +19,16 @@ enum {
     LEAST_POINTS = 2,    /* of a cell's POINTS^3 that must show errors */
 };
 
-/* An error is one of more than twice the root mean square, within these bounds. */
+/* A difference counts as an error above twice the root mean square, within these bounds. */
 static const double LEAST_ERROR = 0.1, LARGE_ERROR = 0.25;
 
-/* What one photo says, at the middle pixels of blocks of stride x stride, or the last ones of what
- * is smaller. */
+/* Differences from one photo, at the middle pixel of each block of stride x stride; where the
+ * middle is outside the image, at its last pixel. */
 typedef struct look {
     const cln_view *view;
     int across, down;
     float *error; /* [down][across] largest difference of colour, or of opacity from alpha */
-    float *depth; /* cube units along the ray; INFINITY: it meets nothing, 0: says nothing */
+    float *depth; /* cube units along the ray; INFINITY: none, 0: the pixel does not count */
 } look;
 
 typedef struct looks {
@@ -36,7 +36,7 @@ typedef struct looks {
     look look[MOST_VIEWS];
     double square; /* sum of errors' squares */
     int64_t rays;
-    double least; /* what more than that is an error */
+    double least; /* a larger difference is an error */
 } looks;
 
 static void free_looks(looks *all)
@@ -47,7 +47,7 @@ static void free_looks(looks *all)
     }
 }
 
-/* Blocks along a side of so many pixels whose middle is in the image, but at least one. */
+/* Number of blocks along a side of `pixels` whose middle is in the image, at least one. */
 static int blocks(int pixels, int stride)
 {
     const int whole = (pixels - stride / 2 + stride - 1) / stride;
@@ -62,7 +62,7 @@ static cln_u32 middle(int block, int stride, int pixels)
     return (cln_u32)(at < pixels ? at : pixels - 1);
 }
 
-/* Compares n rendered rays, the look's from `first` on. */
+/* Compares n rendered rays; the first is ray `first` of the look. */
 static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
 {
     const bool has_alpha = l->view->channels == 4;
@@ -124,7 +124,7 @@ done:
     return st;
 }
 
-/* Whether at least `share` of the photos that see the place, a point of the cube, have errors. */
+/* Whether at least `share` of the photos that see a point of the cube have an error there. */
 static bool has_errors(const looks *all, const cln_space *space, const double cube[3], double share)
 {
     double scene[3];
@@ -168,7 +168,7 @@ static bool is_missing(const cln_trainer *t, const looks *all, const uint8_t *em
     if (space->shell && !cln_shell_holds(at))
         return false;
     if ((slot >= 0 && !empty[slot]) || !has_errors(all, space, at, share / 2))
-        return false; /* nearly all cells: so the others can be looked at closely */
+        return false; /* a cheap test that leaves few cells for the close look */
     for (int p = 0; p < POINTS * POINTS * POINTS && missing < LEAST_POINTS; p++) {
         const int part[3] = {p % POINTS, p / POINTS % POINTS, p / POINTS / POINTS};
 

@@ -39,7 +39,7 @@ typedef struct cln_trainer {
         uint32_t samples;
         bool sights;
     } owed;
-    int64_t steps;                /* budget in steps; 0 = time alone */
+    int64_t steps;                /* budget in steps; 0 = only in time */
     bool full;                    /* no memory for a finer tree: warned once, tried again */
     bool finest;                  /* voxels are as fine as the photos: said once */
     bool host_full;               /* host memory exceeds --host-mem: warned once */

@@ -20,7 +20,7 @@
 static const double STANDARD_SHARE = 0.2, MOST_SHARE = 0.9;
 static const double SAY_SECONDS = 0.5;
 static const double MOST_CREDIT = 1;    /* seconds of painting that can be saved up */
-static const double TURN_SECONDS = 0.2; /* of painting between two steps, at most */
+static const double TURN_SECONDS = 0.2; /* most painting between two steps */
 static const double WAIT_SECONDS = 0.1; /* for requests, while the training pauses */
 
 struct cln_watch {
@@ -29,7 +29,7 @@ struct cln_watch {
     cln_server *server;
     char *facts;
     cln_allowance allowance; /* of painting */
-    double began, spent;     /* viewing; painting since then, without pauses */
+    double began, spent;     /* start; seconds of painting since, without pauses */
     bool paused, stopped;
     const char *state;
     double said_at;
@@ -75,7 +75,7 @@ static json_t *stages_json(const cln_trainer *t)
     return stages;
 }
 
-/* Without memory for it, the text before stays. */
+/* If memory is short, viewers keep the previous text. */
 static void tell(cln_trainer *t)
 {
     struct cln_watch *w = t->watch;

@@ -32,7 +32,7 @@ static cln_status read_address(const char *text, place *out, socklen_t *bytes)
     }
     return cln_fail(CLN_USAGE,
                     "--listen: '%s' is not an IP address; give one in numbers, such as "
-                    "192.168.1.5, or 0.0.0.0 for all of this machine's",
+                    "192.168.1.5, or 0.0.0.0 for all addresses of this machine",
                     text);
 }
 

@@ -1,4 +1,4 @@
-/* The socket that a viewer listens on, its address as a person opens it, and its token. */
+/* The socket that a viewer listens on, the address to open in a browser, and the token. */
 #ifndef CLN_LISTEN_H
 #define CLN_LISTEN_H
 
@@ -9,7 +9,7 @@ enum { CLN_VIEW_PORT = 7007 };
 typedef struct cln_listener {
     int socket; /* -1 = none */
     int port;
-    bool far;          /* not on the loopback by default: a token is wanted */
+    bool far;          /* an address was given: requests need the token */
     char token[33];    /* "" without */
     char own[256];     /* this machine's name */
     char address[512]; /* to open, token included */

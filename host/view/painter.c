@@ -49,7 +49,7 @@ void cln_painter_forget(cln_painter *painter, const cln_painting *g)
 
 /* ---- pictures ---- */
 
-/* crop: NULL or the asking one's. */
+/* crop: the request's. */
 static cln_status set_up(cln_painter *painter, const cln_camera *camera, cln_crop *crop)
 {
     cln_status st = CLN_OK;
@@ -60,7 +60,7 @@ done:
     return st;
 }
 
-/* A training has changed since the batch before, and with it its tree and memory plan. */
+/* A training may have changed the tree and the memory plan since the last batch. */
 static cln_status step_rendering(cln_painter *painter, cln_rendering *r)
 {
     const cln_pipeline *p = painter->pipeline;
@@ -72,7 +72,7 @@ static cln_status step_rendering(cln_painter *painter, cln_rendering *r)
     return cln_rendering_step(painter->pipeline, r);
 }
 
-/* The camera with as many pixels as the device renders in the time. */
+/* Reduces the picture to as many pixels as the device renders within the budget. */
 static cln_status fit_budget(const cln_painter *painter, const cln_ask *ask, cln_camera *out)
 {
     const cln_camera *full = &ask->camera;
@@ -86,7 +86,7 @@ static cln_status fit_budget(const cln_painter *painter, const cln_ask *ask, cln
     return cln_orbit_resize(full, width, 0, out);
 }
 
-/* The frames of a film have the first one's scale. */
+/* All frames of a film have the first one's scale. */
 static cln_status draw_depth(cln_painter *painter, cln_painting *g, uint8_t *grey)
 {
     cln_status st = CLN_OK;
@@ -225,7 +225,7 @@ static cln_status step_picture(cln_painter *painter, cln_painting *g)
         cln_camera camera;
 
         CLN_TRY(fit_budget(painter, &g->ask, &camera));
-        g->ask.camera = camera; /* from here on the one that is rendered */
+        g->ask.camera = camera; /* from now on at the rendered size */
         CLN_TRY(set_up(painter, &camera, &g->ask.crop));
         CLN_TRY(cln_rendering_begin(p, 0, g->ask.background, false, r));
         g->begun = true;
@@ -242,7 +242,7 @@ done:
     return st;
 }
 
-/* The mean of what was and what is, so that one slow picture does not make the next ones tiny. */
+/* Averages the old speed and the new, so that one slow picture does not make the next ones tiny. */
 static void learn_speed(cln_painter *painter, const cln_painting *g)
 {
     const double now = g->seconds / ((double)g->width * g->height);
@@ -288,7 +288,7 @@ done:
     return st;
 }
 
-/* A picture of one pixel: the one that the position lies in. */
+/* Renders a picture of one pixel, which contains the position. */
 static cln_status paint_point(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
@@ -340,7 +340,7 @@ static cln_status step_film(cln_painter *painter, cln_painting *g)
     char text[128];
 
     if (!cln_reel_is(reel, g->ask.film)) {
-        cln_painting_say(g, 404, "this film is not there any more");
+        cln_painting_say(g, 404, "this film does not exist any more");
         return CLN_OK;
     }
     reel->touched = cln_now();
@@ -349,7 +349,7 @@ static cln_status step_film(cln_painter *painter, cln_painting *g)
         cln_painting_say(g, 200, "the film is dropped");
     } else if (g->ask.kind == CLN_ASK_FILM_FILE) {
         if (!reel->whole) {
-            cln_painting_say(g, 409, "the film is not whole yet");
+            cln_painting_say(g, 409, "the film is not finished yet");
             return CLN_OK;
         }
         g->file = fcntl(reel->file, F_DUPFD_CLOEXEC, 0);
@@ -361,7 +361,7 @@ static cln_status step_film(cln_painter *painter, cln_painting *g)
         g->type = cln_reel_type(reel);
         g->status = 200;
     } else if (reel->whole) {
-        cln_painting_say(g, 409, "the film is whole already");
+        cln_painting_say(g, 409, "the film is finished already");
     } else if (g->ask.kind == CLN_ASK_FILM_END) {
         CLN_TRY(cln_reel_end(reel));
         snprintf(text, sizeof text, "{\"file\": \"%s\", \"bytes\": %lld}", cln_reel_file(reel),
@@ -369,9 +369,9 @@ static cln_status step_film(cln_painter *painter, cln_painting *g)
         cln_painting_say(g, 200, text);
         g->type = "application/json";
     } else if (reel->done == reel->frames) {
-        cln_painting_say(g, 409, "all frames of the film are there");
+        cln_painting_say(g, 409, "the film has all its frames already");
     } else if (g->ask.camera.width != reel->width || g->ask.camera.height != reel->height) {
-        cln_painting_say(g, 400, "width, height: a frame has the film's");
+        cln_painting_say(g, 400, "width, height: must be the film's");
     } else {
         CLN_TRY(step_picture(painter, g));
     }

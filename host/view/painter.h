@@ -8,31 +8,31 @@
 #include "view/reel.h"
 #include "view/request.h"
 
-/* The first ones are the caller's. */
+/* The caller sets the members down to `training`. */
 typedef struct cln_painter {
-    cln_pipeline *pipeline; /* its cameras are others after a painting; not cropped */
-    const cln_model *model; /* whose space and background count */
+    cln_pipeline *pipeline; /* a painting replaces its cameras; not cropped */
+    const cln_model *model; /* gives space and background */
     const cln_scene *scene; /* NULL: no photos */
     bool training; /* the pipeline is a training's: pictures take its densities as they are */
-    double seconds_per_pixel; /* of pictures, encoding included; from what they took */
+    double seconds_per_pixel; /* of pictures, encoding included; measured */
     cln_reel reel;            /* the film that is made or was made last */
 } cln_painter;
 
-/* A question with its answer; zeroed but for `ask`. */
+/* A request and its answer; the caller zeroes it and sets `ask`. */
 typedef struct cln_painting {
     cln_ask ask;
     bool begun;
     cln_rendering rendering;
-    double seconds; /* that it took so far */
+    double seconds; /* spent on it so far */
     /* the answer */
-    int status; /* of HTTP; 0 = not yet */
+    int status; /* of HTTP; 0 = not answered yet */
     const char *type;
     uint8_t *body; /* the caller frees it, by cln_painting_free */
     size_t bytes;
     int width, height; /* picture: as rendered */
-    double near, far; /* the ends of a picture's scale: of depths, scene units, of errors; else 0 */
-    bool is_file;     /* a film's: instead of the body */
-    int file;         /* its descriptor, the caller's */
+    double near, far;  /* ends of a picture's scale of depths (scene units) or errors; else 0 */
+    bool is_file;      /* the answer is a film's file, not the body */
+    int file;          /* its descriptor, the caller's */
     const char *file_name;
 } cln_painting;
 
@@ -40,16 +40,16 @@ typedef struct cln_painting {
  * to learn the device's speed. CLN_CL, CLN_MEMORY. */
 cln_status cln_painter_open(cln_painter *painter, const cln_camera *first);
 
-/* Goes on with a painting by one batch; it is done when its status is not 0. What concerns one
- * painting alone (no memory for its size, a photo that cannot be read) becomes its answer; errors
- * of the device are returned. */
+/* Continues a painting by one batch; it is done when its status is not 0. An error of one painting
+ * (no memory for its size, a photo that cannot be read) becomes its answer; errors of the device
+ * are returned. */
 cln_status cln_painter_step(cln_painter *painter, cln_painting *painting);
 
-/* The answer is this sentence. */
+/* Makes a sentence the answer. */
 void cln_painting_say(cln_painting *painting, int status, const char *sentence);
 void cln_painting_free(cln_painter *painter, cln_painting *painting); /* its contents */
 
-/* Nobody waits for it any more: of a film's frame, nor for the film. */
+/* The client has gone: if the painting was a film's frame, drops the film. */
 void cln_painter_forget(cln_painter *painter, const cln_painting *painting);
 
 #endif

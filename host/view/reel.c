@@ -78,7 +78,8 @@ cln_status cln_reel_begin(cln_reel *reel, const cln_ask *ask)
     if (!mkdtemp(reel->folder)) {
         const int reason = errno;
 
-        st = cln_fail(CLN_OUTPUT, "%s: no folder for a film: %s", reel->folder, strerror(reason));
+        st = cln_fail(CLN_OUTPUT, "%s: cannot make a folder for a film: %s", reel->folder,
+                      strerror(reason));
         free(reel->folder);
         reel->folder = NULL;
         goto done;
@@ -118,8 +119,8 @@ cln_status cln_reel_end(cln_reel *reel)
     struct stat about;
 
     if (reel->done < reel->frames)
-        CLN_TRY(cln_fail(CLN_USAGE, "only %d of the film's %d frames are there", reel->done,
-                         reel->frames));
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "the film has only %d of its %d frames", reel->done, reel->frames));
     reel->film = NULL;
     CLN_TRY(cln_film_end(film));
     reel->file = open(reel->path, O_RDONLY | O_CLOEXEC);

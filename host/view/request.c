@@ -1,4 +1,4 @@
-/* Requests read and judged. See request.h. */
+/* Reads and checks requests. See request.h. */
 #include "view/request.h"
 
 #include <arpa/inet.h>
@@ -22,7 +22,7 @@ static cln_status read_real(cln_ask_get *get, void *query, const char *name, dou
     double value = standard;
 
     if (text && (!cln_reals_read(text, 1, &value) || !(value >= low && value <= high)))
-        return cln_fail(CLN_USAGE, "%s: a number from %g to %g is wanted", name, low, high);
+        return cln_fail(CLN_USAGE, "%s: give a number from %g to %g", name, low, high);
     *out = value;
     return CLN_OK;
 }
@@ -34,12 +34,12 @@ static cln_status read_int(cln_ask_get *get, void *query, const char *name, int 
     long long value = standard;
 
     if (text && (!cln_integer_read(text, &value) || value < low || value > high))
-        return cln_fail(CLN_USAGE, "%s: a whole number from %d to %d is wanted", name, low, high);
+        return cln_fail(CLN_USAGE, "%s: give a whole number from %d to %d", name, low, high);
     *out = (int)value;
     return CLN_OK;
 }
 
-/* The number of the word that was given, 0 without one. */
+/* Index of the given word, 0 without one. */
 static cln_status read_word(cln_ask_get *get, void *query, const char *name,
                             const char *const *words, int count, int *out)
 {
@@ -53,7 +53,7 @@ static cln_status read_word(cln_ask_get *get, void *query, const char *name,
             *out = i;
             return CLN_OK;
         }
-    return cln_fail(CLN_USAGE, "%s: not a word that is known here", name);
+    return cln_fail(CLN_USAGE, "%s: unknown word", name);
 }
 
 /* ---- cameras ---- */
@@ -76,12 +76,12 @@ static cln_status read_free_camera(cln_ask_get *get, void *query, int width, int
     double focal = 0;
 
     if (width < 1 || height < 1)
-        CLN_TRY(cln_fail(CLN_USAGE, "width, height: both are wanted with a pose"));
+        CLN_TRY(cln_fail(CLN_USAGE, "width, height: a pose needs both"));
     if (!pose || !cln_reals_read(pose, 12, out->c2w))
-        CLN_TRY(cln_fail(CLN_USAGE, "pose: 12 numbers with commas are wanted"));
+        CLN_TRY(cln_fail(CLN_USAGE, "pose: give 12 numbers with commas"));
     CLN_TRY(read_real(get, query, "focal", 1e-3, 1e9, 0, &focal));
     if (!(focal > 0))
-        CLN_TRY(cln_fail(CLN_USAGE, "focal: a number of pixels is wanted with a pose"));
+        CLN_TRY(cln_fail(CLN_USAGE, "focal: a pose needs it, in pixels"));
     out->width = width;
     out->height = height;
     out->fx = out->fy = focal;
@@ -148,7 +148,7 @@ static cln_status read_film(cln_ask_get *get, void *query, cln_ask *out)
     CLN_TRY(read_int(get, query, "frames", 1, CLN_FILM_FRAMES, 0, &out->frames));
     CLN_TRY(read_real(get, query, "fps", 1, 240, 24, &out->fps));
     if (out->width == 0 || out->height == 0 || out->frames == 0)
-        CLN_TRY(cln_fail(CLN_USAGE, "width, height, frames: all are wanted for a film"));
+        CLN_TRY(cln_fail(CLN_USAGE, "width, height, frames: a film needs all three"));
     if ((int64_t)out->width * out->height > CLN_ASK_PIXELS ||
         (double)out->width * out->height * out->frames > CLN_FILM_PIXELS)
         CLN_TRY(cln_fail(CLN_USAGE,
@@ -165,7 +165,7 @@ static cln_status read_film_name(cln_ask_get *get, void *query, char out[CLN_FIL
 
     if (!text || strlen(text) != CLN_FILM_NAME - 1 ||
         strspn(text, "0123456789abcdef") != CLN_FILM_NAME - 1)
-        return cln_fail(CLN_USAGE, "film: the name of a film is wanted");
+        return cln_fail(CLN_USAGE, "film: give the name of a film");
     memcpy(out, text, CLN_FILM_NAME);
     return CLN_OK;
 }
@@ -178,7 +178,7 @@ static cln_status read_photo(const cln_scene *scene, cln_ask_get *get, void *que
 
     CLN_TRY(read_view(scene, get, query, &out->view));
     if (out->view < 0)
-        CLN_TRY(cln_fail(CLN_USAGE, "view: the number of a photo is wanted"));
+        CLN_TRY(cln_fail(CLN_USAGE, "view: give the number of a photo"));
     CLN_TRY(read_int(get, query, "side", 16, CLN_ASK_PHOTO_SIDE, 1024, &out->side));
 done:
     return st;
@@ -191,7 +191,7 @@ static cln_status read_point(cln_ask_get *get, void *query, cln_ask *out)
     CLN_TRY(read_real(get, query, "x", 0, out->camera.width, -1, &out->x));
     CLN_TRY(read_real(get, query, "y", 0, out->camera.height, -1, &out->y));
     if (out->x < 0 || out->y < 0)
-        CLN_TRY(cln_fail(CLN_USAGE, "x, y: a position in the picture is wanted"));
+        CLN_TRY(cln_fail(CLN_USAGE, "x, y: give a position in the picture"));
 done:
     return st;
 }
@@ -209,10 +209,10 @@ static cln_status read_looks(const float background[3], cln_ask_get *get, void *
     CLN_TRY(read_word(get, query, "show", shows, CLN_SHOWS, &show));
     CLN_TRY(read_word(get, query, "format", formats, 2, &format));
     if (colour && !cln_reals_read(colour, 3, rgb))
-        CLN_TRY(cln_fail(CLN_USAGE, "background: three numbers with commas are wanted"));
+        CLN_TRY(cln_fail(CLN_USAGE, "background: give three numbers with commas"));
     for (int c = 0; c < 3; c++) {
         if (!(rgb[c] >= 0 && rgb[c] <= 1))
-            CLN_TRY(cln_fail(CLN_USAGE, "background: its numbers are from 0 to 1"));
+            CLN_TRY(cln_fail(CLN_USAGE, "background: give numbers from 0 to 1"));
         out->background[c] = (float)rgb[c];
     }
     out->budget = out->kind == CLN_ASK_PICTURE ? ms / 1000 : 0;
@@ -272,7 +272,7 @@ static bool host_name(const char *host, char *out, size_t bytes)
     return true;
 }
 
-/* The machine's name, alone or with a domain behind it. */
+/* Whether a name is the machine's, alone or with a domain after it. */
 static bool is_own(const char *name, const char *own)
 {
     const size_t length = own ? strlen(own) : 0;

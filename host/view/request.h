@@ -10,7 +10,7 @@
 enum {
     CLN_ASK_SIDE = 8192,       /* pixels */
     CLN_ASK_PIXELS = 1 << 23,  /* a little more than 3840 x 2160 */
-    CLN_ASK_PHOTO_SIDE = 2048, /* a photo's longer side as it is sent */
+    CLN_ASK_PHOTO_SIDE = 2048, /* longer side of a photo as sent */
     CLN_VIEWER_BYTES = 32,
     CLN_FILM_FRAMES = 7200,
     CLN_FILM_NAME = 33 /* of cln_ask_make_token */
@@ -43,15 +43,15 @@ typedef struct cln_ask {
     int side;          /* photo: at most so many pixels */
     cln_camera camera; /* picture, point: at full size; scene units */
     double x, y;       /* point: pixel position */
-    double budget;     /* picture: seconds that it may take, its size is reduced for that; 0 = full
-                          size however long */
+    double budget;     /* picture: seconds that it may take, for which its size is reduced; 0 = full
+                          size, however long it takes */
     cln_show show;
     bool png; /* else JPEG */
     float background[3];
     cln_crop crop;             /* picture, point */
     int width, height, frames; /* film to begin */
     double fps;
-    char film[CLN_FILM_NAME]; /* a film's name; "" of one to begin */
+    char film[CLN_FILM_NAME]; /* name of a film; "" before it begins */
 } cln_ask;
 
 /* The text of a query's value, or NULL. */
@@ -67,13 +67,13 @@ typedef const char *cln_ask_get(void *query, const char *name);
  *   x= y=                  point
  *   view=I side=PIXELS     photo
  *   width= height= frames= fps=      film to begin
- *   film=NAME              the others of a film; a frame: and as a picture, without ms and format
+ *   film=NAME              further requests of a film; a frame: also a picture's but ms, format
  * scene may be NULL: no view then. CLN_USAGE names what is wrong. */
 cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float background[3],
                         cln_ask_get *get, void *query, cln_ask *out);
 
-/* Who may ask. `host`, `origin` and `site` are the headers Host, Origin and Sec-Fetch-Site, or
- * NULL. False with a reason for a Host that is neither this machine's loopback by name or number
+/* Decides who may ask. `host`, `origin` and `site` are the headers Host, Origin and Sec-Fetch-Site,
+ * or NULL. False with a reason for a Host that is neither this machine's loopback by name or number
  * nor, with `far` (others may ask, with a token), a numeric address or a name of this machine
  * (`own`); for an Origin other than the Host; and for a page of another site. */
 bool cln_ask_allowed(const char *host, const char *origin, const char *site, bool far,

@@ -4,23 +4,23 @@
  *
  *   GET /  /view.css  /view.js  /path.js the page, which is in the program
  *   GET /facts                           facts.h
- *   GET /picture?...  /photo?...  /point?...   request.h; pictures and points want a header
+ *   GET /picture?...  /photo?...  /point?...   request.h; pictures and points need a header
  *                                        X-Viewer: NAME, which no page of another site can send; a
  *                                        later picture of the same viewer cancels an earlier one
  *   POST /film/begin?...  /film/frame?...  /film/end?...  /film/drop?...
  *                                        a film (reel.h), frame by frame as the page asks for them;
- *                                        with X-Viewer. A frame whose asker has vanished ends it
+ *                                        with X-Viewer. If a frame's client vanishes, the film ends
  *   GET /film?film=NAME                  the whole film
- * and of a training:
- *   GET /training                        how it stands (train/watch.h)
- *   POST /pause /continue /save /stop    orders; they want X-Viewer, too */
+ * and for a training:
+ *   GET /training                        its progress (train/watch.h)
+ *   POST /pause /continue /save /stop    orders; with X-Viewer, too */
 #ifndef CLN_SERVER_H
 #define CLN_SERVER_H
 
 #include "view/listen.h"
 #include "view/painter.h"
 
-/* CLN_FAILED in a program that was built without libmicrohttpd: which package is missing. */
+/* CLN_FAILED, with the missing package, in a program that was built without libmicrohttpd. */
 cln_status cln_serve_possible(void);
 
 /* All that it points to is the caller's and lives as long as the server. */
@@ -38,15 +38,15 @@ typedef struct cln_server cln_server;
 cln_status cln_server_open(const cln_server_desc *desc, cln_server **out);
 
 /* Paints a piece of what was asked for: a small picture, a photo, a point, or a batch of a large
- * picture. Waits up to `wait` seconds (below 1) for something; *painted: there was. On the thread
- * that has the device, whose errors it returns: CLN_CL, CLN_BUILD, CLN_INTERNAL. */
+ * picture. Waits up to `wait` seconds (below 1) for a request; *painted: there was one. On the
+ * thread that has the device, whose errors it returns: CLN_CL, CLN_BUILD, CLN_INTERNAL. */
 cln_status cln_server_turn(cln_server *s, double wait, bool *painted);
 
 /* Whether a turn would find something. The same thread. */
 bool cln_server_asked(cln_server *s);
 
-/* Of a training. Tell: what GET /training answers from now on, JSON text; takes it. Orders: those
- * that came since the last call; pause and continue never both. Any thread. */
+/* For a training. tell: sets the JSON text that GET /training answers from now on, and takes it
+ * over. orders: those since the last call, never both pause and continue. Any thread. */
 enum {
     CLN_ORDER_PAUSE = 1,
     CLN_ORDER_CONTINUE = 2,
@@ -56,7 +56,7 @@ enum {
 void cln_server_tell(cln_server *s, char *text);
 unsigned cln_server_orders(cln_server *s);
 
-/* Sends away who waits. Accepts NULL. */
+/* Ends the requests that wait. Accepts NULL. */
 void cln_server_close(cln_server *s);
 
 #endif

@@ -6,7 +6,7 @@
 cln_status cln_serve_possible(void)
 {
     return cln_fail(CLN_FAILED,
-                    "this program was built without a viewer, as libmicrohttpd was not there; "
+                    "this program was built without a viewer, as libmicrohttpd was not installed; "
                     "install the Debian package libmicrohttpd-dev and run make again");
 }
 

@@ -216,8 +216,8 @@ static bool same_name(const char *is, const char *was)
            (is[strlen(was)] == 0 || strcmp(is + strlen(was), ".png") == 0);
 }
 
-/* Every view of the scene is in the other with the same camera, and in the same split if it has
- * any. */
+/* The file has every view of the scene, with the same camera, and in the same split if it has
+ * splits. */
 static void assert_same_cameras(const char *path, bool has_splits)
 {
     const cln_config config = fixture_config();

@@ -134,12 +134,12 @@ static void test_field_is_the_networks(void **state)
     /* rounding of float32 in the position and the layers; the self-test's bound is 1e-3 of the
      * rms */
     if (!(worst[0] < 1e-4 && worst[1] < 1e-3))
-        fail_msg("colour off by %g, density by %g of it", worst[0], worst[1]);
+        fail_msg("the colour is off by %g, the density by %g of its value", worst[0], worst[1]);
     cln_field_close(field);
     cln_model_free(&model);
 }
 
-/* Points in a forward space, from the near plane to 20 of them away, seen from before. */
+/* Points in a forward space, from the near plane to 20 times as far, seen from the front. */
 static void test_forward(void **state)
 {
     static points p;
@@ -197,7 +197,7 @@ static void test_forward(void **state)
     }
     assert_in_range(empty, POINTS / 16, POINTS / 4); /* an octant is culled */
     if (!(worst[0] < 1e-4 && worst[1] < 1e-3))
-        fail_msg("colour off by %g, density by %g of it", worst[0], worst[1]);
+        fail_msg("the colour is off by %g, the density by %g of its value", worst[0], worst[1]);
     cln_field_close(field);
     cln_model_free(&model);
 }

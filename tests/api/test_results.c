@@ -294,8 +294,8 @@ static void test_render_stops_and_goes_on(void **state)
     assert_rendered(&desc, 1, 1);
 }
 
-/* Frames of other settings are made again, those of the same are kept, whatever was rendered in
- * between; folders of others stay as they are. */
+/* Frames of other settings are rendered again, frames of the same settings are kept, whatever was
+ * rendered in between; foreign folders stay as they are. */
 static void test_render_folders(void **state)
 {
     fixture_stop none = {0}, stop = {.signal = SIGTERM, .pictures = 2};
@@ -318,7 +318,7 @@ static void test_render_folders(void **state)
     about = fixture_json("mixed/render.json");
     assert_int_equal(json_object_size(fixture_at(about, "frames")), TEST_VIEWS + 1);
     json_decref(about);
-    /* stopped on the way to other settings: what is left of before is not taken for the new */
+    /* stopped while rendering with other settings: old frames are not taken for new ones */
     desc.z_depth = false;
     desc.callbacks = fixture_callbacks(&stop);
     assert_fails(cln_render(&desc, &result), CLN_SIGTERM, "1 of 2 frames");
@@ -366,7 +366,7 @@ static void test_depth_pictures_share_a_scale(void **state)
         depth[0][i] = 1 / (1.0f + (float)i / 100); /* inverse 1 to 2, and 3 to 4 */
         depth[1][i] = 1 / (3.0f + (float)i / 100);
     }
-    opacity[7] = 100; /* of no account, and darker */
+    opacity[7] = 100; /* does not count, and is darker */
     assert_ok(cln_depth_scale_add(&scale, 100, depth[0], opacity));
     assert_ok(cln_depth_scale_add(&scale, 100, depth[1], opacity));
     assert_true(cln_depth_scale_make(&scale));

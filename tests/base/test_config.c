@@ -177,7 +177,7 @@ static void test_baselines(void **state)
     assert_true(kilonerf.cull_from < 1); /* empty cells go */
 }
 
-/* No networks, and every setting of the preset can be one. */
+/* The preset has voxels instead of networks, and its settings agree with each other. */
 static void test_voxel_preset(void **state)
 {
     const cln_config config = preset("voxel");
@@ -483,7 +483,7 @@ static void test_locale(void **state)
         remove_folder(folder);
     unsetenv("LOCPATH");
     if (!found) {
-        print_message("skipped: no locale with a decimal comma is there or can be made\n");
+        print_message("skipped: no locale with a decimal comma exists or can be made\n");
         skip();
     }
     snprintf(number, sizeof number, "%g", 0.5);

@@ -21,7 +21,7 @@ static double speed_up(const scale_machine *m, const scale_network *net, double 
     return alone / scale_predict(m, net, &w).total;
 }
 
-/* All work shared, messages for nothing: as fast as there are ranks. */
+/* All work is shared and messages cost nothing: the speed-up is the number of ranks. */
 static void test_all_shared(void **state)
 {
     const scale_machine m = {.shared = {0, 2e-6, 3e-6}, .refresh = 1e-4};
@@ -31,7 +31,7 @@ static void test_all_shared(void **state)
         assert_true(fabs(speed_up(&m, &nothing, n) / n - 1) < 1e-12);
 }
 
-/* A fifth of the work repeated: Amdahl's law, at most five times as fast. */
+/* A fifth of the work is repeated: Amdahl's law, at most five times as fast. */
 static void test_amdahl(void **state)
 {
     const scale_machine m = {.shared = {0, 4e-6, 0}, .repeated = {0, 1e-6, 0}};
@@ -72,7 +72,7 @@ static void test_stretches(void **state)
     assert_true(fabs(scale_passed(3, 512, 8) - 9) < 1e-12);
 }
 
-/* The busiest rank's part makes the step; leaves without samples cost the networks nothing. */
+/* The busiest rank's part determines the step; leaves without samples cost the networks nothing. */
 static void test_balance_and_leaves(void **state)
 {
     const scale_machine m = {.shared = {0, 1e-6, 0}}, leaves = {.shared = {0, 0, 1}};

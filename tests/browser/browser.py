@@ -17,7 +17,7 @@ import urllib.error
 import urllib.request
 
 ADDRESS, RENDERED, FOLDER, PAGES = sys.argv[1:]
-TEST_VIEW = 20  # behind 20 training views
+TEST_VIEW = 20  # after 20 training views
 MEAN = """
     const b = last.box, c = new OffscreenCanvas(64, 64), p = c.getContext('2d');
     p.drawImage(picture, b.x, b.y, b.width, b.height, 0, 0, 64, 64);
@@ -155,14 +155,14 @@ def moved(a, b):
 def look_around(page):
     at = page.pose()
     page.point((0, 0), 'down', (30, 10), (90, 20), 'up')
-    page.check('a drag turns', moved(at, page.pose()) > 0.1)
+    page.check('a drag turns the camera', moved(at, page.pose()) > 0.1)
     page.settle()
     page.check('the picture is sharp at rest', page.js('return last.width === last.box.width'))
     page.shot('dragged')
     page.key('h')
     time.sleep(0.6)
     page.settle()
-    page.check('H goes home', moved(at, page.pose()) < 1e-9, page.pose())
+    page.check('H returns to the first view', moved(at, page.pose()) < 1e-9, page.pose())
     before = page.js('return pivot(camera)')
     page.point((0, 10), 'down', 'up', 0.08, 'down', 'up')
     time.sleep(1.2)
@@ -174,7 +174,7 @@ def look_around(page):
     page.check('+ goes nearer', page.js('return camera.distance') < 0.85 * distance)
     at = page.pose()
     page.key(KEYS['left'])
-    page.check('an arrow turns', moved(at, page.pose()) > 0.01)
+    page.check('an arrow key turns the camera', moved(at, page.pose()) > 0.01)
     at = page.pose()
     page.call('/actions', {'actions': [{'type': 'key', 'id': 'keys', 'actions': [
         {'type': 'keyDown', 'value': 'w'}, {'type': 'pause', 'duration': 300},
@@ -211,7 +211,7 @@ def see_cameras(page):
           done(10 * Math.log10(255 * 255 * shown.length / sum));
         });''', wanted)
     page.check('the page shows what render makes', psnr > 28, f'{psnr} dB')
-    page.check('its photo is here', page.js('return photo !== null && photo.width > 0'))
+    page.check('the view\'s photo is shown', page.js('return photo !== null && photo.width > 0'))
     page.key('b')
     page.check('B lays the photo over', page.js('return $("blend").value') == '1')
     page.js('$("blend").value = 0.5; draw()')
@@ -224,7 +224,7 @@ def see_cameras(page):
                f'{shown}, not {wanted}')
     page.shot('error')
     page.key('v')
-    page.check('and V again the render', abs(page.js(MEAN) - before) < 1, page.js(MEAN))
+    page.check('V again shows the render', abs(page.js(MEAN) - before) < 1, page.js(MEAN))
     for key, what in (('2', 'depth'), ('3', 'opacity'), ('4', 'level'), ('5', 'error')):
         page.key(key)
         time.sleep(0.6)
@@ -233,8 +233,8 @@ def see_cameras(page):
         page.check(f'{key} shows {what}', page.js('return $("show").value') == what)
         legend = page.js('return $("legend").hidden ? -1 : $("legend").children.length')
         levels = page.js('return facts.levels.length')
-        wanted = {'level': (levels,), 'error': (5, 0)}.get(what, (-1,))  # 0: a sentence alone
-        page.check('a legend for leaves alone', legend in wanted, legend)
+        wanted = {'level': (levels,), 'error': (5, 0)}.get(what, (-1,))  # 0: only a sentence
+        page.check('only pictures of leaves have a legend', legend in wanted, legend)
     page.key('1', 'n')
     time.sleep(1)
     page.check('N is the next camera', page.js('return at') == TEST_VIEW + 1)
@@ -243,7 +243,7 @@ def see_cameras(page):
 
 
 def axes_of(degrees):
-    """The axes of a box turned about x, then y, then z, as columns, worked out apart."""
+    """The axes of a box turned about x, then y, then z, as columns, without the page's code."""
     rows = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
     for a, angle in enumerate(degrees):
         c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
@@ -254,7 +254,7 @@ def axes_of(degrees):
 
 
 def in_box(numbers, point):
-    """Is a point in the box that these numbers of --crop mean?"""
+    """Is a point in the box of these numbers of --crop?"""
     middle = [(numbers[a] + numbers[a + 3]) / 2 for a in range(3)]
     rows = axes_of((numbers + [0, 0, 0])[6:9])
     along = [sum(rows[k][a] * (point[k] - middle[k]) for k in range(3)) for a in range(3)]
@@ -262,7 +262,7 @@ def in_box(numbers, point):
 
 
 def turn_box(page):
-    """The box that is there, turned by sliders, saved with a path and opened again."""
+    """Turns the box by sliders, saves it with a path and opens it again."""
     middle = page.js('return fromCrop([0, 1, 2].map((a) => (crop[a] + crop[a + 3]) / 2))')
     crop = page.js('return crop')
     for axis, degrees in ((0, 20), (2, -35)):
@@ -275,8 +275,9 @@ def turn_box(page):
     page.check('a turned box has nine numbers', numbers[6:] == [20, 0, -35], numbers)
     now = page.js('return [crop, fromCrop([0, 1, 2].map((a) => (crop[a] + crop[a + 3]) / 2))]')
     sides = [i for i in range(6) if page.js('return isSide(arguments[0])', i)]
-    page.check('the same sides', sides == [0, 4], sides)
-    page.check('which move along', moved(now[0], crop) > 1e-3 and moved(now[1], middle) < 1, now)
+    page.check('a turned box keeps its set sides', sides == [0, 4], sides)
+    page.check('the set sides turn with the box',
+               moved(now[0], crop) > 1e-3 and moved(now[1], middle) < 1, now)
     inside, differ = 0, 0
     box = page.js('return facts.box')
     for i in range(0, 2000, 10):
@@ -286,14 +287,14 @@ def turn_box(page):
         wanted = own[0] >= now[0][0] and own[1] <= now[0][4]
         inside += wanted
         differ += wanted != in_box(numbers, point)
-    page.check('what is in it is what is in those', differ == 0 and 10 < inside < 190,
+    page.check('page and --crop agree on what is inside', differ == 0 and 10 < inside < 190,
                f'{differ} differ, {inside} inside')
     again = page.js('''
         const read = JSON.parse(JSON.stringify({crop: cropOfPath()}));
         resetCrop();
         openCrop(read);
         return cropSides();''')
-    page.check('a path keeps it', moved(again, numbers) < 1e-6, again)
+    page.check('a path keeps the box', moved(again, numbers) < 1e-6, again)
     small, turned, back = page.js('''
         const was = [crop, cropTurn], half = (facts.box[3] - facts.box[0]) / 2;
         const middle = cropMiddle(), near = [0.6, 0.6, -0.2, 0.9, 0.9, 0.2];
@@ -307,7 +308,7 @@ def turn_box(page):
         changeCrop();
         return [small, turned, back];''')
     page.check('a box in a corner keeps its sides when turned', turned, turned)
-    page.check('and is what it was when turned back', moved(small, back) < 1e-6, back)
+    page.check('and has its old sides when turned back', moved(small, back) < 1e-6, back)
     time.sleep(0.6)
     page.settle()
 
@@ -325,44 +326,44 @@ def crop(page):
     box, of = page.js('return crop'), page.js('return facts.box')
     page.check('sliders make a box', abs(box[0] - (of[0] + of[3]) / 2) < 1e-9 and
                box[1] == of[1] and abs(box[4] - (of[1] + 0.6 * (of[4] - of[1]))) < 1e-9, box)
-    page.check('less is seen', abs(page.js(MEAN) - before) > 1, page.js(MEAN))
+    page.check('the box cuts the picture', abs(page.js(MEAN) - before) > 1, page.js(MEAN))
     said = page.js('return $("crop-text").textContent').split(' ')
-    page.check('it says what render takes', said[0] == '--crop' and
+    page.check('the text is an option of render', said[0] == '--crop' and
                abs(float(said[1].split(',')[4]) - box[4]) < 1e-6, said)
     upright = page.js(MEAN)
     turn_box(page)
-    page.check('and other is seen', abs(page.js(MEAN) - upright) > 0.3, page.js(MEAN))
+    page.check('a turned box cuts elsewhere', abs(page.js(MEAN) - upright) > 0.3, page.js(MEAN))
     page.js('document.activeElement.blur()')
     page.key('o')
     time.sleep(0.6)
     page.settle()
-    page.check('O shows all again', abs(page.js(MEAN) - before) < 0.5, page.js(MEAN))
+    page.check('O shows the whole scene', abs(page.js(MEAN) - before) < 0.5, page.js(MEAN))
     page.js('resetCrop(); $("crop-part").open = false')
-    page.check('Reset turns it back', page.js('return cropSides().length') == 6)
+    page.check('Reset turns the box back', page.js('return cropSides().length') == 6)
     page.settle()
 
 
 def make_film(page):
-    """Of the path that is there; cancelled once, then whole, then saved."""
+    """Makes a film of the path: cancels it once, then finishes and saves it."""
     page.js('openPanel(true); $("path-part").open = true; $("film-size").value = "854x480";'
             '$("make-film").scrollIntoView(); $("make-film").click()')
     page.check('a film begins', wait_for(
         page, 'film && $("film-state").textContent.includes(" of ")'))
     page.js('$("make-film").click()')
-    page.check('and is cancelled', wait_for(
+    page.check('a film is cancelled', wait_for(
         page, '!film && $("film-state").textContent === "cancelled"'))
     page.js('$("make-film").click()')
-    page.check('it tells how far it is', wait_for(
+    page.check('a film shows its progress', wait_for(
         page, '$("film-state").textContent.includes(" of 12, ")'))
     page.shot('film')
-    page.check('and becomes whole', wait_for(page, '!film && !$("film-link").hidden', 900),
+    page.check('a film is finished', wait_for(page, '!film && !$("film-link").hidden', 900),
                page.js('return $("film-state").textContent'))
     got = page.later("""
         fetch($("film-link").href).then((a) => a.blob()).then((b) => b.slice(0, 12).text().then(
           (t) => done([b.type, b.size, t])));""")
-    page.check('it can be saved', got[1] > 1000 and (got[2][4:8] == 'ftyp' or
+    page.check('the film can be saved', got[1] > 1000 and (got[2][4:8] == 'ftyp' or
                got[2].startswith('YUV4MPEG2')), got)
-    page.check('with a name', page.js('return $("film-link").download').startswith('film.'))
+    page.check('the film has a name', page.js('return $("film-link").download').startswith('film.'))
 
 
 def make_path(page):
@@ -381,12 +382,12 @@ def make_path(page):
     page.check('a path has all frames', len(frames) == 12, len(frames))
     first, pose = frames[0]['camera_to_world'], page.js('return toPose(keyframes[0])')
     turned = [s * v for v, s in zip(pose, (1, -1, -1, 1) * 3)]
-    page.check('in axes of OpenGL, by rows', moved(first, turned + [0, 0, 0, 1]) < 1e-12, first)
+    page.check("its axes are OpenGL's, by rows", moved(first, turned + [0, 0, 0, 1]) < 1e-12, first)
     same = page.js('''
         const c = fromNerfstudio(arguments[0]);
         return toPose(c).map((v, i) => v - toPose(keyframes[1])[i])''',
                    saved['keyframes'][1]['matrix'])
-    page.check('and is read back', max(map(abs, same)) < 1e-12, same)
+    page.check('a saved keyframe is read back', max(map(abs, same)) < 1e-12, same)
     other = page.later('''
         const real = download;
         download = (blob) => blob.text().then((t) => done(JSON.parse(t)));
@@ -397,7 +398,7 @@ def make_path(page):
                len(other['frames']) == 12, rows)
     fov = page.js('return [keyframes[0].fov, fovOf(arguments[0], arguments[0].frames[0])]', other)
     high = frames[0]['fov']
-    page.check('with their fields of view', abs(fov[1] - high) < 1e-6, fov)
+    page.check('transforms JSON has the fields of view', abs(fov[1] - high) < 1e-6, fov)
     count = page.later('''
         const text = JSON.stringify(arguments[0]), before = keyframes;
         openPath({name: 'transforms.json', text: async () => text}).then(() => {
@@ -408,14 +409,14 @@ def make_path(page):
           listKeys();
           done([n, Math.max(...c.map(Math.abs)), off]);
         });''', other)
-    page.check('which is opened again', count[0] == 12 and count[1] < 1e-12 and count[2] < 1e-6,
-               count)
+    page.check('transforms JSON is opened again',
+               count[0] == 12 and count[1] < 1e-12 and count[2] < 1e-6, count)
     page.js('document.activeElement.blur()')
     page.key(' ')
-    page.check('Space plays it', page.js('return playing > 0'))
+    page.check('Space plays the path', page.js('return playing > 0'))
     time.sleep(1)
     page.settle()
-    page.check('to its end', moved(page.pose(), page.js('return toPose(along(1))')) < 1e-9)
+    page.check('it plays to the end', moved(page.pose(), page.js('return toPose(along(1))')) < 1e-9)
 
 
 def listen(page):
@@ -424,9 +425,9 @@ def listen(page):
         message = json.loads(entry['message'])['message']
         if message['method'] == 'Network.requestWillBeSent':
             asked.add(message['params']['request']['url'])
-    page.check('pictures were asked for', any('/picture?' in url for url in asked))
+    page.check('the page requests pictures', any('/picture?' in url for url in asked))
     away = [url for url in asked if not url.startswith((ADDRESS, 'data:', 'blob:'))]
-    page.check('nobody else was', not away, away)
+    page.check('no other site is asked', not away, away)
     said = [entry for entry in page.call('/se/log', {'type': 'browser'})
             if entry['level'] in ('WARNING', 'SEVERE')]
     page.check('the console has no errors', not said, said)
@@ -448,13 +449,13 @@ def by_keys(page):
               'play', 'seconds', 'fps', 'cycle', 'save-path', 'save-transforms', 'open-path',
               'film-size', 'make-film'}
     page.check('Tab reaches every control', wanted <= set(seen), wanted - set(seen))
-    page.check('and goes around', seen[-1] in seen[:2] and len(seen) > 40, seen[-1])
+    page.check('Tab returns to the start', seen[-1] in seen[:2] and len(seen) > 40, seen[-1])
     unnamed = page.js("""
         const all = document.querySelectorAll('button, input, select, a[href], summary');
         const named = (e) => e.textContent.trim() || e.getAttribute('aria-label') ||
           (e.labels && e.labels.length && e.labels[0].textContent.trim());
         return [...all].filter((e) => e.offsetParent && !named(e)).map((e) => e.id)""")
-    page.check('all have names', not unnamed, unnamed)
+    page.check('all controls have names', not unnamed, unnamed)
     page.js('$("cameras").querySelector("button").focus()')
     page.key(KEYS['enter'])
     page.check('Enter goes to a camera', wait_for(page, 'at === 0'))
@@ -494,8 +495,8 @@ def look_of(page, dark, phone):
     def contrast(a, b):
         low, high = sorted((light(a), light(b)))
         return (high + 0.05) / (low + 0.05)
-    page.check('it is dark if that is wanted', (light(back) < 0.1) == dark, back)
-    page.check('its text can be read', contrast(back, text) > 7 and contrast(back, soft) > 4.5,
+    page.check('it is dark if the system is', (light(back) < 0.1) == dark, back)
+    page.check('its text has contrast', contrast(back, text) > 7 and contrast(back, soft) > 4.5,
                [contrast(back, text), contrast(back, soft)])
     if phone:
         small = page.js("""
@@ -505,7 +506,7 @@ def look_of(page, dark, phone):
 
 
 def two_at_once(driver):
-    """Another viewer goes around; this one's picture comes, and stays."""
+    """Another viewer's camera moves; this one gets its own pictures, and stays."""
     one, other = Page(driver, 'one', 700, 500), Page(driver, 'other', 500, 700, dark=True)
     first = one.js(MEAN)
     at, shown = one.pose(), one.js('return last.version')
@@ -515,7 +516,7 @@ def two_at_once(driver):
         time.sleep(0.3)
     other.settle()
     one.settle()
-    other.check('two at once: it turns', moved(at, other.pose()) > 0.1)
+    other.check('two at once: the other turns', moved(at, other.pose()) > 0.1)
     one.check('two at once: this one stays', moved(at, one.pose()) < 1e-12)
     one.check('two at once: it gets its own pictures', one.js('return last.version') > shown and
               abs(one.js(MEAN) - first) < 0.5 and abs(other.js(MEAN) - first) > 0.5,
@@ -536,26 +537,27 @@ def wait_for(page, script, seconds=30):
 
 def steer(page, last):
     page.js('openPanel(true)')
-    page.check('it says how the training stands', wait_for(page, 'training && training.step > 0'))
-    page.check('with a curve', wait_for(page, 'document.querySelector("#curve polyline")'))
+    page.check('it shows the progress', wait_for(page, 'training && training.step > 0'))
+    page.check('it shows a curve', wait_for(page, 'document.querySelector("#curve polyline")'))
     step = page.js('return last.step')
     page.check('the picture follows the training', wait_for(page, f'last.step > {step}'))
     page.shot('training')
     page.js('$("pause").click()')
     page.check('a button pauses', wait_for(page, 'training.state === "paused"'))
     page.settle()
-    page.check('and would continue', page.js('return $("pause").textContent') == 'Continue')
+    page.check('the button then continues', page.js('return $("pause").textContent') == 'Continue')
     page.js('$("checkpoint").click()')
-    page.check('one saves', wait_for(page, 'training.saved_step === training.step'))
+    page.check('a button saves', wait_for(page, 'training.saved_step === training.step'))
     page.js('$("stages").parentNode.open = true')
     page.shot('paused')
     page.js('$("pause").click()')
-    page.check('it continues', wait_for(page, 'training.state === "training"'))
+    page.check('the button continues', wait_for(page, 'training.state === "training"'))
     if last:
         page.js('$("stop").click()')
-        page.check('stopping asks back', page.js('return $("stop").textContent') == 'Really stop?')
+        page.check('stopping asks for confirmation',
+                   page.js('return $("stop").textContent') == 'Really stop?')
         page.js('$("stop").click()')
-        page.check('and the end is told', wait_for(page, 'ended'))
+        page.check('it shows the end', wait_for(page, 'ended'))
         page.shot('ended')
 
 
@@ -565,7 +567,7 @@ def watch(driver):
                                              ('training', 1200, 800, False, False)):
         page = Page(driver, name, width, height, dark, phone)
         steer(page, name == 'training')
-        if name != 'training':  # whose last requests fail
+        if name != 'training':  # its last requests fail
             listen(page)
         page.close()
 

@@ -13,8 +13,7 @@ work=$(mktemp -d "${TMPDIR:-/tmp}/cln-bench-XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
-# A row of the kernels' bench, with all that docs/benches.md says is in it; how fast is no test's
-# business.
+# A row of the kernels' bench has all that docs/benches.md says. No speed is tested.
 section_bench() {
     local key
     expect "a row of the kernels' bench" 0 "" "$bench" --json \
@@ -24,10 +23,10 @@ section_bench() {
         check "it has $key" number_above "$(json $key)" -1e-30
     done
     check "it names the kernel" [ "$(json kernel)" = mlp_training ]
-    check "and the shape" [ "$(json shape)" = "W16-D2-V16-L4 1x1" ]
+    check "it names the shape" [ "$(json shape)" = "W16-D2-V16-L4 1x1" ]
     check "its errors are within their bounds" [ "$(json ok)" = true ]
     expect "every row has its place in the list" 0 "" "$bench" --list
-    check "hundreds of them" [ "$(wc -l <"$work/out")" -gt 200 ]
+    check "the list has hundreds of rows" [ "$(wc -l <"$work/out")" -gt 200 ]
 }
 
 run_sections bench "$@"

@@ -139,12 +139,12 @@ section_usage() {
     expect "unknown command, with the nearest" 2 "trian train" "$cln" trian
     expect "unknown option, with the nearest" 2 "--stepz --steps" "$cln" train s -o r --stepz 5
     expect "value out of range" 2 "width 16" "$cln" train s -o r --width 3
-    expect "value that is no number" 2 "steps many" "$cln" train s -o r --steps many
-    expect "word that is not offered" 2 "loss l2" "$cln" train s -o r --loss l3
+    expect "value that is not a number" 2 "steps many" "$cln" train s -o r --steps many
+    expect "word that is not a choice" 2 "loss l2" "$cln" train s -o r --loss l3
     expect "train without an output" 2 "~output|-o" "$cln" train s
     expect "eval without a run" 2 "RUN" "$cln" eval
     expect "export without a file" 2 "--octree" "$cln" export r
-    expect "export in a colour that is not offered" 2 "colour level" "$cln" export r --octree f \
+    expect "export in an unknown colour" 2 "colour level" "$cln" export r --octree f \
         --colour red
     expect "tune with a budget of 0" 2 "budget 1" "$cln" tune --budget 0
     expect "tune with an option of train" 2 "lr train" "$cln" tune --lr 1
@@ -156,9 +156,9 @@ section_devices() {
     check "devices prints a self-test" grep -qi 'self-test' "$work/out"
     expect "devices --json" 0 "" "$cln" devices --json
     check "devices --json is one document" [ "$(json schema)" = cl-nascent.devices/1 ]
-    check "a device is there" [ -n "$(json devices.0.name)" ]
-    check "its self-test passed" [ "$(json devices.0.verdict)" = ok ]
-    check "its memory is a number" number_above "$(json devices.0.global_mem)" 1e6
+    check "devices lists a device" [ -n "$(json devices.0.name)" ]
+    check "the device's self-test passed" [ "$(json devices.0.verdict)" = ok ]
+    check "the device's memory is a number" number_above "$(json devices.0.global_mem)" 1e6
     blender
     if grep -q '"gpu"' "$work/out"; then
         skip "-d gpu without a GPU" "there is one"
@@ -167,7 +167,7 @@ section_devices() {
         check "-d gpu wrote nothing" [ ! -e "$work/gpu" ]
     fi
     expect "-d nonsense" 4 "nonsense" "$cln" train "$work/blender" -o "$work/gpu" -d nonsense
-    expect "a row number that is not there" 4 "99" "$cln" selftest --quick -d 99
+    expect "a row number that does not exist" 4 "99" "$cln" selftest --quick -d 99
     expect "no OpenCL at all, with what to install" 4 "pocl-opencl-icd" \
         env OCL_ICD_VENDORS="$work/nowhere" "$cln" devices
     expect "selftest --quick" 0 "" "$cln" selftest --quick
@@ -179,15 +179,15 @@ section_devices() {
     sed -i 's/through = EXP(-tau);/through *= 1.0f - alpha;/' "$work/kernels/composite.cl"
     expect "a bound that is missed at an extreme" 10 "~at.extremes:.composite:.opacity" \
         "$cln" selftest --extremes --quick --json --kernel-dir "$work/kernels"
-    check "is a row of --json" eval '[ "$(json checks.0.name)" = "composite: opacity" ] &&
+    check "the missed bound is a row" eval '[ "$(json checks.0.name)" = "composite: opacity" ] &&
         [ "$(json checks.0.verdict)" = failed ]'
-    check "beside those that are kept" eval '[ "$(json failed)" -lt 20 ] &&
+    check "beside bounds that hold" eval '[ "$(json failed)" -lt 20 ] &&
         number_above "$(json passed)" 40 && json checks.1.detail | grep -q "all finite"'
     cp kernels/composite.cl "$work/kernels/"
     echo 'this is no OpenCL;' >>"$work/kernels/mlp_forward.cl"
     expect "--kernel-dir with a broken kernel, with its log" 4 "mlp_forward.cl error" \
         "$cln" selftest --quick --kernel-dir "$work/kernels"
-    expect "--kernel-dir that is not there" 3 "$work/nowhere" \
+    expect "--kernel-dir that does not exist" 3 "$work/nowhere" \
         "$cln" selftest --quick --kernel-dir "$work/nowhere"
 }
 
@@ -199,35 +199,35 @@ section_tune() {
     blender
     expect "tune" 0 "" "$cln" tune "${net[@]}" --budget 2 --progress none
     check "tune prints the row" grep -q '| W16-D2-V16 | VW=' "$work/out"
-    check "and writes it to the user's file" grep -qF "$(tail -1 "$work/out")" "$rows"
-    expect "a run with such networks uses it" 0 "" \
+    check "tune writes the row to the user's file" grep -qF "$(tail -1 "$work/out")" "$rows"
+    expect "train uses the row for such networks" 0 "" \
         "$cln" train "$work/blender" -o "$work/tuned" "${small[@]}" --steps 2 -v
-    check "train says so" said "$rows, line 3"
-    check "and which they are" grep -q "kernel parameters: VW=" "$work/err"
-    check "run.json says so" eval \
+    check "train names the row" said "$rows, line 3"
+    check "train names the parameters" grep -q "kernel parameters: VW=" "$work/err"
+    check "run.json names the row" eval \
         '[[ "$("$query" tune_from <"$work/tuned/run.json")" = "$rows, line 3"* ]]'
-    expect "--tune goes before it" 0 "" \
+    expect "--tune goes before the row" 0 "" \
         "$cln" train "$work/blender" -o "$work/given" "${small[@]}" --steps 2 --tune VW=4
-    check "run.json says so" eval '"$query" tune_from <"$work/given/run.json" | grep -q "^--tune"'
+    check "run.json: --tune" eval '"$query" tune_from <"$work/given/run.json" | grep -q "^--tune"'
     echo '* | * | W32-* | VW=4,NV=1,TS=4' >>"$rows"
     expect "devices" 0 "" "$cln" devices --no-test --json
-    check "it names the parameters" grep -q '"VW=4,NV=1,LS=1,TS=4,' "$work/out"
-    check "and where they come from" [ "$(json devices.0.tune_from)" = "$rows, line 4" ]
-    expect "tune again, to a file of one's own" 0 "" "$cln" tune "${net[@]}" --budget 1 --json \
+    check "devices names the parameters" grep -q '"VW=4,NV=1,LS=1,TS=4,' "$work/out"
+    check "devices names their source" [ "$(json devices.0.tune_from)" = "$rows, line 4" ]
+    expect "tune again, to another file" 0 "" "$cln" tune "${net[@]}" --budget 1 --json \
         --progress none --tune VW=4,TS=5 -o "$work/rows/mine.txt"
     check "tune --json is one document" [ "$(json schema)" = cl-nascent.tune/1 ]
-    check "the file has its row" grep -qF "$(json row)" "$work/rows/mine.txt"
-    check "the first set is where it began" grep -q '^VW=4,NV=[0-9]*,LS=1,TS=5,' \
+    check "the other file has its row" grep -qF "$(json row)" "$work/rows/mine.txt"
+    check "the first set is the start of the search" grep -q '^VW=4,NV=[0-9]*,LS=1,TS=5,' \
         <<<"$(json tries.0.tune)"
 
     echo '* | * | * | VW=8,XX=1' >"$work/wrong.txt"
     expect "a row that is wrong: file, line, reason" 3 "wrong.txt ~line.1 XX VW" \
         "$cln" devices --tune-file "$work/wrong.txt"
-    expect "the same by the environment" 3 "wrong.txt" \
+    expect "a wrong row by the environment" 3 "wrong.txt" \
         env CL_NASCENT_TUNE_FILE="$work/wrong.txt" "$cln" selftest --quick
-    expect "a file of rows that is not there" 3 "nowhere --tune-file" \
+    expect "a missing file of rows" 3 "nowhere --tune-file" \
         "$cln" train "$work/blender" -o "$work/never" "${small[@]}" --tune-file "$work/nowhere"
-    check "train writes nothing then" [ ! -e "$work/never" ]
+    check "train with a missing file of rows writes nothing" [ ! -e "$work/never" ]
 
     # a compiler that gets sums of products wrong
     mkdir -p "$work/off" && cp kernels/lanes.h "$work/off/"
@@ -237,7 +237,7 @@ section_tune() {
         "$cln" train "$work/blender" -o "$work/refused" "${small[@]:1}" --steps 2 \
         --kernel-dir "$work/off"
     check "it names the device" said "$("$cln" devices --no-test --json | "$query" devices.0.name)"
-    check "it wrote nothing" [ ! -e "$work/refused" ]
+    check "the refused training wrote nothing" [ ! -e "$work/refused" ]
     expect "--skip-selftest trains all the same" 0 "" \
         "$cln" train "$work/blender" -o "$work/forced" "${small[@]}" --steps 2 \
         --kernel-dir "$work/off"
@@ -263,7 +263,7 @@ section_scenes() {
     check "make-scene: depth beside each image" \
         [ "$(find "$work/blender" -name '*.depth.npy' | wc -l)" = 15 ]
     mkdir -p "$work/foreign" && echo keep >"$work/foreign/file"
-    expect "make-scene: training views of an object alone" 2 "object" \
+    expect "make-scene: --from needs an object" 2 "object" \
         "$make_scene" "$work/x" --kind room --from cone
     "$make_scene" "$work/cone" --from cone --size 8 --train 6 --test 6 >/dev/null
     # cosines of the cameras' places with the cone's axis
@@ -279,22 +279,22 @@ section_scenes() {
     check "make-scene: test views beyond it" \
         eval 'head -1 "$work/cone.test" | awk "{ exit !(\$1 < 0.2) }"'
     expect "make-scene: a folder that is not its own" 7 "foreign" "$make_scene" "$work/foreign"
-    check "make-scene: left as it was" [ "$(ls "$work/foreign")" = file ]
+    check "make-scene: the foreign folder stays as it was" [ "$(ls "$work/foreign")" = file ]
     expect "make-scene: wrong usage" 2 "size" "$make_scene" "$work/x" --size 3
 
     expect "info of a Blender scene" 0 "" "$cln" info "$work/blender" --json
-    check "its dialect" [ "$(json dialect)" = blender ]
+    check "info names the dialect blender" [ "$(json dialect)" = blender ]
     check "info leaves stderr to warnings" [ ! -s "$work/err" ]
-    expect "info for people" 0 "" "$cln" info "$work/blender"
-    check "info for people names the dialect" grep -q blender "$work/out"
+    expect "info as text" 0 "" "$cln" info "$work/blender"
+    check "info as text names the dialect" grep -q blender "$work/out"
     scene nerfstudio --format nerfstudio --distortion=-0.1,0.02,0.001,-0.001 --size 32 --train 6 \
         --val 1 --test 2
     expect "info of a distorted nerfstudio scene" 0 "" "$cln" info "$work/nerfstudio" --json
-    check "its dialect" [ "$(json dialect)" = nerfstudio ]
+    check "info names the dialect nerfstudio" [ "$(json dialect)" = nerfstudio ]
     scene ngp --format ngp --kind room --size 32 --train 9 --test 0
     expect "info of an instant-ngp scene, by its file" 0 "" "$cln" info \
         "$work/ngp/transforms.json" --json
-    check "its dialect" [ "$(json dialect)" = instant-ngp ]
+    check "info names the dialect instant-ngp" [ "$(json dialect)" = instant-ngp ]
 
     expect "missing scene" 3 "$work/nowhere" "$cln" info "$work/nowhere"
     expect "train on a missing scene" 3 "$work/nowhere" \
@@ -305,7 +305,7 @@ section_scenes() {
     check "--skip without effect is said" grep -q -- \
         '--skip has no effect: .*--depth 6$' "$work/err"
     check "--lr-final without effect is said" grep -q -- '--lr-final has no effect: ' "$work/err"
-    check "and no other" [ "$(grep -c 'has no effect' "$work/err")" = 2 ]
+    check "no other option without effect" [ "$(grep -c 'has no effect' "$work/err")" = 2 ]
     mkdir -p "$work/empty"
     expect "a folder without a scene" 3 "$work/empty" "$cln" info "$work/empty"
 
@@ -331,7 +331,7 @@ section_scenes() {
     bad_scene "non-rigid pose" "~r_000|frame ~rigid|rotation"
     echo '{"camera_angle_x": 0.7, "frames": [{"file_path": "./train/r_000", "transform_matrix":
         [[1,0,0,1e999],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}' >"$train_json"
-    bad_scene "pose that is no number" "transforms_train.json"
+    bad_scene "pose that is not a number" "transforms_train.json"
     echo '{"camera_angle_x": 0.7, "frames": [{"file_path": "./train/r_000", "transform_matrix":
         [[1,0,0,0],[0,1,0,0],[0,0,1,-9],[0,0,0,1]]}]}' >"$train_json"
     bad_scene "no camera sees the cube" "camera"
@@ -355,38 +355,38 @@ section_names() {
     name=$("$cln" devices --no-test --json | "$query" devices.0.name)
     expect "a scene, a run and images with odd names" 0 "" \
         "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --cull-from 1 -d "$name"
-    check "its report is named" grep -qF "$r/report.html" "$work/out"
+    check "the report's path is printed" grep -qF "$r/report.html" "$work/out"
     check "run.json keeps the scene's name" [ "$("$query" dataset.path <"$r/run.json")" = "$s" ]
     eval "words=($("$query" command <"$r/run.json"))"
-    check "its command can be typed again" [ "${words[2]}|${words[4]}|${words[-1]}" = \
+    check "run.json's command can be typed again" [ "${words[2]}|${words[4]}|${words[-1]}" = \
         "$s|$r|$name" ]
-    expect "a piece of the device's name chooses it" 0 "" "$cln" train --resume "$r" --steps +1 \
+    expect "part of a device's name selects it" 0 "" "$cln" train --resume "$r" --steps +1 \
         -d "${name:3}" \
         --skip-selftest --progress none
     expect "eval finds the scene" 0 "" "$cln" eval "$r" --json --progress none
-    check "the images' names come back" [ "$(json images.0.name)|$(json images.1.name)" = \
+    check "eval prints the images' names" [ "$(json images.0.name)|$(json images.1.name)" = \
         "test/$view.0001|test/$view.0002" ]
-    check "each has pictures of its own" [ \
+    check "each image has its own pictures" [ \
         "$(find "$r/eval/00000004-test" -name '*.truth.png' | wc -l)" = 2 ]
-    check "named like it" [ -s "$r/eval/00000004-test/test_$view.0002.error.png" ]
-    check "the report has them all" \
+    check "pictures have the image's name" [ -s "$r/eval/00000004-test/test_$view.0002.error.png" ]
+    check "the report has all images" \
         [ "$(grep -oE 'data:image/(png|jpeg)' "$r/report.html" | wc -l)" -ge 6 ]
     check "the report has the run's name, escaped" grep -qF \
         '<h1>run a [b] (c)+*&quot;q&#39; &lt;i&gt;&amp;amp; ü%41#?;<' "$r/report.html"
-    check "and a view's" grep -qF \
+    check "the report has a view's name, escaped" grep -qF \
         '<b>test/r [0] (+)*&quot;&#39;&lt;b&gt;&amp;ü%d.0002</b>' "$r/report.html"
-    check "and no name as it is" eval '! grep -qF -e "<i>&" -e "<b>&" "$r/report.html"'
+    check "the report has no name unescaped" eval '! grep -qF -e "<i>&" -e "<b>&" "$r/report.html"'
     expect "render" 0 "" "$cln" render "$r" --json --progress none
-    check "leaves frames of both" [ -s "$r/render/test/test_$view.0001.depth.npy" -a \
+    check "render leaves frames of both views" [ -s "$r/render/test/test_$view.0001.depth.npy" -a \
         -s "$r/render/test/test_$view.0002.png" ]
     expect "info RUN" 0 "" "$cln" info "$r" --json
     check "info RUN --json keeps the run's name" [ "$(json run)" = "$r" ]
     expect "info SCENE" 0 "" "$cln" info "$s" --json
     check "info SCENE --json keeps the scene's name" [ "$(json folder)" = "$s" ]
     expect "export" 0 "" "$cln" export "$r" --octree "$work/$odd.ply"
-    check "leaves its file" [ -s "$work/$odd.ply" ]
-    expect "a scene that is not there, by its odd name" 3 "" "$cln" info "$s!"
-    check "it is named in full" said "$s!"
+    check "export leaves its file" [ -s "$work/$odd.ply" ]
+    expect "a missing scene with an odd name" 3 "" "$cln" info "$s!"
+    check "the missing scene is named in full" said "$s!"
     expect "a name that is not UTF-8" 2 "UTF-8" "$cln" train "$work/tiny" -o "$work/"$'l\xfc'
 }
 
@@ -423,12 +423,12 @@ section_train() {
     psnr=$("$query" result.psnr_test <"$work/whole/run.json")
     train gpu-shaped --json --tune \
         VW=1,NV=1,LS=16,TS=8,NB=16,SL=128,WG=64,SG=256,DB=8,CHUNK=2048,LEAF=0
-    check "with a GPU's parameters, as good" eval \
+    check "with a GPU's parameters the training is as good" eval \
         'number_above "$(json psnr_test)" "$(awk -v p="$psnr" "BEGIN { print p - 0.5 }")"'
 
     run "$cln" train "$work/blender" -o "$work/timed" "${small[@]}" --time-limit 2s --json
     check "--time-limit ends the training" [ $rc = 0 ]
-    check "after its seconds" eval \
+    check "--time-limit ends it after its seconds" eval \
         'number_above "$(json seconds)" 1.9 && number_above 10 "$(json seconds)"'
     run "$cln" train "$work/blender" -o "$work/target" "${small[@]}" --steps 100000 --eval-every 5 \
         --target-psnr 14 --json
@@ -484,15 +484,15 @@ section_structure() {
         skip "a MIP solver finds the same optimum" "no glpsol"
     fi
 
-    # merged leaves are dear, and there is room: leaves are only split
+    # merging costs much, and there is room: leaves are only split
     run "$cln" train "$work/demo" -o "$work/splits" --skip-selftest --progress none --width 16 \
         --view-width 16 --steps 200 --start-level 1 --level-at 2:0.1 --n1 8 --rays 512 \
         --log-every 100 --cull-from 1 --cull-after 0 --max-leaves 150 --structure-from 0.6 \
         --structure-every 0.5 --structure-until 0.95 --split-samples 100 --merge-factor 100
     decision_rows "$work/splits" >"$work/out"
-    check "a decision splits alone" eval \
+    check "a decision only splits" eval \
         'number_above "$(json split)" 5 && [ "$(json merged)" = 0 ]'
-    check "a split alone costs less than 0.05 dB" number_above \
+    check "splits cost less than 0.05 dB" number_above \
         "$(json psnr_after)" "$(awk -v p="$(json psnr_before)" 'BEGIN { print p - 0.05 }')"
 }
 
@@ -510,8 +510,8 @@ section_regrow() {
         cp "$work/err" "$work/regrow$share.log"
     done
     check "what is missing is found" grep -q "something is missing: [1-9]" "$work/regrow0.7.log"
-    check "but not looked for without --regrow" eval '! grep -q missing: "$work/regrow0.log"'
-    check "and learnt again" number_above \
+    check "nothing is looked for without --regrow" eval '! grep -q missing: "$work/regrow0.log"'
+    check "what was missing is learnt again" number_above \
         "$("$query" result.psnr_test <"$work/regrow0.7/run.json")" \
         "$("$query" result.psnr_test <"$work/regrow0/run.json" | awk '{ print $1 + 4 }')"
     start "$cln" train "$work/missing" -o "$work/regrow-half" "${culled[@]}" --log-every 1
@@ -536,10 +536,10 @@ section_resume() {
     check "SIGINT: exit code 130" [ $rc = 130 ]
     check "SIGINT: a checkpoint is there" [ -s "$r/checkpoint/latest" ]
     check "SIGINT: run.json says interrupted" [ "$("$query" state <"$r/run.json")" = interrupted ]
-    check "SIGINT: it stopped on the way" is_another "$r"
+    check "SIGINT: the training stopped early" is_another "$r"
     expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "interrupted and resumed = not interrupted" is_whole "$r"
-    check "its metrics have every step once" every_step_once "$r" $steps
+    check "the resumed metrics have every step once" every_step_once "$r" $steps
 
     r=$work/terminated
     start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
@@ -557,7 +557,7 @@ section_resume() {
     check "SIGUSR1 writes a checkpoint" wait_for 60 [ -s "$r/checkpoint/latest" ]
     kill -9 "$child"
     finish
-    check "kill -9: it ended there" [ $rc = 137 ]
+    check "kill -9 ended the training" [ $rc = 137 ]
     expect "resume after kill -9" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "killed and resumed = not interrupted" is_whole "$r"
 
@@ -571,7 +571,7 @@ section_resume() {
     finish
     check "SIGINT with --exposure: exit code 130" [ $rc = 130 ]
     expect "resume with gains" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
-    check "gains resume, too" [ "$(digest "$r")" = "$(digest "$work/exposed")" ]
+    check "gains resume to the same bits" [ "$(digest "$r")" = "$(digest "$work/exposed")" ]
 
     scene shaken --fault shaken --size 48 --train 12 --test 3
     expect "--refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" \
@@ -583,17 +583,17 @@ section_resume() {
     finish
     check "SIGINT with --refine-poses: exit code 130" [ $rc = 130 ]
     expect "resume with poses" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
-    check "poses resume, too" [ "$(digest "$r")" = "$(digest "$work/refined")" ]
+    check "poses resume to the same bits" [ "$(digest "$r")" = "$(digest "$work/refined")" ]
     for run in refined refined-stopped; do
         expect "export --cameras of $run" 0 "" "$cln" export "$work/$run" --cameras \
             "$work/$run.json"
-        check "says that poses are corrected" grep -q "poses that training corrected" "$work/out"
+        check "$run: its poses are corrected" grep -q "poses that training corrected" "$work/out"
     done
-    check "the same cameras" cmp -s "$work/refined.json" "$work/refined-stopped.json"
-    expect "the cameras as given" 0 "" "$cln" train "$work/shaken" -o "$work/unrefined" \
+    check "both export the same cameras" cmp -s "$work/refined.json" "$work/refined-stopped.json"
+    expect "train without --refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/unrefined" \
         "${small[@]}" --steps 2
-    expect "export of them" 0 "" "$cln" export "$work/unrefined" --cameras "$work/given.json"
-    check "does not" eval '! grep -q corrected "$work/out"'
+    expect "export of given poses" 0 "" "$cln" export "$work/unrefined" --cameras "$work/given.json"
+    check "given poses are not called corrected" eval '! grep -q corrected "$work/out"'
     check "training cameras have moved" [ "$("$query" frames.0.transform_matrix.0.3 \
         <"$work/refined.json")" != "$("$query" frames.0.transform_matrix.0.3 \
         <"$work/given.json")" ]
@@ -604,8 +604,8 @@ section_resume() {
     cp -r "$work/whole" "$work/longer"
     expect "resume with +N steps" 0 "" "$cln" train --resume "$work/longer" --skip-selftest \
         --progress none --steps +20 --json
-    check "it goes on to the sum" [ "$(json step)" = $((steps + 20)) ]
-    expect "resume of what is no run" 3 "blender" "$cln" train --resume "$work/blender" \
+    check "it trains to the sum of steps" [ "$(json step)" = $((steps + 20)) ]
+    expect "resume of what is not a run" 3 "blender" "$cln" train --resume "$work/blender" \
         --skip-selftest
     expect "resume with another network" 8 "~width|network" \
         "$cln" train --resume "$work/longer" --skip-selftest --width 32 --view-width 32
@@ -640,7 +640,7 @@ section_results() {
     done
     check "eval leaves pictures of the tree" \
         [ -s "$work/whole/eval/00000300-test/test_r_000.tree.png" ]
-    check "and says what they show" [ \
+    check "tree.json says what the pictures show" [ \
         "$("$query" leaves <"$work/whole/eval/00000300-test/tree.json")" = \
         "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
     check "the mean is the images' mean" awk -v m="$(json mean.psnr)" -v a="$(json images.0.psnr)" \
@@ -648,26 +648,26 @@ section_results() {
         'BEGIN { d = m - (a + b + c) / 3; exit !(d < 1e-9 && d > -1e-9) }'
     expect "eval --split train --max-images 2" 0 "" "$cln" eval "$work/whole" --split train \
         --max-images 2 --json
-    check "it has two images" [ "$(json images)" = "array 2" ]
+    check "eval --max-images 2 has two images" [ "$(json images)" = "array 2" ]
     expect "eval --antialias 2" 0 "" "$cln" eval "$work/whole" --antialias 2 --json
-    check "it says so" [ "$(json antialias)" = 2 ]
-    check "it has a file of its own" [ -s "$work/whole/eval/00000300-test-antialias2.json" ]
-    check "the other says nothing of it" \
+    check "eval --antialias 2 names its rays" [ "$(json antialias)" = 2 ]
+    check "--antialias 2 has its own file" [ -s "$work/whole/eval/00000300-test-antialias2.json" ]
+    check "the plain evaluation's file has no antialias" \
         eval '! grep -q antialias "$work/whole/eval/00000300-test.json"'
     expect "eval --seams" 0 "" "$cln" eval "$work/whole" --seams --json -o "$work/seams"
-    check "it has pairs" [ "$(json seams.across.pairs)" -gt 100 ]
+    check "eval --seams has pairs" [ "$(json seams.across.pairs)" -gt 100 ]
     expect "eval --seams as a table" 0 "" "$cln" eval "$work/whole" --seams -o "$work/seams"
-    check "it says where" grep -q "^from leaf to leaf" "$work/out"
+    check "the table of seams says where" grep -q "^from leaf to leaf" "$work/out"
     psnr=$("$query" mean.psnr <"$work/whole/eval/00000300-test.json")
     expect "eval --fast" 0 "" "$cln" eval "$work/whole" --fast --json
-    check "it says so" [ "$(json fast)" = true ]
-    check "it has a file of its own" [ -s "$work/whole/eval/00000300-test-fast.json" ]
-    check "it is another picture, a little worse" eval '[ "$(json mean.psnr)" != "$psnr" ] &&
+    check "eval --fast is marked as fast" [ "$(json fast)" = true ]
+    check "eval --fast has its own file" [ -s "$work/whole/eval/00000300-test-fast.json" ]
+    check "--fast: another picture, a little worse" eval '[ "$(json mean.psnr)" != "$psnr" ] &&
         number_above "$(json mean.psnr)" "$(awk -v p="$psnr" "BEGIN { print p - 0.5 }")"'
     expect "eval --min-psnr" 9 "psnr" "$cln" eval "$work/whole" --min-psnr 90
-    expect "eval of a split that is not there" 3 "val" "$cln" eval "$work/whole" --split val
+    expect "eval of a missing split" 3 "val" "$cln" eval "$work/whole" --split val
     mv "$work/blender" "$work/moved"
-    expect "eval, the scene gone" 3 "blender --scene" "$cln" eval "$work/whole"
+    expect "eval without the scene" 3 "blender --scene" "$cln" eval "$work/whole"
     expect "eval --scene" 0 "" "$cln" eval "$work/whole" --scene "$work/moved"
     mv "$work/moved" "$work/blender"
 
@@ -679,46 +679,46 @@ section_results() {
     done
     cp -r "$frames" "$work/frames"
     expect "render again" 0 "" "$cln" render "$work/whole" --json
-    check "skips what is there" [ "$(json rendered)$(json skipped)" = 03 ]
+    check "render again skips existing frames" [ "$(json rendered)$(json skipped)" = 03 ]
     rm "$frames/test_r_001.png"
     expect "render with a frame missing" 0 "" "$cln" render "$work/whole" --json
-    check "renders that frame" [ "$(json rendered)$(json skipped)" = 12 ]
-    check "with the same bits" same_tree "$frames" "$work/frames"
+    check "only the missing frame is rendered" [ "$(json rendered)$(json skipped)" = 12 ]
+    check "the frame has the same bits" same_tree "$frames" "$work/frames"
     expect "render --overwrite" 0 "" "$cln" render "$work/whole" --overwrite --json
-    check "renders all" [ "$(json rendered)$(json skipped)" = 30 ]
-    check "with the same bits again" same_tree "$frames" "$work/frames"
+    check "--overwrite renders all frames" [ "$(json rendered)$(json skipped)" = 30 ]
+    check "all frames have the same bits" same_tree "$frames" "$work/frames"
     run "$cln" render "$work/whole" --max-images 1 -o "$work/edges"
     cp "$work/edges/test_r_000.png" "$work/one_ray.png"
-    expect "render --antialias 2 of what is there" 0 "" "$cln" render "$work/whole" --max-images 1 \
+    expect "--antialias 2 over existing frames" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/edges" --antialias 2 --json
-    check "renders it again" [ "$(json rendered)" = 1 ]
-    check "to another picture" eval '! cmp -s "$work/edges/test_r_000.png" "$work/one_ray.png"'
+    check "--antialias renders the frame again" [ "$(json rendered)" = 1 ]
+    check "antialias: other pixels" eval '! cmp -s "$work/edges/test_r_000.png" "$work/one_ray.png"'
     run "$cln" render "$work/whole" --max-images 1 -o "$work/fast"
     cp "$work/fast/test_r_000.png" "$work/slow.png"
-    expect "render --fast of what is there" 0 "" "$cln" render "$work/whole" --max-images 1 \
+    expect "render --fast over existing frames" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/fast" --fast --json
-    check "renders it again" [ "$(json rendered)" = 1 ]
-    check "to another picture" eval '! cmp -s "$work/fast/test_r_000.png" "$work/slow.png"'
+    check "--fast renders the frame again" [ "$(json rendered)" = 1 ]
+    check "fast: other pixels" eval '! cmp -s "$work/fast/test_r_000.png" "$work/slow.png"'
     cp "$work/edges/test_r_000.png" "$work/uncropped.png"
-    expect "render --crop of what is there" 0 "" "$cln" render "$work/whole" --max-images 1 \
+    expect "render --crop over existing frames" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/edges" --antialias 2 --crop -0.25,-9,-9,9,9,9 --json
-    check "renders it again" [ "$(json rendered)" = 1 ]
-    check "to another picture" eval '! cmp -s "$work/edges/test_r_000.png" "$work/uncropped.png"'
+    check "--crop renders the frame again" [ "$(json rendered)" = 1 ]
+    check "crop: other pixels" eval '! cmp -s "$work/edges/test_r_000.png" "$work/uncropped.png"'
     check "render.json tells the box" [ "$("$query" crop.0 <"$work/edges/render.json")" = -0.25 ]
-    expect "render --crop of five numbers" 2 "--crop six" "$cln" render "$work/whole" \
+    expect "render --crop with five numbers" 2 "--crop six" "$cln" render "$work/whole" \
         --crop 0,0,0,1,1
-    expect "render --crop of no box" 2 "--crop along y" "$cln" render "$work/whole" \
+    expect "render --crop with an empty box" 2 "--crop along y" "$cln" render "$work/whole" \
         --crop 0,2,0,1,1,1
     expect "render --stereo" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/stereo.y4m" --stereo 0.2 --json
     check "a film of pairs" [ "$(head -1 "$work/stereo.y4m" | cut -d' ' -f2,3)" = "W96 H48" ]
     expect "render --normals" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/edges" --normals
-    check "leaves them" [ -s "$work/edges/test_r_000.normal.png" -a \
+    check "render --normals leaves its files" [ -s "$work/edges/test_r_000.normal.png" -a \
         "$(stat -c %s "$work/edges/test_r_000.normal.npy")" = $((128 + 48 * 48 * 12)) ]
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
-    check "two frames of it" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
+    check "the orbit has two frames" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
     expect "render as PFM and 16-bit PNG" 0 "" "$cln" render "$work/whole" --max-images 1 \
         --pfm --depth-unit 0.001 -o "$work/depths"
     d=$work/depths/test_r_000
@@ -729,53 +729,53 @@ section_results() {
         "$(od -An -tu1 -j24 -N2 "$d.depth16.png" | tr -s ' ')" = " 16 0" ]
     expect "render --spiral to a film" 0 "" "$cln" render "$work/whole" --spiral 2 --width 40 \
         --height 30 -o "$work/film.y4m" --fps 12 --json
-    check "of that size and pace" \
+    check "the film has that size and frame rate" \
         [ "$(head -1 "$work/film.y4m")" = "YUV4MPEG2 W40 H30 F12000:1000 Ip A1:1 C444" ]
-    check "two frames of it" [ "$(json rendered)$(grep -ac FRAME "$work/film.y4m")" = 22 ]
-    expect "a film that is there stays" 7 "film.y4m --overwrite" "$cln" render "$work/whole" \
+    check "the film has two frames" [ "$(json rendered)$(grep -ac FRAME "$work/film.y4m")" = 22 ]
+    expect "an existing film stays" 7 "film.y4m --overwrite" "$cln" render "$work/whole" \
         --spiral 2 -o "$work/film.y4m"
     expect "render --interpolate" 0 "" "$cln" render "$work/whole" --split train --max-images 2 \
         --interpolate 3 --width 40 -o "$work/path" --json
-    check "three frames of it" [ "$(json rendered)" = 3 -a -s "$work/path/path_0002.png" ]
+    check "the path has three frames" [ "$(json rendered)" = 3 -a -s "$work/path/path_0002.png" ]
     run "$cln" render "$work/whole" --split train --max-images 2 --width 40 -o "$work/ends"
-    check "it begins with the first pose" cmp -s "$work/path/path_0000.png" \
+    check "the path begins with the first pose" cmp -s "$work/path/path_0000.png" \
         "$work/ends/train_r_000.png"
-    expect "eval of what is no run" 3 "blender" "$cln" eval "$work/blender"
+    expect "eval of a folder that is not a run" 3 "blender" "$cln" eval "$work/blender"
 
     expect "export, without any device" 0 "" env OCL_ICD_VENDORS="$work/nowhere" \
         "$cln" export "$work/whole" --octree "$work/tree.ply" --json
     check "export --json is one document" [ "$(json schema)" = cl-nascent.export/1 ]
     leaves=$(json leaves)
-    check "it has the run's leaves" [ "$leaves" = \
+    check "export has the run's leaves" [ "$leaves" = \
         "$("$cln" info "$work/whole" --json | "$query" leaves)" ]
-    check "of nine levels" [ "$(json levels)" = "array 9" ]
+    check "export counts nine levels" [ "$(json levels)" = "array 9" ]
     check "the file is PLY with eight vertices a leaf" \
         grep -aqx "element vertex $((8 * leaves))" "$work/tree.ply"
-    check "and as long as it should be" [ "$(stat -c %s "$work/tree.ply")" = \
+    check "the file is as long as it should be" [ "$(stat -c %s "$work/tree.ply")" = \
         $(($(sed '/^end_header$/q' "$work/tree.ply" | wc -c) + leaves * (8 * 20 + 6 * 17))) ]
     cp "$work/tree.ply" "$work/before.ply"
-    expect "export to a file that is there" 7 "tree.ply --overwrite" \
+    expect "export to an existing file" 7 "tree.ply --overwrite" \
         "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error
-    check "it is left as it was" cmp -s "$work/tree.ply" "$work/before.ply"
+    check "the existing file stays as it was" cmp -s "$work/tree.ply" "$work/before.ply"
     expect "export --overwrite" 0 "" "$cln" export "$work/whole" --octree "$work/tree.ply" \
         --overwrite
     check "export says how many leaves" grep -q "leaves" "$work/out"
     check "same model, same bytes" cmp -s "$work/tree.ply" "$work/before.ply"
     expect "export by error" 0 "" \
         "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error --overwrite
-    check "it says so" grep -aq "coloured by error" "$work/tree.ply"
+    check "the file names the colouring" grep -aq "coloured by error" "$work/tree.ply"
     expect "export of points" 0 "1,500 points" "$cln" export "$work/whole" --points - --count 1500
-    check "on standard output" grep -aqx "element vertex 1500" "$work/out"
+    check "the points are on standard output" grep -aqx "element vertex 1500" "$work/out"
     expect "export of the cameras, without any device" 0 "" env OCL_ICD_VENDORS="$work/nowhere" \
         "$cln" export "$work/whole" --cameras "$work/cameras" --json
-    check "as many as there are" [ "$(json cameras)" = \
+    check "as many cameras as the scene has" [ "$(json cameras)" = \
         "$(grep -c '\.png$' "$work/cameras/images.txt")" ]
     expect "a volume is two files" 2 "--volume" "$cln" export "$work/whole" --volume -
-    expect "export of what is no run" 3 "blender" "$cln" export "$work/blender" \
+    expect "export of a folder that is not a run" 3 "blender" "$cln" export "$work/blender" \
         --octree "$work/none.ply"
-    expect "export of a run that is not there" 3 "nowhere" \
+    expect "export of a missing run" 3 "nowhere" \
         "$cln" export "$work/nowhere" --octree "$work/none.ply"
-    check "nothing is written then" [ ! -e "$work/none.ply" ]
+    check "failed exports write nothing" [ ! -e "$work/none.ply" ]
     expect "info RUN" 0 "" "$cln" info "$work/whole"
     check "info RUN tells the digest" grep -q "${whole:-none}" "$work/out"
     check "the report holds pictures and refers to nothing outside" eval \
@@ -795,7 +795,7 @@ section_damage() {
     wait_for 60 rows_of "$r" 30
     kill -USR1 "$child"
     finish
-    check "SIGUSR1: the training goes on to its end" [ $rc = 0 ]
+    check "SIGUSR1: the training runs to its end" [ $rc = 0 ]
     check "two checkpoints" [ "$(find "$r/checkpoint" -name '*.safetensors' | wc -l)" = 2 ]
     check "a checkpoint on the way changes nothing" is_whole "$r"
 
@@ -805,16 +805,16 @@ section_damage() {
     truncate -s $((size / 2)) "$file"
     expect "truncated newest checkpoint: a warning, the one before" 0 "$(basename "$file")" \
         "$cln" info "$work/cut" --json
-    check "its digest is another" printed_another
-    expect "training goes on from there" 0 "" "$cln" train --resume "$work/cut" --skip-selftest \
+    check "the older checkpoint's digest is printed" printed_another
+    expect "train from the older one" 0 "" "$cln" train --resume "$work/cut" --skip-selftest \
         --progress none
-    check "and comes to the same end" is_whole "$work/cut"
+    check "the training from the older one ends with the same bits" is_whole "$work/cut"
 
     cp -r "$r" "$work/flipped"
     file=$(newest "$work/flipped")
     printf '\x55\xaa\x55\xaa' | dd of="$file" bs=1 seek=$((size * 3 / 4)) conv=notrunc 2>/dev/null
     expect "four bytes changed: noticed" 0 "$(basename "$file")" "$cln" eval "$work/flipped" --json
-    check "and not used" printed_another
+    check "the changed checkpoint is not used" printed_another
 
     for file in "$work/flipped/checkpoint/"*.safetensors; do truncate -s 100 "$file"; done
     expect "all checkpoints damaged: eval" 8 "checkpoint" "$cln" eval "$work/flipped"
@@ -826,13 +826,13 @@ section_output() {
     local before
     baseline
     mkdir -p "$work/foreign" && echo keep >"$work/foreign/file"
-    expect "output folder that is not ours" 7 "foreign" \
+    expect "output to a foreign folder" 7 "foreign" \
         "$cln" train "$work/blender" -o "$work/foreign" "${small[@]}" --steps 1
-    check "it is left as it was" [ "$(ls "$work/foreign")$(cat "$work/foreign/file")" = filekeep ]
+    check "that folder stays" [ "$(ls "$work/foreign")$(cat "$work/foreign/file")" = filekeep ]
     before=$(cd "$work/whole" && find . -type f -exec md5sum {} + | sort)
-    expect "a run that is there, without --resume" 7 "--resume" \
+    expect "an existing run, without --resume" 7 "--resume" \
         "$cln" train "$work/blender" -o "$work/whole" "${small[@]}" --steps 1
-    check "it is left as it was" [ \
+    check "the existing run stays as it was" [ \
         "$(cd "$work/whole" && find . -type f -exec md5sum {} + | sort)" = "$before" ]
     expect "output under a file" 7 "file" \
         "$cln" train "$work/blender" -o "$work/foreign/file/run" "${small[@]}" --steps 1
@@ -855,11 +855,11 @@ section_output() {
     expect "full disk" 7 "checkpoint" bash -c "trap '' XFSZ; ulimit -f 4096
         exec \"\$@\"" full "$cln" train --resume "$work/full" --skip-selftest --progress none \
         --steps 200
-    check "the checkpoint before it is whole" [ "$(digest "$work/full")" = "${before:-none}" ]
+    check "the checkpoint before it is intact" [ "$(digest "$work/full")" = "${before:-none}" ]
     check "nothing half-written is left" [ -z "$(find "$work/full" -name '*.tmp*')" ]
-    expect "with room again, it goes on" 0 "" \
+    expect "with room again, the training resumes" 0 "" \
         "$cln" train --resume "$work/full" --skip-selftest --progress none --steps 200 --json
-    check "to its end" [ "$(json step)" = 200 ]
+    check "it trains to its end" [ "$(json step)" = 200 ]
     expect "stdout that cannot be written" 7 "" bash -c 'exec "$@" >/dev/full' full "$cln" info \
         "$work/whole" --json
 }
@@ -870,33 +870,33 @@ section_memory() {
     expect "too little device memory: the plan is printed" 5 \
         "device-mem ~[0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --device-mem 1M
-    check "and nothing written" [ ! -e "$work/never" ]
+    check "too little device memory: nothing is written" [ ! -e "$work/never" ]
     expect "too little host memory to read an image" 5 "--host-mem ~smaller.copies" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 20K
     expect "too little host memory for the rest: the plan is printed" 5 "--host-mem ~images.[0-9]" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 200M
     expect "four parts are too small, by name" 5 "weights ~iB.in.each.of.4.parts" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --max-alloc 64K
-    check "nothing written by any of them" [ ! -e "$work/never" ]
+    check "too little memory: nothing is written" [ ! -e "$work/never" ]
 
-    # the plan comes before the first buffer; both peaks are told
+    # the plan comes before the first buffer; both peaks are reported
     run "$cln" train "$work/blender" -o "$work/planned" "${small[@]}" --steps 20 --no-adaptive \
         --level-at "" -v
     check "the plan is said before anything is allocated" awk '/memory plan:/ { planned = NR }
         /buffer for/ && !first { first = NR }
         END { exit !(planned && first > planned) }' "$work/err"
-    check "host memory, too" grep -q "host memory, estimated: .*images" "$work/err"
+    check "the plan of host memory, too" grep -q "host memory, estimated: .*images" "$work/err"
     check "peaks are printed at the end" grep -qE \
         "^peak memory +[0-9.]+ [KMG]iB device, [0-9.]+ [KMG]iB host" "$work/out"
     r=$work/planned/run.json
     check "the peak is below the plan" number_above "$("$query" plan.total <"$r")" \
         "$("$query" result.device_peak <"$r")"
     limit=$("$query" host_plan.total <"$r")
-    check "host memory, too" number_above "$limit" "$("$query" result.host_peak <"$r")"
+    check "host memory is below its plan" number_above "$limit" "$("$query" result.host_peak <"$r")"
     run "$cln" train "$work/blender" -o "$work/hosted" "${small[@]}" --steps 20 --no-adaptive \
         --level-at "" --host-mem "$limit" --json
     check "a training that keeps to --host-mem" [ "$(json state)" = "done" ]
-    check "its peak is below it" number_above "$limit" "$(json host_peak)"
+    check "its peak is below --host-mem" number_above "$limit" "$(json host_peak)"
 
     # 61 photos of 4 MiB do not fit: they lie in a file, and training draws the same pixels
     "$make_scene" "$work/large" --size 1024 --train 1 --test 1 >/dev/null
@@ -915,19 +915,19 @@ section_memory() {
     check "what does not fit goes to a file" grep -q "their pixels go to a file" "$work/err"
     check "memory is less by most of the photos" number_above "$whole_peak" \
         "$(awk -v p="$(json host_peak)" 'BEGIN { printf "%.0f", p + 150 * 1048576 }')"
-    check "and keeps to --host-mem" number_above 503316480 "$(json host_peak)"
+    check "the training keeps to --host-mem" number_above 503316480 "$(json host_peak)"
     check "the model is the same" [ "$(digest "$work/stored")" = "$(digest "$work/in-memory")" ]
-    check "so are the evaluation's pictures and photos" diff -r \
+    check "the evaluation's pictures and photos are the same" diff -r \
         "$work/in-memory/eval/00000020-test" "$work/stored/eval/00000020-test"
-    check "the report shows them" grep -q 'alt="truth of test/r_000"' "$work/stored/report.html"
-    # of more than twice the photos, but less than all needs: the file, and no refusal
+    check "the report has the photos" grep -q 'alt="truth of test/r_000"' "$work/stored/report.html"
+    # above twice the photos, below the total need: photos go to the file, without refusal
     limit=$("$query" host_plan.total <"$work/in-memory/run.json")
     limit=$((${limit%.*} - 52428800))
     run "$cln" train "$work/large" -o "$work/between" "${small[@]}" --steps 20 --no-adaptive \
         --host-mem "$limit" --json
-    check "photos beyond what is left go to a file" grep -q "pixels go to a file" "$work/err"
-    check "of the same model" [ "$(digest "$work/between")" = "$(digest "$work/in-memory")" ]
-    check "which keeps to --host-mem" number_above "$limit" "$(json host_peak)"
+    check "photos beyond the rest go to a file" grep -q "pixels go to a file" "$work/err"
+    check "both models are equal" [ "$(digest "$work/between")" = "$(digest "$work/in-memory")" ]
+    check "that training keeps to --host-mem" number_above "$limit" "$(json host_peak)"
     rm -r "$work/large" "$work/in-memory" "$work/stored" "$work/between"
 
     # a limit with room for level 1 and a half: both kinds of growth stay below it
@@ -936,7 +936,7 @@ section_memory() {
         --device-mem "$limit" --json
     check "growth by level stops at the limit" \
         [ "$(json state)" = "done" -a "$(json leaves)" -le 8 ]
-    check "with a warning" grep -q "the tree stays at level 1" "$work/err"
+    check "growth that stops at the limit warns" grep -q "the tree stays at level 1" "$work/err"
     check "the peak is below the limit" number_above "$limit" "$(json device_peak)"
     run "$cln" train "$work/blender" -o "$work/few" "${small[@]}" --steps 1 --level-at ""
     limit=$(awk -v a="$("$query" plan.total <"$work/few/run.json")" \
@@ -954,18 +954,17 @@ section_memory() {
     psnr=$(json psnr_test)
     train small-buffers --no-adaptive --leaf-samples 0 --json --max-alloc 1M
     check "--max-alloc cuts the batches" grep -q "batches are cut to" "$work/err"
-    check "the training is as good" number_above "$(json psnr_test)" \
+    check "cut batches train as well" number_above "$(json psnr_test)" \
         "$(awk -v p="$psnr" 'BEGIN { print p - 1 }')"
-    check "of less memory" number_above "$("$query" result.device_peak <"$work/buffers/run.json")" \
-        "$(json device_peak)"
+    check "cut batches take less memory" number_above \
+        "$("$query" result.device_peak <"$work/buffers/run.json")" "$(json device_peak)"
     run "$cln" eval "$work/buffers" --json --progress none
     cp "$work/out" "$work/whole.json"
     run "$cln" eval "$work/buffers" --json --progress none --max-alloc 512K
     check "pictures in smaller batches are the same" [ "$(json mean.psnr)" = \
         "$("$query" mean.psnr <"$work/whole.json")" ]
 
-    # 512 leaves, whose arrays do not fit one buffer; the limit is not of the run, so eval has them
-    # in one
+    # 512 leaves, whose arrays do not fit one buffer; eval, without the limit, has them in one
     run "$cln" train "$work/blender" -o "$work/parts" "${small[@]}" --start-level 3 --level-at "" \
         --no-adaptive --steps 2 --max-alloc 1M -v
     check "the plan says what is split" grep -qE \
@@ -976,7 +975,7 @@ section_memory() {
     run "$cln" eval "$work/parts" --json --progress none --max-alloc 1M -v
     check "pictures from parts: the plan" grep -qE \
         "memory plan: network weights [0-9.]+ MiB in 3 parts" "$work/err"
-    check "and the same" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
+    check "pictures agree" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
 }
 
 all="usage devices tune scenes names train structure regrow resume results damage output memory"

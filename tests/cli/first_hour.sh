@@ -45,19 +45,20 @@ on_terminal() { # on_terminal COLUMNS COMMAND...
 section_words() {
     local c
     expect "cl-nascent version" 0 "" "$cln" version
-    check "it is the version" grep -q '^cl-nascent [0-9]' "$work/out"
+    check "version prints the version" grep -q '^cl-nascent [0-9]' "$work/out"
     expect "version -v" 0 "" "$cln" version -v
-    check "names the libraries" printed jansson
-    check "and those that it may lack" grep -qE '^built with(out)? libmicrohttpd .*meshoptimizer' \
+    check "version -v names the libraries" printed jansson
+    check "version -v names optional libraries" \
+        grep -qE '^built with(out)? libmicrohttpd .*meshoptimizer' \
         "$work/out"
-    expect "version with a word behind it" 2 "foo" "$cln" version foo
+    expect "version with an extra word" 2 "foo" "$cln" version foo
     expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
-    expect "a flag off that is never on by itself" 2 "--no-json ~off.unless" \
+    expect "--no- of a flag that is off by default" 2 "--no-json ~off.unless" \
         "$cln" train s -o r --no-json
-    expect "a switch off that is none" 2 "--no-steps ~give.it.a.value" \
+    expect "--no- of an option with a value" 2 "--no-steps ~give.it.a.value" \
         "$cln" train s -o r --no-steps
     expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
-    expect "a time as a clock shows it, wrong" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
+    expect "a wrong time in clock form" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
     for c in train render tune; do
         expect "$c --help" 0 "" "$cln" $c --help
         check "$c --help: -o has one meaning" eval \
@@ -65,12 +66,12 @@ section_words() {
     done
     expect "a command with dashes" 2 "~cl-nascent.train" "$cln" --train s -o r
     expect "--o for -o" 2 "~did.you.mean.-o" "$cln" train s --o r
-    expect "a name like no other: no suggestion" 2 "me" "$cln" me
-    check "none is made" not_said "did you mean"
+    expect "a name like no command" 2 "me" "$cln" me
+    check "a name like no command has no suggestion" not_said "did you mean"
     (cd "$work" && touch -- -dash)
     expect "a name that begins with a dash" 2 "./-dash" \
         bash -c 'cd "$1" && exec "$2" info -dash' - "$work" "$cln"
-    expect "where its letters are an option, too" 2 "./-dash" \
+    expect "a name that begins with a dash, in train" 2 "./-dash" \
         bash -c 'cd "$1" && exec "$2" train -dash -o r' - "$work" "$cln"
     expect "iterations, as other programs have it" 2 "--iterations --steps" \
         "$cln" train s -o r --iterations 5
@@ -78,35 +79,35 @@ section_words() {
     expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
     expect "the scene as an option" 2 "~SCENE.needs.none.*train.SCENE" "$cln" train --data s
     expect "the run as an option" 2 "~RUN.needs.none.*eval.RUN" "$cln" eval --model_path r
-    expect "but of a training it is the output" 2 "--output" "$cln" train s --model_path r
-    expect "where to write, without -o" 2 "-o" "$cln" train s r
+    expect "the output as --model_path" 2 "--output" "$cln" train s --model_path r
+    expect "an output without -o" 2 "-o" "$cln" train s r
     expect "a folder in place of a command" 2 "~command.comes.first train" "$cln" "$work"
     expect "--help" 0 "" "$cln" --help
-    check "no command runs into its purpose" eval '! grep -qE "^  [a-z]+[A-Z]" "$work/out"'
+    check "commands and purposes are apart" eval '! grep -qE "^  [a-z]+[A-Z]" "$work/out"'
     expect "an empty name of a scene" 2 "~SCENE.*is.empty" "$cln" info ""
     expect "--help before the command" 0 "" "$cln" --help train
-    check "is the command's" printed "cl-nascent train SCENE"
+    check "it is the command's help" printed "cl-nascent train SCENE"
     expect "help about help" 0 "" "$cln" help help
     expect "help about the version" 0 "" "$cln" help version
-    expect "options behind and before, with = and space" 2 "o2" \
+    expect "options after and before, with = and space" 2 "o2" \
         "$cln" render --split=test r --width 3 -oout o2
     expect "errors without colour off a terminal" 2 "" "$cln" trian
-    check "none there" not_said $'\033'
+    check "no colour off a terminal" not_said $'\033'
     expect "--color always" 2 "" "$cln" train --color always
     check "the program's name is in colour" said $'\033[1;31mcl-nascent:'
     on_terminal 80 "$cln" train
-    check "on a terminal, too" grep -qF $'\033[1;31m' "$work/out"
+    check "colour on a terminal" grep -qF $'\033[1;31m' "$work/out"
     on_terminal 80 env NO_COLOR=1 "$cln" train
-    check "not with NO_COLOR" eval '! grep -qF $'"'\\033'"' "$work/out"'
+    check "no colour with NO_COLOR" eval '! grep -qF $'"'\\033'"' "$work/out"'
     on_terminal 80 env TERM=dumb "$cln" train
-    check "nor with TERM=dumb" eval '! grep -qF $'"'\\033'"' "$work/out"'
+    check "no colour with TERM=dumb" eval '! grep -qF $'"'\\033'"' "$work/out"'
     expect "bugreport" 0 "sent" "$cln" bugreport --no-test
-    check "has the devices" grep -qE "^ 0  " "$work/out"
-    check "the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
-    expect "bugreport of no run" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" bugreport \
+    check "bugreport has the devices" grep -qE "^ 0  " "$work/out"
+    check "bugreport has the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
+    expect "bugreport of a missing run" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" bugreport \
         "$work/none"
-    check "says so in its place" printed "no such folder"
-    check "and that there is no device" printed pocl-opencl-icd
+    check "it says that the run is missing" printed "no such folder"
+    check "it says that there is no device" printed pocl-opencl-icd
 }
 
 # What lies at a path, and settings beside a scene.
@@ -116,34 +117,34 @@ section_scenes() {
     printf '%s\n' '# settings of this scene' 'eval-images = 2' '  --rays=512  # few' no-skip \
         'background "black"' >"$conf"
     expect "info with cl-nascent.conf beside the scene" 0 "$conf ~background.black" "$cln" info "$s"
-    check "and what a training would take" said "rays 512"
+    check "info says what a training would read" said "rays 512"
     echo 'steps 7' >>"$conf"
-    expect "so that info tells of that training" 0 "~steps.7" "$cln" info "$s" --json
-    check "its steps" [ "$(json training.steps)" = 7 ]
+    expect "info with steps in the conf" 0 "~steps.7" "$cln" info "$s" --json
+    check "info has the conf's steps" [ "$(json training.steps)" = 7 ]
     sed -i '$s/.*/time-limit 90s/' "$conf"
-    expect "or of its time" 0 "~time-limit.90" "$cln" info "$s"
-    check "which is told" grep -qE "^  training_seconds +about 01:30$" "$work/out"
+    expect "info with a time limit in the conf" 0 "~time-limit.90" "$cln" info "$s"
+    check "info has the conf's time limit" grep -qE "^  training_seconds +about 01:30$" "$work/out"
     sed -i '$d' "$conf"
     expect "--no-conf" 0 "" "$cln" info "$s" --no-conf
-    check "nothing was read" [ ! -s "$work/err" ]
+    check "--no-conf reads nothing" [ ! -s "$work/err" ]
     echo 'rayz 3' >>"$conf"
     expect "an unknown name, with file and line" 3 "cl-nascent.conf ~line.6 rayz rays" \
         "$cln" info "$s"
     printf 'no\033[31mname 3\n' >"$conf"
-    expect "garbage: no suggestion" 3 "~line.1 ~no.such.setting" "$cln" info "$s"
-    check "none is made" not_said "did you mean"
-    check "and what a terminal would obey is not repeated" not_said $'\033'
+    expect "garbage" 3 "~line.1 ~no.such.setting" "$cln" info "$s"
+    check "no suggestion for garbage" not_said "did you mean"
+    check "control characters are not repeated" not_said $'\033'
     echo 'rays many' >"$conf"
     expect "a wrong value" 3 "~line.1 rays many" \
         "$cln" train "$s/transforms_train.json" -o "$work/r"
     echo 'output x' >"$conf"
-    expect "what is no setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
+    expect "an option that is not a setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
     printf '\357\273\277background: black\n' >"$conf"
     expect "a byte order mark, and a colon" 0 "$conf ~background.black" "$cln" info "$s"
     rm "$conf"
     mkdir "$conf"
     expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
-    expect "which is ignored" 0 "" "$cln" info "$s" --no-conf
+    expect "that folder with --no-conf" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
 
     mkdir -p "$work/odd/empty" "$work/odd/photos" "$work/odd/polycam/keyframes/images" \
@@ -160,12 +161,13 @@ section_scenes() {
     expect "a file of another kind" 3 "~another.kind folder" "$cln" info "$work/odd/notes.txt"
     expect "a Polycam capture" 3 "Polycam ns-process-data" "$cln" info "$work/odd/polycam"
     expect "a Record3D capture" 3 "Record3D ns-process-data" "$cln" info "$work/odd/record3d"
-    expect "its file" 3 "unpack" "$cln" info "$work/odd/capture.r3d"
+    expect "the file of a Record3D capture" 3 "unpack" "$cln" info "$work/odd/capture.r3d"
 
     cp -r "$s" "$work/nan"
     sed -i '0,/"file_path": ".*r_002"/b; 0,/[0-9]\.[0-9][0-9]*/s//NaN/' \
         "$work/nan/transforms_train.json"
-    expect "no number in a pose: which frame" 3 "r_002 ~row.1.column.1" "$cln" info "$work/nan"
+    expect "a pose that is not a number: its frame" 3 "r_002 ~row.1.column.1" \
+        "$cln" info "$work/nan"
     printf 'RIFF....WEBPVP8 ' >"$work/nan/train/r_000.png"
     cp "$s/transforms_train.json" "$work/nan"
     expect "a WebP: what to do" 3 "WebP ~convert" "$cln" info "$work/nan"
@@ -177,9 +179,9 @@ section_scenes() {
     expect "several broken images: all are named at once" 3 \
         "r_000.png ~empty ~2.more train/r_001 train/r_003" "$cln" info "$work/nan"
     cp "$s/train/r_000.png" "$s/train/r_001.png" "$work/nan/train"
-    expect "one that is cut, which only reading shows" 3 "r_003.png ~too.early" \
+    expect "a truncated image, found by reading" 3 "r_003.png ~too.early" \
         "$cln" check "$work/nan" --probe 0
-    check "alone" not_said "cannot be read"
+    check "only the truncated image is named" not_said "cannot be read"
 
     cp -r "$s" "$work/mixed"
     { # a pixel without alpha
@@ -191,17 +193,17 @@ section_scenes() {
     sed -i 's/"file_path"/"depth_file_path": "d.png", "near": 1, "file_path"/' \
         "$s/transforms_train.json"
     expect "info" 0 "" "$cln" info "$s"
-    check "names keys that are not used" grep -qE '^ignored_keys +.*depth_file_path, near' \
+    check "info names unused keys" grep -qE '^ignored_keys +.*depth_file_path, near' \
         "$work/out"
     expect "info --json" 0 "" "$cln" info "$s" --json
-    check "names its schema" [ "$(json schema)" = cl-nascent.scene/1 ]
+    check "info --json names its schema" [ "$(json schema)" = cl-nascent.scene/1 ]
     expect "info" 0 "" "$cln" info "$s"
-    check "intrinsics" grep -qE 'views 9, width 32, .* fx [0-9.]+' "$work/out"
-    check "memory that a training needs" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"
-    check "and its steps" grep -qE '^  steps +[0-9]+' "$work/out"
-    check "how to learn its time" printed "--like RUN"
+    check "info has intrinsics" grep -qE 'views 9, width 32, .* fx [0-9.]+' "$work/out"
+    check "info has a training's memory" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"
+    check "info has a training's steps" grep -qE '^  steps +[0-9]+' "$work/out"
+    check "info says how to get its time" printed "--like RUN"
     expect "info without a device" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" info "$s" --json
-    check "says why there is no memory" [ -n "$(json training.no_device)" ]
+    check "info says why memory is unknown" [ -n "$(json training.no_device)" ]
     expect "train" 0 "keys depth_file_path" \
         "$cln" train "$s" -o "$work/keys" "${small[@]}" --steps 2
 }
@@ -214,14 +216,14 @@ section_training() {
     expect "train" 0 "" "$cln" train "$s" -o "$r" "${small[@]}" --time-limit 2
     check "a training begins with few lines" \
         [ "$(sed '/^train /q' "$work/err" | grep -vc '^train ')" -le 6 ]
-    check "one of them tells of the others" said "-v)"
-    check "the settings beside the scene are said, but for the line's" \
+    check "one line names -v" said "-v)"
+    check "the conf's settings are named unless overridden" \
         said "from $s/cl-nascent.conf: eval-images 2"
-    check "none is longer than two of a terminal" eval \
+    check "none is longer than two lines of a terminal" eval \
         '! sed "/^train /q" "$work/err" | grep -v "^train " | grep -qE "^.{200}"'
     check "no figure is missing in the progress" not_said nan
-    check "nor is a speed 0" not_said " 0 rays/s"
-    check "training time and time by the clock" grep -qE \
+    check "no speed is 0" not_said " 0 rays/s"
+    check "training time and wall time" grep -qE \
         '^time +[0-9:]+ of training; [0-9:]+ in all' "$work/out"
     check "the test PSNR is of some views: how to have all, quoted" printed \
         "(over 2 of 3 test views; of all: \`cl-nascent eval '$work/run'\''s 1'\`)"
@@ -229,37 +231,37 @@ section_training() {
         [ "$("$query" config.eval_images <"$r/run.json")" = 2 ]
     expect "resumed, though its budget is used up" 0 "~used.up --time-limit" \
         "$cln" train --resume "$r" "${small[@]:0:3}"
-    check "the command is quoted" said "--resume '$work/run'\''s 1' --time-limit +2s"
+    check "the suggested command is quoted" said "--resume '$work/run'\''s 1' --time-limit +2s"
+    check "the run's figures are printed" grep -qE "^PSNR +[0-9]" "$work/out"
     expect "a new run in its folder: refused at once" 7 "--resume" \
         "$cln" train "$s" -o "$r" --steps 3
-    check "before a device is asked" not_said "checking the kernels"
-    check "its figures stay" eval '! grep -qE "^PSNR +-" "$work/out"'
+    check "it is refused before a device is opened" not_said "checking the kernels"
     expect "--steps +N where there was no budget in steps" 0 "" \
         "$cln" train --resume "$r" "${small[@]:0:3}" --steps +7 --json
     check "the evaluation to come has a time" grep -qE \
         '^train .* left \| evaluation ~[0-9:]+ more \|' "$work/err"
-    check "7 more" [ "$(json step)" = "$("$query" config.steps <"$r/run.json")" ]
-    check "of time there is no budget any more" \
+    check "it trains 7 more steps" [ "$(json step)" = "$("$query" config.steps <"$r/run.json")" ]
+    check "the budget in time is dropped" \
         [ "$("$query" config.time_limit <"$r/run.json")" = 0 ]
-    check "the report has evaluations apart" grep -q \
+    check "the report has evaluations outside the table" grep -q \
         'Not in the table: .*evaluation' "$r/report.html"
-    check "run.json has the time by the clock" \
+    check "run.json has the wall time" \
         number_above "$("$query" result.wall_seconds <"$r/run.json")" 0
-    expect "info of the scene, by the run's pace" 0 "" "$cln" info "$s" --no-conf --like "$r" --json
-    check "steps times its seconds per step" awk -v a="$(json training.training_seconds)" \
+    expect "info of the scene, like the run" 0 "" "$cln" info "$s" --no-conf --like "$r" --json
+    check "its time is steps times seconds per step" awk -v a="$(json training.training_seconds)" \
         -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
         -v k="$("$query" result.step <"$r/run.json")" \
         'BEGIN { d = a - n * s / k; exit !(a > 0 && d * d < 1e-6 * a * a) }'
-    check "the start's seconds, and of 3 views what is known of 2" awk \
+    check "its start is the run's, its evaluation that of 3 views for 2" awk \
         -v a="$(json training.start_seconds)" -v b="$(json training.evaluation_seconds)" \
         -v c="$("$query" result.start_seconds <"$r/run.json")" \
         -v d="$("$query" result.eval_seconds <"$r/run.json")" \
         'BEGIN { c = a - c; d = b - 1.5 * d; exit !(a > 0 && b > 0 && c * c + d * d < 1e-12) }'
-    check "and settings that differ" grep -q 'with another width, depth' "$work/out"
-    expect "of a run there is no pace to take" 2 "--like SCENE" "$cln" info "$r" --like "$r"
-    expect "nor from what is no run" 3 "run.json" "$cln" info "$s" --like "$s"
+    check "settings that differ are named" grep -q 'with another width, depth' "$work/out"
+    expect "--like for a run" 2 "--like SCENE" "$cln" info "$r" --like "$r"
+    expect "--like a folder that is not a run" 3 "run.json" "$cln" info "$s" --like "$s"
     expect "bugreport of the run" 0 "" env HOME="$work" "$cln" bugreport --no-test "$r"
-    check "what differs from the preset" grep -qE "^ +rays 256" "$work/out"
+    check "bugreport has what differs from the preset" grep -qE "^ +rays 256" "$work/out"
     check "no home folder is named" eval '! printed "$work"'
     expect "a budget below what was trained" 0 "~used.up" "$cln" train --resume "$r" \
         "${small[@]:0:3}" --steps 3 --json
@@ -269,20 +271,20 @@ section_training() {
     step=$((step + 1))
     expect "a budget below what was trained, again" 0 "~used.up" "$cln" train --resume "$r" \
         "${small[@]:0:3}" --steps 3 --json
-    expect "what it tells to go on with" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
+    expect "the command that it suggests" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
         --steps "$(sed -n 's/.*--steps \(+[0-9]*\)`.*/\1/p' "$work/err")" --json
-    check "does" [ "$(json step)" = $((step + 3)) ]
+    check "the suggested command trains on" [ "$(json step)" = $((step + 3)) ]
     run timeout --foreground --preserve-status -s INT 0.3 "$cln" train "$s" -o "$work/early"
     check "Ctrl-C before the first step: it ends" [ $rc = 130 ]
-    check "says that nothing was written" said "nothing was written"
-    check "nor is there anything" [ ! -e "$work/early" ]
+    check "it says that nothing was written" said "nothing was written"
+    check "nothing was written" [ ! -e "$work/early" ]
     on_terminal 80 "$cln" train --resume "$r" --skip-selftest --steps +40
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
         grep -aE "^train" | sed "s/\x1b\[K//" |
         grep -vqE "(train|test|left|more|trained|[0-9]|/s)$"'
-    check "PSNR and time are on it" grep -aqE 'PSNR [0-9.]+ train.*left' "$work/out"
+    check "80 columns: PSNR and time are shown" grep -aqE 'PSNR [0-9.]+ train.*left' "$work/out"
     on_terminal 60 "$cln" train --resume "$r" --skip-selftest --steps +40
-    check "60 columns: the time left is on it" grep -aqE '\| [0-9:-]+ left' "$work/out"
+    check "60 columns: the time left is shown" grep -aqE '\| [0-9:-]+ left' "$work/out"
     on_terminal 80 env CI=true "$cln" train --resume "$r" --skip-selftest --steps +40
     check "no line is redrawn where CI is set" eval '! grep -qF $'"'\033[K'"' "$work/out"'
 }
@@ -295,7 +297,7 @@ section_edges() {
     expect "a scene of one photo, which is held out" 3 "--holdout" "$cln" info "$s"
     expect "one photo to train on" 0 "" \
         "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --holdout 0
-    check "no test PSNR is told" grep -qE "^PSNR +[0-9.]+ train$" "$work/out"
+    check "no test PSNR is printed" grep -qE "^PSNR +[0-9.]+ train$" "$work/out"
     expect "eval has nothing to compare with" 3 "--split" "$cln" eval "$r"
     expect "without HOME" 0 "" env -u HOME -u XDG_CONFIG_HOME "$cln" devices --no-test
     expect "the device in capitals" 0 "" "$cln" train "$s" -o "$work/cpu" "${small[@]}" \
@@ -309,9 +311,10 @@ section_edges() {
     check "check fits into 60 columns" eval 'tr -d "\r" <"$work/out" | grep -q "^cameras" &&
         ! tr -d "\r" <"$work/out" | grep -qE "^.{61}"'
     expect "info of a run" 0 "" "$cln" info "$r"
-    check "has memory in units" grep -qE "^  device_peak +[0-9.]+ [KMG]iB$" "$work/out"
-    check "also in its plan" grep -qE "^  network weights +[0-9.]+ [KMG]iB$" "$work/out"
-    check "and times, which are not estimates" \
+    check "info of a run has memory in units" \
+        grep -qE "^  device_peak +[0-9.]+ [KMG]iB$" "$work/out"
+    check "its plan has memory in units" grep -qE "^  network weights +[0-9.]+ [KMG]iB$" "$work/out"
+    check "its times are not estimates" \
         grep -qE "^  wall_seconds +[0-9]+:[0-9]+$" "$work/out"
     expect "output folder that is a file" 7 "folder" \
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
@@ -321,21 +324,22 @@ section_edges() {
 section_results() {
     local r="$work/run's 1"
     [ -d "$r" ] || section_training
-    expect "a file of a run in its place" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
-    expect "export into no folder: said at once" 7 "$work/none ~no.folder" \
+    expect "a file of a run instead of the run" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
+    expect "export into a missing folder: refused at once" 7 "$work/none ~no.folder" \
         "$cln" export "$r" --mesh "$work/none/a.ply"
-    expect "nor where no file can be created: before the work" 7 "/proc/a.ply ~created.in./proc" \
+    expect "export where nothing can be made: before the work" 7 "/proc/a.ply ~created.in./proc" \
         "$cln" export "$r" --mesh /proc/a.ply
-    check "none was begun" not_said "depths"
-    expect "a page" 7 "/proc/a.html" "$cln" check "$work/my scene" -o /proc/a.html
-    expect "an evaluation" 7 "/proc/a" "$cln" eval "$r" -o /proc/a
-    check "no device was asked" not_said "device:"
-    expect "a film" 7 "/proc/a.y4m" "$cln" render "$r" --orbit 2 -o /proc/a.y4m
-    expect "a row" 7 "/proc/a" "$cln" tune -o /proc/a
+    check "no export was begun" not_said "depths"
+    expect "a page where nothing can be made" 7 "/proc/a.html" \
+        "$cln" check "$work/my scene" -o /proc/a.html
+    expect "an evaluation there" 7 "/proc/a" "$cln" eval "$r" -o /proc/a
+    check "no device was opened" not_said "device:"
+    expect "a film there" 7 "/proc/a.y4m" "$cln" render "$r" --orbit 2 -o /proc/a.y4m
+    expect "a tuning row there" 7 "/proc/a" "$cln" tune -o /proc/a
     check "no search was begun" not_said "device:"
     expect "a film that may need ffmpeg" 0 "" "$cln" render "$r" --orbit 1 --width 16 \
         -o "$work/a.mp4" --progress none
-    check "the line names the file that is there" [ -s "$(sed 's/: 1 rendered.*//' "$work/out")" ]
+    check "the line names the written file" [ -s "$(sed 's/: 1 rendered.*//' "$work/out")" ]
     printf '%s' '{"render_width": 24, "render_height": 20, "camera_path": [{"fov": 50,' \
         '"camera_to_world": [1,0,0,0, 0,0,-1,-4, 0,1,0,0, 0,0,0,1]}], "crop": ' >"$work/free.json"
     cp "$work/free.json" "$work/boxed.json"
@@ -344,11 +348,14 @@ section_results() {
         '{"r": 255, "g": 255, "b": 255}}}' >>"$work/boxed.json"
     expect "a camera path with a crop box" 0 "boxed.json ~crop.box" "$cln" render "$r" \
         --poses "$work/boxed.json" -o "$work/boxed"
-    expect "the same by --crop" 0 "" "$cln" render "$r" --poses "$work/free.json" \
+    expect "the same box by --crop" 0 "" "$cln" render "$r" --poses "$work/free.json" \
         -o "$work/freed" --crop=-0.5,-0.5,0,0.5,0.5,0.5
-    check "is the same picture" cmp "$work/boxed/path_0000.png" "$work/freed/path_0000.png"
-    expect "and without" 0 "" "$cln" render "$r" --poses "$work/free.json" -o "$work/whole"
-    check "another" eval '! cmp -s "$work/boxed/path_0000.png" "$work/whole/path_0000.png"'
+    check "both boxes give the same picture" \
+        cmp "$work/boxed/path_0000.png" "$work/freed/path_0000.png"
+    expect "the camera path without a box" 0 "" \
+        "$cln" render "$r" --poses "$work/free.json" -o "$work/whole"
+    check "it gives another picture" \
+        eval '! cmp -s "$work/boxed/path_0000.png" "$work/whole/path_0000.png"'
     run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"
     check "a file beyond its limit is an error, and leaves nothing" eval \
         '[ "$rc" = 7 ] && ! ls "$work"/large.ply* 2>/dev/null'
@@ -358,36 +365,37 @@ section_results() {
     expect "depths of a film" 2 "pfm" "$cln" render "$r" --pfm -o "$work/a.gif"
     "$make_scene" "$work/cut" --size 16 --train 2 --test 1 >/dev/null
     echo broken >"$work/cut/test/r_000.png"
-    expect "poses of a broken photo: none of a pixel" 3 "r_000.png" "$cln" render "$r" \
+    expect "poses whose photo is broken" 3 "r_000.png" "$cln" render "$r" \
         --poses "$work/cut/transforms_test.json" -o "$work/cut-views"
-    check "and no picture" [ ! -e "$work/cut-views" ]
+    check "no picture is rendered" [ ! -e "$work/cut-views" ]
     expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing ~cube" \
         "$cln" render "$r" --orbit 1 --width 8 -o "$work/cropped" --crop 1000,0,0,1001,1,1
     expect "colours of boxes, for points" 2 "--colour ~no.effect.on.--points octree" \
         "$cln" export "$r" --points "$work/x.ply" --colour error
-    expect "the tree of no run: said before the kernels are checked" 3 "$work/none --tree-from" \
+    expect "--tree-from a missing run: refused early" 3 "$work/none --tree-from" \
         "$cln" train "$work/my scene" -o "$work/on" --tree-from "$work/none"
-    check "they were not" not_said "checking the kernels"
+    check "no kernel was checked" not_said "checking the kernels"
     expect "export to a name of another format" 2 ".obj .ply" \
         "$cln" export "$r" --octree "$work/x.obj"
-    check "nothing is written" [ ! -e "$work/x.obj" ]
+    check "no export of another format is written" [ ! -e "$work/x.obj" ]
     expect "export to standard output" 0 "leaves" "$cln" export "$r" --octree -
-    check "is the file" [ "$(head -c 3 "$work/out")" = ply -a ! -e ./- ]
+    check "standard output has the file" [ "$(head -c 3 "$work/out")" = ply -a ! -e ./- ]
     cp "$work/out" "$work/piped"
     expect "export to a file" 0 "" "$cln" export "$r" --octree "$work/x.PLY"
-    check "has the same bytes" cmp "$work/piped" "$work/x.PLY"
-    expect "standard output for two things" 2 "--json" "$cln" export "$r" --octree - --json
+    check "the file has the same bytes" cmp "$work/piped" "$work/x.PLY"
+    expect "standard output for export and --json" 2 "--json" "$cln" export "$r" --octree - --json
     expect "standard output that is full" 7 "" bash -c 'exec "$@" >/dev/full' full "$cln" export \
         "$r" --octree -
     on_terminal 80 "$cln" export "$r" --octree -
     check "standard output that is a terminal" grep -q "is a terminal" "$work/out"
     "$cln" render "$r" --orbit 1 --width 8 -q >/dev/null 2>&1
-    expect "frames that are there" 0 "" "$cln" render "$r" --orbit 1 --width 8
-    check "the way to others is told" printed "1 left as it is (--overwrite renders all again)"
+    expect "existing frames" 0 "" "$cln" render "$r" --orbit 1 --width 8
+    check "the line names --overwrite" printed "1 left as it is (--overwrite renders all again)"
     expect "a kernel folder without kernels" 3 "~no.kernel.file kernels/" \
         "$cln" render "$r" --orbit 2 --kernel-dir "$work"
     expect "render of a split, smaller" 0 "" "$cln" render "$r" --width 16 --max-images 1 -q
-    check "of that size" [ "$(od -An -tu1 -j18 -N6 "$r/render/test/test_r_000.png" |
+    check "the smaller render has that size" \
+        [ "$(od -An -tu1 -j18 -N6 "$r/render/test/test_r_000.png" |
         tr -s ' ')" = " 16 0 0 0 16" -o \
         "$(od -An -tu1 -j16 -N8 "$r/render/test/test_r_000.png" | tr -s ' ')" = \
         " 0 0 0 16 0 0 0 16" ]

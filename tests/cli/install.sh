@@ -1,8 +1,8 @@
 #!/bin/bash
-# `make install` into a folder of its own, and back; completion; `make deb`; the header alone, what
-# the shared library exports, pkg-config, and examples/ compiled against the installed files alone,
-# once shared and once static, and run on a tiny generated scene. Runs on any OpenCL device (PoCL is
-# enough).
+# `make install` into a folder of its own, and uninstall; completion; `make deb`; the
+# header by itself, the shared library's exports, pkg-config, and examples/ compiled against only
+# the installed files, shared and static, and run on a tiny generated scene. Runs on any OpenCL
+# device (PoCL is enough).
 #   tests/cli/install.sh
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -15,7 +15,7 @@ trap 'rm -rf "$work"' EXIT
 
 . tests/support/checks.sh
 
-root="$work/the root" # no part of the way may break at a space
+root="$work/the root" # nothing may break at a space
 usr=$root/usr
 lib=$usr/lib
 cc=${CC:-gcc}
@@ -24,7 +24,7 @@ flags=(-std=c11 -O1 -Wall -Wextra -Wpedantic -Werror)
 run "${MAKE:-make}" --no-print-directory -j2 build/make-scene build/json-query
 check "make-scene and json-query are built" [ $rc = 0 ]
 run "${MAKE:-make}" --no-print-directory install DESTDIR="$root" PREFIX=/usr
-check "make install" [ $rc = 0 ] # the rest would look at nothing
+check "make install" [ $rc = 0 ] # the rest needs it
 [ $rc = 0 ] || { count; exit 1; }
 for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-nascent.so.0 \
     lib/libcl-nascent.so lib/pkgconfig/cl-nascent.pc \
@@ -41,11 +41,11 @@ while read -r command; do
     page=$usr/share/man/man1/cl-nascent-$command.1
     check "the page of $command says what it is" grep -q "^cl.-nascent.-$command .- [a-zA-Z]" \
         "$page"
-    check "has its options" grep -q '^\.SS All commands' "$page"
+    check "the page of $command has its options" grep -q '^\.SS All commands' "$page"
     if command -v man >/dev/null && command -v groff >/dev/null; then
         LC_ALL=C.UTF-8 MANROFFSEQ='' MANWIDTH=80 man --warnings -E UTF-8 -l -Tutf8 -Z "$page" \
             2>"$work/err" >/dev/null
-        check "and is clean" [ ! -s "$work/err" ]
+        check "the page of $command is clean" [ ! -s "$work/err" ]
     fi
 done <"$work/commands"
 
@@ -62,13 +62,15 @@ completes() {
         echo "${COMPREPLY[*]}"' bash "$bash_completion" "$@"
 }
 check "bash completes commands" [ "$(completes cl-nascent tr)" = train ]
-check "options of the command" [ "$(completes cl-nascent render r --spir)" = --spiral ]
-check "none of another one" [ -z "$(completes cl-nascent eval r --spir)" ]
-check "settings, too" [ "$(completes cl-nascent train s --uniform-sh)" = --uniform-share ]
-check "switches both ways" [ "$(completes cl-nascent train s --no-conf)" = --no-conf ]
-check "values" [ "$(completes cl-nascent render r --depth mea)" = mean ]
-check "values after =" [ "$(completes cl-nascent eval r --split = tr)" = train ]
-check "and shells" [ "$(completes cl-nascent completion z)" = zsh ]
+check "bash completes options of the command" \
+    [ "$(completes cl-nascent render r --spir)" = --spiral ]
+check "bash completes no options of another command" [ -z "$(completes cl-nascent eval r --spir)" ]
+check "bash completes settings" [ "$(completes cl-nascent train s --uniform-sh)" = --uniform-share ]
+check "bash completes switches both ways" \
+    [ "$(completes cl-nascent train s --no-conf)" = --no-conf ]
+check "bash completes values" [ "$(completes cl-nascent render r --depth mea)" = mean ]
+check "bash completes values after =" [ "$(completes cl-nascent eval r --split = tr)" = train ]
+check "bash completes shells" [ "$(completes cl-nascent completion z)" = zsh ]
 check "zsh has every command" [ "$(grep -cE '^[a-z]+\)$' "$zsh_completion")" = \
     "$(completes cl-nascent "" | wc -w | awk '{ print $1 - 1 }')" ]
 for file in "$zsh_completion" "$fish_completion"; do
@@ -88,12 +90,13 @@ if command -v dpkg-shlibdeps >/dev/null && command -v dpkg-deb >/dev/null; then
     check "make deb" [ $rc = 0 ]
     deb=$PWD/$(tail -1 "$work/out")
     run dpkg-deb -x "$deb" "$work/deb"
-    check "it can be unpacked" [ $rc = 0 ]
-    check "its program runs" [ "$("$work/deb/usr/bin/cl-nascent" --version)" = \
+    check "the package can be unpacked" [ $rc = 0 ]
+    check "the package's program runs" [ "$("$work/deb/usr/bin/cl-nascent" --version)" = \
         "$("$usr/bin/cl-nascent" --version)" ]
-    check "it depends on OpenCL's loader" grep -q ocl-icd <<<"$(dpkg-deb -f "$deb" Depends)"
+    check "the package depends on OpenCL's loader" \
+        grep -q ocl-icd <<<"$(dpkg-deb -f "$deb" Depends)"
     (cd "$work/deb" && dpkg-deb --ctrl-tarfile "$deb" | tar -xO ./md5sums | md5sum -c --quiet)
-    check "its checksums are right" [ $? = 0 ]
+    check "the package's checksums are right" [ $? = 0 ]
     if command -v lintian >/dev/null; then
         lintian --allow-root "$deb" >"$work/out" 2>&1
         check "lintian finds nothing" [ ! -s "$work/out" ]
@@ -107,10 +110,11 @@ run "${MAKE:-make}" --no-print-directory install DESTDIR="$work/gone" PREFIX=/us
 touch "$work/gone/usr/bin/other"
 run "${MAKE:-make}" --no-print-directory uninstall DESTDIR="$work/gone" PREFIX=/usr
 check "make uninstall" [ $rc = 0 ]
-check "leaves nothing but what others own" [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
+check "make uninstall leaves only others' files" \
+    [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
     ./usr/bin/other ]
 
-# From here on nothing of the source tree but the examples' own text.
+# From here on nothing of the source tree is used but the examples' text.
 cp "$sources"/*.c "$work"
 cd "$work" || exit 1
 
@@ -141,18 +145,19 @@ check "functions are declared for export" [ "$(wc -l <declared.txt)" -gt 20 ]
 run diff declared.txt exported.txt
 check "the shared library exports what the header declares, and nothing else" [ $rc = 0 ]
 readelf -d "$lib/libcl-nascent.so.0" >dynamic.txt
-check "its soname" grep -q 'SONAME.*\[libcl-nascent\.so\.0\]' dynamic.txt
+check "the shared library has its soname" grep -q 'SONAME.*\[libcl-nascent\.so\.0\]' dynamic.txt
 check "the linker's name leads to it" [ "$(readlink "$lib/libcl-nascent.so")" = libcl-nascent.so.0 ]
 
 # ---- pkg-config ----
 
-# The prefix of the file is /usr, where it will be; here it stands in $root.
+# The file's prefix is /usr, where it will be; here it is in $root.
 config() {
     PKG_CONFIG_PATH="$lib/pkgconfig" pkg-config --define-variable=prefix=/prefix "$@" cl-nascent
 }
 version=$(sed -n 's/^#define CLN_VERSION "\(.*\)"/\1/p' "$usr/include/cl_nascent.h")
 check "the version of pkg-config is the header's" [ "$(config --modversion)" = "$version" ]
-check "and the program's" [ "$("$usr/bin/cl-nascent" --version)" = "cl-nascent $version" ]
+check "the version of pkg-config is the program's" \
+    [ "$("$usr/bin/cl-nascent" --version)" = "cl-nascent $version" ]
 run config --libs
 check "shared linking needs this library alone" [ "$(tr -d ' ' <out)" = -L/prefix/lib-lcl-nascent ]
 run config --static --libs
@@ -171,7 +176,7 @@ build() {
     local kind=$1 name=$2 libs
     mkdir -p "$kind"
     mapfile -t cflags < <(words "$(config --cflags)")
-    if [ "$kind" = static ]; then # of two libraries of a name the linker takes the shared one
+    if [ "$kind" = static ]; then # the linker prefers a shared library of the same name
         libs=$(config --static --libs |
             sed 's/-lcl-nascent/-Wl,-Bstatic -lcl-nascent -Wl,-Bdynamic/')
     else
@@ -185,9 +190,10 @@ for name in train render field; do
     build shared $name
     build static $name
 done
-check "the static ones do not need the shared library" \
+check "static examples do not need the shared library" \
     [ "$(readelf -d static/* | grep -c 'NEEDED.*cl-nascent')" = 0 ]
-check "the shared ones do" [ "$(readelf -d shared/* | grep -c 'NEEDED.*libcl-nascent\.so\.0')" = 3 ]
+check "shared examples need the shared library" \
+    [ "$(readelf -d shared/* | grep -c 'NEEDED.*libcl-nascent\.so\.0')" = 3 ]
 export LD_LIBRARY_PATH=$lib
 
 # ---- the examples ----
@@ -204,19 +210,19 @@ digest() {
 for kind in shared static; do
     run $kind/train scene run-$kind steps=60 "${small[@]}"
     check "train, $kind" [ $rc = 0 ]
-    check "train says what it came to, $kind" grep -qE '^60 steps in .* leaves$' out
+    check "train prints its result, $kind" grep -qE '^60 steps in .* leaves$' out
     check "train measures the held-out views, $kind" grep -qE '^mean: [0-9.]+ dB, SSIM' out
 done
 check "the model has a digest" [ -n "$(digest run-shared)" ]
 check "both train the same model" [ "$(digest run-shared)" = "$(digest run-static)" ]
 run shared/train scene run-shared steps=+20
-check "the same call goes on with the run" [ $rc = 0 ]
-check "to the end of what was added" grep -q '^80 steps' out
+check "the same call resumes the run" [ $rc = 0 ]
+check "it trains to the added steps" grep -q '^80 steps' out
 expect "a setting that does not exist, with the nearest" 2 "stepz steps" \
     shared/train scene other stepz=5
 expect "a value out of range" 2 "width 16" shared/train scene other width=3
-expect "a scene that is not there" 3 "nowhere" shared/train nowhere other steps=5
-check "none of them leaves a run" [ ! -e other ]
+expect "a missing scene" 3 "nowhere" shared/train nowhere other steps=5
+check "no refused training leaves a run" [ ! -e other ]
 
 run shared/render run-shared orbit 2
 check "render" [ $rc = 0 ]
@@ -225,16 +231,16 @@ for file in 0000.png 0001.png 0001.depth.npy 0001.opacity.png; do
     check "orbit_$file is there" [ -s orbit/orbit_$file ]
 done
 run static/render run-shared orbit 2
-check "frames that are there are skipped" grep -q '^0 frames in .*, 2 were there$' out
+check "existing frames are skipped" grep -q '^0 frames in .*; 2 existed already$' out
 expect "no frames" 2 "orbit 0" shared/render run-shared orbit 0
 
 run shared/field run-shared
 check "field" [ $rc = 0 ]
-check "it shows the slice" [ "$(wc -l <out)" = 33 ]
-check "and where it is densest" grep -qE '^densest at ' out
+check "field shows the slice" [ "$(wc -l <out)" = 33 ]
+check "field shows where it is densest" grep -qE '^densest at ' out
 cp out slice.txt
 run static/field run-shared
-check "both say the same of the field" cmp -s out slice.txt
-expect "a folder that is no run" 3 "run.json" shared/field scene
+check "both builds print the same field" cmp -s out slice.txt
+expect "a folder that is not a run" 3 "run.json" shared/field scene
 
 count

@@ -1,9 +1,8 @@
 #!/bin/bash
 # Every command of the program under AddressSanitizer and LeakSanitizer, on a tiny generated scene:
-# with what it succeeds, and with input that it refuses. Each must end with its exit code and
-# without a word of a sanitizer; what the driver keeps is in tests/support/lsan.supp, with reasons.
-# A command of `--help` that is not run here, or an export that is not, fails. What the commands do
-# is other scripts' to test.
+# with good input, and with input that it refuses. Each must end with its exit code and without a
+# report of a sanitizer; tests/support/lsan.supp has what the driver keeps, with reasons. A command
+# of `--help` or an export that is not run here fails. Other scripts test what the commands do.
 #
 #   tests/cli/leaks.sh [SECTION...]    sections: noticed words train results exports checks view
 #                                      refused, and after these all
@@ -24,7 +23,7 @@ export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions
 
 telling='Sanitizer|runtime error'
 used=" " # commands and options that were run
-blind=0  # of these, without a result
+blind=0  # number of them without a result
 
 # clean CODE COMMAND [ARGUMENTS]...: it ends with this exit code, and a sanitizer is silent
 clean() {
@@ -37,14 +36,14 @@ clean() {
     sound "$code" "cl-nascent ${*//"$work"\//}"
 }
 
-# sound CODE NAME: so did the last one
+# sound CODE NAME: the same of the last command
 sound() {
     if said "LeakSanitizer has encountered a fatal error"; then
-        skip "$2" "its own fault, as a thread of the driver ended while it looked"
+        skip "$2" "LeakSanitizer failed, as a thread of the driver ended during its check"
         blind=$((blind + 1))
     elif grep -qE "$telling" "$work/out" "$work/err"; then
         grep -E "$telling|^ +#" "$work/err" | head -n 30
-        bad "$2" "a sanitizer speaks"
+        bad "$2" "a sanitizer reports"
     elif [ $rc != "$1" ]; then
         bad "$2" "exit code $rc, not $1"
     else
@@ -66,7 +65,7 @@ trained() {
         --eval-at 0.1s --save-every 1
 }
 
-# Leaks are looked for: one of a library that is loaded into the program is told.
+# Leaks are looked for: that of a library loaded into the program is reported.
 section_noticed() {
     echo '#include <stdlib.h>
         void *lost;
@@ -75,7 +74,7 @@ section_noticed() {
     ${CC:-gcc} -O0 -shared -fPIC "$work/lose.c" -o "$work/lose.so"
     ASAN_OPTIONS=$ASAN_OPTIONS:verify_asan_link_order=0 LD_PRELOAD=$work/lose.so run "$cln" version
     check "a leak is noticed" said "77 byte(s) leaked"
-    check "by the exit code, too" [ $rc != 0 ]
+    check "a leak changes the exit code" [ $rc != 0 ]
 }
 
 section_words() {
@@ -103,7 +102,7 @@ section_train() {
         --encoding grid --grid-cells 4 --edge 0.1 --sparsity 0.1
     clean 0 train "$work/scene" -o "$work/refined" "${tiny[@]}" --steps 10 --refine-poses \
         --exposure
-    # interrupted: it saves and ends, and goes on
+    # interrupted, saved and resumed
     env --default-signal=INT "$cln" train "$work/scene" -o "$work/stopped" "${tiny[@]}" \
         --steps 1000000 --log-every 1 >"$work/out" 2>"$work/err" &
     server=$!
@@ -171,7 +170,7 @@ section_checks() {
     PATH="$work/bin:$PATH" STAND_IN=nothing clean 1 poses "$work/scene/train" -o "$work/none"
 }
 
-# asks CODE PATH OPTIONS...: what the viewer answers is in $work/body
+# asks CODE PATH OPTIONS...: the viewer's answer is in $work/body
 asks() {
     local want=$1 path=$2 code
     shift 2
@@ -248,7 +247,7 @@ section_all() {
     for name in $("$cln" --help | sed -n '/^Commands:/,/^$/s/^  \([a-z]*\) .*/\1/p'); do
         check "$name was run" grep -q " $name " <<<"$used"
     done
-    check "hardly any was without a result" [ $blind -lt 4 ]
+    check "few commands were without a result" [ $blind -lt 4 ]
 }
 
 run_sections "noticed words train results exports checks view refused all" "$@"

@@ -1,8 +1,8 @@
 #!/bin/bash
-# Training, evaluation and rendering by several processes (docs/scale-out.md): the same model and
-# pictures as by one, bit for bit, also when resumed by another number of them, if they exchange
-# samples; nearly the same, in fewer bytes, if they exchange stretches; a checkpoint that all of
-# them write; what differs between them, and one that dies or cannot write, end all.
+# Training, evaluation and rendering by several processes (docs/scale-out.md). With samples
+# exchanged, model and pictures are those of one process, bit for bit, also when another number of
+# processes resumes; with stretches they are nearly the same, in fewer bytes. All write one
+# checkpoint. Settings that differ, and a process that dies or cannot write, end all.
 #   tests/cli/ranks.sh [SECTION...]    sections are in the last line
 # Skipped without OpenMPI (libopenmpi-dev openmpi-bin), which neither build nor tests install.
 set -u
@@ -59,15 +59,15 @@ section_same() {
         -o "$work/two" "${small[@]}" "${samples[@]}" --steps 200 -v
     check "leaves moved between them" said "moved to other ranks"
     check "the model is that of one process" same "$work/one" "$work/two"
-    check "one of them speaks" [ "$(grep -c '^run ' "$work/out")" = 1 ]
-    check "rows tell what was sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
+    check "one rank prints the run" [ "$(grep -c '^run ' "$work/out")" = 1 ]
+    check "rows have the bytes sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
     "$make_scene" "$work/shaken" --size 48 --train 8 --test 2 --fault shaken >/dev/null
     run "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" --steps 400 --refine-poses
-    check "with poses that are refined" said "training cameras were turned by"
-    expect "by two ranks, too" 0 "~cameras.were.turned.by" "${mpi[@]}" -n 2 "$ranked" train \
+    check "one process refines poses" said "training cameras were turned by"
+    expect "two ranks refine poses" 0 "~cameras.were.turned.by" "${mpi[@]}" -n 2 "$ranked" train \
         "$work/shaken" -o "$work/refined two" "${small[@]}" "${samples[@]}" --steps 400 \
         --refine-poses
-    check "which move them alike" same "$work/refined" "$work/refined two"
+    check "both refine to the same bits" same "$work/refined" "$work/refined two"
     local more=(--steps 60 --distortion-loss 0.01 --edge 0.01 --sparsity 0.01 --stage1 splat
         --moments bfloat16)
     run "$cln" train "$work/scene" -o "$work/more" "${small[@]}" "${more[@]}"
@@ -102,7 +102,7 @@ section_stretches() {
         check "the pictures are about as good as those of one process" \
             near "$(psnr "$on")" "$(psnr "$work/one")"
     done
-    expect "the same again" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
+    expect "two ranks by stretches, again" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
         -o "$work/stretch-again" "${small[@]}" --steps 200
     check "the same ranks and seed give the same bits" same "$work/stretch-2" "$work/stretch-again"
     # the first step has one process's rays and samples: its loss differs by rounding alone
@@ -122,7 +122,7 @@ section_stretches() {
     expect "regularisers of points, by samples" 0 "" "${mpi[@]}" -n 2 "$ranked" train \
         "$work/scene" -o "$work/points" "${small[@]}" --steps 40 --sparsity 0.01
     run "$cln" train "$work/scene" -o "$work/points-one" "${small[@]}" --steps 40 --sparsity 0.01
-    check "with the bits of one process" same "$work/points" "$work/points-one"
+    check "they have the bits of one process" same "$work/points" "$work/points-one"
 }
 
 # start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
@@ -143,14 +143,14 @@ section_resume() {
     kill -TERM "$(pgrep -P "$child" | tail -n 1)" # any of them
     wait "$child"
     check "a signal to one stops all, after a checkpoint" said "stopped by a signal"
-    check "before the end" [ "$(digest "$work/on")" != "$(digest "$work/one")" ]
-    expect "three ranks go on with the run of two" 0 "resumed" "${mpi[@]}" -n 3 "$ranked" train \
+    check "it stopped before the end" [ "$(digest "$work/on")" != "$(digest "$work/one")" ]
+    expect "three ranks resume the run of two" 0 "resumed" "${mpi[@]}" -n 3 "$ranked" train \
         --resume "$work/on" --skip-selftest --progress none
     check "the model is that of one process" same "$work/one" "$work/on"
     start "$work/by-stretches" --steps 200
     kill -TERM "$(pgrep -P "$child" | tail -n 1)"
     wait "$child"
-    expect "one process goes on with a run by stretches" 0 "resumed" "$cln" train \
+    expect "one process resumes a run by stretches" 0 "resumed" "$cln" train \
         --resume "$work/by-stretches" --skip-selftest --progress none
 }
 
@@ -158,7 +158,7 @@ tensors() {
     ls "$1"/checkpoint/*.safetensors | tail -n 1
 }
 
-# faulty HOW K: two ranks go on, and write a checkpoint; rank 1's K-th write fails, HOW
+# faulty HOW K: two ranks train on and write a checkpoint; rank 1's K-th write fails, HOW
 # (support/faults.c)
 faulty() {
     local go=(train --resume "$work/parts" --skip-selftest --progress none --steps +20)
@@ -167,31 +167,32 @@ faulty() {
 }
 
 # The file that ranks write together is that of one process, on a shared file system or not; a rank
-# that cannot write its part leaves the checkpoint before whole.
+# that cannot write its part leaves the last checkpoint intact.
 section_checkpoints() {
     baseline
     local before at
     expect "three ranks write a checkpoint" 0 "" "${mpi[@]}" -n 3 "$ranked" train "$work/scene" \
         -o "$work/parts" "${small[@]}" "${samples[@]}" --steps 200
-    check "with the bytes of one process" cmp "$(tensors "$work/one")" "$(tensors "$work/parts")"
+    check "it has the bytes of one process" cmp "$(tensors "$work/one")" "$(tensors "$work/parts")"
     mkdir "$work/here" "$work/there"
     expect "ranks without a common file system" 0 "rank 0 writes" "${mpi[@]}" \
         -n 1 --wdir "$work/here" "$ranked" train "$work/scene" -o apart "${small[@]}" \
         "${samples[@]}" --steps 200 -v : \
         -n 1 --wdir "$work/there" "$ranked" train "$work/scene" -o apart "${small[@]}" \
         "${samples[@]}" --steps 200 -v
-    check "one writes it" cmp "$(tensors "$work/one")" "$(tensors "$work/here/apart")"
-    check "and it alone" [ -z "$(ls "$work/there")" ]
+    check "rank 0 writes the checkpoint" \
+        cmp "$(tensors "$work/one")" "$(tensors "$work/here/apart")"
+    check "only rank 0 writes" [ -z "$(ls "$work/there")" ]
     before=$(digest "$work/parts")
     expect "a rank whose disk is full" 7 "rank 1: space" faulty full 3
-    check "leaves the checkpoint before whole" [ "$(digest "$work/parts")" = "$before" ]
-    check "and nothing else" [ -z "$(find "$work/parts/checkpoint" -name '*.tmp.*')" ]
+    check "a full disk leaves the last checkpoint intact" [ "$(digest "$work/parts")" = "$before" ]
+    check "no partial file is left" [ -z "$(find "$work/parts/checkpoint" -name '*.tmp.*')" ]
     for at in 2 6; do
         run faulty kill $at
         check "a rank that dies at its write $at ends all" [ $rc != 0 ]
-        check "and leaves the checkpoint before whole" [ "$(digest "$work/parts")" = "$before" ]
+        check "it leaves the last checkpoint intact" [ "$(digest "$work/parts")" = "$before" ]
     done
-    expect "and one process goes on" 0 "resumed" "$cln" train --resume "$work/parts" \
+    expect "one process resumes that run" 0 "resumed" "$cln" train --resume "$work/parts" \
         --skip-selftest --progress none --steps +20
 }
 
@@ -205,8 +206,8 @@ section_dies() {
     kill -9 "$(pgrep -P "$child" | tail -n 1)"
     wait "$child"
     check "a rank that dies ends all" [ $? != 0 ]
-    check "and is named" grep -qE 'process rank [01] with PID' "$work/err" "$work/out"
-    expect "the last checkpoint is whole" 0 "" "$cln" info "$work/dies"
+    check "the dead rank is named" grep -qE 'process rank [01] with PID' "$work/err" "$work/out"
+    expect "the last checkpoint is intact" 0 "" "$cln" info "$work/dies"
 }
 
 section_differ() {
@@ -214,7 +215,7 @@ section_differ() {
     expect "ranks of different settings are refused" 2 "rank settings" "${mpi[@]}" -n 1 "$ranked" \
         train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 : -n 1 "$ranked" \
         train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 --seed 7
-    check "nothing is written" [ ! -e "$work/no" ]
+    check "different settings write nothing" [ ! -e "$work/no" ]
 }
 
 # Pictures by ranks: files equal to one process's, and a model too large for one is shown by four.
@@ -223,36 +224,36 @@ section_pictures() {
     run "$cln" eval "$work/one" -o "$work/eval-one" --save-images
     expect "evaluate with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" eval "$work/one" \
         -o "$work/eval-two" --save-images
-    check "one of them speaks" [ "$(grep -c '^mean' "$work/out")" = 1 ]
+    check "one rank prints the mean" [ "$(grep -c '^mean' "$work/out")" = 1 ]
     check "pictures are those of one process" diff -r -x '*.json' "$work/eval-one" "$work/eval-two"
-    check "so are the figures" diff <(grep -v seconds "$work/eval-one/"*-test.json) \
+    check "figures are those of one process" diff <(grep -v seconds "$work/eval-one/"*-test.json) \
         <(grep -v seconds "$work/eval-two/"*-test.json)
     run "$cln" render "$work/one" -o "$work/render-one" --normals --antialias 2
     expect "render with three ranks" 0 "" "${mpi[@]}" -n 3 "$ranked" render "$work/one" \
         -o "$work/render-two" --normals --antialias 2
     check "frames are those of one process" diff -r "$work/render-one" "$work/render-two"
     rm "$work/render-two/test_r_001.png"
-    expect "render what is missing" 0 "" "${mpi[@]}" -n 2 "$ranked" render "$work/one" \
+    expect "render a missing frame" 0 "" "${mpi[@]}" -n 2 "$ranked" render "$work/one" \
         -o "$work/render-two" --normals --antialias 2
-    check "one frame" grep -q '1 rendered.* 1 left as it is' "$work/out"
+    check "only one frame is rendered" grep -q '1 rendered.* 1 left as it is' "$work/out"
     check "frames are those of one process again" diff -r "$work/render-one" "$work/render-two"
     expect "ranks of different frames are refused" 2 "checkpoint or choice of frames" \
         "${mpi[@]}" -n 1 "$ranked" render "$work/one" -o "$work/no" : \
         -n 1 "$ranked" render "$work/one" -o "$work/no" --width 24 --height 24
-    check "nothing is written" [ ! -e "$work/no" ]
+    check "different frames write nothing" [ ! -e "$work/no" ]
     expect "view by several is refused" 2 "one process" "${mpi[@]}" -n 2 "$ranked" view "$work/one"
     run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --width 64 \
         --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \
         --n1 8 --steps 1
     expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
         "$work/large" -o "$work/four" --device-mem 13M
-    expect "is rendered by four" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
+    expect "four ranks render that model" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
         -o "$work/four" --device-mem 13M
     run "$cln" render "$work/large" -o "$work/alone"
-    check "as with room for all of it" diff -r "$work/alone" "$work/four"
+    check "the pictures are those of one process with room" diff -r "$work/alone" "$work/four"
 }
 
-# The bytes that bench/scale computes are those that a training counted.
+# bench/scale computes the bytes that a training counted.
 section_scale() {
     ${MAKE:-make} --no-print-directory MPI=1 build/mpi/bench-scale >"$work/out" 2>&1 ||
         bad "make MPI=1 build/mpi/bench-scale"
@@ -260,11 +261,13 @@ section_scale() {
     run "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$work/bytes" "${small[@]}" \
         --refresh-every 8 --steps 256 --start-level 2 --level-at "" --no-adaptive --cull-from 1
     expect "bytes of a step" 0 "" build/mpi/bench-scale bytes "$work/bytes"
-    check "are the model's within 5 %" awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05) }' \
+    check "the bytes are the model's within 5 %" \
+        awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05) }' \
         "$work/out"
     expect "messages between two" 0 "" "${mpi[@]}" -n 2 build/mpi/bench-scale messages
-    check "take time" awk '{ exit !($1 > 0 && $2 > 0 && NF == 2) }' "$work/out"
-    expect "a run of one process has none" 3 "several" build/mpi/bench-scale bytes "$work/one"
+    check "messages have latency and bandwidth" \
+        awk '{ exit !($1 > 0 && $2 > 0 && NF == 2) }' "$work/out"
+    expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
 run_sections "same stretches resume checkpoints dies differ pictures scale" "$@"

@@ -1,6 +1,6 @@
 #!/bin/bash
-# What the leaves of a trained tree are like, on small generated scenes: when empty ones go, and how
-# far neighbours differ at their faces. cli.sh has what a user sees of the tree.
+# The leaves of a trained tree, on small generated scenes: when empty ones are culled, and how far
+# neighbours differ at their faces. cli.sh has what a user sees of the tree.
 #   tests/cli/tree.sh [SECTION...]     sections: culling seams voxels
 #   BUILD=build/sanitize               the programs to test
 set -u
@@ -16,7 +16,7 @@ trap 'rm -rf "$work"' EXIT
 net=(--skip-selftest --progress none --width 16 --view-width 16 --n1 8 --cull-after 0
     --split-samples 0)
 
-# Changing the tree costs some ten steps, so culling waits for a hundredth of the leaves, or for a
+# Changing the tree costs about ten steps, so culling waits for a hundredth of the leaves, or for a
 # decision, which changes the tree anyway.
 section_culling() {
     "$make_scene" "$work/demo" --size 80 --train 24 --test 0 >/dev/null
@@ -54,7 +54,7 @@ section_seams() {
             --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --distil-steps 20 \
             --steps 300 --edge $edge
         expect "eval --seams" 0 "" "$cln" eval "$work/edge-$edge" --seams --json --no-save-images
-        check "there are pairs" number_above "$(json seams.across.pairs)" 100
+        check "eval --seams has pairs of points" number_above "$(json seams.across.pairs)" 100
         check "a step inside leaves changes less" number_above \
             "$(scaled 0.2 "$(json seams.across.colour)")" "$(json seams.inside.colour)"
         if [ $edge = 0 ]; then # four seeds had up to 0.148 and 0.093
@@ -64,13 +64,13 @@ section_seams() {
         else
             check "colours jump less" number_above \
                 "$(scaled 0.75 "$colour")" "$(json seams.across.colour)"
-            check "so does alpha" number_above \
+            check "alpha jumps less" number_above \
                 "$(scaled 0.75 "$alpha")" "$(json seams.across.alpha)"
         fi
     done
 }
 
-# Voxels: as fine as the photos and no finer, resumed, and what is made of them.
+# Voxels: as fine as the photos and no finer, resumed, measured, rendered and exported.
 section_voxels() {
     "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
     expect "train --preset voxel" 0 "~stays.at.level.3:.*pixels.of.the.photos" \
@@ -80,16 +80,16 @@ section_voxels() {
     expect "resume" 0 "" "$cln" train --resume "$work/voxels" --skip-selftest --progress none \
         --steps +40
     expect "eval --seams" 0 "" "$cln" eval "$work/voxels" --seams --json --no-save-images
-    check "the object is there" number_above "$(json mean.psnr)" 22
-    check "there are faces" number_above "$(json seams.across.pairs)" 20
-    # common vertices: what a pair's step across a face differs by is what one inside does
+    check "voxels show the object" number_above "$(json mean.psnr)" 22
+    check "voxels have pairs across faces" number_above "$(json seams.across.pairs)" 20
+    # with common vertices a step across a face changes as much as one inside
     check "colours jump no more across faces than inside" number_above \
         "$(scaled 1.5 "$(json seams.inside.colour)")" "$(json seams.across.colour)"
     expect "render" 0 "" "$cln" render "$work/voxels" --orbit 1 -o "$work/orbit"
     expect "export --mesh" 0 "" "$cln" export "$work/voxels" --mesh "$work/mesh.ply"
-    check "it has triangles" grep -q "[1-9][0-9]* triangles" "$work/out"
+    check "the mesh has triangles" grep -q "[1-9][0-9]* triangles" "$work/out"
     expect "info" 0 "" "$cln" info "$work/voxels"
-    check "its leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
+    check "the leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
     expect "--adaptive" 2 "--no-adaptive" "$cln" train "$work/object" -o "$work/no" \
         --preset voxel --adaptive
 }

@@ -1,9 +1,8 @@
 #!/bin/bash
 # `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
-# points, films, who is refused and what, slow and vanishing clients, several viewers, and how it
-# ends; and `train --view`: the same bits as without, orders, who may give them. On a tiny generated
-# scene, on any OpenCL device. How the page looks and behaves in a browser is
-# tests/browser/browser.sh's.
+# points, films, refused clients and requests, slow and vanishing clients, several viewers, and how
+# it ends; and `train --view`: the same bits as without, orders, who may give them. On a tiny
+# generated scene, on any OpenCL device. tests/browser/browser.sh tests the page in a browser.
 #   tests/cli/view.sh [SECTION...]
 #           sections: page pictures refused clients film token end training
 #   BUILD=build/sanitize                the programs to test
@@ -92,22 +91,23 @@ section_page() {
     viewer
     check "the address is of this machine" grep -qxE 'http://127\.0\.0\.1:[0-9]+/' "$work/address"
     gets "the page" 200 /
-    check "it is HTML" has_header '^content-type: text/html'
-    check "it may load from here alone" has_header "^content-security-policy: default-src 'none';"
-    check "nothing in it is from elsewhere" sh -c '! grep -qE "https?://" "$1"' - "$work/out"
-    check "it is the source's" cmp -s "$work/out" host/view/page.html
-    gets "its style" 200 /view.css
-    check "it is the source's" cmp -s "$work/out" host/view/page.css
-    gets "its script" 200 /view.js
-    check "it is the source's" cmp -s "$work/out" host/view/page.js
+    check "the page is HTML" has_header '^content-type: text/html'
+    check "the page may load only from here" \
+        has_header "^content-security-policy: default-src 'none';"
+    check "the page links nowhere else" sh -c '! grep -qE "https?://" "$1"' - "$work/out"
+    check "the page is the source's" cmp -s "$work/out" host/view/page.html
+    gets "the page's style" 200 /view.css
+    check "the style is the source's" cmp -s "$work/out" host/view/page.css
+    gets "the page's script" 200 /view.js
+    check "the script is the source's" cmp -s "$work/out" host/view/page.js
     for script in path crop; do
         gets "its script $script" 200 /$script.js
-        check "it is the source's" cmp -s "$work/out" host/view/$script.js
+        check "$script.js is the source's" cmp -s "$work/out" host/view/$script.js
     done
     gets "facts" 200 /facts
-    check "they name the run" [ "$(json run)" = "$work/run" ]
-    check "the step" [ "$(json step)" = 60 ]
-    check "8 cameras, tests last" [ "$(json cameras.7.split)" = test ]
+    check "the facts name the run" [ "$(json run)" = "$work/run" ]
+    check "the facts name the step" [ "$(json step)" = 60 ]
+    check "the facts have 8 cameras, tests last" [ "$(json cameras.7.split)" = test ]
     check "connections stay open" [ "$(curl -s "$address/" "$address/facts" -o /dev/null \
         -o /dev/null -w '%{num_connects}')" = 10 ]
 }
@@ -121,54 +121,58 @@ section_pictures() {
     local pose focal axis i
     viewer
     gets "a test view as PNG" 200 "/picture?view=6&format=png" "${me[@]}"
-    check "render has the same" cmp -s "$work/out" "$work/rendered/test_r_000.png"
-    gets "the other one" 200 "/picture?view=7&format=png" "${me[@]}"
-    check "render has the same" cmp -s "$work/out" "$work/rendered/test_r_001.png"
+    check "render has the same picture" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    gets "the other test view as PNG" 200 "/picture?view=7&format=png" "${me[@]}"
+    check "render has the same other picture" cmp -s "$work/out" "$work/rendered/test_r_001.png"
     gets "opacity" 200 "/picture?view=6&format=png&show=opacity" "${me[@]}"
-    check "render has the same" cmp -s "$work/out" "$work/rendered/test_r_000.opacity.png"
+    check "render has the same opacity" cmp -s "$work/out" "$work/rendered/test_r_000.opacity.png"
     get /facts
     focal=$(json cameras.6.focal)
     pose=$(for i in 0 1 2 3 4 5 6 7 8 9 10 11; do json "cameras.6.pose.$i"; done | paste -sd,)
-    gets "a camera of one's own" 200 \
+    gets "a free camera" 200 \
         "/picture?pose=$pose&focal=$focal&width=48&height=48&format=png" "${me[@]}"
-    check "in the same place it sees the same" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    check "a free camera in that place sees the same" \
+        cmp -s "$work/out" "$work/rendered/test_r_000.png"
     gets "another size" 200 "/picture?view=6&width=96" "${me[@]}"
-    check "is what was asked for" has_header '^x-picture: 96 96 '
-    check "JPEG without a word" has_header '^content-type: image/jpeg'
-    gets "no time at all" 200 "/picture?view=6&width=1000&ms=0.001" "${me[@]}"
-    check "makes it small" has_header '^x-picture: 24 24 '
+    check "the picture has the requested size" has_header '^x-picture: 96 96 '
+    check "JPEG is the default" has_header '^content-type: image/jpeg'
+    gets "a picture in no time" 200 "/picture?view=6&width=1000&ms=0.001" "${me[@]}"
+    check "the picture is small" has_header '^x-picture: 24 24 '
     gets "depth" 200 "/picture?view=6&show=depth" "${me[@]}"
-    check "with its ends" awk '/^[Xx]-[Pp]icture/ { exit !($5 > 0 && $6 >= $5) }' "$work/headers"
+    check "a depth picture has its scale" \
+        awk '/^[Xx]-[Pp]icture/ { exit !($5 > 0 && $6 >= $5) }' "$work/headers"
     gets "another background" 200 "/picture?view=6&background=0,0,1&format=png" "${me[@]}"
-    check "is another picture" sh -c '! cmp -s "$1" "$2"' - "$work/out" \
+    check "another background, another picture" sh -c '! cmp -s "$1" "$2"' - "$work/out" \
         "$work/rendered/test_r_000.png"
     expect "render --crop" 0 "" "$cln" render "$work/run" --split test --max-images 1 \
         -o "$work/cropped" --crop -9,-9,-0.2,0.3,9,9 --progress none
     gets "a crop box" 200 "/picture?view=6&format=png&crop=-9,-9,-0.2,0.3,9,9" "${me[@]}"
-    check "render has the same" cmp -s "$work/out" "$work/cropped/test_r_000.png"
+    check "render --crop has the same picture" cmp -s "$work/out" "$work/cropped/test_r_000.png"
     expect "render --crop, turned" 0 "" "$cln" render "$work/run" --split test --max-images 1 \
         -o "$work/turned" --crop -9,-9,-0.2,0.3,9,9,0,0,-35 --progress none
-    check "is another picture" sh -c '! cmp -s "$1" "$2"' - "$work/turned/test_r_000.png" \
+    check "a turned crop, another picture" \
+        sh -c '! cmp -s "$1" "$2"' - "$work/turned/test_r_000.png" \
         "$work/cropped/test_r_000.png"
     gets "a turned crop box" 200 \
         "/picture?view=6&format=png&crop=-9,-9,-0.2,0.3,9,9,0,0,-35" "${me[@]}"
-    check "render has the same" cmp -s "$work/out" "$work/turned/test_r_000.png"
+    check "render has the same turned crop" cmp -s "$work/out" "$work/turned/test_r_000.png"
     gets "a crop box with seven numbers" 400 "/picture?view=6&crop=-9,-9,-0.2,0.3,9,9,0" "${me[@]}"
-    gets "without it" 200 "/picture?view=6&format=png" "${me[@]}"
-    check "all is there again" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    gets "a picture without crop box" 200 "/picture?view=6&format=png" "${me[@]}"
+    check "without crop box all is shown" cmp -s "$work/out" "$work/rendered/test_r_000.png"
     expect "eval with pictures" 0 "" "$cln" eval "$work/run" -o "$work/evaluated" --progress none
     gets "leaves by level" 200 "/picture?view=6&format=png&show=level" "${me[@]}"
-    check "eval has the same" cmp -s "$work/out" \
+    check "eval has the same picture of leaves" cmp -s "$work/out" \
         "$(find "$work/evaluated" -name 'test_r_000.tree.png')"
     gets "leaves by error" 200 "/picture?view=6&format=png&show=error" "${me[@]}"
-    check "of a tree whose errors nobody measured: no scale" has_header '^x-picture: .* 0 0.$'
+    check "errors that nobody measured have no scale" has_header '^x-picture: .* 0 0.$'
     gets "a photo" 200 "/photo?view=6&side=24"
-    check "is a JPEG" has_header '^content-type: image/jpeg'
+    check "the photo is a JPEG" has_header '^content-type: image/jpeg'
     gets "a point" 200 "/point?view=6&x=24&y=24" "${me[@]}"
-    check "it is opaque" number_above "$(json opacity)" 0.5
-    check "before the camera" number_above "$(json depth)" 0
+    check "the point is opaque" number_above "$(json opacity)" 0.5
+    check "the point is in front of the camera" number_above "$(json depth)" 0
     for axis in 0 1 2; do # a matrix's columns: right, up, back, place
-        check "as far along its axis" awk -v p="$(json point.$axis)" -v t="$(json depth)" \
+        check "the point is at its depth along axis $axis" \
+            awk -v p="$(json point.$axis)" -v t="$(json depth)" \
             -v back="$(matrix $axis 2)" -v place="$(matrix $axis 3)" \
             'BEGIN { off = p - (place - t * back); exit !(off * off < 0.01) }'
     done
@@ -184,28 +188,28 @@ section_refused() {
     gets "a link on another site" 200 / -H "Sec-Fetch-Site: cross-site" \
         -H "Sec-Fetch-Mode: navigate"
     gets "a picture without X-Viewer" 403 "/picture?view=6"
-    gets "a question of another site" 405 "/picture?view=6" -X OPTIONS
+    gets "a preflight request of another site" 405 "/picture?view=6" -X OPTIONS
     gets "POST" 405 /picture -d x=1
     gets "an order, without a training" 405 /stop -X POST "${me[@]}"
-    gets "how a training stands, without one" 404 /training
+    gets "the progress, without a training" 404 /training
     gets "a body" 413 /facts -X GET -d "$(printf '%01000d' 0)"
     gets "a chunked body" 413 /facts -X GET -H "Transfer-Encoding: chunked" -d x
     gets "a long address" 414 "/picture?view=$(printf '%040000d' 0)" "${me[@]}"
     gets "a long header" 431 / -H "X-Long: $(printf '%040000d' 0)"
     gets "a huge picture" 400 "/picture?view=6&width=8192" "${me[@]}"
-    check "the sentence says it" grep -q "too large" "$work/out"
+    check "the answer says that it is too large" grep -q "too large" "$work/out"
     gets "no such camera" 400 "/picture?view=8" "${me[@]}"
     gets "no such photo" 400 "/photo?view=-1"
-    gets "a name for a photo" 400 "/photo?view=../photos/test/r_000.png"
-    gets "a path of the disk" 404 "/../../../../../../etc/passwd"
-    gets "an encoded one" 404 "/%2e%2e/%2e%2e/etc/passwd"
+    gets "a file name for a photo" 400 "/photo?view=../photos/test/r_000.png"
+    gets "a path on the disk" 404 "/../../../../../../etc/passwd"
+    gets "an encoded path" 404 "/%2e%2e/%2e%2e/etc/passwd"
     gets "a file of the run" 404 "/run.json"
     mv "$work/photos/test/r_001.png" "$work/away.png"
-    gets "a photo that has gone" 404 "/photo?view=7"
+    gets "a photo whose file is gone" 404 "/photo?view=7"
     mv "$work/away.png" "$work/photos/test/r_001.png"
-    gets "and is back" 200 "/photo?view=7"
-    gets "it still renders" 200 "/picture?view=6&format=png" "${me[@]}"
-    check "the same" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    gets "a photo whose file is back" 200 "/photo?view=7"
+    gets "a picture after all refusals" 200 "/picture?view=6&format=png" "${me[@]}"
+    check "it is the same picture" cmp -s "$work/out" "$work/rendered/test_r_000.png"
 }
 
 section_clients() {
@@ -222,7 +226,7 @@ section_clients() {
     gets "a later picture of the same viewer" 200 "/picture?view=6&width=32&ms=50" \
         -H "X-Viewer: you"
     wait $i
-    check "replaces the one before" [ "$(cat "$work/code")" = 409 ]
+    check "it replaces the earlier picture" [ "$(cat "$work/code")" = 409 ]
     curl -s -o "$work/one.png" -H "X-Viewer: one" "$address/picture?view=6&width=500&format=png" &
     i=$!
     while kill -0 $i 2>/dev/null; do
@@ -230,12 +234,12 @@ section_clients() {
     done
     wait $i
     check "a large one between small ones of another camera" [ "$code" = 200 ]
-    gets "and alone" 200 "/picture?view=6&width=500&format=png" "${me[@]}"
-    check "is the same picture" cmp -s "$work/out" "$work/one.png"
+    gets "the large picture alone" 200 "/picture?view=6&width=500&format=png" "${me[@]}"
+    check "the large picture is the same" cmp -s "$work/out" "$work/one.png"
     read -r -t 30 -u "$slow" i # the end of the stream, after 10 s; status above 128: none came
-    check "the slow one is sent away" [ $? -le 128 ]
+    check "the slow client is disconnected" [ $? -le 128 ]
     exec {slow}>&-
-    gets "it still answers" 200 /facts
+    gets "the viewer still answers" 200 /facts
 }
 
 # posts NAME CODE PATH OPTIONS...
@@ -267,63 +271,64 @@ section_film() {
     begin_film "a film"
     check "without ffmpeg it is y4m" [ "$(json file)" = film.y4m ]
     other=$film
-    posts "another beside it" 409 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
-    check "the sentence says it" grep -q "0 of 2 frames" "$work/out"
+    posts "a second film at the same time" 409 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
+    check "the answer has the film's progress" grep -q "0 of 2 frames" "$work/out"
     posts "a frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
-    check "is counted" [ "$(json "done")$(json frames)" = 12 ]
-    gets "a picture in between" 200 "/picture?view=1&width=32&ms=50" "${me[@]}"
-    gets "the film, half done" 409 "/film?film=$film"
+    check "the frame is counted" [ "$(json "done")$(json frames)" = 12 ]
+    gets "a picture between frames" 200 "/picture?view=1&width=32&ms=50" "${me[@]}"
+    gets "the unfinished film" 409 "/film?film=$film"
     posts "a frame of another size" 400 "/film/frame?film=$film&view=7&width=40" "${me[@]}"
     posts "a frame of no film" 404 "/film/frame?film=${film//[0-9]/a}&view=7" "${me[@]}"
-    posts "the other frame" 200 "/film/frame?film=$film&view=7" "${me[@]}"
-    posts "one too many" 409 "/film/frame?film=$film&view=7" "${me[@]}"
-    posts "the end" 200 "/film/end?film=$film" "${me[@]}"
-    check "how large it is" [ "$(json bytes)" = "$(stat -c %s "$work/film.y4m")" ]
-    check "no file of it has a name" no_films
+    posts "the second frame" 200 "/film/frame?film=$film&view=7" "${me[@]}"
+    posts "a frame too many" 409 "/film/frame?film=$film&view=7" "${me[@]}"
+    posts "the end of the film" 200 "/film/end?film=$film" "${me[@]}"
+    check "the answer has the film's size" [ "$(json bytes)" = "$(stat -c %s "$work/film.y4m")" ]
+    check "no file of the film has a name" no_films
     gets "the film" 200 "/film?film=$film"
-    check "to be saved" has_header '^content-disposition: attachment; filename="film.y4m"'
-    check "render has the same" cmp -s "$work/out" "$work/film.y4m"
-    gets "it again" 200 "/film?film=$film"
-    check "is as before" cmp -s "$work/out" "$work/film.y4m"
+    check "the film is an attachment" \
+        has_header '^content-disposition: attachment; filename="film.y4m"'
+    check "render has the same film" cmp -s "$work/out" "$work/film.y4m"
+    gets "the film again" 200 "/film?film=$film"
+    check "the film is as before" cmp -s "$work/out" "$work/film.y4m"
     begin_film "the next film"
-    gets "takes the place of the one before" 404 "/film?film=$other"
-    posts "ended too early" 409 "/film/end?film=$film" "${me[@]}"
-    posts "is gone" 404 "/film/drop?film=$film" "${me[@]}"
+    gets "the previous film is gone" 404 "/film?film=$other"
+    posts "a film ended too early" 409 "/film/end?film=$film" "${me[@]}"
+    posts "the film ended too early is gone" 404 "/film/drop?film=$film" "${me[@]}"
     begin_film "one more"
-    posts "a frame of it" 200 "/film/frame?film=$film&view=6" "${me[@]}"
-    posts "dropped" 200 "/film/drop?film=$film" "${me[@]}"
-    check "leaves nothing" no_films
+    posts "a frame of a film to drop" 200 "/film/frame?film=$film&view=6" "${me[@]}"
+    posts "the film is dropped" 200 "/film/drop?film=$film" "${me[@]}"
+    check "a dropped film leaves nothing" no_films
     posts "a film of large frames" 200 "/film/begin?width=2000&height=2000&frames=2" "${me[@]}"
     film=$(json film)
     curl -s -m 0.2 -o /dev/null -X POST "${me[@]}" \
         "$address/film/frame?film=$film&view=6&width=2000"
-    gets "its asker has gone" 200 "/picture?view=6&width=32&ms=50" "${me[@]}"
-    posts "so it is dropped" 404 "/film/end?film=$film" "${me[@]}"
-    check "with all that it had" no_films
+    gets "a picture after a frame's client has gone" 200 "/picture?view=6&width=32&ms=50" "${me[@]}"
+    posts "the film of the client is dropped" 404 "/film/end?film=$film" "${me[@]}"
+    check "the film of the client leaves nothing" no_films
     posts "a film without X-Viewer" 403 "/film/begin?width=48&height=48&frames=2"
     gets "a film by GET" 405 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
-    posts "from another site" 403 "/film/begin?width=48&height=48&frames=2" "${me[@]}" \
+    posts "a film from another site" 403 "/film/begin?width=48&height=48&frames=2" "${me[@]}" \
         -H "Sec-Fetch-Site: cross-site"
-    posts "too large without ffmpeg" 409 "/film/begin?width=1920&height=1080&frames=2000" \
+    posts "a film too large without ffmpeg" 409 "/film/begin?width=1920&height=1080&frames=2000" \
         "${me[@]}"
-    check "the sentence names ffmpeg" grep -q "install ffmpeg" "$work/out"
-    gets "a path for a name" 400 "/film?film=../../../../etc/passwd"
+    check "the answer names ffmpeg" grep -q "install ffmpeg" "$work/out"
+    gets "a path as the film's name" 400 "/film?film=../../../../etc/passwd"
     begin_film "a film when the viewer ends"
-    posts "with a frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
+    posts "a frame when the viewer ends" 200 "/film/frame?film=$film&view=6" "${me[@]}"
     stop INT
-    check "it ends" [ $rc = 130 ]
-    check "and leaves no film" no_films
+    check "the viewer ends" [ $rc = 130 ]
+    check "the viewer leaves no film" no_films
     if command -v ffmpeg >/dev/null; then
         with=()
         serve
         begin_film "a film with ffmpeg"
-        check "is an MP4" [ "$(json file)" = film.mp4 ]
-        posts "a frame of it" 200 "/film/frame?film=$film&view=6&show=level" "${me[@]}"
-        posts "and another" 200 "/film/frame?film=$film&view=7&show=depth" "${me[@]}"
-        posts "the end of it" 200 "/film/end?film=$film" "${me[@]}"
-        gets "it" 200 "/film?film=$film"
-        check "says its kind" has_header '^content-type: video/mp4'
-        check "and is one" grep -aq ftyp "$work/out"
+        check "the film is an MP4" [ "$(json file)" = film.mp4 ]
+        posts "a frame of the MP4" 200 "/film/frame?film=$film&view=6&show=level" "${me[@]}"
+        posts "another frame of the MP4" 200 "/film/frame?film=$film&view=7&show=depth" "${me[@]}"
+        posts "the end of the MP4" 200 "/film/end?film=$film" "${me[@]}"
+        gets "the MP4" 200 "/film?film=$film"
+        check "the MP4 has its type" has_header '^content-type: video/mp4'
+        check "the MP4 has its signature" grep -aq ftyp "$work/out"
         stop TERM
     else
         skip "a film with ffmpeg" "not installed"
@@ -345,20 +350,21 @@ section_token() {
     check "without photos: a warning" said "no cameras and photos"
     mv "$work/elsewhere" "$work/photos"
     check "the address has a token" grep -qE '/\?token=[0-9a-f]{32}$' "$work/address"
-    gets "not without it" 403 /
-    gets "nor any picture" 403 "/picture?view=0" "${me[@]}"
-    gets "nor with another" 403 "/?token=00000000000000000000000000000000"
+    gets "the page without the token" 403 /
+    gets "a picture without the token" 403 "/picture?view=0" "${me[@]}"
+    gets "the page with a wrong token" 403 "/?token=00000000000000000000000000000000"
     get "/?token=$(sed 's/.*=//' "$work/address")" -c "$work/cookies"
-    check "with it on to the page" [ "$code" = 303 ]
+    check "the token redirects to the page" [ "$code" = 303 ]
     cp "$work/headers" "$work/entered"
-    check "by a cookie for this site" has_header '^set-cookie: .*; HttpOnly; SameSite=Strict'
-    gets "which opens the page" 200 / -b "$work/cookies"
+    check "the token sets a cookie for this site" \
+        has_header '^set-cookie: .*; HttpOnly; SameSite=Strict'
+    gets "the cookie opens the page" 200 / -b "$work/cookies"
     gets "facts" 200 /facts -b "$work/cookies"
-    check "no cameras in them" [ -z "$(json cameras.0.name 2>/dev/null)" ]
+    check "the facts have no cameras" [ -z "$(json cameras.0.name 2>/dev/null)" ]
     cookie=$(sed -n 's/^[Ss]et-[Cc]ookie: \([^;]*\).*/\1/p' "$work/entered")
     gets "a numeric Host" 200 / -b "$cookie" -H "Host: 192.0.2.1:7007"
-    gets "no name of others" 403 / -b "$cookie" -H "Host: evil.example"
-    gets "no Origin of others" 403 / -b "$work/cookies" -H "Origin: http://evil.example"
+    gets "a Host of others" 403 / -b "$cookie" -H "Host: evil.example"
+    gets "an Origin of others" 403 / -b "$work/cookies" -H "Origin: http://evil.example"
     stop INT
 }
 
@@ -368,12 +374,12 @@ section_end() {
     sleep 0.3
     stop INT
     check "SIGINT ends it with 130, in the middle of a picture" [ $rc = 130 ]
-    check "it says so" said "stopped by a signal"
+    check "the viewer says that a signal ended it" said "stopped by a signal"
     expect "not a run" 3 "run.json" "$cln" view "$work/photos"
     serve
-    gets "it starts again" 200 /
+    gets "the viewer starts again" 200 /
     stop INT
-    check "and ends" [ $rc = 130 ]
+    check "the viewer ends again" [ $rc = 130 ]
 }
 
 # train RUN OPTIONS...: starts a training that is watched; $address as of a viewer
@@ -399,7 +405,7 @@ orders() {
     gets "$@" -X POST
 }
 
-# until_told MEMBER VALUE: until /training says so
+# until_told MEMBER VALUE: waits until /training says so
 until_told() {
     local i
     for i in $(seq 300); do
@@ -448,19 +454,20 @@ section_training() {
     orders "an order from another Origin" 403 /pause "${me[@]}" -H "Origin: http://evil.example"
     orders "an order of another site" 403 /pause "${me[@]}" -H "Sec-Fetch-Site: cross-site"
     orders "pause" 202 /pause "${me[@]}"
-    check "it pauses" until_told state paused
+    check "the training pauses" until_told state paused
     step=$(json step)
-    check "in the middle" [ "$step" -gt 0 -a "$step" -lt 1500 ]
+    check "it pauses in the middle" [ "$step" -gt 0 -a "$step" -lt 1500 ]
     gets "a large picture while it pauses" 200 "/picture?view=6&width=300&format=png" "${me[@]}"
-    check "is whole" has_header '^x-picture: 300 300 '
+    check "the large picture is complete" has_header '^x-picture: 300 300 '
     orders "save" 202 /save "${me[@]}"
-    check "it saves there" until_told saved_step "$step"
-    check "a checkpoint" [ -s "$(printf '%s/checkpoint/%08d.json' "$work/watched" "$step")" ]
+    check "it saves at that step" until_told saved_step "$step"
+    check "that step has a checkpoint" \
+        [ -s "$(printf '%s/checkpoint/%08d.json' "$work/watched" "$step")" ]
     sleep 1
     get /training
-    check "and stands still" [ "$(json step)" = "$step" ]
+    check "the paused training does not move" [ "$(json step)" = "$step" ]
     gets "facts" 200 /facts
-    check "say that it is a training" [ "$(json training)" = true ]
+    check "the facts say that it is a training" [ "$(json training)" = true ]
     orders "continue" 202 /continue "${me[@]}"
     curl -s -m 0.2 -o /dev/null -H "X-Viewer: gone" "$address/picture?view=6&width=2000"
     while curl -sf -m 60 -H "X-Viewer: large" -o /dev/null "$address/picture?view=2&width=200"; do
@@ -477,29 +484,30 @@ section_training() {
     exec {slow}>&-
     check "the training ends well" [ $rc = 0 ]
     check "pictures came meanwhile" [ $pictures -ge 3 ]
-    check "the same bits as unwatched" [ "$(json model_digest)" = "$digest" ]
+    check "watched and unwatched, the same bits" [ "$(json model_digest)" = "$digest" ]
     check "a pause is not training time" number_above "$(json wall_seconds)" \
         "$(awk -v s="$(json seconds)" 'BEGIN { print s + 1 }')"
     cp "$work/told" "$work/out"
     psnr=$(json psnr_test)
     curve=$(json curve.1.1)
-    check "it told the test PSNR of an evaluation" recorded psnr_test "$psnr"
-    check "a curve of training PSNRs" between psnr_train "$curve"
-    check "and times of stages" number_above "$(json stages.viewing)" 0
-    check "viewing is a part of the time" awk -v share="$(json viewing)" \
+    check "the progress had the test PSNR" recorded psnr_test "$psnr"
+    check "the progress had a curve of training PSNRs" between psnr_train "$curve"
+    check "the progress had times of stages" number_above "$(json stages.viewing)" 0
+    check "the share of viewing is right" awk -v share="$(json viewing)" \
         'BEGIN { exit !(share > 0 && share < 1) }'
-    check "it says how to go on looking" grep -q "cl-nascent view" "$work/log"
+    check "the log says how to view the run" grep -q "cl-nascent view" "$work/log"
 
     train "$work/stopped" --listen 127.0.0.1
     gets "an order without the token" 403 /stop -X POST "${me[@]}"
     get "/?token=$(sed -n 's/.*in a browser: .*token=//p' "$work/log")" -c "$work/cookies"
-    orders "stop, with it" 202 /stop "${me[@]}" -b "$work/cookies"
+    orders "stop, with the token" 202 /stop "${me[@]}" -b "$work/cookies"
     ended
-    check "it stops with 130" [ $rc = 130 ]
-    check "it says from where" grep -q "stopped from the browser" "$work/log"
-    expect "it can be gone on with" 0 "" "$cln" train --resume "$work/stopped" --skip-selftest \
+    check "the training stops with 130" [ $rc = 130 ]
+    check "the log says who stopped it" grep -q "stopped from the browser" "$work/log"
+    expect "the stopped training resumes" 0 "" \
+        "$cln" train --resume "$work/stopped" --skip-selftest \
         --progress none --json
-    check "to the same bits" [ "$(json model_digest)" = "$digest" ]
+    check "it resumes to the same bits" [ "$(json model_digest)" = "$digest" ]
     expect "no --port without --view" 2 "--port --view" "$cln" train "$work/photos" \
         -o "$work/none" --port 7007
 }

@@ -280,7 +280,7 @@ static void test_over_white(void **state)
     assert_memory_equal(image, expected, 9);
 }
 
-/* Distances along rays of which the scene's own numbers tell where they end, by hand. */
+/* Distances along rays whose ends follow from the scene's own numbers, by hand. */
 static void test_depths_of_scenes(void **state)
 {
     static const struct {

@@ -105,7 +105,7 @@ static void compare(table *t, const cln_output *o)
     uint32_t *other = NULL;
     bool same = false;
 
-    snprintf(name, sizeof name, "%s, as the other", o->name);
+    snprintf(name, sizeof name, "%s, as on the other", o->name);
     if (read_other(t->against, o, &other, text))
         same =
             o->discrete ? same_numbers(o->numbers, other, o->n, text) : near_values(o, other, text);

@@ -168,15 +168,15 @@ section_broken() {
     # correct by float64 (any random number is), but different from other devices
     noticed "other random numbers" sampling.cl \
         's/VLOAD(now->interval), k)/VLOAD(now->interval), k + 1u)/' \
-        "samples: places, as the other"
+        "samples: places, as on the other"
     [ -d "$work/scene" ] || "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
     break_kernel regularise.cl 's/(-g\.xyz \* beta/(g.xyz * beta/' || return
     expect "train refuses, names the case and the way out" 10 \
         "~regularisers.backward --skip-selftest" \
         "$cln" train "$work/scene" -o "$work/refused" -d "${devices[$best]}" \
         --kernel-dir "$work/kernels" "${settings[@]}"
-    check "and writes nothing" [ ! -e "$work/refused" ]
-    expect "train goes on if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" \
+    check "a refused train writes nothing" [ ! -e "$work/refused" ]
+    expect "train continues if forced" 0 "" "$cln" train "$work/scene" -o "$work/refused" \
         -d "${devices[$best]}" \
         --kernel-dir "$work/kernels" "${settings[@]}" --skip-selftest
 }
@@ -231,9 +231,9 @@ section_grind() {
     sed -i '/if (r >= n)/,/return;/d' "$work/kernels/rays.cl"
     simulate -k "$work/kernels"
     check "a missing barrier is a race" reports "data race"
-    check "with its kernel" reports "Kernel: stats_leaf"
+    check "the race's kernel is named" reports "Kernel: stats_leaf"
     check "a missing guard is a bad access" reports 'Invalid (read|write)'
-    check "its kernel is named" reports 'Kernel: rays_make'
+    check "the bad access's kernel is named" reports 'Kernel: rays_make'
 }
 
 shapes=all sections=(table unit train broken grind)
@@ -244,7 +244,7 @@ fi
 [ $# -gt 0 ] && sections=("$@")
 for program in "$cln" "$make_scene" "$query" "$cases"; do
     if [ ! -x "$program" ]; then
-        echo "devices.sh: $program is not there; make it first" >&2
+        echo "devices.sh: $program is missing; make it first" >&2
         exit 1
     fi
 done

@@ -1,6 +1,6 @@
-/* Fewer triangles of a mesh (host/export/reduce.h): balls and a sheet with exact places, far from 0
- * too. Places, normals and colours must be those of vertices before; no edge may be open that was
- * not; and the surface must stay where it was. */
+/* Fewer triangles of a mesh (host/export/reduce.h): balls and a sheet with exact places, far from
+ * 0, too. Places, normals and colours must be those of earlier vertices; no new edge may be open;
+ * and the surface must stay where it was. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -80,7 +80,7 @@ static void add_ball(cln_mesh *mesh, size_t first, const double middle[3])
 
 enum { BALL_VERTICES = (RINGS - 1) * SECTORS + 2, BALL_FACES = 2 * (RINGS - 1) * SECTORS };
 
-/* Of vertex `number` above the middle. */
+/* Height of vertex `number` above the middle. */
 static double polar_height(size_t number)
 {
     if (number >= BALL_VERTICES - 2)

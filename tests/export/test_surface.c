@@ -1,6 +1,6 @@
-/* The surface that exports write, away from any training: marching cubes of functions whose surface
- * is known (closed, oriented, in its place), and exact depths of generated shapes, fused and
- * traced, against these shapes: distances both ways, normals, what is hidden. */
+/* The surface that exports write, without training: marching cubes of functions whose surface is
+ * known (closed, oriented, in its place), and exact depths of generated shapes, fused and traced,
+ * against these shapes: distances both ways, normals, what is hidden. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -57,8 +57,8 @@ static int by_edge(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Each side of a triangle has exactly one that runs the other way: no crack, no side of more than
- * two. */
+/* Each side of a triangle has exactly one opposite in another triangle: no crack, no side of more
+ * than two. */
 static void assert_closed(const cln_surface *s)
 {
     const size_t n = 3 * s->faces;
@@ -149,7 +149,7 @@ static uint8_t *random_levels(int cells, uint32_t seed)
     return levels;
 }
 
-/* Of levels as they were lowered. */
+/* The levels, as lowered, have all widths. */
 static void assert_all_widths(const uint8_t *levels, int cells)
 {
     const size_t n = (size_t)cln_marching_blocks(cells);
@@ -463,7 +463,7 @@ static void make_block(shapes *scene)
     *scene = w.shapes;
 }
 
-/* Is what a leaf has of the surfaces flat? Looked at in 9^3 places of it. */
+/* Are the surfaces inside a leaf flat? Tests 9^3 places of it. */
 static bool is_flat(const shapes *scene, const float box[4])
 {
     const double near = 0.1 * (double)box[3];
@@ -575,7 +575,7 @@ static void chamfer(const shapes *scene, const cln_surface *s, double *to, doubl
     *back /= hits;
 }
 
-/* Against the uniform grid of the narrowest cells: closed as that, as near to the shapes, with many
+/* Against the uniform grid of the narrowest cells: equally closed and near to the shapes, with far
  * fewer triangles, all of which are missing where leaves are not the deepest. */
 static void cells_follow_the_tree(void **state)
 {

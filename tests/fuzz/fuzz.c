@@ -47,8 +47,8 @@ uLong __wrap_crc32(uLong sum, const Bytef *data, uInt bytes)
 
 enum { MOST_FILES = 8, MOST_WORDS = 64, MOST_PIXELS = 1 << 22 };
 
-/* make: writes the good files into the current folder; read: reads what lies there, with so many
- * calls that accept it. */
+/* make: writes the good files into the current folder; read: reads the files there, good ones by
+ * `accepts` calls that accept them. */
 typedef struct target {
     const char *name;
     const char *files[MOST_FILES];
@@ -73,11 +73,11 @@ static void require(bool condition, const char *what)
     }
 }
 
-/* Forgets the error, which must be one of the input. */
+/* Clears the error, which must blame the input. */
 static bool refused(cln_status st)
 {
     require(st == CLN_OK || cln_error_text()[0], "refused without a sentence");
-    require(st != CLN_INTERNAL && st != CLN_OUTPUT, "refused as our mistake");
+    require(st != CLN_INTERNAL && st != CLN_OUTPUT, "refused with a status of our own mistakes");
     if (st != CLN_OK && getenv("FUZZ_TELL"))
         fprintf(stderr, "%s\n", cln_error_text());
     cln_clear_error();
@@ -92,7 +92,7 @@ static void put(const char *name, const char *text)
 
 /* ---- scenes ---- */
 
-/* Those of a PNG's chunks, which are 0 here. */
+/* Zeroes the checksums of a PNG's chunks, as this program computes 0. */
 static void clear_checksums(uint8_t *png, size_t bytes)
 {
     for (size_t at = 8; at + 12 <= bytes;) {
@@ -132,7 +132,7 @@ static void read_scene(void)
     config.missing = CLN_MISSING_SKIP;
     config.depth_loss = 2;
     if (refused(cln_scene_load(&desc, &scene))) {
-        require(!scene, "a refused scene");
+        require(!scene, "a scene although it was refused");
         return;
     }
     require(scene->space.half > 0 && isfinite(scene->space.half), "a cube without size");
@@ -145,7 +145,8 @@ static void read_scene(void)
         require(c->width > 0 && c->height > 0, "a camera without pixels");
         cln_camera_ray(c, 0.5 * c->width, 0.5, origin, direction);
         for (int i = 0; i < 3; i++) {
-            require(isfinite(origin[i]) && isfinite(scene->space.centre[i]), "a place nowhere");
+            require(isfinite(origin[i]) && isfinite(scene->space.centre[i]),
+                    "a position that is not finite");
             norm += direction[i] * direction[i];
         }
         require(fabs(norm - 1) < 0.01, "a ray without direction");
@@ -156,10 +157,11 @@ static void read_scene(void)
         const cln_sight *s = &scene->sights[i];
         const cln_camera *c = &scene->views[s->view].camera;
 
-        require(s->x >= 0 && s->y >= 0 && s->x < c->width && s->y < c->height, "a sight outside");
+        require(s->x >= 0 && s->y >= 0 && s->x < c->width && s->y < c->height,
+                "a sight outside its image");
         require(s->trust >= 0 && s->trust <= 1, "a sight's trust");
         for (int a = 0; a < 3; a++)
-            require(isfinite(s->point[a]), "a sight of nothing");
+            require(isfinite(s->point[a]), "a sight whose point is not finite");
     }
     cln_scene_warn_doubts(scene);
     if (!refused(cln_scene_describe(scene, &about)))
@@ -231,7 +233,7 @@ static void read_ply(void)
         if (!refused(cln_dataset_read_ply(chosen->files[i], &result)))
             for (int k = 0; k < result.point_count; k++)
                 for (int a = 0; a < 3; a++)
-                    require(isfinite(result.points[k].xyz[a]), "a point nowhere");
+                    require(isfinite(result.points[k].xyz[a]), "a point that is not finite");
         free(result.points);
     }
 }
@@ -575,7 +577,7 @@ static void read_request(void)
         require(cln_ask_allowed(value_of(lines, "host"), value_of(lines, "origin"),
                                 value_of(lines, "site"), far, "here", &reason) ||
                     reason,
-                "sent away without a reason");
+                "refused without a reason");
     free(text);
 }
 
@@ -701,7 +703,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
         fprintf(stderr, "fuzz: %d calls accept good files, not %d\n", accepted, chosen->accepts);
         abort();
     }
-    require(fchdir(home) == 0, "the way home");
+    require(fchdir(home) == 0, "no way back to the first folder");
     close(home);
     return 0;
 }
@@ -736,6 +738,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes)
     write_file(chosen->files[which], data, bytes);
     damaged = which;
     chosen->read();
-    require(fchdir(home) == 0, "the way home");
+    require(fchdir(home) == 0, "no way back to the first folder");
     return 0;
 }

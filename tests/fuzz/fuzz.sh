@@ -1,13 +1,13 @@
 #!/bin/bash
 # Fuzzing of every reader of bytes from outside (fuzz.c lists the targets).
 #
-#   tests/fuzz/fuzz.sh SECONDS [TARGET...]   searches for so long in each target, with libFuzzer
-#                                            (make fuzz); what it learns stays in build/fuzz/corpus
+#   tests/fuzz/fuzz.sh SECONDS [TARGET...]   searches so long in each target, with libFuzzer (make
+#                                            fuzz); found inputs stay in build/fuzz/corpus
 #   tests/fuzz/fuzz.sh replay                reads the corpus and always the same changes of it
 #                                            (make test)
 #
-# Prints a line for each target. Inputs that fail lie in build/fuzz/found; one that is mended
-# belongs into tests/fuzz/corpus/TARGET. The last line is "N passed, N failed".
+# Prints a line for each target. Inputs that fail are in build/fuzz/found; once mended, they
+# belong in tests/fuzz/corpus/TARGET. The last line is "N passed, N failed".
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 

@@ -1,5 +1,5 @@
-/* Films: the bytes of .y4m against values worked out by hand; of others, what a stand-in for ffmpeg
- * is given. */
+/* Films: the bytes of .y4m against values worked out by hand; for other films, the input of a
+ * stand-in for ffmpeg. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -55,7 +55,7 @@ static void test_y4m(void **state)
     assert_int_equal(make(path, true), CLN_OK);
 }
 
-/* A program "ffmpeg" alone on PATH, of these lines of shell. */
+/* Puts a shell script as "ffmpeg" on PATH, with nothing else there. */
 static void put_ffmpeg(void **state, const char *script)
 {
     const char *path = scratch_path(*state, "ffmpeg");

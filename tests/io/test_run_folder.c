@@ -28,7 +28,7 @@ static void expect_error(cln_status got, cln_status want, const char *word)
 {
     assert_int_equal(got, want);
     if (!strstr(cln_error_text(), word))
-        fail_msg("'%s' does not speak of '%s'", cln_error_text(), word);
+        fail_msg("'%s' does not name '%s'", cln_error_text(), word);
     cln_clear_error();
 }
 
@@ -89,7 +89,8 @@ static void test_refuses_foreign(void **state)
     expect_error(cln_run_open(scratch_path(*state, "link"), false), CLN_OUTPUT, "not a folder");
 }
 
-/* What lies in a run is told the run, however it ends; what does not, that it is none. */
+/* The error for a path inside a run names the run, however the path ends; for other paths it says
+ * that there is no run. */
 static void test_in_a_run(void **state)
 {
     static const char *const within[] = {"checkpoint", "checkpoint/", "run.json", "checkpoint///"};
@@ -316,8 +317,8 @@ static void test_view_file_name(void **state)
     }
 }
 
-/* Names that become the same file get the digest of their own behind it; the others, and one that
- * is in two splits, stay as they are. */
+/* Names that give the same file name get their digest as a suffix; the others, and one that is in
+ * two splits, stay as they are. */
 static void test_view_file_names(void **state)
 {
     static const char *const names[] = {"a/b.png", "train/r_0", "a_b.jpg", "two.png",
@@ -338,7 +339,7 @@ static void test_view_file_names(void **state)
         free(files[i]);
 }
 
-/* Room is asked of the nearest folder that is there, and nothing is made. */
+/* The free space is that of the nearest existing folder; nothing is created. */
 static void test_disk_check(void **state)
 {
     const char *deep = scratch_path(*state, "new/deeper/run");
@@ -363,7 +364,7 @@ static void test_disk_check(void **state)
     cln_clear_error();
 }
 
-/* A file that is to be made: in a folder that is there, and nothing is lost. */
+/* A new file needs an existing folder, and must not replace anything. */
 static void test_disk_check_new(void **state)
 {
     char there[512];

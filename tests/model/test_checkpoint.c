@@ -95,7 +95,7 @@ static void test_round_trip(void **state)
     cln_model_free(&model);
 }
 
-/* Corrections of poses are read for pictures, too, and only such as can be. */
+/* Corrections of poses are read for pictures, too; impossible ones are refused. */
 static void test_poses(void **state)
 {
     enum { VIEWS = 3 };
@@ -445,7 +445,7 @@ static void test_forged(void **state)
     cln_model_free(&model);
 }
 
-/* A document that is whole but for the digest of its tensors. */
+/* A document that lacks only the digest of its tensors. */
 static void test_no_tensors_digest(void **state)
 {
     const char *run = *state, *path = NULL;
@@ -468,7 +468,7 @@ static void test_no_tensors_digest(void **state)
     }
 }
 
-/* What is asked of the disk before training is what a checkpoint takes. */
+/* The space that is required before training is what checkpoints take. */
 static void test_bytes_are_foreseen(void **state)
 {
     const char *run = *state;

@@ -436,7 +436,7 @@ static void same_tree(const cln_octree *a, const cln_octree *b)
 }
 
 /* Culled places come back as leaves of a level where cells are marked, and empty leaves with marked
- * cells begin anew; all others stay as they are. */
+ * cells restart; all others stay as they are. */
 static void test_regrow(void **state)
 {
     enum { N = 8 };
@@ -584,7 +584,7 @@ static void test_unpack_refuses(void **state)
         *cell = cases[i].value;
         assert_int_equal(cln_octree_unpack(rows, tree.node_count, &back), CLN_CHECKPOINT);
         if (!strstr(cln_error_text(), cases[i].word))
-            fail_msg("case %zu: '%s' does not speak of %s", i, cln_error_text(), cases[i].word);
+            fail_msg("case %zu: '%s' does not name %s", i, cln_error_text(), cases[i].word);
         cln_clear_error();
         *cell = kept;
     }

@@ -35,7 +35,7 @@ static void change_both(cln_model *host, cln_model *other, const uint8_t *marks,
             assert_ok(cln_octree_split(&models[i]->tree, marks, out));
         else if (kind == 2)
             assert_ok(cln_octree_cull(&models[i]->tree, marks, out));
-        else /* all cells are marked: every culled node comes back, every marked leaf begins anew */
+        else /* all cells are marked: every culled node comes back, every marked leaf restarts */
             assert_ok(cln_octree_regrow(&models[i]->tree, &all_cells, 0, 0, marks, out));
     }
     assert_ok(cln_model_apply(host, change));

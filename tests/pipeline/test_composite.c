@@ -20,7 +20,7 @@ typedef struct batch {
     float (*out)[4], (*targets)[4], (*backgrounds)[4], (*ray_o)[4], (*ray_d)[4], (*shown)[4];
 } batch;
 
-/* sigma * delta of sample i of ray r: every kind of ray that the way there can make. */
+/* sigma * delta of sample i of ray r: every kind of ray that sampling can produce. */
 static double optical_of(int r, int i, int n)
 {
     static const double extremes[] = {0, 1e-12, 1e-6, 1e-3, 1, 80, 1e4, 1e6};
@@ -75,7 +75,7 @@ static void make_batch(batch *b)
         }
         b->targets[r][3] = r % 3 ? (float)test_uniform(8, r, 0, 1) : (float)(r % 2);
         b->ray_d[r][3] = (float)test_uniform(7, r, 0.5, 1);
-        for (int k = 0; k < 3; k++) { /* points on the ray and beside it; of some, none */
+        for (int k = 0; k < 3; k++) { /* points on the ray and beside it; some rays have none */
             b->ray_o[r][k] = (float)test_uniform(10, 3 * r + k, -2, 2);
             b->ray_d[r][k] = k == r % 3 ? 0 : k == (r + 1) % 3 ? 0.8f : -0.6f;
             b->shown[r][k] = (float)test_uniform(11, 3 * r + k, -1, 1);
@@ -159,7 +159,8 @@ static void check_pictures(cln_pipeline *p, const batch *b, bool per_ray, unsign
         }
         if (!(kind & CLN_DEPTH_MEAN))
             depth = ref_median_depth(w.n, (const double(*)[4])w.out, w.t, w.delta);
-        depth += b->ray_o[r][3] * opacity / fmax(opacity, 1e-10); /* where the ray begins */
+        depth += b->ray_o[r][3] * opacity / fmax(opacity, 1e-10); /* from the camera to the ray's
+                                                                     begin */
         want[3][r] = depth * (kind & CLN_DEPTH_AXIS ? b->ray_d[r][3] : 1);
         got[3][r] = results[r].depth;
         want[4][r] = opacity;
@@ -238,7 +239,7 @@ static cln_interval *make_intervals(const batch *b, uint32_t *used)
     return all;
 }
 
-/* Takes rank `me`'s part of the batch to the device; mine: [sample] its samples' numbers. */
+/* Uploads rank `me`'s part of the batch; mine: [sample] numbers of its samples. */
 static void upload_part(cln_pipeline *p, const batch *b, int me, uint32_t *mine)
 {
     cln_sample *sample = test_alloc(b->samples, sizeof *sample);
@@ -284,7 +285,7 @@ static void upload_part(cln_pipeline *p, const batch *b, int me, uint32_t *mine)
     free(listed);
 }
 
-/* composite_train by RANKS ranks, one after the other: each sees the others' sums alone. */
+/* composite_train by RANKS ranks, one after the other: each sees only the others' sums. */
 static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4],
                                 cln_ray_result *results)
 {

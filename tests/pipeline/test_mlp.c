@@ -755,7 +755,7 @@ static void check_update(const tune_set *set, int leaf, int moments, const mlp_c
     if (memcmp(at_once.params, apart.params, bytes) != 0 ||
         memcmp(at_once.m, apart.m, apart.moment_bytes) != 0 ||
         memcmp(at_once.v, apart.v, apart.moment_bytes) != 0)
-        fail_msg("%s, %s: an update at once is another one", c.name, set->name);
+        fail_msg("%s, %s: the update in one pass differs", c.name, set->name);
     for (int s = 0; s < 22; s++) {
         several += samples_of(s, &p->tune) > (uint32_t)p->tune.sl;
         idle += at_once.steps[s] == 0;

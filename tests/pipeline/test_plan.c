@@ -489,8 +489,8 @@ static void test_split_arrays(void **state)
     }
 }
 
-/* Without room for the images, they lie in a file, and are no part of the host's plan; without room
- * to read them they are refused, before any is read. */
+/* Without room for the images, they are in a file, and not in the host's plan; without room to read
+ * them they are refused before any is read. */
 static void test_images_that_do_not_fit(void **state)
 {
     cln_config config = fixture_config();

@@ -332,7 +332,7 @@ static void test_near(void **state)
     }
 }
 
-/* Is the point in the picture? 1 or 0; -1 if rounding decides: of the places nearby some are. */
+/* Is the point in the picture? 1 or 0; -1 if rounding decides, as some places nearby are in it. */
 static int in_picture(const cln_camera *c, const double point[3])
 {
     int inside = 0;

@@ -129,7 +129,7 @@ static void check(cln_pipeline *p, const batch *b, double cutoff, uint32_t step_
                 if (factors[i] == 0)
                     continue;
                 if (used >= c.counts[l] || chosen[used] != (cl_uint)(first + i))
-                    fail_msg("leaf %d, sample %d is not among those that go", l, first + i);
+                    fail_msg("leaf %d, sample %d was not chosen", l, first + i);
                 for (int k = 0; k < 4; k++) {
                     const double got = (double)c.heads[b->begin[l] + used][k];
 
@@ -230,7 +230,7 @@ static void test_expectation(void **state)
         const double deviation = sqrt((squares[k] - sum[k] * sum[k]) / KEYS);
 
         if (!(fabs(sum[k] - whole[k]) < 4 * deviation))
-            fail_msg("head %d: %g on the mean of %d steps, all of it is %g, deviation %g", k,
+            fail_msg("head %d: %g on average over %d steps, the whole is %g, deviation %g", k,
                      sum[k], KEYS, whole[k], deviation);
     }
     free_batch(&b);

@@ -19,7 +19,7 @@ typedef struct sampling_case {
 
 enum { CHORD = CLN_ALLOCATE_CHORD, WEIGHT = CLN_ALLOCATE_WEIGHT };
 
-/* n1 is odd: with an even one, midpoints of a interval from face to face fall exactly between
+/* n1 is odd: with an even one, midpoints of an interval from face to face fall exactly between
  * cells, where rounding may choose either. */
 static const sampling_case cases[] = {
     {"paper", 0, CHORD, CLN_CDF_SIGMA, 7, true, 0.25, 1e-4, 0, 1},
@@ -454,7 +454,7 @@ static void test_cut(void **state)
     free(d);
 }
 
-/* Rays cut to what is inside six half-spaces: a box, one of its faces aslant. */
+/* Rays cropped by six half-spaces: a box with one slanted face. */
 static const float box[6][4] = {{1, 0, 0, 0.61f},  {0, 0.8f, 0.6f, 0.33f}, {0, 0, 1, 0.71f},
                                 {-1, 0, 0, 0.57f}, {0, -1, 0, 0.83f},      {0, 0, -1, 0.29f}};
 

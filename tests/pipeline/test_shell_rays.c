@@ -107,7 +107,7 @@ static void ray_of(const rays *b, int r, double o[3], double d[3])
                                b->pixels[r].y + 0.5, o, d));
 }
 
-/* The line of the host at t; its end counts as in it. */
+/* The host's line at t, its end included. */
 static const cln_space_line *line_at(const cln_space_line *lines, int count, double t)
 {
     int k = 0;

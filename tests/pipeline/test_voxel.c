@@ -1,7 +1,7 @@
 /* The update of voxels against the float64 reference: gradients of leaves that share vertices are
- * added, with the smoothness', and every copy of a vertex gets the bits of one step; vertices that
- * no sample met keep theirs. And what a change of the tree leaves of shared vertices. Forward and
- * backward: test_mlp.c. */
+ * added, and the smoothness' gradient, too; every copy of a vertex gets the bits of one step;
+ * vertices that no sample met keep theirs. Also shared vertices after a change of the tree. Forward
+ * and backward: test_mlp.c. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -48,7 +48,8 @@ static cln_config config_of(const voxel_case *c)
     return config;
 }
 
-/* A vertex' place in a lattice of the cube at the leaf's size: the same for all that share it. */
+/* A vertex's place in a lattice of the cube at the leaf's size: the same for all leaves that share
+ * it. */
 static int key_of(const cln_octree *tree, int slot, int v)
 {
     const int node = tree->leaf[slot], level = tree->level[node];
@@ -165,8 +166,8 @@ static void backward(const cln_config *config, const cln_model *model, const bat
     free(boxes);
 }
 
-/* Adds the smoothness' gradient of half the weighted squares over a leaf's edges, of which those on
- * its faces count for all that have them. */
+/* Adds the smoothness' gradient: of half the weighted squares over a leaf's edges. Edges on its
+ * faces count in every leaf that has them. */
 static void smooth(const cln_config *config, const cln_model *model, uint32_t key, double *grads,
                    const uint8_t *met)
 {
@@ -319,8 +320,8 @@ static void test_update(void **state)
         check_case(&cases[i]);
 }
 
-/* Culled leaves come back: what they share with leaves that stayed has those' numbers, the rest is
- * as at the start. */
+/* Culled leaves come back: vertices shared with leaves that stayed have their numbers, the others
+ * initial ones. */
 static void test_regrown(void **state)
 {
     const cln_config config = config_of(&cases[0]);
@@ -364,7 +365,7 @@ static void test_regrown(void **state)
     cln_model_free(&model);
 }
 
-/* Every neighbour that another way of looking finds, and no other. */
+/* The neighbours are those that a separate search finds, and no others. */
 static void test_around(void **state)
 {
     const cln_config config = config_of(&cases[0]);

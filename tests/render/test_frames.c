@@ -31,7 +31,7 @@ static void refuses(void **state, const char *text, const char *word)
     const cln_status st = cln_frames_read(put(state, text), 40, 30, &frames);
 
     if (st != CLN_INPUT || !strstr(cln_error_text(), word))
-        fail_msg("%s: '%s', not with '%s'", cln_status_phrase(st), cln_error_text(), word);
+        fail_msg("%s: '%s' does not name '%s'", cln_status_phrase(st), cln_error_text(), word);
     cln_clear_error();
     cln_frames_free(&frames);
 }
@@ -251,8 +251,8 @@ static void assert_rigid(const cln_camera *c)
         }
 }
 
-/* A straight walk with a turn of the head: ends and keys are met, steps are even, focal lengths go
- * along; keys that are there twice are no harm. */
+/* A straight walk with a turn of the head: the path meets ends and keys, steps are even, focal
+ * lengths follow; repeated keys do no harm. */
 static void test_through(void **state)
 {
     enum { KEYS = 5, COUNT = 41 };
@@ -332,8 +332,8 @@ static void test_orbit_lens(void **state)
     assert_true(fabs(c.fx - 40) < 1e-12 && fabs(c.fy - 44) < 1e-12);
 }
 
-/* Of four views a quarter turn apart, none comes nearer, and all look at what they stand around;
- * as a straight line the path would cut through it. */
+/* A path through four views a quarter turn apart comes no nearer to what they stand around, and
+ * looks at it; a straight path would cut through it. */
 static void test_around(void **state)
 {
     enum { KEYS = 4, COUNT = 31 };

@@ -74,7 +74,7 @@ static void test_fitted(void **state)
     b[3 * 7] = 1; /* what is left out is left out of the fit, too */
     assert_true(cln_image_fitted_mse(W, H, NULL, a, b) > 2 * rest);
     assert_true(cln_image_fitted_mse(W, H, kept, a, b) < 1.01 * rest);
-    /* a grey picture, and one of a single colour, of which no matrix can be told */
+    /* a grey picture, and one of a single colour, which determines no matrix */
     assert_true(cln_image_fitted_mse(W, H, NULL, grey, grey) < 1e-8);
     assert_true(cln_image_fitted_mse(W, H, NULL, flat, grey) <=
                 cln_image_mse(W, H, NULL, flat, grey));

@@ -15,7 +15,7 @@ enum { WIDTH = 120, HEIGHT = 90 };
 static const double ball[3] = {0.3, -0.2, 0.1}, wall[3] = {0.6, 0, 0.8}; /* through -2 wall */
 static const double RADIUS = 0.9;
 
-/* The first thing that a ray hits: its distance and normal; 0 if it is nothing. */
+/* Distance and normal of a ray's first hit; 0 without a hit. */
 static double hit(const double o[3], const double d[3], double normal[3])
 {
     double b = 0, c = -RADIUS * RADIUS, along = 0, from = 2, t = 0;
@@ -116,7 +116,7 @@ static void test_known_surfaces(void **state)
     check(false, 0.08);
 }
 
-/* Alone in its picture a pixel has none. */
+/* A pixel alone in its picture has no normal. */
 static void test_without_neighbours(void **state)
 {
     cln_camera camera = make_camera();

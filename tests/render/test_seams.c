@@ -100,7 +100,7 @@ static void test_chessboard(void **state)
     cln_eval_free(&result);
 }
 
-/* One field all over has no seam; an evaluation without --seams says nothing of any. */
+/* A uniform field has no seam; an evaluation without --seams reports none. */
 static void test_none(void **state)
 {
     cln_eval_result result;

@@ -66,7 +66,7 @@ static void test_project_by_hand(void **state)
     assert_near(v, 24, 1e-12);
 }
 
-/* The short way of a camera without a lens is the lens models' to the last bit. */
+/* The shortcut for a camera without a lens gives the lens models' bits. */
 static void test_project_as_a_lens(void **state)
 {
     static const double points[][3] = {{1, -0.5, 4},  {-0.3, 0.7, 1e3}, {0, 0, 1e-9}, {5, 7, 1e-4},
@@ -216,7 +216,7 @@ static void test_resize(void **state)
     assert_int_equal(camera.width, 16);
 }
 
-/* What a check must say, and about which camera. */
+/* The check must name the camera and the error. */
 static void assert_bad(cln_camera camera, const char *word)
 {
     assert_int_equal(cln_camera_check(&camera, "frame 'r_7'"), CLN_INPUT);

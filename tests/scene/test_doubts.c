@@ -1,7 +1,7 @@
-/* What looks like a mistake in the poses: each planted fault has its number beyond its bound and
- * one warning, captures of all kinds have none. Cameras are set by hand. The bounds were measured
- * on photos of many kinds: cameras around something have an apart_share of 0, in a room 0.25, in
- * flights over flat land up to 0.6, and 1 where cameras around something are turned. */
+/* Signs of mistakes in poses: each planted fault gives a number beyond its bound and one warning,
+ * good captures of all kinds give none. Cameras are set by hand. The bounds were measured on photos
+ * of many kinds: cameras around something have an apart_share of 0, in a room 0.25, in flights over
+ * flat land up to 0.6, and 1 where cameras around something are turned. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -86,7 +86,7 @@ static void around(capture *c, double half, double distance, double degrees)
     }
 }
 
-/* As a reader takes OpenCV's axes for OpenGL's. */
+/* Poses as of a reader that takes OpenCV's axes for OpenGL's. */
 static void turn_axes(capture *c)
 {
     for (int v = 0; v < c->scene.view_count; v++)

@@ -121,8 +121,8 @@ static void test_other_field(void **state)
     assert_true(shared < 12);
 }
 
-/* Lists as long as there can be, each mark unlike all others, the one in the other's reverse order:
- * every mark finds itself. */
+/* Lists of the largest length, each mark unlike all others, one list in the reverse order of the
+ * other: every mark finds itself. */
 static void test_full_lists(void **state)
 {
     cln_features a = {.count = CLN_FEATURES_MOST}, b = {.count = CLN_FEATURES_MOST};

@@ -251,7 +251,7 @@ static void test_cube_of_points(void **state)
         assert_non_null(strstr(scene->bounds_rule, "shell"));
         cln_scene_free(scene);
     }
-    for (int i = 0; i < 4; i++) { /* with a box, by splatting, or if it is told so: without */
+    for (int i = 0; i < 4; i++) { /* with a box, by splatting, or on request: no shell */
         cln_scene *scene = NULL;
 
         config = *plain();
@@ -273,8 +273,8 @@ static void test_cube_of_points(void **state)
     cln_scene_free(scene);
 }
 
-/* nerfstudio's points say the same of the cube, and have their shell; without the file, or without
- * any, the cameras decide; a box of the file goes before them. */
+/* nerfstudio's points give the same cube and shell; without the file, or without points, the
+ * cameras decide; a box in the file has precedence. */
 static void test_points_of_transforms(void **state)
 {
     static const struct {
@@ -563,7 +563,7 @@ static void test_masks(void **state)
     put_mask(folder, "dynamic_mask_view_01.png", 10, 3);
     put_text(folder, "transforms.json", MASK_SCENE);
     cln_log_set_sink(scratch_count_warnings, &warnings);
-    for (int n = 1; n <= 2; n++) { /* a pixel counts if all that it is the mean of do */
+    for (int n = 1; n <= 2; n++) { /* a pixel counts if all pixels that it averages do */
         config.downscale = n;
         scene = load(folder, &config);
         for (int v = 0; v < 3; v++)

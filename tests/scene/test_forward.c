@@ -1,6 +1,6 @@
-/* Which scenes get a forward space (normalised device coordinates), and which: LLFF scenes whose
- * cameras look one way, other ones that are told to; the mean camera, the near plane by depths or
- * points, and sides that hold what the images show. What has none is told why, or is a cube. */
+/* Forward spaces (normalised device coordinates): LLFF scenes whose cameras look one way have one,
+ * other scenes on request. Tested: the mean camera, the near plane by depths or points, sides that
+ * hold what the images show, and the reason why a scene has none. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -113,7 +113,7 @@ static void test_llff(void **state)
     cln_scene_free(scene);
 }
 
-/* Scenes that have none: what they are by default, and the sentence if it is wanted. */
+/* Scenes without one: their default space, and the error if one is requested. */
 static void test_refused(void **state)
 {
     static const char *const whys[] = {"do not look one way", "'view_02.png' looks more than 78",
@@ -222,7 +222,7 @@ static void test_aside(void **state)
     }
 }
 
-/* COLMAP's points tell how near the scene is, but for an outlier. Such scenes are cubes unless told
+/* COLMAP's points, except an outlier, give the near plane. Such scenes are cubes unless told
  * otherwise. */
 static void test_points(void **state)
 {

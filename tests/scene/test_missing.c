@@ -1,6 +1,6 @@
-/* Frames whose image is not there, or with --missing skip cannot be read: left out with a warning
- * while they are few, by --missing; the others keep their splits and names, and the scene says what
- * it lacks. */
+/* Frames whose image is missing, or with --missing skip unreadable: few are left out with a
+ * warning, as --missing says; the others keep their splits and names, and the scene lists what it
+ * lacks. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -14,7 +14,7 @@
 
 enum { FRAMES = 24 };
 
-/* 00.png ... 23.png, of which `gone` from number `first` on are not there. */
+/* 00.png ... 23.png, of which `gone` are missing, from number `first` on. */
 static void put_scene(const char *folder, int first, int gone)
 {
     char text[8192] = "", name[16], frame[256];

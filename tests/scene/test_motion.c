@@ -90,7 +90,8 @@ static void test_there_and_back(void **state)
         }
 }
 
-/* What moves all alike goes, but for what a linear fit leaves of it; a second time all of it. */
+/* A common motion is removed except what the linear fit leaves of it; a second pass removes all of
+ * it. */
 static void test_hold_a_common_motion(void **state)
 {
     double from[POSES][12], to[POSES][12];
@@ -141,7 +142,7 @@ static void test_hold_one(void **state)
         assert_near(again[i], to[i], 12, 1e-5);
 }
 
-/* One camera alone, and cameras at one place: nothing but their motion is common. */
+/* With one camera, or with cameras at one place, only their motion is common. */
 static void test_hold_few(void **state)
 {
     double from[2][12], to[2][12];

@@ -1,4 +1,4 @@
-/* What sparse points tell of depths: the pixels of training views that show a point, against the
+/* Depths from sparse points: the pixels of training views that show a point, against the
  * projection of the known cameras; which points and views count, and how far they are trusted. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -80,7 +80,7 @@ static void test_colmap(void **state)
 
         format_images(scratch_path(folder, "images"), 1);
         format_colmap(scratch_path(folder, "sparse/0"), binary, cameras, NULL, points, POINTS);
-        for (int holdout = 3; holdout <= 1000; holdout += 997) { /* 1000: view 0 alone */
+        for (int holdout = 3; holdout <= 1000; holdout += 997) { /* 1000: only view 0 */
             cln_scene *scene = load_with(folder, holdout, 0.1);
 
             assert_sights(scene, cameras, points, holdout, exp(-1)); /* one error for all */
@@ -89,7 +89,7 @@ static void test_colmap(void **state)
     }
 }
 
-/* The same from tracks.csv, beside reconstruction.json; no errors are told. */
+/* The same from tracks.csv, beside reconstruction.json; that file has no errors. */
 static void test_opensfm(void **state)
 {
     cln_point points[POINTS];
@@ -113,7 +113,7 @@ static void test_opensfm(void **state)
     }
 }
 
-/* Not looked for without a depth loss; none in scenes whose points have no images. */
+/* No sights are looked for without a depth loss; a scene whose points have no images has none. */
 static void test_none(void **state)
 {
     cln_point points[POINTS];
@@ -136,7 +136,7 @@ static void test_none(void **state)
 }
 
 /* Trust falls with a point's error, exp(-(e / mean)^2): written by hand, three points of error 1, 2
- * and 3. The first line's images have an id that is not there, and what is no number. */
+ * and 3. The first line's images have an unknown id and one that is not a number. */
 static void test_trust(void **state)
 {
     cln_camera cameras[FORMAT_VIEWS];

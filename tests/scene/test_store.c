@@ -1,5 +1,5 @@
 /* Photos in a file (scene/store.h): every pixel as it was written, scenes and batches of pixels
- * equal to those in memory, memory that keeps to --host-mem, and what fails told. */
+ * equal to those in memory, memory that keeps to --host-mem, and failures reported. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -228,7 +228,7 @@ static int find_file(void)
     return found;
 }
 
-/* A disk that loses what was written: told, though pixels have no error to return. */
+/* A disk that loses what was written: reported, though reading pixels returns no error. */
 static void test_lost(void **state)
 {
     cln_config config = default_config();

@@ -7,7 +7,7 @@ passed=0 failed=0 skipped=0
 export LC_ALL=C
 unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE CI NO_COLOR
 export TERM=xterm
-export XDG_CONFIG_HOME=$work/config # no rows of the user's
+export XDG_CONFIG_HOME=$work/config # without the user's rows
 
 # A network and a tree that are trained in a second, for those who add --steps.
 # shellcheck disable=SC2034
@@ -95,7 +95,7 @@ run_sections() {
     local program s started sections
     for program in "$cln" "$make_scene" "$query"; do
         if [ ! -x "$program" ]; then
-            echo "$0: $program is not there; make it first" >&2
+            echo "$0: $program is missing; make it first" >&2
             exit 1
         fi
     done

@@ -535,8 +535,8 @@ static inline void format_opensfm(const char *folder, const cln_camera *cameras,
     fclose(f);
 }
 
-/* tracks.csv beside it: point i is in the first points[i].views views. And rows of what is not
- * there, and one that is cut off. */
+/* tracks.csv beside it: point i is in the first points[i].views views. Also rows of unknown points
+ * or views, and one that is cut off. */
 static inline void format_opensfm_tracks(const char *folder, bool version, const cln_point *points,
                                          int count)
 {

@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include "../../data/scenes.h"
 
-/* Signed distance to a shape: exact but in corners between the side and the cap of a cone that is
- * no cylinder, where it is too small. */
+/* Signed distance to a shape: exact except in the corners between the side and the cap of a cone
+ * whose radii differ, where it is too small. */
 static inline double truth_shape(const shape *s, vec point)
 {
     const vec d = sub(point, s->centre);

@@ -48,8 +48,9 @@ static int most_views(const cln_scene *scene, const float box[4], int n)
     return most;
 }
 
-/* A cube around the ring of cameras, so that much of it is behind them or beside their views. What
- * is marked, few see by the finest count, too; what is seen by the coarse count is not marked. */
+/* A cube around the ring of cameras, so that much of it is behind them or beside their views. Few
+ * views see a marked leaf by the finer count either; a leaf seen by the coarse count is not
+ * marked. */
 static void test_seen(void **state)
 {
     cln_scene *scene = make_scene(*state, "-5,-4,-3,7,8,9", 3);

@@ -137,7 +137,7 @@ static double check(const cln_scene *scene, const cln_octree *tree, const cln_sp
             if (meets(tree, o, d, space)) {
                 hits++;
                 if (!marks[k])
-                    fail_msg("view %d, pixel %d %d: a leaf, and no tile", i, x, y);
+                    fail_msg("view %d, pixel %d %d: a leaf without a tile", i, x, y);
             }
             all++;
             covered += marks[k];
@@ -342,7 +342,7 @@ static void test_when_all_count(void **state)
     cln_scene_free(scene);
 }
 
-/* Pixels that no ray goes through are not drawn, by whatever way pixels are drawn. */
+/* Pixels that no ray goes through are not drawn, whichever way pixels are drawn. */
 static void test_left_out(void **state)
 {
     cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);

@@ -107,7 +107,7 @@ static void test_gains(void **state)
     cln_scene_free(scene);
 }
 
-/* None without the option, and none of another number of photos. */
+/* No gains without the option, and no gains of another number of photos. */
 static void test_no_gains(void **state)
 {
     cln_scene *scene = photos(*state);

@@ -1,12 +1,11 @@
-/* Training against a trainer of our own in float64: 50 steps from the same initial weights, on the
- * same rays and samples. The trainer has its own weights and moments in double, and does with them
- * what docs/method.md 1, 9, 10 and 11 say, in plain loops (host/reference): networks, compositing,
- * loss, gradient, roulette, Adam, moments of 16 bits. It takes from the device which pixels a step
- * drew and where its samples lie, which test_rays, test_sampling and test_splat compare, and from
- * base/rng.h the random numbers.
+/* Training against a second trainer in float64: 50 steps from the same initial weights, on the same
+ * rays and samples. It has its own weights and moments in double, and follows docs/method.md 1, 9,
+ * 10 and 11 in plain loops (host/reference): networks, compositing, loss, gradient, roulette, Adam,
+ * moments of 16 bits. It takes from the device which pixels a step drew and where its samples lie,
+ * which test_rays, test_sampling and test_splat compare, and from base/rng.h the random numbers.
  *
- * Two trainings move apart: a rounding decides a kink of an activation, or whether the roulette
- * takes a sample, otherwise, and Adam, which divides by the gradient's size, makes steps of a
+ * Two trainings move apart: a rounding changes the side of an activation's kink or whether the
+ * roulette takes a sample, and Adam, which divides by the gradient's size, makes steps of a
  * gradient that is all rounding. So the bound is on the loss curve. */
 #include <stdarg.h>
 #include <stddef.h>

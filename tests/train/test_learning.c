@@ -165,8 +165,8 @@ static void test_random_background(void **state)
     assert_true(part.digest != whole.digest);
 }
 
-/* A loss or weights that are no numbers end the training with a sentence; the checkpoint before
- * stays, and can be gone on with. */
+/* A loss or weights that are not finite end the training with a sentence; the checkpoint before
+ * stays and can be resumed. */
 static void test_diverges(void **state)
 {
     static const struct {
@@ -235,7 +235,8 @@ static double train_saturated(const char *run, double logit)
     return result.psnr_test;
 }
 
-/* They come back; where the sigmoids' slope is what float32 makes of it, they do not. */
+/* Saturated logits come back; without a least slope, where float32 rounds the sigmoid's slope to 0,
+ * they do not. */
 static void test_recovers(void **state)
 {
     const char *before = getenv("CLN_TEST_KERNEL_DIR");

@@ -140,8 +140,8 @@ static void look(const cln_camera *truth, const cln_camera *now, cln_spot *spots
     }
 }
 
-/* Steps end at the true pose, with a lens, too, in a cube of another size with a photo of less
- * light; some pixels that are wrong altogether do little. */
+/* Steps end at the true pose: with a lens, in a cube of another size, with a darker photo; a few
+ * pixels that are entirely wrong matter little. */
 static void test_steps(void **state)
 {
     cln_spot spots[SPOTS];
@@ -367,7 +367,7 @@ static void test_resumed(void **state)
     assert_fails(fixture_train("cut", true, &config, NULL, &part), CLN_CHECKPOINT, "refine-poses");
 }
 
-/* Have cameras moved when a training of so many steps is stopped after its 64th? */
+/* Have cameras moved when a training of this many steps is stopped after its 64th? */
 static bool moved_at_64(const char *run, int64_t steps)
 {
     fixture_stop stop = {.signal = SIGINT, .step = 65};

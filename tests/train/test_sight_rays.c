@@ -1,5 +1,5 @@
-/* Rays to sparse points: which rays of a batch go to them, that all points get as many, and what
- * the device is told of each. */
+/* Rays to sparse points: which rays of a batch go to them, that all points get equally many, and
+ * what the device gets for each. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

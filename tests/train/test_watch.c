@@ -56,7 +56,7 @@ static void leaves_out_what_is_near(void **state)
     assert_int_equal(curve.count, 2);
 }
 
-/* Steps of 10 ms, and always somebody who asks for pieces of so many seconds. */
+/* Steps of 10 ms while somebody always asks for pieces of so many seconds. */
 static void viewing_stays_within_its_share(void **state)
 {
     static const double pieces[] = {0.001, 0.045, 0.3, 4};
