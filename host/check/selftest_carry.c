@@ -18,7 +18,7 @@ static void fill(void *array, size_t bytes, uint32_t stream)
 }
 
 typedef struct sizes {
-    size_t params, moments, density; /* bytes */
+    size_t params, firsts, moments, density; /* bytes; firsts: of Adam's first moments */
 } sizes;
 
 static sizes sizes_of(const cln_model *m)
@@ -26,7 +26,8 @@ static sizes sizes_of(const cln_model *m)
     const size_t leaves = (size_t)m->tree.leaf_count, params = leaves * (size_t)m->net.params;
     const size_t n1 = (size_t)m->config.n1;
 
-    return (sizes){params * sizeof(float), params * cln_moment_bytes(&m->config),
+    return (sizes){params * sizeof(float), params * cln_first_moment_bytes(&m->config),
+                   params * cln_moment_bytes(&m->config),
                    leaves * n1 * n1 * n1 * sizeof(uint16_t)};
 }
 
@@ -44,7 +45,7 @@ cln_status cln_check_carry(cln_checks *c)
     CLN_TRY(cln_model_create_on(&p->config, &c->model->tree, &carried));
     s = sizes_of(&host);
     memcpy(host.params, c->model->params, s.params);
-    fill(host.adam_m, s.moments, 51);
+    fill(host.adam_m, s.firsts, 51);
     fill(host.adam_v, s.moments, 52);
     fill(host.density, s.density, 53);
     CLN_TRY(cln_pipeline_upload(p, &host, true));
@@ -60,7 +61,7 @@ cln_status cln_check_carry(cln_checks *c)
     cln_check_say(c, "carried: weights", memcmp(host.params, carried.params, s.params) == 0,
                   "%d leaves", host.tree.leaf_count);
     cln_check_say(c, "carried: moments",
-                  memcmp(host.adam_m, carried.adam_m, s.moments) == 0 &&
+                  memcmp(host.adam_m, carried.adam_m, s.firsts) == 0 &&
                       memcmp(host.adam_v, carried.adam_v, s.moments) == 0,
                   "%d leaves", host.tree.leaf_count);
     cln_check_say(c, "carried: densities", memcmp(host.density, carried.density, s.density) == 0,

@@ -257,12 +257,13 @@ cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *
 {
     cln_status st = CLN_OK;
     int64_t leaves = model->tree.leaf_count, stride = model->net.params, n1 = model->config.n1;
+    const int64_t firsts = cln_first_moment_bytes(&model->config) > 0 ? stride : 0;
     int count = SHOWN_TENSORS;
     cln_tensor tensors[CLN_CHECKPOINT_TENSORS] = {
         {"octree", CLN_DTYPE_I32, 2, {model->tree.node_count, ROW}, NULL},
         {"params", CLN_DTYPE_F32, 2, {leaves, stride}, model->params},
         {"leaf_error", CLN_DTYPE_F32, 1, {leaves}, model->error},
-        {"adam_m", moment_dtype(model), 2, {leaves, stride}, model->adam_m},
+        {"adam_m", moment_dtype(model), 2, {leaves, firsts}, model->adam_m},
         {"adam_v", moment_dtype(model), 2, {leaves, stride}, model->adam_v},
         {"adam_steps", CLN_DTYPE_I32, 1, {leaves}, model->adam_steps},
         {"density", CLN_DTYPE_BF16, 4, {leaves, n1, n1, n1}, model->density},
@@ -379,7 +380,10 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
     CLN_TRY(take_tensor(file, path, "params", CLN_DTYPE_F32, 2, shape, &out->params));
     CLN_TRY(take_tensor(file, path, "leaf_error", CLN_DTYPE_F32, 1, shape, &out->error));
     if (training) {
-        CLN_TRY(take_tensor(file, path, "adam_m", moment_dtype(out), 2, shape, &out->adam_m));
+        if (cln_first_moment_bytes(&out->config) > 0) /* older files may have them all the same */
+            CLN_TRY(take_tensor(file, path, "adam_m", moment_dtype(out), 2, shape, &out->adam_m));
+        else
+            CLN_TRY(cln_alloc(&out->adam_m, 0, 1, "Adam's state"));
         CLN_TRY(take_tensor(file, path, "adam_v", moment_dtype(out), 2, shape, &out->adam_v));
         CLN_TRY(take_tensor(file, path, "adam_steps", CLN_DTYPE_I32, 1, shape, &out->adam_steps));
         CLN_TRY(take_tensor(file, path, "density", CLN_DTYPE_BF16, 4, grid, &out->density));
@@ -604,7 +608,8 @@ done:
 cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes)
 {
     cln_status st = CLN_OK;
-    const double moments = 2.0 * (double)cln_moment_bytes(config), cells = pow(config->n1, 3);
+    const double cells = pow(config->n1, 3);
+    const double moments = (double)(cln_first_moment_bytes(config) + cln_moment_bytes(config));
     const double rest = 4 + 4 + 2 * cells + 8.0 * CLN_MEASURES + 4 + 4;
     cln_network net;
 

@@ -56,6 +56,12 @@ size_t cln_moment_bytes(const cln_config *config)
     return config->moments == CLN_MOMENTS_BFLOAT16 ? sizeof(uint16_t) : sizeof(float);
 }
 
+size_t cln_first_moment_bytes(const cln_config *config)
+{
+    return config->encoding == CLN_ENCODING_VOXEL && config->beta1 == 0 ? 0
+                                                                        : cln_moment_bytes(config);
+}
+
 /* Allocates *array, rows of row_bytes, if it is NULL. */
 static cln_status make(void *array, size_t leaves, size_t row_bytes, const char *what)
 {
@@ -80,7 +86,8 @@ cln_status cln_model_make_room(cln_model *model, bool training)
     CLN_TRY(make(&model->params, leaves, stride * sizeof *model->params, "weights"));
     if (!training)
         return CLN_OK;
-    CLN_TRY(make(&model->adam_m, leaves, moments, "Adam's state"));
+    CLN_TRY(make(&model->adam_m, leaves, stride * cln_first_moment_bytes(&model->config),
+                 "Adam's state"));
     CLN_TRY(make(&model->adam_v, leaves, moments, "Adam's state"));
     CLN_TRY(make(&model->adam_steps, leaves, sizeof *model->adam_steps, "Adam's state"));
     CLN_TRY(make(&model->density, leaves, cells_of(model) * sizeof *model->density, "densities"));
@@ -238,7 +245,7 @@ cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
     CLN_TRY(cln_alloc(&params, count * stride, sizeof *params, "weights"));
     if (model->density)
         CLN_TRY(cln_alloc(&density, count * cells, sizeof *density, "densities"));
-    CLN_TRY(carry(change, stride * cln_moment_bytes(&model->config), &model->adam_m));
+    CLN_TRY(carry(change, stride * cln_first_moment_bytes(&model->config), &model->adam_m));
     CLN_TRY(carry(change, stride * cln_moment_bytes(&model->config), &model->adam_v));
     CLN_TRY(carry(change, sizeof *model->adam_steps, &model->adam_steps));
     CLN_TRY(carry(change, 2 * CLN_MEASURES * sizeof *model->sums, &model->sums));

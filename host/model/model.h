@@ -19,7 +19,8 @@ typedef struct cln_model {
     bool has_alpha, has_distortion; /* of the scene it was trained on */
     float *params;                  /* [slot][net.params] */
     /* Training state; NULL / 0 in a model that only renders. */
-    void *adam_m, *adam_v; /* [slot][net.params] float or bfloat16, by config.moments */
+    /* [slot][net.params] float or bfloat16, by config.moments; adam_m: or no bytes at all */
+    void *adam_m, *adam_v;
     int32_t *adam_steps;   /* [slot] updates so far */
     uint16_t *density;     /* [slot][n1^3] cached stage-1 densities, bfloat16 */
     int64_t step;
@@ -53,6 +54,9 @@ enum { CLN_MEASURES = 3 };
 
 /* Bytes of one of Adam's moments of a weight. */
 size_t cln_moment_bytes(const cln_config *config);
+
+/* The same for the first moment: 0 if nothing keeps one (voxels with --beta1 0). */
+size_t cln_first_moment_bytes(const cln_config *config);
 
 /* Create a model on a full tree of config.start_level, or on a copy of `tree`: initial weights,
  * zero training state. shell: on the tree of a shell space, where start_level is one less than the

@@ -83,7 +83,7 @@ typedef enum cln_when {
     /* the networks; no transposed weights with tune.leaf; moments: float or bfloat16 */         \
     X(params, cl_float, p->net.params, LEAF_P, WEIGHTS, ALWAYS, "network weights")               \
     X(transposed, cl_float, transposed_of(p), LEAF_P, OPTIMISER, TRAINING, "transposed weights") \
-    X(adam_m, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's first moments")      \
+    X(adam_m, cl_uchar, firsts_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's first moments")       \
     X(adam_v, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's second moments")     \
     X(adam_steps, cl_int, 1, LEAF, OPTIMISER, TRAINING, "step counts")                           \
     X(norms, cl_float, 1, LEAF, OPTIMISER, TRAINING, "norms")                                    \

@@ -54,6 +54,11 @@ static size_t transposed_of(const cln_pipeline *p)
     return p->tune.leaf ? 0 : (size_t)cln_pipeline_transposed(&p->net);
 }
 
+static size_t firsts_of(const cln_pipeline *p)
+{
+    return cln_first_moment_bytes(&p->config) * (size_t)p->net.params;
+}
+
 static size_t moments_of(const cln_pipeline *p)
 {
     return cln_moment_bytes(&p->config) * (size_t)p->net.params;

@@ -338,7 +338,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     row(out, "model", CLN_LOWER_LEAVES);
     add(out, params);
     if (d->training) {
-        add(out, 2 * s->leaves * BYTES(d, adam_m));
+        add(out, s->leaves * (BYTES(d, adam_m) + BYTES(d, adam_v)));
         add(out, densities);
         row(out, "changes of the tree", CLN_LOWER_LEAVES);
         add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded together */

@@ -197,7 +197,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     real(&t, "BETA1", c->beta1);
     real(&t, "BETA2", c->beta2);
     real(&t, "EPSILON", c->epsilon);
-    line(&t, "#define MOMENTUM %d", c->beta1 > 0 || net->encoding != CLN_ENCODING_VOXEL);
+    line(&t, "#define MOMENTUM %d", cln_first_moment_bytes(c) > 0);
     real(&t, "DECAY1", -log(c->beta1));
     real(&t, "DECAY2", -log(c->beta2));
     line(&t, "#define VIEW_L2 %d", c->view_l2 > 0 && net->view_dependence);
