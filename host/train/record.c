@@ -62,6 +62,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
         ROW(c->rrelu_scope == CLN_RRELU_MEAN, "random slopes (mean slope instead)"),
         ROW(gather, "projection and sort of stage-1 samples (read along the rays instead)"),
         ROW(c->density_noise <= 0, "density noise"),
+        ROW(cln_first_moment_bytes(c) == 0, "Adam's first moments (--beta1 0)"),
         ROW(!regularised, "regularisers"),
         ROW(c->min_transmittance > 0,
             "leaves of a ray where less transmittance than %g is left (from %g%% of the budget)",
