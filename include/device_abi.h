@@ -142,6 +142,8 @@ typedef struct cln_grid {
 
 /* Samples of a slice that roulette.cl decides on together. */
 #define CLN_ROULETTE_SEGMENT 256
+/* Slices over which a work-group sums the decoder's gradient (kernels/decoder.cl). */
+#define CLN_DECODER_EACH 16u
 
 /* Rays of a work-item of the sampling kernels, with vectors of vw floats. */
 #define CLN_RAYS_EACH(vw) ((vw) == 1 ? 1 : 64)

@@ -1,11 +1,12 @@
-/* needs: adam space leaves */
+/* needs: adam space leaves decoder */
 /* Leaves without a network: voxels (method.md 1). A leaf is a grid of CELLS cells an axis; a vertex
  * has a density and spherical harmonics of three colours, both before their activations, linear
  * between vertices:
  *
  *   raw(x)  = sum over the cell's corners c of weight_c(x) vertex_c        [FEATURES]
  *   sigma   = KAPPA f(raw[3] + BIAS)
- *   colour  = sigmoid(raw[0..2] + sum_k Y_k(d) raw[4 + 3 (k - 1) ..])      1 <= k < (degree + 1)^2
+ *   colour  = sigmoid(raw[0..2] + sum_k Y_k(d) raw[4 + 3 (k - 1) ..] + decoder)
+ *             1 <= k < (degree + 1)^2; decoder.h: what it adds, if there is one
  *
  * Vertices on faces are stored in each leaf that has them. Leaves of one size keep them equal: the
  * first of those around a vertex sums the gradients of all, steps, and writes the result to all.
@@ -73,24 +74,6 @@ HELPER place place_of(float3 at)
 HELPER int corner_at(int c)
 {
     return (c >> 2) * STEP_Z + (c >> 1 & 1) * STEP_Y + (c & 1) * FEATURES;
-}
-
-/* Real spherical harmonics over the constant one. */
-HELPER void harmonics_of(float3 d, float y[HARMONICS])
-{
-    y[0] = 1.0f;
-#if FEATURES > 4
-    y[1] = 1.7320508f * d.y;
-    y[2] = 1.7320508f * d.z;
-    y[3] = 1.7320508f * d.x;
-#endif
-#if FEATURES > 16
-    y[4] = 3.8729833f * d.x * d.y;
-    y[5] = 3.8729833f * d.y * d.z;
-    y[6] = 1.1180340f * (3.0f * d.z * d.z - 1.0f);
-    y[7] = 3.8729833f * d.x * d.z;
-    y[8] = 1.9364917f * (d.x * d.x - d.y * d.y);
-#endif
 }
 
 /* Fetches a place's numbers: a block's places are all known before the first is read. */
@@ -169,6 +152,8 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
               const __global float4 *restrict ray_o,       /* [ray] */
               const __global float4 *restrict ray_d,       /* [ray] */
               __global float4 *restrict out,               /* [sample] r, g, b, sigma */
+              const __global float *restrict net,          /* [DECODER_SIZE] */
+              __global float *restrict features, /* [grouped sample][FEATURES], kept to train */
               uint n_slices, uint step_key, int first)
 {
     const uint group = slice_of(slices, get_group_id(0), n_slices);
@@ -186,6 +171,9 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
         float raw[4][BLOCK];
         float3 along[BLOCK];
         place p[BLOCK];
+#if DECODER
+        float inputs[DECODER_IN * BLOCK];
+#endif
 
         for (int i = 0; i < count; i++) {
             p[i] = place_of_sample(source, ids[i], box, &along[i]);
@@ -203,7 +191,15 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
                                  VLOAD(w + p[i].first + corner_at(c) + v * VW), sum[v]);
             UNROLL (v, FEATURES / VW)
                 VSTORE(sum[v], f + v * VW);
-            harmonics_of(along[i], y);
+#if DECODER
+            decoder_inputs(f, along[i], BLOCK, inputs + i);
+#if TRAIN
+            UNROLL (v, FEATURES / VW)
+                VSTORE_IN(__global, sum[v],
+                          features + (size_t)(slice.start + done + (uint)i) * FEATURES + v * VW);
+#endif
+#endif
+            harmonics_of(along[i], HARMONICS, 1, y);
             UNROLL (k, HARMONICS - 1)
                 UNROLL (a, 3)
                     f[a] = MAD(y[k + 1], f[4 + 3 * k + a], f[a]);
@@ -213,10 +209,29 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
             raw[3][i] += NOISE * normal_number(step_key, ids[i]);
 #endif
         }
-        for (int i = count; i < BLOCK; i++)
+        for (int i = count; i < BLOCK; i++) {
             UNROLL (a, 4)
                 raw[a][i] = 0.0f;
+#if DECODER
+            for (int k = 0; k < DECODER_IN; k++)
+                inputs[k * BLOCK + i] = 0.0f;
+#endif
+        }
         for (int i = 0; i < count; i += VW) {
+#if DECODER
+            vf x[DECODER_IN], h[DECODER], sum[3];
+
+            for (int k = 0; k < DECODER_IN; k++)
+                x[k] = VLOAD(inputs + k * BLOCK + i);
+            decoder_hidden(net, x, h);
+            UNROLL (a, 3)
+                sum[a] = VLOAD(raw[a] + i);
+            for (int j = 0; j < DECODER; j++)
+                UNROLL (a, 3)
+                    sum[a] = MAD((vf)(net[DECODER_OUT + a * DECODER + j]), h[j], sum[a]);
+            UNROLL (a, 3)
+                VSTORE(sum[a], raw[a] + i);
+#endif
             UNROLL (a, 3)
                 VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw[a] + i))), raw[a] + i);
             VSTORE(density_value(VLOAD(raw[3] + i)), raw[3] + i);
@@ -224,6 +239,8 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
         for (int i = 0; i < count; i++)
             out[ids[i]] = (float4)(raw[0][i], raw[1][i], raw[2][i], raw[3][i]);
     }
+    (void)net;
+    (void)features;
     (void)step_key;
 }
 
@@ -252,7 +269,10 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
                const __global uint *restrict chosen,        /* [grouped sample] of each slice */
                const __global uint *restrict chosen_counts, /* [slice] */
                LEAF_ARRAY(float, grads), __global uint *restrict met, uint n_slices,
-               const __global uint *restrict begin, uint step_key, int first)
+               const __global uint *restrict begin,
+               const __global float *restrict features, /* [grouped sample][FEATURES], decoder.cl's
+                                                           gradients of chosen samples */
+               uint step_key, int first)
 {
     const uint group = slice_of(slices, get_group_id(0), n_slices);
     const int lid = (int)get_local_id(0);
@@ -292,7 +312,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
         const float4 head = heads[slice.start + i];
         float d[FEATURES], y[HARMONICS];
 
-        harmonics_of(along[k], y);
+        harmonics_of(along[k], HARMONICS, 1, y);
         UNROLL (f, FEATURES)
             d[f] = 0.0f;
         d[0] = head.x;
@@ -302,6 +322,10 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
         UNROLL (h, HARMONICS - 1)
             UNROLL (a, 3)
                 d[4 + 3 * h + a] = y[h + 1] * d[a];
+#if DECODER
+        UNROLL (f, FEATURES)
+            d[f] += features[(size_t)(slice.start + i) * FEATURES + f];
+#endif
 #if LS == 1
         UNROLL (c, 8) {
             const int at = p[k].first + corner_at(c);
@@ -374,6 +398,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
 #endif
     (void)w;
     (void)begin;
+    (void)features;
 }
 
 /* ---- update ---- */

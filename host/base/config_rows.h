@@ -92,6 +92,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(harmonics, "harmonics", 1, 1, 0, 2,                                                        \
         "voxel: degree of the spherical harmonics by which colours depend on the direction",       \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
+    INT(decoder_width, "decoder-width", 0, 0, 0, 64,                                               \
+        "voxel: width of a network, shared by all leaves, that adds to colours: 0 (none), 16, 32, " \
+        "48, 64",                                                                                  \
+        .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
          "colour depends on the direction; without it the view layer is left out",                 \
          .flags = CLN_ROW_NETWORK)                                                                 \
@@ -233,6 +237,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "voxel: learning rate of densities, times --lr", .flags = CLN_ROW_LATER)                  \
     REAL(harmonic_rate, "harmonics-lr", 1, 1, 1e-3, 1e3,                                           \
          "voxel: learning rate of harmonics above degree 0, times --lr", .flags = CLN_ROW_LATER)   \
+    REAL(decoder_rate, "decoder-lr", 0.1, 0.1, 0, 1e3,                                             \
+         "voxel: learning rate of the decoder, times --lr", .flags = CLN_ROW_LATER)                \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \
          "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average",   \

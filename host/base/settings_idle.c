@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 37 };
+enum { IDLE_ROWS = 38 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -36,12 +36,14 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope "
          "rrelu-lower rrelu-upper init min-leaf-samples",
          c->encoding == CLN_ENCODING_VOXEL, "voxels have no network; give --encoding frequency"},
-        {"harmonics density-lr harmonics-lr smooth-density smooth-colour cell-pixels",
+        {"harmonics decoder-width decoder-lr density-lr harmonics-lr smooth-density smooth-colour "
+         "cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
         {"harmonics-lr", c->harmonics == 0, "there are no harmonics; give --harmonics 1"},
         {"cell-pixels", facts->forward,
          "pixels have no width in normalised device coordinates; give --space cube"},
-        {"harmonics harmonics-lr", !c->view_dependence,
+        {"decoder-lr", c->decoder_width == 0, "there is no decoder; give --decoder-width 32"},
+        {"harmonics harmonics-lr decoder-width decoder-lr", !c->view_dependence,
          "without view dependence there are no harmonics; give --view-dependence"},
         {"bands bands-by-level", c->encoding == CLN_ENCODING_GRID,
          "networks on a grid read no bands of the position; give --encoding frequency"},

@@ -116,6 +116,8 @@ static cln_status make_model(const cln_config *config, bool shell, cln_model *mo
     CLN_TRY(cln_model_apply(model, &change));
     for (int i = 0; i < model->tree.leaf_count * model->net.params; i++)
         model->params[i] = (float)(scale * cln_check_uniform(1, (uint32_t)i, -1, 1));
+    for (int i = 0; i < model->net.decoder_params; i++)
+        model->decoder[i] = (float)(0.5 * cln_check_uniform(2, (uint32_t)i, -1, 1));
     CLN_TRY(cln_check_owners(model, &owner));
     for (int i = 0; owner && i < model->tree.leaf_count * model->net.params; i++)
         model->params[i] = model->params[owner[i]];

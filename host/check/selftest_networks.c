@@ -16,6 +16,7 @@ ref_network cln_check_network(const cln_config *config, const cln_model *model, 
 {
     const int level = model->tree.level[model->tree.leaf[slot]];
     ref_network r = {.net = model->net,
+                     .decoder = model->decoder,
                      .density = config->density,
                      .kappa = (float)config->density_scale,
                      .bias = (float)cln_network_density_bias(config)};
@@ -90,6 +91,7 @@ typedef struct data {
     float *grads;                   /* [slices][params] of the device */
     cln_slice *slice;               /* [slices] */
     double (*want)[4], *want_grads; /* reference; gradients [leaf][params] */
+    double *want_decoder;           /* its gradient, [decoder_params] */
 } data;
 
 /* A leaf's number of samples: none, one, some, more than a block. */
@@ -132,6 +134,8 @@ static cln_status make_data(const cln_checks *c, data *d)
     CLN_TRY(cln_alloc(&d->want, d->n, sizeof *d->want, "self-test"));
     CLN_TRY(cln_alloc(&d->want_grads, (size_t)(leaves * c->p->net.params), sizeof *d->want_grads,
                       "self-test"));
+    CLN_TRY(cln_alloc(&d->want_decoder, (size_t)c->p->net.decoder_params, sizeof *d->want_decoder,
+                      "self-test"));
     for (uint32_t round = 0; at < d->n; round++) /* leaves in turn, so that grouping has work */
         for (int s = 0; s < leaves; s++)
             if (round < samples_of(c, s)) {
@@ -158,6 +162,7 @@ static void free_data(data *d)
     free(d->slice);
     free(d->want);
     free(d->want_grads);
+    free(d->want_decoder);
 }
 
 static void run_reference(const cln_checks *c, data *d)
@@ -166,7 +171,7 @@ static void run_reference(const cln_checks *c, data *d)
 
     for (uint32_t i = 0; i < d->n; i++) {
         const int slot = d->samples[i].slot;
-        const ref_network r = cln_check_network(&c->p->config, c->model, slot);
+        ref_network r = cln_check_network(&c->p->config, c->model, slot);
         double local[3], dir[3], dout[4];
 
         for (int a = 0; a < 3; a++) {
@@ -175,6 +180,7 @@ static void run_reference(const cln_checks *c, data *d)
         }
         for (int k = 0; k < 4; k++)
             dout[k] = d->dout[i][k];
+        r.decoder_grad = d->want_decoder;
         ref_forward(&r, c->model->params + slot * params, local, dir, NULL, slope_of(c),
                     d->want[i]);
         ref_backward(&r, c->model->params + slot * params, local, dir, NULL, slope_of(c), dout,
@@ -244,6 +250,8 @@ static cln_status compare_gradients(cln_checks *c, const data *d)
         for (size_t i = 0; i < params; i++)
             got[(size_t)d->slice[s].slot * params + i] += d->grads[s * params + i];
     cln_check_compare(c, "networks backward", got, d->want_grads, all, GRADIENT[0], GRADIENT[1]);
+    if (c->p->net.decoder)
+        CLN_TRY(cln_check_decoder_gradient(c, d->want_decoder));
 done:
     free(got);
     return st;
@@ -305,6 +313,8 @@ static cln_status check_adam(cln_checks *c, const data *d)
         for (int i = 0; i < params; i++)
             grad[d->slice[s].slot * params + i] += d->grads[s * (uint32_t)params + (uint32_t)i];
     CLN_TRY(cln_stage_adam(p, (uint32_t)config->min_leaf_samples, lr));
+    if (p->net.decoder)
+        CLN_TRY(cln_check_decoder_step(c, d->want_decoder, lr * config->decoder_rate));
     CLN_TRY(cln_buffer_read(p->device, &p->params, 0, got, (size_t)all * sizeof *got));
     for (int i = 0; i < all; i++)
         want[i] = c->model->params[i];

@@ -1,7 +1,9 @@
-/* How voxels differ from networks: leaves share vertices, and one of them updates a vertex. See
+/* How voxels differ from networks: leaves share vertices, and one of them updates a vertex; all
+ * share the decoder. See
  * selftest_checks.h; the checks themselves are in selftest_networks.c. */
 #include "check/selftest_checks.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
@@ -52,4 +54,66 @@ void cln_check_step_voxels(const cln_config *config, const cln_network *net, con
     }
     for (int i = 0; i < to.all; i++)
         to.want[i] = to.want[owner[i]];
+}
+
+/* *out [decoder_params]: the sums over the groups' gradients. */
+static cln_status read_gradient(const cln_pipeline *p, float *out)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)p->net.decoder_params, groups = (size_t)p->decoder_groups;
+    float *parts = NULL;
+
+    CLN_TRY(cln_alloc(&parts, groups * n, sizeof *parts, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->decoder_grads, 0, parts, groups * n * sizeof *parts));
+    for (size_t i = 0; i < groups * n; i++)
+        out[i % n] += parts[i];
+done:
+    free(parts);
+    return st;
+}
+
+cln_status cln_check_decoder_gradient(cln_checks *c, const double *want)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)c->p->net.decoder_params;
+    float *got = NULL;
+
+    CLN_TRY(cln_alloc(&got, n, sizeof *got, "self-test"));
+    CLN_TRY(read_gradient(c->p, got));
+    cln_check_compare(c, "decoder backward", got, want, n, 1e-7, 1e-3);
+done:
+    free(got);
+    return st;
+}
+
+/* The first step of a weight does not depend on the size of its gradient, only on the sign: weights
+ * with a gradient that nearly cancels are left out. */
+cln_status cln_check_decoder_step(cln_checks *c, const double *grad, double lr)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)c->p->net.decoder_params;
+    float *got = NULL;
+    double *want = NULL, largest = 0;
+
+    CLN_TRY(cln_alloc(&got, n, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&want, n, sizeof *want, "self-test"));
+    CLN_TRY(CLN_GET(c->p, decoder_w, got, 1));
+    for (size_t i = 0; i < n; i++)
+        largest = fmax(largest, fabs(grad[i]));
+    for (size_t i = 0; i < n; i++) {
+        const double g = grad[i];
+
+        got[i] -= c->model->decoder[i];
+        if (g == 0)
+            want[i] = 0;
+        else if (fabs(g) < 1e-4 * largest)
+            want[i] = got[i] = 0;
+        else
+            want[i] = -lr * 0.1 * g / (sqrt(0.1 * g * g) + c->p->config.epsilon);
+    }
+    cln_check_compare(c, "decoder step", got, want, n, 1e-6, 1e-2);
+done:
+    free(got);
+    free(want);
+    return st;
 }

@@ -258,6 +258,7 @@ cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *
     cln_status st = CLN_OK;
     int64_t leaves = model->tree.leaf_count, stride = model->net.params, n1 = model->config.n1;
     const int64_t firsts = cln_first_moment_bytes(&model->config) > 0 ? stride : 0;
+    const int64_t decoder = model->net.decoder_params;
     int count = SHOWN_TENSORS;
     cln_tensor tensors[CLN_CHECKPOINT_TENSORS] = {
         {"octree", CLN_DTYPE_I32, 2, {model->tree.node_count, ROW}, NULL},
@@ -281,6 +282,15 @@ cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *
     if (model->motions)
         tensors[count++] = (cln_tensor){
             "poses", CLN_DTYPE_F32, 2, {model->motion_views, CLN_MOTION}, model->motions};
+    if (decoder > 0)
+        tensors[count++] =
+            (cln_tensor){"decoder", CLN_DTYPE_F32, 1, {decoder}, model->decoder};
+    if (decoder > 0 && model->adam_m) {
+        tensors[count++] =
+            (cln_tensor){"decoder_m", CLN_DTYPE_F32, 1, {decoder}, model->decoder_m};
+        tensors[count++] =
+            (cln_tensor){"decoder_v", CLN_DTYPE_F32, 1, {decoder}, model->decoder_v};
+    }
     memcpy(out, tensors, sizeof tensors);
     *number = count;
 done:
@@ -369,6 +379,7 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
     char hex[17];
     int64_t n1 = out->config.n1, shape[4] = {0, out->net.params};
     int64_t grid[4] = {0, n1, n1, n1}, sums[3] = {0, CLN_MEASURES, 2};
+    const int64_t decoder = out->net.decoder_params;
 
     CLN_TRY(cln_safetensors_read(path, &file));
     hex_of(cln_safetensors_digest(file), hex);
@@ -395,6 +406,12 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
     }
     if (out->config.refine_poses)
         CLN_TRY(read_motions(file, path, out));
+    if (decoder > 0)
+        CLN_TRY(take_tensor(file, path, "decoder", CLN_DTYPE_F32, 1, &decoder, &out->decoder));
+    if (decoder > 0 && training) {
+        CLN_TRY(take_tensor(file, path, "decoder_m", CLN_DTYPE_F32, 1, &decoder, &out->decoder_m));
+        CLN_TRY(take_tensor(file, path, "decoder_v", CLN_DTYPE_F32, 1, &decoder, &out->decoder_v));
+    }
 done:
     cln_safetensors_free(file);
     return st;
@@ -615,6 +632,7 @@ cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *by
 
     CLN_TRY(cln_network_layout(config, &net));
     *bytes = leaves * (net.params * (4 + moments) + rest) + 4.0 * ROW * (leaves * 8.0 / 7 + 1) +
+             12.0 * net.decoder_params +
              JSON_BYTES;
 done:
     return st;

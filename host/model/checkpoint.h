@@ -6,7 +6,7 @@
 #include "io/safetensors.h"
 #include "model/model.h"
 
-enum { CLN_CHECKPOINT_TENSORS = 12 };
+enum { CLN_CHECKPOINT_TENSORS = 15 };
 
 /* Sets *path to RUN/checkpoint/NNNNNNNN.safetensors, for the caller to free, and makes its
  * folder. */

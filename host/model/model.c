@@ -35,6 +35,9 @@ void cln_model_free(cln_model *model)
     free(model->saved);
     free(model->exposure);
     free(model->motions);
+    free(model->decoder);
+    free(model->decoder_m);
+    free(model->decoder_v);
     memset(model, 0, sizeof *model);
 }
 
@@ -82,10 +85,14 @@ cln_status cln_model_make_room(cln_model *model, bool training)
     cln_status st = CLN_OK;
     const size_t leaves = (size_t)model->tree.leaf_count, stride = (size_t)model->net.params;
     const size_t moments = stride * cln_moment_bytes(&model->config);
+    const size_t decoder = (size_t)model->net.decoder_params;
 
     CLN_TRY(make(&model->params, leaves, stride * sizeof *model->params, "weights"));
+    CLN_TRY(make(&model->decoder, decoder, sizeof *model->decoder, "decoder"));
     if (!training)
         return CLN_OK;
+    CLN_TRY(make(&model->decoder_m, decoder, sizeof *model->decoder_m, "decoder"));
+    CLN_TRY(make(&model->decoder_v, decoder, sizeof *model->decoder_v, "decoder"));
     CLN_TRY(make(&model->adam_m, leaves, stride * cln_first_moment_bytes(&model->config),
                  "Adam's state"));
     CLN_TRY(make(&model->adam_v, leaves, moments, "Adam's state"));
@@ -116,6 +123,8 @@ cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree,
     fill_nan(out->error, leaves);
     fill_nan(out->saved, leaves);
     cln_network_init(&out->net, config, out->params);
+    if (out->net.decoder)
+        cln_decoder_init(&out->net, config, out->decoder);
     for (size_t s = 1; s < leaves; s++) /* the same for all: no seams at step 0 */
         memcpy(out->params + s * stride, out->params, stride * sizeof *out->params);
 done:
@@ -316,6 +325,9 @@ void cln_model_digest_begin(const cln_model *model, cln_digest_part *out)
         uint16_t row[4] = {tree->level[node], pos[0], pos[1], pos[2]};
         digest = cln_digest(digest, row, sizeof row);
     }
+    if (model->net.decoder_params > 0)
+        digest = cln_digest(digest, model->decoder,
+                            (size_t)model->net.decoder_params * sizeof *model->decoder);
     cln_digest_begin(out, digest);
 }
 

@@ -18,9 +18,11 @@ typedef struct cln_model {
     float background[3];
     bool has_alpha, has_distortion; /* of the scene it was trained on */
     float *params;                  /* [slot][net.params] */
+    float *decoder;                 /* [net.decoder_params] */
     /* Training state; NULL / 0 in a model that only renders. */
     /* [slot][net.params] float or bfloat16, by config.moments; adam_m: or no bytes at all */
     void *adam_m, *adam_v;
+    float *decoder_m, *decoder_v; /* [net.decoder_params] Adam's moments of the decoder */
     int32_t *adam_steps;   /* [slot] updates so far */
     uint16_t *density;     /* [slot][n1^3] cached stage-1 densities, bfloat16 */
     int64_t step;

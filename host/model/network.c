@@ -59,6 +59,9 @@ static cln_status check_shape(const cln_config *c)
                         "grid-cells %d: leaves have at most %d voxels along an axis; for "
                         "finer voxels, give smaller leaves (--level-at)",
                         c->grid_cells, CLN_VOXEL_CELLS);
+    if (c->encoding == CLN_ENCODING_VOXEL && c->decoder_width % ALIGN_FLOATS != 0)
+        return cln_fail(CLN_USAGE, "decoder-width %d: it is 0 (no decoder), 16, 32, 48 or 64",
+                        c->decoder_width);
     if (c->encoding == CLN_ENCODING_VOXEL)
         return CLN_OK;
     if (c->grid_features < 4 || c->grid_features > 16 || c->grid_features % PAD_ROWS != 0)
@@ -83,7 +86,13 @@ static void layout_voxels(const cln_config *config, cln_network *net)
     net->cells = config->grid_cells;
     net->features = net->width = net->colour_width = features[degree];
     take(net, vertices * net->features);
-    net->learned = vertices * learned[degree];
+    if (config->view_dependence && config->decoder_width > 0) {
+        const int in = net->features - 1 + CLN_DECODER_HARMONICS;
+
+        net->decoder = config->decoder_width;
+        net->decoder_params = net->decoder * (in + 1 + 3);
+    }
+    net->learned = vertices * (net->decoder ? net->features : learned[degree]);
 }
 
 cln_status cln_network_layout(const cln_config *config, cln_network *out)
@@ -148,7 +157,10 @@ done:
 void cln_network_text(const cln_network *net, char out[32])
 {
     if (net->encoding == CLN_ENCODING_VOXEL) {
-        snprintf(out, 32, "X%dx%d", net->cells, net->features);
+        const int used = snprintf(out, 32, "X%dx%d", net->cells, net->features);
+
+        if (net->decoder)
+            snprintf(out + used, (size_t)(32 - used), "-D%d", net->decoder);
         return;
     }
     const int used = snprintf(out, 32, "W%d-D%d-V%d", net->width, net->depth, net->view_width);
@@ -208,6 +220,15 @@ void cln_network_init(const cln_network *net, const cln_config *config, float *p
     if (net->encoding == CLN_ENCODING_GRID)
         fill_uniform(config, block, cln_encoding_vertices(net->cells) * net->features, GRID_BOUND,
                      params + net->grid_w);
+}
+
+void cln_decoder_init(const cln_network *net, const cln_config *config, float *params)
+{
+    const int in = net->features - 1 + CLN_DECODER_HARMONICS;
+
+    memset(params, 0, (size_t)net->decoder_params * sizeof *params);
+    fill_uniform(config, 0, in * net->decoder, sqrt(6.0 / in), params);
+    fill_uniform(config, 1, net->decoder, 1 / sqrt(in), params + in * net->decoder);
 }
 
 double cln_network_density_bias(const cln_config *config)

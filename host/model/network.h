@@ -15,7 +15,8 @@
  *   grid, if there is one   [cells + 1]^3 (z, y, x) [features]        enc_pad is features then
  * Without view dependence the view layer is absent and the colour head is W [3][width]. Skip layer:
  * i = depth/2 + 1, for depth >= 6 with config.skip; else none. Voxels have no layers, only the
- * grid: see encoding_voxel.h; width is features then.
+ * grid: see encoding_voxel.h; width is features then. All leaves may share a decoder, whose layout is
+ * in kernels/decoder.h.
  */
 #ifndef CLN_NETWORK_H
 #define CLN_NETWORK_H
@@ -26,6 +27,9 @@
 
 /* Most voxels of a leaf along an axis: kernels mark the vertices of a row as bits of one number. */
 enum { CLN_VOXEL_CELLS = 16 };
+
+/* Inputs of a decoder beside the features: spherical harmonics of degrees 1 and 2. */
+enum { CLN_DECODER_HARMONICS = 8 };
 
 typedef struct cln_network {
     int width, depth, view_width, bands, view_bands;
@@ -40,6 +44,7 @@ typedef struct cln_network {
     int colour_w, colour_b;
     int encoding;        /* CLN_ENCODING_* of the position */
     int cells, features; /* of the grid; 0 without one */
+    int decoder, decoder_params; /* width and floats of voxels' decoder; 0 without one */
     int grid_w;          /* offset behind the layers; equals params without a grid */
     int params;          /* floats per leaf, padded (the stride of packed buffers) */
     int learned;         /* of these, without padding (for reports) */
@@ -56,6 +61,10 @@ void cln_network_text(const cln_network *net, char out[32]);
 
 /* Fills in a leaf's initial weights, [params] (method.md section 2); the same for every leaf. */
 void cln_network_init(const cln_network *net, const cln_config *config, float *params);
+
+/* Fills in the initial weights of voxels' decoder, [decoder_params] (kernels/decoder.h): its output
+ * is 0. */
+void cln_decoder_init(const cln_network *net, const cln_config *config, float *params);
 
 /* Density activation's bias b, from initial_depth (method.md section 1). */
 double cln_network_density_bias(const cln_config *config);

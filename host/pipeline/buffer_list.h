@@ -39,6 +39,7 @@ typedef enum cln_purpose {
 /* What a buffer has one row for; plan.c knows the largest numbers. P: may be split into parts
  * (cln_pipeline). A buffer with a row per leaf also shrinks when many leaves are gone. */
 typedef enum cln_per {
+    CLN_PER_MODEL, /* one */
     CLN_PER_LEAF,
     CLN_PER_LEAF_P,
     CLN_PER_LEAF_START, /* leaves + 1 */
@@ -88,6 +89,11 @@ typedef enum cln_when {
     X(adam_steps, cl_int, 1, LEAF, OPTIMISER, TRAINING, "step counts")                           \
     X(norms, cl_float, 1, LEAF, OPTIMISER, TRAINING, "norms")                                    \
     X(grads, cl_float, p->net.params, GRADIENT_P, GRADIENTS, TRAINING, "weight gradients")       \
+    /* voxels' decoder, its moments, its gradients by groups of slices */                        \
+    X(decoder_w, cl_float, p->net.decoder_params, MODEL, WEIGHTS, ALWAYS, "decoder")             \
+    X(decoder_m, cl_float, p->net.decoder_params, MODEL, OPTIMISER, TRAINING, "decoder")         \
+    X(decoder_v, cl_float, p->net.decoder_params, MODEL, OPTIMISER, TRAINING, "decoder")         \
+    X(decoder_grads, cl_float, decoder_part_of(p), SLICE, GRADIENTS, TRAINING, "decoder")        \
     X(around, cl_int, around_of(p), LEAF, OPTIMISER, TRAINING, "neighbours of leaves")           \
     X(met, cl_uint, met_of(p), SLICE, GRADIENTS, TRAINING, "met vertices")                       \
     /* kept by the forward pass; inputs of the backward pass, in order of grouped samples */     \

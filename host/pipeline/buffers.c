@@ -27,13 +27,15 @@ int cln_pipeline_measures(const cln_config *config)
 int cln_pipeline_acts(const cln_network *net)
 {
     if (net->encoding == CLN_ENCODING_VOXEL)
-        return 0;
+        return net->decoder ? net->features : 0;
     return net->depth * net->width + (net->view_dependence ? net->view_width : 0);
 }
 
 size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune)
 {
-    return (size_t)cln_pipeline_acts(net) * (tune->half ? sizeof(cl_half) : sizeof(cl_float));
+    const bool half = tune->half && net->encoding != CLN_ENCODING_VOXEL;
+
+    return (size_t)cln_pipeline_acts(net) * (half ? sizeof(cl_half) : sizeof(cl_float));
 }
 
 int cln_pipeline_transposed(const cln_network *net)
@@ -75,6 +77,12 @@ static size_t met_of(const cln_pipeline *p)
     return p->net.encoding == CLN_ENCODING_VOXEL
                ? (size_t)(p->net.cells + 1) * (size_t)(p->net.cells + 1)
                : 0;
+}
+
+/* A slice's share of the gradients of a group of slices. */
+static size_t decoder_part_of(const cln_pipeline *p)
+{
+    return (size_t)p->net.decoder_params / CLN_DECODER_EACH;
 }
 
 static size_t shown_of(const cln_pipeline *p)

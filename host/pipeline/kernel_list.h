@@ -27,6 +27,7 @@
     X(mlp_backward, mlp_backward, TRAIN, NETWORK)     \
     X(voxel_eval, voxel, EVAL, VOXEL)                 \
     X(voxel_train, voxel, TRAIN, VOXEL)               \
+    X(decoder, decoder, PLAIN, DECODER)               \
     X(composite, composite, PLAIN, ALWAYS)            \
     X(roulette, roulette, PLAIN, ALWAYS)              \
     X(adam, adam, PARTS, ALWAYS)                      \
@@ -72,6 +73,8 @@
     X(voxel_backward, voxel_backward, voxel_train, ALWAYS)          \
     X(voxel_update, voxel_update, voxel_train, ALWAYS)              \
     X(voxel_join, voxel_join, voxel_train, ALWAYS)                  \
+    X(decoder_backward, decoder_backward, decoder, ALWAYS)          \
+    X(decoder_update, decoder_update, decoder, ALWAYS)              \
     X(roulette, roulette, roulette, ALWAYS)                         \
     X(composite, composite, composite, ALWAYS)                      \
     X(composite_train, composite_train, composite, ALWAYS)          \

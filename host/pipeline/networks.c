@@ -104,7 +104,8 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
                            CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
                            CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
-                           CLN_ARG(p->out.mem), CLN_ARG(slices), CLN_ARG(key), CLN_ARG(first)));
+                           CLN_ARG(p->out.mem), CLN_ARG(p->decoder_w.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices),
+                           CLN_ARG(key), CLN_ARG(first)));
     else
         CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
@@ -232,6 +233,25 @@ done:
     return st;
 }
 
+static cln_status decoder_backward(cln_pipeline *p, uint32_t slice_count)
+{
+    cln_status st = CLN_OK;
+    const cl_uint slices = slice_count;
+
+    if (!p->net.decoder)
+        return CLN_OK;
+    p->decoder_groups = (int)cln_groups(slice_count, CLN_DECODER_EACH);
+    CLN_TRY(CLN_RESERVE(p, decoder_grads, (size_t)p->decoder_groups * CLN_DECODER_EACH));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.decoder_backward, CLN_STAGE_BACKWARD,
+                       (size_t)p->decoder_groups, (size_t)p->tune.ls, CLN_ARG(p->decoder_w.mem),
+                       CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
+                       CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
+                       CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem), CLN_ARG(p->chosen_counts.mem),
+                       CLN_ARG(p->acts.mem), CLN_ARG(p->decoder_grads.mem), CLN_ARG(slices)));
+done:
+    return st;
+}
+
 /* Without `update`, writes the gradient of each slice to the slice's row of p->grads. */
 static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
                                   uint32_t step_key, bool update, uint32_t min_samples, double lr)
@@ -245,13 +265,14 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
     CLN_TRY(CLN_RESERVE(p, grads, (size_t)gradients));
     if (is_voxel(p)) {
         CLN_TRY(CLN_RESERVE(p, met, slice_count));
+        CLN_TRY(decoder_backward(p, slice_count));
         CLN_TRY(CLN_LAUNCH(
             p->device, p->k.voxel_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
             CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem),
             CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem),
             CLN_ARG(p->ray_d.mem), CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem),
             CLN_ARG(p->chosen_counts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
-            CLN_ARG(slices), CLN_ARG(p->begin.mem), CLN_ARG(key), CLN_ARG(first)));
+            CLN_ARG(slices), CLN_ARG(p->begin.mem), CLN_ARG(p->acts.mem), CLN_ARG(key), CLN_ARG(first)));
         goto done;
     }
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
@@ -278,16 +299,35 @@ static cln_status count_updates(cln_pipeline *p, uint32_t min_samples)
                       CLN_ARG(least), CLN_ARG(first));
 }
 
+static cln_status decoder_update(cln_pipeline *p, double lr)
+{
+    const size_t wg = (size_t)p->tune.wg;
+    const cl_uint groups = (cl_uint)p->decoder_groups;
+    const cl_float rate = (cl_float)(lr * p->config.decoder_rate);
+
+    if (!p->net.decoder)
+        return CLN_OK;
+    return CLN_LAUNCH(p->device, p->k.decoder_update, CLN_STAGE_ADAM,
+                      cln_groups((size_t)p->net.decoder_params, wg), wg,
+                      CLN_ARG(p->decoder_grads.mem), CLN_ARG(p->decoder_w.mem),
+                      CLN_ARG(p->decoder_m.mem), CLN_ARG(p->decoder_v.mem), CLN_ARG(groups),
+                      CLN_ARG(rate));
+}
+
 static cln_status launch_voxel_update(cln_pipeline *p, double lr, uint32_t step_key)
 {
+    cln_status st = CLN_OK;
     const cl_uint count = (cl_uint)p->leaves, key = step_key;
     const cl_float rate = (cl_float)lr;
 
-    return CLN_LAUNCH(p->device, p->k.voxel_update, CLN_STAGE_ADAM,
+    CLN_TRY(decoder_update(p, lr));
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_update, CLN_STAGE_ADAM,
                       cln_groups((size_t)p->leaves, CLN_ADAM_EACH), (size_t)p->tune.ls,
                       CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
                       CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
-                      CLN_LEAF_ARG(p, adam_v), CLN_ARG(count), CLN_ARG(rate), CLN_ARG(key));
+                      CLN_LEAF_ARG(p, adam_v), CLN_ARG(count), CLN_ARG(rate), CLN_ARG(key)));
+done:
+    return st;
 }
 
 /* Updates leaves of at least min_slices slices. half_slice: where gradients lie

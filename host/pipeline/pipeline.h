@@ -88,6 +88,7 @@ struct cln_pipeline {
 
     int leaves, depth;              /* of the uploaded tree */
     int most_intervals;             /* of a ray with its leaves */
+    int decoder_groups;             /* of slices, in the last backward pass */
     int first, own;                 /* leaves whose weights are here: all, unless shared by ranks */
     int view_count, training_views; /* the first ones are for training */
     int max_rays;                   /* of a batch (memory plan); 0 = any number */

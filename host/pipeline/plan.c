@@ -124,6 +124,8 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
     const double levels = deepest + 1;
 
     switch (per) {
+    case CLN_PER_MODEL:
+        return 1;
     case CLN_PER_LEAF:
     case CLN_PER_LEAF_P:
         return s->leaves;

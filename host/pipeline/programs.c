@@ -164,6 +164,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
         real(&t, "DENSITY_RATE", c->density_rate);
         real(&t, "HARMONIC_RATE", c->harmonic_rate);
     }
+    line(&t, "#define DECODER %d", net->decoder);
     line(&t, "#define DENSITY %d", c->density);
     real(&t, "KAPPA", c->density_scale);
     real(&t, "BIAS", cln_network_density_bias(c));
@@ -237,7 +238,7 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
 /* Lines that follow the pipeline's "#define" lines, and when programs and kernels are built
  * (kernel_list.h). */
 enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, CROP, TEXTS };
-enum when { ALWAYS, NETWORK, VOXEL, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
+enum when { ALWAYS, NETWORK, VOXEL, DECODER, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
 
 static const struct {
     const char *file;
@@ -272,6 +273,8 @@ static bool is_true(const cln_pipeline *p, enum when when)
         return p->net.encoding != CLN_ENCODING_VOXEL;
     case VOXEL:
         return p->net.encoding == CLN_ENCODING_VOXEL;
+    case DECODER:
+        return p->net.decoder > 0;
     case SPLATTING:
         return p->config.stage1 == CLN_STAGE1_SPLAT;
     case REGULARISED:

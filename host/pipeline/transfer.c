@@ -55,6 +55,8 @@ static cln_status upload_training(cln_pipeline *p, const cln_model *model)
 
     CLN_TRY(put_own(p, CLN_BUFFER_adam_m, model->adam_m));
     CLN_TRY(put_own(p, CLN_BUFFER_adam_v, model->adam_v));
+    CLN_TRY(CLN_PUT(p, decoder_m, model->decoder_m, 1));
+    CLN_TRY(CLN_PUT(p, decoder_v, model->decoder_v, 1));
     CLN_TRY(put_own(p, CLN_BUFFER_adam_steps, model->adam_steps));
     if (cln_pipeline_measures(&p->config) > 0) {
         CLN_TRY(CLN_PUT(p, leaf_sums, model->sums, leaves));
@@ -106,6 +108,7 @@ cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool tra
     cln_share_evenly(p, model->tree.leaf_count);
     CLN_TRY(cln_pipeline_tree(p, &model->tree));
     CLN_TRY(put_own(p, CLN_BUFFER_params, model->params));
+    CLN_TRY(CLN_PUT(p, decoder_w, model->decoder, 1));
     if (model->density)
         CLN_TRY(CLN_PUT(p, density, model->density, (size_t)p->leaves));
     else if (training)
@@ -124,7 +127,10 @@ cln_status cln_pipeline_download_own(cln_pipeline *p, cln_model *model, bool tra
     CLN_ASSERT(model->tree.leaf_count == p->leaves);
     CLN_TRY(cln_model_make_room(model, training));
     CLN_TRY(cln_share_get(p, CLN_BUFFER_params, model->params));
+    CLN_TRY(CLN_GET(p, decoder_w, model->decoder, 1));
     if (training) {
+        CLN_TRY(CLN_GET(p, decoder_m, model->decoder_m, 1));
+        CLN_TRY(CLN_GET(p, decoder_v, model->decoder_v, 1));
         CLN_TRY(cln_share_get(p, CLN_BUFFER_adam_m, model->adam_m));
         CLN_TRY(cln_share_get(p, CLN_BUFFER_adam_v, model->adam_v));
         CLN_TRY(cln_share_get(p, CLN_BUFFER_adam_steps, model->adam_steps));

@@ -116,7 +116,7 @@ static void run_forward(const ref_network *r, weights p, const double local[3], 
     if (net->encoding == CLN_ENCODING_VOXEL) {
         double raw[4];
 
-        ref_voxel(net, p.narrow, local, dir, raw);
+        ref_voxel(r, p.narrow, local, dir, raw);
         f->s = raw[3];
         f->sigma = density(r, f->s);
         for (int c = 0; c < 3; c++)
@@ -186,7 +186,7 @@ double ref_margin(const ref_network *r, const float *params, const double local[
     pass f;
 
     if (net->encoding == CLN_ENCODING_VOXEL)
-        return margin;
+        return ref_decoder_margin(r, params, local, dir);
     run_forward(r, weights_of(r, params), local, dir, slopes, slope, &f);
     for (int i = 0; i < net->depth; i++)
         for (int n = 0; n < net->width; n++)
@@ -229,7 +229,7 @@ void ref_backward(const ref_network *r, const float *params, const double local[
 
         for (int c = 0; c < 3; c++)
             draw[c] = dout[c] * ref_colour_slope(f.colour[c], dout[c]);
-        ref_voxel_backward(net, local, dir, draw, grad);
+        ref_voxel_backward(r, p.narrow, local, dir, draw, grad);
         return;
     }
     last = f.h[net->depth - 1];

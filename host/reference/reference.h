@@ -135,6 +135,8 @@ typedef struct ref_network {
     double level_bands[10]; /* weight of band k (bands_by_level), else 1 */
     const double *wide;     /* if not NULL, used instead of params, which may be NULL then;
                                not with a grid */
+    const float *decoder; /* voxels': its weights; NULL without one */
+    double *decoder_grad; /* ref_backward adds to it; NULL: not wanted */
 } ref_network;
 
 /* Encodings. Frequency: x[3] -> out[enc_pad]; zero padding. Grid: linear between the vertices of
@@ -145,10 +147,13 @@ void ref_grid_backward(int cells, int features, const double x[3], const double 
                        double *grad);
 /* Voxels: raw colours and density at a leaf's local position in a direction, and the gradient of
  * the vertices, grad [params], which is added to. */
-void ref_voxel(const cln_network *net, const float *params, const double local[3],
+void ref_voxel(const ref_network *r, const float *params, const double local[3],
                const double dir[3], double raw[4]);
-void ref_voxel_backward(const cln_network *net, const double local[3], const double dir[3],
-                        const double draw[4], double *grad);
+void ref_voxel_backward(const ref_network *r, const float *params, const double local[3],
+                        const double dir[3], const double draw[4], double *grad);
+/* The smallest |x| of the decoder's hidden units, before their activation; infinite without one. */
+double ref_decoder_margin(const ref_network *r, const float *params, const double local[3],
+                          const double dir[3]);
 /* Finds the leaf that updates a vertex, which several leaves may share: owner[leaf * vertices +
  * vertex] is that leaf's own leaf * vertices + vertex. around: cln_octree_around. */
 void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around)[27], int *owner);

@@ -31,9 +31,41 @@ static int number_of(int k, int c)
     return k == 0 ? c : 4 + 3 * (k - 1) + c;
 }
 
-void ref_voxel(const cln_network *net, const float *params, const double local[3],
+/* The decoder (kernels/decoder.h): its inputs, and hidden units before the activation. */
+typedef struct decoder {
+    int in, width;
+    double x[FEATURES + CLN_DECODER_HARMONICS], h[64];
+} decoder;
+
+static decoder run_decoder(const ref_network *r, const double at[FEATURES],
+                           const double y[HARMONICS])
+{
+    const int features = r->net.features;
+    decoder d = {.in = features - 1 + CLN_DECODER_HARMONICS, .width = r->net.decoder};
+
+    for (int f = 0; f < features; f++)
+        if (f != 3)
+            d.x[f < 3 ? f : f - 1] = at[f];
+    for (int k = 1; k < HARMONICS; k++)
+        d.x[features - 2 + k] = y[k];
+    for (int j = 0; j < d.width; j++) {
+        d.h[j] = r->decoder[d.in * d.width + j];
+        for (int i = 0; i < d.in; i++)
+            d.h[j] += r->decoder[i * d.width + j] * d.x[i];
+    }
+    return d;
+}
+
+/* Place of the weight of hidden unit j in colour c. */
+static int out_of(const decoder *d, int c, int j)
+{
+    return (d->in + 1 + c) * d->width + j;
+}
+
+void ref_voxel(const ref_network *r, const float *params, const double local[3],
                const double dir[3], double raw[4])
 {
+    const cln_network *net = &r->net;
     double at[FEATURES], y[HARMONICS];
     const int count = harmonics(net->features, dir, y);
 
@@ -44,18 +76,73 @@ void ref_voxel(const cln_network *net, const float *params, const double local[3
         for (int k = 0; k < count; k++)
             raw[c] += y[k] * at[number_of(k, c)];
     }
+    if (net->decoder) {
+        const decoder d = run_decoder(r, at, y);
+
+        for (int c = 0; c < 3; c++)
+            for (int j = 0; j < d.width; j++)
+                raw[c] += r->decoder[out_of(&d, c, j)] * fmax(d.h[j], 0);
+    }
 }
 
-void ref_voxel_backward(const cln_network *net, const double local[3], const double dir[3],
-                        const double draw[4], double *grad)
+double ref_decoder_margin(const ref_network *r, const float *params, const double local[3],
+                          const double dir[3])
 {
-    double d[FEATURES] = {0}, y[HARMONICS];
+    double margin = INFINITY, at[FEATURES], y[HARMONICS];
+
+    harmonics(r->net.features, dir, y);
+    ref_grid(r->net.cells, r->net.features, params, local, at);
+    if (r->net.decoder) {
+        const decoder d = run_decoder(r, at, y);
+
+        for (int j = 0; j < d.width; j++)
+            margin = fmin(margin, fabs(d.h[j]));
+    }
+    return margin;
+}
+
+/* Adds the gradient of the features through the decoder to dat, that of its weights to grad. */
+static void decoder_back(const ref_network *r, const double at[FEATURES], const double y[HARMONICS],
+                         const double draw[4], double dat[FEATURES], double *grad)
+{
+    const decoder d = run_decoder(r, at, y);
+
+    for (int j = 0; j < d.width; j++) {
+        double dh = 0;
+
+        for (int c = 0; c < 3; c++) {
+            dh += draw[c] * r->decoder[out_of(&d, c, j)];
+            if (grad)
+                grad[out_of(&d, c, j)] += draw[c] * fmax(d.h[j], 0);
+        }
+        if (d.h[j] <= 0)
+            continue;
+        if (grad)
+            grad[d.in * d.width + j] += dh;
+        for (int i = 0; i < d.in; i++) {
+            if (grad)
+                grad[i * d.width + j] += d.x[i] * dh;
+            if (i < r->net.features - 1)
+                dat[i < 3 ? i : i + 1] += r->decoder[i * d.width + j] * dh;
+        }
+    }
+}
+
+void ref_voxel_backward(const ref_network *r, const float *params, const double local[3],
+                        const double dir[3], const double draw[4], double *grad)
+{
+    const cln_network *net = &r->net;
+    double at[FEATURES], d[FEATURES] = {0}, y[HARMONICS];
     const int count = harmonics(net->features, dir, y);
 
     d[3] = draw[3];
     for (int c = 0; c < 3; c++)
         for (int k = 0; k < count; k++)
             d[number_of(k, c)] = y[k] * draw[c];
+    if (net->decoder) {
+        ref_grid(net->cells, net->features, params, local, at);
+        decoder_back(r, at, y, draw, d, r->decoder_grad);
+    }
     ref_grid_backward(net->cells, net->features, local, d, grad);
 }
 

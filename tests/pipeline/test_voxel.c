@@ -16,15 +16,19 @@ enum { CELLS = 4, SIDE = CELLS + 1, VERTICES = SIDE * SIDE * SIDE, MOST = 64, EV
 
 typedef struct voxel_case {
     const char *name;
-    int set, harmonics;
+    int set, harmonics, decoder;
     double beta1, smooth_density, smooth_colour, density_lr, harmonics_lr;
 } voxel_case;
 
 static const voxel_case cases[] = {
-    {"default", 0, 1, 0, 0, 0, 4, 0.2},         {"smooth", 0, 1, 0, 3e-5, 1e-5, 4, 0.2},
-    {"slices", 1, 1, 0, 0, 0, 4, 0.2},          {"plain, momentum", 1, 2, 0.9, 1e-5, 3e-5, 1, 1},
-    {"wide vectors", 2, 2, 0, 1e-5, 0, 2, 0.5}, {"items, no view", 3, 0, 0, 0, 1e-5, 1, 1},
-    {"gpu", 4, 1, 0.9, 1e-5, 1e-5, 4, 0.2},
+    {"default", 0, 1, 32, 0, 0, 0, 4, 0.2},
+    {"smooth, no decoder", 0, 1, 0, 0, 3e-5, 1e-5, 4, 0.2},
+    {"slices", 1, 1, 16, 0, 0, 0, 4, 0.2},
+    {"plain, momentum", 1, 2, 48, 0.9, 1e-5, 3e-5, 1, 1},
+    {"wide vectors", 2, 2, 16, 0, 1e-5, 0, 2, 0.5},
+    {"items, no view", 3, 0, 0, 0, 0, 1e-5, 1, 1},
+    {"items", 3, 1, 16, 0, 0, 1e-5, 1, 1},
+    {"gpu", 4, 1, 32, 0.9, 1e-5, 1e-5, 4, 0.2},
 };
 
 static cln_config config_of(const voxel_case *c)
@@ -35,6 +39,8 @@ static cln_config config_of(const voxel_case *c)
     config.grid_cells = CELLS;
     config.view_dependence = c->harmonics > 0;
     config.harmonics = c->harmonics;
+    config.decoder_width = c->decoder;
+    config.decoder_rate = 0.5;
     config.start_level = 2;
     config.beta1 = c->beta1;
     config.beta2 = 0.99;
@@ -84,6 +90,8 @@ static void make_model(const cln_config *config, cln_model *model)
             for (int f = 0; f < model->net.features; f++)
                 model->params[s * model->net.params + v * model->net.features + f] =
                     (float)test_uniform(4, key_of(&model->tree, s, v) * 32 + f, -1, 1);
+    for (int i = 0; i < model->net.decoder_params; i++)
+        model->decoder[i] = (float)test_uniform(6, i, -0.5, 0.5);
 }
 
 typedef struct batch {
@@ -135,11 +143,15 @@ static void free_batch(batch *b)
 
 /* ---- the reference's side ---- */
 
-/* Gradients [leaf][params] of the batch, and which vertices it met [leaf][VERTICES]. */
+/* Gradients [leaf][params] of the batch, the decoder's [decoder_params], and which vertices it met
+ * [leaf][VERTICES]. */
 static void backward(const cln_config *config, const cln_model *model, const batch *b,
-                     double *grads, uint8_t *met)
+                     double *grads, double *decoder, uint8_t *met)
 {
-    ref_network r = {.net = model->net, .density = config->density};
+    ref_network r = {.net = model->net,
+                     .density = config->density,
+                     .decoder = model->decoder,
+                     .decoder_grad = decoder};
     float *boxes = NULL;
 
     r.kappa = (float)config->density_scale;
@@ -229,6 +241,42 @@ static bool is_met(const cln_model *model, const uint8_t *met, int slot, int v)
     return any;
 }
 
+/* The decoder's gradient, and its first step: of the sign of a gradient alone, so that those which
+ * nearly cancel are left out. */
+static void check_decoder(const voxel_case *c, cln_pipeline *p, const cln_model *model,
+                          const double *want, double lr)
+{
+    const int n = model->net.decoder_params;
+    float *parts = test_alloc((size_t)(n * p->decoder_groups), sizeof *parts);
+    float *weights = test_alloc((size_t)n, sizeof *weights);
+    double *got = test_alloc((size_t)n, sizeof *got), largest = 0, worst = 0, off = 0;
+    int stepped = 0;
+
+    assert_true(p->decoder_groups > 1);
+    assert_ok(cln_buffer_read(p->device, &p->decoder_grads, 0, parts,
+                              (size_t)(n * p->decoder_groups) * sizeof *parts));
+    assert_ok(CLN_GET(p, decoder_w, weights, 1));
+    for (int i = 0; i < n * p->decoder_groups; i++)
+        got[i % n] += parts[i];
+    for (int i = 0; i < n; i++)
+        largest = fmax(largest, fabs(want[i]));
+    for (int i = 0; i < n; i++) {
+        worst = fmax(worst, fabs(got[i] - want[i]) / largest);
+        if (fabs(want[i]) < 1e-3 * largest)
+            continue;
+        off = fmax(off, fabs((weights[i] - (double)model->decoder[i]) / (lr * sqrt(0.1)) +
+                             (want[i] > 0 ? 1 : -1)));
+        stepped++;
+    }
+    if (!(worst < 1e-6) || !(off < 1e-3) || stepped < n / 2)
+        fail_msg("%s: the decoder's gradient is off by %.2g of the largest, its step by %.2g; %d of "
+                 "%d weights",
+                 c->name, worst, off, stepped, n);
+    free(parts);
+    free(weights);
+    free(got);
+}
+
 static void check_case(const voxel_case *c)
 {
     const cln_config config = config_of(c);
@@ -237,7 +285,7 @@ static void check_case(const voxel_case *c)
     cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
     cln_model model = {0};
     batch b = {0};
-    double *grads = NULL;
+    double *grads = NULL, *decoder = NULL;
     float *got = NULL, *moments = NULL;
     uint8_t *met = NULL;
     uint32_t slices = 0;
@@ -253,7 +301,8 @@ static void check_case(const voxel_case *c)
     met = test_alloc((size_t)(leaves * VERTICES), 1);
     got = test_alloc((size_t)(leaves * row), sizeof *got);
     moments = test_alloc((size_t)(leaves * row), sizeof *moments);
-    backward(&config, &model, &b, grads, met);
+    decoder = test_alloc((size_t)model.net.decoder_params + 1, sizeof *decoder);
+    backward(&config, &model, &b, grads, decoder, met);
     smooth(&config, &model, key, grads, met);
 
     assert_ok(cln_pipeline_upload(p, &model, true));
@@ -264,6 +313,8 @@ static void check_case(const voxel_case *c)
     assert_ok(cln_stage_group(p, b.n, &slices));
     assert_ok(cln_stage_forward(p, b.n, slices, true, key));
     assert_ok(cln_stage_update(p, b.n, slices, 1, key, lr));
+    if (c->decoder)
+        check_decoder(c, p, &model, decoder, lr * config.decoder_rate);
     assert_ok(CLN_GET(p, params, got, (size_t)leaves));
     assert_ok(CLN_GET(p, adam_v, moments, (size_t)leaves));
 
@@ -307,6 +358,7 @@ static void check_case(const voxel_case *c)
                   c->name, met_count, tied, worst, wrong / sqrt(largest));
     free(moments);
     free(grads);
+    free(decoder);
     free(met);
     free(got);
     free_batch(&b);
@@ -407,6 +459,7 @@ int test_group_voxel(void)
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(voxel_train) |
-                  CLN_PROGRAM_BIT(roulette) | CLN_PROGRAM_BIT(adam) | CLN_PROGRAM_BIT(carry);
+                  CLN_PROGRAM_BIT(roulette) | CLN_PROGRAM_BIT(adam) | CLN_PROGRAM_BIT(carry) |
+                  CLN_PROGRAM_BIT(decoder);
     return cmocka_run_group_tests_name("voxel", tests, NULL, test_device_close);
 }

@@ -242,7 +242,7 @@ static void test_harmonics(void **state)
 {
     enum { STEPS = 200, MOST = 9 };
     cln_config config;
-    cln_network net;
+    ref_network r = {.decoder = NULL};
     double sums[MOST][MOST] = {{0}}, area = 0;
     float params[27 * 32];
     const double middle[3] = {0, 0, 0};
@@ -250,9 +250,10 @@ static void test_harmonics(void **state)
     (void)state;
     assert_int_equal(cln_config_preset("voxel", &config), CLN_OK);
     config.harmonics = 2;
+    config.decoder_width = 0;
     config.grid_cells = 2;
-    assert_int_equal(cln_network_layout(&config, &net), CLN_OK);
-    assert_true(net.params <= 27 * 32);
+    assert_int_equal(cln_network_layout(&config, &r.net), CLN_OK);
+    assert_true(r.net.params <= 27 * 32);
     for (int i = 0; i < STEPS; i++)
         for (int j = 0; j < 2 * STEPS; j++) {
             const double polar = M_PI * (i + 0.5) / STEPS, round = M_PI * (j + 0.5) / STEPS;
@@ -262,7 +263,7 @@ static void test_harmonics(void **state)
             for (int k = 0; k < MOST; k++) { /* red with one coefficient is that harmonic */
                 memset(params, 0, sizeof params);
                 params[13 * 32 + (k == 0 ? 0 : 4 + 3 * (k - 1))] = 1;
-                ref_voxel(&net, params, middle, d, raw);
+                ref_voxel(&r, params, middle, d, raw);
                 y[k] = raw[0];
                 assert_true(raw[1] == 0 && raw[2] == 0 && raw[3] == 0);
             }
@@ -274,6 +275,49 @@ static void test_harmonics(void **state)
     for (int a = 0; a < MOST; a++)
         for (int b = 0; b < MOST; b++)
             assert_near(sums[a][b] / area, a == b ? 1 : 0, 1e-4);
+}
+
+/* The decoder's gradients are differences of its colours: of its weights, and of the features that
+ * it reads. */
+static void test_decoder(void **state)
+{
+    enum { PARAMS = 27 * 16, MOST = 1024 };
+    const double at[3] = {0.3, -0.7, 0.1}, draw[4] = {0.7, -0.4, 0.9, 0.2};
+    const double dir[3] = {2.0 / 3, -1.0 / 3, 2.0 / 3}, step = 1.0 / 1024;
+    static float params[PARAMS], decoder[MOST];
+    static double grad[PARAMS], decoder_grad[MOST];
+    cln_config config;
+    ref_network r = {.decoder = decoder, .decoder_grad = decoder_grad};
+    double raw[4], worst = 0;
+
+    (void)state;
+    assert_int_equal(cln_config_preset("voxel", &config), CLN_OK);
+    config.grid_cells = 2;
+    config.decoder_width = 16;
+    assert_int_equal(cln_network_layout(&config, &r.net), CLN_OK);
+    assert_true(r.net.params == PARAMS && r.net.decoder_params <= MOST);
+    for (int i = 0; i < PARAMS; i++)
+        params[i] = (float)uniform(1, i, -1, 1);
+    for (int i = 0; i < r.net.decoder_params; i++)
+        decoder[i] = (float)uniform(2, i, -0.5, 0.5);
+    ref_voxel_backward(&r, params, at, dir, draw, grad);
+    for (int i = 0; i < PARAMS + r.net.decoder_params; i++) {
+        float *p = i < PARAMS ? &params[i] : &decoder[i - PARAMS];
+        const float before = *p;
+        const double want = i < PARAMS ? grad[i] : decoder_grad[i - PARAMS];
+        double difference = 0;
+
+        for (int side = -1; side <= 1; side += 2) {
+            *p = before + (float)(side * step);
+            ref_voxel(&r, params, at, dir, raw);
+            for (int c = 0; c < 4; c++)
+                difference += side * draw[c] * raw[c] / (2 * step);
+        }
+        *p = before;
+        worst = fmax(worst, fabs(difference - want));
+    }
+    assert_true(ref_decoder_margin(&r, params, at, dir) > 3 * step); /* no kink in between */
+    assert_true(worst < 1e-4);
 }
 
 /* A network with six nonzero weights, calculated by hand: x -> 2x -> 3h -> heads. */
@@ -651,6 +695,7 @@ int test_group_reference(void)
         cmocka_unit_test(test_encoding),
         cmocka_unit_test(test_grid),
         cmocka_unit_test(test_harmonics),
+        cmocka_unit_test(test_decoder),
         cmocka_unit_test(test_network_by_hand),
         cmocka_unit_test(test_skip_by_hand),
         cmocka_unit_test(test_density_extremes),
