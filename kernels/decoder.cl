@@ -45,9 +45,7 @@ HELPER void add_products(const __local float *a, const __local float *b, __local
 #endif
 }
 
-/* features: those of the slices' samples, as voxel_forward kept them; gets the gradients of those
- * that take part, from each slice's start on. These rows are never before the ones still to be
- * read, as chosen numbers ascend. */
+/* From each slice's start on, feature_grads gets the samples that take part; 0 for densities. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 decoder_backward(const __global float *restrict net,          /* [DECODER_SIZE] */
                  const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
@@ -59,7 +57,8 @@ decoder_backward(const __global float *restrict net,          /* [DECODER_SIZE] 
                  const __global float4 *restrict heads,       /* [grouped sample], roulette.cl's */
                  const __global uint *restrict chosen,        /* [grouped sample] of each slice */
                  const __global uint *restrict chosen_counts, /* [slice] */
-                 __global float *features,                    /* [grouped sample][FEATURES] */
+                 const __global float *restrict features, /* [grouped sample][FEATURES], kept */
+                 __global float *restrict feature_grads,  /* [grouped sample][FEATURES] */
                  __global float *restrict grads,              /* [group][DECODER_SIZE] */
                  uint n_slices)
 {
@@ -139,7 +138,7 @@ decoder_backward(const __global float *restrict net,          /* [DECODER_SIZE] 
             }
             for (int l = 0; l < VW && own + l < count; l++) {
                 __global float *to =
-                    features + (size_t)(slice.start + done + (uint)(own + l)) * FEATURES;
+                    feature_grads + (size_t)(slice.start + done + (uint)(own + l)) * FEATURES;
 
                 for (int i = 0; i < FEATURES; i++)
                     to[i] = i == 3 ? 0.0f : inputs[(i < 3 ? i : i - 1) * VW + l];
@@ -171,6 +170,7 @@ __kernel void decoder_update(const __global float *restrict grads, /* [group][DE
     const float before = v[i];
 
     m[i] = MAD(DECODER_BETA1, m[i], (1.0f - DECODER_BETA1) * g);
-    v[i] = before > 0.0f ? MAD(DECODER_BETA2, before, (1.0f - DECODER_BETA2) * g * g) : 0.1f * g * g;
+    v[i] = before > 0.0f ? MAD(DECODER_BETA2, before, (1.0f - DECODER_BETA2) * g * g)
+                         : 0.1f * g * g;
     net[i] -= lr * m[i] / (sqrt(v[i]) + EPSILON);
 }

@@ -270,8 +270,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
                const __global uint *restrict chosen_counts, /* [slice] */
                LEAF_ARRAY(float, grads), __global uint *restrict met, uint n_slices,
                const __global uint *restrict begin,
-               const __global float *restrict features, /* [grouped sample][FEATURES], decoder.cl's
-                                                           gradients of chosen samples */
+               const __global float *restrict feature_grads, /* [grouped sample][FEATURES] */
                uint step_key, int first)
 {
     const uint group = slice_of(slices, get_group_id(0), n_slices);
@@ -324,7 +323,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
                 d[4 + 3 * h + a] = y[h + 1] * d[a];
 #if DECODER
         UNROLL (f, FEATURES)
-            d[f] += features[(size_t)(slice.start + i) * FEATURES + f];
+            d[f] += feature_grads[(size_t)(slice.start + i) * FEATURES + f];
 #endif
 #if LS == 1
         UNROLL (c, 8) {
@@ -398,7 +397,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
 #endif
     (void)w;
     (void)begin;
-    (void)features;
+    (void)feature_grads;
 }
 
 /* ---- update ---- */

@@ -72,12 +72,13 @@ static const bench_part parts[] = {
 static const bench_part voxel_parts[] = {
     {"voxel_density", "voxel_density"},
     {"voxel_forward_eval", "voxel_forward_eval"},
-    {"voxel_training", "voxel_forward_train roulette voxel_backward"},
+    {"voxel_training", "voxel_forward_train roulette decoder_backward voxel_backward"},
     {"voxel_forward_train", "voxel_forward_train"},
     {"voxel_roulette", "roulette"},
-    {"voxel_backward", "roulette voxel_backward"},
-    {"voxel_adam", "adam_count voxel_update"},
-    {"voxel_update", "adam_count roulette voxel_backward voxel_update"},
+    {"voxel_backward", "roulette decoder_backward voxel_backward"},
+    {"voxel_adam", "adam_count decoder_update voxel_update"},
+    {"voxel_update", "adam_count roulette decoder_backward decoder_update voxel_backward "
+                     "voxel_update"},
 };
 static const bench_part upload_parts[] = {{"transpose", "transpose"}};
 
@@ -155,6 +156,8 @@ static cln_status make_model(const cln_config *config, int leaves, cln_model *mo
     for (size_t s = 0; s < (size_t)leaves; s++)
         for (size_t i = 0; i < n; i++)
             model->params[s * n + i] = base[(i + 16 * s) % n];
+    for (int i = 0; i < model->net.decoder_params; i++)
+        model->decoder[i] = (float)(0.3 * cln_check_uniform(2, (uint32_t)i, -1, 1));
     CLN_TRY(cln_check_owners(model, &owner));
     for (size_t i = 0; owner && i < (size_t)leaves * n; i++)
         model->params[i] = model->params[owner[i]];

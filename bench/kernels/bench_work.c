@@ -22,8 +22,8 @@ static double layer_weights(const cln_network *net)
 {
     const double edge = net->cells + 1;
 
-    if (net->encoding == CLN_ENCODING_VOXEL) /* the harmonics' sums */
-        return net->features > 4 ? 3.0 * (net->features > 16 ? 8 : 3) : 0;
+    if (net->encoding == CLN_ENCODING_VOXEL) /* the harmonics' sums, and the decoder */
+        return net->decoder_params + (net->features > 4 ? 3.0 * (net->features > 16 ? 8 : 3) : 0);
     return net->learned - (net->cells > 0 ? edge * edge * edge * net->features : 0);
 }
 
@@ -80,7 +80,8 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
     /* No gradient reaches an encoding, except a grid's features. */
     const double position = net->cells > 0 ? 0 : (double)net->enc * net->width;
     const double encoded = position * (net->skip_layer >= 0 ? 2 : 1) +
-                           (net->view_dependence ? (double)net->dir * net->view_width : 0);
+                           (net->view_dependence ? (double)net->dir * net->view_width : 0) +
+                           (double)CLN_DECODER_HARMONICS * net->decoder;
     const double transposed = tune->leaf ? 0 : cln_pipeline_transposed(net);
     const double layers = net->encoding == CLN_ENCODING_VOXEL ? 0 : net->params; /* read again */
 
@@ -88,6 +89,7 @@ bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, dou
         .flop = (4 * layer_weights(net) - 2 * encoded + grid_flop(net)) * n,
         .bytes =
             n * (SAMPLE + WORD + RAY + 2 * COLOUR + (double)cln_pipeline_act_bytes(net, tune)) +
+            n * 2 * WORD * (net->decoder ? net->features : 0) +
             leaves * WORD * (layers + transposed) +
             slices * ((double)sizeof(cln_slice) + WORD * met_numbers(net, n / slices))};
 }

@@ -93,8 +93,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "voxel: degree of the spherical harmonics by which colours depend on the direction",       \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     INT(decoder_width, "decoder-width", 0, 0, 0, 64,                                               \
-        "voxel: width of a network, shared by all leaves, that adds to colours: 0 (none), 16, 32, " \
-        "48, 64",                                                                                  \
+        "voxel: width of a network, shared by all leaves, that adds to colours: 0 (none), 16, "    \
+        "32, 48 or 64",                                                                            \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
          "colour depends on the direction; without it the view layer is left out",                 \

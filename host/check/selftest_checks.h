@@ -40,8 +40,8 @@ typedef struct cln_moving {
 void cln_check_step_voxels(const cln_config *config, const cln_network *net, const int *owner,
                            double lr, cln_moving to);
 
-/* Compare the decoder's gradient of the last backward pass with `want` [decoder_params], and what its
- * first step made of the weights. CLN_MEMORY, device errors. */
+/* Compare the decoder's gradient of the last backward pass with `want` [decoder_params], and its
+ * first step. CLN_MEMORY, device errors. */
 cln_status cln_check_decoder_gradient(cln_checks *c, const double *want);
 cln_status cln_check_decoder_step(cln_checks *c, const double *grad, double lr);
 

@@ -283,13 +283,10 @@ cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *
         tensors[count++] = (cln_tensor){
             "poses", CLN_DTYPE_F32, 2, {model->motion_views, CLN_MOTION}, model->motions};
     if (decoder > 0)
-        tensors[count++] =
-            (cln_tensor){"decoder", CLN_DTYPE_F32, 1, {decoder}, model->decoder};
+        tensors[count++] = (cln_tensor){"decoder", CLN_DTYPE_F32, 1, {decoder}, model->decoder};
     if (decoder > 0 && model->adam_m) {
-        tensors[count++] =
-            (cln_tensor){"decoder_m", CLN_DTYPE_F32, 1, {decoder}, model->decoder_m};
-        tensors[count++] =
-            (cln_tensor){"decoder_v", CLN_DTYPE_F32, 1, {decoder}, model->decoder_v};
+        tensors[count++] = (cln_tensor){"decoder_m", CLN_DTYPE_F32, 1, {decoder}, model->decoder_m};
+        tensors[count++] = (cln_tensor){"decoder_v", CLN_DTYPE_F32, 1, {decoder}, model->decoder_v};
     }
     memcpy(out, tensors, sizeof tensors);
     *number = count;
@@ -632,8 +629,7 @@ cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *by
 
     CLN_TRY(cln_network_layout(config, &net));
     *bytes = leaves * (net.params * (4 + moments) + rest) + 4.0 * ROW * (leaves * 8.0 / 7 + 1) +
-             12.0 * net.decoder_params +
-             JSON_BYTES;
+             12.0 * net.decoder_params + JSON_BYTES;
 done:
     return st;
 }

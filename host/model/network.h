@@ -15,8 +15,8 @@
  *   grid, if there is one   [cells + 1]^3 (z, y, x) [features]        enc_pad is features then
  * Without view dependence the view layer is absent and the colour head is W [3][width]. Skip layer:
  * i = depth/2 + 1, for depth >= 6 with config.skip; else none. Voxels have no layers, only the
- * grid: see encoding_voxel.h; width is features then. All leaves may share a decoder, whose layout is
- * in kernels/decoder.h.
+ * grid: see encoding_voxel.h; width is features then. All leaves may share a decoder, whose
+ * layout is in kernels/decoder.h.
  */
 #ifndef CLN_NETWORK_H
 #define CLN_NETWORK_H
@@ -42,12 +42,12 @@ typedef struct cln_network {
     int sigma_w, sigma_b;
     int view_w, view_b; /* -1 without view dependence */
     int colour_w, colour_b;
-    int encoding;        /* CLN_ENCODING_* of the position */
-    int cells, features; /* of the grid; 0 without one */
+    int encoding;                /* CLN_ENCODING_* of the position */
+    int cells, features;         /* of the grid; 0 without one */
     int decoder, decoder_params; /* width and floats of voxels' decoder; 0 without one */
-    int grid_w;          /* offset behind the layers; equals params without a grid */
-    int params;          /* floats per leaf, padded (the stride of packed buffers) */
-    int learned;         /* of these, without padding (for reports) */
+    int grid_w;                  /* offset behind the layers; equals params without a grid */
+    int params;                  /* floats per leaf, padded (the stride of packed buffers) */
+    int learned;                 /* of these, without padding (for reports) */
 } cln_network;
 
 /* Rows of a trunk layer's matrix: enc_pad, width or width + enc_pad. */

@@ -85,6 +85,12 @@ static size_t decoder_part_of(const cln_pipeline *p)
     return (size_t)p->net.decoder_params / CLN_DECODER_EACH;
 }
 
+/* Features that the decoder reads, and their gradients. */
+static size_t decoded_of(const cln_pipeline *p)
+{
+    return p->net.decoder ? (size_t)p->net.features : 0;
+}
+
 static size_t shown_of(const cln_pipeline *p)
 {
     return p->config.depth_loss > 0;

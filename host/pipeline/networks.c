@@ -104,8 +104,8 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
                            CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
                            CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
-                           CLN_ARG(p->out.mem), CLN_ARG(p->decoder_w.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices),
-                           CLN_ARG(key), CLN_ARG(first)));
+                           CLN_ARG(p->out.mem), CLN_ARG(p->decoder_w.mem), CLN_ARG(p->acts.mem),
+                           CLN_ARG(slices), CLN_ARG(key), CLN_ARG(first)));
     else
         CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
@@ -233,7 +233,7 @@ done:
     return st;
 }
 
-static cln_status decoder_backward(cln_pipeline *p, uint32_t slice_count)
+static cln_status decoder_backward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count)
 {
     cln_status st = CLN_OK;
     const cl_uint slices = slice_count;
@@ -241,20 +241,23 @@ static cln_status decoder_backward(cln_pipeline *p, uint32_t slice_count)
     if (!p->net.decoder)
         return CLN_OK;
     p->decoder_groups = (int)cln_groups(slice_count, CLN_DECODER_EACH);
+    CLN_TRY(CLN_RESERVE(p, feature_grads, sample_count));
     CLN_TRY(CLN_RESERVE(p, decoder_grads, (size_t)p->decoder_groups * CLN_DECODER_EACH));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.decoder_backward, CLN_STAGE_BACKWARD,
                        (size_t)p->decoder_groups, (size_t)p->tune.ls, CLN_ARG(p->decoder_w.mem),
                        CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
                        CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
                        CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem), CLN_ARG(p->chosen_counts.mem),
-                       CLN_ARG(p->acts.mem), CLN_ARG(p->decoder_grads.mem), CLN_ARG(slices)));
+                       CLN_ARG(p->acts.mem), CLN_ARG(p->feature_grads.mem),
+                       CLN_ARG(p->decoder_grads.mem), CLN_ARG(slices)));
 done:
     return st;
 }
 
 /* Without `update`, writes the gradient of each slice to the slice's row of p->grads. */
-static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t slice_count,
-                                  uint32_t step_key, bool update, uint32_t min_samples, double lr)
+static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sample_count,
+                                  uint32_t slice_count, uint32_t step_key, bool update,
+                                  uint32_t min_samples, double lr)
 {
     cln_status st = CLN_OK;
     const cl_uint slices = slice_count, key = step_key, updates = update;
@@ -265,14 +268,15 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sl
     CLN_TRY(CLN_RESERVE(p, grads, (size_t)gradients));
     if (is_voxel(p)) {
         CLN_TRY(CLN_RESERVE(p, met, slice_count));
-        CLN_TRY(decoder_backward(p, slice_count));
-        CLN_TRY(CLN_LAUNCH(
-            p->device, p->k.voxel_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
-            CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem),
-            CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem),
-            CLN_ARG(p->ray_d.mem), CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem),
-            CLN_ARG(p->chosen_counts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
-            CLN_ARG(slices), CLN_ARG(p->begin.mem), CLN_ARG(p->acts.mem), CLN_ARG(key), CLN_ARG(first)));
+        CLN_TRY(decoder_backward(p, sample_count, slice_count));
+        CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_backward, CLN_STAGE_BACKWARD, slices,
+                           (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
+                           CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
+                           CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
+                           CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem),
+                           CLN_ARG(p->chosen_counts.mem), CLN_LEAF_ARG(p, grads),
+                           CLN_ARG(p->met.mem), CLN_ARG(slices), CLN_ARG(p->begin.mem),
+                           CLN_ARG(p->feature_grads.mem), CLN_ARG(key), CLN_ARG(first)));
         goto done;
     }
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
@@ -322,10 +326,10 @@ static cln_status launch_voxel_update(cln_pipeline *p, double lr, uint32_t step_
 
     CLN_TRY(decoder_update(p, lr));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_update, CLN_STAGE_ADAM,
-                      cln_groups((size_t)p->leaves, CLN_ADAM_EACH), (size_t)p->tune.ls,
-                      CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
-                      CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
-                      CLN_LEAF_ARG(p, adam_v), CLN_ARG(count), CLN_ARG(rate), CLN_ARG(key)));
+                       cln_groups((size_t)p->leaves, CLN_ADAM_EACH), (size_t)p->tune.ls,
+                       CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
+                       CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
+                       CLN_LEAF_ARG(p, adam_v), CLN_ARG(count), CLN_ARG(rate), CLN_ARG(key)));
 done:
     return st;
 }
@@ -356,7 +360,7 @@ cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t s
     cln_status st = CLN_OK;
 
     CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, 0, p->config.roulette, step_key));
-    CLN_TRY(launch_backward(p, slice_count, slice_count, step_key, false, 0, 0));
+    CLN_TRY(launch_backward(p, slice_count, sample_count, slice_count, step_key, false, 0, 0));
 done:
     return st;
 }
@@ -387,7 +391,8 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
     CLN_TRY(count_updates(p, min_samples));
     CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, min_samples, p->config.roulette,
                                step_key));
-    CLN_TRY(launch_backward(p, gradients, slice_count, step_key, true, min_samples, lr));
+    CLN_TRY(
+        launch_backward(p, gradients, sample_count, slice_count, step_key, true, min_samples, lr));
     if (sample_count > (uint32_t)p->tune.sl)
         CLN_TRY(launch_adam(p, min_samples, 2, p->tune.leaf ? (cl_uint)p->tune.sl / 2 : 0, lr));
 done:

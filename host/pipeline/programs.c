@@ -30,6 +30,15 @@ static size_t bytes_per_leaf(const cln_network *net)
     return sizeof(float) * (size_t)(net->params + cln_pipeline_transposed(net));
 }
 
+/* Local memory of a work-group of decoder_backward. */
+static size_t decoder_local(const cln_network *net, const cln_tune *tune)
+{
+    const int in = net->features - 1 + CLN_DECODER_HARMONICS, lanes = tune->ls * tune->vw;
+    const int sums = net->decoder_params * (tune->ls == 1 ? tune->vw : 1);
+
+    return net->decoder ? sizeof(float) * (size_t)((in + net->decoder + 3) * lanes + sums) : 0;
+}
+
 /* Local memory of the largest work-group of scan.cl with 64-bit keys. SG = 1: places and counts of
  * digits, lines of output; else a tile and its ranks. */
 static size_t sort_local(const cln_tune *tune, int line_bits)
@@ -65,6 +74,8 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
     while (tune->ls > 1 && ((size_t)tune->ls > device->max_group || tune->vw * tune->ls > narrow ||
                             net->width % (tune->vw * tune->ls) || view % (tune->vw * tune->ls)))
         tune->ls /= 2;
+    while (tune->vw > 1 && decoder_local(net, tune) > local)
+        tune->vw /= 2;
     while (tune->wg > 1 && (size_t)tune->wg > device->max_group)
         tune->wg /= 2;
     while (tune->nv > 1 && (net->width % (tune->vw * tune->nv * tune->ls) ||

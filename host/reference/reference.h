@@ -135,8 +135,8 @@ typedef struct ref_network {
     double level_bands[10]; /* weight of band k (bands_by_level), else 1 */
     const double *wide;     /* if not NULL, used instead of params, which may be NULL then;
                                not with a grid */
-    const float *decoder; /* voxels': its weights; NULL without one */
-    double *decoder_grad; /* ref_backward adds to it; NULL: not wanted */
+    const float *decoder;   /* voxels': its weights; NULL without one */
+    double *decoder_grad;   /* ref_backward adds to it; NULL: not wanted */
 } ref_network;
 
 /* Encodings. Frequency: x[3] -> out[enc_pad]; zero padding. Grid: linear between the vertices of

@@ -269,9 +269,10 @@ static void check_decoder(const voxel_case *c, cln_pipeline *p, const cln_model 
         stepped++;
     }
     if (!(worst < 1e-6) || !(off < 1e-3) || stepped < n / 2)
-        fail_msg("%s: the decoder's gradient is off by %.2g of the largest, its step by %.2g; %d of "
-                 "%d weights",
-                 c->name, worst, off, stepped, n);
+        fail_msg(
+            "%s: the decoder's gradient is off by %.2g of the largest, its step by %.2g; %d of "
+            "%d weights",
+            c->name, worst, off, stepped, n);
     free(parts);
     free(weights);
     free(got);
