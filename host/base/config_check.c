@@ -48,7 +48,7 @@ int64_t cln_config_epoch_steps(const cln_config *config, double pixels)
 
 int cln_config_deepest(const cln_config *config)
 {
-    int most = config->adaptive ? config->max_level : 0;
+    int most = config->adaptive || config->tree_from[0] ? config->max_level : 0;
     double at[CLN_LEVELS];
 
     if (cln_config_levels(config, at) != CLN_OK)

@@ -75,6 +75,9 @@ typedef struct cln_device {
     uint64_t settled, waits;
 } cln_device;
 
+/* Asked before photos are read: can there be such a device, with such kernels and parameters? */
+cln_status cln_device_check(const cln_device_desc *desc);
+
 /* Picks by desc->spec (cl_nascent.h) and opens. */
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out);
 void cln_device_close(cln_device *device); /* accepts NULL */

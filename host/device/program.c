@@ -3,6 +3,8 @@
  * nothing. / */
 #include "device/program.h"
 
+#include <dirent.h>
+#include <fnmatch.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -164,24 +166,45 @@ done:
     return st;
 }
 
-static bool has_file(const char *folder, const char *name, const char *suffix)
+static bool has_file(const char *folder, const char *name)
 {
     char *path = NULL;
-    const bool has =
-        cln_asprintf(&path, "%s/%s%s", folder, name, suffix) == CLN_OK && cln_is_file(path);
+    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_file(path);
 
     free(path);
     return has;
 }
 
-/* A folder without any of our files, or the asked one, would change nothing, silently. */
-static bool has_kernels(const char *folder, const char *asked)
+/* A folder without any of our files would change nothing, silently. Tests have kernels of their
+ * own, so that another .cl file will do. */
+static bool has_kernels(const char *folder)
 {
-    bool has = has_file(folder, asked, ".cl");
+    bool has = false;
+    DIR *listed = opendir(folder);
+    const struct dirent *entry = NULL;
 
     for (const cln_kernel_source *k = cln_kernel_sources; k->name && !has; k++)
-        has = has_file(folder, k->name, "");
+        has = has_file(folder, k->name);
+    while (listed && !has && (entry = readdir(listed)))
+        has = fnmatch("*.cl", entry->d_name, FNM_PERIOD) == 0;
+    if (listed)
+        closedir(listed);
     return has;
+}
+
+cln_status cln_kernel_dir_check(const char *folder)
+{
+    if (folder && !cln_is_dir(folder))
+        return cln_fail(CLN_INPUT,
+                        "--kernel-dir %s: no such folder; leave the option out to use the kernels "
+                        "in the binary",
+                        folder);
+    if (folder && !has_kernels(folder))
+        return cln_fail(CLN_INPUT,
+                        "--kernel-dir %s: no kernel file is in it (such as rays.cl); give the "
+                        "folder of a copy of kernels/",
+                        folder);
+    return CLN_OK;
 }
 
 static void log_build(cln_device *device, const cln_program *program)
@@ -208,16 +231,6 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
 
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s", name);
-    if (device->kernel_dir && !cln_is_dir(device->kernel_dir))
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "--kernel-dir %s: no such folder; leave the option out to use the "
-                         "kernels in the binary",
-                         device->kernel_dir));
-    if (device->kernel_dir && !has_kernels(device->kernel_dir, name))
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "--kernel-dir %s: no kernel file is in it (such as rays.cl); give the "
-                         "folder of a copy of kernels/",
-                         device->kernel_dir));
     CLN_TRY(append(&s, "")); /* place of the defines */
     CLN_TRY(append_file(device, &s, "device_abi.h"));
     CLN_TRY(append_file(device, &s, "lanes.h"));

@@ -272,6 +272,41 @@ section_training() {
     expect "what it tells to go on with" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
         --steps "$(sed -n 's/.*--steps \(+[0-9]*\)`.*/\1/p' "$work/err")" --json
     check "does" [ "$(json step)" = $((step + 3)) ]
+    sed -i 's/eval-images.*/time-limit 20s/' "$s/cl-nascent.conf"
+    expect "info by the run's pace, with a time for its budget" 0 "" \
+        "$cln" info "$s" --like "$r" --json
+    check "how many steps that is" number_above "$(json training.steps_in_time_limit)" 20
+    expect "and a run that is none is refused" 3 "nowhere" \
+        "$cln" info "$s" --like "$work/nowhere"
+    sed -i 's/time-limit.*//' "$s/cl-nascent.conf"
+    cp -r "$r" "$work/other"
+    mv "$s/train" "$s/away" # photos need not be read for what is wrong without them
+    for step in "--width 32" "--holdout 4" "--format colmap"; do
+        # shellcheck disable=SC2086 # two words
+        expect "what a resumed run cannot change: $step" 8 "${step% *} ~cannot.change" \
+            "$cln" train --resume "$work/other" $step
+    done
+    for step in train eval render export view; do
+        case $step in
+        train) set -- --resume "$work/other" ;;
+        render) set -- "$work/other" --orbit 2 ;;
+        export) set -- "$work/other" --mesh "$work/mesh.ply" ;;
+        *) set -- "$work/other" ;;
+        esac
+        expect "$step: no such folder of kernels" 3 "--kernel-dir $work/nowhere" \
+            "$cln" $step "$@" --kernel-dir "$work/nowhere"
+        expect "$step: no such width of vectors" 2 "VW=3 ~1,.2,.4,.8.or.16" \
+            "$cln" $step "$@" --tune VW=3
+        expect "$step: no such device" 4 "~--device.77" "$cln" $step "$@" --device 77
+    done
+    mv "$s/away" "$s/train"
+    expect "other photos, half as large on black: said" 0 "~divided.by.2.now --background" \
+        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1 --downscale 2 \
+        --background black
+    expect "and only once" 0 "" "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1
+    check "as they stay so" eval '! said "figures of now"'
+    expect "a parameter that this network cannot have" 0 "~NV=8.*is.used" \
+        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1 --tune NV=8
     run timeout --foreground --preserve-status -s INT 0.3 "$cln" train "$s" -o "$work/early"
     check "Ctrl-C before the first step: it ends" [ $rc = 130 ]
     check "says that nothing was written" said "nothing was written"
