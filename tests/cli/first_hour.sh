@@ -311,6 +311,22 @@ section_training() {
     check "Ctrl-C before the first step: it ends" [ $rc = 130 ]
     check "says that nothing was written" said "nothing was written"
     check "nor is there anything" [ ! -e "$work/early" ]
+    rm -rf "$work/other"
+    "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 >"$work/out" 2>"$work/err" &
+    step=$!
+    until [ -s "$work/other/metrics.jsonl" ]; do sleep 0.1; done
+    kill -HUP $step
+    wait $step
+    check "its terminal is closed: it ends" [ $? = 143 ]
+    check "with a checkpoint" [ -s "$work/other/checkpoint/latest" ]
+    rm -rf "$work/other"
+    nohup "$cln" train "$s" -o "$work/other" "${small[@]}" --time-limit 3 >"$work/out" \
+        2>"$work/err" &
+    step=$!
+    until [ -s "$work/other/metrics.jsonl" ]; do sleep 0.1; done
+    kill -HUP $step
+    wait $step
+    check "with nohup it goes on" [ $? = 0 ]
     on_terminal 80 "$cln" train --resume "$r" --skip-selftest --steps +40
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
         grep -aE "^train" | sed "s/\x1b\[K//" |
