@@ -260,7 +260,7 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(check_bbox(config->bbox));
     if (config->encoding == CLN_ENCODING_VOXEL && config->adaptive)
         return cln_fail(CLN_USAGE, "--adaptive and --encoding voxel: voxels grow by whole levels; "
-                                   "give --no-adaptive");
+                                   "give --preset voxel, which does not adapt, or --no-adaptive");
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--space shell and --stage1 splat: splatting needs rays that are one line, "

@@ -441,7 +441,9 @@ static cln_status apply_settings(parser *p)
         CLN_TRY(cln_conf_read(out->operand, overridden, out->settings, &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
-    CLN_TRY(cln_settings_check(out->settings));
+    st = cln_settings_check(out->settings);
+    if (st != CLN_OK && out->conf_said)
+        cln_note("also taking settings %s", out->conf_said);
 done:
     free(overridden);
     return st;

@@ -136,6 +136,8 @@ section_scenes() {
     echo 'rays many' >"$conf"
     expect "a wrong value" 3 "~line.1 rays many" \
         "$cln" train "$s/transforms_train.json" -o "$work/r"
+    echo 'background "#fff"' >"$conf"
+    expect "a wrong text: where it is from" 2 "--background $conf" "$cln" info "$s"
     echo 'output x' >"$conf"
     expect "what is no setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
     printf '\357\273\277background: black\n' >"$conf"
