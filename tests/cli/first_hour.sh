@@ -148,6 +148,14 @@ section_scenes() {
     expect "which is ignored" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
 
+    "$make_scene" "$work/windows" --format colmap --size 32 --train 6 --test 0 >/dev/null
+    sed -i 's/$/\r/; 1s/^/\xef\xbb\xbf/; s/ frame_/ sub\\frame_/' "$work"/windows/sparse/0/*.txt
+    mkdir "$work/windows/images/sub"
+    mv "$work"/windows/images/*.png "$work/windows/images/sub"
+    expect "COLMAP's text from Windows: byte order mark, line ends, separators" 0 "" \
+        "$cln" info "$work/windows" --json
+    check "all photos are there" [ "$(json splits.train)$(json splits.test)" = 51 ]
+
     mkdir -p "$work/odd/empty" "$work/odd/photos" "$work/odd/polycam/keyframes/images" \
         "$work/odd/record3d/EXR_RGBD" "$work/odd/zip" "$work/odd/video" "$work/odd/mesh"
     cp "$s"/train/r_00[012].png "$work/odd/photos"
