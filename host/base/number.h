@@ -14,8 +14,9 @@ void cln_number_write(double value, char out[CLN_NUMBER_BYTES]);
  * hexadecimal, "nan" and "inf", which would surprise in settings. */
 bool cln_number_read(const char *text, double *value, const char **end);
 
-/* Read a whole text: decimal integer; seconds >= 0, s, m or h may follow, or as 1:30 or 1:02:03;
- * bytes >= 0, K, M, G or T (powers of 1024) may follow. *has_unit (may be NULL): a unit followed,
+/* Read a whole text: decimal integer; seconds >= 0, as 90, 90s, 10m or 10min, 2h, 1h30m, 1:30 or
+ * 1:02:03; bytes >= 0, K, M, G or T (powers of 1024) may follow, in small letters and as KiB or KB,
+ * too. *has_unit (may be NULL): a unit followed,
  * or there is a colon. */
 bool cln_integer_read(const char *text, long long *value);
 bool cln_seconds_read(const char *text, double *seconds, bool *has_unit);

@@ -230,6 +230,10 @@ static cln_status parse_long(parser *p, const char *argument)
             put_aside(p, row, "no");
         else
             st = cln_fail_option(command, name, length);
+    } else if (strncmp(name, "no-", 3) == 0 &&
+               (row = cln_row_find(command, name + 3, length - 3)) && row->type == CLN_ROW_BOOL) {
+        st = cln_fail(CLN_USAGE, "--%s: a switch that is off takes no value; write --%.*s alone",
+                      name, (int)length, name);
     } else {
         st = cln_fail_option(command, name, length);
     }

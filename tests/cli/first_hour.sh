@@ -56,6 +56,8 @@ section_words() {
         "$cln" train s -o r --no-json
     expect "a switch off that is none" 2 "--no-steps ~give.it.a.value" \
         "$cln" train s -o r --no-steps
+    expect "an off switch with a value" 2 "--no-adaptive ~takes.no.value" \
+        "$cln" train s -o r --no-adaptive=true
     expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
     expect "a time as a clock shows it, wrong" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
     for c in train render tune; do
