@@ -7,7 +7,7 @@
 #include "api/needs.h"
 #include "base/config.h"
 #include "cl_nascent.h"
-#include "device/program.h"
+#include "device/kernel_dir.h"
 #include "io/disk.h"
 #include "report/scene_page.h"
 #include "scene/inspect.h"

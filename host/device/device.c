@@ -13,7 +13,7 @@
 #include "base/number.h"
 #include "base/text.h"
 #include "device/cl_error.h"
-#include "device/program.h"
+#include "device/kernel_dir.h"
 #include "ranks/ranks.h"
 
 const char *const cln_stage_names[CLN_STAGES] = {

@@ -4,6 +4,7 @@
  * A file calls only files above it in this list:
  *   cl_error    error codes as statuses
  *   tune        tuning parameters: their list, text, rows for devices
+ *   kernel_dir  whether a folder can be that of --kernel-dir
  *   device      finds, describes, opens and closes a device; chooses its parameters
  *   queue       launches kernels, waits, accounts for device time
  *   buffer      owns device memory and moves data

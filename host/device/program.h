@@ -14,8 +14,6 @@ typedef struct cln_program {
  * On CLN_BUILD the whole build log goes to the log at warn level. */
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
                              cln_program *out);
-/* CLN_INPUT if there is no such folder, or no kernel in it; NULL is fine. */
-cln_status cln_kernel_dir_check(const char *folder);
 void cln_program_free(cln_program *program);
 cln_status cln_kernel_create(const cln_program *program, const char *name, cl_kernel *out);
 void cln_kernel_free(cl_kernel *kernel);

@@ -42,8 +42,8 @@ enum { CLN_TUNE_TEXT = 256, CLN_TUNE_FROM = 512 }; /* bytes: a set as text; its 
 void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT]);
 /* Applies "VW=8,TS=6"; CLN_USAGE names the mistake and the values that can be. */
 cln_status cln_tune_parse(const char *text, cln_tune *tune);
-/* Of such a list, what is not so in `used`, which was fitted to a network: "VW=16 (8 is used), ...",
- * or "". */
+/* Of such a list, what is not so in `used`, which was fitted to a network, or "":
+ * "VW=16 (8 is used), ...". */
 void cln_tune_unmet(const char *text, const cln_tune *used, char out[CLN_TUNE_TEXT]);
 
 /* Class default: the column cpu or gpu. Plain: no vectors, no groups, small blocks. */

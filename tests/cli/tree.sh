@@ -112,8 +112,8 @@ section_voxels() {
     check "it has triangles" grep -q "[1-9][0-9]* triangles" "$work/out"
     expect "info" 0 "" "$cln" info "$work/voxels"
     check "its leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
-    expect "--adaptive" 2 "~--preset.voxel.*or.--no-adaptive" "$cln" train "$work/object" -o "$work/no" \
-        --preset voxel --adaptive
+    expect "--adaptive" 2 "~--preset.voxel.*or.--no-adaptive" \
+        "$cln" train "$work/object" -o "$work/no" --preset voxel --adaptive
 }
 
 run_sections "culling resume seams voxels" "$@"
