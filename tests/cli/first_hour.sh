@@ -326,7 +326,7 @@ section_training() {
     rm -rf "$work/other"
     "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 >"$work/out" 2>"$work/err" &
     step=$!
-    until [ -s "$work/other/metrics.jsonl" ]; do sleep 0.1; done
+    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
     kill -HUP $step
     wait $step
     check "its terminal is closed: it ends" [ $? = 143 ]
@@ -335,7 +335,7 @@ section_training() {
     nohup "$cln" train "$s" -o "$work/other" "${small[@]}" --time-limit 3 >"$work/out" \
         2>"$work/err" &
     step=$!
-    until [ -s "$work/other/metrics.jsonl" ]; do sleep 0.1; done
+    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
     kill -HUP $step
     wait $step
     check "with nohup it goes on" [ $? = 0 ]
