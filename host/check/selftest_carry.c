@@ -27,8 +27,7 @@ static sizes sizes_of(const cln_model *m)
     const size_t n1 = (size_t)m->config.n1;
 
     return (sizes){params * sizeof(float), params * cln_first_moment_bytes(&m->config),
-                   params * cln_moment_bytes(&m->config),
-                   leaves * n1 * n1 * n1 * sizeof(uint16_t)};
+                   params * cln_moment_bytes(&m->config), leaves * n1 * n1 * n1 * sizeof(uint16_t)};
 }
 
 cln_status cln_check_carry(cln_checks *c)

@@ -21,8 +21,8 @@ typedef struct cln_model {
     /* Training state; NULL / 0 in a model that only renders. */
     /* [slot][net.params] float or bfloat16, by config.moments; adam_m: or no bytes at all */
     void *adam_m, *adam_v;
-    int32_t *adam_steps;   /* [slot] updates so far */
-    uint16_t *density;     /* [slot][n1^3] cached stage-1 densities, bfloat16 */
+    int32_t *adam_steps; /* [slot] updates so far */
+    uint16_t *density;   /* [slot][n1^3] cached stage-1 densities, bfloat16 */
     int64_t step;
     int64_t refresh_step; /* step of the last stage-1 refresh */
     int64_t growth_step;  /* step of the last growth of the tree */

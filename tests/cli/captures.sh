@@ -498,7 +498,7 @@ section_sparse() {
     env --default-signal=INT "$cln" train "$air" -o "$air stopped" "${net[@]}" --depth-loss 5 \
         -q >/dev/null 2>&1 &
     local child=$!
-    sleep 2
+    while [ ! -s "$air stopped/metrics.jsonl" ] && kill -0 $child 2>/dev/null; do sleep 0.1; done
     kill -INT $child 2>/dev/null
     wait $child
     expect "interrupted and resumed" 0 "" "$cln" train --resume "$air stopped" --skip-selftest
