@@ -327,7 +327,9 @@ section_training() {
     check "it says that nothing was written" said "nothing was written"
     check "nothing was written" [ ! -e "$work/early" ]
     rm -rf "$work/other"
-    "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 >"$work/out" 2>"$work/err" &
+    # the tests may themselves run under nohup
+    env --default-signal=HUP "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 \
+        >"$work/out" 2>"$work/err" &
     step=$!
     while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
     kill -HUP $step
