@@ -7,6 +7,7 @@
 #include "api/needs.h"
 #include "base/config.h"
 #include "cl_nascent.h"
+#include "device/kernel_dir.h"
 #include "io/disk.h"
 #include "report/scene_page.h"
 #include "scene/inspect.h"
@@ -34,6 +35,7 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
 
     *json = NULL;
     CLN_TRY(check_page(desc));
+    CLN_TRY(cln_kernel_dir_check(desc->device.kernel_dir));
     CLN_TRY(cln_scene_load(&wanted, &scene));
     CLN_TRY(cln_scene_describe(scene, &about));
     json_object_del(about, "cameras"); /* "views" says more about them */

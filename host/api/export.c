@@ -165,6 +165,8 @@ static cln_status open_for(const export_row *row, const cln_export_desc *desc, c
     cln_status st = CLN_OK;
     const bool pixels[CLN_SPLITS] = {false};
 
+    if (row->needs & CLN_EXPORT_DEVICE)
+        CLN_TRY(cln_device_check(&desc->device));
     if (row->needs & CLN_EXPORT_SCENE)
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, opened));
     else

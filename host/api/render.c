@@ -333,6 +333,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(cln_crop_from_numbers("--crop", numbers, &j.crop));
     }
     CLN_TRY(cln_run_read(desc->run, &j.run));
+    CLN_TRY(cln_device_check(&desc->device));
     if (cln_frames_need_scene(desc, j.run))
         CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
     else

@@ -17,6 +17,7 @@
 #include "io/progress.h"
 #include "io/run_folder.h"
 #include "model/shell_tree.h"
+#include "model/structure.h"
 #include "pipeline/share.h"
 #include "ranks/ranks.h"
 #include "render/quality.h"
@@ -165,15 +166,48 @@ done:
     return st;
 }
 
-static cln_status load_model(cln_trainer *t, const cln_config *config)
+/* Returns the deepest level that the settings allow a tree. Only splats have tables by level; with
+ * others, a tree of any depth may stop adapting. */
+static int deepest_asked(const cln_config *config)
+{
+    const int grown = cln_structure_level(config, 1);
+    const bool adapts = config->adaptive || config->stage1 == CLN_STAGE1_GATHER;
+
+    return adapts && config->max_level > grown ? config->max_level : grown;
+}
+
+/* Refuses new settings that allow less than the tree has. */
+static cln_status check_depth(const char *run, const cln_config *saved, const cln_config *wanted,
+                              const cln_model *model)
+{
+    const int depth = cln_octree_depth(&model->tree) - model->space.shell;
+    const int asked = deepest_asked(wanted);
+    char by[CLN_TEXT_BYTES + 64];
+
+    if (depth <= asked || asked >= deepest_asked(saved))
+        return CLN_OK;
+    if (wanted->adaptive)
+        snprintf(by, sizeof by, "--max-level %d", wanted->max_level);
+    else
+        snprintf(by, sizeof by, "--level-at '%s' with --no-adaptive", wanted->level_at);
+    return cln_fail(CLN_USAGE,
+                    "%s: its tree has leaves of level %d, and %s allows level %d; %s, or leave it "
+                    "out",
+                    run, depth, by, asked,
+                    wanted->adaptive ? "give at least the tree's level" : "give --stage1 gather");
+}
+
+static cln_status load_model(cln_trainer *t, cln_config *config)
 {
     cln_status st = CLN_OK;
     char limit[32] = "", steps[32] = "";
+    int depth = 0;
 
     if (t->desc->resume) {
         CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
         CLN_TRY(check_shape(&t->model.config, config));
         CLN_TRY(check_same_tree(&t->model.config, config));
+        CLN_TRY(check_depth(t->desc->run, &t->model.config, config, &t->model));
         t->model.config = *config;
         t->scene->space = t->model.space; /* a run from before forward spaces has a cube */
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
@@ -188,6 +222,9 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
         else
             CLN_TRY(create(config, t->scene, &t->model));
+        depth = cln_octree_depth(&t->model.tree) - t->scene->space.shell;
+        if (config->tree_from[0] && config->max_level < depth) /* tables by level are as deep */
+            config->max_level = t->model.config.max_level = depth;
         t->model.space = t->scene->space;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
@@ -195,6 +232,22 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
     }
 done:
     return st;
+}
+
+/* Returns whether the tree has every level that it is to grow to, by the saved settings and by the
+ * present ones. */
+static bool is_grown(const cln_trainer *t, const cln_config *saved)
+{
+    return t->model.level >= cln_structure_level(saved, 1) &&
+           t->model.level >= cln_structure_level(&t->model.config, 1);
+}
+
+/* Returns whether its time to adapt is over, by both. */
+static bool is_frozen(const cln_trainer *t, const cln_config *saved)
+{
+    const double fraction = cln_step_fraction(t);
+
+    return fraction >= saved->structure_until && fraction >= t->model.config.structure_until;
 }
 
 /* Makes the memory plans, and finds the number of rays of the first batch under them. */
@@ -256,6 +309,10 @@ static void say_what_runs(cln_trainer *t)
                  (long long)scene->sight_count, t->model.config.depth_loss);
     cln_tune_text(&t->pipeline.tune, text);
     cln_debug("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
+    if (t->desc->device.tune)
+        cln_tune_unmet(t->desc->device.tune, &t->pipeline.tune, text);
+    if (t->desc->device.tune && *text)
+        cln_warn("--tune: this network and device do not allow %s", text);
     cln_plan_text(&t->plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
     cln_plan_text(&t->host_plan, text, sizeof text);
@@ -381,6 +438,7 @@ static cln_status prepare(cln_trainer *t)
                             .config = &config,
                             .elsewhere = CLN_PROGRAM_BYTES,
                             .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
+    cln_config saved = config; /* of a resumed run: what it had so far */
     bool same = false, empty = false;
 
     if (t->desc->resume) { /* before anything is read that another process could still change */
@@ -391,6 +449,11 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_run_check(t->desc->run, false, &empty));
     }
     CLN_TRY(cln_config_check(&config));
+    if (t->desc->resume) { /* load_model asks the checkpoint, but this is before the photos */
+        CLN_TRY(cln_run_config(t->desc->run, &saved));
+        CLN_TRY(check_shape(&saved, &config));
+        CLN_TRY(check_same_tree(&saved, &config));
+    }
     if (config.encoding == CLN_ENCODING_VOXEL && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "--encoding voxel: several processes cannot train voxels, as these would "
@@ -408,7 +471,7 @@ static cln_status prepare(cln_trainer *t)
                              "%s: not the scene that %s began with, so nothing is trained; leave "
                              "it out, or train a new run on it with -o",
                              scene.path, t->desc->run));
-        CLN_TRY(cln_recorded_frames(t->desc->run, t->scene));
+        CLN_TRY(cln_recorded_photos(t->desc->run, t->scene));
     } else {
         CLN_TRY(cln_scene_load(&scene, &t->scene));
     }
@@ -423,24 +486,28 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
     if (config.tree_from[0] && !t->desc->resume)
         CLN_TRY(check_tree_from(config.tree_from));
+    CLN_TRY(load_model(t, &config));
+    t->steps = config.steps;
     cln_scene_warn_doubts(t->scene);
     cln_settings_warn_idle(
         t->desc->settings,
-        &(cln_settings_facts){.resume = t->desc->resume,
-                              .has_alpha = t->scene->has_alpha,
-                              .forward = t->scene->space.forward,
-                              .shell = t->scene->space.shell,
-                              .ranks = cln_ranks_count(),
-                              .no_sights = t->scene->sight_count == 0,
-                              .no_box = !t->scene->has_box,
-                              .has_splits = t->scene->has_splits,
-                              .few_views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN) <
-                                           config.seen_by});
+        &(cln_settings_facts){
+            .resume = t->desc->resume,
+            .grown = t->desc->resume && is_grown(t, &saved),
+            .frozen = t->desc->resume && is_frozen(t, &saved),
+            .past_crop = t->desc->resume && t->model.step >= config.precrop_steps &&
+                         t->model.step >= saved.precrop_steps,
+            .has_alpha = t->scene->has_alpha,
+            .forward = t->scene->space.forward,
+            .shell = t->scene->space.shell,
+            .ranks = cln_ranks_count(),
+            .no_sights = t->scene->sight_count == 0,
+            .no_box = !t->scene->has_box,
+            .has_splits = t->scene->has_splits,
+            .few_views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN) < config.seen_by});
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
     if (!t->desc->skip_selftest)
         CLN_TRY(check_kernels(t, &config));
-    CLN_TRY(load_model(t, &config));
-    t->steps = config.steps;
     CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
                       "ray results"));

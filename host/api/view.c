@@ -66,6 +66,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     cln_facts facts = {.run = desc->run, .model = &opened.model, .frame = &frame, .start = &first};
 
     CLN_TRY(cln_serve_possible());
+    CLN_TRY(cln_device_check(&desc->device));
     CLN_TRY(cln_listen_open(desc->listen, desc->port, &listener));
     CLN_TRY(open_run(desc, &opened, &frame));
     facts.scene = painter.scene = opened.scene;

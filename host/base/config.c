@@ -149,8 +149,6 @@ static const setting voxel[] = {
     {"beta1", "0"},
     {"density-lr", "4"},
     {"harmonics-lr", "0.2"},
-    {"decoder-width", "32"},
-    {"decoder-lr", "0.1"},
     {"smooth-density", "4e-9"},
     {"smooth-colour", "4e-9"},
 };

@@ -48,7 +48,7 @@ int64_t cln_config_epoch_steps(const cln_config *config, double pixels)
 
 int cln_config_deepest(const cln_config *config)
 {
-    int most = config->adaptive ? config->max_level : 0;
+    int most = config->adaptive || config->tree_from[0] ? config->max_level : 0;
     double at[CLN_LEVELS];
 
     if (cln_config_levels(config, at) != CLN_OK)
@@ -260,7 +260,7 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(check_bbox(config->bbox));
     if (config->encoding == CLN_ENCODING_VOXEL && config->adaptive)
         return cln_fail(CLN_USAGE, "--adaptive and --encoding voxel: voxels grow by whole levels; "
-                                   "give --no-adaptive");
+                                   "give --preset voxel, which does not adapt, or --no-adaptive");
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--space shell and --stage1 splat: splatting needs straight rays, and in "

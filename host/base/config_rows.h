@@ -308,7 +308,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO,                                       \
          "auto|transforms|colmap|llff|neus|nsvf|opensfm",                                          \
          "what the scene is read as; auto: the first of the others that is there",                 \
-         .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     INT(downscale, "downscale", 0, 0, 0, 64,                                                       \
         "divide the image size by N with an area filter (0 or auto: longest side <= 1600)",        \
         .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                     \
@@ -323,7 +323,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     TEXT(background, "background", "white", "white",                                               \
          "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)               \
     INT(holdout, "holdout", 8, 8, 0, 1000000,                                                      \
-        "every Nth image is test where no split is named (0 = none)", .flags = CLN_ROW_SCENE)      \
+        "every Nth image is test where no split is named (0 = none)",                              \
+        .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                    \
     ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
          "frames whose image is not there: leave them out while they are fewer than a tenth, "     \
          "leave them out however many (also those whose image cannot be read), or refuse the "     \

@@ -1,12 +1,14 @@
 /* Numbers as text, independent of the locale. See number.h. */
 #include "base/number.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <locale.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 void cln_number_write(double value, char out[CLN_NUMBER_BYTES])
 {
@@ -51,25 +53,6 @@ bool cln_integer_read(const char *text, long long *value)
     return errno == 0 && *end == 0 && end != text;
 }
 
-/* A number with at most one unit letter out of `letters`, worth factors[i]. */
-static bool read_with_unit(const char *text, const char *letters, const double *factors,
-                           double *value, bool *has_unit)
-{
-    const char *end = NULL, *letter = NULL;
-
-    if (!cln_number_read(text, value, &end))
-        return false;
-    if (has_unit)
-        *has_unit = *end != 0;
-    if (*end == 0)
-        return *value >= 0;
-    letter = strchr(letters, *end);
-    if (!letter || end[1])
-        return false;
-    *value *= factors[letter - letters];
-    return *value >= 0 && isfinite(*value);
-}
-
 /* "1:30" (minutes, seconds) or "1:02:03"; two digits below 60 after each colon. */
 static bool read_clock(const char *text, double *seconds)
 {
@@ -90,23 +73,60 @@ static bool read_clock(const char *text, double *seconds)
     return parts > 1;
 }
 
+/* Reads "90", or spans with their units: "90s", "1h30m". */
+static bool read_spans(const char *text, double *seconds)
+{
+    static const struct {
+        const char *unit;
+        double seconds;
+    } units[] = {{"min", 60}, {"s", 1}, {"m", 60}, {"h", 3600}};
+    const char *end = NULL;
+    double span = 0;
+
+    *seconds = 0;
+    if (cln_number_read(text, &span, &end) && *end == 0)
+        *seconds = span;
+    else
+        do {
+            int unit = 0;
+
+            if (!cln_number_read(text, &span, &end) || span < 0)
+                return false;
+            while (unit < 4 && strncmp(end, units[unit].unit, strlen(units[unit].unit)) != 0)
+                unit++;
+            if (unit == 4)
+                return false;
+            *seconds += span * units[unit].seconds;
+            text = end + strlen(units[unit].unit);
+        } while (*text);
+    return *seconds >= 0 && isfinite(*seconds);
+}
+
 bool cln_seconds_read(const char *text, double *seconds, bool *has_unit)
 {
-    static const double factors[] = {1, 60, 3600};
+    const bool clock = read_clock(text, seconds);
 
-    if (read_clock(text, seconds)) {
-        if (has_unit)
-            *has_unit = true;
-        return true;
-    }
-    return read_with_unit(text, "smh", factors, seconds, has_unit);
+    if (has_unit)
+        *has_unit = text[strspn(text, "+-.0123456789eE")] != 0;
+    return clock || read_spans(text, seconds);
 }
 
 bool cln_bytes_read(const char *text, double *bytes)
 {
-    static const double factors[] = {0x1p10, 0x1p20, 0x1p30, 0x1p40};
+    static const char letters[] = "KMGT";
+    const char *end = NULL, *letter = NULL;
 
-    return read_with_unit(text, "KMGT", factors, bytes, NULL);
+    if (!cln_number_read(text, bytes, &end))
+        return false;
+    letter = *end ? strchr(letters, toupper((unsigned char)*end)) : NULL;
+    if (letter)
+        *bytes = ldexp(*bytes, 10 * (int)(letter - letters + 1));
+    end += letter != NULL;
+    if (letter && strncasecmp(end, "iB", 2) == 0)
+        end += 2;
+    else if (letter && strncasecmp(end, "B", 1) == 0)
+        end++;
+    return *end == 0 && *bytes >= 0 && isfinite(*bytes);
 }
 
 bool cln_reals_read(const char *text, int count, double *out)

@@ -14,9 +14,9 @@ void cln_number_write(double value, char out[CLN_NUMBER_BYTES]);
  * hexadecimal, "nan" and "inf", which would surprise in settings. */
 bool cln_number_read(const char *text, double *value, const char **end);
 
-/* Read a whole text: a decimal integer; seconds >= 0, as a number with an optional unit s, m or h,
- * or as 1:30 or 1:02:03; bytes >= 0, with an optional unit K, M, G or T (powers of 1024).
- * *has_unit (may be NULL): whether there is a unit or a colon. */
+/* Read a whole text: a decimal integer; seconds >= 0, as 90, 90s, 10m or 10min, 2h, 1h30m, 1:30 or
+ * 1:02:03; bytes >= 0, with an optional unit K, M, G or T (powers of 1024), also in small letters
+ * and as KiB or KB. *has_unit (may be NULL): whether there is a unit or a colon. */
 bool cln_integer_read(const char *text, long long *value);
 bool cln_seconds_read(const char *text, double *seconds, bool *has_unit);
 bool cln_bytes_read(const char *text, double *bytes);

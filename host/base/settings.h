@@ -21,6 +21,9 @@ bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)
 /* Facts about a training besides its settings. */
 typedef struct cln_settings_facts {
     bool resume;     /* it resumes a run */
+    bool grown;      /* its tree has grown to the last level of --level-at, new and old */
+    bool frozen;     /* its tree no longer adapts, by both --structure-until */
+    bool past_crop;  /* its steps are beyond both --precrop-steps */
     bool has_alpha;  /* its images have alpha */
     bool forward;    /* its space is normalised device coordinates */
     bool shell;      /* its space is a cube and a shell */

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 38 };
+enum { IDLE_ROWS = 41 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -25,10 +25,15 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
     const idle rows[] = {
         {"start-level init", facts->resume,
          "a resumed run has its tree and weights; start a new run for another"},
+        {"level-at seen-by slab", facts->grown && !tree,
+         "the resumed run's tree has grown to its last level; give a deeper --level-at"},
+        {"precrop-steps", facts->past_crop, "the resumed run is past these steps; leave it out"},
         {"start-level level-at adaptive regrow", tree,
          "--tree-from keeps that run's tree; leave one out"},
         {ADAPTIVE, tree, "--tree-from keeps that run's tree; leave one out"},
         {ADAPTIVE, !c->adaptive, "the tree does not adapt; give --adaptive"},
+        {ADAPTIVE, facts->frozen,
+         "the resumed run's tree is past --structure-until; give a later one, or more --steps"},
         {"regrow", c->regrow > 0 && facts->forward,
          "nothing grows back in normalised device coordinates; give --space cube"},
         {"skip", c->skip && c->depth < 6,

@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <unistd.h>
 #include "base/log.h"
 #include "base/text.h"
@@ -17,11 +16,9 @@ enum { COLUMNS_LEAST = 40, COLUMNS = 96 };
 /* Columns of the terminal, so that it breaks no word; COLUMNS without a terminal. */
 static int columns(void)
 {
-    struct winsize size = {0};
+    const int has = cln_terminal_columns(STDOUT_FILENO, COLUMNS);
 
-    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col < 1 || size.ws_col > COLUMNS)
-        return COLUMNS;
-    return size.ws_col > COLUMNS_LEAST ? size.ws_col : COLUMNS_LEAST;
+    return has > COLUMNS ? COLUMNS : has > COLUMNS_LEAST ? has : COLUMNS_LEAST;
 }
 
 /* Prints a text in lines of at most columns(), all but the first indented. */

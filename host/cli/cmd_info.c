@@ -244,14 +244,14 @@ done:
 static cln_status add_time(const cln_options *options, const json_t *scene, json_t *training)
 {
     cln_status st = CLN_OK;
-    const double steps = json_number_value(json_object_get(training, "steps"));
+    double steps = json_number_value(json_object_get(training, "steps"));
     const double limit = json_number_value(json_object_get(training, "time_limit"));
     const char *device = json_string_value(json_object_get(training, "device")), *its = NULL;
     char *text = NULL, *from = NULL, differences[256] = "";
     json_t *run = NULL;
     double pace = 0;
 
-    if (limit > 0 && !(steps > 0)) {
+    if (limit > 0 && !(steps > 0) && !options->like) {
         json_object_set_new(training, "training_seconds", json_real(limit));
         json_object_set_new(training, "training_seconds_from", json_string("--time-limit"));
         goto done;
@@ -272,6 +272,10 @@ static cln_status add_time(const cln_options *options, const json_t *scene, json
                          options->like));
     pace = number_at(run, "result", "seconds") / number_at(run, "result", "step");
     its = json_string_value(json_object_get(json_object_get(run, "device"), "name"));
+    if (!(steps > 0)) {
+        steps = floor(limit / pace);
+        json_object_set_new(training, "steps_in_time_limit", json_integer((json_int_t)steps));
+    }
     CLN_TRY(name_differences(options->like, options->settings, differences, sizeof differences));
     if (its && device && strcmp(its, device) == 0)
         its = NULL;

@@ -12,11 +12,13 @@
 #include "device/device.h"
 #include "ranks/ranks.h"
 
-static const int stop_signals[] = {SIGINT, SIGTERM};
+/* A terminal that is closed sends SIGHUP, which is obeyed as SIGTERM; nohup has it ignored. */
+static const int stop_signals[] = {SIGINT, SIGTERM, SIGHUP};
 
 /* Written by handlers, read by the poll. */
 static volatile sig_atomic_t stop_signal;
 static volatile sig_atomic_t checkpoint_wanted;
+static bool hangup_ignored; /* when the command began */
 
 static void on_stop(int number)
 {
@@ -38,7 +40,7 @@ static void handle(int number, void (*handler)(int))
 {
     struct sigaction action = {0};
 
-    action.sa_handler = handler;
+    action.sa_handler = number == SIGHUP && hangup_ignored ? SIG_IGN : handler;
     action.sa_flags = SA_RESTART;
     sigemptyset(&action.sa_mask);
     sigaction(number, &action, NULL);
@@ -61,9 +63,11 @@ static int poll_signals(void *user)
     if (stop_signal) {
         if (!console->announced)
             cln_info("%s: stopping; a second signal stops at once",
-                     stop_signal == SIGINT ? "interrupted" : "terminated");
+                     stop_signal == SIGINT   ? "interrupted"
+                     : stop_signal == SIGHUP ? "hung up"
+                                             : "terminated");
         console->announced = true;
-        return stop_signal;
+        return stop_signal == SIGHUP ? SIGTERM : stop_signal;
     }
     if (checkpoint_wanted) {
         checkpoint_wanted = 0;
@@ -143,6 +147,7 @@ static void show_work(const char *what, int done, int total, void *user)
 cln_status cln_console_open(const cln_options *options, cln_console *console)
 {
     cln_status st = CLN_OK;
+    struct sigaction before = {0};
 
     *console = (cln_console){0};
     CLN_TRY(cln_progress_open(options->progress, &console->progress));
@@ -152,6 +157,7 @@ cln_status cln_console_open(const cln_options *options, cln_console *console)
         console->callbacks = (cln_callbacks){.interrupted = poll_signals, .user = console};
     stop_signal = 0;
     checkpoint_wanted = 0;
+    hangup_ignored = sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler == SIG_IGN;
     handle_all(on_stop, on_checkpoint);
 done:
     return st;

@@ -230,6 +230,10 @@ static cln_status parse_long(parser *p, const char *argument)
             put_aside(p, row, "no");
         else
             st = cln_fail_option(command, name, length);
+    } else if (strncmp(name, "no-", 3) == 0 &&
+               (row = cln_row_find(command, name + 3, length - 3)) && row->type == CLN_ROW_BOOL) {
+        st = cln_fail(CLN_USAGE, "--%s: a switch that is off takes no value; write --%.*s alone",
+                      name, (int)length, name);
     } else {
         st = cln_fail_option(command, name, length);
     }
@@ -440,7 +444,9 @@ static cln_status apply_settings(parser *p)
         CLN_TRY(cln_conf_read(out->operand, overridden, out->settings, &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
-    CLN_TRY(cln_settings_check(out->settings));
+    st = cln_settings_check(out->settings);
+    if (st != CLN_OK && out->conf_said)
+        cln_note("also taking settings %s", out->conf_said);
 done:
     free(overridden);
     return st;

@@ -13,6 +13,7 @@
 #include "base/number.h"
 #include "base/text.h"
 #include "device/cl_error.h"
+#include "device/kernel_dir.h"
 #include "ranks/ranks.h"
 
 const char *const cln_stage_names[CLN_STAGES] = {
@@ -213,6 +214,23 @@ static cln_status check_usable(const cln_device *device)
                     available ? "it has no OpenCL C compiler" : "it is not available now");
 }
 
+cln_status cln_device_check(const cln_device_desc *desc)
+{
+    cln_status st = CLN_OK;
+    cl_device_id *ids = NULL;
+    cln_tune ignored;
+    int count = 0, index = 0;
+
+    CLN_TRY(cln_kernel_dir_check(desc->kernel_dir));
+    if (desc->tune)
+        CLN_TRY(cln_tune_parse(desc->tune, &ignored));
+    CLN_TRY(cln_device_ids(&ids, &count));
+    CLN_TRY(pick(desc->spec, ids, count, &index));
+done:
+    free(ids);
+    return st;
+}
+
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
 {
     cln_status st = CLN_OK;
@@ -224,6 +242,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     int count = 0, index = 0;
 
     *out = NULL;
+    CLN_TRY(cln_kernel_dir_check(desc->kernel_dir));
     CLN_TRY(cln_device_ids(&ids, &count));
     CLN_TRY(pick(desc->spec, ids, count, &index));
     CLN_TRY(cln_alloc(&device, 1, sizeof *device, "device"));

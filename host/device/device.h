@@ -4,6 +4,7 @@
  * A file calls only files above it in this list:
  *   cl_error    error codes as statuses
  *   tune        tuning parameters: their list, text, rows for devices
+ *   kernel_dir  checks the folder of --kernel-dir
  *   device      finds, describes, opens and closes a device; chooses its parameters
  *   queue       launches kernels, waits, accounts for device time
  *   buffer      owns device memory and moves data
@@ -74,6 +75,9 @@ typedef struct cln_device {
     int pending_count, pending_capacity;
     uint64_t settled, waits;
 } cln_device;
+
+/* Checks before photos are read that there is such a device, with such kernels and parameters. */
+cln_status cln_device_check(const cln_device_desc *desc);
 
 /* Picks by desc->spec (cl_nascent.h) and opens. */
 cln_status cln_device_open(const cln_device_desc *desc, cln_device **out);

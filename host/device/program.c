@@ -164,27 +164,6 @@ done:
     return st;
 }
 
-static bool has_file(const char *folder, const char *name, const char *suffix)
-{
-    char *path = NULL;
-    const bool has =
-        cln_asprintf(&path, "%s/%s%s", folder, name, suffix) == CLN_OK && cln_is_file(path);
-
-    free(path);
-    return has;
-}
-
-/* Returns whether a folder has the file that is asked for, or any other of ours; without one,
- * --kernel-dir would silently change nothing. */
-static bool has_kernels(const char *folder, const char *asked)
-{
-    bool has = has_file(folder, asked, ".cl");
-
-    for (const cln_kernel_source *k = cln_kernel_sources; k->name && !has; k++)
-        has = has_file(folder, k->name, "");
-    return has;
-}
-
 static void log_build(cln_device *device, const cln_program *program)
 {
     size_t bytes = 0;
@@ -209,16 +188,6 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
 
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s", name);
-    if (device->kernel_dir && !cln_is_dir(device->kernel_dir))
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "--kernel-dir %s: no such folder; leave the option out to use the "
-                         "kernels in the binary",
-                         device->kernel_dir));
-    if (device->kernel_dir && !has_kernels(device->kernel_dir, name))
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "--kernel-dir %s: it has no kernel file (such as rays.cl); give a copy of "
-                         "the folder kernels/",
-                         device->kernel_dir));
     CLN_TRY(append(&s, "")); /* place of the defines */
     CLN_TRY(append_file(device, &s, "device_abi.h"));
     CLN_TRY(append_file(device, &s, "lanes.h"));

@@ -38,6 +38,37 @@ void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT])
                          tune_rows[i].name, *tune_field((cln_tune *)tune, i));
 }
 
+/* Returns whether a parameter must be a power of two: widths divide the networks' layers, and scans
+ * halve their groups. */
+static bool is_power(int row)
+{
+    static const size_t powers[] = {offsetof(cln_tune, vw), offsetof(cln_tune, nv),
+                                    offsetof(cln_tune, ls), offsetof(cln_tune, sg)};
+
+    for (size_t i = 0; i < sizeof powers / sizeof *powers; i++)
+        if (tune_rows[row].offset == powers[i])
+            return true;
+    return false;
+}
+
+/* Writes what a parameter takes: "a whole number from 1 to 32", "1, 2, 4, 8 or 16". */
+static void name_values(int row, char out[CLN_TUNE_TEXT])
+{
+    const int most = tune_rows[row].max;
+    int used = 0;
+
+    if (!is_power(row)) {
+        snprintf(out, CLN_TUNE_TEXT, "a whole number from %d to %d", tune_rows[row].min, most);
+        return;
+    }
+    for (int value = tune_rows[row].min; value <= most; value *= 2)
+        used += snprintf(out + used, CLN_TUNE_TEXT - (size_t)used, "%s%d",
+                         value == tune_rows[row].min ? ""
+                         : value == most             ? " or "
+                                                     : ", ",
+                         value);
+}
+
 /* where: start of the error sentence, "--tune" or file and line. */
 static cln_status parse_list(cln_status bad, const char *where, const char *text, cln_tune *tune)
 {
@@ -65,10 +96,11 @@ static cln_status parse_list(cln_status bad, const char *where, const char *text
         }
         value = strtol(text + length + 1, &end, 10);
         if (end == text + length + 1 || (*end && *end != ',') || value < tune_rows[row].min ||
-            value > tune_rows[row].max)
-            return cln_fail(bad, "%s: '%.*s': %s takes a whole number from %d to %d", where,
-                            (int)strcspn(text, ","), text, tune_rows[row].name, tune_rows[row].min,
-                            tune_rows[row].max);
+            value > tune_rows[row].max || (is_power(row) && (value & (value - 1)))) {
+            name_values(row, names);
+            return cln_fail(bad, "%s: '%.*s': %s takes %s", where, (int)strcspn(text, ","), text,
+                            tune_rows[row].name, names);
+        }
         *tune_field(tune, row) = (int)value;
         text = *end ? end + 1 : end;
     }
@@ -78,6 +110,23 @@ static cln_status parse_list(cln_status bad, const char *where, const char *text
 cln_status cln_tune_parse(const char *text, cln_tune *tune)
 {
     return parse_list(CLN_USAGE, "--tune", text, tune);
+}
+
+void cln_tune_unmet(const char *text, const cln_tune *used, char out[CLN_TUNE_TEXT])
+{
+    cln_tune given;
+    int length = 0;
+
+    out[0] = 0;
+    memset(&given, -1, sizeof given); /* no parameter has such a value */
+    CLN_ASSERT(parse_list(CLN_INTERNAL, "--tune", text, &given) == CLN_OK);
+    for (int i = 0; i < TUNE_ROWS && length < CLN_TUNE_TEXT; i++) {
+        const int asked = *tune_field(&given, i), its = *tune_field((cln_tune *)used, i);
+
+        if (asked >= 0 && asked != its)
+            length += snprintf(out + length, CLN_TUNE_TEXT - (size_t)length, "%s%s=%d (%d is used)",
+                               length ? ", " : "", tune_rows[i].name, asked, its);
+    }
 }
 
 void cln_tune_class_default(cl_device_id id, bool cpu, cln_tune *out)

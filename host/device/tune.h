@@ -40,8 +40,11 @@ enum { CLN_TUNE_TEXT = 256, CLN_TUNE_FROM = 512 }; /* bytes: a set as text; its 
 
 /* Writes all parameters as "VW=8,NV=2,...". */
 void cln_tune_text(const cln_tune *tune, char out[CLN_TUNE_TEXT]);
-/* Applies "VW=8,TS=6"; CLN_USAGE names the mistake and the range. */
+/* Applies "VW=8,TS=6"; CLN_USAGE names the mistake and the values allowed. */
 cln_status cln_tune_parse(const char *text, cln_tune *tune);
+/* Writes which values of such a list `used`, which was fitted to a network, does not have:
+ * "VW=16 (8 is used), ...", or "". */
+void cln_tune_unmet(const char *text, const cln_tune *used, char out[CLN_TUNE_TEXT]);
 
 /* Class default: the column cpu or gpu. Plain: no vectors, no groups, small blocks. */
 void cln_tune_class_default(cl_device_id id, bool cpu, cln_tune *out);

@@ -20,7 +20,8 @@ static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box 
     CLN_TRY(cln_alloc(out, (size_t)tree->leaf_count, sizeof **out, "boxes of the leaves"));
     if (!cln_palette_range(model->error ? tree->leaf_count : 0, model->error, &low, &high) &&
         by_error && tree->leaf_count > 0)
-        cln_warn("no leaf has a measured error yet: all boxes are grey");
+        cln_warn("no leaf has a measured error: all boxes are grey; errors are measured while a "
+                 "tree adapts (--adaptive)");
     for (int s = 0; s < tree->leaf_count; s++) {
         cln_ply_box *box = &(*out)[s];
         const int node = tree->leaf[s], level = tree->level[node];

@@ -62,7 +62,9 @@ char *cln_cursor_line(cln_cursor *cursor)
 
     if (cursor->at >= cursor->size)
         return NULL;
-    end = memchr(start, '\n', cursor->size - cursor->at);
+    if (cursor->at == 0 && strncmp(start, "\xEF\xBB\xBF", 3) == 0)
+        start += 3;
+    end = memchr(start, '\n', cursor->size - (size_t)(start - cursor->data));
     if (!end)
         end = cursor->data + cursor->size;
     cursor->at = (size_t)(end - cursor->data) + 1;

@@ -24,8 +24,8 @@ cln_status cln_cursor_count(cln_cursor *cursor, const char *what, size_t least, 
 /* The next zero-terminated text, in the file's memory. CLN_INPUT if there is none. */
 cln_status cln_cursor_text(cln_cursor *cursor, const char *what, const char **text);
 
-/* The next line without its end ("\n" or "\r\n"), in the file's memory, which it changes; NULL
- * after the last. */
+/* The next line without its end ("\n" or "\r\n") and, of the first, without the byte order mark of
+ * Windows editors, in the file's memory, which it changes; NULL after the last. */
 char *cln_cursor_line(cln_cursor *cursor);
 
 /* The next field of a line, after blanks; moves *at past it. False at the line's end, and if it is

@@ -37,14 +37,11 @@ static double monotonic_seconds(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* One less than the terminal has: a line of full width wraps, and "\r" cannot take it back. */
-static int terminal_columns(void)
+int cln_terminal_columns(int stream, int otherwise)
 {
     struct winsize size = {0};
 
-    if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1)
-        return size.ws_col - 1;
-    return 79;
+    return ioctl(stream, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col : otherwise;
 }
 
 /* How many bytes of a text fit: whole fields (" | " separates them), as half a number is another
@@ -64,7 +61,9 @@ static int shown_bytes(const char *text, int columns)
 static void write_out(cln_progress *progress)
 {
     if (progress->mode == MODE_BAR)
-        fprintf(stderr, "\r%.*s\033[K", shown_bytes(progress->text, terminal_columns()),
+        fprintf(stderr, "\r%.*s\033[K",
+                /* a line of full width wraps, and "\r" cannot take it back */
+                shown_bytes(progress->text, cln_terminal_columns(STDERR_FILENO, 80) - 1),
                 progress->text);
     else
         fprintf(stderr, "%s\n", progress->text);

@@ -23,6 +23,9 @@ void cln_progress_show(cln_progress *progress, double fraction, const char *text
 /* Shows the last text, ends the line and gives the log back to stderr; accepts NULL. */
 void cln_progress_close(cln_progress *progress);
 
+/* Columns of the terminal behind a stream (a file number); `otherwise` if there is none. */
+int cln_terminal_columns(int stream, int otherwise);
+
 /* "08:12", "1:02:03"; "--:--" if not finite. */
 void cln_format_duration(double seconds, char out[32]);
 /* "612 MiB", "1.2 GiB". */

@@ -17,13 +17,14 @@ typedef struct cln_pipeline cln_pipeline;
     X(MEASURES, "measures", "--batch-samples, or give --no-adaptive", NULL) \
     X(DENSITIES, "stage-1 densities", CLN_LOWER_CELLS, CLN_LOWER_CELLS)     \
     X(CHANGES, "changes of the tree", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)   \
-    X(TREE, "tree and cameras", "--max-leaves", "--max-leaves")             \
+    X(TREE, "tree and cameras", CLN_LOWER_TREE, CLN_LOWER_TREE)             \
     X(SAMPLES, "samples", CLN_LOWER_SAMPLES, CLN_LOWER_SAMPLES)             \
     X(RAYS, "rays", "--max-alloc, --max-level or --rays", "--max-alloc")    \
     X(LISTS, "lists of views", CLN_LOWER_VIEWS, CLN_LOWER_VIEWS)            \
     X(PROJECTED, "projected samples", CLN_LOWER_PROJECTED, CLN_LOWER_PROJECTED)
 #define CLN_LOWER_LEAVES    "--start-level, --max-leaves, --width or --depth"
 #define CLN_LOWER_BATCH     "--batch-samples, --width or --depth"
+#define CLN_LOWER_TREE      "--max-leaves"
 #define CLN_LOWER_CELLS     "--n1, --start-level or --max-leaves"
 #define CLN_LOWER_SAMPLES   "--batch-samples or --samples-per-leaf"
 #define CLN_LOWER_VIEWS     "--views-per-batch or the size with --downscale, or use --stage1 gather"

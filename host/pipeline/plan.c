@@ -22,6 +22,24 @@ static void row(cln_plan *plan, const char *purpose, const char *way_out)
     plan->rows[plan->count++].way_out = way_out;
 }
 
+/* Returns what to lower. Voxels have no layers and grow by --level-at alone. */
+static const char *lower(const cln_plan_desc *d, const char *way_out)
+{
+    static const char *const voxels[][2] = {
+        {CLN_LOWER_LEAVES, "--level-at, --start-level, --grid-cells or --harmonics"},
+        {CLN_LOWER_BATCH, "--batch-samples"},
+        {CLN_LOWER_CELLS, "--n1, --level-at or --start-level"},
+        {CLN_LOWER_TREE, "--level-at or --start-level"},
+    };
+
+    if (!way_out || d->pipeline->config.encoding != CLN_ENCODING_VOXEL)
+        return way_out;
+    for (size_t i = 0; i < sizeof voxels / sizeof *voxels; i++)
+        if (strcmp(way_out, voxels[i][0]) == 0)
+            return voxels[i][1];
+    return way_out;
+}
+
 /* Adds a buffer to the newest row. */
 static void add(cln_plan *plan, double bytes)
 {
@@ -301,7 +319,7 @@ static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
             if ((int)buffer->purpose != purpose || !is_there(d, s, buffer->when))
                 continue;
             if (!begun)
-                row(out, purposes[purpose].name, purposes[purpose].ways_out[d->training]);
+                row(out, purposes[purpose].name, lower(d, purposes[purpose].ways_out[d->training]));
             begun = true;
             if (buffer->per == CLN_PER_LEAF_P)
                 add_parts(out, rows, s->part_leaves, bytes);
@@ -337,12 +355,12 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     add(out, CLN_PROGRAM_BYTES);
     row(out, "images", "the size with --downscale, or the number of views");
     add(out, cln_scene_pixel_bytes(d->scene));
-    row(out, "model", CLN_LOWER_LEAVES);
+    row(out, "model", lower(d, CLN_LOWER_LEAVES));
     add(out, params);
     if (d->training) {
         add(out, s->leaves * (BYTES(d, adam_m) + BYTES(d, adam_v)));
         add(out, densities);
-        row(out, "changes of the tree", CLN_LOWER_LEAVES);
+        row(out, "changes of the tree", lower(d, CLN_LOWER_LEAVES));
         add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded together */
         if (s->distil) /* up to every eighth leaf comes from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);

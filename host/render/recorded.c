@@ -1,6 +1,7 @@
 /* What run.json records of a run, read back. See recorded.h. */
 #include "render/recorded.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -189,20 +190,33 @@ done:
     return st;
 }
 
-cln_status cln_recorded_frames(const char *run, const cln_scene *scene)
+cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
-    const json_t *saved = NULL;
+    const json_t *dataset = NULL, *saved = NULL, *before = NULL;
+    bool other = false;
 
     CLN_TRY(cln_run_read(run, &document));
-    saved = json_object_get(json_object_get(document, "dataset"), "missing");
+    dataset = json_object_get(document, "dataset");
+    saved = json_object_get(dataset, "missing");
     if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)
         CLN_TRY(
             cln_fail(CLN_INPUT,
                      "%s: %d images are left out now, %d were when %s began; a resumed run must "
                      "see the same ones: restore them, or start a new run",
                      scene->folder, scene->missing, (int)json_integer_value(saved), run));
+    saved = json_object_get(dataset, "downscale");
+    if (json_is_integer(saved) && json_integer_value(saved) != scene->downscale)
+        cln_warn("--downscale: photos are divided by %d now, by %d before; figures of quality do "
+                 "not compare with earlier ones, as test photos change in size, too",
+                 scene->downscale, (int)json_integer_value(saved));
+    before = json_object_get(dataset, "background");
+    for (size_t i = 0; i < 3 && json_array_size(before) == 3; i++)
+        other |= fabs(json_number_value(json_array_get(before, i)) - scene->background[i]) > 1e-6;
+    if (other)
+        cln_warn("--background: it differs from before, also behind test photos with alpha; "
+                 "figures of quality do not compare with earlier ones");
 done:
     json_decref(document);
     return st;

@@ -24,8 +24,9 @@ cln_status cln_recorded_tune(const char *run, cln_device *device);
 cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_scene **scene,
                              bool *same);
 
-/* CLN_INPUT if other frames are left out for missing images than when the run began. */
-cln_status cln_recorded_frames(const char *run, const cln_scene *scene);
+/* Checks the photos of a resumed run: CLN_INPUT if other frames are left out for missing images
+ * than when it began; a warning if their size or background differs from before. */
+cln_status cln_recorded_photos(const char *run, const cln_scene *scene);
 
 /* The members of run.json's dataset that say where a scene is, for cln_recorded_load. */
 cln_status cln_recorded_place(const char *run, const cln_scene *scene, json_t *dataset);

@@ -344,7 +344,10 @@ static void test_bad_texts(void **state)
     assert_refused("time-limit", "-5", "--time-limit|'-5'|0 to");
     assert_refused("time-limit", "10mm", "--time-limit");
     assert_refused("device-mem", "512X", "--device-mem|'512X'|512M, 4G");
-    assert_refused("device-mem", "4GB", "--device-mem");
+    assert_refused("time-limit", "1h30", "--time-limit");
+    assert_refused("time-limit", "1h-5m", "--time-limit");
+    assert_refused("device-mem", "4GX", "--device-mem");
+    assert_refused("device-mem", "4B", "--device-mem");
 }
 
 static void test_words_and_flags(void **state)
@@ -392,6 +395,11 @@ static void test_words_and_flags(void **state)
 
 static void test_units(void **state)
 {
+    static const struct {
+        const char *text;
+        double value;
+    } times[] = {{"1h30m", 5400}, {"1h0.5m2s", 3632}, {"10min", 600}, {"2min5s", 125}},
+      sizes[] = {{"2GB", 0x1p31}, {"2GiB", 0x1p31}, {"2g", 0x1p31}, {"1.5kb", 1536}};
     cln_config config = preset("fast");
     double value = 0, three[3] = {7, 7, 7};
 
@@ -427,9 +435,19 @@ static void test_units(void **state)
     assert_true(value == 120);
     assert_int_equal(cln_parse_bytes("2K", &value), CLN_OK);
     assert_true(value == 2048);
+    for (size_t i = 0; i < sizeof times / sizeof times[0]; i++) {
+        assert_int_equal(cln_parse_seconds(times[i].text, &value), CLN_OK);
+        assert_true(value == times[i].value);
+    }
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+        assert_int_equal(cln_parse_bytes(sizes[i].text, &value), CLN_OK);
+        assert_true(value == sizes[i].value);
+    }
+    value = 2048;
     assert_failed(cln_parse_seconds("2d", &value), CLN_USAGE, "'2d'|10m");
     assert_failed(cln_parse_seconds("-2m", &value), CLN_USAGE, "'-2m'|0 or more");
     assert_failed(cln_parse_bytes("M", &value), CLN_USAGE, "'M'|512M");
+    assert_failed(cln_parse_bytes("2048iB", &value), CLN_USAGE, "'2048iB'|512M");
     assert_true(value == 2048);
     assert_int_equal(cln_parse_reals("1,-2.5,3e2", 3, three), CLN_OK);
     assert_true(three[0] == 1 && three[1] == -2.5 && three[2] == 300);

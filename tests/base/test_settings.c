@@ -265,6 +265,18 @@ static void test_idle(void **state)
         "--holdout has no effect: the dataset names the splits"));
     assert_string_equal(warnings_with("fast", "holdout=4", &(cln_settings_facts){.ranks = 1}), "");
     assert_non_null(strstr(warnings("fast", "start-level=1", true, true), "--start-level has no"));
+    assert_non_null(strstr(
+        warnings_with("fast", "level-at=4:0.1", &(cln_settings_facts){.ranks = 1, .grown = true}),
+        "--level-at has no effect: the resumed run's tree has grown"));
+    assert_non_null(strstr(
+        warnings_with("fast", "max-leaves=9", &(cln_settings_facts){.ranks = 1, .frozen = true}),
+        "--max-leaves has no effect: the resumed run's tree is past"));
+    assert_non_null(strstr(warnings_with("fast", "precrop-steps=9",
+                                         &(cln_settings_facts){.ranks = 1, .past_crop = true}),
+                           "--precrop-steps has no effect: the resumed run is past"));
+    assert_string_equal(warnings_with("fast", "level-at=4:0.1 max-leaves=9 precrop-steps=9",
+                                      &(cln_settings_facts){.ranks = 1}),
+                        "");
     assert_string_equal(warnings("fast", "start-level=1", false, true), "");
     assert_non_null(strstr(warnings_with("fast", "regrow=0.5",
                                          &(cln_settings_facts){.has_alpha = true, .forward = true}),

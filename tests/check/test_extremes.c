@@ -105,7 +105,7 @@ static const struct {
     {"forward space", "space.h", "fmax(p.z, 1.0f)", "fmax(p.z, 0.9f)",
      "forward space: where rays begin"},
     {"networks", "roulette.cl", "o * (1.0f - o)", "o", "networks: gradients of weights"},
-    {"voxels", "voxel.cl", "1.7320508f * d.y", "1.7330508f * d.y", "voxels: colour"},
+    {"voxels", "harmonics.h", "1.7320508f * d.y", "1.7330508f * d.y", "voxels: colour"},
     {"voxels", "voxel.cl", "h + 1] * d[a]", "h + 1] * d[a] * 1.001f",
      "voxels: gradients of weights"},
     {"voxels", "roulette.cl", "g.w * sigma[l]", "g.w * sigma[l] * 1.001f",

@@ -267,7 +267,7 @@ section_disk() {
     cp -r "$work/run" "$work/full"
     mkdir -p "$work/full/checkpoint/00000024.safetensors/in the way"
     expect "the last checkpoint cannot be written: what is kept, and the way on" 7 \
-        "~checkpoint.of.step.20.is.whole ~train.--resume" \
+        "~checkpoint.of.step.20.is.intact ~train.--resume" \
         "$cln" train --resume "$work/full" --skip-selftest --progress none --steps 24
     check "it is the model of before" [ "$("$cln" info "$work/full" --json | "$query" step)" = 20 ]
     rm -r "$work/full/checkpoint/00000024.safetensors"
@@ -498,7 +498,7 @@ section_sparse() {
     env --default-signal=INT "$cln" train "$air" -o "$air stopped" "${net[@]}" --depth-loss 5 \
         -q >/dev/null 2>&1 &
     local child=$!
-    sleep 2
+    while [ ! -s "$air stopped/metrics.jsonl" ] && kill -0 $child 2>/dev/null; do sleep 0.1; done
     kill -INT $child 2>/dev/null
     wait $child
     expect "interrupted and resumed" 0 "" "$cln" train --resume "$air stopped" --skip-selftest

@@ -57,6 +57,8 @@ section_words() {
         "$cln" train s -o r --no-json
     expect "--no- of an option with a value" 2 "--no-steps ~give.it.a.value" \
         "$cln" train s -o r --no-steps
+    expect "an off switch with a value" 2 "--no-adaptive ~takes.no.value" \
+        "$cln" train s -o r --no-adaptive=true
     expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
     expect "a wrong time in clock form" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
     for c in train render tune; do
@@ -137,6 +139,8 @@ section_scenes() {
     echo 'rays many' >"$conf"
     expect "a wrong value" 3 "~line.1 rays many" \
         "$cln" train "$s/transforms_train.json" -o "$work/r"
+    echo 'background "#fff"' >"$conf"
+    expect "a wrong text: its file is named" 2 "--background $conf" "$cln" info "$s"
     echo 'output x' >"$conf"
     expect "an option that is not a setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
     printf '\357\273\277background: black\n' >"$conf"
@@ -146,6 +150,14 @@ section_scenes() {
     expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
     expect "that folder with --no-conf" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
+
+    "$make_scene" "$work/windows" --format colmap --size 32 --train 6 --test 0 >/dev/null
+    sed -i 's/$/\r/; 1s/^/\xef\xbb\xbf/; s/ frame_/ sub\\frame_/' "$work"/windows/sparse/0/*.txt
+    mkdir "$work/windows/images/sub"
+    mv "$work"/windows/images/*.png "$work/windows/images/sub"
+    expect "COLMAP's text from Windows: byte order mark, line ends, separators" 0 "" \
+        "$cln" info "$work/windows" --json
+    check "all photos are read" [ "$(json splits.train)$(json splits.test)" = 51 ]
 
     mkdir -p "$work/odd/empty" "$work/odd/photos" "$work/odd/polycam/keyframes/images" \
         "$work/odd/record3d/EXR_RGBD" "$work/odd/zip" "$work/odd/video" "$work/odd/mesh"
@@ -274,10 +286,64 @@ section_training() {
     expect "the command that it suggests" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
         --steps "$(sed -n 's/.*--steps \(+[0-9]*\)`.*/\1/p' "$work/err")" --json
     check "the suggested command trains on" [ "$(json step)" = $((step + 3)) ]
+    sed -i 's/eval-images.*/time-limit 20s/' "$s/cl-nascent.conf"
+    expect "info --like with a time limit alone" 0 "" \
+        "$cln" info "$s" --like "$r" --json
+    check "it says how many steps fit" number_above "$(json training.steps_in_time_limit)" 20
+    expect "--like a folder that does not exist" 3 "nowhere" \
+        "$cln" info "$s" --like "$work/nowhere"
+    sed -i 's/time-limit.*//' "$s/cl-nascent.conf"
+    cp -r "$r" "$work/other"
+    mv "$s/train" "$s/away" # these errors are found before photos are read
+    for step in "--width 32" "--holdout 4" "--format colmap"; do
+        # shellcheck disable=SC2086 # two words
+        expect "a resumed run cannot change $step" 8 "${step% *} ~cannot.change" \
+            "$cln" train --resume "$work/other" $step
+    done
+    for step in train eval render export view; do
+        case $step in
+        train) set -- --resume "$work/other" ;;
+        render) set -- "$work/other" --orbit 2 ;;
+        export) set -- "$work/other" --mesh "$work/mesh.ply" ;;
+        *) set -- "$work/other" ;;
+        esac
+        expect "$step: a kernel folder that does not exist" 3 "--kernel-dir $work/nowhere" \
+            "$cln" $step "$@" --kernel-dir "$work/nowhere"
+        expect "$step: a vector width that cannot be" 2 "VW=3 ~1,.2,.4,.8.or.16" \
+            "$cln" $step "$@" --tune VW=3
+        expect "$step: a device that does not exist" 4 "~--device.77" "$cln" $step "$@" --device 77
+    done
+    mv "$s/away" "$s/train"
+    expect "resumed with smaller photos, on black: warnings" 0 "~divided.by.2.now --background" \
+        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1 --downscale 2 \
+        --background black
+    expect "resumed again with the same" 0 "" \
+        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1
+    check "no warning the second time" eval '! said "do not compare"'
+    expect "a --tune value that the network does not allow" 0 "~NV=8.*is.used" \
+        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1 --tune NV=8
     run timeout --foreground --preserve-status -s INT 0.3 "$cln" train "$s" -o "$work/early"
     check "Ctrl-C before the first step: it ends" [ $rc = 130 ]
     check "it says that nothing was written" said "nothing was written"
     check "nothing was written" [ ! -e "$work/early" ]
+    rm -rf "$work/other"
+    # the tests may themselves run under nohup
+    env --default-signal=HUP "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 \
+        >"$work/out" 2>"$work/err" &
+    step=$!
+    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+    kill -HUP $step
+    wait $step
+    check "its terminal is closed: training ends" [ $? = 143 ]
+    check "it leaves a checkpoint" [ -s "$work/other/checkpoint/latest" ]
+    rm -rf "$work/other"
+    nohup "$cln" train "$s" -o "$work/other" "${small[@]}" --time-limit 3 >"$work/out" \
+        2>"$work/err" &
+    step=$!
+    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+    kill -HUP $step
+    wait $step
+    check "with nohup training goes on" [ $? = 0 ]
     on_terminal 80 "$cln" train --resume "$r" --skip-selftest --steps +40
     check "80 columns: no field is cut" eval '! tr "\r" "\n" <"$work/out" |
         grep -aE "^train" | sed "s/\x1b\[K//" |

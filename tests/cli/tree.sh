@@ -1,7 +1,7 @@
 #!/bin/bash
 # The leaves of a trained tree, on small generated scenes: when empty ones are culled, and how far
 # neighbours differ at their faces. cli.sh has what a user sees of the tree.
-#   tests/cli/tree.sh [SECTION...]     sections: culling seams voxels
+#   tests/cli/tree.sh [SECTION...]     sections: culling resume seams voxels
 #   BUILD=build/sanitize               the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -36,6 +36,28 @@ section_culling() {
             if (word[4] < 1 || 100 * word[4] < word[6]) bad = 1
         }
         END { exit bad || !some }' "$work/decisions" "$work/err"
+}
+
+# New settings of a resumed run cannot make its tree less deep. Only splats have tables by level.
+section_resume() {
+    "$make_scene" "$work/demo" --size 48 --train 12 --test 0 >/dev/null
+    expect "train to level 3" 0 "" "$cln" train "$work/demo" -o "$work/three" "${net[@]}" \
+        --steps 40 --start-level 1 --level-at 2:0.1,3:0.2 --rays 256 --structure-until 0.5 \
+        --max-level 3 --structure-from 0.4
+    expect "--max-level below it" 2 "~leaves.of.level.3,.and.--max-level.2.allows.level.2" \
+        "$cln" train --resume "$work/three" --steps +5 --max-level 2 --level-at 2:0.1
+    expect "--no-adaptive, splatted" 2 "~leaves.of.level.3.*--no-adaptive ~give.--stage1.gather" \
+        "$cln" train --resume "$work/three" --steps +5 --no-adaptive --level-at "" --stage1 splat
+    expect "--no-adaptive, read along rays" 0 "" "$cln" train --resume "$work/three" --steps +1 \
+        --skip-selftest --progress none --no-adaptive --level-at ""
+    expect "options that come too late" 0 "~--level-at.has.no \
+        ~--split-factor.has.no ~--precrop-steps.has.no" \
+        "$cln" train --resume "$work/three" --steps +1 --skip-selftest --progress none \
+        --adaptive --level-at 2:0.1 --split-factor 0.5 --precrop-steps 3
+    expect "the tree of another run" 0 "" "$cln" train "$work/demo" -o "$work/taken" "${net[@]}" \
+        --tree-from "$work/three" --start-level 1 --max-level 2 --level-at "" --stage1 splat \
+        --steps 2
+    check "its tables are as deep" grep -q '"max_level": 3' "$work/taken/run.json"
 }
 
 # scaled FACTOR NUMBER: their product
@@ -90,8 +112,8 @@ section_voxels() {
     check "the mesh has triangles" grep -q "[1-9][0-9]* triangles" "$work/out"
     expect "info" 0 "" "$cln" info "$work/voxels"
     check "the leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
-    expect "--adaptive" 2 "--no-adaptive" "$cln" train "$work/object" -o "$work/no" \
-        --preset voxel --adaptive
+    expect "--adaptive" 2 "~--preset.voxel.*or.--no-adaptive" \
+        "$cln" train "$work/object" -o "$work/no" --preset voxel --adaptive
 }
 
-run_sections "culling seams voxels" "$@"
+run_sections "culling resume seams voxels" "$@"

@@ -40,8 +40,15 @@ static void test_lists(void **state)
     assert_memory_equal(&again, &tune, sizeof tune);
     assert_fails(cln_tune_parse("VX=8", &again), CLN_USAGE, "--tune: 'VX'");
     assert_fails(cln_tune_parse("VW", &again), CLN_USAGE, "CHUNK");
-    assert_fails(cln_tune_parse("VW=17", &again), CLN_USAGE,
-                 "VW takes a whole number from 1 to 16");
+    assert_fails(cln_tune_parse("VW=17", &again), CLN_USAGE, "VW takes 1, 2, 4, 8 or 16");
+    assert_fails(cln_tune_parse("VW=3", &again), CLN_USAGE, "'VW=3': VW takes 1, 2, 4, 8 or 16");
+    assert_fails(cln_tune_parse("SG=48", &again), CLN_USAGE, "256, 512 or 1024");
+    assert_fails(cln_tune_parse("TS=33", &again), CLN_USAGE,
+                 "TS takes a whole number from 1 to 32");
+    cln_tune_unmet("VW=16,TS=7,SL=960", &(cln_tune){.vw = 8, .ts = 7, .sl = 480}, text);
+    assert_string_equal(text, "VW=16 (8 is used), SL=960 (480 is used)");
+    cln_tune_unmet("TS=7", &(cln_tune){.ts = 7}, text);
+    assert_string_equal(text, "");
     assert_fails(cln_tune_parse("TS=4x", &again), CLN_USAGE, "'TS=4x'");
     assert_fails(cln_tune_parse("TS=", &again), CLN_USAGE, "TS takes");
     assert_fails(cln_tune_parse("TS=99999999999999999999", &again), CLN_USAGE, "TS takes");
@@ -113,7 +120,7 @@ static void test_bad_rows(void **state)
         {"* | * | * | XY=3", "'XY' is not a tuning parameter"},
         {"* | * | * | VW=8,TS", "'TS'"},
         {"* | * | * | VW=8 TS=6", "'VW=8 TS=6'"},
-        {"* | * | * | VW=many", "whole number"},
+        {"* | * | * | VW=many", "VW takes"},
         {"* | * | * | NB=0", "from 1 to 1024"},
         {"* | * | * | CHUNK=65537", "from 16 to 65536"},
         {"* | * | this-is-no-name-of-any-network-at-all | VW=8", "too long"},

@@ -95,6 +95,31 @@ static void test_adds_up(void **state)
     }
 }
 
+/* Lowering what is proposed has an effect. */
+static void test_ways_out(void **state)
+{
+    const cln_config fast = preset("fast"), voxel = preset("voxel");
+    const cln_config *const configs[] = {&fast, &voxel};
+    fake f;
+    cln_plan device, host;
+
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        bool layers = false;
+
+        make_fake(&f, configs[i], 4096 * MIB, "gpu");
+        cln_plan_device(&f.desc, &device);
+        cln_plan_host(&f.desc, &device, &host);
+        for (int k = 0; k < device.count + host.count; k++) {
+            const char *way =
+                k < device.count ? device.rows[k].way_out : host.rows[k - device.count].way_out;
+
+            layers |= way && (strstr(way, "--width") || strstr(way, "--max-leaves"));
+        }
+        assert_true(layers == (configs[i] == &fast)); /* voxels have none, nor do they adapt */
+    }
+}
+
 /* A ray has at most 96 intervals. */
 static cln_config fast_to_level_5(void)
 {
@@ -576,6 +601,7 @@ int test_group_plan(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fit),
         cmocka_unit_test(test_adds_up),
+        cmocka_unit_test(test_ways_out),
         cmocka_unit_test(test_cut_below_the_largest),
         cmocka_unit_test(test_slices_fit),
         cmocka_unit_test(test_limits_by_name),

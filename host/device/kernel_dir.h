@@ -1,0 +1,10 @@
+/* Checks the folder of --kernel-dir, before program.h builds anything from it. */
+#ifndef CLN_KERNEL_DIR_H
+#define CLN_KERNEL_DIR_H
+
+#include "base/status.h"
+
+/* Returns CLN_INPUT if there is no such folder, or no kernel in it; NULL is allowed. */
+cln_status cln_kernel_dir_check(const char *folder);
+
+#endif
