@@ -200,6 +200,8 @@ static void test_idle(void **state)
         {"harmonics=2", "--harmonics", "--preset voxel", "harmonics=2 encoding=voxel"},
         {"smooth-colour=1e-9 encoding=grid", "--smooth-colour", "--preset voxel",
          "smooth-colour=1e-9 encoding=voxel"},
+        {"decoder-lr=1 encoding=voxel", "--decoder-lr", "--decoder-width 32",
+         "decoder-lr=1 encoding=voxel decoder-width=32"},
         {"harmonics=2 encoding=voxel view-dependence=no", "--harmonics", "--view-dependence",
          "harmonics=2 encoding=voxel"},
         {"width=16 encoding=voxel", "--width", "--encoding frequency", "width=16"},

@@ -93,6 +93,10 @@ section_seams() {
 }
 
 # Voxels: as fine as the photos and no finer, resumed, measured, rendered and exported.
+digest() {
+    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
+}
+
 section_voxels() {
     "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
     expect "train --preset voxel" 0 "~stays.at.level.3:.*pixels.of.the.photos" \
@@ -112,6 +116,27 @@ section_voxels() {
     check "the mesh has triangles" grep -q "[1-9][0-9]* triangles" "$work/out"
     expect "info" 0 "" "$cln" info "$work/voxels"
     check "the leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
+    local -a decoded=(--preset voxel --decoder-width 16 --rays 512 --leaf-samples 0 --steps 120
+        --level-at 3:0.3 --progress none --skip-selftest --eval-images 1 --log-every 1)
+    run "$cln" train "$work/object" -o "$work/whole" "${decoded[@]}"
+    "$cln" train "$work/object" -o "$work/halves" "${decoded[@]}" >/dev/null 2>&1 &
+    for ((i = 0; i < 600; i++)); do
+        grep -qs '"step":40,' "$work/halves/metrics.jsonl" && break
+        sleep 0.1
+    done
+    kill -INT $!
+    wait $!
+    check "a training with a decoder is interrupted" [ $? = 130 ]
+    expect "resume with a decoder" 0 "" "$cln" train --resume "$work/halves" --skip-selftest \
+        --progress none
+    check "a resumed decoder is as one that was not interrupted" \
+        [ "$(digest "$work/halves")" = "$(digest "$work/whole")" ]
+    run "$cln" eval "$work/whole" --json --no-save-images
+    check "the checkpoint has the decoder: eval's figures are train's" number_above 0.01 \
+        "$(awk -v a="$(json mean.psnr)" -v b="$("$query" result.psnr_test <"$work/whole/run.json")" \
+            'BEGIN { print a > b ? a - b : b - a }')"
+    expect "--decoder-width that is none" 2 "~decoder-width.20:.*16,.32" \
+        "$cln" train "$work/object" -o "$work/no" --preset voxel --decoder-width 20
     expect "--adaptive" 2 "~--preset.voxel.*or.--no-adaptive" \
         "$cln" train "$work/object" -o "$work/no" --preset voxel --adaptive
 }
