@@ -98,6 +98,7 @@ digest() {
 }
 
 section_voxels() {
+    local psnr
     "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
     expect "train --preset voxel" 0 "~stays.at.level.3:.*pixels.of.the.photos" \
         "$cln" train "$work/object" -o "$work/voxels" --preset voxel --skip-selftest \
@@ -131,10 +132,10 @@ section_voxels() {
         --progress none
     check "a resumed decoder is as one that was not interrupted" \
         [ "$(digest "$work/halves")" = "$(digest "$work/whole")" ]
+    psnr=$("$query" result.psnr_test <"$work/whole/run.json")
     run "$cln" eval "$work/whole" --json --no-save-images
     check "the checkpoint has the decoder: eval's figures are train's" number_above 0.01 \
-        "$(awk -v a="$(json mean.psnr)" -v b="$("$query" result.psnr_test <"$work/whole/run.json")" \
-            'BEGIN { print a > b ? a - b : b - a }')"
+        "$(awk -v a="$(json mean.psnr)" -v b="$psnr" 'BEGIN { print a > b ? a - b : b - a }')"
     expect "--decoder-width that is none" 2 "~decoder-width.20:.*16,.32" \
         "$cln" train "$work/object" -o "$work/no" --preset voxel --decoder-width 20
     expect "--adaptive" 2 "~--preset.voxel.*or.--no-adaptive" \
