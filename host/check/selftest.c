@@ -78,6 +78,8 @@ static cln_status config_of(const shape *s, cln_config *config)
     prepare(config);
     if (s->in[CLN_SHAPES_TINY])
         config->n1 = 3;
+    if (config->encoding == CLN_ENCODING_VOXEL && s->tune)
+        config->decoder_width = 16;
     if (s->small) {
         config->width = config->view_width = 16;
         config->depth = config->bands = 2;

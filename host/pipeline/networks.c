@@ -238,10 +238,10 @@ static cln_status decoder_backward(cln_pipeline *p, uint32_t sample_count, uint3
     cln_status st = CLN_OK;
     const cl_uint slices = slice_count;
 
+    CLN_TRY(CLN_RESERVE(p, feature_grads, sample_count));
     if (!p->net.decoder)
         return CLN_OK;
     p->decoder_groups = (int)cln_groups(slice_count, CLN_DECODER_EACH);
-    CLN_TRY(CLN_RESERVE(p, feature_grads, sample_count));
     CLN_TRY(CLN_RESERVE(p, decoder_grads, (size_t)p->decoder_groups * CLN_DECODER_EACH));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.decoder_backward, CLN_STAGE_BACKWARD,
                        (size_t)p->decoder_groups, (size_t)p->tune.ls, CLN_ARG(p->decoder_w.mem),

@@ -311,7 +311,8 @@ static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
         for (int id = 0; id < CLN_BUFFERS; id++) {
             const cln_buffer_row *buffer = &cln_buffer_rows[id];
-            const bool own = purpose == CLN_FOR_WEIGHTS || purpose == CLN_FOR_OPTIMISER;
+            const bool own = buffer->per != CLN_PER_MODEL &&
+                             (purpose == CLN_FOR_WEIGHTS || purpose == CLN_FOR_OPTIMISER);
             const double rows =
                 own ? cln_share_most(d->pipeline, (int)s->leaves) : most_rows(d, s, buffer->per);
             const double bytes = bytes_of(d, (cln_buffer_id)id);

@@ -274,7 +274,8 @@ static void report_progress(cln_trainer *t, double fraction)
     }
     p->psnr_test = t->psnr_test;
     p->leaves = t->pipeline.leaves;
-    p->params = (double)t->pipeline.leaves * t->pipeline.net.learned;
+    p->params =
+        (double)t->pipeline.leaves * t->pipeline.net.learned + t->pipeline.net.decoder_params;
     p->device_bytes = (double)t->device->allocated;
     if (callbacks->train)
         callbacks->train(p, callbacks->user);

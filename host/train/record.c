@@ -196,8 +196,10 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
                   "eval_seconds", cln_json_real(t->eval_seconds), "psnr_train",
                   cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test),
                   "eval_views", t->eval_count, "leaves", t->model.tree.leaf_count, "params",
-                  (double)t->model.tree.leaf_count * t->model.net.learned, "device_peak",
-                  (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
+                  (double)t->model.tree.leaf_count * t->model.net.learned +
+                      t->model.net.decoder_params,
+                  "device_peak", (double)t->device->peak, "host_peak", cln_peak_rss(),
+                  "model_digest", digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
     CLN_TRY(cln_plan_json(&t->host_plan, &plan));
@@ -256,16 +258,17 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         if (seconds > 0)
             json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
     }
-    row =
-        json_pack("{s:I, s:f, s:f, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
-                  (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
-                  cln_now() - t->began, "loss", cln_json_real(t->window.loss / t->window.steps),
-                  "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
-                  cln_json_real((double)t->window.rays / spent), "samples_per_ray",
-                  cln_json_real((double)t->window.samples / (double)t->window.rays), "leaves",
-                  t->pipeline.leaves, "params",
-                  (double)t->pipeline.leaves * t->pipeline.net.learned, "host_mem", cln_peak_rss(),
-                  "dev_mem", (double)t->device->allocated, "host_waits", waits, "stages", stages);
+    row = json_pack(
+        "{s:I, s:f, s:f, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
+        (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
+        cln_now() - t->began, "loss", cln_json_real(t->window.loss / t->window.steps), "psnr_train",
+        cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
+        cln_json_real((double)t->window.rays / spent), "samples_per_ray",
+        cln_json_real((double)t->window.samples / (double)t->window.rays), "leaves",
+        t->pipeline.leaves, "params",
+        (double)t->pipeline.leaves * t->pipeline.net.learned + t->pipeline.net.decoder_params,
+        "host_mem", cln_peak_rss(), "dev_mem", (double)t->device->allocated, "host_waits", waits,
+        "stages", stages);
     if (!row) {
         st = cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
         goto done;

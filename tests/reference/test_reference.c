@@ -314,6 +314,7 @@ static void test_decoder(void **state)
                 difference += side * draw[c] * raw[c] / (2 * step);
         }
         *p = before;
+        assert_true(isfinite(difference - want));
         worst = fmax(worst, fabs(difference - want));
     }
     assert_true(ref_decoder_margin(&r, params, at, dir) > 3 * step); /* no kink in between */
