@@ -2,8 +2,8 @@
 /* The decoder's gradient and its step (decoder.h). Runs between roulette.cl and voxel.cl's backward
  * pass, which takes the features' gradients from here.
  *
- * A work-group takes CLN_DECODER_EACH slices, LS * VW samples at a time, and sums the weights' gradient
- * over them; decoder_update adds the groups' sums in order and takes Adam's step. */
+ * A work-group takes CLN_DECODER_EACH slices, LS * VW samples at a time, and sums the weights'
+ * gradient over them; decoder_update adds the groups' sums in order and takes Adam's step. */
 
 #ifndef EPSILON
 #define EPSILON 1e-10f
